@@ -1,0 +1,82 @@
+"""A block shape: one hexahedral mesh with named faces.
+
+Congruent blocks share one `Block`; an `Assembly` places copies of it by rigid motions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from geometry.mesh import (
+    HexMesh,
+    IntArray,
+    MassProperties,
+    QuadSurface,
+    check_mesh,
+    grid_faces,
+    mass_properties,
+    structured_hexahedra,
+)
+
+
+@dataclass(frozen=True)
+class Block:
+    """One block shape in its own reference position."""
+
+    name: str
+    """What reports and decks call it, e.g. ``sine-block``."""
+    mesh: HexMesh
+    """Volume mesh in the reference position [mm]."""
+    faces: dict[str, IntArray]
+    """Named groups of boundary facets, each (n_facets, 4) node numbers, oriented outward."""
+    contact_faces: tuple[str, ...] = field(default=())
+    """Names of the groups that can meet another block."""
+
+    @cached_property
+    def mass_properties(self) -> MassProperties:
+        """Volume, centroid and inertia for unit density, from the mesh."""
+        return mass_properties(self.mesh)
+
+    @cached_property
+    def contact_quads(self) -> IntArray:
+        """All facets that can meet another block, groups in the order of `contact_faces`."""
+        if not self.contact_faces:
+            return np.empty((0, 4), dtype=np.int64)
+        return np.concatenate([self.faces[name] for name in self.contact_faces])
+
+    def surface(self, name: str) -> QuadSurface:
+        """Return the named face group as a surface with centroids, normals and areas."""
+        return QuadSurface(self.mesh.nodes, self.faces[name])
+
+
+def box_block(
+    size: tuple[float, float, float],
+    divisions: tuple[int, int, int],
+    *,
+    name: str = "box",
+    contact_faces: tuple[str, ...] = (),
+) -> Block:
+    """Box [0, size] meshed by equal bricks, faces named ``x-``, ``x+``, … ``z+``.
+
+    Parameters
+    ----------
+    size
+        Edge lengths [mm].
+    divisions
+        Elements along x, y, z.
+    name
+        Name of the block shape.
+    contact_faces
+        Faces that can meet another block.
+    """
+    x, y, z = (np.linspace(0.0, s, n + 1) for s, n in zip(size, divisions, strict=True))
+    grid = np.meshgrid(x, y, z, indexing="ij")
+    nodes = np.column_stack([g.ravel() for g in grid])
+    mesh = HexMesh(nodes, structured_hexahedra(*divisions))
+    check_mesh(mesh, name)
+    axis = {"u": "x", "v": "y", "w": "z"}
+    faces = {axis[key[0]] + key[1]: quads for key, quads in grid_faces(*divisions).items()}
+    return Block(name, mesh, faces, contact_faces)

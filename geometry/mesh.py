@@ -1,0 +1,291 @@
+"""Hexahedral meshes and quadrilateral surfaces as frozen arrays.
+
+Conventions (they hold everywhere in tubelock): lengths in mm, arrays of points are (n, 3),
+the eight corners of a hexahedron are numbered as VTK and Abaqus C3D8 number them (bottom
+face counter-clockwise seen from above, then the top face), the four corners of a boundary
+quadrilateral run counter-clockwise seen from outside, so that its normal points outward.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+#: Natural coordinates (r, s, t) of the eight corners, VTK order; (8, 3).
+CORNERS: FloatArray = np.array(
+    [
+        [-1, -1, -1],
+        [1, -1, -1],
+        [1, 1, -1],
+        [-1, 1, -1],
+        [-1, -1, 1],
+        [1, -1, 1],
+        [1, 1, 1],
+        [-1, 1, 1],
+    ],
+    dtype=np.float64,
+)
+
+#: Local corner numbers of the six faces, counter-clockwise seen from outside; (6, 4).
+HEX_FACES: IntArray = np.array(
+    [
+        [0, 3, 2, 1],
+        [4, 5, 6, 7],
+        [0, 1, 5, 4],
+        [1, 2, 6, 5],
+        [2, 3, 7, 6],
+        [3, 0, 4, 7],
+    ],
+    dtype=np.int64,
+)
+
+
+class MeshError(ValueError):
+    """A mesh that cannot be used: the message names the element and what is wrong with it."""
+
+
+@dataclass(frozen=True)
+class HexMesh:
+    """Eight-node hexahedra of one body."""
+
+    nodes: FloatArray
+    """Coordinates, (n_nodes, 3) [mm]."""
+    elements: IntArray
+    """Corner nodes of each hexahedron in VTK order, (n_elements, 8)."""
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.nodes)
+
+    @property
+    def n_elements(self) -> int:
+        """Number of hexahedra."""
+        return len(self.elements)
+
+
+@dataclass(frozen=True)
+class QuadSurface:
+    """Quadrilateral facets over a set of nodes; the facets may be warped (bilinear patches)."""
+
+    nodes: FloatArray
+    """Coordinates, (n_nodes, 3) [mm]."""
+    quads: IntArray
+    """Corner nodes of each facet, counter-clockwise seen from outside, (n_facets, 4)."""
+
+    @property
+    def n_facets(self) -> int:
+        """Number of facets."""
+        return len(self.quads)
+
+    @cached_property
+    def centroids(self) -> FloatArray:
+        """Mean of the four corners, which is the image of the natural origin; (n_facets, 3) [mm]."""
+        mean: FloatArray = self.nodes[self.quads].mean(axis=1)
+        return mean
+
+    @cached_property
+    def area_vectors(self) -> FloatArray:
+        """Exact vector area of the bilinear patch: half the cross product of its diagonals.
+
+        (n_facets, 3) [mm²]. The vector areas of a closed surface sum to zero, whatever the
+        warp, so a uniform pressure on a closed surface has no resultant.
+        """
+        p = self.nodes[self.quads]
+        return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+
+    @cached_property
+    def areas(self) -> FloatArray:
+        """Magnitude of the vector area, (n_facets,) [mm²]."""
+        return np.linalg.norm(self.area_vectors, axis=1)
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """Unit outward normals, (n_facets, 3)."""
+        return self.area_vectors / self.areas[:, None]
+
+
+@dataclass(frozen=True)
+class MassProperties:
+    """What a rigid body's inertia is made of."""
+
+    mass: float
+    """[t]"""
+    volume: float
+    """[mm³]"""
+    centroid: FloatArray
+    """Centre of mass, (3,) [mm]."""
+    inertia: FloatArray
+    """Inertia tensor about the centre of mass, (3, 3) [t mm²]."""
+
+
+def shape_gradients(natural: FloatArray) -> FloatArray:
+    """Gradients of the trilinear shape functions.
+
+    N_a = (1 + r r_a)(1 + s s_a)(1 + t t_a) / 8.
+
+    Parameters
+    ----------
+    natural
+        Points in [-1, 1]³, (n_points, 3).
+
+    Returns
+    -------
+    FloatArray
+        dN_a/d(r, s, t), (n_points, 8, 3).
+    """
+    factor = 1.0 + natural[:, None, :] * CORNERS[None, :, :]
+    gradient = np.empty((len(natural), 8, 3))
+    for axis in range(3):
+        b, c = (axis + 1) % 3, (axis + 2) % 3
+        gradient[:, :, axis] = CORNERS[:, axis] * factor[:, :, b] * factor[:, :, c] / 8.0
+    return gradient
+
+
+def shape_values(natural: FloatArray) -> FloatArray:
+    """Trilinear shape functions at ``natural`` (n_points, 3): (n_points, 8)."""
+    values: FloatArray = np.prod(1.0 + natural[:, None, :] * CORNERS[None, :, :], axis=2) / 8.0
+    return values
+
+
+def gauss_points(order: int = 2) -> tuple[FloatArray, FloatArray]:
+    """Tensor Gauss rule on [-1, 1]³: points (order³, 3) and weights (order³,)."""
+    x, w = np.polynomial.legendre.leggauss(order)
+    r, s, t = np.meshgrid(x, x, x, indexing="ij")
+    points = np.column_stack([r.ravel(), s.ravel(), t.ravel()])
+    weights = (w[:, None, None] * w[None, :, None] * w[None, None, :]).ravel()
+    return points, weights
+
+
+def jacobians(mesh: HexMesh, natural: FloatArray) -> FloatArray:
+    """Determinants of dx/d(r, s, t): (n_elements, n_points) [mm³]."""
+    gradient = shape_gradients(natural)
+    jacobian = np.einsum("eai,paj->epij", mesh.nodes[mesh.elements], gradient)
+    determinant: FloatArray = np.linalg.det(jacobian)
+    return determinant
+
+
+def corner_jacobians(mesh: HexMesh) -> FloatArray:
+    """Jacobian determinants at the corners, (n_elements, 8); all positive in a valid mesh."""
+    return jacobians(mesh, CORNERS)
+
+
+def check_mesh(mesh: HexMesh, name: str = "mesh") -> None:
+    """Refuse what no solver here can use.
+
+    Raises
+    ------
+    MeshError
+        Non-finite coordinates, node numbers out of range, or a hexahedron that is inverted
+        or flat at a corner (the first and the worst such element are named).
+    """
+    if mesh.n_elements == 0:
+        raise MeshError(f"{name}: got no hexahedra; expected at least one")
+    finite = np.isfinite(mesh.nodes).all(axis=1)
+    if not finite.all():
+        bad = int(np.flatnonzero(~finite)[0])
+        raise MeshError(
+            f"{name}: node {bad} has coordinates {mesh.nodes[bad].tolist()}; "
+            f"expected finite numbers ({int((~finite).sum())} such nodes)"
+        )
+    if mesh.elements.min() < 0 or mesh.elements.max() >= mesh.n_nodes:
+        raise MeshError(
+            f"{name}: an element names node {int(mesh.elements.max())}, "
+            f"but there are only {mesh.n_nodes} nodes (numbered from 0)"
+        )
+    worst = corner_jacobians(mesh).min(axis=1)
+    bad_elements = np.flatnonzero(worst <= 0.0)
+    if bad_elements.size:
+        deepest = int(np.argmin(worst))
+        raise MeshError(
+            f"{name}: {bad_elements.size} of {mesh.n_elements} hexahedra are inverted or flat at a "
+            f"corner, first element {int(bad_elements[0])}, worst element {deepest} (Jacobian "
+            f"{worst[deepest]:.3g} mm³); expected positive Jacobians in VTK corner order"
+        )
+
+
+def mass_properties(mesh: HexMesh, density: float = 1.0) -> MassProperties:
+    """Mass, centroid and inertia of the meshed body, not of an idealised shape.
+
+    The integrands x_i x_j det J of a trilinear hexahedron have degree at most 4 in each
+    natural coordinate, so three Gauss points in each direction are exact.
+
+    Parameters
+    ----------
+    mesh
+        The body.
+    density
+        [t/mm³]; 1.0 gives the geometric properties.
+    """
+    points, weights = gauss_points(3)
+    values = shape_values(points)
+    dv = jacobians(mesh, points) * weights
+    volume = float(dv.sum())
+    x = np.einsum("pa,eai->epi", values, mesh.nodes[mesh.elements])
+    centroid = np.einsum("ep,epi->i", dv, x) / volume
+    # Second moments about the centroid, not about the origin: no cancellation far away from it.
+    x -= centroid
+    second = np.einsum("ep,epi,epj->ij", dv, x, x)
+    inertia = density * (np.trace(second) * np.eye(3) - second)
+    return MassProperties(density * volume, volume, centroid, inertia)
+
+
+def boundary_quads(mesh: HexMesh) -> IntArray:
+    """Facets that belong to one hexahedron only, oriented outward; (n_facets, 4)."""
+    quads = mesh.elements[:, HEX_FACES].reshape(-1, 4)
+    _, first, count = np.unique(
+        np.sort(quads, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    outside: IntArray = quads[np.sort(first[count == 1])]
+    return outside
+
+
+def structured_hexahedra(n_u: int, n_v: int, n_w: int) -> IntArray:
+    """Connectivity of an n_u × n_v × n_w grid whose nodes are numbered u slowest, w fastest.
+
+    Corners in VTK order for a right-handed (u, v, w); (n_u n_v n_w, 8).
+    """
+    i, j, k = np.meshgrid(np.arange(n_u), np.arange(n_v), np.arange(n_w), indexing="ij")
+    i, j, k = i.ravel(), j.ravel(), k.ravel()
+
+    def node(du: int, dv: int, dw: int) -> IntArray:
+        number: IntArray = ((i + du) * (n_v + 1) + (j + dv)) * (n_w + 1) + (k + dw)
+        return number
+
+    return np.column_stack(
+        [
+            node(0, 0, 0),
+            node(1, 0, 0),
+            node(1, 1, 0),
+            node(0, 1, 0),
+            node(0, 0, 1),
+            node(1, 0, 1),
+            node(1, 1, 1),
+            node(0, 1, 1),
+        ]
+    )
+
+
+def grid_faces(n_u: int, n_v: int, n_w: int) -> dict[str, IntArray]:
+    """Boundary facets of the structured grid by name: u-, u+, v-, v+, w-, w+; each (n, 4).
+
+    Oriented outward for a right-handed (u, v, w).
+    """
+    elements = structured_hexahedra(n_u, n_v, n_w).reshape(n_u, n_v, n_w, 8)
+    side = {
+        "u-": (elements[0], 5),
+        "u+": (elements[-1], 3),
+        "v-": (elements[:, 0], 2),
+        "v+": (elements[:, -1], 4),
+        "w-": (elements[:, :, 0], 0),
+        "w+": (elements[:, :, -1], 1),
+    }
+    return {
+        name: cells.reshape(-1, 8)[:, HEX_FACES[face]] for name, (cells, face) in side.items()
+    }
