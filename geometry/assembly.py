@@ -1,0 +1,171 @@
+"""Assemblies: copies of a few block shapes, placed by rigid motions, some of them fixed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from geometry.block import Block
+from geometry.interface import Interfaces, match_facets
+from geometry.mesh import FloatArray, IntArray
+
+BoolArray = npt.NDArray[np.bool_]
+
+
+class AssemblyError(ValueError):
+    """An assembly that cannot be built as asked."""
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """Blocks as placed copies of shapes: x = rotation @ X + translation."""
+
+    name: str
+    """What reports and decks call it."""
+    shapes: tuple[Block, ...]
+    """Distinct block shapes."""
+    shape_of: IntArray
+    """Shape of each block, (n_blocks,)."""
+    rotations: FloatArray
+    """Rigid rotation of each block, (n_blocks, 3, 3)."""
+    translations: FloatArray
+    """Rigid translation of each block, (n_blocks, 3) [mm]."""
+    layer: IntArray
+    """Layer of each block: 0 the bottom frame, L + 1 the top frame; (n_blocks,)."""
+    fixed: BoolArray
+    """Whether the block belongs to the frame, (n_blocks,)."""
+    axis: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    """Unit axis of the tube (through `origin`), (3,)."""
+    origin: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """A point on the tube axis, (3,) [mm]."""
+    unmatched_allowed: bool = False
+    """Whether contact facets of free blocks may face nothing (planar stacks with open sides)."""
+
+    @property
+    def n_blocks(self) -> int:
+        """Number of blocks, the frame included."""
+        return len(self.shape_of)
+
+    @property
+    def n_layers(self) -> int:
+        """Number of free layers L."""
+        return int(self.layer.max()) - 1
+
+    @property
+    def free_blocks(self) -> IntArray:
+        """Numbers of the blocks outside the frame, (n_free,)."""
+        return np.flatnonzero(~self.fixed)
+
+    def shape(self, block: int) -> Block:
+        """Return the shape of one block."""
+        return self.shapes[self.shape_of[block]]
+
+    def place(self, block: int, points: FloatArray) -> FloatArray:
+        """World coordinates of points given in a block's reference position, (n, 3) [mm]."""
+        placed: FloatArray = points @ self.rotations[block].T + self.translations[block]
+        return placed
+
+    def nodes(self, block: int) -> FloatArray:
+        """World coordinates of a block's mesh nodes, (n_nodes, 3) [mm]."""
+        return self.place(block, self.shape(block).mesh.nodes)
+
+    @cached_property
+    def centroids(self) -> FloatArray:
+        """Mass centroid of each block in world coordinates, (n_blocks, 3) [mm]."""
+        local = np.array([shape.mass_properties.centroid for shape in self.shapes])
+        turned = np.einsum("bij,bj->bi", self.rotations, local[self.shape_of])
+        return turned + self.translations
+
+    @cached_property
+    def volumes(self) -> FloatArray:
+        """Volume of each block, (n_blocks,) [mm³]."""
+        local = np.array([shape.mass_properties.volume for shape in self.shapes])
+        volumes: FloatArray = local[self.shape_of]
+        return volumes
+
+    def inertia(self, block: int, density: float) -> FloatArray:
+        """Inertia tensor about the block's centroid in world axes, (3, 3) [t mm²]."""
+        rotation = self.rotations[block]
+        return density * rotation @ self.shape(block).mass_properties.inertia @ rotation.T
+
+    @cached_property
+    def characteristic_length(self) -> float:
+        """Length that makes moments comparable to forces: ∛(mean block volume) [mm]."""
+        return float(np.cbrt(self.volumes.mean()))
+
+    @cached_property
+    def interfaces(self) -> Interfaces:
+        """Conforming contact facets between blocks, found once.
+
+        Raises
+        ------
+        AssemblyError
+            When facets of free blocks that should meet a neighbour meet none.
+        """
+        found = match_facets(
+            self.shapes, self.shape_of, self.rotations, self.translations
+        )
+        if not self.unmatched_allowed:
+            self._check_partners(found)
+        return found
+
+    def eligible_facets(self) -> IntArray:
+        """Facets of each block that can meet another block, k_b of the paper; (n_blocks,)."""
+        count = np.array([len(shape.contact_quads) for shape in self.shapes])
+        eligible: IntArray = count[self.shape_of]
+        return eligible
+
+    def eligible_areas(self) -> FloatArray:
+        """Total area of those facets, (n_blocks,) [mm²]."""
+        area = np.array(
+            [sum(float(s.surface(f).areas.sum()) for f in s.contact_faces) for s in self.shapes]
+        )
+        eligible: FloatArray = area[self.shape_of]
+        return eligible
+
+    def _check_partners(self, found: Interfaces) -> None:
+        met = np.bincount(found.block_m, minlength=self.n_blocks)
+        met += np.bincount(found.block_s, minlength=self.n_blocks)
+        missing = np.where(self.fixed, 0, self.eligible_facets() - met)
+        if missing.any():
+            block = int(np.argmax(missing))
+            raise AssemblyError(
+                f"{self.name}: {int(missing.sum())} contact facets of free blocks meet no "
+                f"partner (block {block}: {int(missing[block])}); expected conforming meshes: "
+                "choose element counts that conform or allow open faces"
+            )
+
+
+def moved(assembly: Assembly, rotation: FloatArray, translation: FloatArray) -> Assembly:
+    """Return the whole assembly after the rigid motion x ↦ rotation @ x + translation."""
+    return Assembly(
+        name=assembly.name,
+        shapes=assembly.shapes,
+        shape_of=assembly.shape_of,
+        rotations=rotation @ assembly.rotations,
+        translations=assembly.translations @ rotation.T + translation,
+        layer=assembly.layer,
+        fixed=assembly.fixed,
+        axis=rotation @ assembly.axis,
+        origin=rotation @ assembly.origin + translation,
+        unmatched_allowed=assembly.unmatched_allowed,
+    )
+
+
+def renumbered(assembly: Assembly, order: IntArray) -> Assembly:
+    """Return the same assembly with block ``order[i]`` renamed i."""
+    return Assembly(
+        name=assembly.name,
+        shapes=assembly.shapes,
+        shape_of=assembly.shape_of[order],
+        rotations=assembly.rotations[order],
+        translations=assembly.translations[order],
+        layer=assembly.layer[order],
+        fixed=assembly.fixed[order],
+        axis=assembly.axis,
+        origin=assembly.origin,
+        unmatched_allowed=assembly.unmatched_allowed,
+    )

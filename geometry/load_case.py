@@ -1,0 +1,181 @@
+"""The five load cases of the paper as tractions on block faces, and which frame is released.
+
+Every case exists twice: as physics says (default) and ``as_printed``, the reading that
+reproduces the printed tables. They differ in two cases: *beam* (a true normal pressure,
+against one constant direction) and *shaft* (the full tangential traction, against its resultant
+force at each block's mass centroid, the couple left out).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from geometry.assembly import Assembly, BoolArray
+from geometry.mesh import FloatArray, IntArray
+
+
+class LoadCaseName(StrEnum):
+    """Names of the five load cases."""
+
+    PIPE = "pipe"
+    TUNNEL = "tunnel"
+    PILLAR = "pillar"
+    BEAM = "beam"
+    SHAFT = "shaft"
+
+
+class LoadCaseError(ValueError):
+    """A load case that the assembly cannot take."""
+
+
+@dataclass(frozen=True)
+class LoadCase:
+    """Tractions on facets in the initial configuration, and the supports that go with them."""
+
+    name: str
+    """``pipe``, ``tunnel``, ``pillar``, ``beam`` or ``shaft``."""
+    block: IntArray
+    """Loaded block of each facet, (n_facets,)."""
+    quads: IntArray
+    """Corner nodes of each loaded facet in its block's mesh, (n_facets, 4)."""
+    centroids: FloatArray
+    """Facet centroids in world coordinates, (n_facets, 3) [mm]."""
+    area_vectors: FloatArray
+    """Outward vector areas in world coordinates, (n_facets, 3) [mm²]."""
+    tractions: FloatArray | None
+    """Dead traction on each facet in world axes, (n_facets, 3) [MPa]; None for a pressure."""
+    pressure: float
+    """Load pressure, positive pushing inward [MPa]; unused where `tractions` is given."""
+    fixed: BoolArray
+    """Blocks held while the load acts, (n_blocks,)."""
+    without_couple: bool = False
+    """Whether each block takes only the resultant force, at its mass centroid."""
+
+    @property
+    def facet_forces(self) -> FloatArray:
+        """Force on each facet in the initial configuration, (n_facets, 3) [N]."""
+        if self.tractions is None:
+            return -self.pressure * self.area_vectors
+        area = np.linalg.norm(self.area_vectors, axis=1)
+        return self.tractions * area[:, None]
+
+
+def loaded_layer(assembly: Assembly) -> int:
+    """Return the layer that beam and shaft load, ⌊L/2⌋ + 1: the seventh of twelve."""
+    return assembly.n_layers // 2 + 1
+
+
+def _world_surface(
+    assembly: Assembly, blocks: IntArray, face: str
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    """Loaded blocks, facets, centroids and vector areas of one face of several blocks."""
+    block_number, quads, centroids, vectors = [], [], [], []
+    for number in np.unique(assembly.shape_of[blocks]):
+        copies = blocks[assembly.shape_of[blocks] == number]
+        shape = assembly.shapes[number]
+        if face not in shape.faces:
+            raise LoadCaseError(
+                f"load: block {copies[0]} ({shape.name}) has no face {face!r}; "
+                f"expected one of {', '.join(shape.faces)}"
+            )
+        surface = shape.surface(face)
+        turn = assembly.rotations[copies]
+        block_number.append(np.repeat(copies, surface.n_facets))
+        quads.append(np.tile(surface.quads, (len(copies), 1)))
+        placed = np.einsum("bij,fj->bfi", turn, surface.centroids)
+        placed += assembly.translations[copies, None, :]
+        centroids.append(placed.reshape(-1, 3))
+        vectors.append(np.einsum("bij,fj->bfi", turn, surface.area_vectors).reshape(-1, 3))
+    return (
+        np.concatenate(block_number),
+        np.concatenate(quads),
+        np.concatenate(centroids),
+        np.concatenate(vectors),
+    )
+
+
+def _radial(assembly: Assembly, points: FloatArray) -> FloatArray:
+    """Unit vectors from the tube axis to points, (n, 3)."""
+    arm = points - assembly.origin
+    arm = arm - np.outer(arm @ assembly.axis, assembly.axis)
+    radial: FloatArray = arm / np.linalg.norm(arm, axis=1, keepdims=True)
+    return radial
+
+
+def load_case(
+    assembly: Assembly,
+    name: str | LoadCaseName,
+    pressure: float,
+    *,
+    as_printed: bool = False,
+    layer: int | None = None,
+) -> LoadCase:
+    """Build one of the five load cases of the paper.
+
+    Parameters
+    ----------
+    assembly
+        A tube whose blocks have faces ``inner``, ``outer`` and, in the top frame, ``top``.
+    name
+        pipe: pressure on the inner faces of all free blocks; tunnel: on the outer faces;
+        pillar: on the flat top of the top frame, which is released; beam: on the outer face
+        of one block of `layer`; shaft: tangential traction (towards larger θ) on the outer
+        faces of all blocks of `layer`.
+    pressure
+        Load pressure [MPa].
+    as_printed
+        The reading that reproduces the paper's tables (see the module's text).
+    layer
+        Loaded layer of beam and shaft; by default ⌊L/2⌋ + 1.
+
+    Raises
+    ------
+    LoadCaseError
+        For a non-finite pressure, an unknown case or a layer that does not exist.
+    """
+    try:
+        case = LoadCaseName(name)
+    except ValueError:
+        known = ", ".join(LoadCaseName)
+        raise LoadCaseError(f"load.case: got {name!r}, expected one of {known}") from None
+    if not np.isfinite(pressure):
+        raise LoadCaseError(f"load.pressure: got {pressure}, expected a finite pressure in MPa")
+    chosen = loaded_layer(assembly) if layer is None else layer
+    if not 1 <= chosen <= assembly.n_layers:
+        raise LoadCaseError(
+            f"load.layer: got {chosen}, expected a free layer from 1 to {assembly.n_layers}"
+        )
+    free = assembly.free_blocks
+    in_layer = np.flatnonzero((assembly.layer == chosen) & ~assembly.fixed)
+    top = np.flatnonzero(assembly.layer == assembly.n_layers + 1)
+    blocks, face = {
+        LoadCaseName.PIPE: (free, "inner"),
+        LoadCaseName.TUNNEL: (free, "outer"),
+        LoadCaseName.PILLAR: (top, "top"),
+        LoadCaseName.BEAM: (in_layer[:1], "outer"),
+        LoadCaseName.SHAFT: (in_layer, "outer"),
+    }[case]
+    block, quads, centroids, vectors = _world_surface(assembly, blocks, face)
+    tractions: FloatArray | None = None
+    if case is LoadCaseName.SHAFT:
+        tractions = pressure * np.cross(assembly.axis, _radial(assembly, centroids))
+    elif case is LoadCaseName.BEAM and as_printed:
+        inward = -_radial(assembly, assembly.centroids[blocks])
+        tractions = np.repeat(pressure * inward, len(block), axis=0)
+    fixed = assembly.fixed.copy()
+    if case is LoadCaseName.PILLAR:
+        fixed[top] = False
+    return LoadCase(
+        name=str(case),
+        block=block,
+        quads=quads,
+        centroids=centroids,
+        area_vectors=vectors,
+        tractions=tractions,
+        pressure=pressure,
+        fixed=fixed,
+        without_couple=as_printed and case is LoadCaseName.SHAFT,
+    )

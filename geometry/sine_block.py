@@ -1,0 +1,255 @@
+"""The Sine Block TSB(h, a, f, s, n, r_i, t) and its flat-trimmed frame blocks.
+
+Source: section "Sine Block" of the paper. What the paper leaves open was settled so:
+
+- its ℓ, the chord of the angle π/n, is *half* a block, so a block spans 2π/n and carries
+  2 f waves;
+- with u in [0, 1] across the block, every horizontal plane of the brick is displaced by
+  A(r) sin(2π 2f u + π s), A(r) = a (r - r_i)/t;
+- the cylinder map is θ = θ_left + 2π u/n, r = r_i + y, so nodes lie on true circles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.block import Block
+from geometry.mesh import FloatArray, HexMesh, check_mesh, grid_faces, structured_hexahedra
+
+#: Grid directions (radial, around, axial) are right-handed in this order.
+_FACE_NAMES = {
+    "u-": "inner",
+    "u+": "outer",
+    "v-": "left",
+    "v+": "right",
+    "w-": "bottom",
+    "w+": "top",
+}
+
+
+class BlockParameterError(ValueError):
+    """Parameters that describe no block: what was got, what is expected, what to do."""
+
+
+@dataclass(frozen=True)
+class SineBlockParameters:
+    """The seven parameters of TSB(h, a, f, s, n, r_i, t)."""
+
+    height: float
+    """h [mm]"""
+    amplitude: float
+    """a, at the outer radius [mm]; zero gives a plain cylindrical brick."""
+    frequency: float
+    """f, waves per *half* block; 2f must be a whole number."""
+    shift: float
+    """s, phase in units of π; 0.5 is the Cosine Block."""
+    blocks_per_layer: int
+    """n"""
+    inner_radius: float
+    """r_i [mm]"""
+    thickness: float
+    """t [mm]"""
+
+    @property
+    def waves_per_block(self) -> int:
+        """Whole number of sine waves across one block, 2f."""
+        return round(2 * self.frequency)
+
+    @property
+    def outer_radius(self) -> float:
+        """r_o = r_i + t [mm]."""
+        return self.inner_radius + self.thickness
+
+    @property
+    def block_angle(self) -> float:
+        """Angle spanned by one block, 2π/n [rad]."""
+        return 2 * np.pi / self.blocks_per_layer
+
+    @property
+    def layer_turn(self) -> float:
+        """Turn of the odd layers: the whole number ⌊f⌋ of waves nearest to half a block [rad]."""
+        return int(self.frequency) * self.block_angle / self.waves_per_block
+
+
+@dataclass(frozen=True)
+class SineBlockDivisions:
+    """Elements of one block in each direction."""
+
+    around: int
+    radial: int
+    axial: int
+
+    @property
+    def frame_axial(self) -> int:
+        """Elements in the half-height frame blocks: the same size, at least one."""
+        return max(1, round(self.axial / 2))
+
+
+def check_parameters(block: SineBlockParameters) -> None:
+    """Refuse parameters that describe no block.
+
+    Raises
+    ------
+    BlockParameterError
+        Naming the parameter, the value and what to do.
+    """
+    for name in ("height", "inner_radius", "thickness"):
+        value = getattr(block, name)
+        if not (np.isfinite(value) and value > 0):
+            raise BlockParameterError(f"block.{name}: got {value}, expected a positive length in mm")
+    if not (np.isfinite(block.amplitude) and block.amplitude >= 0):
+        raise BlockParameterError(
+            f"block.amplitude: got {block.amplitude}, expected 0 or a positive length in mm "
+            "(for a mirrored wave add 1 to block.shift)"
+        )
+    if not np.isfinite(block.shift):
+        raise BlockParameterError(f"block.shift: got {block.shift}, expected a finite number")
+    if block.blocks_per_layer < 2:
+        raise BlockParameterError(
+            f"block.blocks_per_layer: got {block.blocks_per_layer}, expected at least 2: "
+            "a ring made of one block meets itself"
+        )
+    if not np.isfinite(block.frequency) or block.frequency <= 0:
+        raise BlockParameterError(
+            f"block.frequency: got {block.frequency}, expected 0.5, 1, 1.5, 2, …"
+        )
+    waves = 2 * block.frequency
+    if abs(waves - round(waves)) > 1e-12:
+        lower = max(np.floor(waves), 1) / 2
+        raise BlockParameterError(
+            f"block.frequency: got {block.frequency}, so a block would carry {waves:g} waves and "
+            f"its neighbours would not be congruent; expected 2 f whole: try {lower:g} or "
+            f"{np.ceil(waves) / 2:g}"
+        )
+    if block.amplitude >= block.height / 2:
+        raise BlockParameterError(
+            f"block.amplitude: got {block.amplitude:g} mm, which cuts through the frame blocks "
+            f"(flat at half height, {block.height / 2:g} mm); expected less than half of "
+            "block.height: lower the amplitude or raise the height"
+        )
+
+
+def conforming_around(block: SineBlockParameters, around: int) -> bool:
+    """Whether layers turned by ⌊f⌋ waves meet node on node."""
+    return (int(block.frequency) * around) % block.waves_per_block == 0
+
+
+def check_divisions(block: SineBlockParameters, divisions: SineBlockDivisions) -> None:
+    """Refuse element counts that cannot conform.
+
+    Raises
+    ------
+    BlockParameterError
+        Naming the count and the nearest counts that would conform.
+    """
+    for name in ("around", "radial", "axial"):
+        value = getattr(divisions, name)
+        if value < 1:
+            raise BlockParameterError(f"mesh.{name}: got {value}, expected at least 1 element")
+    if divisions.around < 2 * block.waves_per_block and block.amplitude > 0:
+        raise BlockParameterError(
+            f"mesh.around: got {divisions.around} elements for {block.waves_per_block} waves; "
+            f"expected at least two per wave: try {4 * block.waves_per_block} or more"
+        )
+    if not conforming_around(block, divisions.around):
+        waves = block.waves_per_block
+        near = [n for n in range(divisions.around, 0, -1) if conforming_around(block, n)][:1]
+        near += [n for n in range(divisions.around, divisions.around + waves + 1)
+                 if conforming_around(block, n)][:1]
+        raise BlockParameterError(
+            f"mesh.around: got {divisions.around}; with {waves} waves per block the layers turn by "
+            f"{int(block.frequency)}/{waves} of a block and would not meet node on node; expected "
+            f"a multiple of {waves // int(np.gcd(waves, int(block.frequency)))}: "
+            f"try {' or '.join(str(n) for n in near)}"
+        )
+
+
+def wave(block: SineBlockParameters, u: FloatArray, r: FloatArray) -> FloatArray:
+    """Axial displacement A(r) sin(2π 2f u + π s) of a horizontal plane [mm]."""
+    amplitude = block.amplitude * (r - block.inner_radius) / block.thickness
+    return amplitude * np.sin(2 * np.pi * block.waves_per_block * u + np.pi * block.shift)
+
+
+def _build(
+    block: SineBlockParameters,
+    divisions: SineBlockDivisions,
+    *,
+    bottom: float,
+    top: float,
+    wavy: tuple[float, float],
+    name: str,
+    contact_faces: tuple[str, ...],
+) -> Block:
+    """Mesh between z = bottom and z = top; ``wavy`` scales the wave at the two ends."""
+    n_r, n_u, n_z = divisions.radial, divisions.around, divisions.axial
+    r1 = block.inner_radius + block.thickness * np.linspace(0.0, 1.0, n_r + 1)
+    u1 = np.linspace(0.0, 1.0, n_u + 1)
+    w1 = np.linspace(0.0, 1.0, n_z + 1)
+    r, u, w = (grid.ravel() for grid in np.meshgrid(r1, u1, w1, indexing="ij"))
+    theta = block.block_angle * (u - 0.5)
+    weight = wavy[0] * (1 - w) + wavy[1] * w
+    z = bottom * (1 - w) + top * w + weight * wave(block, u, r)
+    mesh = HexMesh(
+        np.column_stack([r * np.cos(theta), r * np.sin(theta), z]),
+        structured_hexahedra(n_r, n_u, n_z),
+    )
+    check_mesh(mesh, name)
+    faces = {_FACE_NAMES[key]: quads for key, quads in grid_faces(n_r, n_u, n_z).items()}
+    return Block(name, mesh, faces, contact_faces)
+
+
+def sine_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Block:
+    """Build the free block, centred on the x axis (θ = 0), between z = 0 and z = h.
+
+    Parameters
+    ----------
+    block, divisions
+        Shape [mm] and element counts.
+
+    Returns
+    -------
+    Block
+        Faces ``inner``, ``outer`` (curved), ``left``, ``right`` (flat, radial) and ``bottom``,
+        ``top`` (wavy); the last four can meet neighbours.
+    """
+    check_parameters(block)
+    check_divisions(block, divisions)
+    return _build(
+        block,
+        divisions,
+        bottom=0.0,
+        top=block.height,
+        wavy=(1.0, 1.0),
+        name="sine-block",
+        contact_faces=("bottom", "top", "left", "right"),
+    )
+
+
+def bottom_frame_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Block:
+    """Build the frame block below the first layer: flat at z = -h/2, wavy at z = 0."""
+    half = SineBlockDivisions(divisions.around, divisions.radial, divisions.frame_axial)
+    return _build(
+        block,
+        half,
+        bottom=-block.height / 2,
+        top=0.0,
+        wavy=(0.0, 1.0),
+        name="bottom-frame",
+        contact_faces=("top", "left", "right"),
+    )
+
+
+def top_frame_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Block:
+    """Build the frame block above the last layer: wavy at z = 0, flat at z = h/2."""
+    half = SineBlockDivisions(divisions.around, divisions.radial, divisions.frame_axial)
+    return _build(
+        block,
+        half,
+        bottom=0.0,
+        top=block.height / 2,
+        wavy=(1.0, 0.0),
+        name="top-frame",
+        contact_faces=("bottom", "left", "right"),
+    )
