@@ -1,4 +1,4 @@
-"""Algorithm 1 of the paper: is the assembly locked, does it carry the load, with which pressures."""
+"""Algorithm 1 of the paper: is it locked, does it carry the load, with which pressures."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def analyse(
         seconds[stage] = now - clock
         clock = now
 
-    interfaces = assembly.interfaces
+    _ = assembly.interfaces  # found once and kept: timed as a stage of its own
     lap("interfaces")
     contacts = contact_jacobian(assembly, load.fixed)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
@@ -115,7 +115,6 @@ def analyse(
         overall = measures(per_block, eligible, assembly.eligible_areas()[measured])
     lap("measures")
     seconds["total"] = sum(seconds.values())
-    del interfaces
     return RigidResult(
         classification=framed,
         supported_classification=supported,

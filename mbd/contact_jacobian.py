@@ -132,14 +132,16 @@ class PairJacobian:
     @cached_property
     def _pair_of(self) -> IntArray:
         count = np.diff(self.pair_start)
-        return np.repeat(np.arange(len(count)), count)
+        pair_of: IntArray = np.repeat(np.arange(len(count)), count)
+        return pair_of
 
     def gap_rates(self, virtual_displacement: FloatArray) -> FloatArray:
         """Gᵀ δq, (n_contacts,)."""
         q = virtual_displacement.reshape(-1, 6)
         relative = np.einsum("pji,pj->pi", self.transfer_s, q[self.row_s])
         relative -= np.einsum("pji,pj->pi", self.transfer_m, q[self.row_m])
-        return np.einsum("ci,ci->c", self.wrenches, relative[self._pair_of])
+        rates: FloatArray = np.einsum("ci,ci->c", self.wrenches, relative[self._pair_of])
+        return rates
 
     def resultant(self, forces: FloatArray) -> FloatArray:
         """G λ, (6 n_free,)."""

@@ -91,7 +91,8 @@ def column_weights(norm: Norm, areas: FloatArray) -> FloatArray:
     """
     if norm is Norm.FORCE or not len(areas):
         return np.ones(len(areas))
-    return np.sqrt(areas / areas.mean())
+    weights: FloatArray = np.sqrt(areas / areas.mean())
+    return weights
 
 
 def _infeasible_status() -> str:
@@ -341,11 +342,10 @@ def clarabel_equilibrium(
                 -multiplier if multiplier is not None else np.zeros(n_rows),
                 _balanced(residual),
             )
-    return _clarabel_projection(jacobian, load, column, matrix, size)
+    return _clarabel_projection(load, column, matrix, size)
 
 
 def _clarabel_projection(
-    jacobian: ContactJacobian,
     load: FloatArray,
     column: FloatArray,
     matrix: sp.csc_matrix,

@@ -25,7 +25,7 @@ class Measures:
     effective_area_percent: float
     """Mean of 100 (area of the K_j elements) / (eligible area of the block) [%]."""
     p_eff: float
-    """Effective mean contact pressure: mean over the blocks of the mean of the K_j largest [MPa]."""
+    """Effective mean contact pressure: mean over blocks of the mean of the K_j largest [MPa]."""
     p_max: float
     """Max–mean contact pressure: mean over the blocks of the block maxima [MPa]."""
 

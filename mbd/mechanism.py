@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -83,9 +84,7 @@ class Classification:
         return self.mechanism is MechanismClass.LOCKED
 
 
-def as_mechanism(
-    jacobian: ContactJacobian, direction: FloatArray, load: FloatArray
-) -> Mechanism:
+def as_mechanism(jacobian: ContactJacobian, direction: FloatArray, load: FloatArray) -> Mechanism:
     """Package a direction as a certificate, measured against G and f."""
     unit = direction / np.linalg.norm(direction)
     rates = jacobian.gap_rates(unit)
@@ -163,9 +162,7 @@ def classify(jacobian: ContactJacobian, load: FloatArray) -> Classification:
         if stress.holds and ratio > RANK_TOLERANCE:
             forces = 1.0 + stress.forces
             residual = np.linalg.norm(jacobian.resultant(forces)) / np.linalg.norm(forces)
-            return Classification(
-                MechanismClass.LOCKED, SelfStress(forces, float(residual), ratio)
-            )
+            return Classification(MechanismClass.LOCKED, SelfStress(forces, float(residual), ratio))
         admissible = vector if stress.mechanism is None else stress.mechanism
     return _classify_unlocked(jacobian, load, admissible)
 
@@ -180,9 +177,7 @@ def _classify_unlocked(
         )
     opposed = newton_equilibrium(jacobian, -load)
     if not (driven.holds and (opposed.holds or opposed.mechanism is not None)):
-        return Classification(
-            MechanismClass.UNDECIDED, as_mechanism(jacobian, admissible, load)
-        )
+        return Classification(MechanismClass.UNDECIDED, as_mechanism(jacobian, admissible, load))
     if opposed.mechanism is not None:
         return Classification(
             MechanismClass.SUPPRESSED, as_mechanism(jacobian, opposed.mechanism, load)
@@ -222,9 +217,7 @@ def solve_linear_programs(
         bounds=[*unbounded, *[(0.0, 1.0)] * n_contacts],
     )
     # ‖δq‖₁ <= 1 with δq = p - n, p, n >= 0.
-    above = sp.vstack(
-        [sp.hstack([-transpose, transpose]), sp.csr_array(np.ones((1, 2 * n_rows)))]
-    )
+    above = sp.vstack([sp.hstack([-transpose, transpose]), sp.csr_array(np.ones((1, 2 * n_rows)))])
     limit = np.concatenate([np.zeros(n_contacts), [1.0]])
     both = np.concatenate([unit_load, -unit_load])
     bounds: list[tuple[float | None, float | None]] = [(0.0, None)] * (2 * n_rows)
@@ -249,15 +242,12 @@ def _highs(
     equal: tuple[sp.sparray, FloatArray] | None = None,
     above: tuple[sp.sparray, FloatArray] | None = None,
 ) -> float:
-    result = scipy.optimize.linprog(
-        cost,
-        A_eq=None if equal is None else sp.csc_array(equal[0]),
-        b_eq=None if equal is None else equal[1],
-        A_ub=None if above is None else sp.csc_array(above[0]),
-        b_ub=None if above is None else above[1],
-        bounds=bounds,
-        method="highs",
-    )
+    constraints: dict[str, Any] = {}
+    if equal is not None:
+        constraints |= {"A_eq": sp.csc_array(equal[0]), "b_eq": equal[1]}
+    if above is not None:
+        constraints |= {"A_ub": sp.csc_array(above[0]), "b_ub": above[1]}
+    result = scipy.optimize.linprog(cost, bounds=bounds, method="highs", **constraints)
     if not result.success:
         raise RuntimeError(f"HiGHS could not solve a linear program: {result.message}")
-    return float(result.fun)
+    return float(result.fun or 0.0)
