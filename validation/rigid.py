@@ -31,15 +31,41 @@ class RigidRun:
     """CPU time of each stage, building included [s]."""
 
 
-def run_rigid(scene: SceneFile) -> RigidRun:
-    """Build and analyse a scene."""
+@dataclass(frozen=True)
+class BuiltScene:
+    """A scene and what was built from it: bad input has been refused by now."""
+
+    scene: SceneFile
+    assembly: Assembly
+    load: LoadCase
+    cpu_seconds: float
+
+
+def build_scene(scene: SceneFile) -> BuiltScene:
+    """Build what a scene describes.
+
+    Raises
+    ------
+    InputError
+        When it describes nothing that can be built.
+    """
     start = time.process_time()
     assembly = build_assembly(scene.scene)
     load = build_load(scene.scene, assembly)
-    built = time.process_time() - start
+    return BuiltScene(scene, assembly, load, time.process_time() - start)
+
+
+def run_rigid(scene: SceneFile) -> RigidRun:
+    """Build and analyse a scene."""
+    return analyse_rigid(build_scene(scene))
+
+
+def analyse_rigid(built: BuiltScene) -> RigidRun:
+    """Analyse a built scene."""
+    scene, assembly, load = built.scene, built.assembly, built.load
     result = analyse(assembly, load, norm=scene.scene.rigid.norm, solver=scene.scene.rigid.solver)
-    seconds = {"build": built, **result.cpu_seconds}
-    seconds["total"] = built + result.cpu_seconds["total"]
+    seconds = {"build": built.cpu_seconds, **result.cpu_seconds}
+    seconds["total"] = built.cpu_seconds + result.cpu_seconds["total"]
     return RigidRun(scene, assembly, load, result, seconds)
 
 
