@@ -286,6 +286,4 @@ def grid_faces(n_u: int, n_v: int, n_w: int) -> dict[str, IntArray]:
         "w-": (elements[:, :, 0], 0),
         "w+": (elements[:, :, -1], 1),
     }
-    return {
-        name: cells.reshape(-1, 8)[:, HEX_FACES[face]] for name, (cells, face) in side.items()
-    }
+    return {name: cells.reshape(-1, 8)[:, HEX_FACES[face]] for name, (cells, face) in side.items()}
