@@ -280,7 +280,8 @@ def solve(
         step(system, state, sample=sample)
         if sample:
             values = energies(system, state)
-            watch(system, state, history, values)
+            history.observe(values)
+            watch(system, state, history)
             history.append((state.step - 1) * dt, state.step - 1, values, 0.0, 0.0)
             if progress is not None:
                 progress(Progress((state.step - 1) * dt, end_time, state.step - 1, n_steps, values))
@@ -302,7 +303,7 @@ def solve(
     )
 
 
-def watch(system: System, state: State, history: History, values: Energies) -> None:
+def watch(system: System, state: State, history: History) -> None:
     """Stop a run whose energy is not finite or far beyond what was put in.
 
     Raises
@@ -310,7 +311,7 @@ def watch(system: System, state: State, history: History, values: Energies) -> N
     UnstableRun
         With time, block and remedy.
     """
-    put_in = max(history.put_in, abs(values.external_work))
+    put_in = history.put_in
     for body, now in zip(system.bodies, state.bodies, strict=True):
         energy = copy_energies(now)[: body.n_copies]
         bad = ~(energy <= RUNAWAY * put_in) if put_in > 0.0 else ~np.isfinite(energy)

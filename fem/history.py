@@ -26,21 +26,24 @@ class History:
     put_in: float = 0.0
     """Initial energy and the largest work of loads so far [N mm]."""
 
-    def balance(self, energies: Energies) -> float:
-        """Return (total - initial total) / largest turnover so far, and remember both."""
+    def observe(self, energies: Energies) -> None:
+        """Remember what the balance and the watchdog compare with."""
         if self.initial_total is None:
             self.initial_total = energies.total
             self.put_in = abs(energies.kinetic_energy) + energies.strain_energy
         self.put_in = max(self.put_in, abs(energies.external_work))
         self.turnover = max(self.turnover, energies.turnover)
-        if self.turnover == 0.0:
+
+    def balance(self, energies: Energies) -> float:
+        """Return (total - initial total) / largest turnover so far."""
+        if self.initial_total is None or self.turnover == 0.0:
             return 0.0
         return (energies.total - self.initial_total) / self.turnover
 
     def append(
         self, time: float, step: int, energies: Energies, mass_damping: float, residual: float
     ) -> None:
-        """Add a sample."""
+        """Add an observed sample."""
         values = tuple(getattr(energies, name) for name in ENERGY_NAMES)
         balance = self.balance(energies)
         self.rows.append((time, float(step), *values, balance, mass_damping, residual))

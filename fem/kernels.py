@@ -361,7 +361,7 @@ def dot_at(array, index, values):
 
 @njit(cache=True, **_OPTIONS)
 def dot_lanes(a, b, total):
-    """Write a · b of every copy to ``total`` (lanes,), summed in float64; a, b (n_rows, 3, lanes)."""
+    """Write a · b of every copy to ``total`` (lanes,), in float64; a, b (n_rows, 3, lanes)."""
     total[:] = 0.0
     for i in range(a.shape[0]):
         for j in range(a.shape[1]):

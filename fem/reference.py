@@ -34,6 +34,7 @@ def torque(displacement: LaneArray, force: LaneArray) -> FloatArray:
 
 
 def update(
+    *,
     time_step: float,
     mass_damping: float,
     mass: FloatArray,

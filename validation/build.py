@@ -1,0 +1,56 @@
+"""From scenes to what the solvers take: assemblies and load cases."""
+
+from __future__ import annotations
+
+from geometry.assembly import Assembly, AssemblyError
+from geometry.brick_stack import brick_stack
+from geometry.load_case import LoadCase, LoadCaseError, load_case
+from geometry.mesh import MeshError
+from geometry.sine_block import BlockParameterError, SineBlockDivisions, SineBlockParameters
+from geometry.tube import sine_tube
+from validation.errors import InputError
+from validation.scene import BrickScene, Scene, TubeScene
+
+
+def block_parameters(scene: TubeScene) -> SineBlockParameters:
+    """Return the block of a tube scene."""
+    return SineBlockParameters(**scene.block.model_dump(exclude={"type"}))
+
+
+def build_assembly(scene: Scene) -> Assembly:
+    """Build the blocks of a scene.
+
+    Raises
+    ------
+    InputError
+        When the parameters describe no assembly.
+    """
+    try:
+        if isinstance(scene, BrickScene):
+            return brick_stack(
+                scene.block.size,
+                scene.mesh.divisions,
+                columns=scene.assembly.columns,
+                layers=scene.assembly.layers,
+            )
+        divisions = SineBlockDivisions(**scene.mesh.model_dump())
+        return sine_tube(block_parameters(scene), divisions, scene.assembly.layers)
+    except (BlockParameterError, AssemblyError, MeshError) as error:
+        raise InputError(str(error)) from None
+
+
+def build_load(scene: Scene, assembly: Assembly) -> LoadCase:
+    """Build the load case of a scene.
+
+    Raises
+    ------
+    InputError
+        When the assembly cannot take it.
+    """
+    load = scene.load
+    try:
+        return load_case(
+            assembly, load.case, load.pressure, as_printed=load.as_printed, layer=load.layer
+        )
+    except LoadCaseError as error:
+        raise InputError(str(error)) from None
