@@ -43,8 +43,12 @@ class ElementType(Enum):
     """Uniform strain with stiffness hourglass control (C3D8R)."""
 
 
-#: Stiffness scale of the hourglass control relative to the shear modulus (see
-#: `hourglass_stiffness`).
+#: Hourglass stiffness relative to the shear modulus, C = scale · mu · V · B:B on vectors of
+#: entries ± 1. The factor is the default that Abaqus documents for first-order solids,
+#: r_F G = 0.005 G; how Abaqus normalises the vectors it does not say. With ours, C is that of
+#: Flanagan and Belytschko with kappa = 0.12 mu / (lambda + 2 mu), 0.045 at nu = 0.2. The
+#: published C3D8R cantilever of *Getting Started with Abaqus* implies a scale 512 times less
+#: for Abaqus/Standard (vectors and B:B each with a factor 1/8): see the tests.
 HOURGLASS_SCALE = 0.005
 
 #: Hourglass base vectors of Flanagan and Belytschko at the corners: st, tr, rs, rst; (8, 4).
@@ -177,12 +181,12 @@ def extended_stiffness(
     return stiffness[:, :24, :24], stiffness[:, 24:, :24], stiffness[:, 24:, 24:]
 
 
-def _full(coordinates: FloatArray, material: Material) -> FloatArray:
+def _full(coordinates: FloatArray, material: Material, _: float) -> FloatArray:
     tensor = _tensor(*gauss_gradients(coordinates))
     return _isotropic(tensor, material.lame_modulus, material.shear_modulus)
 
 
-def _b_bar(coordinates: FloatArray, material: Material) -> FloatArray:
+def _b_bar(coordinates: FloatArray, material: Material, _: float) -> FloatArray:
     """Deviatoric part at the Gauss points, dilatation averaged over the element."""
     gradients, volume = gauss_gradients(coordinates)
     mean, total = mean_gradients(gradients, volume)
@@ -191,7 +195,7 @@ def _b_bar(coordinates: FloatArray, material: Material) -> FloatArray:
     return deviatoric + material.bulk_modulus * _tensor(mean[:, None], total[:, None])
 
 
-def _incompatible(coordinates: FloatArray, material: Material) -> FloatArray:
+def _incompatible(coordinates: FloatArray, material: Material, _: float) -> FloatArray:
     k_uu, k_au, k_aa = extended_stiffness(coordinates, material)
     return _symmetric(k_uu - np.swapaxes(k_au, 1, 2) @ np.linalg.solve(k_aa, k_au))
 
@@ -253,8 +257,8 @@ def hourglass_stiffness(
     return stiffness
 
 
-def _reduced(coordinates: FloatArray, material: Material) -> FloatArray:
-    return _uniform(coordinates, material) + hourglass_stiffness(coordinates, material)
+def _reduced(coordinates: FloatArray, material: Material, scale: float) -> FloatArray:
+    return _uniform(coordinates, material) + hourglass_stiffness(coordinates, material, scale)
 
 
 _STIFFNESS = {
@@ -266,7 +270,11 @@ _STIFFNESS = {
 
 
 def element_stiffness(
-    coordinates: FloatArray, material: Material, element: ElementType
+    coordinates: FloatArray,
+    material: Material,
+    element: ElementType,
+    *,
+    hourglass_scale: float = HOURGLASS_SCALE,
 ) -> FloatArray:
     """Stiffness matrices, symmetric to the bit.
 
@@ -278,6 +286,8 @@ def element_stiffness(
         Elastic constants.
     element
         Choice of the hexahedron.
+    hourglass_scale
+        Of the reduced element only; see `HOURGLASS_SCALE`.
 
     Returns
     -------
@@ -290,7 +300,10 @@ def element_stiffness(
         An element that is inverted or flat at a Gauss point.
     """
     return np.concatenate(
-        [_STIFFNESS[element](coordinates[part], material) for part in chunks(len(coordinates))]
+        [
+            _STIFFNESS[element](coordinates[part], material, hourglass_scale)
+            for part in chunks(len(coordinates))
+        ]
     )
 
 
@@ -321,7 +334,13 @@ def _block_pattern(mesh: HexMesh) -> tuple[IntArray, IntArray, IntArray]:
     return pointer, column, position.reshape(-1, 64)
 
 
-def block_stiffness(mesh: HexMesh, material: Material, element: ElementType) -> bsr_array:
+def block_stiffness(
+    mesh: HexMesh,
+    material: Material,
+    element: ElementType,
+    *,
+    hourglass_scale: float = HOURGLASS_SCALE,
+) -> bsr_array:
     """Assemble the stiffness of one block.
 
     Parameters
@@ -332,6 +351,8 @@ def block_stiffness(mesh: HexMesh, material: Material, element: ElementType) -> 
         Elastic constants.
     element
         Choice of the hexahedron.
+    hourglass_scale
+        Of the reduced element only; see `HOURGLASS_SCALE`.
 
     Returns
     -------
@@ -345,36 +366,57 @@ def block_stiffness(mesh: HexMesh, material: Material, element: ElementType) -> 
         See `geometry.mesh.check_mesh`.
     """
     check_mesh(mesh)
-    return _assemble(mesh, material, _STIFFNESS[element])
+    return assemble_nodal_operator(
+        mesh,
+        lambda part: element_stiffness(part, material, element, hourglass_scale=hourglass_scale),
+        rows=3,
+    )
 
 
-def block_hourglass_stiffness(mesh: HexMesh, material: Material) -> bsr_array:
-    """Hourglass part of the stiffness of the reduced element, assembled like the whole.
+def block_hourglass_stiffness(
+    mesh: HexMesh, material: Material, *, hourglass_scale: float = HOURGLASS_SCALE
+) -> bsr_array:
+    """Assemble the hourglass part of the stiffness of the reduced element.
 
     ½ uᵀ K u is the hourglass energy of a block; (3 n_nodes, 3 n_nodes) [N/mm].
     """
     check_mesh(mesh)
-    return _assemble(mesh, material, hourglass_stiffness)
+    return assemble_nodal_operator(
+        mesh, lambda part: hourglass_stiffness(part, material, hourglass_scale), rows=3
+    )
 
 
-def _assemble(
-    mesh: HexMesh,
-    material: Material,
-    stiffness_of: Callable[[FloatArray, Material], FloatArray],
+def assemble_nodal_operator(
+    mesh: HexMesh, element_operator: Callable[[FloatArray], FloatArray], *, rows: int
 ) -> bsr_array:
-    """Sum element matrices chunk by chunk into 3 × 3 node blocks."""
+    """Sum element matrices chunk by chunk into (rows × 3) node blocks.
+
+    Parameters
+    ----------
+    mesh
+        The block.
+    element_operator
+        From corners (n, 8, 3) to matrices (n, 8 · rows, 24).
+    rows
+        Rows of a node: 3 for forces, 6 for stresses.
+
+    Returns
+    -------
+    bsr_array
+        (rows · n_nodes, 3 · n_nodes), columns sorted.
+    """
     pointer, column, position = _block_pattern(mesh)
-    data = np.zeros((len(column), 9))
+    data = np.zeros((len(column), rows * 3))
     for part in chunks(mesh.n_elements):
-        stiffness = stiffness_of(mesh.nodes[mesh.elements[part]], material)
-        blocks = stiffness.reshape(-1, 8, 3, 8, 3).swapaxes(2, 3).reshape(-1, 9)
+        matrices = element_operator(mesh.nodes[mesh.elements[part]])
+        blocks = matrices.reshape(-1, 8, rows, 8, 3).swapaxes(2, 3).reshape(-1, rows * 3)
         where = position[part].ravel()
-        for k in range(9):
+        for k in range(rows * 3):
             data[:, k] += np.bincount(where, blocks[:, k], minlength=len(column))
-    shape = (3 * mesh.n_nodes, 3 * mesh.n_nodes)
+    shape = (rows * mesh.n_nodes, 3 * mesh.n_nodes)
     # 32-bit indices: half the index traffic in every product.
     indices, indptr = column.astype(np.int32), pointer.astype(np.int32)
-    return bsr_array((data.reshape(-1, 3, 3), indices, indptr), shape=shape)
+    return bsr_array((data.reshape(-1, rows, 3), indices, indptr), shape=shape)
 
 
 def block_lumped_mass(mesh: HexMesh, density: float) -> FloatArray:
