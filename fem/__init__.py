@@ -1,0 +1,1 @@
+"""Deformable blocks: finite elements, explicit dynamics and statics."""

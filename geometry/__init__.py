@@ -1,0 +1,1 @@
+"""What is built, supported and loaded: meshes, blocks, assemblies, load cases."""

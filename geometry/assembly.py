@@ -61,7 +61,7 @@ class Assembly:
 
     def shape(self, block: int) -> Block:
         """Return the shape of one block."""
-        return self.shapes[self.shape_of[block]]
+        return self.shapes[int(self.shape_of[block])]
 
     def place(self, block: int, points: FloatArray) -> FloatArray:
         """World coordinates of points given in a block's reference position, (n, 3) [mm]."""
@@ -77,7 +77,8 @@ class Assembly:
         """Mass centroid of each block in world coordinates, (n_blocks, 3) [mm]."""
         local = np.array([shape.mass_properties.centroid for shape in self.shapes])
         turned = np.einsum("bij,bj->bi", self.rotations, local[self.shape_of])
-        return turned + self.translations
+        centroids: FloatArray = turned + self.translations
+        return centroids
 
     @cached_property
     def volumes(self) -> FloatArray:
@@ -89,7 +90,10 @@ class Assembly:
     def inertia(self, block: int, density: float) -> FloatArray:
         """Inertia tensor about the block's centroid in world axes, (3, 3) [t mm²]."""
         rotation = self.rotations[block]
-        return density * rotation @ self.shape(block).mass_properties.inertia @ rotation.T
+        inertia: FloatArray = (
+            density * rotation @ self.shape(block).mass_properties.inertia @ rotation.T
+        )
+        return inertia
 
     @cached_property
     def characteristic_length(self) -> float:
@@ -105,9 +109,7 @@ class Assembly:
         AssemblyError
             When facets of free blocks that should meet a neighbour meet none.
         """
-        found = match_facets(
-            self.shapes, self.shape_of, self.rotations, self.translations
-        )
+        found = match_facets(self.shapes, self.shape_of, self.rotations, self.translations)
         if not self.unmatched_allowed:
             self._check_partners(found)
         return found

@@ -60,7 +60,8 @@ class LoadCase:
         if self.tractions is None:
             return -self.pressure * self.area_vectors
         area = np.linalg.norm(self.area_vectors, axis=1)
-        return self.tractions * area[:, None]
+        forces: FloatArray = self.tractions * area[:, None]
+        return forces
 
 
 def loaded_layer(assembly: Assembly) -> int:

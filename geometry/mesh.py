@@ -86,7 +86,7 @@ class QuadSurface:
 
     @cached_property
     def centroids(self) -> FloatArray:
-        """Mean of the four corners, which is the image of the natural origin; (n_facets, 3) [mm]."""
+        """Mean of the corners, the image of the natural origin; (n_facets, 3) [mm]."""
         mean: FloatArray = self.nodes[self.quads].mean(axis=1)
         return mean
 
@@ -98,17 +98,20 @@ class QuadSurface:
         warp, so a uniform pressure on a closed surface has no resultant.
         """
         p = self.nodes[self.quads]
-        return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+        vectors: FloatArray = 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+        return vectors
 
     @cached_property
     def areas(self) -> FloatArray:
         """Magnitude of the vector area, (n_facets,) [mm²]."""
-        return np.linalg.norm(self.area_vectors, axis=1)
+        areas: FloatArray = np.linalg.norm(self.area_vectors, axis=1)
+        return areas
 
     @cached_property
     def normals(self) -> FloatArray:
         """Unit outward normals, (n_facets, 3)."""
-        return self.area_vectors / self.areas[:, None]
+        normals: FloatArray = self.area_vectors / self.areas[:, None]
+        return normals
 
 
 @dataclass(frozen=True)
@@ -166,8 +169,10 @@ def gauss_points(order: int = 2) -> tuple[FloatArray, FloatArray]:
 def jacobians(mesh: HexMesh, natural: FloatArray) -> FloatArray:
     """Determinants of dx/d(r, s, t): (n_elements, n_points) [mm³]."""
     gradient = shape_gradients(natural)
-    jacobian = np.einsum("eai,paj->epij", mesh.nodes[mesh.elements], gradient)
-    determinant: FloatArray = np.linalg.det(jacobian)
+    corners = mesh.nodes[mesh.elements]
+    # The determinant as a triple product is several times faster than n small factorisations.
+    d_r, d_s, d_t = (np.einsum("eai,pa->epi", corners, gradient[:, :, j]) for j in range(3))
+    determinant: FloatArray = np.einsum("epi,epi->ep", d_r, np.cross(d_s, d_t))
     return determinant
 
 
@@ -251,8 +256,7 @@ def structured_hexahedra(n_u: int, n_v: int, n_w: int) -> IntArray:
 
     Corners in VTK order for a right-handed (u, v, w); (n_u n_v n_w, 8).
     """
-    i, j, k = np.meshgrid(np.arange(n_u), np.arange(n_v), np.arange(n_w), indexing="ij")
-    i, j, k = i.ravel(), j.ravel(), k.ravel()
+    i, j, k = (index.ravel() for index in np.indices((n_u, n_v, n_w)))
 
     def node(du: int, dv: int, dw: int) -> IntArray:
         number: IntArray = ((i + du) * (n_v + 1) + (j + dv)) * (n_w + 1) + (k + dw)

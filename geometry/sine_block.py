@@ -98,7 +98,9 @@ def check_parameters(block: SineBlockParameters) -> None:
     for name in ("height", "inner_radius", "thickness"):
         value = getattr(block, name)
         if not (np.isfinite(value) and value > 0):
-            raise BlockParameterError(f"block.{name}: got {value}, expected a positive length in mm")
+            raise BlockParameterError(
+                f"block.{name}: got {value}, expected a positive length in mm"
+            )
     if not (np.isfinite(block.amplitude) and block.amplitude >= 0):
         raise BlockParameterError(
             f"block.amplitude: got {block.amplitude}, expected 0 or a positive length in mm "
@@ -156,8 +158,11 @@ def check_divisions(block: SineBlockParameters, divisions: SineBlockDivisions) -
     if not conforming_around(block, divisions.around):
         waves = block.waves_per_block
         near = [n for n in range(divisions.around, 0, -1) if conforming_around(block, n)][:1]
-        near += [n for n in range(divisions.around, divisions.around + waves + 1)
-                 if conforming_around(block, n)][:1]
+        near += [
+            n
+            for n in range(divisions.around, divisions.around + waves + 1)
+            if conforming_around(block, n)
+        ][:1]
         raise BlockParameterError(
             f"mesh.around: got {divisions.around}; with {waves} waves per block the layers turn by "
             f"{int(block.frequency)}/{waves} of a block and would not meet node on node; expected "

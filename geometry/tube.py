@@ -25,9 +25,7 @@ def axial_rotations(angles: FloatArray) -> FloatArray:
     return rotation
 
 
-def sine_tube(
-    block: SineBlockParameters, divisions: SineBlockDivisions, layers: int
-) -> Assembly:
+def sine_tube(block: SineBlockParameters, divisions: SineBlockDivisions, layers: int) -> Assembly:
     """Assemble n blocks in each of L free layers and two frame layers of half height.
 
     Layer k occupies z in [(k - 1) h, k h]; odd layers are turned towards larger θ by ⌊f⌋

@@ -1,0 +1,60 @@
+"""Rigid blocks: contact Jacobian, equilibrium by LP and QP, mechanism classes, measures."""
+
+from mbd.analysis import RigidResult, analyse
+from mbd.contact_jacobian import (
+    Contacts,
+    MatrixJacobian,
+    PairJacobian,
+    contact_jacobian,
+)
+from mbd.equilibrium import (
+    EQUILIBRIUM_TOLERANCE,
+    Equilibrium,
+    Norm,
+    Solver,
+    clarabel_equilibrium,
+    column_weights,
+    equilibrium,
+    newton_equilibrium,
+)
+from mbd.generalized_force import block_wrenches, generalized_force
+from mbd.measures import BlockMeasures, Measures, block_measures, measures
+from mbd.mechanism import (
+    Classification,
+    LinearPrograms,
+    Mechanism,
+    MechanismClass,
+    SelfStress,
+    classify,
+    solve_linear_programs,
+)
+
+__all__ = [
+    "EQUILIBRIUM_TOLERANCE",
+    "BlockMeasures",
+    "Classification",
+    "Contacts",
+    "Equilibrium",
+    "LinearPrograms",
+    "MatrixJacobian",
+    "Measures",
+    "Mechanism",
+    "MechanismClass",
+    "Norm",
+    "PairJacobian",
+    "RigidResult",
+    "SelfStress",
+    "Solver",
+    "analyse",
+    "block_measures",
+    "block_wrenches",
+    "clarabel_equilibrium",
+    "classify",
+    "column_weights",
+    "contact_jacobian",
+    "equilibrium",
+    "generalized_force",
+    "measures",
+    "newton_equilibrium",
+    "solve_linear_programs",
+]

@@ -1,0 +1,1 @@
+"""Scenes, the paper, comparisons, cost, stability and the command line."""

@@ -1,0 +1,133 @@
+"""Meshes in and out through meshio: `.vtu` for ParaView, `.inp` as a plain Abaqus mesh, others."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from geometry.assembly import Assembly
+from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, QuadSurface, check_mesh
+
+
+def _write(path: Path, mesh: Any) -> None:
+    """Write whole or not at all: a killed run never leaves half a file under the final name."""
+    import meshio
+
+    partial = path.with_name(f".partial-{path.name}")
+    try:
+        meshio.write(partial, mesh)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_hex_mesh(
+    path: Path,
+    mesh: HexMesh,
+    *,
+    point_data: Mapping[str, npt.NDArray[Any]] | None = None,
+    cell_data: Mapping[str, npt.NDArray[Any]] | None = None,
+) -> None:
+    """Write hexahedra; the format follows the suffix (`.vtu`, `.inp`, …).
+
+    Parameters
+    ----------
+    path
+        File to write.
+    mesh
+        Hexahedra [mm].
+    point_data, cell_data
+        Arrays with one row per node, per element.
+    """
+    import meshio
+
+    cells = [("hexahedron", mesh.elements)]
+    data = {name: [values] for name, values in (cell_data or {}).items()}
+    _write(path, meshio.Mesh(mesh.nodes, cells, point_data=dict(point_data or {}), cell_data=data))
+
+
+def write_surface(
+    path: Path, surface: QuadSurface, cell_data: Mapping[str, npt.NDArray[Any]]
+) -> None:
+    """Write quadrilateral facets with one row of data per facet."""
+    import meshio
+
+    data = {name: [values] for name, values in cell_data.items()}
+    _write(path, meshio.Mesh(surface.nodes, [("quad", surface.quads)], cell_data=data))
+
+
+def read_hex_mesh(path: Path) -> HexMesh:
+    """Read the hexahedra of a mesh file.
+
+    Raises
+    ------
+    MeshError
+        When the file cannot be read, holds no eight-node hexahedra, or holds bad ones.
+    """
+    import meshio
+
+    try:
+        mesh = meshio.read(path)
+    except (OSError, ValueError, KeyError, IndexError, SystemExit, meshio.ReadError) as error:
+        reason = str(error) or type(error).__name__
+        raise MeshError(f"{path}: cannot be read as a mesh ({reason})") from None
+    blocks = [cells.data for cells in mesh.cells if cells.type == "hexahedron"]
+    if not blocks:
+        found = ", ".join(sorted({cells.type for cells in mesh.cells})) or "no cells"
+        raise MeshError(f"{path}: got {found}; expected eight-node hexahedra")
+    result = HexMesh(
+        np.ascontiguousarray(mesh.points, dtype=np.float64),
+        np.concatenate(blocks).astype(np.int64),
+    )
+    check_mesh(result, str(path))
+    return result
+
+
+def assembly_mesh(assembly: Assembly) -> tuple[HexMesh, IntArray]:
+    """All blocks as one mesh (nodes of different blocks stay apart) and the block of each element.
+
+    Returns
+    -------
+    HexMesh
+        In world coordinates [mm].
+    IntArray
+        Block number of each element, (n_elements,).
+    """
+    nodes: list[FloatArray] = []
+    elements: list[IntArray] = []
+    owner: list[IntArray] = []
+    offset = 0
+    for block in range(assembly.n_blocks):
+        mesh = assembly.shape(block).mesh
+        nodes.append(assembly.nodes(block))
+        elements.append(mesh.elements + offset)
+        owner.append(np.full(mesh.n_elements, block))
+        offset += mesh.n_nodes
+    return HexMesh(np.concatenate(nodes), np.concatenate(elements)), np.concatenate(owner)
+
+
+def interface_surface(assembly: Assembly, contacts: IntArray | None = None) -> QuadSurface:
+    """Contact facets in world coordinates, four nodes of their own each.
+
+    Parameters
+    ----------
+    assembly
+        Blocks and their interfaces.
+    contacts
+        Positions in `assembly.interfaces`; all by default.
+    """
+    interfaces = assembly.interfaces
+    chosen = np.arange(interfaces.n_contacts) if contacts is None else contacts
+    block, quads = interfaces.block_m[chosen], interfaces.quads_m[chosen]
+    corners = np.empty((len(chosen), 4, 3))
+    for number in np.unique(assembly.shape_of[block]):
+        rows = np.flatnonzero(assembly.shape_of[block] == number)
+        local = assembly.shapes[number].mesh.nodes[quads[rows]]
+        turned = np.einsum("fij,fcj->fci", assembly.rotations[block[rows]], local)
+        corners[rows] = turned + assembly.translations[block[rows], None, :]
+    return QuadSurface(corners.reshape(-1, 3), np.arange(4 * len(chosen)).reshape(-1, 4))

@@ -1,0 +1,398 @@
+"""Minimum-norm contact forces in equilibrium with a load (eq. QP), or proof that none exist.
+
+min ½ ‖λ‖² s.t. G λ + f = 0, λ >= 0. The dual is unconstrained and smooth,
+
+    min_y ½ ‖max(0, Gᵀy)‖² + fᵀy,  λ = max(0, Gᵀy),
+
+with six unknowns per block however fine the mesh is. It is minimised by a semismooth Newton
+method with an Armijo line search, inside proximal steps (ε/2)‖y - y_k‖² whose ε shrinks: each
+subproblem has a positive definite Hessian, so rank-deficient G and infeasible loads need no
+special case. Where the load is infeasible, y runs off to infinity along a ray; its direction
+negated is d with Gᵀd >= 0 and fᵀd > 0, the load-activated mechanism.
+
+References: eq. QP and eq. SCP-linear of the paper; Qi and Sun, "A nonsmooth version of Newton's
+method", Math. Program. 58 (1993); Rockafellar, "Monotone operators and the proximal point
+algorithm", SIAM J. Control Optim. 14 (1976).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+
+from geometry.mesh import FloatArray
+from mbd.contact_jacobian import ContactJacobian
+
+#: Relative residual above which nothing is called equilibrium (the paper's tolerance).
+EQUILIBRIUM_TOLERANCE = 1e-6
+
+#: Relative residual at which the Newton iteration stops.
+_TARGET = 1e-12
+#: Residual at which an iteration that no longer improves has reached round-off.
+_STALLED = 1e-9
+#: A mechanism d is load-activated where fᵀd exceeds this (‖f‖ = ‖d‖ = 1) …
+_SMALLEST_WORK = 1e-7
+#: … and admissible where no gap closes faster than this fraction of fᵀd: forces that balanced
+#: the load all the same would have to sum up to 1e10 times the load.
+_RAY_TOLERANCE = 1e-10
+
+
+class Solver(StrEnum):
+    """Names of the equilibrium solvers."""
+
+    NEWTON = "newton"
+    CLARABEL = "clarabel"
+
+
+class Norm(StrEnum):
+    """What the force distribution minimises.
+
+    ``force``: Σ λ², as the paper prints it; depends on the mesh. ``pressure``: Σ λ²/A, the rigid
+    limit of a uniform elastic foundation; does not.
+    """
+
+    FORCE = "force"
+    PRESSURE = "pressure"
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """Contact forces and how well they balance the load."""
+
+    holds: bool
+    """Whether the relative residual is within `EQUILIBRIUM_TOLERANCE`."""
+    forces: FloatArray
+    """λ >= 0, (n_contacts,) [N]; where no equilibrium exists, the last iterate."""
+    residual: float
+    """‖G λ + f‖ / ‖f‖ (0 for a zero load)."""
+    mechanism: FloatArray | None
+    """Load-activated d with Gᵀd >= 0, fᵀd > 0, ‖d‖ = 1, (n_rows,); None in equilibrium."""
+    iterations: int
+    """Newton (or interior-point) iterations."""
+    multiplier: FloatArray
+    """Dual variable y, (n_rows,); a warm start."""
+    status: str
+    """What happened and, where it is not equilibrium, what that means."""
+
+
+def column_weights(norm: Norm, areas: FloatArray) -> FloatArray:
+    """Column scaling c so that min ‖μ‖² with λ = c μ minimises the chosen norm.
+
+    Parameters
+    ----------
+    norm
+        ``force`` gives ones; ``pressure`` gives sqrt(A / mean A).
+    areas
+        Facet areas, (n_contacts,) [mm²].
+    """
+    if norm is Norm.FORCE or not len(areas):
+        return np.ones(len(areas))
+    weights: FloatArray = np.sqrt(areas / areas.mean())
+    return weights
+
+
+def _infeasible_status() -> str:
+    return (
+        "no equilibrium: the load drives a mechanism (given as certificate); "
+        "change the shape, hold more blocks or turn the load"
+    )
+
+
+def _balanced(residual: float) -> str:
+    return f"equilibrium, relative residual {residual:.1e}"
+
+
+def _undecided(residual: float) -> str:
+    return (
+        f"not in equilibrium: relative residual {residual:.1e} exceeds "
+        f"{EQUILIBRIUM_TOLERANCE:.0e} and no load-activated mechanism was certified; "
+        "the load lies at the edge of what the contacts can carry"
+    )
+
+
+def _trivial(jacobian: ContactJacobian) -> Equilibrium:
+    n_rows, n_contacts = jacobian.shape
+    return Equilibrium(
+        True, np.zeros(n_contacts), 0.0, None, 0, np.zeros(n_rows), "equilibrium: no load"
+    )
+
+
+def _uncontacted(jacobian: ContactJacobian, load: FloatArray) -> Equilibrium:
+    norm = float(np.linalg.norm(load))
+    return Equilibrium(
+        False, np.zeros(0), 1.0, load / norm, 0, np.zeros(jacobian.shape[0]), _infeasible_status()
+    )
+
+
+@dataclass
+class _Dual:
+    """The proximal dual objective for one ε and centre; f and G scaled to order one."""
+
+    jacobian: ContactJacobian
+    load: FloatArray
+    column: FloatArray
+    centre: FloatArray
+    epsilon: float
+
+    def value(self, y: FloatArray, gap: FloatArray) -> float:
+        positive = np.maximum(gap, 0.0)
+        step = y - self.centre
+        quadratic = 0.5 * float(positive @ positive) + 0.5 * self.epsilon * float(step @ step)
+        return quadratic + float(self.load @ y)
+
+    def gap(self, y: FloatArray) -> FloatArray:
+        return self.column * self.jacobian.gap_rates(y)
+
+    def imbalance(self, gap: FloatArray) -> FloatArray:
+        """G λ + f for λ = c max(0, gap)."""
+        return self.jacobian.resultant(self.column * np.maximum(gap, 0.0)) + self.load
+
+
+def _newton(dual: _Dual, y: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int]:
+    """Minimise one proximal dual; returns y and the iterations used.
+
+    The objective is piecewise quadratic: a full step that leaves the set of pressing contacts
+    unchanged has reached the minimum, up to the round-off of one linear solve.
+    """
+    gap = dual.gap(y)
+    value = dual.value(y, gap)
+    for iteration in range(most):
+        gradient = dual.imbalance(gap) + dual.epsilon * (y - dual.centre)
+        if np.linalg.norm(gradient) <= tolerance:
+            return y, iteration
+        pressing = gap > 0.0
+        solve = dual.jacobian.normal_solver(np.where(pressing, dual.column**2, 0.0), dual.epsilon)
+        direction = -solve(gradient)
+        slope = float(gradient @ direction)
+        gap_direction = dual.gap(direction)
+        length = 1.0
+        while length > 1e-8:
+            trial_gap = gap + length * gap_direction
+            trial = dual.value(y + length * direction, trial_gap)
+            # The last term accepts steps whose decrease drowns in round-off near the minimum.
+            if trial <= value + 1e-4 * length * slope + 1e-15 * abs(value):
+                break
+            length *= 0.5
+        y = y + length * direction
+        gap = dual.gap(y)
+        value = dual.value(y, gap)
+        if length == 1.0 and np.array_equal(pressing, gap > 0.0):
+            return y, iteration + 1
+    return y, most
+
+
+def _ray(dual: _Dual, y: FloatArray) -> FloatArray | None:
+    """Return the load-activated mechanism, if the proximal solution reveals one.
+
+    At the projection of the load on the cone of contact wrenches the rest r = Gλ + f is
+    orthogonal to the columns that press. Repeated solves with the pressing columns alone damp
+    every other part of r to round-off.
+    """
+    gap = dual.gap(y)
+    rest = dual.imbalance(gap)
+    weights = np.where(gap > 0.0, dual.column**2, 0.0)
+    scale = float(weights.sum()) / len(rest)
+    direction = rest / np.linalg.norm(rest)
+    if scale > 0.0:
+        shift = 1e-9 * scale
+        try:
+            solve = dual.jacobian.normal_solver(weights, shift)
+        except scipy.linalg.LinAlgError:
+            return None
+        for _ in range(6):
+            direction = shift * solve(direction)
+            size = float(np.linalg.norm(direction))
+            if size < _SMALLEST_WORK:
+                return None
+            direction = direction / size
+    work = float(dual.load @ direction)
+    closing = -float(dual.gap(direction).min(initial=0.0))
+    if work > _SMALLEST_WORK and closing <= _RAY_TOLERANCE * work:
+        return direction
+    return None
+
+
+def newton_equilibrium(
+    jacobian: ContactJacobian,
+    load: FloatArray,
+    *,
+    weights: FloatArray | None = None,
+    start: FloatArray | None = None,
+    most_iterations: int = 400,
+) -> Equilibrium:
+    """Dual semismooth Newton method for eq. QP.
+
+    Parameters
+    ----------
+    jacobian
+        G, (n_rows, n_contacts).
+    load
+        f, (n_rows,) [N].
+    weights
+        Column scaling of `column_weights`, (n_contacts,); ones by default.
+    start
+        Initial dual variable, (n_rows,), in units of the load.
+    most_iterations
+        Newton iterations before giving up undecided.
+    """
+    n_rows, n_contacts = jacobian.shape
+    size = float(np.linalg.norm(load))
+    if size == 0.0:
+        return _trivial(jacobian)
+    if n_contacts == 0:
+        return _uncontacted(jacobian, load)
+    column = np.ones(n_contacts) if weights is None else weights
+    # G Gᵀ has trace Σ c² ‖g‖², of order n_contacts: ε is relative to its mean eigenvalue.
+    scale = float(column @ column) / n_rows
+    y = np.zeros(n_rows) if start is None else start / size
+    dual = _Dual(jacobian, load / size, column, y, 1e-4 * scale)
+    used, best = 0, np.inf
+    direction: FloatArray | None = None
+    final_y, final_forces = y, np.zeros(n_contacts)
+    while used < most_iterations:
+        try:
+            y, spent = _newton(dual, y, 0.1 * _TARGET, most_iterations - used)
+        except scipy.linalg.LinAlgError:
+            dual.epsilon, used = 100.0 * dual.epsilon, used + 1
+            continue
+        used += max(spent, 1)
+        gap = dual.gap(y)
+        residual = float(np.linalg.norm(dual.imbalance(gap)))
+        stalled = residual > 0.5 * best and residual < _STALLED
+        if residual < best:
+            best, final_y, final_forces = residual, y, column * np.maximum(gap, 0.0)
+        if best <= _TARGET or stalled:
+            break
+        if best > _STALLED:
+            direction = _ray(dual, y)
+            if direction is not None:
+                break
+        dual.centre = y
+        dual.epsilon = max(0.01 * dual.epsilon, 1e-15 * scale)
+    holds = direction is None and best <= EQUILIBRIUM_TOLERANCE
+    if direction is not None:
+        status = _infeasible_status()
+    else:
+        status = _balanced(best) if holds else _undecided(best)
+    return Equilibrium(
+        holds=holds,
+        forces=size * final_forces,
+        residual=best,
+        mechanism=direction,
+        iterations=used,
+        multiplier=size * final_y,
+        status=status,
+    )
+
+
+def clarabel_equilibrium(
+    jacobian: ContactJacobian,
+    load: FloatArray,
+    *,
+    weights: FloatArray | None = None,
+) -> Equilibrium:
+    """Solve the same problem by clarabel's interior-point method through qpsolvers.
+
+    Parameters and result as in `newton_equilibrium`. Where clarabel finds no equilibrium, the
+    mechanism comes from the projection min ½‖G λ + f‖², λ >= 0, solved by clarabel too: its
+    residual is a load-activated mechanism.
+    """
+    import qpsolvers
+
+    n_rows, n_contacts = jacobian.shape
+    size = float(np.linalg.norm(load))
+    if size == 0.0:
+        return _trivial(jacobian)
+    if n_contacts == 0:
+        return _uncontacted(jacobian, load)
+    column = np.ones(n_contacts) if weights is None else weights
+    matrix = sp.csc_matrix(jacobian.to_matrix() * column[None, :])
+    unit_load = load / size
+    tight = {"tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12, "tol_feas": 1e-12}
+    # The natural size of λ is 1/n_contacts; the objective is scaled so that clarabel's absolute
+    # tolerances mean the same in every problem.
+    solution = qpsolvers.solve_problem(
+        qpsolvers.Problem(
+            P=sp.eye(n_contacts, format="csc"),
+            q=np.zeros(n_contacts),
+            A=matrix,
+            b=-unit_load,
+            lb=np.zeros(n_contacts),
+        ),
+        solver="clarabel",
+        **tight,
+    )
+    iterations = int(solution.extras.get("iterations", 0)) if solution.extras else 0
+    # An infeasible problem still returns a vector: the residual, not `found` alone, decides.
+    if solution.x is not None:
+        mu = np.maximum(np.asarray(solution.x), 0.0)
+        residual = float(np.linalg.norm(matrix @ mu + unit_load))
+        if residual <= EQUILIBRIUM_TOLERANCE:
+            multiplier = size * np.asarray(solution.y) if solution.y is not None else None
+            return Equilibrium(
+                True,
+                size * column * mu,
+                residual,
+                None,
+                iterations,
+                -multiplier if multiplier is not None else np.zeros(n_rows),
+                _balanced(residual),
+            )
+    return _clarabel_projection(load, column, matrix, size)
+
+
+def _clarabel_projection(
+    load: FloatArray,
+    column: FloatArray,
+    matrix: sp.csc_matrix,
+    size: float,
+) -> Equilibrium:
+    """Project the load on the cone of contact wrenches; the rest is the mechanism."""
+    import qpsolvers
+
+    n_rows, n_contacts = matrix.shape
+    unit_load = load / size
+    # Variables (μ, r) with r = G μ + f keep the problem as sparse as G.
+    cost = sp.block_diag([sp.csc_matrix((n_contacts, n_contacts)), sp.eye(n_rows)], format="csc")
+    problem = qpsolvers.Problem(
+        P=cost,
+        q=np.zeros(n_contacts + n_rows),
+        A=sp.hstack([matrix, -sp.eye(n_rows)], format="csc"),
+        b=-unit_load,
+        lb=np.concatenate([np.zeros(n_contacts), np.full(n_rows, -np.inf)]),
+    )
+    solution = qpsolvers.solve_problem(problem, solver="clarabel")
+    if solution.x is None:
+        return Equilibrium(
+            False, np.zeros(n_contacts), 1.0, None, 0, np.zeros(n_rows), _undecided(1.0)
+        )
+    mu = np.maximum(np.asarray(solution.x[:n_contacts]), 0.0)
+    imbalance = matrix @ mu + unit_load
+    residual = float(np.linalg.norm(imbalance))
+    direction = imbalance / residual if residual > EQUILIBRIUM_TOLERANCE else None
+    return Equilibrium(
+        holds=direction is None,
+        forces=size * column * mu,
+        residual=residual,
+        mechanism=direction,
+        iterations=0,
+        multiplier=np.zeros(n_rows),
+        status=_infeasible_status() if direction is not None else _balanced(residual),
+    )
+
+
+def equilibrium(
+    jacobian: ContactJacobian,
+    load: FloatArray,
+    *,
+    solver: Solver = Solver.NEWTON,
+    weights: FloatArray | None = None,
+) -> Equilibrium:
+    """Contact forces of minimum norm, by the named solver; see the solvers for the arguments."""
+    if solver is Solver.CLARABEL:
+        return clarabel_equilibrium(jacobian, load, weights=weights)
+    return newton_equilibrium(jacobian, load, weights=weights)

@@ -1,0 +1,44 @@
+"""Generalized external force: the wrench of the load on each free block."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from geometry.assembly import Assembly
+from geometry.load_case import LoadCase
+from geometry.mesh import FloatArray, IntArray
+
+
+def block_wrenches(assembly: Assembly, load: LoadCase) -> FloatArray:
+    """Force and moment of a load about each block's mass centroid.
+
+    Facet forces act at facet centroids, as in Algorithm 1 of the paper. For a load without
+    couple the force acts at the mass centroid.
+
+    Returns
+    -------
+    FloatArray
+        (F, M) per block, (n_blocks, 6) [N, N mm].
+    """
+    wrench = np.zeros((assembly.n_blocks, 6))
+    force = load.facet_forces
+    np.add.at(wrench[:, :3], load.block, force)
+    if not load.without_couple:
+        arm = load.centroids - assembly.centroids[load.block]
+        np.add.at(wrench[:, 3:], load.block, np.cross(arm, force))
+    return wrench
+
+
+def generalized_force(
+    assembly: Assembly, load: LoadCase, free_blocks: IntArray, length: float
+) -> FloatArray:
+    """Stack (F, M/ℓ) of the free blocks, the order and scale of the contact Jacobian's rows.
+
+    Returns
+    -------
+    FloatArray
+        (6 n_free,) [N].
+    """
+    wrench = block_wrenches(assembly, load)[free_blocks]
+    wrench[:, 3:] /= length
+    return wrench.ravel()

@@ -1,0 +1,253 @@
+"""Mechanism classes with certificates that one multiplication checks.
+
+The printed linear program (eq. kinematic-feasibility-lp) is degenerate: δq = 0, s = 1 is always
+optimal. What it means to ask is whether the cone {δq : Gᵀδq >= 0} is {0}. By the theorem of the
+alternative (Stiemke, Gordan) it is, if and only if rank G = 6 N_b *and* some strictly positive λ
+has Gλ = 0, a positive self-stress. With λ = 1 + μ that self-stress is an equilibrium problem with
+the load G1, which the dual Newton method solves; where there is none, the method returns a
+mechanism.
+
+The two linear programs that follow in the paper (activated, suppressed) are equilibrium problems
+as well: max fᵀδq over the cone is positive if and only if no equilibrium with f exists, and
+min fᵀδq is negative if and only if none exists with -f.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+import scipy.sparse as sp
+
+from geometry.mesh import FloatArray
+from mbd.contact_jacobian import ContactJacobian
+from mbd.equilibrium import EQUILIBRIUM_TOLERANCE, newton_equilibrium
+
+#: Singular values of G below this fraction of the largest count as zero.
+RANK_TOLERANCE = 1e-10
+
+
+class MechanismClass(StrEnum):
+    """Kinematic classes of the paper."""
+
+    LOCKED = "locked"
+    """No mechanism at all."""
+    SUPPRESSED = "suppressed"
+    """Mechanisms exist; the load opposes some and drives none."""
+    NEUTRAL = "neutral"
+    """Mechanisms exist; the load works on none of them."""
+    ACTIVATED = "activated"
+    """The load drives a mechanism."""
+    UNDECIDED = "undecided"
+    """Neither a self-stress nor a mechanism could be certified within tolerance."""
+
+
+@dataclass(frozen=True)
+class SelfStress:
+    """Certificate of *locked*: λ >= 1 with G λ = 0, and full rank."""
+
+    forces: FloatArray
+    """λ, every entry at least 1; (n_contacts,)."""
+    residual: float
+    """‖G λ‖ / ‖λ‖."""
+    smallest_singular_value: float
+    """σ_min(G) / σ_max(G); positive: full rank."""
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """Certificate of a mechanism: δq ≠ 0 with Gᵀδq >= 0."""
+
+    virtual_displacement: FloatArray
+    """(δt, ℓ δθ) of each free block, ‖δq‖ = 1; (n_free, 6)."""
+    smallest_gap_rate: float
+    """min Gᵀδq; zero to round-off or positive."""
+    work: float
+    """fᵀδq / ‖f‖: positive where the load drives it, 0 for a zero load."""
+
+
+@dataclass(frozen=True)
+class Classification:
+    """Mechanism class and its certificate."""
+
+    mechanism: MechanismClass
+    certificate: SelfStress | Mechanism | None
+    """Self-stress if locked; the activated, opposed or some admissible mechanism if not."""
+
+    @property
+    def locked(self) -> bool:
+        """Whether no mechanism exists."""
+        return self.mechanism is MechanismClass.LOCKED
+
+
+def as_mechanism(jacobian: ContactJacobian, direction: FloatArray, load: FloatArray) -> Mechanism:
+    """Package a direction as a certificate, measured against G and f."""
+    unit = direction / np.linalg.norm(direction)
+    rates = jacobian.gap_rates(unit)
+    size = float(np.linalg.norm(load))
+    return Mechanism(
+        virtual_displacement=unit.reshape(-1, 6) if len(unit) % 6 == 0 else unit[None, :],
+        smallest_gap_rate=float(rates.min(initial=0.0)) if len(rates) else 0.0,
+        work=float(load @ unit) / size if size > 0 else 0.0,
+    )
+
+
+def smallest_singular_pair(jacobian: ContactJacobian) -> tuple[float, FloatArray]:
+    """σ_min(G)/σ_max(G) and its left singular vector, by inverse subspace iteration.
+
+    σ is evaluated as ‖Gᵀv‖, not as the root of an eigenvalue of G Gᵀ, so ratios down to 1e-15 are
+    seen, not only down to 1e-8.
+    """
+    n_rows, n_contacts = jacobian.shape
+    rng = np.random.default_rng(0)
+    ones = np.ones(n_contacts)
+    largest = _largest_singular_value(jacobian)
+    if largest == 0.0:
+        return 0.0, np.eye(1, n_rows)[0]
+    shift = 1e-15 * largest**2
+    solve = None
+    while solve is None:
+        try:
+            solve = jacobian.normal_solver(ones, shift)
+        except scipy.linalg.LinAlgError:
+            shift *= 10.0
+    subspace = np.linalg.qr(rng.standard_normal((n_rows, min(n_rows, 8))))[0]
+    for _ in range(8):
+        subspace = np.linalg.qr(np.column_stack([solve(v) for v in subspace.T]))[0]
+    rates = np.column_stack([jacobian.gap_rates(v) for v in subspace.T])
+    _, values, right = np.linalg.svd(rates, full_matrices=False)
+    vector: FloatArray = subspace @ right[-1]
+    return float(values[-1]) / largest, vector
+
+
+def _largest_singular_value(jacobian: ContactJacobian) -> float:
+    n_rows, n_contacts = jacobian.shape
+    if n_contacts == 0:
+        return 0.0
+    v = np.random.default_rng(1).standard_normal(n_rows)
+    value = 0.0
+    for _ in range(30):
+        v = v / np.linalg.norm(v)
+        rates = jacobian.gap_rates(v)
+        value = float(np.linalg.norm(rates))
+        v = jacobian.resultant(rates)
+    return value
+
+
+def classify(jacobian: ContactJacobian, load: FloatArray) -> Classification:
+    """Mechanism class of an assembly under a load, with a certificate.
+
+    Parameters
+    ----------
+    jacobian
+        G, (n_rows, n_contacts).
+    load
+        f, (n_rows,) [N].
+    """
+    n_rows, n_contacts = jacobian.shape
+    ones = np.ones(n_contacts)
+    admissible: FloatArray
+    if n_contacts == 0:
+        admissible = np.eye(1, n_rows)[0]
+    else:
+        self_load = jacobian.resultant(ones)
+        stress = newton_equilibrium(jacobian, self_load)
+        if not stress.holds and stress.mechanism is None:
+            return Classification(MechanismClass.UNDECIDED, None)
+        ratio, vector = smallest_singular_pair(jacobian)
+        if stress.holds and ratio > RANK_TOLERANCE:
+            forces = 1.0 + stress.forces
+            residual = np.linalg.norm(jacobian.resultant(forces)) / np.linalg.norm(forces)
+            return Classification(MechanismClass.LOCKED, SelfStress(forces, float(residual), ratio))
+        admissible = vector if stress.mechanism is None else stress.mechanism
+    return _classify_unlocked(jacobian, load, admissible)
+
+
+def _classify_unlocked(
+    jacobian: ContactJacobian, load: FloatArray, admissible: FloatArray
+) -> Classification:
+    driven = newton_equilibrium(jacobian, load)
+    if driven.mechanism is not None:
+        return Classification(
+            MechanismClass.ACTIVATED, as_mechanism(jacobian, driven.mechanism, load)
+        )
+    opposed = newton_equilibrium(jacobian, -load)
+    if not (driven.holds and (opposed.holds or opposed.mechanism is not None)):
+        return Classification(MechanismClass.UNDECIDED, as_mechanism(jacobian, admissible, load))
+    if opposed.mechanism is not None:
+        return Classification(
+            MechanismClass.SUPPRESSED, as_mechanism(jacobian, opposed.mechanism, load)
+        )
+    return Classification(MechanismClass.NEUTRAL, as_mechanism(jacobian, admissible, load))
+
+
+@dataclass(frozen=True)
+class LinearPrograms:
+    """Optimal values of the paper's three linear programs, the first one corrected."""
+
+    opening: float
+    """max Σ w, w = Gᵀδq, 0 <= w <= 1: zero if no motion opens a contact."""
+    largest_work: float
+    """γ_max = max fᵀδq / ‖f‖ over Gᵀδq >= 0, ‖δq‖₁ <= 1 (eq. kinematic-feasibility-mechanism)."""
+    smallest_work: float
+    """γ_min, the minimum (eq. kinematic-feasibility-mechanism-min)."""
+    mechanism: MechanismClass
+    """Class read off the three values (the rank from a singular value)."""
+
+
+def solve_linear_programs(
+    jacobian: ContactJacobian, load: FloatArray, *, tolerance: float = EQUILIBRIUM_TOLERANCE
+) -> LinearPrograms:
+    """Solve the three linear programs in HiGHS, an independent check of `classify`.
+
+    Slow (seconds where the dual Newton method takes hundredths); meant for cross-checks.
+    """
+    transpose = sp.csr_array(jacobian.to_matrix().T)
+    n_contacts, n_rows = transpose.shape
+    size = float(np.linalg.norm(load))
+    unit_load = load / size if size > 0 else load
+    unbounded = [(None, None)] * n_rows
+    opening = _highs(
+        cost=np.concatenate([np.zeros(n_rows), -np.ones(n_contacts)]),
+        equal=(sp.hstack([transpose, -sp.eye_array(n_contacts)]), np.zeros(n_contacts)),
+        bounds=[*unbounded, *[(0.0, 1.0)] * n_contacts],
+    )
+    # ‖δq‖₁ <= 1 with δq = p - n, p, n >= 0.
+    above = sp.vstack([sp.hstack([-transpose, transpose]), sp.csr_array(np.ones((1, 2 * n_rows)))])
+    limit = np.concatenate([np.zeros(n_contacts), [1.0]])
+    both = np.concatenate([unit_load, -unit_load])
+    bounds: list[tuple[float | None, float | None]] = [(0.0, None)] * (2 * n_rows)
+    largest = -_highs(cost=-both, above=(above, limit), bounds=bounds)
+    smallest = _highs(cost=both, above=(above, limit), bounds=bounds)
+    ratio, _ = smallest_singular_pair(jacobian)
+    if -opening <= tolerance and ratio > RANK_TOLERANCE:
+        mechanism = MechanismClass.LOCKED
+    elif largest > tolerance:
+        mechanism = MechanismClass.ACTIVATED
+    elif smallest < -tolerance:
+        mechanism = MechanismClass.SUPPRESSED
+    else:
+        mechanism = MechanismClass.NEUTRAL
+    return LinearPrograms(-opening, largest, smallest, mechanism)
+
+
+def _highs(
+    *,
+    cost: FloatArray,
+    bounds: list[tuple[float | None, float | None]],
+    equal: tuple[sp.sparray, FloatArray] | None = None,
+    above: tuple[sp.sparray, FloatArray] | None = None,
+) -> float:
+    constraints: dict[str, Any] = {}
+    if equal is not None:
+        constraints |= {"A_eq": sp.csc_array(equal[0]), "b_eq": equal[1]}
+    if above is not None:
+        constraints |= {"A_ub": sp.csc_array(above[0]), "b_ub": above[1]}
+    result = scipy.optimize.linprog(cost, bounds=bounds, method="highs", **constraints)
+    if not result.success:
+        raise RuntimeError(f"HiGHS could not solve a linear program: {result.message}")
+    return float(result.fun or 0.0)

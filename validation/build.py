@@ -1,0 +1,48 @@
+"""From scenes to what the solvers take: assemblies and load cases."""
+
+from __future__ import annotations
+
+from geometry.assembly import Assembly, AssemblyError
+from geometry.load_case import LoadCase, LoadCaseError, load_case
+from geometry.mesh import MeshError
+from geometry.sine_block import BlockParameterError, SineBlockDivisions, SineBlockParameters
+from geometry.tube import sine_tube
+from validation.errors import InputError
+from validation.scene import TubeScene
+
+
+def block_parameters(scene: TubeScene) -> SineBlockParameters:
+    """Return the block of a tube scene."""
+    return SineBlockParameters(**scene.block.model_dump(exclude={"type"}))
+
+
+def build_assembly(scene: TubeScene) -> Assembly:
+    """Build the blocks of a scene.
+
+    Raises
+    ------
+    InputError
+        When the parameters describe no assembly.
+    """
+    divisions = SineBlockDivisions(**scene.mesh.model_dump())
+    try:
+        return sine_tube(block_parameters(scene), divisions, scene.assembly.layers)
+    except (BlockParameterError, AssemblyError, MeshError) as error:
+        raise InputError(str(error)) from None
+
+
+def build_load(scene: TubeScene, assembly: Assembly) -> LoadCase:
+    """Build the load case of a scene.
+
+    Raises
+    ------
+    InputError
+        When the assembly cannot take it.
+    """
+    load = scene.load
+    try:
+        return load_case(
+            assembly, load.case, load.pressure, as_printed=load.as_printed, layer=load.layer
+        )
+    except LoadCaseError as error:
+        raise InputError(str(error)) from None

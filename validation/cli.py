@@ -1,0 +1,177 @@
+"""The command line. Bad input gives one line on standard error and exit status 2."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from validation.errors import InputError
+
+app = typer.Typer(
+    name="tubelock",
+    help="Topological interlocking assemblies: locked or not, contact pressures, stresses.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+reproduce_app = typer.Typer(
+    help="Reproduce the paper: its tables beside ours.", no_args_is_help=True
+)
+app.add_typer(reproduce_app, name="reproduce")
+
+SceneArgument = Annotated[
+    str, typer.Argument(metavar="SCENE", help="A built-in scene (see `scenes`) or a TOML file.")
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="SECTION.KEY=VALUE",
+        help="Replace or add a value of the scene; repeatable.",
+    ),
+]
+JsonOption = Annotated[
+    str | None,
+    typer.Option("--json", metavar="FILE|-", help="Write the result as JSON (- : to the screen)."),
+]
+
+
+def _console(json: str | None) -> Console:
+    """Text for people; moves aside when JSON takes standard output."""
+    return Console(stderr=json == "-", highlight=False, soft_wrap=True)
+
+
+@app.command()
+def scenes(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="Print this scene, to copy and change.")
+    ] = None,
+) -> None:
+    """List the built-in scenes, or print one as TOML."""
+    from validation.scene import builtin_names, builtin_text
+
+    if name is not None:
+        sys.stdout.write(builtin_text(name))
+        return
+    console = _console(None)
+    for scene in builtin_names():
+        first = builtin_text(scene).splitlines()[0].lstrip("# ")
+        console.print(f"{scene:14} {first}")
+
+
+@app.command()
+def show(
+    scene: SceneArgument,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE.png", help="Picture to write.")
+    ] = Path("tube.png"),
+    settings: SetOption = None,
+) -> None:
+    """Draw a scene: blocks, frame, load and supports."""
+    from validation.build import build_assembly, build_load
+    from validation.files import prepare_file
+    from validation.scene import load_scene
+
+    file = load_scene(scene, settings or ())
+    if output.suffix.lower() != ".png":
+        raise InputError(f"-o {output}: expected a file name that ends in .png")
+    prepare_file(output)
+    assembly = build_assembly(file.scene)
+    load = build_load(file.scene, assembly)
+    from validation.pictures import draw_assembly
+
+    draw_assembly(assembly, load, output, title=file.name)
+    _console(None).print(f"picture   {output}")
+
+
+@app.command()
+def mbd(
+    scene: SceneArgument,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder for pressures (.vtu) and picture; out/SCENE unless --json is given.",
+        ),
+    ] = None,
+) -> None:
+    """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
+    from validation.files import prepare_folder, prepare_json, write_json
+    from validation.rigid import rigid_json, run_rigid, write_pressures
+    from validation.scene import load_scene
+    from validation.text import print_rigid
+
+    file = load_scene(scene, settings or ())
+    prepare_json(json)
+    folder = output
+    if folder is None and json is None:
+        folder = Path("out") / file.name
+    if folder is not None:
+        prepare_folder(folder)
+    run = run_rigid(file)
+    console = _console(json)
+    print_rigid(run, console)
+    if folder is not None:
+        from validation.pictures import draw_assembly, draw_pressures
+
+        vtu = folder / "contact_pressures.vtu"
+        write_pressures(run, vtu)
+        console.print(f"pressures {vtu}")
+        picture = folder / "contact_pressures.png"
+        if run.result.equilibrium.holds:
+            draw_pressures(run, picture)
+        else:
+            picture = folder / "scene.png"
+            draw_assembly(run.assembly, run.load, picture, title=file.name)
+        console.print(f"picture   {picture}")
+    write_json(json, rigid_json(run))
+
+
+@reproduce_app.command("tables")
+def reproduce_tables(json: JsonOption = None) -> None:
+    """Every row of the paper's tables: ours beside the printed value."""
+    from validation.files import prepare_json, write_json
+    from validation.paper.tables import compute_tables, print_tables, tables_json
+
+    prepare_json(json)
+    console = _console(json)
+    rows = compute_tables(console)
+    print_tables(rows, console)
+    write_json(json, tables_json(rows))
+
+
+@app.command()
+def demo(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the pictures.")
+    ] = Path("out/demo"),
+) -> None:
+    """Run the main job: the paper's tables beside ours, and pictures of the tubes."""
+    from validation.demo import run_demo
+
+    run_demo(output, _console(None))
+
+
+def main() -> None:
+    """Run the command line; the only place that turns errors into exit statuses."""
+    try:
+        app()
+    except InputError as error:
+        Console(stderr=True, soft_wrap=True, highlight=False, markup=False).print(f"error: {error}")
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        Console(stderr=True).print("interrupted")
+        raise SystemExit(130) from None
+
+
+if __name__ == "__main__":
+    main()

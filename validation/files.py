@@ -1,0 +1,77 @@
+"""Files the command line writes: folders checked before the work, every file whole or absent."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from validation.errors import InputError
+
+
+def prepare_folder(folder: Path) -> Path:
+    """Create a folder and make sure that it can be written, before any work is done.
+
+    Raises
+    ------
+    InputError
+        When it cannot.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(
+            f"{folder}: cannot be written ({error.strerror or error}); "
+            "give a folder you may write with -o"
+        ) from None
+    return folder
+
+
+def prepare_file(path: Path) -> Path:
+    """Make sure that a file can be written later; nothing is created but its folder.
+
+    Raises
+    ------
+    InputError
+        When it cannot.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; expected the name of a file to write")
+    prepare_folder(path.parent)
+    if path.exists() and not os.access(path, os.W_OK):
+        raise InputError(f"{path}: exists and cannot be overwritten; choose another name")
+    return path
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Let ``write`` fill a temporary sibling with the same suffix, then rename it to ``path``."""
+    partial = path.with_name(f".partial-{path.name}")
+    try:
+        write(partial)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def prepare_json(target: str | None) -> None:
+    """Check a ``--json`` target (a file, or ``-`` for standard output) before the work."""
+    if target is not None and target != "-":
+        prepare_file(Path(target))
+
+
+def write_json(target: str | None, data: Any) -> None:
+    """Write data as JSON, numbers in full precision, to a file or to standard output (``-``)."""
+    if target is None:
+        return
+    text = json.dumps(data, indent=2, allow_nan=False) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    else:
+        write_whole(Path(target), lambda path: path.write_text(text, "utf-8"))

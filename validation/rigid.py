@@ -1,0 +1,101 @@
+"""`tubelock mbd`: the rigid-block answer to a scene, as data, files and text."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry.assembly import Assembly
+from geometry.load_case import LoadCase
+from geometry.mesh_io import interface_surface, write_surface
+from mbd import Mechanism, RigidResult, SelfStress, analyse
+from validation.build import build_assembly, build_load
+from validation.scene import SceneFile
+
+
+@dataclass(frozen=True)
+class RigidRun:
+    """A scene, what was built from it, and the rigid-block result."""
+
+    scene: SceneFile
+    assembly: Assembly
+    load: LoadCase
+    result: RigidResult
+    cpu_seconds: dict[str, float]
+    """CPU time of each stage, building included [s]."""
+
+
+def run_rigid(scene: SceneFile) -> RigidRun:
+    """Build and analyse a scene."""
+    start = time.process_time()
+    assembly = build_assembly(scene.scene)
+    load = build_load(scene.scene, assembly)
+    built = time.process_time() - start
+    result = analyse(assembly, load, norm=scene.scene.rigid.norm, solver=scene.scene.rigid.solver)
+    seconds = {"build": built, **result.cpu_seconds}
+    seconds["total"] = built + result.cpu_seconds["total"]
+    return RigidRun(scene, assembly, load, result, seconds)
+
+
+def _certificate(result: RigidResult) -> dict[str, Any] | None:
+    certificate = result.classification.certificate
+    if isinstance(certificate, SelfStress):
+        return {
+            "kind": "self-stress",
+            "smallest_force": float(certificate.forces.min()),
+            "residual": certificate.residual,
+            "smallest_singular_value": certificate.smallest_singular_value,
+        }
+    if isinstance(certificate, Mechanism):
+        return {
+            "kind": "mechanism",
+            "virtual_displacement": certificate.virtual_displacement.tolist(),
+            "smallest_gap_rate": certificate.smallest_gap_rate,
+            "work": certificate.work,
+        }
+    return None
+
+
+def rigid_json(run: RigidRun) -> dict[str, Any]:
+    """Return the result as plain data, numbers in full precision."""
+    result = run.result
+    measures = None if result.measures is None else dataclasses.asdict(result.measures)
+    return {
+        "scene": run.scene.name,
+        "mechanism": str(result.mechanism),
+        "mechanism_as_supported": str(result.supported_classification.mechanism),
+        "certificate": _certificate(result),
+        "equilibrium": {
+            "holds": result.equilibrium.holds,
+            "residual": result.equilibrium.residual,
+            "iterations": result.equilibrium.iterations,
+            "status": result.equilibrium.status,
+        },
+        "measures": measures,
+        "n_blocks": result.n_blocks,
+        "n_contacts": result.n_contacts,
+        "cpu_seconds": run.cpu_seconds,
+    }
+
+
+def write_pressures(run: RigidRun, path: Path) -> None:
+    """Write the contact facets with pressures, forces, normals and blocks as `.vtu`."""
+    index = run.result.contact_index
+    interfaces = run.assembly.interfaces
+    write_surface(
+        path,
+        interface_surface(run.assembly, index),
+        {
+            "contact_pressure": run.result.contact_pressures,
+            "contact_force": run.result.contact_forces,
+            "area": interfaces.areas[index],
+            "normal": interfaces.normals[index],
+            "block_m": interfaces.block_m[index].astype(np.int32),
+            "block_s": interfaces.block_s[index].astype(np.int32),
+        },
+    )

@@ -1,0 +1,265 @@
+"""Scenes: short TOML files that say what is built, supported, loaded and asked.
+
+A scene is checked by pydantic at the door. What a scene does not name is off. The type of its
+``[block]`` decides which sections it may have.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import tomllib
+from collections.abc import Iterable, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from geometry.load_case import LoadCaseName
+from mbd import Norm, Solver
+from validation.errors import InputError
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Section(BaseModel):
+    """Base of all sections: frozen, and unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SineBlockSection(Section):
+    """``[block] type = "sine"``: TSB(h, a, f, s, n, r_i, t)."""
+
+    type: Literal["sine"]
+    height: Positive
+    """h [mm]"""
+    amplitude: NonNegative
+    """a [mm]"""
+    frequency: Positive
+    """f, waves per half block; 2f whole."""
+    shift: Finite = 0.0
+    """s, in units of π."""
+    blocks_per_layer: Annotated[int, Field(ge=2)]
+    """n"""
+    inner_radius: Positive
+    """r_i [mm]"""
+    thickness: Positive
+    """t [mm]"""
+
+
+class TubeAssemblySection(Section):
+    """``[assembly]`` of a tube."""
+
+    layers: Annotated[int, Field(ge=1)]
+    """Free layers L, the two frame layers not counted."""
+
+
+class TubeMeshSection(Section):
+    """``[mesh]`` of a tube: elements of one block in each direction."""
+
+    around: Annotated[int, Field(ge=1)]
+    radial: Annotated[int, Field(ge=1)]
+    axial: Annotated[int, Field(ge=1)]
+
+
+class TubeLoadSection(Section):
+    """``[load]`` of a tube: one of the five load cases."""
+
+    case: LoadCaseName
+    pressure: Finite = 0.01
+    """Load pressure [MPa]."""
+    as_printed: bool = False
+    """The reading that reproduces the paper's tables instead of what physics says."""
+    layer: Annotated[int, Field(ge=1)] | None = None
+    """Loaded layer of beam and shaft; by default the middle one, ⌊L/2⌋ + 1."""
+
+
+class RigidSection(Section):
+    """``[rigid]``: how the rigid-block equilibrium is solved."""
+
+    norm: Norm = Norm.FORCE
+    solver: Solver = Solver.NEWTON
+
+
+class TubeScene(Section):
+    """A tube of Sine Blocks."""
+
+    block: SineBlockSection
+    assembly: TubeAssemblySection
+    mesh: TubeMeshSection
+    load: TubeLoadSection
+    rigid: RigidSection = RigidSection()
+
+
+Scene: TypeAlias = TubeScene
+
+#: Scene class by ``[block] type``.
+SCENE_TYPES: dict[str, type[Scene]] = {"sine": TubeScene}
+
+
+class SceneFile(BaseModel):
+    """A checked scene and where it came from."""
+
+    model_config = ConfigDict(frozen=True, arbitrary_types_allowed=True)
+
+    name: str
+    """Name of the built-in scene or stem of the file."""
+    scene: Scene
+    """The checked content, overrides applied."""
+
+
+# ---------------------------------------------------------------------------------------------
+# Reading
+
+
+def builtin_names() -> list[str]:
+    """Names of the built-in scenes, sorted."""
+    folder = resources.files("validation") / "scenes"
+    return sorted(
+        p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml")
+    )
+
+
+def builtin_text(name: str) -> str:
+    """TOML text of a built-in scene.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, with the nearest ones.
+    """
+    if name not in builtin_names():
+        near = difflib.get_close_matches(name, builtin_names(), n=3, cutoff=0.4)
+        hint = f"did you mean {' or '.join(near)}?" if near else "see `tubelock scenes`"
+        raise InputError(f"scene {name!r} is neither a file nor a built-in scene; {hint}")
+    return (resources.files("validation") / "scenes" / f"{name}.toml").read_text("utf-8")
+
+
+def _read(source: str) -> tuple[str, str]:
+    """Name and TOML text of a built-in scene or a file."""
+    path = Path(source)
+    if path.suffix != ".toml" and not path.exists():
+        return source, builtin_text(source)
+    try:
+        return path.stem, path.read_text("utf-8")
+    except FileNotFoundError:
+        raise InputError(
+            f"{source}: no such file; expected a scene in TOML, or a name from `tubelock scenes`"
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{source}: cannot be read as a scene ({error})") from None
+
+
+def _value(text: str) -> Any:
+    """Value of an override: TOML if it parses, else a plain string."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
+    """Apply ``section.key=value`` assignments to a scene's data.
+
+    Raises
+    ------
+    InputError
+        For an assignment that has not this form.
+    """
+    result: dict[str, Any] = json.loads(json.dumps(data))
+    for override in overrides:
+        path, equals, text = override.partition("=")
+        keys = [key.strip() for key in path.split(".")]
+        if not equals or len(keys) < 2 or not all(keys):
+            raise InputError(
+                f"--set {override}: expected section.key=value, e.g. --set assembly.layers=4"
+            )
+        target = result
+        for key in keys[:-1]:
+            inner = target.setdefault(key, {})
+            if not isinstance(inner, dict):
+                raise InputError(f"--set {override}: {key!r} is a value, not a section")
+            target = inner
+        target[keys[-1]] = _value(text.strip())
+    return result
+
+
+def load_scene(source: str, overrides: Iterable[str] = ()) -> SceneFile:
+    """Read and check a scene.
+
+    Parameters
+    ----------
+    source
+        Path of a TOML file or name of a built-in scene.
+    overrides
+        ``section.key=value`` assignments that replace or add values.
+
+    Raises
+    ------
+    InputError
+        One line: what was got, what is expected, what to do.
+    """
+    name, text = _read(source)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{source}: is not TOML: {error}") from None
+    return SceneFile(name=name, scene=check_scene(apply_overrides(data, overrides), source))
+
+
+def check_scene(data: Mapping[str, Any], source: str = "scene") -> Scene:
+    """Check a scene's data.
+
+    Raises
+    ------
+    InputError
+        One line naming the first wrong value (and how many more there are).
+    """
+    block = data.get("block")
+    kind = block.get("type") if isinstance(block, dict) else None
+    if not isinstance(kind, str) or kind not in SCENE_TYPES:
+        known = ", ".join(f'"{k}"' for k in SCENE_TYPES)
+        got = "no [block] section" if not isinstance(block, dict) else f"got {kind!r}"
+        raise InputError(f"{source}: block.type: {got}, expected one of {known}")
+    model = SCENE_TYPES[kind]
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise InputError(f"{source}: {_one_line(error, model)}") from None
+
+
+# ---------------------------------------------------------------------------------------------
+# One clear line
+
+
+def _known_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
+    """Keys allowed at a place of the scene."""
+    for key in path:
+        field = model.model_fields.get(str(key))
+        inner = None if field is None else field.annotation
+        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
+            return []
+        model = inner
+    return list(model.model_fields)
+
+
+def _one_line(error: ValidationError, model: type[BaseModel]) -> str:
+    problems = error.errors(include_url=False)
+    first = problems[0]
+    place = ".".join(str(key) for key in first["loc"])
+    if first["type"] == "extra_forbidden":
+        known = _known_keys(model, first["loc"][:-1])
+        near = difflib.get_close_matches(str(first["loc"][-1]), known, n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]!r}?" if near else f"expected one of {', '.join(known)}"
+        line = f"unknown key {place}: {hint}"
+    elif first["type"] == "missing":
+        line = f"{place} is missing: add it to the scene"
+    else:
+        message = first["msg"][0].lower() + first["msg"][1:]
+        line = f"{place}: got {first['input']!r}; {message}"
+    more = len(problems) - 1
+    return line + (f" (and {more} more)" if more else "")

@@ -1,0 +1,51 @@
+"""Results as text for people (rich tables)."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from mbd import Mechanism, SelfStress
+from validation.rigid import RigidRun
+
+
+def _certificate_words(run: RigidRun) -> str:
+    certificate = run.result.classification.certificate
+    if isinstance(certificate, SelfStress):
+        return (
+            f"self-stress λ ≥ 1, ‖Gλ‖/‖λ‖ = {certificate.residual:.1e}, "
+            f"σ_min/σ_max = {certificate.smallest_singular_value:.1e}"
+        )
+    if isinstance(certificate, Mechanism):
+        return (
+            f"mechanism δq, min Gᵀδq = {certificate.smallest_gap_rate:.1e}, "
+            f"fᵀδq/‖f‖ = {certificate.work:.3g}"
+        )
+    return "none"
+
+
+def print_rigid(run: RigidRun, console: Console) -> None:
+    """Print class, residual, measures and times of a rigid result."""
+    result, scene = run.result, run.scene.scene
+    table = Table(title=f"{run.scene.name}: rigid blocks", show_header=False, title_justify="left")
+    table.add_column(justify="left")
+    table.add_column(justify="left")
+    table.add_row("mechanism (frame fixed)", f"{result.mechanism}")
+    if result.supported_classification is not result.classification:
+        table.add_row("mechanism (as supported)", f"{result.supported_classification.mechanism}")
+    table.add_row("certificate", _certificate_words(run))
+    table.add_row("equilibrium", result.equilibrium.status)
+    if result.measures is not None:
+        m = result.measures
+        table.add_row("effective contact elements", f"{m.effective_count_percent:.2f} %")
+        table.add_row("effective contact area", f"{m.effective_area_percent:.2f} %")
+        table.add_row("p_eff", f"{m.p_eff:.5g} MPa")
+        table.add_row("p_max", f"{m.p_max:.5g} MPa")
+    table.add_row("blocks, contacts", f"{result.n_blocks} free, {result.n_contacts}")
+    table.add_row(
+        "norm, solver",
+        f"{scene.rigid.norm}, {scene.rigid.solver} ({result.equilibrium.iterations} iterations)",
+    )
+    seconds = ", ".join(f"{stage} {value:.3f}" for stage, value in run.cpu_seconds.items())
+    table.add_row("CPU seconds", seconds)
+    console.print(table)
