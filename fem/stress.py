@@ -179,7 +179,9 @@ def nodal_stress_operator(mesh: HexMesh, material: Material, element: ElementTyp
 
     def weighted(coordinates: FloatArray) -> FloatArray:
         strain = element_strain_operator(coordinates, material, element)
-        corner = np.einsum("cp,epij->ecij", extrapolation, elasticity @ strain, optimize=True)
+        corner: FloatArray = np.einsum(
+            "cp,epij->ecij", extrapolation, elasticity @ strain, optimize=True
+        )
         corner *= gauss_gradients(coordinates)[1].sum(axis=1)[:, None, None, None]
         return corner.reshape(-1, 48, 24)
 
