@@ -43,7 +43,7 @@ def test_pressure_totals_are_exact_and_a_closed_surface_is_in_equilibrium() -> N
     assert total == pytest.approx(exact, abs=1e-13)
 
 
-def test_traction_totals_on_planar_facets_and_lanes() -> None:
+def test_traction_totals_on_planar_facets_and_of_all_copies() -> None:
     block = box_block((3.0, 2.0, 1.0), (3, 2, 2))
     traction = np.array([1.0, -2.0, 0.5])
     forces = traction_forces(block.mesh.nodes, block.faces["x+"], traction)
@@ -52,13 +52,13 @@ def test_traction_totals_on_planar_facets_and_lanes() -> None:
     moment = np.cross(block.mesh.nodes, forces).sum(axis=0)
     assert moment == pytest.approx(np.cross([3.0, 1.0, 0.5], 2.0 * traction), rel=1e-13)
     rng = np.random.default_rng(1)
-    lanes = block.mesh.nodes[:, :, None] + 0.1 * rng.normal(size=(block.mesh.n_nodes, 3, 3))
+    copies = block.mesh.nodes + 0.1 * rng.normal(size=(3, block.mesh.n_nodes, 3))
     quads = block.faces["z-"]
     for load, value in ((pressure_forces, 0.7), (traction_forces, traction)):
-        together = load(lanes, quads, value)
+        together = load(copies, quads, value)
         for copy in range(3):
-            alone = load(lanes[:, :, copy], quads, value)
-            assert together[:, :, copy] == pytest.approx(alone, abs=1e-14)
+            alone = load(copies[copy], quads, value)
+            assert together[copy] == pytest.approx(alone, abs=1e-14)
 
 
 def test_tangential_traction_twists_a_face_by_its_polar_moment() -> None:
