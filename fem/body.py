@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from fem.layout import BlockRows, LaneArray, block_rows, equal_work, padded_lanes
+from fem.layout import BlockRows, LaneArray, block_rows, padded_lanes
 from fem.model import Amplitude, BlockGroup, Model, ModelError, NodalLoad, Support
 from fem.viscosity import ElementViscosity, element_viscosity
 from geometry.mesh import FloatArray, IntArray
@@ -107,6 +107,17 @@ class Body:
     def n_copies(self) -> int:
         """Number of copies that exist; the other lanes are padding."""
         return self.group.n_copies
+
+    @property
+    def constant_bytes(self) -> int:
+        """Memory of stiffness, mass and connectivity."""
+        rows = [r for r in (self.rows, self.hourglass) if r is not None]
+        arrays = [a for r in rows for a in (r.blocks, r.column, r.pointer, r.order, r.row)]
+        arrays += [self.mass, self.reference]
+        if self.viscosity is not None:
+            v = self.viscosity
+            arrays += [v.element_rows, v.gradient, v.linear, v.quadratic, v.pointer, v.corner]
+        return sum(a.nbytes for a in arrays)
 
     @property
     def n_rows(self) -> int:
@@ -276,8 +287,3 @@ def _check_directions(
             f"{group.name}[{int(copies[k])}]: the supports of node {int(nodes[k])} are not "
             "orthonormal directions; expected each component to be prescribed once"
         )
-
-
-def applied_chunks(count: int) -> IntArray:
-    """Even pieces of ``count`` items."""
-    return equal_work(np.arange(count + 1))

@@ -24,16 +24,22 @@ from geometry.mesh import FloatArray
 
 
 class Interaction(Protocol):
-    """Forces between blocks (contact), one more term of the step."""
+    """Forces between blocks (contact), one more term of the step.
+
+    Made by `fem.model.InteractionModel.bind`; may hold work arrays of its own.
+    """
 
     def add_force(self, system: System, state: State) -> None:
         """Add forces of the current positions to the applied forces of the bodies."""
 
-    def energy(self, state: State) -> float:
+    def energy(self) -> float:
         """Energy stored at the last force evaluation [N mm]."""
 
-    def dissipation(self, state: State) -> float:
+    def dissipation(self) -> float:
         """Energy dissipated up to the last force evaluation [N mm]."""
+
+    def arrays(self) -> dict[str, LaneArray]:
+        """Arrays that evolve and must be in a checkpoint, by name; written in place."""
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ def energies(system: System, state: State) -> Energies:
         kinetic_energy=sum(float(now.kinetic.sum()) for now in state.bodies) + supports,
         strain_energy=sum(float(now.strain_energy.sum()) for now in state.bodies),
         hourglass_energy=sum(hourglass_energy(system, body, now) for body, now in pairs),
-        contact_energy=sum(i.energy(state) for i in system.interactions),
+        contact_energy=sum(i.energy() for i in system.interactions),
         external_work=sum(
             now.external_work.now + now.support_work.now + gravity_work(system, body, now)
             for body, now in pairs
@@ -93,7 +93,7 @@ def energies(system: System, state: State) -> Energies:
         bulk_viscosity_dissipation=sum(
             float(now.viscous.dissipated.sum()) for now in state.bodies if now.viscous is not None
         ),
-        frictional_dissipation=sum(i.dissipation(state) for i in system.interactions),
+        frictional_dissipation=sum(i.dissipation() for i in system.interactions),
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from scipy.sparse import bsr_array
@@ -20,6 +21,10 @@ from fem.hexahedron import (
 )
 from fem.material import Material
 from geometry.mesh import FloatArray, HexMesh, IntArray
+
+if TYPE_CHECKING:
+    from fem.body import Body
+    from fem.central_difference import Interaction
 
 Amplitude = Callable[[float], float]
 """Factor of a load or a displacement as a function of time [s]."""
@@ -230,6 +235,19 @@ def nodal_load(
     )
 
 
+class InteractionModel(Protocol):
+    """Statement of forces between blocks, such as contact; frozen."""
+
+    def touched_nodes(self, group: int) -> IntArray:
+        """Nodes of the group's mesh on which forces may act, (n,)."""
+
+    def nodal_stiffness(self, group: int) -> FloatArray | None:
+        """Stiffness to count on each node for the critical time step, (n_nodes,) [N/mm]."""
+
+    def bind(self, bodies: tuple[Body, ...]) -> Interaction:
+        """Prepare the force for the loop."""
+
+
 @dataclass(frozen=True)
 class Model:
     """Deformable blocks with supports, loads and effects."""
@@ -242,6 +260,8 @@ class Model:
     """Nodal forces."""
     effects: Effects = field(default_factory=Effects)
     """Damping, viscosity, rotation, gravity."""
+    interactions: tuple[InteractionModel, ...] = ()
+    """Contact; empty when blocks do not meet."""
 
     def __post_init__(self) -> None:
         if not self.groups:

@@ -90,6 +90,8 @@ class BodyState:
     """With stiffness-proportional damping."""
     mass_damping_work: FloatArray | None
     """With mass-proportional damping: (n_chunks, 2, lanes), see `fem.kernels.update`."""
+    remembered: FloatArray | None
+    """With adaptive damping: displacement and restoring force, (2, n_rows, 3, lanes)."""
     external_work: Work = field(default_factory=Work)
     """Of the loads."""
     support_work: Work = field(default_factory=Work)
@@ -149,6 +151,9 @@ def initial_body_state(
         viscous=_viscous_state(body),
         stiffness_damping=_stiffness_damping_state(body) if damped else None,
         mass_damping_work=np.zeros((n_chunks, 2, body.lanes)) if mass_damped else None,
+        remembered=None
+        if effects.adaptive_mass_damping is None
+        else np.zeros((2, body.n_rows, 3, body.lanes)),
     )
     if state.frame is not None:
         start_frames(state.frame, state.displacement, body)

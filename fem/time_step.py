@@ -146,6 +146,16 @@ def _damped_step(
 
 
 def critical_time_step(model: Model) -> CriticalTimeStep:
-    """Critical time step of a model: of its most demanding block."""
-    steps = [group_critical_time_step(group, model.effects) for group in model.groups]
+    """Critical time step of a model: of its most demanding block, interactions counted in."""
+    steps = [
+        group_critical_time_step(group, model.effects, extra_stiffness=_interaction(model, k))
+        for k, group in enumerate(model.groups)
+    ]
     return min(steps, key=lambda s: s.critical_time_step)
+
+
+def _interaction(model: Model, group: int) -> FloatArray | None:
+    """Sum of the stiffnesses of all interactions on the nodes of a group."""
+    parts = [interaction.nodal_stiffness(group) for interaction in model.interactions]
+    present = [part for part in parts if part is not None]
+    return np.sum(present, axis=0) if present else None
