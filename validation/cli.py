@@ -77,19 +77,18 @@ def show(
     settings: SetOption = None,
 ) -> None:
     """Draw a scene: blocks, frame, load and supports."""
-    from validation.build import build_assembly, build_load
     from validation.files import prepare_file
+    from validation.rigid import build_scene
     from validation.scene import load_scene
 
     file = load_scene(scene, settings or ())
     if output.suffix.lower() != ".png":
         raise InputError(f"-o {output}: expected a file name that ends in .png")
-    assembly = build_assembly(file.scene)
-    load = build_load(file.scene, assembly)
+    built = build_scene(file)
     prepare_file(output)
     from validation.pictures import draw_assembly
 
-    draw_assembly(assembly, load, output, title=file.name)
+    draw_assembly(built.assembly, built.load, output, title=file.name)
     _console(None).print(f"picture   {output}")
 
 
