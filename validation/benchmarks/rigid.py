@@ -25,9 +25,8 @@ from mbd import (
     newton_equilibrium,
     solve_linear_programs,
 )
-from validation.build import build_assembly
 from validation.files import prepare_json, write_json
-from validation.rigid import run_rigid
+from validation.rigid import build_scene, run_rigid
 from validation.scene import load_scene
 
 
@@ -67,7 +66,7 @@ def _scene(around: int, radial: int, axial: int, layers: int) -> list[str]:
 
 def newton_against_clarabel(settings: list[str]) -> BenchmarkRow:
     """Time both solvers on the same contact Jacobian (TSB1 pipe)."""
-    assembly = build_assembly(load_scene("tsb1-pipe", settings).scene)
+    assembly = build_scene(load_scene("tsb1-pipe", settings)).assembly
     load = load_case(assembly, "pipe", 0.01)
     contacts = contact_jacobian(assembly)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
@@ -81,7 +80,7 @@ def newton_against_clarabel(settings: list[str]) -> BenchmarkRow:
 
 def self_stress_against_highs(settings: list[str]) -> BenchmarkRow:
     """Time the classification by self-stress against the linear programs in HiGHS."""
-    assembly = build_assembly(load_scene("tsb1-pipe", settings).scene)
+    assembly = build_scene(load_scene("tsb1-pipe", settings)).assembly
     load = load_case(assembly, "pipe", 0.01)
     contacts = contact_jacobian(assembly)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
