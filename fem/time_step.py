@@ -17,9 +17,9 @@ from scipy.sparse import bsr_array, csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from fem.effects import Effects
+from fem.element_time_step import characteristic_length
 from fem.hexahedron import gauss_gradients, mean_gradients
 from fem.model import BlockGroup, Model
-from fem.viscosity import element_lengths
 from geometry.mesh import FloatArray
 
 
@@ -65,7 +65,7 @@ def viscosity_matrix(group: BlockGroup, linear_bulk_viscosity: float) -> csr_arr
     mesh, material = group.mesh, group.material
     mean, volume = mean_gradients(*gauss_gradients(mesh.nodes[mesh.elements]))
     impedance = linear_bulk_viscosity * material.density * material.dilatational_wave_speed
-    weight = impedance * volume * element_lengths(volume)
+    weight = impedance * volume * characteristic_length(mesh.nodes[mesh.elements])
     dofs = (3 * mesh.elements[:, :, None] + np.arange(3)).reshape(-1)
     pointer = 24 * np.arange(mesh.n_elements + 1)
     divergence = csr_array(
