@@ -17,13 +17,16 @@ algorithm", SIAM J. Control Optim. 14 (1976).
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
+from geometry.assembly import BoolArray
 from geometry.mesh import FloatArray
 from mbd.contact_jacobian import ContactJacobian
 
@@ -32,6 +35,7 @@ EQUILIBRIUM_TOLERANCE = 1e-6
 
 #: Relative residual at which the Newton iteration stops.
 _TARGET = 1e-12
+_EPS = float(np.finfo(np.float64).eps)
 #: Residual at which an iteration that no longer improves has reached round-off.
 _STALLED = 1e-9
 #: A mechanism d is load-activated where fᵀd exceeds this (‖f‖ = ‖d‖ = 1) …
@@ -152,6 +156,12 @@ class _Dual:
         return self.jacobian.resultant(self.column * np.maximum(gap, 0.0)) + self.load
 
 
+def _noise(dual: _Dual, y: FloatArray) -> FloatArray:
+    """Gaps below this are round-off of Gᵀy, (n_contacts,)."""
+    noise: FloatArray = 16 * _EPS * float(np.linalg.norm(y)) * dual.column
+    return noise
+
+
 def _newton(dual: _Dual, y: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int]:
     """Minimise one proximal dual; returns y and the iterations used.
 
@@ -180,40 +190,53 @@ def _newton(dual: _Dual, y: FloatArray, tolerance: float, most: int) -> tuple[Fl
         y = y + length * direction
         gap = dual.gap(y)
         value = dual.value(y, gap)
-        if length == 1.0 and np.array_equal(pressing, gap > 0.0):
+        changed = (pressing != (gap > 0.0)) & (np.abs(gap) > _noise(dual, y))
+        if length == 1.0 and not changed.any():
             return y, iteration + 1
     return y, most
+
+
+def _damped(dual: _Dual, rest: FloatArray, pressing: BoolArray) -> FloatArray | None:
+    """Part of ``rest`` orthogonal to the pressing columns, normalised, to round-off."""
+    weights = np.where(pressing, dual.column**2, 0.0)
+    scale = float(weights.sum()) / len(rest)
+    direction = rest / np.linalg.norm(rest)
+    if scale == 0.0:
+        return direction
+    shift = 1e-9 * scale
+    try:
+        solve = dual.jacobian.normal_solver(weights, shift)
+    except scipy.linalg.LinAlgError:
+        return None
+    for _ in range(6):
+        direction = shift * solve(direction)
+        size = float(np.linalg.norm(direction))
+        if size < _SMALLEST_WORK:
+            return None
+        direction = direction / size
+    return direction
 
 
 def _ray(dual: _Dual, y: FloatArray) -> FloatArray | None:
     """Return the load-activated mechanism, if the proximal solution reveals one.
 
     At the projection of the load on the cone of contact wrenches the rest r = Gλ + f is
-    orthogonal to the columns that press. Repeated solves with the pressing columns alone damp
-    every other part of r to round-off.
+    orthogonal to the columns that press; repeated solves with those alone damp every other part
+    of r. Which of the contacts with a gap of zero press is for round-off to say, so several
+    readings are tried: whatever passes the check is a certificate, the cleanest is returned.
     """
-    gap = dual.gap(y)
+    gap, noise = dual.gap(y), _noise(dual, y)
     rest = dual.imbalance(gap)
-    weights = np.where(gap > 0.0, dual.column**2, 0.0)
-    scale = float(weights.sum()) / len(rest)
-    direction = rest / np.linalg.norm(rest)
-    if scale > 0.0:
-        shift = 1e-9 * scale
-        try:
-            solve = dual.jacobian.normal_solver(weights, shift)
-        except scipy.linalg.LinAlgError:
-            return None
-        for _ in range(6):
-            direction = shift * solve(direction)
-            size = float(np.linalg.norm(direction))
-            if size < _SMALLEST_WORK:
-                return None
-            direction = direction / size
-    work = float(dual.load @ direction)
-    closing = -float(dual.gap(direction).min(initial=0.0))
-    if work > _SMALLEST_WORK and closing <= _RAY_TOLERANCE * work:
-        return direction
-    return None
+    best, cleanest = None, _RAY_TOLERANCE
+    for pressing in (gap > noise, gap > 0.0, gap > -noise):
+        direction = _damped(dual, rest, pressing)
+        if direction is None:
+            continue
+        work = float(dual.load @ direction)
+        closing = -float(dual.gap(direction).min(initial=0.0))
+        if work > _SMALLEST_WORK and closing <= cleanest * work:
+            best, cleanest = direction, closing / work
+    return best
 
 
 def newton_equilibrium(
@@ -313,9 +336,7 @@ def clarabel_equilibrium(
     matrix = sp.csc_matrix(jacobian.to_matrix() * column[None, :])
     unit_load = load / size
     tight = {"tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12, "tol_feas": 1e-12}
-    # The natural size of λ is 1/n_contacts; the objective is scaled so that clarabel's absolute
-    # tolerances mean the same in every problem.
-    solution = qpsolvers.solve_problem(
+    solution = _solve_by_clarabel(
         qpsolvers.Problem(
             P=sp.eye(n_contacts, format="csc"),
             q=np.zeros(n_contacts),
@@ -323,7 +344,6 @@ def clarabel_equilibrium(
             b=-unit_load,
             lb=np.zeros(n_contacts),
         ),
-        solver="clarabel",
         **tight,
     )
     iterations = int(solution.extras.get("iterations", 0)) if solution.extras else 0
@@ -343,6 +363,15 @@ def clarabel_equilibrium(
                 _balanced(residual),
             )
     return _clarabel_projection(load, column, matrix, size)
+
+
+def _solve_by_clarabel(problem: Any, **options: float) -> Any:
+    """Solve; its warning about an infeasible problem is silenced, for the residual decides."""
+    import qpsolvers
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Clarabel.rs terminated")
+        return qpsolvers.solve_problem(problem, solver="clarabel", **options)
 
 
 def _clarabel_projection(
@@ -365,7 +394,7 @@ def _clarabel_projection(
         b=-unit_load,
         lb=np.concatenate([np.zeros(n_contacts), np.full(n_rows, -np.inf)]),
     )
-    solution = qpsolvers.solve_problem(problem, solver="clarabel")
+    solution = _solve_by_clarabel(problem)
     if solution.x is None:
         return Equilibrium(
             False, np.zeros(n_contacts), 1.0, None, 0, np.zeros(n_rows), _undecided(1.0)

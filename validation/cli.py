@@ -77,19 +77,18 @@ def show(
     settings: SetOption = None,
 ) -> None:
     """Draw a scene: blocks, frame, load and supports."""
-    from validation.build import build_assembly, build_load
     from validation.files import prepare_file
+    from validation.rigid import build_scene
     from validation.scene import load_scene
 
     file = load_scene(scene, settings or ())
     if output.suffix.lower() != ".png":
         raise InputError(f"-o {output}: expected a file name that ends in .png")
+    built = build_scene(file)
     prepare_file(output)
-    assembly = build_assembly(file.scene)
-    load = build_load(file.scene, assembly)
     from validation.pictures import draw_assembly
 
-    draw_assembly(assembly, load, output, title=file.name)
+    draw_assembly(built.assembly, built.load, output, title=file.name)
     _console(None).print(f"picture   {output}")
 
 
@@ -110,19 +109,20 @@ def mbd(
 ) -> None:
     """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
     from validation.files import prepare_folder, prepare_json, write_json
-    from validation.rigid import rigid_json, run_rigid
+    from validation.rigid import analyse_rigid, build_scene, rigid_json
     from validation.rigid_files import write_rigid
     from validation.scene import load_scene
     from validation.text import print_rigid
 
     file = load_scene(scene, settings or ())
+    built = build_scene(file)
     prepare_json(json)
     folder = output
     if folder is None and json is None:
         folder = Path("out") / file.name
     if folder is not None:
         prepare_folder(folder)
-    run = run_rigid(file)
+    run = analyse_rigid(built)
     console = _console(json)
     print_rigid(run, console)
     if folder is not None:

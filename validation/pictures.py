@@ -291,7 +291,7 @@ def _between(run: RigidRun, lower: int) -> IntArray:
 
 def _pressure_title(run: RigidRun) -> str:
     measures = run.result.measures
-    text = f"{run.scene.name}{', as printed' if run.scene.scene.load.as_printed else ''}"
+    text = f"{run.name}{', as printed' if run.scene.load.as_printed else ''}"
     text += f": {run.result.mechanism}"
     if measures is not None:
         text += (
@@ -399,7 +399,7 @@ def draw_mechanism(run: RigidRun, path: Path) -> None:
         else ("the load does not drive it")
     )
     figure.suptitle(
-        f"{run.scene.name}: {result.mechanism}; a mechanism exists, {driven}",
+        f"{run.name}: {result.mechanism}; a mechanism exists, {driven}",
         fontsize=12,
         x=0.03,
         ha="left",

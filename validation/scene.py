@@ -19,16 +19,15 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from geometry.load_case import LoadCaseName
 from mbd import Norm, Solver
 from validation.errors import InputError
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-
-
-class Section(BaseModel):
-    """Base of all sections: frozen, and unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
+from validation.scene_base import Finite, NonNegative, Positive, Section
+from validation.scene_fem import (
+    BoxScene,
+    ContactSection,
+    DivisionsSection,
+    EffectsSection,
+    FemSection,
+    MaterialSection,
+)
 
 
 class SineBlockSection(Section):
@@ -93,6 +92,10 @@ class TubeScene(Section):
     mesh: TubeMeshSection
     load: TubeLoadSection
     rigid: RigidSection = RigidSection()
+    material: MaterialSection | None = None
+    contact: ContactSection | None = None
+    effects: EffectsSection = EffectsSection()
+    fem: FemSection | None = None
 
 
 class BrickSection(Section):
@@ -110,14 +113,6 @@ class StackAssemblySection(Section):
     layers: Annotated[int, Field(ge=1)]
 
 
-class DivisionsSection(Section):
-    """``[mesh]`` by elements along x, y, z."""
-
-    divisions: tuple[
-        Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]
-    ]
-
-
 class BrickScene(Section):
     """A stack of bricks between two fixed rows."""
 
@@ -128,10 +123,16 @@ class BrickScene(Section):
     rigid: RigidSection = RigidSection()
 
 
-Scene: TypeAlias = TubeScene | BrickScene
+#: Scenes of blocks that meet: what the rigid answer and load cases are for.
+AssemblyScene: TypeAlias = TubeScene | BrickScene
+Scene: TypeAlias = AssemblyScene | BoxScene
 
 #: Scene class by ``[block] type``.
-SCENE_TYPES: dict[str, type[Scene]] = {"sine": TubeScene, "brick": BrickScene}
+SCENE_TYPES: dict[str, type[Scene]] = {
+    "sine": TubeScene,
+    "brick": BrickScene,
+    "box": BoxScene,
+}
 
 
 class SceneFile(BaseModel):

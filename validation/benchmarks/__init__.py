@@ -1,0 +1,1 @@
+"""Benchmarks: CPU seconds and ratios measured in one run. They are never tests."""
