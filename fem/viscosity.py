@@ -23,7 +23,7 @@ from fem.effects import BulkViscosity
 from fem.element_time_step import characteristic_length
 from fem.hexahedron import gauss_gradients, mean_gradients
 from fem.layout import LaneArray, equal_work
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import IntArray
 
 if TYPE_CHECKING:
     from fem.model import BlockGroup

@@ -85,7 +85,7 @@ def test_forces_are_the_gradient_of_the_strain_energy():
         placed = now.internal_force[r.row].transpose(2, 0, 1)
         return 0.5 * total.sum(), np.einsum("cij,cnj->cni", PLACEMENTS[:2], placed)
 
-    energy, force = evaluate(start)
+    _, force = evaluate(start)
     for _ in range(4):
         direction = rng.standard_normal(start.shape)
         h = 1e-4

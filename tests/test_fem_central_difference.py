@@ -8,16 +8,17 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from fem import kernels
+from fem.central_difference import System, step
 from fem.effects import BulkViscosity, Effects, RayleighDamping
-from fem.explicit import Frame, Output, UnstableRun, initial_state, prepare, solve, watch
-from fem.central_difference import step
 from fem.energy import energies
-from fem.history import History
+from fem.explicit import Frame, Output, UnstableRun, initial_state, prepare, solve, watch
 from fem.hexahedron import ElementType
+from fem.history import History
 from fem.layout import aligned_zeros, to_lanes
 from fem.loads import SmoothStepAmplitude
 from fem.material import Material
 from fem.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
+from fem.state import State
 from fem.time_step import critical_time_step
 from geometry.block import box_block
 from geometry.mesh import CORNERS, HexMesh
@@ -336,12 +337,16 @@ def test_critical_time_step_is_sharp(name):
     assert stable.history.column("strain_energy").max() < 1e4 * start
     system = prepare(model, time_step=1.01 * stable.critical.critical_time_step)
     state = initial_state(system, velocities=[velocity])
-    history = History()
     with pytest.raises(UnstableRun, match=r"unstable at t = .* block\[0\] .*safety_factor"):
-        for _ in range(3000):
-            step(system, state, sample=True)
-            history.observe(energies(system, state))
-            watch(system, state, history)
+        watched_steps(system, state, 3000)
+
+
+def watched_steps(system: System, state: State, n_steps: int) -> None:
+    history = History()
+    for _ in range(n_steps):
+        step(system, state, sample=True)
+        history.observe(energies(system, state))
+        watch(system, state, history)
 
 
 def test_hourglass_modes_do_not_grow():

@@ -9,6 +9,7 @@ import textwrap
 import numpy as np
 import pytest
 
+from fem import explicit
 from fem.checkpoint import CheckpointError
 from fem.effects import (
     AdaptiveMassDamping,
@@ -145,7 +146,7 @@ def test_checkpoints_that_cannot_be_used(tmp_path):
 
 
 def test_unstable_run_stops_before_anything_not_finite_is_passed_on():
-    # β ten times what the step allows: the critical time step is overridden by the test alone.
+    # A stiffer block than the critical time step was computed for: ω Δt = 4.
     group = block_group(MESH, CONCRETE)
     force = np.zeros((group.n_nodes, 3))
     force[-1] = 1.0
@@ -156,8 +157,6 @@ def test_unstable_run_stops_before_anything_not_finite_is_passed_on():
     object.__setattr__(stiffer, "stiffness", 4.0 * group.stiffness)
     wild = Model((stiffer,), loads=model.loads)
     output = Output(on_frame=frames.append, frame_interval=10 * dt, progress=frames.append)
-    import fem.explicit as explicit
-
     patched = pytest.MonkeyPatch()
     patched.setattr(explicit, "critical_time_step", lambda _: critical_time_step(model))
     with patched.context(), pytest.raises(UnstableRun, match=r"block\[0\].*safety_factor"):

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from tests.fem_problems import CONCRETE, distorted_box
 
 from fem import kernels, reference
 from fem.hexahedron import ElementType, block_stiffness
 from fem.layout import BlockRows, aligned_zeros, block_rows, from_lanes, padded_lanes, to_lanes
+from tests.fem_problems import CONCRETE, distorted_box
 
 EPS = {np.float64: 2.0**-53, np.float32: 2.0**-24}
 
