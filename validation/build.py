@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from geometry.assembly import Assembly, AssemblyError
+from geometry.brick_stack import brick_stack
 from geometry.load_case import LoadCase, LoadCaseError, load_case
 from geometry.mesh import MeshError
 from geometry.sine_block import BlockParameterError, SineBlockDivisions, SineBlockParameters
 from geometry.tube import sine_tube
 from validation.errors import InputError
-from validation.scene import TubeScene
+from validation.scene import BrickScene, Scene, TubeScene
 
 
 def block_parameters(scene: TubeScene) -> SineBlockParameters:
@@ -16,7 +17,7 @@ def block_parameters(scene: TubeScene) -> SineBlockParameters:
     return SineBlockParameters(**scene.block.model_dump(exclude={"type"}))
 
 
-def build_assembly(scene: TubeScene) -> Assembly:
+def build_assembly(scene: Scene) -> Assembly:
     """Build the blocks of a scene.
 
     Raises
@@ -24,14 +25,21 @@ def build_assembly(scene: TubeScene) -> Assembly:
     InputError
         When the parameters describe no assembly.
     """
-    divisions = SineBlockDivisions(**scene.mesh.model_dump())
     try:
+        if isinstance(scene, BrickScene):
+            return brick_stack(
+                scene.block.size,
+                scene.mesh.divisions,
+                columns=scene.assembly.columns,
+                layers=scene.assembly.layers,
+            )
+        divisions = SineBlockDivisions(**scene.mesh.model_dump())
         return sine_tube(block_parameters(scene), divisions, scene.assembly.layers)
     except (BlockParameterError, AssemblyError, MeshError) as error:
         raise InputError(str(error)) from None
 
 
-def build_load(scene: TubeScene, assembly: Assembly) -> LoadCase:
+def build_load(scene: Scene, assembly: Assembly) -> LoadCase:
     """Build the load case of a scene.
 
     Raises

@@ -43,7 +43,11 @@ JsonOption = Annotated[
 
 def _console(json: str | None) -> Console:
     """Text for people; moves aside when JSON takes standard output."""
-    return Console(stderr=json == "-", highlight=False, soft_wrap=True)
+    console = Console(stderr=json == "-", highlight=False, soft_wrap=True)
+    if not console.is_terminal:
+        # A pipe or a log has no width of its own; tables need more than the default 80 columns.
+        console = Console(stderr=json == "-", highlight=False, soft_wrap=True, width=118)
+    return console
 
 
 @app.command()
@@ -106,7 +110,8 @@ def mbd(
 ) -> None:
     """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
     from validation.files import prepare_folder, prepare_json, write_json
-    from validation.rigid import rigid_json, run_rigid, write_pressures
+    from validation.rigid import rigid_json, run_rigid
+    from validation.rigid_files import write_rigid
     from validation.scene import load_scene
     from validation.text import print_rigid
 
@@ -121,18 +126,8 @@ def mbd(
     console = _console(json)
     print_rigid(run, console)
     if folder is not None:
-        from validation.pictures import draw_assembly, draw_pressures
-
-        vtu = folder / "contact_pressures.vtu"
-        write_pressures(run, vtu)
-        console.print(f"pressures {vtu}")
-        picture = folder / "contact_pressures.png"
-        if run.result.equilibrium.holds:
-            draw_pressures(run, picture)
-        else:
-            picture = folder / "scene.png"
-            draw_assembly(run.assembly, run.load, picture, title=file.name)
-        console.print(f"picture   {picture}")
+        for words, path in write_rigid(run, folder):
+            console.print(f"{words:9} {path}")
     write_json(json, rigid_json(run))
 
 

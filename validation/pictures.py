@@ -345,3 +345,67 @@ def draw_pressures(run: RigidRun, path: Path) -> None:
     colours = ScalarMappable(Normalize(0.0, highest), PRESSURE_MAP)
     figure.colorbar(colours, cax=bar, label="contact pressure [MPa]")
     save_figure(figure, path)
+
+
+def draw_mechanism(run: RigidRun, path: Path) -> None:
+    """Draw the certified mechanism: blocks moved along it, coloured by how far they move.
+
+    Parameters
+    ----------
+    run
+        A rigid result that is not locked, or whose load drives a mechanism.
+    path
+        PNG to write.
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    from validation.rigid import mechanism_displacements
+
+    assembly = run.assembly
+    displacement = mechanism_displacements(run)
+    if displacement is None:
+        raise ValueError("a locked assembly has no mechanism to draw")
+    scale = 0.3 * assembly.characteristic_length
+    counts = [assembly.shape(block).mesh.n_nodes for block in range(assembly.n_blocks)]
+    start = np.concatenate([[0], np.cumsum(counts)])
+
+    def add(plotter: Any) -> None:
+        for block in range(assembly.n_blocks):
+            moved = displacement[start[block] : start[block + 1]]
+            surface = _block_surface(assembly, block)
+            surface.points = surface.points + scale * moved
+            surface.point_data["motion"] = np.linalg.norm(moved, axis=1)
+            plotter.add_mesh(
+                surface,
+                scalars="motion",
+                cmap=PRESSURE_MAP,
+                clim=(0.0, 1.0),
+                ambient=0.4,
+                show_scalar_bar=False,
+            )
+            edges = surface.extract_feature_edges(
+                feature_angle=40, boundary_edges=False, non_manifold_edges=False
+            )
+            plotter.add_mesh(edges, color="#303030", line_width=1.2)
+
+    figure, axes = plt.subplots(figsize=(8, 9.5))
+    _place(axes, render(add, _EYE), f"first-order motion, drawn {scale:.3g} mm at its largest")
+    result = run.result
+    driven = (
+        "the load drives it"
+        if result.equilibrium.mechanism is not None
+        else ("the load does not drive it")
+    )
+    figure.suptitle(
+        f"{run.scene.name}: {result.mechanism}; a mechanism exists, {driven}",
+        fontsize=12,
+        x=0.03,
+        ha="left",
+    )
+    figure.subplots_adjust(left=0.03, right=0.84, top=0.9, bottom=0.04)
+    bar = figure.add_axes((0.87, 0.2, 0.025, 0.6))
+    colours = ScalarMappable(Normalize(0.0, 1.0), PRESSURE_MAP)
+    figure.colorbar(colours, cax=bar, label="displacement / largest displacement [–]")
+    save_figure(figure, path)

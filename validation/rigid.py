@@ -12,7 +12,8 @@ import numpy as np
 
 from geometry.assembly import Assembly
 from geometry.load_case import LoadCase
-from geometry.mesh_io import interface_surface, write_surface
+from geometry.mesh import FloatArray
+from geometry.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
 from mbd import Mechanism, RigidResult, SelfStress, analyse
 from validation.build import build_assembly, build_load
 from validation.scene import SceneFile
@@ -81,6 +82,51 @@ def rigid_json(run: RigidRun) -> dict[str, Any]:
         "n_contacts": result.n_contacts,
         "cpu_seconds": run.cpu_seconds,
     }
+
+
+def mechanism_displacements(run: RigidRun) -> FloatArray | None:
+    """First-order motion of every block's nodes under the certified mechanism.
+
+    Prefers the mechanism that the load drives; blocks held by the certificate's supports stay.
+
+    Returns
+    -------
+    FloatArray | None
+        Displacements of the nodes of `assembly_mesh`, largest 1, (n_nodes, 3); None if locked.
+    """
+    assembly, result = run.assembly, run.result
+    driven = result.equilibrium.mechanism
+    certificate = result.classification.certificate
+    if driven is not None:
+        motion, held = driven.reshape(-1, 6), run.load.fixed
+    elif isinstance(certificate, Mechanism):
+        motion, held = certificate.virtual_displacement, assembly.fixed
+    else:
+        return None
+    moving = np.zeros((assembly.n_blocks, 6))
+    moving[~held] = motion
+    parts = []
+    for block in range(assembly.n_blocks):
+        arm = assembly.nodes(block) - assembly.centroids[block]
+        turn = moving[block, 3:] / assembly.characteristic_length
+        parts.append(moving[block, :3] + np.cross(turn, arm))
+    displacement = np.concatenate(parts)
+    largest = float(np.linalg.norm(displacement, axis=1).max())
+    return displacement / largest
+
+
+def write_mechanism(run: RigidRun, path: Path) -> None:
+    """Write all blocks with the mechanism's first-order displacement as `.vtu`."""
+    displacement = mechanism_displacements(run)
+    if displacement is None:
+        raise ValueError("a locked assembly has no mechanism to write")
+    mesh, owner = assembly_mesh(run.assembly)
+    write_hex_mesh(
+        path,
+        mesh,
+        point_data={"mechanism": displacement},
+        cell_data={"block": owner.astype(np.int32)},
+    )
 
 
 def write_pressures(run: RigidRun, path: Path) -> None:

@@ -95,10 +95,43 @@ class TubeScene(Section):
     rigid: RigidSection = RigidSection()
 
 
-Scene: TypeAlias = TubeScene
+class BrickSection(Section):
+    """``[block] type = "brick"``: a plain brick for planar checks."""
+
+    type: Literal["brick"]
+    size: tuple[Positive, Positive, Positive]
+    """Length, depth (out of the wall), height [mm]."""
+
+
+class StackAssemblySection(Section):
+    """``[assembly]`` of a stack of bricks."""
+
+    columns: Annotated[int, Field(ge=1)] = 1
+    layers: Annotated[int, Field(ge=1)]
+
+
+class DivisionsSection(Section):
+    """``[mesh]`` by elements along x, y, z."""
+
+    divisions: tuple[
+        Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]
+    ]
+
+
+class BrickScene(Section):
+    """A stack of bricks between two fixed rows."""
+
+    block: BrickSection
+    assembly: StackAssemblySection
+    mesh: DivisionsSection
+    load: TubeLoadSection
+    rigid: RigidSection = RigidSection()
+
+
+Scene: TypeAlias = TubeScene | BrickScene
 
 #: Scene class by ``[block] type``.
-SCENE_TYPES: dict[str, type[Scene]] = {"sine": TubeScene}
+SCENE_TYPES: dict[str, type[Scene]] = {"sine": TubeScene, "brick": BrickScene}
 
 
 class SceneFile(BaseModel):
