@@ -1,8 +1,8 @@
 """Consistent nodal forces of pressures, tractions and body forces, and their amplitudes.
 
 Facets are bilinear quadrilaterals, counter-clockwise seen from outside. Coordinates are
-(n_nodes, 3) or, with copies as lanes, (n_nodes, 3, n_copies): pass the current ones for a load
-that follows the surface, the reference ones for a dead load.
+(n_nodes, 3) or, for copies of one block, (n_copies, n_nodes, 3): pass the current ones for a
+load that follows the surface, the reference ones for a dead load.
 """
 
 from __future__ import annotations
@@ -45,20 +45,21 @@ def facet_area_vectors(nodes: FloatArray, quads: IntArray) -> FloatArray:
     Returns
     -------
     FloatArray
-        (n_facets, 4 points, 3) or (n_facets, 4, 3, n_copies) [mm²]; their sum over the points
-        is the exact vector area of the facet, whatever its warp.
+        (..., n_facets, 4 points, 3) [mm²]; their sum over the points is the exact vector area
+        of the facet, whatever its warp.
     """
-    tangents = np.einsum("pak,fai...->fpki...", _SLOPES, nodes[quads])
-    return np.cross(tangents[:, :, 0], tangents[:, :, 1], axis=2)
+    tangents = np.einsum("pak,...fai->...fpki", _SLOPES, nodes[..., quads, :])
+    return np.cross(tangents[..., 0, :], tangents[..., 1, :])
 
 
 def scatter_to_nodes(corner_forces: FloatArray, quads: IntArray, n_nodes: int) -> FloatArray:
-    """Sum facet corner forces (n_facets, 4, 3[, n_copies]) to (n_nodes, 3[, n_copies])."""
-    columns = np.arange(quads.size)
-    gather = csr_array((np.ones(quads.size), (quads.ravel(), columns)), (n_nodes, quads.size))
-    tail = corner_forces.shape[2:]
-    forces = np.asarray(gather @ corner_forces.reshape(quads.size, -1), dtype=np.float64)
-    return forces.reshape(n_nodes, *tail)
+    """Sum facet corner forces (..., n_facets, 4, 3) at the nodes, (..., n_nodes, 3)."""
+    lead = corner_forces.shape[:-3]
+    corners = np.arange(quads.size)
+    gather = csr_array((np.ones(quads.size), (quads.ravel(), corners)), (n_nodes, quads.size))
+    columns = np.moveaxis(corner_forces.reshape(-1, quads.size, 3), 0, 1).reshape(quads.size, -1)
+    forces = np.asarray(gather @ columns, dtype=np.float64).reshape(n_nodes, -1, 3)
+    return np.ascontiguousarray(np.moveaxis(forces, 0, 1)).reshape(*lead, n_nodes, 3)
 
 
 def pressure_forces(nodes: FloatArray, quads: IntArray, pressure: float | FloatArray) -> FloatArray:
@@ -70,7 +71,7 @@ def pressure_forces(nodes: FloatArray, quads: IntArray, pressure: float | FloatA
     Parameters
     ----------
     nodes
-        (n_nodes, 3) or (n_nodes, 3, n_copies) [mm].
+        (n_nodes, 3) or (n_copies, n_nodes, 3) [mm].
     quads
         Loaded facets, (n_facets, 4), counter-clockwise seen from outside.
     pressure
@@ -79,7 +80,7 @@ def pressure_forces(nodes: FloatArray, quads: IntArray, pressure: float | FloatA
     Returns
     -------
     FloatArray
-        (n_nodes, 3) or (n_nodes, 3, n_copies) [N].
+        (n_nodes, 3) or (n_copies, n_nodes, 3) [N].
 
     Raises
     ------
@@ -88,8 +89,8 @@ def pressure_forces(nodes: FloatArray, quads: IntArray, pressure: float | FloatA
     """
     value = _per_facet(pressure, quads, "pressure", ())
     area = facet_area_vectors(nodes, quads)
-    corner = -np.einsum("f,pa,fpi...->fai...", value, _VALUES, area)
-    return scatter_to_nodes(corner, quads, len(nodes))
+    corner = -np.einsum("f,pa,...fpi->...fai", value, _VALUES, area)
+    return scatter_to_nodes(corner, quads, nodes.shape[-2])
 
 
 def traction_forces(nodes: FloatArray, quads: IntArray, traction: FloatArray) -> FloatArray:
@@ -101,7 +102,7 @@ def traction_forces(nodes: FloatArray, quads: IntArray, traction: FloatArray) ->
     Parameters
     ----------
     nodes
-        (n_nodes, 3) or (n_nodes, 3, n_copies) [mm].
+        (n_nodes, 3) or (n_copies, n_nodes, 3) [mm].
     quads
         Loaded facets, (n_facets, 4).
     traction
@@ -110,7 +111,7 @@ def traction_forces(nodes: FloatArray, quads: IntArray, traction: FloatArray) ->
     Returns
     -------
     FloatArray
-        (n_nodes, 3) or (n_nodes, 3, n_copies) [N].
+        (n_nodes, 3) or (n_copies, n_nodes, 3) [N].
 
     Raises
     ------
@@ -118,9 +119,9 @@ def traction_forces(nodes: FloatArray, quads: IntArray, traction: FloatArray) ->
         Traction not finite, or neither one vector nor one per facet.
     """
     value = _per_facet(traction, quads, "traction", (3,))
-    area = np.linalg.norm(facet_area_vectors(nodes, quads), axis=2)
-    corner = np.einsum("fi,pa,fp...->fai...", value, _VALUES, area)
-    return scatter_to_nodes(corner, quads, len(nodes))
+    area = np.linalg.norm(facet_area_vectors(nodes, quads), axis=-1)
+    corner = np.einsum("fi,pa,...fp->...fai", value, _VALUES, area)
+    return scatter_to_nodes(corner, quads, nodes.shape[-2])
 
 
 def tangential_traction_forces(
@@ -158,7 +159,7 @@ def tangential_traction_forces(
         raise LoadError("traction field: not finite at a Gauss point; expected finite tractions")
     traction = traction - (traction * normal).sum(axis=2, keepdims=True) * normal
     corner = np.einsum("pa,fpi->fai", _VALUES, traction * magnitude)
-    return scatter_to_nodes(corner, quads, len(nodes))
+    return scatter_to_nodes(corner, quads, nodes.shape[-2])
 
 
 def circumferential_traction(

@@ -1,9 +1,9 @@
 """Stresses at integration points and at nodes, principal stresses and von Mises stress.
 
 Every operator is linear in the displacement and the same for all copies of a block, so it is
-built once and applied to all copies. Displacements are (n_nodes, 3) or, with copies as lanes,
-(n_nodes, 3, n_copies); stresses are (n_points, 6) or (n_points, 6, n_copies) in the order
-(xx, yy, zz, xy, yz, xz), in the frame in which the displacement is given: the block's own.
+built once and applied to all copies. Displacements are (n_nodes, 3) or (n_copies, n_nodes, 3);
+stresses are (n_points, 6) or (n_copies, n_points, 6) in the order (xx, yy, zz, xy, yz, xz), in
+the frame in which the displacement is given: the block's own.
 
 Nodal recovery: the stresses at the 2 × 2 × 2 Gauss points are continued to the corners by the
 trilinear polynomial through them (a reduced element is constant), then averaged at each node
@@ -108,14 +108,20 @@ def integration_points(mesh: HexMesh, element: ElementType) -> FloatArray:
     return points.reshape(-1, 3)
 
 
-def _lanes(mesh: HexMesh, displacement: FloatArray) -> FloatArray:
-    """Displacement as (n_nodes, 3, n_copies), refused if it is not the mesh's."""
-    if displacement.shape[:2] != (mesh.n_nodes, 3) or displacement.ndim not in (2, 3):
+def _columns(n_nodes: int, displacement: FloatArray) -> FloatArray:
+    """Displacements of the copies as columns, (3 n_nodes, n_copies), refused if of another mesh."""
+    if displacement.ndim not in (2, 3) or displacement.shape[-2:] != (n_nodes, 3):
         raise DisplacementShapeError(
-            f"displacement: got shape {displacement.shape}; expected ({mesh.n_nodes}, 3) or "
-            f"({mesh.n_nodes}, 3, n_copies)"
+            f"displacement: got shape {displacement.shape}; expected ({n_nodes}, 3) or "
+            f"(n_copies, {n_nodes}, 3)"
         )
-    return displacement if displacement.ndim == 3 else displacement[:, :, None]
+    return np.ascontiguousarray(displacement.reshape(-1, 3 * n_nodes).T)
+
+
+def _rows(columns: FloatArray, displacement: FloatArray) -> FloatArray:
+    """Stresses (6 n, n_copies) as (n, 6) or (n_copies, n, 6), as the displacement has copies."""
+    copies: FloatArray = np.ascontiguousarray(columns.T).reshape(columns.shape[1], -1, 6)
+    return copies if displacement.ndim == 3 else copies.reshape(-1, 6)
 
 
 def integration_point_stress(
@@ -132,12 +138,12 @@ def integration_point_stress(
     element
         Choice of the hexahedron the displacement was computed with.
     displacement
-        (n_nodes, 3) or (n_nodes, 3, n_copies) [mm].
+        (n_nodes, 3) or (n_copies, n_nodes, 3) [mm].
 
     Returns
     -------
     FloatArray
-        (n_elements · n_points, 6) or (n_elements · n_points, 6, n_copies) [MPa], points in the
+        (n_elements · n_points, 6) or (n_copies, n_elements · n_points, 6) [MPa], points in the
         order of `integration_points`.
 
     Raises
@@ -145,18 +151,17 @@ def integration_point_stress(
     DisplacementShapeError
         The displacement is not the mesh's.
     """
-    lanes = _lanes(mesh, displacement)
-    n_copies = lanes.shape[2]
-    n_points = n_integration_points(element)
+    columns = _columns(mesh.n_nodes, displacement).reshape(mesh.n_nodes, 3, -1)
+    n_copies = columns.shape[2]
+    rows = 6 * n_integration_points(element)
     elasticity = material.elasticity_matrix()
-    stress = np.empty((mesh.n_elements, n_points * 6, n_copies))
+    stress = np.empty((mesh.n_elements, rows, n_copies))
     for part in chunks(mesh.n_elements):
         corners = mesh.elements[part]
         strain = element_strain_operator(mesh.nodes[corners], material, element)
-        operator = (elasticity @ strain).reshape(len(corners), n_points * 6, 24)
-        stress[part] = operator @ lanes[corners].reshape(len(corners), 24, n_copies)
-    copies: FloatArray = stress.reshape(-1, 6, n_copies)
-    return copies if displacement.ndim == 3 else copies.reshape(-1, 6)
+        operator = (elasticity @ strain).reshape(len(corners), rows, 24)
+        stress[part] = operator @ columns[corners].reshape(len(corners), 24, n_copies)
+    return _rows(stress.reshape(-1, n_copies), displacement)
 
 
 def nodal_stress_operator(mesh: HexMesh, material: Material, element: ElementType) -> bsr_array:
@@ -179,7 +184,9 @@ def nodal_stress_operator(mesh: HexMesh, material: Material, element: ElementTyp
 
     def weighted(coordinates: FloatArray) -> FloatArray:
         strain = element_strain_operator(coordinates, material, element)
-        corner = np.einsum("cp,epij->ecij", extrapolation, elasticity @ strain, optimize=True)
+        corner: FloatArray = np.einsum(
+            "cp,epij->ecij", extrapolation, elasticity @ strain, optimize=True
+        )
         corner *= gauss_gradients(coordinates)[1].sum(axis=1)[:, None, None, None]
         return corner.reshape(-1, 48, 24)
 
@@ -197,30 +204,27 @@ def nodal_stress(operator: bsr_array, displacement: FloatArray) -> FloatArray:
     operator
         From `nodal_stress_operator`.
     displacement
-        (n_nodes, 3) or (n_nodes, 3, n_copies) [mm].
+        (n_nodes, 3) or (n_copies, n_nodes, 3) [mm].
 
     Returns
     -------
     FloatArray
-        (n_nodes, 6) or (n_nodes, 6, n_copies) [MPa].
+        (n_nodes, 6) or (n_copies, n_nodes, 6) [MPa].
+
+    Raises
+    ------
+    DisplacementShapeError
+        The displacement is not that of the operator's mesh.
     """
-    n_nodes = operator.shape[1] // 3
-    if displacement.shape[:2] != (n_nodes, 3):
-        raise DisplacementShapeError(
-            f"displacement: got shape {displacement.shape}; expected ({n_nodes}, 3) or "
-            f"({n_nodes}, 3, n_copies)"
-        )
-    flat = displacement.reshape(3 * n_nodes, *displacement.shape[2:])
-    stress = np.asarray(operator @ flat, dtype=np.float64)
-    return stress.reshape(n_nodes, 6, *displacement.shape[2:])
+    columns = _columns(operator.shape[1] // 3, displacement)
+    return _rows(np.asarray(operator @ columns, dtype=np.float64), displacement)
 
 
 def stress_tensor(stress: FloatArray) -> FloatArray:
-    """Symmetric tensors (n, 3, 3) or (n, n_copies, 3, 3) of stresses (n, 6[, n_copies])."""
-    components = np.moveaxis(stress, 1, -1)
-    tensor = np.empty((*components.shape[:-1], 3, 3))
+    """Symmetric tensors (..., 3, 3) of stresses (..., 6)."""
+    tensor = np.empty((*stress.shape[:-1], 3, 3))
     for k, (i, j) in enumerate(VOIGT):
-        tensor[..., i, j] = tensor[..., j, i] = components[..., k]
+        tensor[..., i, j] = tensor[..., j, i] = stress[..., k]
     return tensor
 
 
@@ -230,40 +234,30 @@ def rotate_stress(stress: FloatArray, rotations: FloatArray) -> FloatArray:
     Parameters
     ----------
     stress
-        In the block's own frame, (n, 6, n_copies) [MPa].
+        In the block's own frame, (n_copies, n, 6) [MPa].
     rotations
         From the block's frame to the world's, (n_copies, 3, 3).
 
     Returns
     -------
     FloatArray
-        (n, 6, n_copies) [MPa].
+        (n_copies, n, 6) [MPa].
     """
-    turned = rotations @ stress_tensor(stress) @ np.swapaxes(rotations, 1, 2)
-    return np.stack([turned[..., i, j] for i, j in VOIGT], axis=1)
+    turn = rotations[:, None]
+    turned = turn @ stress_tensor(stress) @ np.swapaxes(turn, -1, -2)
+    return np.stack([turned[..., i, j] for i, j in VOIGT], axis=-1)
 
 
 def principal_stress(stress: FloatArray) -> FloatArray:
-    """Principal stresses, sigma_1 >= sigma_2 >= sigma_3, along axis 1.
-
-    Parameters
-    ----------
-    stress
-        (n, 6) or (n, 6, n_copies) [MPa].
-
-    Returns
-    -------
-    FloatArray
-        (n, 3) or (n, 3, n_copies) [MPa].
-    """
+    """Principal stresses, sigma_1 >= sigma_2 >= sigma_3: (..., 3) of (..., 6) [MPa]."""
     ascending = np.linalg.eigvalsh(stress_tensor(stress)).astype(np.float64, copy=False)
-    return np.moveaxis(ascending[..., ::-1], -1, 1)
+    return np.ascontiguousarray(ascending[..., ::-1])
 
 
 def von_mises_stress(stress: FloatArray) -> FloatArray:
-    """Von Mises stress, sqrt(3/2 s:s) of the deviator: (n,) or (n, n_copies) [MPa]."""
-    normal, shear = stress[:, :3], stress[:, 3:]
-    deviator = normal - normal.mean(axis=1, keepdims=True)
-    squares = (deviator**2).sum(axis=1) + 2.0 * (shear**2).sum(axis=1)
+    """Von Mises stress, sqrt(3/2 s:s) of the deviator: (...) of (..., 6) [MPa]."""
+    normal, shear = stress[..., :3], stress[..., 3:]
+    deviator = normal - normal.mean(axis=-1, keepdims=True)
+    squares = (deviator**2).sum(axis=-1) + 2.0 * (shear**2).sum(axis=-1)
     root: FloatArray = np.sqrt(1.5 * squares)
     return root
