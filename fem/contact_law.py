@@ -198,6 +198,15 @@ class _Law:
         """
         return _each(_overclosures, pressure, self.constants)
 
+    @property
+    def largest_initial_overclosure(self) -> float:
+        """Overclosure at which the curve of the law ends [mm]; deeper starts are refused.
+
+        The exponential ends where it continues linearly. A linear penalty has no such end: it
+        takes a micrometre, which the coordinates of a mesh may well be off by.
+        """
+        return max(self.constants.linear_start, 1e-3)
+
 
 def _require_positive(law: str, name: str, value: float, *, finite: bool = True) -> None:
     good = value > 0.0 and (math.isfinite(value) or (not finite and value == math.inf))
