@@ -239,12 +239,23 @@ def load_scene(source: str, overrides: Iterable[str] = ()) -> SceneFile:
     InputError
         One line: what was got, what is expected, what to do.
     """
+    name, data = scene_data(source)
+    return SceneFile(name=name, scene=check_scene(apply_overrides(data, overrides), source))
+
+
+def scene_data(source: str) -> tuple[str, dict[str, Any]]:
+    """Name and unchecked data of a built-in scene or a TOML file.
+
+    Raises
+    ------
+    InputError
+        When there is none, or it is not TOML.
+    """
     name, text = _read(source)
     try:
-        data = tomllib.loads(text)
+        return name, tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{source}: is not TOML: {error}") from None
-    return SceneFile(name=name, scene=check_scene(apply_overrides(data, overrides), source))
 
 
 def check_scene(data: Mapping[str, Any], source: str = "scene") -> Scene:
