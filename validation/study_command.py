@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -76,6 +77,8 @@ def run_sweep(
     prepare_json(json)
     if parquet is not None:
         require_parquet()
+    # A lost scheduler is told in one line of ours, not in a page of its client's.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     runner: Runner = (
         LocalRunner(study, workers) if scheduler is None else DaskRunner(study, scheduler)
     )

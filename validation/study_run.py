@@ -16,7 +16,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import chain, islice
 from multiprocessing.synchronize import Event
 from typing import Any, Protocol
 
@@ -132,6 +132,19 @@ def _one_thread_each() -> Iterator[None]:
                 os.environ[name] = value
 
 
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Let processes started here inherit a blocked Ctrl-C: stopping them is the parent's job."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _start_worker(stop: Event) -> None:
     """Leave Ctrl-C to the parent, and end when it asks to or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -166,13 +179,17 @@ class LocalRunner:
         """Rows in the order in which they are ready."""
         numbers = iter(numbers)
         while (first := next(numbers, None)) is not None:
-            lost = yield from self._pool(_chain(first, numbers), self.workers)
-            # One of these killed its worker, or someone else did: each gets a process alone.
-            for number in lost:
-                if (yield from self._pool(iter([number]), 1)):
+            window = _AHEAD * self.workers
+            lost = yield from self._pool(chain([first], numbers), self.workers, window)
+            # One of these killed its worker, or someone else did. One at a time tells which.
+            suspects = iter(lost)
+            while (first := next(suspects, None)) is not None:
+                for number in (yield from self._pool(chain([first], suspects), 1, 1)):
                     yield failed_row(self.study, number, _WORKER_DIED)
 
-    def _pool(self, numbers: Iterator[int], workers: int) -> Generator[Row, None, list[int]]:
+    def _pool(
+        self, numbers: Iterator[int], workers: int, window: int
+    ) -> Generator[Row, None, list[int]]:
         """Rows of one pool of processes; returns the designs in its hands if it broke."""
         context = multiprocessing.get_context("spawn")
         stop = context.Event()
@@ -182,14 +199,14 @@ class LocalRunner:
             )
             pending: dict[Future[Row], int] = {}
             try:
-                self._submit(pool, pending, numbers, _AHEAD * workers)
+                self._submit(pool, pending, numbers, window)
                 while pending:
                     finished, _ = wait(pending, return_when=FIRST_COMPLETED)
                     for future in finished:
                         row = future.result()
                         del pending[future]
                         yield row
-                    self._submit(pool, pending, numbers, _AHEAD * workers - len(pending))
+                    self._submit(pool, pending, numbers, window - len(pending))
             except BrokenProcessPool:
                 return sorted(pending.values())
             except BaseException:
@@ -210,14 +227,10 @@ class LocalRunner:
             # Noted before it is handed over: a pool that breaks here loses nothing.
             placeholder: Future[Row] = Future()
             pending[placeholder] = number
-            future = pool.submit(run_design, self._text, number)
+            with _interrupts_held():
+                future = pool.submit(run_design, self._text, number)
             del pending[placeholder]
             pending[future] = number
-
-
-def _chain(first: int, rest: Iterator[int]) -> Iterator[int]:
-    yield first
-    yield from rest
 
 
 # ---------------------------------------------------------------------------------------------
@@ -246,6 +259,7 @@ class DaskRunner:
         """
         try:
             from distributed import Client
+            from distributed.comm import get_address_host_port
         except ImportError:
             raise InputError(
                 "--scheduler needs the library distributed: pip install 'tubelock[dask]'"
@@ -255,12 +269,25 @@ class DaskRunner:
         self._session = f"tubelock-{uuid.uuid4().hex[:12]}"
         self._text = study.to_json()
         try:
+            get_address_host_port(address, strict=True)
+        except ValueError:
+            raise InputError(
+                f"--scheduler {address}: expected an address such as tcp://10.0.0.1:8786"
+            ) from None
+        try:
             self._client: Any = Client(address, timeout=timeout, set_as_default=False)
-        except (OSError, ValueError, TypeError) as error:
+        except OSError as error:
             raise InputError(
                 f"--scheduler {address}: no Dask scheduler answers there within {timeout:g} s "
                 f"({' '.join(str(error).split())[:120]}); start one with `dask scheduler` and "
-                "workers with `dask worker ADDRESS`"
+                f"workers with `dask worker {address}`"
+            ) from None
+        try:
+            self._client.wait_for_workers(1, timeout=timeout)
+        except TimeoutError:
+            self._client.close(timeout=2)
+            raise InputError(
+                f"--scheduler {address}: it has no workers; start some with `dask worker {address}`"
             ) from None
 
     def rows(self, numbers: Iterable[int]) -> Generator[Row, None, None]:
@@ -278,18 +305,17 @@ class DaskRunner:
         try:
             threads = sum(self._client.nthreads().values())
             handed = self._submit(islice(numbers, _AHEAD * max(threads, 1)))
-            ready = as_completed(list(handed))
+            ready = as_completed(list(handed), loop=self._client.loop)
             for future in ready:
                 number = handed.pop(future)
                 yield self._row(future, number)
                 following = self._submit(islice(numbers, 1))
                 handed |= following
                 ready.update(list(following))
-        except (CancelledError, CommClosedError, OSError, TimeoutError) as error:
+        except (CancelledError, CommClosedError, OSError):
             raise InputError(
-                f"--scheduler {self.address}: the scheduler stopped answering "
-                f"({type(error).__name__}); the rows written so far are safe: run the same "
-                "command to go on"
+                f"--scheduler {self.address}: the scheduler stopped answering; the rows written "
+                "so far are safe: run the same command to go on"
             ) from None
         finally:
             self._client.close(timeout=2)

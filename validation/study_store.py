@@ -76,7 +76,7 @@ class ResultFile:
         with self._clear_errors():
             self._connection = sqlite3.connect(path, timeout=30.0, isolation_level=None)
             # A rollback journal, not WAL: the file alone is the whole result, on any file system.
-            self._connection.execute("PRAGMA journal_mode = TRUNCATE")
+            self._connection.execute("PRAGMA journal_mode = DELETE")
             self._connection.execute("PRAGMA synchronous = NORMAL")
             self._prepare()
 
@@ -130,7 +130,7 @@ class ResultFile:
         if about.get("digest") == self.study.digest:
             return
         difference = _first_difference(
-            json.loads(about.get("canonical", "{}")), json.loads(self.study.canonical)
+            _named(about.get("canonical", "{}")), _named(self.study.canonical)
         )
         raise InputError(
             f"{self.path}: holds the results of another study ({about.get('name')}: {difference}); "
@@ -202,6 +202,12 @@ def _check_kind(path: Path) -> None:
             )
 
 
+def _named(canonical: str) -> dict[str, Any]:
+    """Content of a study with its parameters by name."""
+    content: dict[str, Any] = json.loads(canonical)
+    return content | {"parameters": dict(content.get("parameters", []))}
+
+
 def _first_difference(old: Any, new: Any, place: str = "") -> str:
     """Name the first place where two studies differ."""
     if isinstance(old, dict) and isinstance(new, dict):
@@ -209,6 +215,8 @@ def _first_difference(old: Any, new: Any, place: str = "") -> str:
             if old.get(key) != new.get(key):
                 inner = f"{place}.{key}" if place else str(key)
                 return _first_difference(old.get(key), new.get(key), inner)
+    if old == new:
+        return "the parameters come in another order"
     return f"{place} is {_short(old)} there, {_short(new)} here"
 
 
