@@ -22,7 +22,16 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from fem.lanes import add, entry, lane_operations, multiply_add, store, subtract
+from fem.lanes import (
+    add,
+    entry,
+    lane_operations,
+    minimum,
+    multiply_add,
+    scale,
+    store,
+    subtract,
+)
 
 _OPTIONS = {"error_model": "numpy", "nogil": True}
 
@@ -344,10 +353,10 @@ def update_parallel(
 
 
 @njit(cache=True, **_OPTIONS)
-def add_at(target, index, values, scale):
-    """``target[index] += scale · values`` on a flat array, repeated indices adding up."""
+def add_at(target, index, values, factor):
+    """``target[index] += factor · values`` on a flat array, repeated indices adding up."""
     for k in range(len(index)):
-        target[index[k]] += scale * values[k]
+        target[index[k]] += factor * values[k]
 
 
 @njit(cache=True, **_OPTIONS)
@@ -367,6 +376,35 @@ def dot_lanes(a, b, total):
         for j in range(a.shape[1]):
             for k in range(a.shape[2]):
                 total[k] += np.float64(a[i, j, k]) * b[i, j, k]
+
+
+@njit(cache=True, **_OPTIONS)
+def hold(index, mass, loss, displacement, velocity):
+    """Put held components back to zero after an `update`.
+
+    Parameters
+    ----------
+    index, mass
+        Flat positions (n,) and masses (n,) [t].
+    loss
+        α Δt / 2 of the mass-proportional damping, or None.
+    displacement, velocity
+        Flat arrays.
+
+    Returns
+    -------
+    float
+        What to add to the dissipation of the mass damping, which `update` took with the
+        velocity before this correction.
+    """
+    lost = 0.0
+    for k in range(len(index)):
+        at = index[k]
+        if loss is not None:
+            lost -= 0.5 * loss * mass[k] * np.float64(velocity[at]) ** 2
+        displacement[at] = 0.0
+        velocity[at] = 0.0
+    return lost
 
 
 @njit(cache=True, **_OPTIONS)
@@ -428,6 +466,59 @@ def enforce(
     return before, after, lost_before, lost_after
 
 
+def _pressure_lanes(width: int) -> Callable[..., Any]:
+    """Make the viscous stress of a range of elements for ``width`` copies from ``first`` on."""
+    load, zero = lane_operations(width)
+
+    @njit(**_OPTIONS)
+    def run(
+        c,
+        begin,
+        end,
+        element_rows,
+        gradient,
+        linear,
+        quadratic,
+        per_step,
+        displacement,
+        strain,
+        stress,
+        dissipated,
+        first,
+        lanes,
+    ):
+        none = zero(stress)
+        lost = none
+        for e in range(begin, end):
+            fresh = none
+            for a in range(8):
+                g = 24 * e + 3 * a
+                node = np.int64(element_rows[8 * e + a]) * 3 * lanes + first
+                fresh = multiply_add(gradient[g], load(displacement, node), fresh)
+                fresh = multiply_add(gradient[g + 1], load(displacement, node + lanes), fresh)
+                fresh = multiply_add(gradient[g + 2], load(displacement, node + 2 * lanes), fresh)
+            at = e * lanes + first
+            change = subtract(fresh, load(strain, at))
+            rate = scale(per_step, change)
+            closing = minimum(rate, none)
+            q = scale(linear[e], rate)
+            q = subtract(q, scale(quadratic[e], scale(closing, closing)))
+            lost = multiply_add(add(load(stress, at), q), change, lost)
+            store(strain, at, fresh)
+            store(stress, at, q)
+        for k in range(width):
+            dissipated[c * lanes + first + k] += 0.5 * np.float64(entry(lost, k))
+
+    made: Callable[..., Any] = run
+    return made
+
+
+_pressure_8 = _pressure_lanes(8)
+_pressure_4 = _pressure_lanes(4)
+_pressure_2 = _pressure_lanes(2)
+_pressure_1 = _pressure_lanes(1)
+
+
 @njit(**_OPTIONS)
 def _pressure_chunk(
     c,
@@ -436,35 +527,82 @@ def _pressure_chunk(
     gradient,
     linear,
     quadratic,
-    time_step,
+    per_step,
     displacement,
     strain,
     stress,
-    scratch,
     dissipated,
+    lanes,
 ):
-    lanes = displacement.shape[2]
-    fresh = scratch[c]
-    for e in range(chunks[c], chunks[c + 1]):
-        fresh[:] = 0.0
-        for a in range(8):
-            i = element_rows[e, a]
-            gx, gy, gz = gradient[e, a, 0], gradient[e, a, 1], gradient[e, a, 2]
-            for k in range(lanes):
-                fresh[k] += (
-                    gx * displacement[i, 0, k]
-                    + gy * displacement[i, 1, k]
-                    + gz * displacement[i, 2, k]
-                )
-        for k in range(lanes):
-            change = fresh[k] - strain[e, k]
-            rate = change / time_step
-            q = linear[e] * rate
-            if rate < 0.0:
-                q -= quadratic[e] * rate * rate
-            dissipated[c, k] += 0.5 * (np.float64(stress[e, k]) + q) * change
-            strain[e, k] = fresh[k]
-            stress[e, k] = q
+    if lanes >= 8:
+        for first in range(0, lanes, 8):
+            _pressure_8(
+                c,
+                chunks[c],
+                chunks[c + 1],
+                element_rows,
+                gradient,
+                linear,
+                quadratic,
+                per_step,
+                displacement,
+                strain,
+                stress,
+                dissipated,
+                first,
+                lanes,
+            )
+    elif lanes == 4:
+        _pressure_4(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            element_rows,
+            gradient,
+            linear,
+            quadratic,
+            per_step,
+            displacement,
+            strain,
+            stress,
+            dissipated,
+            0,
+            lanes,
+        )
+    elif lanes == 2:
+        _pressure_2(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            element_rows,
+            gradient,
+            linear,
+            quadratic,
+            per_step,
+            displacement,
+            strain,
+            stress,
+            dissipated,
+            0,
+            lanes,
+        )
+    else:
+        _pressure_1(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            element_rows,
+            gradient,
+            linear,
+            quadratic,
+            per_step,
+            displacement,
+            strain,
+            stress,
+            dissipated,
+            0,
+            lanes,
+        )
 
 
 @njit(cache=True, **_OPTIONS)
@@ -474,12 +612,12 @@ def viscous_pressure(
     gradient,
     linear,
     quadratic,
-    time_step,
+    per_step,
     displacement,
     strain,
     stress,
-    scratch,
     dissipated,
+    lanes,
 ):
     """Bulk viscosity stress of every element and copy (formula in `fem.viscosity`).
 
@@ -488,18 +626,18 @@ def viscous_pressure(
     chunks
         Element boundaries.
     element_rows, gradient, linear, quadratic
-        See `fem.viscosity.ElementViscosity`.
-    time_step
-        [s], in the precision of the arrays.
+        See `fem.viscosity.ElementViscosity`; flat.
+    per_step
+        1/Δt [1/s], in the precision of the arrays.
     displacement
-        In the block frame, (n_rows, 3, lanes).
+        In the block frame, flat (n_rows, 3, lanes).
     strain, stress
-        Volumetric strain and volume times viscous stress, (n_elements, lanes), updated.
-    scratch
-        (n_chunks, lanes).
+        Volumetric strain and volume times viscous stress, flat (n_elements, lanes), updated.
     dissipated
-        Grows by the work of the mean of old and new stress on the strain increment,
-        (n_chunks, lanes) [N mm].
+        Grows by the work of the mean of old and new stress on the strain increment, flat
+        (n_chunks, lanes), float64 [N mm].
+    lanes
+        Padded number of copies.
     """
     for c in range(len(chunks) - 1):
         _pressure_chunk(
@@ -509,12 +647,12 @@ def viscous_pressure(
             gradient,
             linear,
             quadratic,
-            time_step,
+            per_step,
             displacement,
             strain,
             stress,
-            scratch,
             dissipated,
+            lanes,
         )
 
 
@@ -525,12 +663,12 @@ def viscous_pressure_parallel(
     gradient,
     linear,
     quadratic,
-    time_step,
+    per_step,
     displacement,
     strain,
     stress,
-    scratch,
     dissipated,
+    lanes,
 ):
     """`viscous_pressure` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
@@ -541,12 +679,12 @@ def viscous_pressure_parallel(
             gradient,
             linear,
             quadratic,
-            time_step,
+            per_step,
             displacement,
             strain,
             stress,
-            scratch,
             dissipated,
+            lanes,
         )
 
 
@@ -558,24 +696,119 @@ def _add_torque(torque, c, displacement, i, k, fx, fy, fz):
     torque[c, 2, k] += ux * fy - uy * fx
 
 
+def _viscous_lanes(width: int) -> Callable[..., Any]:
+    """Make the viscous nodal force of a range of rows for ``width`` copies from ``first`` on."""
+    load, zero = lane_operations(width)
+
+    @njit(**_OPTIONS)
+    def run(
+        c, begin, end, pointer, corner, gradient, stress, displacement, force, torque, first, lanes
+    ):
+        none = zero(stress)
+        for i in range(begin, end):
+            fx, fy, fz = none, none, none
+            for n in range(pointer[i], pointer[i + 1]):
+                k = np.int64(corner[n])
+                q = load(stress, (k >> 3) * lanes + first)
+                fx = multiply_add(gradient[3 * k], q, fx)
+                fy = multiply_add(gradient[3 * k + 1], q, fy)
+                fz = multiply_add(gradient[3 * k + 2], q, fz)
+            x = i * 3 * lanes + first
+            y, z = x + lanes, x + 2 * lanes
+            store(force, x, add(load(force, x), fx))
+            store(force, y, add(load(force, y), fy))
+            store(force, z, add(load(force, z), fz))
+            if torque is not None:
+                t = c * 3 * lanes + first
+                ux, uy, uz = load(displacement, x), load(displacement, y), load(displacement, z)
+                cx = subtract(scale(uy, fz), scale(uz, fy))
+                cy = subtract(scale(uz, fx), scale(ux, fz))
+                cz = subtract(scale(ux, fy), scale(uy, fx))
+                store(torque, t, add(load(torque, t), cx))
+                store(torque, t + lanes, add(load(torque, t + lanes), cy))
+                store(torque, t + 2 * lanes, add(load(torque, t + 2 * lanes), cz))
+
+    made: Callable[..., Any] = run
+    return made
+
+
+_viscous_8 = _viscous_lanes(8)
+_viscous_4 = _viscous_lanes(4)
+_viscous_2 = _viscous_lanes(2)
+_viscous_1 = _viscous_lanes(1)
+
+
 @njit(**_OPTIONS)
-def _viscous_chunk(c, chunks, pointer, corner, gradient, stress, displacement, force, torque):
-    lanes = force.shape[2]
-    for i in range(chunks[c], chunks[c + 1]):
-        for n in range(pointer[i], pointer[i + 1]):
-            e, a = corner[n] >> 3, corner[n] & 7
-            gx, gy, gz = gradient[e, a, 0], gradient[e, a, 1], gradient[e, a, 2]
-            for k in range(lanes):
-                force[i, 0, k] += gx * stress[e, k]
-                force[i, 1, k] += gy * stress[e, k]
-                force[i, 2, k] += gz * stress[e, k]
-                if torque is not None:
-                    q = stress[e, k]
-                    _add_torque(torque, c, displacement, i, k, gx * q, gy * q, gz * q)
+def _viscous_chunk(
+    c, chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
+):
+    if lanes >= 8:
+        for first in range(0, lanes, 8):
+            _viscous_8(
+                c,
+                chunks[c],
+                chunks[c + 1],
+                pointer,
+                corner,
+                gradient,
+                stress,
+                displacement,
+                force,
+                torque,
+                first,
+                lanes,
+            )
+    elif lanes == 4:
+        _viscous_4(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            pointer,
+            corner,
+            gradient,
+            stress,
+            displacement,
+            force,
+            torque,
+            0,
+            lanes,
+        )
+    elif lanes == 2:
+        _viscous_2(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            pointer,
+            corner,
+            gradient,
+            stress,
+            displacement,
+            force,
+            torque,
+            0,
+            lanes,
+        )
+    else:
+        _viscous_1(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            pointer,
+            corner,
+            gradient,
+            stress,
+            displacement,
+            force,
+            torque,
+            0,
+            lanes,
+        )
 
 
 @njit(cache=True, **_OPTIONS)
-def add_viscous_force(chunks, pointer, corner, gradient, stress, displacement, force, torque):
+def add_viscous_force(
+    chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
+):
     """Add the nodal forces of the bulk viscosity, row by row.
 
     Parameters
@@ -583,30 +816,38 @@ def add_viscous_force(chunks, pointer, corner, gradient, stress, displacement, f
     chunks
         Row boundaries.
     pointer, corner, gradient
-        See `fem.viscosity.ElementViscosity`.
+        See `fem.viscosity.ElementViscosity`; flat.
     stress
-        Volume times viscous stress, (n_elements, lanes).
-    displacement, torque
-        None as torque, or (n_chunks, 3, lanes) that grows by u × f.
+        Volume times viscous stress, flat (n_elements, lanes).
+    displacement
+        In the block frame, flat (n_rows, 3, lanes).
     force
-        (n_rows, 3, lanes), updated.
+        Flat (n_rows, 3, lanes), updated.
+    torque
+        None, or flat (n_chunks, 3, lanes) that grows by u × f.
+    lanes
+        Padded number of copies.
     """
     for c in range(len(chunks) - 1):
-        _viscous_chunk(c, chunks, pointer, corner, gradient, stress, displacement, force, torque)
+        _viscous_chunk(
+            c, chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
+        )
 
 
 @njit(cache=True, parallel=True, **_OPTIONS)
 def add_viscous_force_parallel(
-    chunks, pointer, corner, gradient, stress, displacement, force, torque
+    chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
 ):
     """`add_viscous_force` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
-        _viscous_chunk(c, chunks, pointer, corner, gradient, stress, displacement, force, torque)
+        _viscous_chunk(
+            c, chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
+        )
 
 
 @njit(**_OPTIONS)
 def _stiffness_damping_chunk(
-    c, chunks, ratio, displacement, increment, scale, elastic, viscous, force, torque, dissipated
+    c, chunks, ratio, displacement, increment, factor, elastic, viscous, force, torque, dissipated
 ):
     lanes = force.shape[2]
     for i in range(chunks[c], chunks[c + 1]):
@@ -615,7 +856,7 @@ def _stiffness_damping_chunk(
                 fresh = force[i, j, k]
                 new = ratio * (fresh - elastic[i, j, k])
                 mean = 0.5 * (np.float64(viscous[i, j, k]) + new)
-                dissipated[c, k] += mean * scale * increment[i, j, k]
+                dissipated[c, k] += mean * factor * increment[i, j, k]
                 elastic[i, j, k] = fresh
                 viscous[i, j, k] = new
                 force[i, j, k] = fresh + new
@@ -627,7 +868,7 @@ def _stiffness_damping_chunk(
 
 @njit(cache=True, **_OPTIONS)
 def add_stiffness_damping(
-    chunks, ratio, displacement, increment, scale, elastic, viscous, force, torque, dissipated
+    chunks, ratio, displacement, increment, factor, elastic, viscous, force, torque, dissipated
 ):
     """Stiffness-proportional damping β K v from two successive elastic forces.
 
@@ -641,8 +882,8 @@ def add_stiffness_damping(
         β/Δt, in the precision of the arrays.
     displacement
         In the block frame, for the torque.
-    increment, scale
-        ``scale · increment`` is the displacement increment since the last step.
+    increment, factor
+        ``factor · increment`` is the displacement increment since the last step.
     elastic, viscous
         Elastic and damping force of the last step, (n_rows, 3, lanes), updated.
     force
@@ -659,7 +900,7 @@ def add_stiffness_damping(
             ratio,
             displacement,
             increment,
-            scale,
+            factor,
             elastic,
             viscous,
             force,
@@ -670,7 +911,7 @@ def add_stiffness_damping(
 
 @njit(cache=True, parallel=True, **_OPTIONS)
 def add_stiffness_damping_parallel(
-    chunks, ratio, displacement, increment, scale, elastic, viscous, force, torque, dissipated
+    chunks, ratio, displacement, increment, factor, elastic, viscous, force, torque, dissipated
 ):
     """`add_stiffness_damping` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
@@ -680,7 +921,7 @@ def add_stiffness_damping_parallel(
             ratio,
             displacement,
             increment,
-            scale,
+            factor,
             elastic,
             viscous,
             force,
@@ -689,34 +930,106 @@ def add_stiffness_damping_parallel(
         )
 
 
+def _moment_lanes(width: int) -> Callable[..., Any]:
+    """Make the moments of a range of rows for ``width`` copies from ``first`` on."""
+    load, zero = lane_operations(width)
+
+    @njit(**_OPTIONS)
+    def run(c, begin, end, mass, reference, displacement, moment, first, lanes):
+        xx = zero(displacement)
+        xy = zero(displacement)
+        xz = zero(displacement)
+        xm = zero(displacement)
+        yx = zero(displacement)
+        yy = zero(displacement)
+        yz = zero(displacement)
+        ym = zero(displacement)
+        zx = zero(displacement)
+        zy = zero(displacement)
+        zz = zero(displacement)
+        zm = zero(displacement)
+        for i in range(begin, end):
+            m = mass[i]
+            rx, ry, rz = m * reference[i, 0], m * reference[i, 1], m * reference[i, 2]
+            base = i * 3 * lanes + first
+            u = load(displacement, base)
+            xx = multiply_add(rx, u, xx)
+            xy = multiply_add(ry, u, xy)
+            xz = multiply_add(rz, u, xz)
+            xm = multiply_add(m, u, xm)
+            u = load(displacement, base + lanes)
+            yx = multiply_add(rx, u, yx)
+            yy = multiply_add(ry, u, yy)
+            yz = multiply_add(rz, u, yz)
+            ym = multiply_add(m, u, ym)
+            u = load(displacement, base + 2 * lanes)
+            zx = multiply_add(rx, u, zx)
+            zy = multiply_add(ry, u, zy)
+            zz = multiply_add(rz, u, zz)
+            zm = multiply_add(m, u, zm)
+        at = c * 12 * lanes + first
+        store(moment, at + 0 * lanes, xx)
+        store(moment, at + 1 * lanes, xy)
+        store(moment, at + 2 * lanes, xz)
+        store(moment, at + 3 * lanes, xm)
+        store(moment, at + 4 * lanes, yx)
+        store(moment, at + 5 * lanes, yy)
+        store(moment, at + 6 * lanes, yz)
+        store(moment, at + 7 * lanes, ym)
+        store(moment, at + 8 * lanes, zx)
+        store(moment, at + 9 * lanes, zy)
+        store(moment, at + 10 * lanes, zz)
+        store(moment, at + 11 * lanes, zm)
+
+    made: Callable[..., Any] = run
+    return made
+
+
+_moments_8 = _moment_lanes(8)
+_moments_4 = _moment_lanes(4)
+_moments_2 = _moment_lanes(2)
+_moments_1 = _moment_lanes(1)
+
+
 @njit(**_OPTIONS)
-def _moment_chunk(c, chunks, mass, reference, displacement, moment):
-    lanes = displacement.shape[2]
-    moment[c] = 0.0
-    for i in range(chunks[c], chunks[c + 1]):
-        m = np.float64(mass[i])
-        x, y, z = m * reference[i, 0], m * reference[i, 1], m * reference[i, 2]
-        for j in range(3):
-            for k in range(lanes):
-                u = np.float64(displacement[i, j, k])
-                moment[c, 4 * j, k] += u * x
-                moment[c, 4 * j + 1, k] += u * y
-                moment[c, 4 * j + 2, k] += u * z
-                moment[c, 4 * j + 3, k] += u * m
+def _moment_chunk(c, chunks, mass, reference, displacement, moment, lanes):
+    if lanes >= 8:
+        for first in range(0, lanes, 8):
+            _moments_8(
+                c, chunks[c], chunks[c + 1], mass, reference, displacement, moment, first, lanes
+            )
+    elif lanes == 4:
+        _moments_4(c, chunks[c], chunks[c + 1], mass, reference, displacement, moment, 0, lanes)
+    elif lanes == 2:
+        _moments_2(c, chunks[c], chunks[c + 1], mass, reference, displacement, moment, 0, lanes)
+    else:
+        _moments_1(c, chunks[c], chunks[c + 1], mass, reference, displacement, moment, 0, lanes)
 
 
 @njit(cache=True, **_OPTIONS)
-def displacement_moments(chunks, mass, reference, displacement, moment):
-    """Partial sums of m u_j (X_x, X_y, X_z, 1) into ``moment`` (n_chunks, 12, lanes), float64."""
+def displacement_moments(chunks, mass, reference, displacement, moment, lanes):
+    """Partial sums of m u_j (X_x, X_y, X_z, 1), j = x, y, z, of every copy.
+
+    Parameters
+    ----------
+    chunks
+        Row boundaries.
+    mass, reference
+        (n_rows,) and X (n_rows, 3), in the precision of the arrays.
+    displacement, moment
+        Flat (n_rows, 3, lanes) and, out, flat (n_chunks, 12, lanes).
+    lanes
+        Padded number of copies.
+    """
     for c in range(len(chunks) - 1):
-        _moment_chunk(c, chunks, mass, reference, displacement, moment)
+        _moment_chunk(c, chunks, mass, reference, displacement, moment, lanes)
 
 
 @njit(cache=True, parallel=True, **_OPTIONS)
-def displacement_moments_parallel(chunks, mass, reference, displacement, moment):
+def displacement_moments_parallel(chunks, mass, reference, displacement, moment, lanes):
     """`displacement_moments` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
-        _moment_chunk(c, chunks, mass, reference, displacement, moment)
+        _moment_chunk(c, chunks, mass, reference, displacement, moment, lanes)
 
 
 @njit(**_OPTIONS)
@@ -786,12 +1099,12 @@ def fit_frames(moment, second, total_mass, n_copies, quaternion, turn, mean, com
         for i in range(3):
             total = 0.0
             for c in range(moment.shape[0]):
-                total += moment[c, 4 * i + 3, k]
+                total += np.float64(moment[c, 4 * i + 3, k])
             mean[i, k] = total / total_mass
             for j in range(3):
                 total = 0.0
                 for c in range(moment.shape[0]):
-                    total += moment[c, 4 * i + j, k]
+                    total += np.float64(moment[c, 4 * i + j, k])
                 a[i, j] = second[i, j] + total
         q = quaternion[k]
         for _ in range(50):
@@ -889,7 +1202,7 @@ def block_frame_displacement_parallel(
 def _placement_chunk(c, chunks, turn, spin, mass, reference, force):
     lanes = force.shape[2]
     for i in range(chunks[c], chunks[c + 1]):
-        m = np.float64(mass[i])
+        m = mass[i]
         x, y, z = m * reference[i, 0], m * reference[i, 1], m * reference[i, 2]
         for k in range(lanes):
             fx = force[i, 0, k] - (spin[1, k] * z - spin[2, k] * y)

@@ -48,8 +48,6 @@ class ViscousState:
     """(n_elements, lanes)"""
     stress: LaneArray
     """Volume times viscous stress, (n_elements, lanes) [N mm]."""
-    scratch: LaneArray
-    """(n_chunks, lanes)"""
     dissipated: FloatArray
     """(n_chunks, lanes) [N mm]"""
 
@@ -181,7 +179,6 @@ def _viscous_state(body: Body) -> ViscousState | None:
     return ViscousState(
         strain=aligned_zeros(elements, body.dtype),
         stress=aligned_zeros(elements, body.dtype),
-        scratch=aligned_zeros((n_chunks, body.lanes), body.dtype),
         dissipated=np.zeros((n_chunks, body.lanes)),
     )
 
