@@ -16,19 +16,17 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from geometry.load_case import LoadCaseName
-from mbd import Norm, Solver
 from validation.errors import InputError
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-
-
-class Section(BaseModel):
-    """Base of all sections: frozen, and unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
+from validation.scene_families import HexagonTubeScene
+from validation.scene_sections import (
+    Finite,
+    NonNegative,
+    Positive,
+    RigidSection,
+    Section,
+    TubeAssemblySection,
+    TubeLoadSection,
+)
 
 
 class SineBlockSection(Section):
@@ -51,38 +49,12 @@ class SineBlockSection(Section):
     """t [mm]"""
 
 
-class TubeAssemblySection(Section):
-    """``[assembly]`` of a tube."""
-
-    layers: Annotated[int, Field(ge=1)]
-    """Free layers L, the two frame layers not counted."""
-
-
 class TubeMeshSection(Section):
     """``[mesh]`` of a tube: elements of one block in each direction."""
 
     around: Annotated[int, Field(ge=1)]
     radial: Annotated[int, Field(ge=1)]
     axial: Annotated[int, Field(ge=1)]
-
-
-class TubeLoadSection(Section):
-    """``[load]`` of a tube: one of the five load cases."""
-
-    case: LoadCaseName
-    pressure: Finite = 0.01
-    """Load pressure [MPa]."""
-    as_printed: bool = False
-    """The reading that reproduces the paper's tables instead of what physics says."""
-    layer: Annotated[int, Field(ge=1)] | None = None
-    """Loaded layer of beam and shaft; by default the middle one, ⌊L/2⌋ + 1."""
-
-
-class RigidSection(Section):
-    """``[rigid]``: how the rigid-block equilibrium is solved."""
-
-    norm: Norm = Norm.FORCE
-    solver: Solver = Solver.NEWTON
 
 
 class TubeScene(Section):
@@ -128,10 +100,14 @@ class BrickScene(Section):
     rigid: RigidSection = RigidSection()
 
 
-Scene: TypeAlias = TubeScene | BrickScene
+Scene: TypeAlias = TubeScene | BrickScene | HexagonTubeScene
 
 #: Scene class by ``[block] type``.
-SCENE_TYPES: dict[str, type[Scene]] = {"sine": TubeScene, "brick": BrickScene}
+SCENE_TYPES: dict[str, type[Scene]] = {
+    "sine": TubeScene,
+    "brick": BrickScene,
+    "hexagon": HexagonTubeScene,
+}
 
 
 class SceneFile(BaseModel):
