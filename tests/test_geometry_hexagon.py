@@ -16,9 +16,9 @@ THB0 = HexagonBlockParameters(blocks_per_layer=4, inner_radius=120.0, thickness=
 
 
 @given(
-    n=st.integers(3, 9),
+    n=st.integers(4, 9),
     radius=st.floats(20.0, 500.0),
-    slenderness=st.floats(0.05, 1.0),
+    slenderness=st.floats(0.3, 1.0),
     halves=st.integers(2, 4),
     layers=st.integers(1, 4),
 )
