@@ -24,6 +24,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
+from geometry.assembly import BoolArray
 from geometry.mesh import FloatArray
 from mbd.contact_jacobian import ContactJacobian
 
@@ -32,6 +33,7 @@ EQUILIBRIUM_TOLERANCE = 1e-6
 
 #: Relative residual at which the Newton iteration stops.
 _TARGET = 1e-12
+_EPS = float(np.finfo(np.float64).eps)
 #: Residual at which an iteration that no longer improves has reached round-off.
 _STALLED = 1e-9
 #: A mechanism d is load-activated where fᵀd exceeds this (‖f‖ = ‖d‖ = 1) …
@@ -166,7 +168,8 @@ class _Dual:
         value, rate = slope(1.0)
         low, high, step = 0.0, np.inf, 1.0
         for _ in range(40):
-            if abs(value) <= 0.1 * abs(first):
+            # The second term accepts slopes that drown in round-off near the minimum.
+            if abs(value) <= 0.1 * abs(first) + 16 * _EPS * abs(straight):
                 break
             low, high = (step, high) if value < 0.0 else (low, step)
             step -= value / rate
@@ -174,6 +177,12 @@ class _Dual:
                 step = 0.5 * (low + high)
             value, rate = slope(step)
         return step
+
+
+def _noise(dual: _Dual, y: FloatArray) -> FloatArray:
+    """Gaps below this are round-off of Gᵀy, (n_contacts,)."""
+    noise: FloatArray = 16 * _EPS * float(np.linalg.norm(y)) * dual.column
+    return noise
 
 
 def _newton(dual: _Dual, y: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int]:
@@ -194,40 +203,53 @@ def _newton(dual: _Dual, y: FloatArray, tolerance: float, most: int) -> tuple[Fl
         length = dual.step_length(y, gap, direction, gap_direction)
         y = y + length * direction
         gap = dual.gap(y)
-        if length == 1.0 and np.array_equal(pressing, gap > 0.0):
+        changed = (pressing != (gap > 0.0)) & (np.abs(gap) > _noise(dual, y))
+        if length == 1.0 and not changed.any():
             return y, iteration + 1
     return y, most
+
+
+def _damped(dual: _Dual, rest: FloatArray, pressing: BoolArray) -> FloatArray | None:
+    """Part of ``rest`` orthogonal to the pressing columns, normalised, to round-off."""
+    weights = np.where(pressing, dual.column**2, 0.0)
+    scale = float(weights.sum()) / len(rest)
+    direction = rest / np.linalg.norm(rest)
+    if scale == 0.0:
+        return direction
+    shift = 1e-9 * scale
+    try:
+        solve = dual.jacobian.normal_solver(weights, shift)
+    except scipy.linalg.LinAlgError:
+        return None
+    for _ in range(6):
+        direction = shift * solve(direction)
+        size = float(np.linalg.norm(direction))
+        if size < _SMALLEST_WORK:
+            return None
+        direction = direction / size
+    return direction
 
 
 def _ray(dual: _Dual, y: FloatArray) -> FloatArray | None:
     """Return the load-activated mechanism, if the proximal solution reveals one.
 
     At the projection of the load on the cone of contact wrenches the rest r = Gλ + f is
-    orthogonal to the columns that press. Repeated solves with the pressing columns alone damp
-    every other part of r to round-off.
+    orthogonal to the columns that press; repeated solves with those alone damp every other part
+    of r. Which of the contacts with a gap of zero press is for round-off to say, so several
+    readings are tried: whatever passes the check is a certificate, the cleanest is returned.
     """
-    gap = dual.gap(y)
+    gap, noise = dual.gap(y), _noise(dual, y)
     rest = dual.imbalance(gap)
-    weights = np.where(gap > 0.0, dual.column**2, 0.0)
-    scale = float(weights.sum()) / len(rest)
-    direction = rest / np.linalg.norm(rest)
-    if scale > 0.0:
-        shift = 1e-9 * scale
-        try:
-            solve = dual.jacobian.normal_solver(weights, shift)
-        except scipy.linalg.LinAlgError:
-            return None
-        for _ in range(6):
-            direction = shift * solve(direction)
-            size = float(np.linalg.norm(direction))
-            if size < _SMALLEST_WORK:
-                return None
-            direction = direction / size
-    work = float(dual.load @ direction)
-    closing = -float(dual.gap(direction).min(initial=0.0))
-    if work > _SMALLEST_WORK and closing <= _RAY_TOLERANCE * work:
-        return direction
-    return None
+    best, cleanest = None, _RAY_TOLERANCE
+    for pressing in (gap > noise, gap > 0.0, gap > -noise):
+        direction = _damped(dual, rest, pressing)
+        if direction is None:
+            continue
+        work = float(dual.load @ direction)
+        closing = -float(dual.gap(direction).min(initial=0.0))
+        if work > _SMALLEST_WORK and closing <= cleanest * work:
+            best, cleanest = direction, closing / work
+    return best
 
 
 def newton_equilibrium(
