@@ -29,6 +29,7 @@ from fem.lanes import (
     minimum,
     multiply_add,
     scale,
+    splat,
     store,
     subtract,
 )
@@ -513,6 +514,7 @@ def _pressure_lanes(width: int) -> Callable[..., Any]:
     return made
 
 
+_pressure_16 = _pressure_lanes(16)
 _pressure_8 = _pressure_lanes(8)
 _pressure_4 = _pressure_lanes(4)
 _pressure_2 = _pressure_lanes(2)
@@ -535,7 +537,26 @@ def _pressure_chunk(
     lanes,
 ):
     if lanes >= 8:
-        for first in range(0, lanes, 8):
+        first = 0
+        while first + 16 <= lanes:
+            _pressure_16(
+                c,
+                chunks[c],
+                chunks[c + 1],
+                element_rows,
+                gradient,
+                linear,
+                quadratic,
+                per_step,
+                displacement,
+                strain,
+                stress,
+                dissipated,
+                first,
+                lanes,
+            )
+            first += 16
+        if first < lanes:
             _pressure_8(
                 c,
                 chunks[c],
@@ -688,14 +709,6 @@ def viscous_pressure_parallel(
         )
 
 
-@njit(**_OPTIONS)
-def _add_torque(torque, c, displacement, i, k, fx, fy, fz):
-    ux, uy, uz = displacement[i, 0, k], displacement[i, 1, k], displacement[i, 2, k]
-    torque[c, 0, k] += uy * fz - uz * fy
-    torque[c, 1, k] += uz * fx - ux * fz
-    torque[c, 2, k] += ux * fy - uy * fx
-
-
 def _viscous_lanes(width: int) -> Callable[..., Any]:
     """Make the viscous nodal force of a range of rows for ``width`` copies from ``first`` on."""
     load, zero = lane_operations(width)
@@ -732,6 +745,7 @@ def _viscous_lanes(width: int) -> Callable[..., Any]:
     return made
 
 
+_viscous_16 = _viscous_lanes(16)
 _viscous_8 = _viscous_lanes(8)
 _viscous_4 = _viscous_lanes(4)
 _viscous_2 = _viscous_lanes(2)
@@ -743,7 +757,24 @@ def _viscous_chunk(
     c, chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
 ):
     if lanes >= 8:
-        for first in range(0, lanes, 8):
+        first = 0
+        while first + 16 <= lanes:
+            _viscous_16(
+                c,
+                chunks[c],
+                chunks[c + 1],
+                pointer,
+                corner,
+                gradient,
+                stress,
+                displacement,
+                force,
+                torque,
+                first,
+                lanes,
+            )
+            first += 16
+        if first < lanes:
             _viscous_8(
                 c,
                 chunks[c],
@@ -845,30 +876,149 @@ def add_viscous_force_parallel(
         )
 
 
+def _damping_lanes(width: int) -> Callable[..., Any]:
+    """Make the stiffness damping of a range of rows for ``width`` copies from ``first`` on."""
+    load, zero = lane_operations(width)
+
+    @njit(**_OPTIONS)
+    def component(at, ratio, increment, elastic, viscous, force, lost):
+        fresh = load(force, at)
+        new = scale(ratio, subtract(fresh, load(elastic, at)))
+        lost = multiply_add(add(load(viscous, at), new), load(increment, at), lost)
+        store(elastic, at, fresh)
+        store(viscous, at, new)
+        store(force, at, add(fresh, new))
+        return new, lost
+
+    @njit(**_OPTIONS)
+    def run(
+        c,
+        begin,
+        end,
+        ratio,
+        displacement,
+        increment,
+        elastic,
+        viscous,
+        force,
+        torque,
+        dissipated,
+        first,
+        lanes,
+    ):
+        lost = zero(force)
+        for i in range(begin, end):
+            x = i * 3 * lanes + first
+            y, z = x + lanes, x + 2 * lanes
+            fx, lost = component(x, ratio, increment, elastic, viscous, force, lost)
+            fy, lost = component(y, ratio, increment, elastic, viscous, force, lost)
+            fz, lost = component(z, ratio, increment, elastic, viscous, force, lost)
+            if torque is not None:
+                t = c * 3 * lanes + first
+                ux, uy, uz = load(displacement, x), load(displacement, y), load(displacement, z)
+                cx = subtract(scale(uy, fz), scale(uz, fy))
+                cy = subtract(scale(uz, fx), scale(ux, fz))
+                cz = subtract(scale(ux, fy), scale(uy, fx))
+                store(torque, t, add(load(torque, t), cx))
+                store(torque, t + lanes, add(load(torque, t + lanes), cy))
+                store(torque, t + 2 * lanes, add(load(torque, t + 2 * lanes), cz))
+        for k in range(width):
+            dissipated[c * lanes + first + k] += 0.5 * np.float64(entry(lost, k))
+
+    made: Callable[..., Any] = run
+    return made
+
+
+_damping_8 = _damping_lanes(8)
+_damping_4 = _damping_lanes(4)
+_damping_2 = _damping_lanes(2)
+_damping_1 = _damping_lanes(1)
+
+
 @njit(**_OPTIONS)
 def _stiffness_damping_chunk(
-    c, chunks, ratio, displacement, increment, factor, elastic, viscous, force, torque, dissipated
+    c,
+    chunks,
+    ratio,
+    displacement,
+    increment,
+    elastic,
+    viscous,
+    force,
+    torque,
+    dissipated,
+    lanes,
 ):
-    lanes = force.shape[2]
-    for i in range(chunks[c], chunks[c + 1]):
-        for j in range(3):
-            for k in range(lanes):
-                fresh = force[i, j, k]
-                new = ratio * (fresh - elastic[i, j, k])
-                mean = 0.5 * (np.float64(viscous[i, j, k]) + new)
-                dissipated[c, k] += mean * factor * increment[i, j, k]
-                elastic[i, j, k] = fresh
-                viscous[i, j, k] = new
-                force[i, j, k] = fresh + new
-        if torque is not None:
-            for k in range(lanes):
-                fx, fy, fz = viscous[i, 0, k], viscous[i, 1, k], viscous[i, 2, k]
-                _add_torque(torque, c, displacement, i, k, fx, fy, fz)
+    if lanes >= 8:
+        for first in range(0, lanes, 8):
+            _damping_8(
+                c,
+                chunks[c],
+                chunks[c + 1],
+                ratio,
+                displacement,
+                increment,
+                elastic,
+                viscous,
+                force,
+                torque,
+                dissipated,
+                first,
+                lanes,
+            )
+    elif lanes == 4:
+        _damping_4(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            ratio,
+            displacement,
+            increment,
+            elastic,
+            viscous,
+            force,
+            torque,
+            dissipated,
+            0,
+            lanes,
+        )
+    elif lanes == 2:
+        _damping_2(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            ratio,
+            displacement,
+            increment,
+            elastic,
+            viscous,
+            force,
+            torque,
+            dissipated,
+            0,
+            lanes,
+        )
+    else:
+        _damping_1(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            ratio,
+            displacement,
+            increment,
+            elastic,
+            viscous,
+            force,
+            torque,
+            dissipated,
+            0,
+            lanes,
+        )
 
 
 @njit(cache=True, **_OPTIONS)
 def add_stiffness_damping(
-    chunks, ratio, displacement, increment, factor, elastic, viscous, force, torque, dissipated
+    chunks, ratio, displacement, increment, elastic, viscous, force, torque, dissipated, lanes
 ):
     """Stiffness-proportional damping β K v from two successive elastic forces.
 
@@ -881,17 +1031,20 @@ def add_stiffness_damping(
     ratio
         β/Δt, in the precision of the arrays.
     displacement
-        In the block frame, for the torque.
-    increment, factor
-        ``factor · increment`` is the displacement increment since the last step.
+        In the block frame, for the torque; flat (n_rows, 3, lanes), as all that follow.
+    increment
+        Displacement increment since the last step, or a multiple of it (the velocity).
     elastic, viscous
-        Elastic and damping force of the last step, (n_rows, 3, lanes), updated.
+        Elastic and damping force of the last step, updated.
     force
         In: K u of this step; out: with the damping force.
     torque
-        None, or (n_chunks, 3, lanes) that grows by u × damping force.
+        None, or flat (n_chunks, 3, lanes) that grows by u × damping force.
     dissipated
-        Grows by the work of the mean of old and new damping force, (n_chunks, lanes) [N mm].
+        Grows by the product of ``increment`` and the mean of old and new damping force, flat
+        (n_chunks, lanes), float64.
+    lanes
+        Padded number of copies.
     """
     for c in range(len(chunks) - 1):
         _stiffness_damping_chunk(
@@ -900,18 +1053,18 @@ def add_stiffness_damping(
             ratio,
             displacement,
             increment,
-            factor,
             elastic,
             viscous,
             force,
             torque,
             dissipated,
+            lanes,
         )
 
 
 @njit(cache=True, parallel=True, **_OPTIONS)
 def add_stiffness_damping_parallel(
-    chunks, ratio, displacement, increment, factor, elastic, viscous, force, torque, dissipated
+    chunks, ratio, displacement, increment, elastic, viscous, force, torque, dissipated, lanes
 ):
     """`add_stiffness_damping` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
@@ -921,12 +1074,12 @@ def add_stiffness_damping_parallel(
             ratio,
             displacement,
             increment,
-            factor,
             elastic,
             viscous,
             force,
             torque,
             dissipated,
+            lanes,
         )
 
 
@@ -985,6 +1138,7 @@ def _moment_lanes(width: int) -> Callable[..., Any]:
     return made
 
 
+_moments_16 = _moment_lanes(16)
 _moments_8 = _moment_lanes(8)
 _moments_4 = _moment_lanes(4)
 _moments_2 = _moment_lanes(2)
@@ -994,7 +1148,13 @@ _moments_1 = _moment_lanes(1)
 @njit(**_OPTIONS)
 def _moment_chunk(c, chunks, mass, reference, displacement, moment, lanes):
     if lanes >= 8:
-        for first in range(0, lanes, 8):
+        first = 0
+        while first + 16 <= lanes:
+            _moments_16(
+                c, chunks[c], chunks[c + 1], mass, reference, displacement, moment, first, lanes
+            )
+            first += 16
+        if first < lanes:
             _moments_8(
                 c, chunks[c], chunks[c + 1], mass, reference, displacement, moment, first, lanes
             )
@@ -1146,30 +1306,116 @@ def fit_frames(moment, second, total_mass, n_copies, quaternion, turn, mean, com
                 compliance[i, j, k] = inverse[i, j]
 
 
-@njit(**_OPTIONS)
-def _block_frame_chunk(c, chunks, turn, mean, reference, displacement, local, increment):
-    lanes = displacement.shape[2]
-    for i in range(chunks[c], chunks[c + 1]):
-        x, y, z = reference[i, 0], reference[i, 1], reference[i, 2]
-        for k in range(lanes):
-            wx = displacement[i, 0, k] - mean[0, k]
-            wy = displacement[i, 1, k] - mean[1, k]
-            wz = displacement[i, 2, k] - mean[2, k]
-            px, py, pz = x + wx, y + wy, z + wz
-            lx = wx + turn[0, 0, k] * px + turn[1, 0, k] * py + turn[2, 0, k] * pz
-            ly = wy + turn[0, 1, k] * px + turn[1, 1, k] * py + turn[2, 1, k] * pz
-            lz = wz + turn[0, 2, k] * px + turn[1, 2, k] * py + turn[2, 2, k] * pz
+def _frame_lanes(width: int) -> Callable[..., Any]:
+    """Make the view from the block frame of a range of rows for ``width`` copies."""
+    load, zero = lane_operations(width)
+
+    @njit(**_OPTIONS)
+    def run(begin, end, turn, mean, reference, displacement, local, increment, first, lanes):
+        none = zero(displacement)
+        txx = load(turn, 0 * lanes + first)
+        txy = load(turn, 1 * lanes + first)
+        txz = load(turn, 2 * lanes + first)
+        tyx = load(turn, 3 * lanes + first)
+        tyy = load(turn, 4 * lanes + first)
+        tyz = load(turn, 5 * lanes + first)
+        tzx = load(turn, 6 * lanes + first)
+        tzy = load(turn, 7 * lanes + first)
+        tzz = load(turn, 8 * lanes + first)
+        mx = load(mean, first)
+        my = load(mean, lanes + first)
+        mz = load(mean, 2 * lanes + first)
+        for i in range(begin, end):
+            x = i * 3 * lanes + first
+            y, z = x + lanes, x + 2 * lanes
+            wx = subtract(load(displacement, x), mx)
+            wy = subtract(load(displacement, y), my)
+            wz = subtract(load(displacement, z), mz)
+            px = add(wx, splat(reference[i, 0], none))
+            py = add(wy, splat(reference[i, 1], none))
+            pz = add(wz, splat(reference[i, 2], none))
+            lx = multiply_add(txx, px, multiply_add(tyx, py, multiply_add(tzx, pz, wx)))
+            ly = multiply_add(txy, px, multiply_add(tyy, py, multiply_add(tzy, pz, wy)))
+            lz = multiply_add(txz, px, multiply_add(tyz, py, multiply_add(tzz, pz, wz)))
             if increment is not None:
-                increment[i, 0, k] = lx - local[i, 0, k]
-                increment[i, 1, k] = ly - local[i, 1, k]
-                increment[i, 2, k] = lz - local[i, 2, k]
-            local[i, 0, k] = lx
-            local[i, 1, k] = ly
-            local[i, 2, k] = lz
+                store(increment, x, subtract(lx, load(local, x)))
+                store(increment, y, subtract(ly, load(local, y)))
+                store(increment, z, subtract(lz, load(local, z)))
+            store(local, x, lx)
+            store(local, y, ly)
+            store(local, z, lz)
+
+    made: Callable[..., Any] = run
+    return made
+
+
+_frame_8 = _frame_lanes(8)
+_frame_4 = _frame_lanes(4)
+_frame_2 = _frame_lanes(2)
+_frame_1 = _frame_lanes(1)
+
+
+@njit(**_OPTIONS)
+def _block_frame_chunk(c, chunks, turn, mean, reference, displacement, local, increment, lanes):
+    if lanes >= 8:
+        for first in range(0, lanes, 8):
+            _frame_8(
+                chunks[c],
+                chunks[c + 1],
+                turn,
+                mean,
+                reference,
+                displacement,
+                local,
+                increment,
+                first,
+                lanes,
+            )
+    elif lanes == 4:
+        _frame_4(
+            chunks[c],
+            chunks[c + 1],
+            turn,
+            mean,
+            reference,
+            displacement,
+            local,
+            increment,
+            0,
+            lanes,
+        )
+    elif lanes == 2:
+        _frame_2(
+            chunks[c],
+            chunks[c + 1],
+            turn,
+            mean,
+            reference,
+            displacement,
+            local,
+            increment,
+            0,
+            lanes,
+        )
+    else:
+        _frame_1(
+            chunks[c],
+            chunks[c + 1],
+            turn,
+            mean,
+            reference,
+            displacement,
+            local,
+            increment,
+            0,
+            lanes,
+        )
 
 
 @njit(cache=True, **_OPTIONS)
-def block_frame_displacement(chunks, turn, mean, reference, displacement, local, increment):
+def block_frame_displacement(
+    chunks, turn, mean, reference, displacement, local, increment, lanes
+):
     """Displacement seen from the block frame, Qᵀ(X + u - ū) - X.
 
     Parameters
@@ -1177,44 +1423,87 @@ def block_frame_displacement(chunks, turn, mean, reference, displacement, local,
     chunks
         Row boundaries.
     turn, mean
-        Q - 1 (3, 3, lanes) and ū (3, lanes) of `fit_frames`.
+        Q - 1, flat (3, 3, lanes), and ū, flat (3, lanes), of `fit_frames`.
     reference
         X, (n_rows, 3) [mm].
     displacement, local
-        u and the result, (n_rows, 3, lanes).
+        u and the result, flat (n_rows, 3, lanes).
     increment
-        None, or out: the change of ``local``.
+        None, or out: the change of ``local``, flat.
+    lanes
+        Padded number of copies.
     """
     for c in range(len(chunks) - 1):
-        _block_frame_chunk(c, chunks, turn, mean, reference, displacement, local, increment)
+        _block_frame_chunk(c, chunks, turn, mean, reference, displacement, local, increment, lanes)
 
 
 @njit(cache=True, parallel=True, **_OPTIONS)
 def block_frame_displacement_parallel(
-    chunks, turn, mean, reference, displacement, local, increment
+    chunks, turn, mean, reference, displacement, local, increment, lanes
 ):
     """`block_frame_displacement` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
-        _block_frame_chunk(c, chunks, turn, mean, reference, displacement, local, increment)
+        _block_frame_chunk(c, chunks, turn, mean, reference, displacement, local, increment, lanes)
+
+
+def _placement_lanes(width: int) -> Callable[..., Any]:
+    """Make the turn back to the placement frame of a range of rows for ``width`` copies."""
+    load, _ = lane_operations(width)
+
+    @njit(**_OPTIONS)
+    def run(begin, end, turn, spin, mass, reference, force, first, lanes):
+        txx = load(turn, 0 * lanes + first)
+        txy = load(turn, 1 * lanes + first)
+        txz = load(turn, 2 * lanes + first)
+        tyx = load(turn, 3 * lanes + first)
+        tyy = load(turn, 4 * lanes + first)
+        tyz = load(turn, 5 * lanes + first)
+        tzx = load(turn, 6 * lanes + first)
+        tzy = load(turn, 7 * lanes + first)
+        tzz = load(turn, 8 * lanes + first)
+        sx = load(spin, first)
+        sy = load(spin, lanes + first)
+        sz = load(spin, 2 * lanes + first)
+        for i in range(begin, end):
+            m = mass[i]
+            rx, ry, rz = m * reference[i, 0], m * reference[i, 1], m * reference[i, 2]
+            x = i * 3 * lanes + first
+            y, z = x + lanes, x + 2 * lanes
+            fx = multiply_add(ry, sz, multiply_add(-rz, sy, load(force, x)))
+            fy = multiply_add(rz, sx, multiply_add(-rx, sz, load(force, y)))
+            fz = multiply_add(rx, sy, multiply_add(-ry, sx, load(force, z)))
+            gx = multiply_add(txx, fx, multiply_add(txy, fy, multiply_add(txz, fz, fx)))
+            gy = multiply_add(tyx, fx, multiply_add(tyy, fy, multiply_add(tyz, fz, fy)))
+            gz = multiply_add(tzx, fx, multiply_add(tzy, fy, multiply_add(tzz, fz, fz)))
+            store(force, x, gx)
+            store(force, y, gy)
+            store(force, z, gz)
+
+    made: Callable[..., Any] = run
+    return made
+
+
+_placement_8 = _placement_lanes(8)
+_placement_4 = _placement_lanes(4)
+_placement_2 = _placement_lanes(2)
+_placement_1 = _placement_lanes(1)
 
 
 @njit(**_OPTIONS)
-def _placement_chunk(c, chunks, turn, spin, mass, reference, force):
-    lanes = force.shape[2]
-    for i in range(chunks[c], chunks[c + 1]):
-        m = mass[i]
-        x, y, z = m * reference[i, 0], m * reference[i, 1], m * reference[i, 2]
-        for k in range(lanes):
-            fx = force[i, 0, k] - (spin[1, k] * z - spin[2, k] * y)
-            fy = force[i, 1, k] - (spin[2, k] * x - spin[0, k] * z)
-            fz = force[i, 2, k] - (spin[0, k] * y - spin[1, k] * x)
-            force[i, 0, k] = fx + turn[0, 0, k] * fx + turn[0, 1, k] * fy + turn[0, 2, k] * fz
-            force[i, 1, k] = fy + turn[1, 0, k] * fx + turn[1, 1, k] * fy + turn[1, 2, k] * fz
-            force[i, 2, k] = fz + turn[2, 0, k] * fx + turn[2, 1, k] * fy + turn[2, 2, k] * fz
+def _placement_chunk(c, chunks, turn, spin, mass, reference, force, lanes):
+    if lanes >= 8:
+        for first in range(0, lanes, 8):
+            _placement_8(chunks[c], chunks[c + 1], turn, spin, mass, reference, force, first, lanes)
+    elif lanes == 4:
+        _placement_4(chunks[c], chunks[c + 1], turn, spin, mass, reference, force, 0, lanes)
+    elif lanes == 2:
+        _placement_2(chunks[c], chunks[c + 1], turn, spin, mass, reference, force, 0, lanes)
+    else:
+        _placement_1(chunks[c], chunks[c + 1], turn, spin, mass, reference, force, 0, lanes)
 
 
 @njit(cache=True, **_OPTIONS)
-def placement_frame_force(chunks, turn, spin, mass, reference, force):
+def placement_frame_force(chunks, turn, spin, mass, reference, force, lanes):
     """Make block-frame forces torque-free and turn them back, in place: f ← Q (f - m ψ × X).
 
     Parameters
@@ -1222,23 +1511,25 @@ def placement_frame_force(chunks, turn, spin, mass, reference, force):
     chunks
         Row boundaries.
     turn
-        Q - 1, (3, 3, lanes).
+        Q - 1, flat (3, 3, lanes).
     spin
-        ψ, (3, lanes) [mm/s² per mm].
+        ψ, flat (3, lanes) [mm/s² per mm].
     mass, reference
         (n_rows,) and X (n_rows, 3).
     force
-        (n_rows, 3, lanes).
+        Flat (n_rows, 3, lanes).
+    lanes
+        Padded number of copies.
     """
     for c in range(len(chunks) - 1):
-        _placement_chunk(c, chunks, turn, spin, mass, reference, force)
+        _placement_chunk(c, chunks, turn, spin, mass, reference, force, lanes)
 
 
 @njit(cache=True, parallel=True, **_OPTIONS)
-def placement_frame_force_parallel(chunks, turn, spin, mass, reference, force):
+def placement_frame_force_parallel(chunks, turn, spin, mass, reference, force, lanes):
     """`placement_frame_force` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
-        _placement_chunk(c, chunks, turn, spin, mass, reference, force)
+        _placement_chunk(c, chunks, turn, spin, mass, reference, force, lanes)
 
 
 @dataclass(frozen=True)
