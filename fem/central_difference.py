@@ -155,6 +155,7 @@ def add_stiffness_damping(system: System, body: Body, now: BodyState) -> None:
         damping.viscous.ravel(),
         now.internal_force.ravel(),
         None if frame is None else frame.torque.ravel(),
+        damping.lost.ravel(),
         damping.dissipated.ravel(),
         body.lanes,
     )

@@ -877,53 +877,39 @@ def add_viscous_force_parallel(
 
 
 def _damping_lanes(width: int) -> Callable[..., Any]:
-    """Make the stiffness damping of a range of rows for ``width`` copies from ``first`` on."""
-    load, zero = lane_operations(width)
+    """Make the stiffness damping of one row for ``width`` copies from ``first`` on."""
+    load, _ = lane_operations(width)
 
     @njit(**_OPTIONS)
-    def component(at, ratio, increment, elastic, viscous, force, lost):
+    def component(at, ratio, increment, elastic, viscous, force, lost, here):
         fresh = load(force, at)
         new = scale(ratio, subtract(fresh, load(elastic, at)))
-        lost = multiply_add(add(load(viscous, at), new), load(increment, at), lost)
+        mean = add(load(viscous, at), new)
+        store(lost, here, multiply_add(mean, load(increment, at), load(lost, here)))
         store(elastic, at, fresh)
         store(viscous, at, new)
         store(force, at, add(fresh, new))
-        return new, lost
+        return new
 
     @njit(**_OPTIONS)
     def run(
-        c,
-        begin,
-        end,
-        ratio,
-        displacement,
-        increment,
-        elastic,
-        viscous,
-        force,
-        torque,
-        dissipated,
-        first,
-        lanes,
+        c, i, ratio, displacement, increment, elastic, viscous, force, torque, lost, first, lanes
     ):
-        lost = zero(force)
-        for i in range(begin, end):
-            x = i * 3 * lanes + first
-            y, z = x + lanes, x + 2 * lanes
-            fx, lost = component(x, ratio, increment, elastic, viscous, force, lost)
-            fy, lost = component(y, ratio, increment, elastic, viscous, force, lost)
-            fz, lost = component(z, ratio, increment, elastic, viscous, force, lost)
-            if torque is not None:
-                t = c * 3 * lanes + first
-                ux, uy, uz = load(displacement, x), load(displacement, y), load(displacement, z)
-                cx = subtract(scale(uy, fz), scale(uz, fy))
-                cy = subtract(scale(uz, fx), scale(ux, fz))
-                cz = subtract(scale(ux, fy), scale(uy, fx))
-                store(torque, t, add(load(torque, t), cx))
-                store(torque, t + lanes, add(load(torque, t + lanes), cy))
-                store(torque, t + 2 * lanes, add(load(torque, t + 2 * lanes), cz))
-        for k in range(width):
-            dissipated[c * lanes + first + k] += 0.5 * np.float64(entry(lost, k))
+        here = c * lanes + first
+        x = i * 3 * lanes + first
+        y, z = x + lanes, x + 2 * lanes
+        fx = component(x, ratio, increment, elastic, viscous, force, lost, here)
+        fy = component(y, ratio, increment, elastic, viscous, force, lost, here)
+        fz = component(z, ratio, increment, elastic, viscous, force, lost, here)
+        if torque is not None:
+            t = c * 3 * lanes + first
+            ux, uy, uz = load(displacement, x), load(displacement, y), load(displacement, z)
+            cx = subtract(scale(uy, fz), scale(uz, fy))
+            cy = subtract(scale(uz, fx), scale(ux, fz))
+            cz = subtract(scale(ux, fy), scale(uy, fx))
+            store(torque, t, add(load(torque, t), cx))
+            store(torque, t + lanes, add(load(torque, t + lanes), cy))
+            store(torque, t + 2 * lanes, add(load(torque, t + 2 * lanes), cz))
 
     made: Callable[..., Any] = run
     return made
@@ -946,15 +932,32 @@ def _stiffness_damping_chunk(
     viscous,
     force,
     torque,
+    lost,
     dissipated,
     lanes,
 ):
-    if lanes >= 8:
-        for first in range(0, lanes, 8):
-            _damping_8(
+    lost[c * lanes : (c + 1) * lanes] = 0.0
+    for i in range(chunks[c], chunks[c + 1]):
+        if lanes >= 8:
+            for first in range(0, lanes, 8):
+                _damping_8(
+                    c,
+                    i,
+                    ratio,
+                    displacement,
+                    increment,
+                    elastic,
+                    viscous,
+                    force,
+                    torque,
+                    lost,
+                    first,
+                    lanes,
+                )
+        elif lanes == 4:
+            _damping_4(
                 c,
-                chunks[c],
-                chunks[c + 1],
+                i,
                 ratio,
                 displacement,
                 increment,
@@ -962,63 +965,47 @@ def _stiffness_damping_chunk(
                 viscous,
                 force,
                 torque,
-                dissipated,
-                first,
+                lost,
+                0,
                 lanes,
             )
-    elif lanes == 4:
-        _damping_4(
-            c,
-            chunks[c],
-            chunks[c + 1],
-            ratio,
-            displacement,
-            increment,
-            elastic,
-            viscous,
-            force,
-            torque,
-            dissipated,
-            0,
-            lanes,
-        )
-    elif lanes == 2:
-        _damping_2(
-            c,
-            chunks[c],
-            chunks[c + 1],
-            ratio,
-            displacement,
-            increment,
-            elastic,
-            viscous,
-            force,
-            torque,
-            dissipated,
-            0,
-            lanes,
-        )
-    else:
-        _damping_1(
-            c,
-            chunks[c],
-            chunks[c + 1],
-            ratio,
-            displacement,
-            increment,
-            elastic,
-            viscous,
-            force,
-            torque,
-            dissipated,
-            0,
-            lanes,
-        )
+        elif lanes == 2:
+            _damping_2(
+                c,
+                i,
+                ratio,
+                displacement,
+                increment,
+                elastic,
+                viscous,
+                force,
+                torque,
+                lost,
+                0,
+                lanes,
+            )
+        else:
+            _damping_1(
+                c,
+                i,
+                ratio,
+                displacement,
+                increment,
+                elastic,
+                viscous,
+                force,
+                torque,
+                lost,
+                0,
+                lanes,
+            )
+    for k in range(c * lanes, (c + 1) * lanes):
+        dissipated[k] += 0.5 * np.float64(lost[k])
 
 
 @njit(cache=True, **_OPTIONS)
 def add_stiffness_damping(
-    chunks, ratio, displacement, increment, elastic, viscous, force, torque, dissipated, lanes
+    chunks, ratio, displacement, increment, elastic, viscous, force, torque, lost, dissipated, lanes
 ):
     """Stiffness-proportional damping β K v from two successive elastic forces.
 
@@ -1040,6 +1027,8 @@ def add_stiffness_damping(
         In: K u of this step; out: with the damping force.
     torque
         None, or flat (n_chunks, 3, lanes) that grows by u × damping force.
+    lost
+        Work array, flat (n_chunks, lanes).
     dissipated
         Grows by the product of ``increment`` and the mean of old and new damping force, flat
         (n_chunks, lanes), float64.
@@ -1057,6 +1046,7 @@ def add_stiffness_damping(
             viscous,
             force,
             torque,
+            lost,
             dissipated,
             lanes,
         )
@@ -1064,7 +1054,7 @@ def add_stiffness_damping(
 
 @njit(cache=True, parallel=True, **_OPTIONS)
 def add_stiffness_damping_parallel(
-    chunks, ratio, displacement, increment, elastic, viscous, force, torque, dissipated, lanes
+    chunks, ratio, displacement, increment, elastic, viscous, force, torque, lost, dissipated, lanes
 ):
     """`add_stiffness_damping` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
@@ -1078,6 +1068,7 @@ def add_stiffness_damping_parallel(
             viscous,
             force,
             torque,
+            lost,
             dissipated,
             lanes,
         )
@@ -1413,9 +1404,7 @@ def _block_frame_chunk(c, chunks, turn, mean, reference, displacement, local, in
 
 
 @njit(cache=True, **_OPTIONS)
-def block_frame_displacement(
-    chunks, turn, mean, reference, displacement, local, increment, lanes
-):
+def block_frame_displacement(chunks, turn, mean, reference, displacement, local, increment, lanes):
     """Displacement seen from the block frame, Qᵀ(X + u - ū) - X.
 
     Parameters
