@@ -1,7 +1,7 @@
 """The compiled loops of the explicit solver.
 
 Arrays are [row][component][copy] (`fem.layout`), copies are SIMD lanes. Every kernel has a
-plain twin of the same name in `fem.reference`, with which the tests compare it.
+plain twin in `fem.reference`, with which the tests compare it.
 
 An argument that is None removes its branch when the kernel is compiled: an effect that is off
 is not in the machine code. Rows are worked in fixed chunks and each chunk writes its own rows

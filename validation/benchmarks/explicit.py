@@ -107,14 +107,14 @@ def seconds_of_force(system: System, state: State, threads: int, repeats: int) -
     best = best_cpu_seconds if threads == 1 else best_wall_seconds
     return best(
         lambda: stiffness_force(body, now.displacement, now.internal_force, system.kernels),
-        repeats=repeats,
+        repeats=repeats if threads == 1 else 1,
     )
 
 
 def seconds_of_step(system: System, state: State, threads: int, repeats: int) -> float:
     """Time of one whole step [s]."""
     best = best_cpu_seconds if threads == 1 else best_wall_seconds
-    return best(lambda: step(system, state), repeats=repeats)
+    return best(lambda: step(system, state), repeats=repeats if threads == 1 else 1)
 
 
 def row(group: BlockGroup, time_step: float, precision: str, threads: int) -> Row:
