@@ -125,6 +125,16 @@ def scale(typing_context: Any, factor: Any, value: Any) -> Any:
     return value(factor, value), code
 
 
+@intrinsic
+def splat(typing_context: Any, scalar: Any, like: Any) -> Any:
+    """Return a vector of the type of ``like`` with the scalar in every lane."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return _splat(builder, args[0], args[1].type)
+
+    return like(scalar, like), code
+
+
 def _splat(builder: Any, scalar: Any, vector: Any) -> Any:
     undefined = ir.Constant(vector, ir.Undefined)
     first = builder.insert_element(undefined, scalar, ir.Constant(ir.IntType(32), 0))
