@@ -1,4 +1,4 @@
-"""Deformable tubes of a scene: the model, and a run's result in terms that pictures and JSON use."""
+"""Deformable tubes of a scene: the model, and a result in terms that pictures and JSON use."""
 
 from __future__ import annotations
 
