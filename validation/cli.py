@@ -9,6 +9,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from validation import study_cli
+from validation.cli_options import JsonOption, SceneArgument, SetOption
+from validation.cli_options import text_console as _console
 from validation.errors import InputError
 
 app = typer.Typer(
@@ -23,31 +26,7 @@ reproduce_app = typer.Typer(
     help="Reproduce the paper: its tables beside ours.", no_args_is_help=True
 )
 app.add_typer(reproduce_app, name="reproduce")
-
-SceneArgument = Annotated[
-    str, typer.Argument(metavar="SCENE", help="A built-in scene (see `scenes`) or a TOML file.")
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="SECTION.KEY=VALUE",
-        help="Replace or add a value of the scene; repeatable.",
-    ),
-]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE|-", help="Write the result as JSON (- : to the screen)."),
-]
-
-
-def _console(json: str | None) -> Console:
-    """Text for people; moves aside when JSON takes standard output."""
-    console = Console(stderr=json == "-", highlight=False, soft_wrap=True)
-    if not console.is_terminal:
-        # A pipe or a log has no width of its own; tables need more than the default 80 columns.
-        console = Console(stderr=json == "-", highlight=False, soft_wrap=True, width=118)
-    return console
+study_cli.register(app, reproduce_app)
 
 
 @app.command()
@@ -159,68 +138,16 @@ def fem(
 
 
 @app.command()
-def studies(
-    name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="Print this study, to copy and change.")
-    ] = None,
-) -> None:
-    """List the built-in parameter studies, or print one as TOML."""
-    from validation.study import builtin_studies, builtin_study_text
-
-    if name is not None:
-        sys.stdout.write(builtin_study_text(name))
-        return
-    console = _console(None)
-    for study in builtin_studies():
-        first = builtin_study_text(study).splitlines()[0].lstrip("# ")
-        console.print(f"{study:14} {first}")
-
-
-@app.command("sweep")
-def sweep_command(
-    study: Annotated[
-        str, typer.Argument(metavar="STUDY", help="A built-in study (see `studies`) or TOML file.")
-    ],
-    *,
-    settings: SetOption = None,
+def convergence(
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", metavar="FILE.sqlite", help="Results; by default out/STUDY.sqlite."
-        ),
-    ] = None,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Processes; by default one per core.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Run on this Dask cluster instead.")
-    ] = None,
-    csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Export all rows as CSV.")
-    ] = None,
-    parquet: Annotated[
-        Path | None, typer.Option("--parquet", metavar="FILE", help="Export all rows as Parquet.")
-    ] = None,
-    retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Compute failed designs again.")
-    ] = False,
+        Path, typer.Option("-o", "--output", metavar="FILE.png", help="Picture to write.")
+    ] = Path("convergence.png"),
     json: JsonOption = None,
 ) -> None:
-    """Compute a parameter study; a run that was stopped goes on where it was."""
-    from validation.study_command import run_sweep
+    """Observed orders of the elements in mesh size and of the scheme in time step."""
+    from validation.convergence import run_convergence
 
-    run_sweep(
-        study,
-        settings=settings or (),
-        scheduler=scheduler,
-        workers=workers,
-        output=output,
-        csv=csv,
-        parquet=parquet,
-        json=json,
-        retry_failed=retry_failed,
-        console=_console(json),
-    )
+    run_convergence(output, json, _console(json))
 
 
 @reproduce_app.command("tables")
