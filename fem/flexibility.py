@@ -295,7 +295,7 @@ class CondensedStep:
         points: _Points,
         rows: list[tuple[IntArray, csr_array]],
     ) -> FloatArray:
-        """c - x̂ + p/k + N G f of the active points, (n,) [mm]."""
+        """C - x̂ + p/k + N G f of the active points, (n,) [mm]."""
         where = points.number
         stiffness = linear.stiffness.ravel()[where]
         right = (linear.constant - linear.at).ravel()[where]
