@@ -144,9 +144,7 @@ def deformable_assembly(
     _check_held(assembly, load)
     spaced = clearance_kind is ClearanceKind.SPACED
     spacing = clearance_offsets(assembly, initial_clearance if spaced else 0.0)
-    surfaces = contact_surfaces(
-        assembly, spacing, clearance=0.0 if spaced else initial_clearance
-    )
+    surfaces = contact_surfaces(assembly, spacing, clearance=0.0 if spaced else initial_clearance)
     touching = deformable[surfaces.block_m] | deformable[surfaces.block_s]
     surfaces = surfaces.subset(np.flatnonzero(touching))
     check_initial_overlap(surfaces, law)
