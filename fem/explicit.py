@@ -5,21 +5,20 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
 
 import numba
 import numpy as np
 
 from fem.body import Body, make_body
-from fem.central_difference import (
-    Interaction,
-    System,
-    set_applied_force,
-    set_internal_force,
-    step,
-)
+from fem.central_difference import System, set_applied_force, set_internal_force, step
+from fem.checkpoint import read_checkpoint, state_arrays, write_checkpoint
+from fem.damping import adapt, residual
 from fem.energy import Energies, copy_energies, energies
 from fem.history import History
+from fem.interrupt import StopRequest, stop_requests
 from fem.kernels import PARALLEL, SERIAL
 from fem.model import Model
 from fem.state import BodyState, State, initial_body_state, world_vectors
@@ -38,7 +37,7 @@ class UnstableRun(RuntimeError):  # noqa: N818
 
 @dataclass(frozen=True)
 class Progress:
-    """What a progress callback is told."""
+    """What a progress callback is told at every sample."""
 
     time: float
     """[s]"""
@@ -50,6 +49,31 @@ class Progress:
     """Steps of the whole run."""
     energies: Energies
     """At `time`."""
+    residual: float | None
+    """Force residual, where the run watches it."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What a frame callback is given: the displacements at one time, world axes."""
+
+    number: int
+    """0, 1, 2, …"""
+    time: float
+    """[s]"""
+    displacements: tuple[FloatArray, ...]
+    """Of each group, (n_copies, n_nodes, 3) [mm]."""
+
+
+class Status(StrEnum):
+    """How a run ended."""
+
+    FINISHED = "finished"
+    """Reached its end time."""
+    CONVERGED = "converged"
+    """Stopped early: the force residual fell below its bound."""
+    INTERRUPTED = "interrupted"
+    """Asked to stop; continue from the checkpoint."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +82,8 @@ class ExplicitResult:
 
     model: Model
     """The statement."""
+    status: Status
+    """How the run ended."""
     displacements: tuple[FloatArray, ...]
     """Of each group, (n_copies, n_nodes, 3) [mm], at `time`."""
     velocities: tuple[FloatArray, ...]
@@ -65,26 +91,32 @@ class ExplicitResult:
     time: float
     """[s]"""
     n_steps: int
-    """Steps done."""
+    """Steps done since time 0."""
     time_step: float
     """[s]"""
     critical: CriticalTimeStep
     """The largest stable step."""
     history: History
-    """Energies and balance."""
-    energies: Energies
-    """At the last sample."""
+    """Energies and balance of all samples."""
+    energies: Energies | None
+    """At the last sample; None before the first."""
     energy_balance: float
     """Largest error of the balance over all samples, relative to the energy turned over."""
+    residual: float | None
+    """Last force residual, relative; None when the run did not watch it."""
     cpu_seconds: float
-    """Of the loop, this process."""
-    status: str
-    """``finished``, ``interrupted`` or ``converged``."""
+    """CPU time of the loop in this process."""
+    element_updates: int
+    """Elements times steps done in this process."""
+    state_bytes: int
+    """Memory of the arrays that evolve."""
+    constant_bytes: int
+    """Memory of stiffness, mass and connectivity of the loop."""
 
     @property
     def element_updates_per_cpu_second(self) -> float:
-        """Elements times steps over CPU time of the loop."""
-        return self.model.n_elements * self.n_steps / max(self.cpu_seconds, 1e-12)
+        """Whole-step rate of this process."""
+        return self.element_updates / max(self.cpu_seconds, 1e-12)
 
 
 def prepare(
@@ -93,7 +125,6 @@ def prepare(
     time_step: float,
     precision: str = "float64",
     threads: int = 1,
-    interactions: Sequence[Interaction] = (),
 ) -> System:
     """Make a model ready for the loop.
 
@@ -107,8 +138,6 @@ def prepare(
         ``float64`` or ``float32``.
     threads
         1 for the serial loops, more for shared rows.
-    interactions
-        Contact.
     """
     if precision not in PRECISIONS:
         raise TimeStepError(f"fem.precision: got {precision!r}, expected float64 or float32")
@@ -117,9 +146,15 @@ def prepare(
     if threads > 1:
         numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     dtype = PRECISIONS[precision]
-    bodies = tuple(make_body(model, k, dtype=dtype) for k in range(len(model.groups)))
+    bodies = tuple(
+        make_body(
+            model, k, dtype=dtype, touched_nodes=[i.touched_nodes(k) for i in model.interactions]
+        )
+        for k in range(len(model.groups))
+    )
     kernels = SERIAL if threads == 1 else PARALLEL
-    return System(model, bodies, time_step, kernels, tuple(interactions))
+    interactions = tuple(i.bind(bodies) for i in model.interactions)
+    return System(model, bodies, time_step, kernels, interactions)
 
 
 def initial_state(
@@ -151,15 +186,15 @@ def initial_state(
         else model.effects.mass_damping,
     )
     for body, now in zip(system.bodies, state.bodies, strict=True):
-        set_internal_force(system, body, now, sample=False)
-        forget_rates(now)
+        if body.rate_form is None:
+            set_internal_force(system, body, now, sample=False)
+            forget_rates(now)
         set_applied_force(body, now, 0.0)
     for interaction in system.interactions:
         interaction.add_force(system, state)
     for body, now in zip(system.bodies, state.bodies, strict=True):
         now.velocity -= 0.5 * system.time_step * acceleration(body, now, state.mass_damping)
-        if body.support is not None:
-            _stop_supported(body, now)
+        _stop_supported(body, now)
     return state
 
 
@@ -192,9 +227,13 @@ def acceleration(body: Body, now: BodyState, mass_damping: float | None) -> Floa
 
 def _stop_supported(body: Body, now: BodyState) -> None:
     """Remove the supported components of the first velocity: supports start from rest."""
-    support = body.support
-    assert support is not None
     flat = now.velocity.ravel()
+    if body.held is not None:
+        flat[body.held.index] = 0.0
+        now.displacement.ravel()[body.held.index] = 0.0
+    support = body.support
+    if support is None:
+        return
     index = support.base[:, None] + body.lanes * np.arange(3)
     for k in range(len(index)):
         n = support.direction[k]
@@ -225,6 +264,32 @@ def choose_time_step(
     return time_step
 
 
+@dataclass(frozen=True)
+class Output:
+    """Callbacks and files of a run; all off by default."""
+
+    progress: Callable[[Progress], None] | None = None
+    """Called at every sample."""
+    on_frame: Callable[[Frame], None] | None = None
+    """Called with the displacements every `frame_interval`."""
+    frame_interval: float = math.inf
+    """[s]"""
+    checkpoint: Path | None = None
+    """File that is written on interruption and every `checkpoint_seconds`."""
+    checkpoint_seconds: float = 60.0
+    """Wall time between two checkpoints [s]."""
+
+
+@dataclass(frozen=True)
+class StopCriterion:
+    """When a quasi-static run has arrived."""
+
+    residual: float
+    """Relative force residual, see `fem.damping.residual`."""
+    not_before: float = 0.0
+    """End of the loading [s]."""
+
+
 def solve(
     model: Model,
     *,
@@ -236,9 +301,14 @@ def solve(
     sample_interval: int = 50,
     displacements: Sequence[FloatArray] | None = None,
     velocities: Sequence[FloatArray] | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    stop: StopCriterion | None = None,
+    output: Output | None = None,
+    resume: Path | None = None,
 ) -> ExplicitResult:
-    """Run explicit dynamics from time 0 to ``end_time``.
+    """Run explicit dynamics from time 0, or from a checkpoint, to ``end_time``.
+
+    Ctrl-C and SIGTERM stop the run after the step at hand, write the checkpoint if there is one
+    and return with `Status.INTERRUPTED`.
 
     Parameters
     ----------
@@ -253,53 +323,176 @@ def solve(
     precision
         ``float64`` or ``float32``.
     threads
-        Threads of the loops.
+        Threads of the loops; the bits of the result do not depend on it.
     sample_interval
         Steps between two samples of the energies, which also watch over stability.
     displacements, velocities
         Initial state, world axes, one (n_copies, n_nodes, 3) for each group.
-    progress
-        Called at every sample.
+    stop
+        Stop early at the static state.
+    output
+        Callbacks and checkpoint.
+    resume
+        Checkpoint to continue from; the same problem must be stated.
 
     Raises
     ------
-    TimeStepError, StateError
+    TimeStepError, StateError, CheckpointError
         Input that cannot be run.
     UnstableRun
-        The solution grew without bound.
+        The solution grew without bound; nothing not finite is passed to a callback.
     """
+    if not (math.isfinite(end_time) and end_time > 0.0):
+        raise TimeStepError(f"fem.end_time: got {end_time} s, expected a finite positive number")
+    if sample_interval < 1:
+        raise TimeStepError(f"fem.sample_interval: got {sample_interval}, expected at least 1")
     critical = critical_time_step(model)
     dt = choose_time_step(critical, time_step, safety_factor)
     system = prepare(model, time_step=dt, precision=precision, threads=threads)
     state = initial_state(system, displacements=displacements, velocities=velocities)
-    n_steps = math.ceil(end_time / dt * (1.0 - 1e-12))
-    history = History()
+    history = History() if resume is None else read_checkpoint(resume, system, state)
+    run = _Run(
+        system=system,
+        state=state,
+        history=history,
+        output=output or Output(),
+        stop=stop,
+        end_time=end_time,
+        n_steps=math.ceil(end_time / dt * (1.0 - 1e-12)),
+        sample_interval=sample_interval,
+    )
+    first = state.step
     started = clock.process_time()
-    while state.step < n_steps:
-        sample = state.step % sample_interval == 0 or state.step == n_steps - 1
-        step(system, state, sample=sample)
-        if sample:
-            values = energies(system, state)
-            history.observe(values)
-            watch(system, state, history)
-            history.append((state.step - 1) * dt, state.step - 1, values, 0.0, 0.0)
-            if progress is not None:
-                progress(Progress((state.step - 1) * dt, end_time, state.step - 1, n_steps, values))
+    with stop_requests() as request:
+        status = run.loop(request)
     cpu = clock.process_time() - started
+    return _result(run, critical, status, cpu, state.step - first)
+
+
+@dataclass
+class _Run:
+    """The loop around the step: samples, watchdog, frames, checkpoints."""
+
+    system: System
+    state: State
+    history: History
+    output: Output
+    stop: StopCriterion | None
+    end_time: float
+    n_steps: int
+    sample_interval: int
+    energies: Energies | None = None
+    residual: float | None = None
+    last_checkpoint: float = field(default_factory=clock.monotonic)
+
+    def loop(self, request: StopRequest) -> Status:
+        system, state = self.system, self.state
+        adaptive = system.model.effects.adaptive_mass_damping
+        status = Status.FINISHED
+        self.frame()
+        while state.step < self.n_steps and status is Status.FINISHED:
+            sample = self.sample_due()
+            step(system, state, sample=sample)
+            if sample and self.sample():
+                status = Status.CONVERGED
+            if adaptive is not None and state.step % adaptive.interval == 0:
+                adapt(system, state, adaptive)
+            if request.requested:
+                status = Status.INTERRUPTED
+            self.frame()
+            self.checkpoint(force=status is Status.INTERRUPTED)
+        return status
+
+    def sample_due(self) -> bool:
+        """Whether the coming step is sampled: regularly, at the end, and before each frame."""
+        number = self.state.step
+        regular = number % self.sample_interval == 0 or number == self.n_steps - 1
+        return regular or self.frame_due(number + 1)
+
+    def sample(self) -> bool:
+        """Energies at the beginning of the step just done; True when the run has arrived."""
+        system, state = self.system, self.state
+        number = state.step - 1
+        time = number * system.time_step
+        self.energies = energies(system, state)
+        self.history.observe(self.energies)
+        watch(system, state, self.history)
+        if self.stop is not None:
+            self.residual = residual(system, state).relative
+        damping = 0.0 if state.mass_damping is None else state.mass_damping
+        shown = math.nan if self.residual is None else self.residual
+        self.history.append(time, number, self.energies, damping, shown)
+        if self.output.progress is not None:
+            told = Progress(
+                time, self.end_time, number + 1, self.n_steps, self.energies, self.residual
+            )
+            self.output.progress(told)
+        if self.stop is None or self.residual is None:
+            return False
+        return time >= self.stop.not_before and self.residual <= self.stop.residual
+
+    def frame_number(self, number: int) -> int:
+        """Number of the frame interval that the time of step ``number`` lies in."""
+        return int(number * self.system.time_step / self.output.frame_interval * (1.0 + 1e-12))
+
+    def frame_due(self, number: int) -> bool:
+        """Whether a frame is due at step ``number``."""
+        if self.output.on_frame is None:
+            return False
+        if number in (0, self.n_steps):
+            return True
+        return self.frame_number(number) > self.frame_number(number - 1)
+
+    def frame(self) -> None:
+        """Pass the displacements on when a frame is due."""
+        state = self.state
+        if self.output.on_frame is None or not self.frame_due(state.step):
+            return
+        fields = displacements_of(self.system, state)
+        last = self.frame_number(self.n_steps - 1) + 1
+        number = last if state.step == self.n_steps else self.frame_number(state.step)
+        self.output.on_frame(Frame(number, self.system.time(state), fields))
+
+    def checkpoint(self, *, force: bool) -> None:
+        """Write the checkpoint when it is time."""
+        path = self.output.checkpoint
+        if path is None:
+            return
+        now = clock.monotonic()
+        if force or now - self.last_checkpoint >= self.output.checkpoint_seconds:
+            write_checkpoint(path, self.system, self.state, self.history)
+            self.last_checkpoint = now
+
+
+def displacements_of(system: System, state: State) -> tuple[FloatArray, ...]:
+    """Displacements of each group in world axes, (n_copies, n_nodes, 3) [mm]."""
+    pairs = zip(system.bodies, state.bodies, strict=True)
+    return tuple(world_vectors(body, now.displacement) for body, now in pairs)
+
+
+def _result(
+    run: _Run, critical: CriticalTimeStep, status: Status, cpu: float, steps: int
+) -> ExplicitResult:
+    system, state = run.system, run.state
     pairs = list(zip(system.bodies, state.bodies, strict=True))
+    balance = run.history.column("energy_balance")
     return ExplicitResult(
-        model=model,
-        displacements=tuple(world_vectors(b, s.displacement) for b, s in pairs),
-        velocities=tuple(world_vectors(b, s.velocity) for b, s in pairs),
+        model=system.model,
+        status=status,
+        displacements=displacements_of(system, state),
+        velocities=tuple(world_vectors(body, now.velocity) for body, now in pairs),
         time=system.time(state),
         n_steps=state.step,
-        time_step=dt,
+        time_step=system.time_step,
         critical=critical,
-        history=history,
-        energies=values,
-        energy_balance=float(np.abs(history.column("energy_balance")).max()),
+        history=run.history,
+        energies=run.energies,
+        energy_balance=float(np.abs(balance).max(initial=0.0)),
+        residual=run.residual,
         cpu_seconds=cpu,
-        status="finished",
+        element_updates=system.model.n_elements * steps,
+        state_bytes=sum(a.nbytes for a in state_arrays(system, state).values()),
+        constant_bytes=sum(body.constant_bytes for body in system.bodies),
     )
 
 

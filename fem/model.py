@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from scipy.sparse import bsr_array
@@ -21,8 +23,22 @@ from fem.hexahedron import (
 from fem.material import Material
 from geometry.mesh import FloatArray, HexMesh, IntArray
 
+if TYPE_CHECKING:
+    from fem.body import Body
+    from fem.central_difference import Interaction
+
 Amplitude = Callable[[float], float]
 """Factor of a load or a displacement as a function of time [s]."""
+
+
+class Formulation(Enum):
+    """Where the internal force of the explicit solver comes from."""
+
+    SHARED_STIFFNESS = "shared stiffness"
+    """One sparse stiffness per block shape, in the frame of the block."""
+    RATE_FORM = "rate form"
+    """Every element by itself, as Abaqus/Explicit's C3D8R does (`fem.rate_form`): the slow
+    like-for-like; reduced elements, finite rotations of elements, double precision."""
 
 
 class ModelError(ValueError):
@@ -230,6 +246,19 @@ def nodal_load(
     )
 
 
+class InteractionModel(Protocol):
+    """Statement of forces between blocks, such as contact; frozen."""
+
+    def touched_nodes(self, group: int) -> IntArray:
+        """Nodes of the group's mesh on which forces may act, (n,)."""
+
+    def nodal_stiffness(self, group: int) -> FloatArray | None:
+        """Stiffness to count on each node for the critical time step, (n_nodes,) [N/mm]."""
+
+    def bind(self, bodies: tuple[Body, ...]) -> Interaction:
+        """Prepare the force for the loop."""
+
+
 @dataclass(frozen=True)
 class Model:
     """Deformable blocks with supports, loads and effects."""
@@ -242,10 +271,16 @@ class Model:
     """Nodal forces."""
     effects: Effects = field(default_factory=Effects)
     """Damping, viscosity, rotation, gravity."""
+    interactions: tuple[InteractionModel, ...] = ()
+    """Contact; empty when blocks do not meet."""
+    formulation: Formulation = Formulation.SHARED_STIFFNESS
+    """Internal force of the explicit solver."""
 
     def __post_init__(self) -> None:
         if not self.groups:
             raise ModelError("model: got no blocks; expected at least one group")
+        if self.formulation is Formulation.RATE_FORM:
+            _check_rate_form(self)
         for k, support in enumerate(self.supports):
             _check_entries(self, f"support {k}", support.group, support.copies, support.nodes)
             _check_support(k, support)
@@ -293,6 +328,19 @@ def _check_group(group: BlockGroup) -> None:
         raise ModelError(
             f"{group.name}: node {bad} has mass {group.lumped_mass[bad]} t; expected positive "
             "masses (every node must belong to an element)"
+        )
+
+
+def _check_rate_form(model: Model) -> None:
+    for group in model.groups:
+        if group.element is not ElementType.REDUCED:
+            raise ModelError(
+                f"{group.name}: got element {group.element.value!r}; "
+                "the rate form expects 'reduced'"
+            )
+    if any(load.follows_block for load in model.loads):
+        raise ModelError(
+            "rate form: it has no block frames; expected loads that do not follow them"
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from geometry.assembly import Assembly
+from geometry.contact_assembly import ContactAssembly
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from mbd.contact_jacobian import contact_jacobian
@@ -54,7 +54,7 @@ class RigidResult:
 
 
 def analyse(
-    assembly: Assembly,
+    assembly: ContactAssembly,
     load: LoadCase,
     *,
     norm: Norm = Norm.FORCE,

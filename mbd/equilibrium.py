@@ -5,7 +5,7 @@ min ½ ‖λ‖² s.t. G λ + f = 0, λ >= 0. The dual is unconstrained and smoo
     min_y ½ ‖max(0, Gᵀy)‖² + fᵀy,  λ = max(0, Gᵀy),
 
 with six unknowns per block however fine the mesh is. It is minimised by a semismooth Newton
-method with an Armijo line search, inside proximal steps (ε/2)‖y - y_k‖² whose ε shrinks: each
+method with an exact line search, inside proximal steps (ε/2)‖y - y_k‖² whose ε shrinks: each
 subproblem has a positive definite Hessian, so rank-deficient G and infeasible loads need no
 special case. Where the load is infeasible, y runs off to infinity along a ray; its direction
 negated is d with Gᵀd >= 0 and fᵀd > 0, the load-activated mechanism.
@@ -17,13 +17,16 @@ algorithm", SIAM J. Control Optim. 14 (1976).
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
+from geometry.assembly import BoolArray
 from geometry.mesh import FloatArray
 from mbd.contact_jacobian import ContactJacobian
 
@@ -32,6 +35,7 @@ EQUILIBRIUM_TOLERANCE = 1e-6
 
 #: Relative residual at which the Newton iteration stops.
 _TARGET = 1e-12
+_EPS = float(np.finfo(np.float64).eps)
 #: Residual at which an iteration that no longer improves has reached round-off.
 _STALLED = 1e-9
 #: A mechanism d is load-activated where fᵀd exceeds this (‖f‖ = ‖d‖ = 1) …
@@ -138,18 +142,49 @@ class _Dual:
     centre: FloatArray
     epsilon: float
 
-    def value(self, y: FloatArray, gap: FloatArray) -> float:
-        positive = np.maximum(gap, 0.0)
-        step = y - self.centre
-        quadratic = 0.5 * float(positive @ positive) + 0.5 * self.epsilon * float(step @ step)
-        return quadratic + float(self.load @ y)
-
     def gap(self, y: FloatArray) -> FloatArray:
         return self.column * self.jacobian.gap_rates(y)
 
     def imbalance(self, gap: FloatArray) -> FloatArray:
         """G λ + f for λ = c max(0, gap)."""
         return self.jacobian.resultant(self.column * np.maximum(gap, 0.0)) + self.load
+
+    def step_length(
+        self, y: FloatArray, gap: FloatArray, direction: FloatArray, gap_direction: FloatArray
+    ) -> float:
+        """Step that minimises the objective along ``direction``; 1 if a full step nearly does.
+
+        The slope is a growing, piecewise linear function of the step: a bracketed Newton iteration
+        finds its root in a few products.
+        """
+        curvature = self.epsilon * float(direction @ direction)
+        straight = float((self.load + self.epsilon * (y - self.centre)) @ direction)
+
+        def slope(step: float) -> tuple[float, float]:
+            pressing = np.maximum(gap + step * gap_direction, 0.0)
+            moving = gap_direction[pressing > 0.0]
+            value = float(pressing @ gap_direction) + straight + step * curvature
+            return value, float(moving @ moving) + curvature
+
+        first, _ = slope(0.0)
+        value, rate = slope(1.0)
+        low, high, step = 0.0, np.inf, 1.0
+        for _ in range(40):
+            # The second term accepts slopes that drown in round-off near the minimum.
+            if abs(value) <= 0.1 * abs(first) + 16 * _EPS * abs(straight):
+                break
+            low, high = (step, high) if value < 0.0 else (low, step)
+            step -= value / rate
+            if not low < step < high:
+                step = 0.5 * (low + high)
+            value, rate = slope(step)
+        return step
+
+
+def _noise(dual: _Dual, y: FloatArray) -> FloatArray:
+    """Gaps below this are round-off of Gᵀy, (n_contacts,)."""
+    noise: FloatArray = 16 * _EPS * float(np.linalg.norm(y)) * dual.column
+    return noise
 
 
 def _newton(dual: _Dual, y: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int]:
@@ -159,7 +194,6 @@ def _newton(dual: _Dual, y: FloatArray, tolerance: float, most: int) -> tuple[Fl
     unchanged has reached the minimum, up to the round-off of one linear solve.
     """
     gap = dual.gap(y)
-    value = dual.value(y, gap)
     for iteration in range(most):
         gradient = dual.imbalance(gap) + dual.epsilon * (y - dual.centre)
         if np.linalg.norm(gradient) <= tolerance:
@@ -167,53 +201,57 @@ def _newton(dual: _Dual, y: FloatArray, tolerance: float, most: int) -> tuple[Fl
         pressing = gap > 0.0
         solve = dual.jacobian.normal_solver(np.where(pressing, dual.column**2, 0.0), dual.epsilon)
         direction = -solve(gradient)
-        slope = float(gradient @ direction)
         gap_direction = dual.gap(direction)
-        length = 1.0
-        while length > 1e-8:
-            trial_gap = gap + length * gap_direction
-            trial = dual.value(y + length * direction, trial_gap)
-            # The last term accepts steps whose decrease drowns in round-off near the minimum.
-            if trial <= value + 1e-4 * length * slope + 1e-15 * abs(value):
-                break
-            length *= 0.5
+        length = dual.step_length(y, gap, direction, gap_direction)
         y = y + length * direction
         gap = dual.gap(y)
-        value = dual.value(y, gap)
-        if length == 1.0 and np.array_equal(pressing, gap > 0.0):
+        changed = (pressing != (gap > 0.0)) & (np.abs(gap) > _noise(dual, y))
+        if length == 1.0 and not changed.any():
             return y, iteration + 1
     return y, most
+
+
+def _damped(dual: _Dual, rest: FloatArray, pressing: BoolArray) -> FloatArray | None:
+    """Part of ``rest`` orthogonal to the pressing columns, normalised, to round-off."""
+    weights = np.where(pressing, dual.column**2, 0.0)
+    scale = float(weights.sum()) / len(rest)
+    direction = rest / np.linalg.norm(rest)
+    if scale == 0.0:
+        return direction
+    shift = 1e-9 * scale
+    try:
+        solve = dual.jacobian.normal_solver(weights, shift)
+    except scipy.linalg.LinAlgError:
+        return None
+    for _ in range(6):
+        direction = shift * solve(direction)
+        size = float(np.linalg.norm(direction))
+        if size < _SMALLEST_WORK:
+            return None
+        direction = direction / size
+    return direction
 
 
 def _ray(dual: _Dual, y: FloatArray) -> FloatArray | None:
     """Return the load-activated mechanism, if the proximal solution reveals one.
 
     At the projection of the load on the cone of contact wrenches the rest r = Gλ + f is
-    orthogonal to the columns that press. Repeated solves with the pressing columns alone damp
-    every other part of r to round-off.
+    orthogonal to the columns that press; repeated solves with those alone damp every other part
+    of r. Which of the contacts with a gap of zero press is for round-off to say, so several
+    readings are tried: whatever passes the check is a certificate, the cleanest is returned.
     """
-    gap = dual.gap(y)
+    gap, noise = dual.gap(y), _noise(dual, y)
     rest = dual.imbalance(gap)
-    weights = np.where(gap > 0.0, dual.column**2, 0.0)
-    scale = float(weights.sum()) / len(rest)
-    direction = rest / np.linalg.norm(rest)
-    if scale > 0.0:
-        shift = 1e-9 * scale
-        try:
-            solve = dual.jacobian.normal_solver(weights, shift)
-        except scipy.linalg.LinAlgError:
-            return None
-        for _ in range(6):
-            direction = shift * solve(direction)
-            size = float(np.linalg.norm(direction))
-            if size < _SMALLEST_WORK:
-                return None
-            direction = direction / size
-    work = float(dual.load @ direction)
-    closing = -float(dual.gap(direction).min(initial=0.0))
-    if work > _SMALLEST_WORK and closing <= _RAY_TOLERANCE * work:
-        return direction
-    return None
+    best, cleanest = None, _RAY_TOLERANCE
+    for pressing in (gap > noise, gap > 0.0, gap > -noise):
+        direction = _damped(dual, rest, pressing)
+        if direction is None:
+            continue
+        work = float(dual.load @ direction)
+        closing = -float(dual.gap(direction).min(initial=0.0))
+        if work > _SMALLEST_WORK and closing <= cleanest * work:
+            best, cleanest = direction, closing / work
+    return best
 
 
 def newton_equilibrium(
@@ -273,6 +311,9 @@ def newton_equilibrium(
                 break
         dual.centre = y
         dual.epsilon = max(0.01 * dual.epsilon, 1e-15 * scale)
+        # Where the load is infeasible, the next solution lies this way, 1/ε times the rest away.
+        rest = -dual.imbalance(gap) / dual.epsilon
+        y = y + dual.step_length(y, gap, rest, dual.gap(rest)) * rest
     holds = direction is None and best <= EQUILIBRIUM_TOLERANCE
     if direction is not None:
         status = _infeasible_status()
@@ -313,9 +354,7 @@ def clarabel_equilibrium(
     matrix = sp.csc_matrix(jacobian.to_matrix() * column[None, :])
     unit_load = load / size
     tight = {"tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12, "tol_feas": 1e-12}
-    # The natural size of λ is 1/n_contacts; the objective is scaled so that clarabel's absolute
-    # tolerances mean the same in every problem.
-    solution = qpsolvers.solve_problem(
+    solution = _solve_by_clarabel(
         qpsolvers.Problem(
             P=sp.eye(n_contacts, format="csc"),
             q=np.zeros(n_contacts),
@@ -323,7 +362,6 @@ def clarabel_equilibrium(
             b=-unit_load,
             lb=np.zeros(n_contacts),
         ),
-        solver="clarabel",
         **tight,
     )
     iterations = int(solution.extras.get("iterations", 0)) if solution.extras else 0
@@ -343,6 +381,15 @@ def clarabel_equilibrium(
                 _balanced(residual),
             )
     return _clarabel_projection(load, column, matrix, size)
+
+
+def _solve_by_clarabel(problem: Any, **options: float) -> Any:
+    """Solve; its warning about an infeasible problem is silenced, for the residual decides."""
+    import qpsolvers
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Clarabel.rs terminated")
+        return qpsolvers.solve_problem(problem, solver="clarabel", **options)
 
 
 def _clarabel_projection(
@@ -365,7 +412,7 @@ def _clarabel_projection(
         b=-unit_load,
         lb=np.concatenate([np.zeros(n_contacts), np.full(n_rows, -np.inf)]),
     )
-    solution = qpsolvers.solve_problem(problem, solver="clarabel")
+    solution = _solve_by_clarabel(problem)
     if solution.x is None:
         return Equilibrium(
             False, np.zeros(n_contacts), 1.0, None, 0, np.zeros(n_rows), _undecided(1.0)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from geometry.assembly import Assembly, AssemblyError
 from geometry.brick_stack import brick_stack
+from geometry.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.load_case import LoadCase, LoadCaseError, load_case
 from geometry.mesh import MeshError
 from geometry.sine_block import BlockParameterError, SineBlockDivisions, SineBlockParameters
-from geometry.tube import sine_tube
+from geometry.tube import hexagon_tube, sine_tube
 from validation.errors import InputError
-from validation.scene import BrickScene, Scene, TubeScene
+from validation.scene import AssemblyScene, BrickScene, Scene, TubeScene
+from validation.scene_families import HexagonTubeScene
 
 
 def block_parameters(scene: TubeScene) -> SineBlockParameters:
@@ -17,7 +19,23 @@ def block_parameters(scene: TubeScene) -> SineBlockParameters:
     return SineBlockParameters(**scene.block.model_dump(exclude={"type"}))
 
 
-def build_assembly(scene: Scene) -> Assembly:
+def require_assembly(scene: Scene, name: str, command: str) -> AssemblyScene:
+    """Return the scene if its blocks meet each other.
+
+    Raises
+    ------
+    InputError
+        For a scene of a single box.
+    """
+    if isinstance(scene, AssemblyScene):
+        return scene
+    raise InputError(
+        f"{name}: block.type {scene.block.type!r} is one deformable body without contacts; "
+        f"`tubelock {command}` needs an assembly, such as tsb1-pipe"
+    )
+
+
+def build_assembly(scene: AssemblyScene) -> Assembly:
     """Build the blocks of a scene.
 
     Raises
@@ -33,13 +51,19 @@ def build_assembly(scene: Scene) -> Assembly:
                 columns=scene.assembly.columns,
                 layers=scene.assembly.layers,
             )
+        if isinstance(scene, HexagonTubeScene):
+            return hexagon_tube(
+                HexagonBlockParameters(**scene.block.model_dump(exclude={"type"})),
+                HexagonBlockDivisions(**scene.mesh.model_dump()),
+                scene.assembly.layers,
+            )
         divisions = SineBlockDivisions(**scene.mesh.model_dump())
         return sine_tube(block_parameters(scene), divisions, scene.assembly.layers)
     except (BlockParameterError, AssemblyError, MeshError) as error:
         raise InputError(str(error)) from None
 
 
-def build_load(scene: Scene, assembly: Assembly) -> LoadCase:
+def build_load(scene: AssemblyScene, assembly: Assembly) -> LoadCase:
     """Build the load case of a scene.
 
     Raises

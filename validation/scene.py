@@ -16,19 +16,25 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from geometry.load_case import LoadCaseName
-from mbd import Norm, Solver
 from validation.errors import InputError
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-
-
-class Section(BaseModel):
-    """Base of all sections: frozen, and unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
+from validation.scene_families import HexagonTubeScene
+from validation.scene_fem import (
+    BoxScene,
+    ContactSection,
+    DivisionsSection,
+    EffectsSection,
+    FemSection,
+    MaterialSection,
+)
+from validation.scene_sections import (
+    Finite,
+    NonNegative,
+    Positive,
+    RigidSection,
+    Section,
+    TubeAssemblySection,
+    TubeLoadSection,
+)
 
 
 class SineBlockSection(Section):
@@ -51,38 +57,12 @@ class SineBlockSection(Section):
     """t [mm]"""
 
 
-class TubeAssemblySection(Section):
-    """``[assembly]`` of a tube."""
-
-    layers: Annotated[int, Field(ge=1)]
-    """Free layers L, the two frame layers not counted."""
-
-
 class TubeMeshSection(Section):
     """``[mesh]`` of a tube: elements of one block in each direction."""
 
     around: Annotated[int, Field(ge=1)]
     radial: Annotated[int, Field(ge=1)]
     axial: Annotated[int, Field(ge=1)]
-
-
-class TubeLoadSection(Section):
-    """``[load]`` of a tube: one of the five load cases."""
-
-    case: LoadCaseName
-    pressure: Finite = 0.01
-    """Load pressure [MPa]."""
-    as_printed: bool = False
-    """The reading that reproduces the paper's tables instead of what physics says."""
-    layer: Annotated[int, Field(ge=1)] | None = None
-    """Loaded layer of beam and shaft; by default the middle one, ⌊L/2⌋ + 1."""
-
-
-class RigidSection(Section):
-    """``[rigid]``: how the rigid-block equilibrium is solved."""
-
-    norm: Norm = Norm.FORCE
-    solver: Solver = Solver.NEWTON
 
 
 class TubeScene(Section):
@@ -93,6 +73,10 @@ class TubeScene(Section):
     mesh: TubeMeshSection
     load: TubeLoadSection
     rigid: RigidSection = RigidSection()
+    material: MaterialSection | None = None
+    contact: ContactSection | None = None
+    effects: EffectsSection = EffectsSection()
+    fem: FemSection | None = None
 
 
 class BrickSection(Section):
@@ -110,14 +94,6 @@ class StackAssemblySection(Section):
     layers: Annotated[int, Field(ge=1)]
 
 
-class DivisionsSection(Section):
-    """``[mesh]`` by elements along x, y, z."""
-
-    divisions: tuple[
-        Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]
-    ]
-
-
 class BrickScene(Section):
     """A stack of bricks between two fixed rows."""
 
@@ -128,10 +104,17 @@ class BrickScene(Section):
     rigid: RigidSection = RigidSection()
 
 
-Scene: TypeAlias = TubeScene | BrickScene
+#: Scenes of blocks that meet: what the rigid answer and load cases are for.
+AssemblyScene: TypeAlias = TubeScene | BrickScene | HexagonTubeScene
+Scene: TypeAlias = AssemblyScene | BoxScene
 
 #: Scene class by ``[block] type``.
-SCENE_TYPES: dict[str, type[Scene]] = {"sine": TubeScene, "brick": BrickScene}
+SCENE_TYPES: dict[str, type[Scene]] = {
+    "sine": TubeScene,
+    "brick": BrickScene,
+    "box": BoxScene,
+    "hexagon": HexagonTubeScene,
+}
 
 
 class SceneFile(BaseModel):
@@ -206,8 +189,10 @@ def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[s
     result: dict[str, Any] = json.loads(json.dumps(data))
     for override in overrides:
         path, equals, text = override.partition("=")
-        keys = [key.strip() for key in path.split(".")]
-        if not equals or len(keys) < 2 or not all(keys):
+        keys = [key.strip().strip("'\"") for key in path.split(".")]
+        value = _value(text.strip())
+        whole_section = len(keys) == 1 and isinstance(value, dict)
+        if not equals or not all(keys) or (len(keys) < 2 and not whole_section):
             raise InputError(
                 f"--set {override}: expected section.key=value, e.g. --set assembly.layers=4"
             )
@@ -217,7 +202,7 @@ def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[s
             if not isinstance(inner, dict):
                 raise InputError(f"--set {override}: {key!r} is a value, not a section")
             target = inner
-        target[keys[-1]] = _value(text.strip())
+        target[keys[-1]] = value
     return result
 
 

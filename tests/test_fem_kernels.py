@@ -1,0 +1,293 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fem import kernels, reference
+from fem.effects import BulkViscosity
+from fem.hexahedron import ElementType, block_stiffness
+from fem.layout import BlockRows, aligned_zeros, block_rows, from_lanes, padded_lanes, to_lanes
+from fem.material import Material
+from fem.model import block_group
+from fem.viscosity import element_viscosity
+from tests.fem_problems import CONCRETE, distorted_box
+
+EPS = {np.float64: 2.0**-53, np.float32: 2.0**-24}
+
+
+@pytest.fixture(scope="module")
+def stiffness():
+    return block_stiffness(distorted_box((4, 3, 5)), CONCRETE, ElementType.INCOMPATIBLE)
+
+
+def random_lanes(rows: BlockRows, n_copies: int, dtype, seed: int = 0) -> np.ndarray:
+    values = np.random.default_rng(seed).standard_normal((n_copies, rows.n_nodes, 3))
+    return to_lanes(values, rows.order, dtype)
+
+
+def product(rows: BlockRows, u: np.ndarray, *, torque=None, kernel=kernels.stiffness_product):
+    force = aligned_zeros(u.shape, u.dtype)
+    flat_torque = None if torque is None else torque.ravel()
+    kernel(
+        rows.chunks,
+        rows.pointer,
+        rows.column,
+        rows.blocks,
+        u.ravel(),
+        force.ravel(),
+        flat_torque,
+        u.shape[2],
+    )
+    return force
+
+
+def product_bound(rows: BlockRows, u: np.ndarray) -> np.ndarray:
+    """|fl(K u) - K u| <= n eps |K| |u| with n = 81 terms; twice, for kernel and reference."""
+    absolute = reference.sparse_stiffness(rows)
+    absolute.data = np.abs(absolute.data)
+    size = np.abs(u).reshape(3 * rows.n_nodes, -1).astype(np.float64)
+    return 2 * 81 * EPS[u.dtype.type] * (absolute.astype(np.float64) @ size).reshape(u.shape)
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("n_copies", [1, 2, 3, 4, 7, 12, 24, 52, 61])
+def test_stiffness_product_is_the_sparse_product(stiffness, n_copies, dtype):
+    rows = block_rows(stiffness, dtype)
+    u = random_lanes(rows, n_copies, dtype)
+    torque = aligned_zeros((len(rows.chunks) - 1, 3, u.shape[2]), dtype)
+    force = product(rows, u, torque=torque)
+    bound = product_bound(rows, u)
+    assert (np.abs(force - reference.stiffness_product(rows, u)) <= bound).all()
+    # Sums of 3 n products of u and f: n eps of the sum of magnitudes.
+    size = np.abs(u).max() * np.abs(force).max() * 6 * rows.n_nodes
+    error = np.abs(torque.sum(axis=0) - reference.torque(u, force)).max()
+    assert error <= rows.n_nodes * EPS[dtype] * size
+
+
+def test_packed_stiffness_is_the_assembled_one_in_another_order(stiffness):
+    rows = block_rows(stiffness, np.float64)
+    dof = (3 * rows.order[:, None] + np.arange(3)).ravel()
+    packed = reference.sparse_stiffness(rows).toarray()
+    np.testing.assert_array_equal(packed, stiffness.toarray()[np.ix_(dof, dof)])
+
+
+def test_copies_do_not_know_how_many_they_are(stiffness):
+    # A lane of a vector of any width does the same operations in the same order: same bits.
+    rows = block_rows(stiffness, np.float64)
+    values = np.random.default_rng(1).standard_normal((52, rows.n_nodes, 3))
+    alone = {}
+    for n in (2, 3, 8, 20, 52):
+        force = product(rows, to_lanes(values[:n], rows.order, np.float64))
+        alone[n] = from_lanes(force, rows.row, n)
+        np.testing.assert_array_equal(alone[n][:2], alone[2])
+    # One copy sums by columns of the blocks: same terms, another order, 81 of them.
+    u = to_lanes(values[:1], rows.order, np.float64)
+    single = from_lanes(product(rows, u), rows.row, 1)
+    bound = from_lanes(product_bound(rows, u), rows.row, 1)
+    assert (np.abs(single - alone[2][:1]) <= bound).all()
+
+
+@pytest.mark.parametrize("n_copies", [1, 12])
+def test_threads_do_not_change_a_bit(stiffness, n_copies):
+    rows = block_rows(stiffness, np.float64)
+    u = random_lanes(rows, n_copies, np.float64)
+    parallel = product(rows, u, kernel=kernels.stiffness_product_parallel)
+    np.testing.assert_array_equal(product(rows, u), parallel)
+
+
+def test_lanes_round_trip_and_padding():
+    rng = np.random.default_rng(0)
+    order = rng.permutation(10)
+    row = np.argsort(order)
+    values = rng.standard_normal((5, 10, 3))
+    lanes = to_lanes(values, order, np.float64)
+    assert lanes.shape == (10, 3, 8)
+    assert lanes.ctypes.data % 64 == 0
+    np.testing.assert_array_equal(from_lanes(lanes, row, 5), values)
+    assert [padded_lanes(n, np.float64) for n in (1, 2, 3, 8, 9, 52)] == [1, 2, 4, 8, 16, 56]
+    assert [padded_lanes(n, np.float32) for n in (1, 9, 16, 17, 52)] == [1, 16, 16, 32, 64]
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_update_is_one_central_difference_step(dtype):
+    rng = np.random.default_rng(2)
+    n, lanes = 30, 8
+    mass = rng.uniform(1.0, 2.0, n).astype(dtype)
+    internal, u, v = (rng.standard_normal((n, 3, lanes)).astype(dtype) for _ in range(3))
+    applied_row = np.full(n, -1, dtype=np.int32)
+    applied_row[5:12] = np.arange(7)
+    applied = rng.standard_normal((7, 3, lanes)).astype(dtype)
+    gravity = rng.standard_normal((3, lanes)).astype(dtype)
+    dt, damping = 0.01, 30.0
+    force = -internal.astype(np.float64)
+    force[5:12] += applied
+    expected = reference.update(
+        time_step=dt,
+        mass_damping=damping,
+        mass=mass.astype(np.float64),
+        force=force,
+        acceleration=gravity,
+        displacement=u,
+        velocity=v,
+    )
+    half = 0.5 * damping * dt
+    chunks = np.array([0, 4, 17, 30])
+    kinetic, dissipated = np.zeros((3, lanes)), np.ones((3, 2, lanes))
+    new_u, new_v = u.copy(), v.copy()
+    kernels.update(
+        chunks,
+        dtype(dt),
+        dtype(dt / (1 + half)),
+        dtype((1 - half) / (1 + half)),
+        mass,
+        internal,
+        applied_row,
+        applied,
+        gravity,
+        new_u,
+        new_v,
+        kinetic,
+        half,
+        dissipated,
+    )
+    # A handful of roundings of numbers below 10.
+    tolerance = 20 * 10 * EPS[dtype]
+    np.testing.assert_allclose(new_u, expected[0], rtol=0, atol=tolerance)
+    np.testing.assert_allclose(new_v, expected[1], rtol=0, atol=tolerance)
+    m = mass.astype(np.float64)[:, None, None]
+    sums = (m * v * new_v).sum(axis=(0, 1))
+    np.testing.assert_allclose(kinetic.sum(axis=0), 0.5 * sums, rtol=0, atol=90 * tolerance)
+    mean = 0.5 * (v + new_v.astype(np.float64))
+    loss = dt * damping * (m * mean**2).sum(axis=(0, 1))
+    np.testing.assert_allclose(dissipated[:, 0].sum(axis=0), 3 + loss, atol=90 * tolerance)
+    after = 0.5 * dt * damping * (m * mean * new_v).sum(axis=(0, 1))
+    np.testing.assert_allclose(dissipated[:, 1].sum(axis=0), after, rtol=0, atol=90 * tolerance)
+
+
+def test_scatter_adds_repeated_indices():
+    rng = np.random.default_rng(3)
+    target, values = rng.standard_normal(20), rng.standard_normal(50)
+    index = rng.integers(0, 20, 50)
+    result = target.copy()
+    kernels.add_at(result, index, values, 0.5)
+    # The same additions in the same order.
+    np.testing.assert_array_equal(result, reference.add_at(target, index, values, 0.5))
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("n_copies", [1, 2, 3, 20])
+def test_effects_are_their_plain_statements(dtype, n_copies):
+    # Sums of at most a few hundred products of numbers below 10, each rounded once or twice.
+    tolerance = 300 * 100 * EPS[dtype]
+    group = block_group(distorted_box((4, 3, 2)), Material(1.0, 1.0, 0.3))
+    rows = block_rows(group.stiffness, dtype)
+    data = element_viscosity(group, rows.row, BulkViscosity(0.5, 0.7), dtype)
+    chunks, n = rows.chunks, len(rows.chunks) - 1
+    u, f, old, lag, step = (random_lanes(rows, n_copies, dtype, seed) for seed in range(5))
+    lanes, rng = u.shape[2], np.random.default_rng(9)
+
+    strain, stress = (
+        rng.standard_normal((group.mesh.n_elements, lanes)).astype(dtype) for _ in range(2)
+    )
+    expected = reference.viscous_pressure(
+        data, per_step=2.0, displacement=u, strain=strain, stress=stress
+    )
+    lost = np.zeros((len(data.element_chunks) - 1, lanes))
+    kernels.viscous_pressure(
+        data.element_chunks,
+        data.element_rows.ravel(),
+        data.gradient.ravel(),
+        data.linear,
+        data.quadratic,
+        dtype(2.0),
+        u.ravel(),
+        strain.ravel(),
+        stress.ravel(),
+        lost.ravel(),
+        lanes,
+    )
+    for found, value in zip((strain, stress, lost.sum(axis=0)), expected, strict=True):
+        np.testing.assert_allclose(found, value, rtol=0, atol=tolerance)
+
+    force, torque = f.copy(), aligned_zeros((n, 3, lanes), dtype)
+    added = reference.viscous_force(data, stress, rows.n_nodes)
+    kernels.add_viscous_force(
+        chunks,
+        data.pointer,
+        data.corner,
+        data.gradient.ravel(),
+        stress.ravel(),
+        u.ravel(),
+        force.ravel(),
+        torque.ravel(),
+        lanes,
+    )
+    np.testing.assert_allclose(force, f + added, rtol=0, atol=tolerance)
+    moment = reference.torque(u, added)
+    np.testing.assert_allclose(torque.sum(axis=0), moment, rtol=0, atol=10 * tolerance)
+
+    new, work = reference.stiffness_damping(0.3, f, old, lag, step)
+    force, elastic, viscous = f.copy(), old.copy(), lag.copy()
+    torque[:] = 0.0
+    lost = np.zeros((n, lanes))
+    kernels.add_stiffness_damping(
+        chunks,
+        dtype(0.3),
+        u.ravel(),
+        step.ravel(),
+        elastic.ravel(),
+        viscous.ravel(),
+        force.ravel(),
+        torque.ravel(),
+        np.empty((n, lanes), dtype).ravel(),
+        lost.ravel(),
+        lanes,
+    )
+    np.testing.assert_array_equal(elastic, f)
+    np.testing.assert_allclose(viscous, new, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(force, f + new, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(lost.sum(axis=0), work, rtol=0, atol=tolerance)
+    moment = reference.torque(u, new)
+    np.testing.assert_allclose(torque.sum(axis=0), moment, rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("n_copies", [1, 2, 3, 20])
+def test_block_frames_are_their_plain_statements(dtype, n_copies):
+    tolerance = 300 * 100 * EPS[dtype]
+    mesh = distorted_box((4, 3, 2))
+    group = block_group(mesh, CONCRETE)
+    rows = block_rows(group.stiffness, dtype)
+    u, f, before = (random_lanes(rows, n_copies, dtype, seed) for seed in range(3))
+    lanes, rng = u.shape[2], np.random.default_rng(9)
+    mass = rng.uniform(0.5, 1.5, rows.n_nodes).astype(dtype)
+    x = mesh.nodes[rows.order].astype(dtype)
+    rotation = Rotation.random(lanes, rng=rng).as_matrix().transpose(1, 2, 0)
+    turn = np.ascontiguousarray(rotation - np.eye(3)[:, :, None]).astype(dtype)
+    mean, spin = (rng.standard_normal((3, lanes)).astype(dtype) for _ in range(2))
+
+    moment = aligned_zeros((len(rows.chunks) - 1, 12, lanes), dtype)
+    kernels.displacement_moments(rows.chunks, mass, x, u.ravel(), moment.ravel(), lanes)
+    expected = reference.displacement_moments(mass, x, u)
+    np.testing.assert_allclose(moment.sum(axis=0), expected, rtol=0, atol=tolerance)
+
+    local, increment = before.copy(), np.empty_like(before)
+    kernels.block_frame_displacement(
+        rows.chunks,
+        turn.ravel(),
+        mean.ravel(),
+        x,
+        u.ravel(),
+        local.ravel(),
+        increment.ravel(),
+        lanes,
+    )
+    expected = reference.block_frame_displacement(rotation, mean, x, u)
+    np.testing.assert_allclose(local, expected, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(increment, expected - before, rtol=0, atol=tolerance)
+
+    force = f.copy()
+    kernels.placement_frame_force(
+        rows.chunks, turn.ravel(), spin.ravel(), mass, x, force.ravel(), lanes
+    )
+    expected = reference.placement_frame_force(rotation, spin, mass, x, f)
+    np.testing.assert_allclose(force, expected, rtol=0, atol=tolerance)

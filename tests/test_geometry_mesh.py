@@ -1,0 +1,129 @@
+"""Laws of meshes: exact volumes, closed surfaces, orientation, bad meshes refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geometry.block import box_block
+from geometry.mesh import (
+    HexMesh,
+    MeshError,
+    QuadSurface,
+    boundary_quads,
+    check_mesh,
+    corner_jacobians,
+    mass_properties,
+)
+from geometry.mesh_io import read_hex_mesh, write_hex_mesh
+from geometry.sine_block import SineBlockDivisions, sine_block
+from tests.conftest import random_rotation, tsb
+
+EPS = np.finfo(float).eps
+
+
+def distorted_box(seed: int) -> HexMesh:
+    """A 2 × 3 × 2 box whose inner nodes are moved at random."""
+    mesh = box_block((2.0, 3.0, 2.0), (2, 3, 2)).mesh
+    rng = np.random.default_rng(seed)
+    return HexMesh(mesh.nodes + rng.uniform(-0.15, 0.15, mesh.nodes.shape), mesh.elements)
+
+
+@given(seed=st.integers(0, 1000))
+@settings(max_examples=20, deadline=None)
+def test_volume_equals_the_flux_of_the_position_through_the_surface(seed: int) -> None:
+    # Divergence theorem, ∫ x·n dA = 3 V. On a bilinear patch with corners p1..p4, ∫ x·dA is
+    # known in closed form through the two splittings into triangles: their mean is exact.
+    mesh = distorted_box(seed)
+    p = mesh.nodes[boundary_quads(mesh)]
+
+    def fan(a: int, b: int, c: int) -> float:
+        return float(np.einsum("fi,fi->", p[:, a], np.cross(p[:, b], p[:, c])))
+
+    flux = 0.25 * (fan(0, 1, 2) + fan(0, 2, 3) + fan(1, 2, 3) + fan(1, 3, 0))
+    volume = mass_properties(mesh).volume
+    # Sums of about 200 terms of order one: a few hundred roundings.
+    assert abs(flux - 3 * volume) < 500 * EPS * 3 * volume
+
+
+@given(seed=st.integers(0, 1000))
+@settings(max_examples=20, deadline=None)
+def test_vector_areas_of_a_closed_surface_sum_to_zero(seed: int) -> None:
+    mesh = distorted_box(seed)
+    surface = QuadSurface(mesh.nodes, boundary_quads(mesh))
+    assert np.abs(surface.area_vectors.sum(axis=0)).max() < 100 * EPS * surface.areas.sum()
+
+
+def test_inertia_of_a_box_is_the_closed_form() -> None:
+    box = box_block((2.0, 3.0, 5.0), (2, 1, 3)).mesh
+    found = mass_properties(box, density=7.0)
+    mass = 7.0 * 30.0
+    expected = mass / 12 * np.diag([9 + 25, 4 + 25, 4 + 9])
+    assert found.mass == pytest.approx(mass, rel=1e-13)
+    np.testing.assert_allclose(found.centroid, [1.0, 1.5, 2.5], rtol=1e-13)
+    np.testing.assert_allclose(found.inertia, expected, atol=1e-12 * mass)
+
+
+def test_inertia_turns_with_the_body_and_does_not_see_a_translation() -> None:
+    block = sine_block(tsb(), SineBlockDivisions(12, 2, 3))
+    turn, shift = random_rotation(3), np.array([1e4, -2e3, 500.0])
+    there = HexMesh(block.mesh.nodes @ turn.T + shift, block.mesh.elements)
+    here, moved = block.mass_properties, mass_properties(there)
+    # Coordinates of 1e4 mm carry a rounding of 1e-12 mm; relative to 100 mm arms that is 1e-14.
+    np.testing.assert_allclose(
+        moved.inertia, turn @ here.inertia @ turn.T, atol=1e-11 * np.trace(here.inertia)
+    )
+    np.testing.assert_allclose(moved.centroid, turn @ here.centroid + shift, atol=1e-8)
+
+
+def test_volume_of_the_sine_block_converges_to_the_shell_sector_in_second_order() -> None:
+    # The wave shears vertical columns and leaves their height alone: V = h (r_o² - r_i²) π / n.
+    exact = 200.0 * (160.0**2 - 120.0**2) * np.pi / 4
+    errors = [
+        exact - sine_block(tsb(), SineBlockDivisions(n, 2, 2)).mass_properties.volume
+        for n in (12, 24, 48)
+    ]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(orders, 2.0, atol=0.02)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.25, 0.5])
+def test_every_corner_jacobian_of_the_sine_block_is_positive(shift: float) -> None:
+    assert corner_jacobians(sine_block(tsb(shift), SineBlockDivisions(24, 4, 6)).mesh).min() > 0
+
+
+def test_inverted_element_is_named() -> None:
+    mesh = box_block((1.0, 1.0, 1.0), (2, 1, 1)).mesh
+    elements = mesh.elements.copy()
+    elements[1] = elements[1][[4, 5, 6, 7, 0, 1, 2, 3]]
+    with pytest.raises(MeshError, match=r"1 of 2 hexahedra are inverted.*first element 1"):
+        check_mesh(HexMesh(mesh.nodes, elements))
+
+
+def test_nan_coordinates_are_named() -> None:
+    mesh = box_block((1.0, 1.0, 1.0), (1, 1, 1)).mesh
+    nodes = mesh.nodes.copy()
+    nodes[3, 1] = np.nan
+    with pytest.raises(MeshError, match="node 3"):
+        check_mesh(HexMesh(nodes, mesh.elements))
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".inp"])
+def test_mesh_files_give_back_the_mesh(tmp_path, suffix: str) -> None:
+    mesh = sine_block(tsb(), SineBlockDivisions(12, 2, 3)).mesh
+    path = tmp_path / f"block{suffix}"
+    write_hex_mesh(path, mesh)
+    back = read_hex_mesh(path)
+    np.testing.assert_array_equal(back.elements, mesh.elements)
+    # .inp is text with 16 digits; .vtu keeps the bits.
+    np.testing.assert_allclose(back.nodes, mesh.nodes, rtol=1e-14, atol=1e-12)
+    assert not list(tmp_path.glob(".partial*"))
+
+
+def test_unreadable_mesh_is_refused_in_one_line(tmp_path) -> None:
+    path = tmp_path / "broken.vtu"
+    path.write_text("<VTKFile")
+    with pytest.raises(MeshError, match="cannot be read as a mesh"):
+        read_hex_mesh(path)

@@ -1,0 +1,121 @@
+"""Laws of tubes: conforming interfaces, congruence, balance of areas, bad parameters refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geometry.assembly import Assembly, AssemblyError, moved
+from geometry.load_case import LoadCaseError, load_case
+from geometry.sine_block import BlockParameterError, SineBlockDivisions
+from geometry.tube import sine_tube
+from tests.conftest import random_rotation, tsb
+
+
+@given(
+    waves=st.integers(1, 5),
+    shift=st.floats(-2.0, 2.0),
+    blocks=st.integers(2, 9),
+    layers=st.integers(1, 4),
+    amplitude=st.floats(0.0, 60.0),
+)
+@settings(max_examples=30, deadline=None)
+def test_every_contact_facet_of_every_free_block_meets_its_twin(
+    waves: int, shift: float, blocks: int, layers: int, amplitude: float
+) -> None:
+    parameters = tsb(shift, frequency=waves / 2, blocks_per_layer=blocks, amplitude=amplitude)
+    tube = sine_tube(parameters, SineBlockDivisions(4 * waves, 2, 2), layers)
+    found = tube.interfaces  # raises AssemblyError where a facet of a free block is alone
+    facets = 4 * waves * 2
+    sides = 2 * (blocks * layers * 2 + blocks * 2)
+    assert found.n_contacts == blocks * (layers + 1) * facets + sides // 2 * 2
+    assert (found.block_m < found.block_s).all()
+
+
+def test_matched_nodes_coincide_and_normals_oppose(small_tube: Assembly) -> None:
+    found = small_tube.interfaces
+    for contact in range(0, found.n_contacts, 37):
+        m, s = found.block_m[contact], found.block_s[contact]
+        corner_m = small_tube.nodes(m)[found.quads_m[contact]]
+        corner_s = small_tube.nodes(s)[found.quads_s[contact]]
+        # Coordinates up to 600 mm, rotated once: a few roundings of 1e-13 mm.
+        np.testing.assert_allclose(corner_s, corner_m, atol=1e-11)
+        arm = small_tube.centroids[s] - small_tube.centroids[m]
+        assert found.normals[contact] @ arm > 0
+
+
+def test_surface_of_a_free_block_is_closed(small_tube: Assembly) -> None:
+    # Vector areas of the four contact faces and the two curved ones sum to zero.
+    shape = small_tube.shapes[0]
+    total = sum(shape.surface(name).area_vectors.sum(axis=0) for name in shape.faces)
+    area = sum(shape.surface(name).areas.sum() for name in shape.faces)
+    assert np.abs(total).max() < 1e-13 * area
+
+
+def test_free_blocks_share_one_shape_and_layers_stack(small_tube: Assembly) -> None:
+    assert set(small_tube.shape_of[small_tube.free_blocks]) == {0}
+    np.testing.assert_allclose(small_tube.centroids[small_tube.layer == 2][:, 2].mean(), 300.0)
+    np.testing.assert_array_equal(np.bincount(small_tube.layer), [4] * 5)
+    ends = [small_tube.nodes(b)[:, 2] for b in (0, small_tube.n_blocks - 1)]
+    # 3 layers of 200 mm and two frames of 100 mm.
+    assert ends[1].max() - ends[0].min() == pytest.approx(800.0, rel=1e-14)
+
+
+def test_pressure_resultants_are_closed_forms(small_tube: Assembly) -> None:
+    # A uniform pressure on a whole ring has no resultant; on the flat top it is p A with the
+    # area of the inscribed polygon.
+    pipe = load_case(small_tube, "pipe", 0.01)
+    assert np.abs(pipe.facet_forces.sum(axis=0)).max() < 1e-12 * np.abs(pipe.facet_forces).sum()
+    pillar = load_case(small_tube, "pillar", 0.01)
+    polygon = 0.5 * 96 * np.sin(2 * np.pi / 96) * (160.0**2 - 120.0**2)
+    np.testing.assert_allclose(
+        pillar.facet_forces.sum(axis=0), [0, 0, -0.01 * polygon], atol=1e-12 * polygon
+    )
+    shaft = load_case(small_tube, "shaft", 0.01)
+    moment = np.cross(shaft.centroids, shaft.facet_forces).sum(axis=0)
+    arm = np.linalg.norm(shaft.centroids[:, :2], axis=1)
+    area = np.linalg.norm(shaft.area_vectors, axis=1)
+    assert moment[2] == pytest.approx(0.01 * float(arm @ area), rel=1e-12)
+
+
+def test_loads_turn_with_the_assembly(small_tube: Assembly) -> None:
+    turn, shift = random_rotation(1), np.array([10.0, 20.0, -5.0])
+    there = moved(small_tube, turn, shift)
+    for name in ("pipe", "tunnel", "pillar", "beam", "shaft"):
+        for as_printed in (False, True):
+            a = load_case(small_tube, name, 0.01, as_printed=as_printed).facet_forces
+            b = load_case(there, name, 0.01, as_printed=as_printed).facet_forces
+            np.testing.assert_allclose(b, a @ turn.T, atol=1e-12 * np.abs(a).max())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"height": -1.0}, "block.height: got -1.0"),
+        ({"thickness": 0.0}, "block.thickness"),
+        ({"inner_radius": float("nan")}, "block.inner_radius"),
+        ({"amplitude": 100.0}, "cuts through the frame blocks"),
+        ({"amplitude": -1.0}, "block.amplitude"),
+        ({"frequency": 1.3}, "try 1 or 1.5"),
+        ({"blocks_per_layer": 1}, "expected at least 2"),
+    ],
+)
+def test_bad_parameters_are_refused(change: dict[str, float], message: str) -> None:
+    with pytest.raises(BlockParameterError, match=message):
+        sine_tube(tsb(**change), SineBlockDivisions(24, 2, 2), 1)
+
+
+def test_element_counts_that_cannot_conform_name_those_that_would() -> None:
+    with pytest.raises(BlockParameterError, match="multiple of 3: try 24 or 27"):
+        sine_tube(tsb(), SineBlockDivisions(25, 2, 2), 1)
+
+
+def test_no_layers_and_missing_layers_are_refused(small_tube: Assembly) -> None:
+    with pytest.raises(AssemblyError, match=r"assembly\.layers: got 0"):
+        sine_tube(tsb(), SineBlockDivisions(24, 2, 2), 0)
+    with pytest.raises(LoadCaseError, match=r"load\.layer: got 4.*from 1 to 3"):
+        load_case(small_tube, "shaft", 0.01, layer=4)
+    with pytest.raises(LoadCaseError, match="expected one of pipe"):
+        load_case(small_tube, "pipes", 0.01)

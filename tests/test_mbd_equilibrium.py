@@ -1,0 +1,310 @@
+"""Laws of rigid equilibrium: two solvers agree, certificates multiply out, closed forms hold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geometry.assembly import Assembly
+from geometry.block import Block
+from geometry.brick_stack import brick_stack
+from geometry.load_case import load_case
+from geometry.mesh import HexMesh, grid_faces, structured_hexahedra
+from geometry.sine_block import SineBlockDivisions
+from geometry.tube import sine_tube
+from mbd import (
+    MatrixJacobian,
+    Norm,
+    Solver,
+    analyse,
+    clarabel_equilibrium,
+    column_weights,
+    contact_jacobian,
+    generalized_force,
+    newton_equilibrium,
+)
+from tests.conftest import tsb
+
+
+def random_jacobian(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
+    matrix = rng.standard_normal((rows, columns))
+    return matrix / np.linalg.norm(matrix, axis=0)
+
+
+def as_jacobian(matrix: np.ndarray) -> MatrixJacobian:
+    return MatrixJacobian(sp.csc_array(matrix))
+
+
+@given(seed=st.integers(0, 10_000), rows=st.integers(2, 12), extra=st.integers(0, 60))
+@settings(max_examples=60, deadline=None)
+def test_newton_and_clarabel_find_the_same_forces(seed: int, rows: int, extra: int) -> None:
+    rng = np.random.default_rng(seed)
+    matrix = random_jacobian(rng, rows, rows + extra)
+    forces = np.maximum(rng.standard_normal(rows + extra), 0.0)
+    load = -matrix @ forces
+    ours, other = (
+        newton_equilibrium(as_jacobian(matrix), load),
+        clarabel_equilibrium(as_jacobian(matrix), load),
+    )
+    assert ours.holds
+    assert ours.residual < 1e-9
+    assert ours.forces.min(initial=0.0) >= 0.0
+    assert other.holds
+    # The minimum-norm force is unique; clarabel stops at 1e-12 of the objective, which is the
+    # square of the distance: 1e-6.
+    size = max(np.linalg.norm(ours.forces), 1e-300)
+    assert np.linalg.norm(ours.forces - other.forces) < 1e-5 * size
+    assert np.linalg.norm(ours.forces) <= np.linalg.norm(forces) * (1 + 1e-9)
+
+
+@given(seed=st.integers(0, 10_000), rows=st.integers(2, 12), extra=st.integers(-1, 60))
+@settings(max_examples=60, deadline=None)
+def test_infeasible_loads_come_with_a_mechanism_that_multiplies_out(
+    seed: int, rows: int, extra: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    direction = rng.standard_normal(rows)
+    matrix = random_jacobian(rng, rows, rows + extra)
+    matrix *= np.sign(direction @ matrix)  # the direction opens every contact …
+    load = rng.standard_normal(rows)
+    # … and the load drives it: its work along the direction is a tenth of the largest possible.
+    unit = direction / np.linalg.norm(direction)
+    load += (0.1 * np.linalg.norm(load) - load @ unit) * unit
+    for result in (
+        newton_equilibrium(as_jacobian(matrix), load),
+        clarabel_equilibrium(as_jacobian(matrix), load),
+    ):
+        assert not result.holds
+        assert result.mechanism is not None
+        work = load @ result.mechanism / np.linalg.norm(load)
+        closing = -min((matrix.T @ result.mechanism).min(), 0.0)
+        assert work > 1e-7
+        # Newton's ray is polished to 1e-10 of the work; clarabel's comes from a projection
+        # solved to 1e-8.
+        assert closing < 1e-6 * work
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=20, deadline=None)
+def test_optimality_conditions_of_the_minimum_norm(seed: int) -> None:
+    # λ is optimal if and only if λ = max(0, Gᵀy) for some y: complementarity, no tolerance but
+    # round-off of one product.
+    rng = np.random.default_rng(seed)
+    matrix = random_jacobian(rng, 6, 40)
+    load = -matrix @ rng.uniform(0, 1, 40)
+    result = newton_equilibrium(as_jacobian(matrix), load)
+    expected = np.maximum(matrix.T @ result.multiplier, 0.0)
+    np.testing.assert_allclose(result.forces, expected, atol=1e-12 * expected.max())
+
+
+def test_rank_deficient_and_duplicated_contacts_are_no_obstacle() -> None:
+    # Twelve copies of two opposed contacts: rank 1 of 6; the force spreads evenly.
+    column = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    matrix = np.column_stack([column] * 12 + [-column] * 12)
+    result = newton_equilibrium(as_jacobian(matrix), np.array([0, 0, -6.0, 0, 0, 0]))
+    assert result.holds
+    np.testing.assert_allclose(result.forces[:12], 0.5, rtol=1e-11)
+    np.testing.assert_allclose(result.forces[12:], 0.0)
+
+
+def test_no_load_and_no_contacts() -> None:
+    matrix = np.eye(6, 4)
+    assert newton_equilibrium(as_jacobian(matrix), np.zeros(6)).holds
+    free = newton_equilibrium(as_jacobian(np.zeros((6, 0))), np.ones(6))
+    assert not free.holds
+    assert free.mechanism is not None
+
+
+@pytest.mark.parametrize("case", ["pipe", "tunnel", "pillar", "beam", "shaft"])
+@pytest.mark.parametrize("norm", list(Norm))
+def test_contact_and_load_wrenches_balance_on_every_block(
+    small_tube: Assembly, case: str, norm: Norm
+) -> None:
+    # Summed here block by block from points and normals, without G.
+    load = load_case(small_tube, case, 0.01)
+    result = analyse(small_tube, load, norm=norm)
+    assert result.equilibrium.holds
+    found = small_tube.interfaces
+    index = result.contact_index
+    push = result.contact_forces[:, None] * found.normals[index]
+    for block in np.flatnonzero(~load.fixed):
+        force, moment = np.zeros(3), np.zeros(3)
+        for sign, owner in ((-1.0, found.block_m), (1.0, found.block_s)):
+            mine = owner[index] == block
+            arm = found.centroids[index][mine] - small_tube.centroids[block]
+            force += sign * push[mine].sum(axis=0)
+            moment += sign * np.cross(arm, push[mine]).sum(axis=0)
+        mine = load.block == block
+        arm = load.centroids[mine] - small_tube.centroids[block]
+        force += load.facet_forces[mine].sum(axis=0)
+        moment += np.cross(arm, load.facet_forces[mine]).sum(axis=0)
+        scale = np.linalg.norm(load.facet_forces, axis=1).sum()
+        # The solver's residual is below 1e-9 of ‖f‖, itself below the sum of the facet forces.
+        assert np.abs(force).max() < 1e-9 * scale
+        assert np.abs(moment).max() < 1e-9 * scale * small_tube.characteristic_length
+
+
+def test_pair_jacobian_equals_its_matrix(small_tube: Assembly) -> None:
+    contacts = contact_jacobian(small_tube)
+    fast, plain = contacts.jacobian, contacts.jacobian.to_matrix()
+    rng = np.random.default_rng(0)
+    y, forces = rng.standard_normal(fast.shape[0]), rng.uniform(0, 1, fast.shape[1])
+    scale = np.sqrt(fast.shape[1])
+    np.testing.assert_allclose(fast.gap_rates(y), plain.T @ y, atol=1e-13 * scale)
+    np.testing.assert_allclose(fast.resultant(forces), plain @ forces, atol=1e-13 * scale)
+    solve = fast.normal_solver(forces, 0.1)
+    normal = (plain * forces) @ plain.T + 0.1 * sp.eye_array(fast.shape[0])
+    np.testing.assert_allclose(normal @ solve(y), y, atol=1e-10 * np.abs(y).max())
+
+
+def test_gap_rates_are_the_derivative_of_the_gap(small_tube: Assembly) -> None:
+    # Move one block by a small rigid motion and measure the normal gap; first-order error is
+    # the square of the motion.
+    contacts = contact_jacobian(small_tube)
+    found, step = small_tube.interfaces, 1e-6
+    motion = np.random.default_rng(5).standard_normal((len(contacts.free_blocks), 6))
+    translation = motion[:, :3]
+    spin = motion[:, 3:] / contacts.length
+    point = found.centroids[contacts.index]
+    displacement = np.zeros((2, len(point), 3))
+    for side, owner in enumerate((contacts.block_m, contacts.block_s)):
+        for row, block in enumerate(contacts.free_blocks):
+            mine = owner == block
+            arm = point[mine] - small_tube.centroids[block]
+            displacement[side, mine] = translation[row] + np.cross(spin[row], arm)
+    opening = np.einsum(
+        "ci,ci->c", found.normals[contacts.index], step * (displacement[1] - displacement[0])
+    )
+    np.testing.assert_allclose(
+        contacts.jacobian.gap_rates(motion.ravel()), opening / step, atol=1e-9
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Closed forms
+
+
+@pytest.mark.parametrize("norm", list(Norm))
+def test_plain_ring_under_external_pressure_carries_the_hoop_pressure(
+    plain_ring: Assembly, norm: Norm
+) -> None:
+    # A block's outer pressure has the resultant of its chord; the two radial joints carry
+    # p r_o h each, on t h: p r_o / t, exactly, whatever the polygon.
+    result = analyse(plain_ring, load_case(plain_ring, "tunnel", 0.01), norm=norm)
+    found = plain_ring.interfaces
+    sides = np.abs(found.normals[result.contact_index][:, 2]) < 0.5
+    np.testing.assert_allclose(result.contact_pressures[sides], 0.01 * 160 / 40, rtol=1e-10)
+    np.testing.assert_allclose(result.contact_pressures[~sides], 0.0, atol=1e-12)
+
+
+def test_stack_of_bricks_carries_the_axial_pressure_in_every_joint(two_bricks: Assembly) -> None:
+    result = analyse(two_bricks, load_case(two_bricks, "pillar", 0.02))
+    np.testing.assert_allclose(result.contact_pressures, 0.02, rtol=1e-11)
+
+
+def wedge_assembly(half_angle: float) -> Assembly:
+    """Wedge, narrow end down, between two fixed blocks; faces named as a tube block's."""
+    divisions = (2, 3, 4)
+    grid = np.stack(
+        np.meshgrid(*[np.linspace(0, 1, n + 1) for n in divisions], indexing="ij"), axis=-1
+    ).reshape(-1, 3)
+    faces = grid_faces(*divisions)
+
+    def block(name: str, left: float, right: float, contact: tuple[str, ...]) -> Block:
+        z = 100.0 * grid[:, 2]
+        half = 20.0 + z * np.tan(half_angle)
+        edge = {-2.0: -300.0, -1.0: -half, 1.0: half, 2.0: 300.0}
+        x = edge[left] * (1 - grid[:, 0]) + edge[right] * grid[:, 0]
+        nodes = np.column_stack([x, 60.0 * grid[:, 1], z])
+        return Block(name, HexMesh(nodes, structured_hexahedra(*divisions)), faces, contact)
+
+    shapes = (
+        block("wedge", -1.0, 1.0, ("u-", "u+")),
+        block("left", -2.0, -1.0, ("u+",)),
+        block("right", 1.0, 2.0, ("u-",)),
+    )
+    return Assembly(
+        name="wedge",
+        shapes=shapes,
+        shape_of=np.arange(3),
+        rotations=np.tile(np.eye(3), (3, 1, 1)),
+        translations=np.zeros((3, 3)),
+        layer=np.array([1, 0, 2]),
+        fixed=np.array([False, True, True]),
+    )
+
+
+@pytest.mark.parametrize("degrees", [0.1, 5.0, 30.0, 80.0])
+def test_wedge_between_two_planes(degrees: float) -> None:
+    # Symmetry and vertical balance: 2 N sin α = F.
+    alpha = np.radians(degrees)
+    wedge = wedge_assembly(alpha)
+    contacts = contact_jacobian(wedge)
+    load = np.array([0.0, 0.0, -7.0, 0.0, 0.0, 0.0])
+    result = newton_equilibrium(
+        contacts.jacobian, load, weights=column_weights(Norm.PRESSURE, contacts.areas)
+    )
+    assert result.holds
+    for side in (1, 2):
+        total = result.forces[(contacts.block_s == side)].sum()
+        assert total == pytest.approx(7.0 / (2 * np.sin(alpha)), rel=1e-8)
+    assert not newton_equilibrium(contacts.jacobian, -load).holds
+
+
+def test_smaller_amplitude_means_larger_pressure_down_to_a_thousandth_of_a_millimetre() -> None:
+    # Interlocking forces grow as 1/slope: p_max a is constant in the limit (to first order in a).
+    found = []
+    for amplitude in (20.0, 5.0, 1.0, 0.1, 1e-2, 1e-3):
+        tube = sine_tube(tsb(amplitude=amplitude), SineBlockDivisions(24, 2, 6), 3)
+        result = analyse(tube, load_case(tube, "pipe", 0.01))
+        assert result.mechanism == "locked"
+        assert result.equilibrium.residual < 1e-9
+        assert result.measures is not None
+        found.append(result.measures.p_max)
+    assert (np.diff(found) > 0).all()
+    assert found[-1] * 1e-3 == pytest.approx(found[-2] * 1e-2, rel=1e-3)
+
+
+def test_solvers_agree_on_a_tube(small_tube: Assembly) -> None:
+    load = load_case(small_tube, "shaft", 0.01)
+    a = analyse(small_tube, load, solver=Solver.NEWTON)
+    b = analyse(small_tube, load, solver=Solver.CLARABEL)
+    difference = np.linalg.norm(a.contact_forces - b.contact_forces)
+    assert difference < 1e-6 * np.linalg.norm(a.contact_forces)
+
+
+def test_pressure_norm_is_the_uniform_foundation(small_tube: Assembly) -> None:
+    # λ = A max(0, Gᵀy): pressures are the positive part of a rigid relative motion's gap, so
+    # two contacts of one pair with equal gap carry equal pressure. Checked through y itself.
+    load = load_case(small_tube, "tunnel", 0.01)
+    contacts = contact_jacobian(small_tube, load.fixed)
+    force = generalized_force(small_tube, load, contacts.free_blocks, contacts.length)
+    weights = column_weights(Norm.PRESSURE, contacts.areas)
+    result = newton_equilibrium(contacts.jacobian, force, weights=weights)
+    gap = np.maximum(contacts.jacobian.gap_rates(result.multiplier), 0.0)
+    pressure = result.forces / contacts.areas
+    np.testing.assert_allclose(pressure * contacts.areas.mean(), gap, atol=1e-10 * gap.max())
+
+
+def test_refining_the_mesh_changes_the_force_norm_but_not_the_pressure_norm() -> None:
+    # Only the wavy faces are refined: Σ λ² then shifts force between them and the flat sides
+    # (more, smaller forces are cheaper); the limit of a uniform foundation does not. What is left
+    # of its change is the geometry's: the facets follow the waves more closely.
+    changes = {}
+    for norm in Norm:
+        values = []
+        for around in (24, 48):
+            tube = sine_tube(tsb(), SineBlockDivisions(around, 4, 8), 1)
+            result = analyse(tube, load_case(tube, "tunnel", 0.01), norm=norm)
+            flat = np.abs(tube.interfaces.normals[result.contact_index][:, 2]) < 1e-9
+            values.append(result.contact_forces[flat].sum())
+        changes[norm] = abs(values[1] / values[0] - 1)
+    assert changes[Norm.FORCE] > 3 * changes[Norm.PRESSURE]
+
+
+def test_one_brick_between_two() -> None:
+    wall = brick_stack((100.0, 50.0, 40.0), (2, 2, 2), columns=2, layers=1)
+    assert not analyse(wall, load_case(wall, "pipe", 0.01)).equilibrium.holds

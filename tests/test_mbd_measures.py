@@ -1,0 +1,55 @@
+"""The paper's measures on fields whose answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbd import block_measures, measures
+
+
+def one_block(pressure: list[float], area: list[float] | None = None):
+    p = np.array(pressure)
+    a = np.ones(len(p)) if area is None else np.array(area)
+    mine = np.zeros(len(p), dtype=np.int64)
+    return block_measures(np.array([0]), mine, mine + 1, p, a)
+
+
+def test_uniform_pressure_takes_part_everywhere() -> None:
+    found = one_block([0.3] * 7)
+    assert found.participation[0] == 7
+    assert found.p_eff[0] == pytest.approx(0.3)
+    assert found.p_max[0] == 0.3
+
+
+def test_one_pressed_element_of_many() -> None:
+    found = one_block([0.0, 0.0, 5.0, 0.0], [1, 1, 3, 1])
+    assert found.participation[0] == 1
+    assert found.effective_area[0] == 3.0
+    assert found.p_eff[0] == found.p_max[0] == 5.0
+
+
+def test_participation_ratio_by_hand() -> None:
+    # (1 + 2 + 3)² / (1 + 4 + 9) = 36 / 14 = 2.57: the two largest, mean 2.5.
+    found = one_block([1.0, 3.0, 2.0])
+    assert found.participation[0] == 2
+    assert found.p_eff[0] == pytest.approx(2.5)
+
+
+def test_unpressed_block_has_no_effective_area() -> None:
+    found = one_block([0.0, 0.0])
+    assert found.participation[0] == 0
+    assert found.p_eff[0] == 0.0
+
+
+def test_contact_counts_for_both_blocks_and_averages_are_plain_means() -> None:
+    # Blocks 0-1 share pressure 1, blocks 1-2 share pressure 3.
+    m, s = np.array([0, 1]), np.array([1, 2])
+    found = block_measures(np.arange(3), m, s, np.array([1.0, 3.0]), np.array([2.0, 4.0]))
+    np.testing.assert_allclose(found.p_max, [1.0, 3.0, 3.0])
+    # Block 1: (1 + 3)² / (1 + 9) = 1.6: one element.
+    np.testing.assert_array_equal(found.participation, [1, 1, 1])
+    overall = measures(found, np.array([2, 2, 4]), np.array([4.0, 8.0, 8.0]))
+    assert overall.p_max == pytest.approx(7 / 3)
+    assert overall.effective_count_percent == pytest.approx((50 + 50 + 25) / 3)
+    assert overall.effective_area_percent == pytest.approx((50 + 50 + 50) / 3)

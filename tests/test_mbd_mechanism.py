@@ -1,0 +1,199 @@
+"""Laws of mechanism classes: certificates multiply out, HiGHS agrees, nothing depends on units."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geometry.assembly import Assembly, moved, renumbered
+from geometry.load_case import load_case
+from geometry.sine_block import SineBlockDivisions
+from geometry.tube import sine_tube
+from mbd import (
+    MatrixJacobian,
+    Mechanism,
+    MechanismClass,
+    RigidResult,
+    SelfStress,
+    analyse,
+    classify,
+    contact_jacobian,
+    generalized_force,
+    solve_linear_programs,
+)
+from tests.conftest import random_rotation, tsb
+
+
+def as_jacobian(matrix: np.ndarray) -> MatrixJacobian:
+    return MatrixJacobian(sp.csc_array(matrix))
+
+
+@given(seed=st.integers(0, 10_000), rows=st.integers(2, 8), extra=st.integers(-1, 30))
+@settings(max_examples=60, deadline=None)
+def test_class_agrees_with_the_linear_programs_and_the_certificate_multiplies_out(
+    seed: int, rows: int, extra: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    matrix = rng.standard_normal((rows, rows + extra))
+    matrix /= np.linalg.norm(matrix, axis=0)
+    load = rng.standard_normal(rows)
+    found = classify(as_jacobian(matrix), load)
+    assert found.mechanism is solve_linear_programs(as_jacobian(matrix), load).mechanism
+    if isinstance(found.certificate, SelfStress):
+        forces = found.certificate.forces
+        assert forces.min() >= 1.0
+        assert np.linalg.norm(matrix @ forces) < 1e-9 * np.linalg.norm(forces)
+        assert np.linalg.matrix_rank(matrix) == rows
+    else:
+        assert isinstance(found.certificate, Mechanism)
+        motion = found.certificate.virtual_displacement.ravel()
+        assert np.linalg.norm(motion) == pytest.approx(1.0)
+        assert (matrix.T @ motion).min() > -1e-9
+
+
+@pytest.mark.parametrize(
+    ("load", "expected"),
+    [
+        ([0.0, -1.0], MechanismClass.SUPPRESSED),
+        ([0.0, 1.0], MechanismClass.ACTIVATED),
+        ([0.3, 0.0], MechanismClass.NEUTRAL),
+    ],
+)
+def test_block_on_a_floor_between_walls(load: list[float], expected: MechanismClass) -> None:
+    # Plane, rows (x, z): floor pushes up, walls push left and right. Only rising is admissible.
+    matrix = np.array([[0.0, 1.0, -1.0], [1.0, 0.0, 0.0]])
+    assert classify(as_jacobian(matrix), np.array(load)).mechanism is expected
+
+
+def test_strictly_positive_self_stress_without_full_rank_is_not_locked() -> None:
+    # Two opposed contacts in x: a self-stress exists, z is free.
+    matrix = np.array([[1.0, -1.0], [0.0, 0.0]])
+    found = classify(as_jacobian(matrix), np.array([1.0, 0.0]))
+    assert found.mechanism is MechanismClass.NEUTRAL
+    assert isinstance(found.certificate, Mechanism)
+    np.testing.assert_allclose(np.abs(found.certificate.virtual_displacement.ravel()), [0, 1])
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.5])
+def test_sine_tube_is_locked_and_the_linear_programs_agree(shift: float) -> None:
+    tube = sine_tube(tsb(shift), SineBlockDivisions(12, 2, 2), 2)
+    contacts = contact_jacobian(tube)
+    load = load_case(tube, "pipe", 0.01)
+    force = generalized_force(tube, load, contacts.free_blocks, contacts.length)
+    found = classify(contacts.jacobian, force)
+    assert found.locked
+    assert isinstance(found.certificate, SelfStress)
+    matrix = contacts.jacobian.to_matrix()
+    assert np.linalg.norm(matrix @ found.certificate.forces) < 1e-10 * np.linalg.norm(
+        found.certificate.forces
+    )
+    assert found.certificate.forces.min() >= 1.0
+    programs = solve_linear_programs(contacts.jacobian, force)
+    assert programs.mechanism is MechanismClass.LOCKED
+    # The bound of HiGHS' feasibility tolerance, 1e-7 for each of the contacts.
+    assert programs.opening < 1e-7 * matrix.shape[1]
+
+
+@pytest.mark.parametrize(
+    ("case", "expected"),
+    [
+        ("pipe", MechanismClass.ACTIVATED),
+        ("tunnel", MechanismClass.SUPPRESSED),
+        ("pillar", MechanismClass.NEUTRAL),
+        ("beam", MechanismClass.ACTIVATED),
+        ("shaft", MechanismClass.ACTIVATED),
+    ],
+)
+def test_plain_tube_is_not_locked(case: str, expected: MechanismClass) -> None:
+    tube = sine_tube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 4), 3)
+    result = analyse(tube, load_case(tube, case, 0.01))
+    assert result.mechanism is expected
+
+
+def test_released_top_frame_can_lift_and_the_load_opposes_it(small_tube: Assembly) -> None:
+    result = analyse(small_tube, load_case(small_tube, "pillar", 0.01))
+    assert result.mechanism is MechanismClass.LOCKED
+    assert result.supported_classification.mechanism is MechanismClass.SUPPRESSED
+
+
+def test_activated_mechanism_multiplies_out() -> None:
+    tube = sine_tube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 4), 2)
+    load = load_case(tube, "shaft", 0.01)
+    result = analyse(tube, load)
+    motion = result.equilibrium.mechanism
+    assert motion is not None
+    contacts = contact_jacobian(tube, load.fixed)
+    force = generalized_force(tube, load, contacts.free_blocks, contacts.length)
+    matrix = contacts.jacobian.to_matrix()
+    work = force @ motion / np.linalg.norm(force)
+    assert work > 1e-3
+    # The solver certifies gaps to 1e-10 of the work.
+    assert (matrix.T @ motion).min() >= -1e-10 * work
+
+
+# ---------------------------------------------------------------------------------------------
+# Invariance
+
+
+def scaled(tube_scale: float) -> Assembly:
+    """The small tube in another unit of length."""
+    parameters = tsb(
+        height=200.0 * tube_scale,
+        amplitude=20.0 * tube_scale,
+        inner_radius=120.0 * tube_scale,
+        thickness=40.0 * tube_scale,
+    )
+    return sine_tube(parameters, SineBlockDivisions(24, 3, 6), 3)
+
+
+def numbers(result: RigidResult) -> np.ndarray:
+    assert result.measures is not None
+    return np.array(dataclasses.astuple(result.measures))
+
+
+@pytest.mark.parametrize("case", ["pipe", "pillar", "beam", "shaft"])
+def test_rotation_and_translation_leave_every_measure_unchanged(
+    small_tube: Assembly, case: str
+) -> None:
+    there = moved(small_tube, random_rotation(7), np.array([300.0, -200.0, 50.0]))
+    a = analyse(small_tube, load_case(small_tube, case, 0.01))
+    b = analyse(there, load_case(there, case, 0.01))
+    assert a.mechanism is b.mechanism
+    np.testing.assert_allclose(numbers(b), numbers(a), rtol=1e-9)
+
+
+@pytest.mark.parametrize("length_unit", [1e-3, 1 / 25.4])
+@pytest.mark.parametrize("force_unit", [1.0, 1e-6])
+def test_units_leave_every_measure_unchanged(length_unit: float, force_unit: float) -> None:
+    # Pressure = force / length²: a scene in other units, its pressures converted back.
+    a, b = scaled(1.0), scaled(length_unit)
+    pressure_unit = force_unit / length_unit**2
+    here = numbers(analyse(a, load_case(a, "shaft", 0.01)))
+    there = numbers(analyse(b, load_case(b, "shaft", 0.01 * pressure_unit)))
+    there[2:] /= pressure_unit
+    np.testing.assert_allclose(there, here, rtol=1e-9)
+
+
+@given(seed=st.integers(0, 1000))
+@settings(max_examples=5, deadline=None)
+def test_renumbering_the_blocks_leaves_every_measure_unchanged(
+    small_tube: Assembly, seed: int
+) -> None:
+    order = np.random.default_rng(seed).permutation(small_tube.n_blocks)
+    other = renumbered(small_tube, order)
+    a = numbers(analyse(small_tube, load_case(small_tube, "tunnel", 0.01)))
+    b = numbers(analyse(other, load_case(other, "tunnel", 0.01)))
+    np.testing.assert_allclose(b, a, rtol=1e-9)
+
+
+def test_pressures_scale_with_the_load_from_tiny_to_huge(small_tube: Assembly) -> None:
+    base = numbers(analyse(small_tube, load_case(small_tube, "pipe", 1.0)))
+    for factor in (1e-12, 1e9):
+        found = numbers(analyse(small_tube, load_case(small_tube, "pipe", factor)))
+        np.testing.assert_allclose(found[:2], base[:2], rtol=1e-12)
+        np.testing.assert_allclose(found[2:], factor * base[2:], rtol=1e-12)
