@@ -341,7 +341,7 @@ class CondensedStep:
         """Rigid part α of a displacement of a slot."""
         kind = self._kind(slot)
         vector = self._to_variables(slot, displacement.ravel()[self._retained(slot)])
-        motion: FloatArray = np.linalg.lstsq(kind.rigid, vector[kind.free])[0]
+        motion = np.asarray(np.linalg.lstsq(kind.rigid, vector[kind.free])[0], dtype=np.float64)
         return motion
 
     def _displacements(

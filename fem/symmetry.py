@@ -64,7 +64,7 @@ def cyclic_orbits(deformable: DeformableAssembly, order: int) -> Orbits:
     _check_loads(deformable, image, order)
     representative = np.arange(len(image), dtype=np.int64)
     for _ in range(order):
-        representative[:] = np.minimum(representative, representative[image])
+        np.minimum(representative, representative[image], out=representative)
     facets, point_of = _facet_orbits(deformable, representative)
     return Orbits(order, representative, facets, point_of)
 
@@ -107,8 +107,7 @@ def _images(deformable: DeformableAssembly, order: int) -> IntArray:
             f"symmetry: a turn by 1/{order} does not map block {int(np.flatnonzero(bad)[0])} onto "
             "a congruent block; expected an order that divides the number of blocks in a layer"
         )
-    result: IntArray = image.astype(np.int64)
-    return result
+    return np.asarray(image, dtype=np.int64)
 
 
 def _check_loads(deformable: DeformableAssembly, image: IntArray, order: int) -> None:
