@@ -180,7 +180,7 @@ def solve_static(
     system = local_system(deformable, orbits)
     step = _linear_step(system, options)
     ready = time.process_time()
-    state = _start_state(system, step, start)
+    state = _start_state(system, start)
     state = _load_up(system, step, options, state, options.load_steps)
     solved = time.process_time()
     displacement = step.complete(state.displacement)
@@ -221,7 +221,7 @@ class _State:
     converged: bool = False
 
 
-def _start_state(system: LocalSystem, step: LinearStep, start: StaticResult | None) -> _State:
+def _start_state(system: LocalSystem, start: StaticResult | None) -> _State:
     """Every point linearised at the mean pressure that the loads suggest, or at a given state."""
     contact, surfaces = system.deformable.contact, system.surfaces
     displacement = np.zeros((system.n_nodes, 3))
@@ -323,9 +323,7 @@ def _linearise(system: LocalSystem, state: _State) -> Linearisation:
     )
 
 
-def _solve(
-    step: LinearStep, linear: Linearisation, state: _State
-) -> tuple[FloatArray, _State]:
+def _solve(step: LinearStep, linear: Linearisation, state: _State) -> tuple[FloatArray, _State]:
     """Solve the linear problem; hold the blocks more where nothing else does."""
     while True:
         try:
