@@ -46,7 +46,7 @@ def run_fem_tube(
     prepare_json(json)
     folder = Path("out") / f"{name}-fem" if output is None and json is None else output
     with output_folder(folder):
-        run, result = _solve(name, scene, deformable, folder, resume, console)
+        run, result = _solve(name, scene, deformable, folder=folder, resume=resume, console=console)
         print_tube(run, console)
         if folder is not None:
             for words, path in write_tube_files(run, result, folder):
@@ -59,10 +59,12 @@ def _solve(
     name: str,
     scene: DeformableScene,
     deformable: DeformableAssembly,
+    *,
     folder: Path | None,
     resume: Path | None,
     console: Console,
 ) -> tuple[TubeRun, ExplicitResult | None]:
+    """Solve by the scene's method; an interrupted run says how to go on."""
     fem = fem_section(scene, name)
     if fem.method is Method.STATIC:
         from validation.tube_static import run_tube_static
@@ -176,7 +178,7 @@ def print_tube(run: TubeRun, console: Console) -> None:
         f"{contact['p_max_point']:.5g} MPa at a point",
     )
     table.add_row("effective contact elements", f"{contact['effective_count_percent']:.2f} %")
-    table.add_row("mean overclosure", f"{contact['mean_overclosure']:.4g} mm (force-weighted)")
+    table.add_row("mean overclosure", f"{contact['mean_overclosure']:.4g} mm where surfaces press")
     seconds = ", ".join(f"{k} {v:.3f}" for k, v in data["cpu_seconds"].items())
     table.add_row("CPU seconds", seconds)
     table.add_row("peak memory", f"{data['peak_memory_mb']:.0f} MB")
