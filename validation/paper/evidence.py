@@ -170,8 +170,46 @@ class Evidence:
             self._fem[key] = self._run_fem(block, case)
         return self._fem[key]
 
-    def _run_fem(self, block: str, case: str) -> TubeRun:
-        raise NotImplementedError
+    def rigid_runs(self) -> list[RigidRun]:
+        """All rigid-block results computed so far."""
+        return list(self._rigid.values())
+
+    def fem_runs(self) -> list[TubeRun]:
+        """All deformable results computed so far."""
+        return list(self._fem.values())
+
+    def whole_tube(self, block: str, case: str, layers: int) -> TubeRun:
+        """Deformable result of a shorter tube, solved without using its symmetry."""
+        settings = [f"assembly.layers={layers}", "fem.symmetry=none"]
+        return self._run_fem(block, case, settings, f"{layers} layers, no symmetry")
+
+    def _run_fem(
+        self, block: str, case: str, settings: Iterable[str] = (), words: str = ""
+    ) -> TubeRun:
+        """Static state on a mesh of its own; one sector where the load is cyclic."""
+        from validation.tube_fem import DeformableScene
+        from validation.tube_static import run_tube_static
+
+        around, radial, axial = (36, 6, 16) if self.full else (24, 4, 10)
+        symmetry = "none" if case == "beam" else "sector"
+        name = f"{block.lower()}-{case}"
+        file = load_scene(
+            name,
+            [
+                "fem.method=static",
+                f"mesh.around={around}",
+                f"mesh.radial={radial}",
+                f"mesh.axial={axial}",
+                f"fem.symmetry={symmetry}",
+                *settings,
+            ],
+        )
+        assert isinstance(file.scene, DeformableScene)
+        with self.console.status(f"deformable blocks: {name} {words}"):
+            run = run_tube_static(name, file.scene)
+        label = f"fem {name} {around} × {radial} × {axial} {words}".strip()
+        self.cpu_seconds[label] = run.cpu_seconds["total"]
+        return run
 
 
 def printed(block: str, case: str) -> dict[str, Any]:

@@ -281,6 +281,65 @@ def cost_rows(evidence: Evidence) -> list[CostRow]:
     ]
 
 
+def draw_cost(evidence: Evidence, path: Path) -> None:
+    """Draw CPU seconds per tube over its size: ours computed, the paper's as lines."""
+    import matplotlib.pyplot as plt
+
+    printed = reference()["cost"]
+    rows = list(evidence.study.rows.values())
+    figure, panel = plt.subplots(figsize=(8.5, 5.5))
+    panel.loglog(
+        [row["n_contacts"] for row in rows],
+        [row["cpu_seconds"] for row in rows],
+        "o",
+        markersize=3,
+        color="#0072B2",
+        label="rigid blocks, tubelock: the 480 designs",
+    )
+    fine = [run for run in evidence.rigid_runs() if run.result.n_contacts > 20_000]
+    if fine:
+        panel.loglog(
+            [run.result.n_contacts for run in fine],
+            [run.cpu_seconds["total"] for run in fine],
+            "s",
+            markersize=4,
+            color="#009E73",
+            label="rigid blocks, tubelock: 84 × 8 × 20 elements per block",
+        )
+    deformable = evidence.fem_runs()
+    if deformable:
+        panel.loglog(
+            [run.deformable.surfaces.n_facets for run in deformable],
+            [run.cpu_seconds["total"] for run in deformable],
+            "^",
+            markersize=6,
+            color="#D55E00",
+            label="deformable blocks, tubelock: static state, one sector or (beam) whole",
+        )
+    for hours, name, colour in (
+        (printed["mbd_cpu_hours"] / printed["mbd_configurations"], "rigid blocks", "#0072B2"),
+        (printed["fem_cpu_hours"] / printed["fem_configurations"], "finite elements", "#D55E00"),
+    ):
+        seconds = 3600 * hours
+        panel.axhline(seconds, color=colour, linestyle="--", linewidth=1)
+        panel.text(
+            0.01,
+            seconds * 1.15,
+            f"printed, {name}: {seconds:,.0f} s a tube",
+            color=colour,
+            transform=panel.get_yaxis_transform(),
+            fontsize=9,
+        )
+    panel.set_ylim(1e-2, 1e7)
+    panel.set_xlabel("contact facets of the tube")
+    panel.set_ylabel("CPU seconds per tube")
+    panel.grid(color="#DDDDDD", linewidth=0.6)
+    panel.legend(loc="upper left", bbox_to_anchor=(0.0, 0.72), fontsize=9, frameon=False)
+    panel.set_title("Cost of one tube, one core", fontsize=12, loc="left")
+    figure.tight_layout()
+    save_figure(figure, path)
+
+
 # ---------------------------------------------------------------------------------------------
 # All of them
 
@@ -307,10 +366,10 @@ def draw_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
     folder
         Existing.
     """
-    return [
-        *_parameter_figures(evidence, folder),
-        *_pressure_figures(evidence, folder),
-    ]
+    found = [*_parameter_figures(evidence, folder), *_pressure_figures(evidence, folder)]
+    if evidence.deformable:
+        found += _deformable_figures(evidence, folder)
+    return [*found, _cost_figure(evidence, folder)]
 
 
 def _parameter_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
@@ -357,3 +416,60 @@ def _pressure_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
             )
         )
     return found
+
+
+def _cost_figure(evidence: Evidence, folder: Path) -> FigureFile:
+    path = folder / "cost.png"
+    draw_cost(evidence, path)
+    return FigureFile(
+        path.stem,
+        "CPU seconds of one tube over its number of contact facets; dashed, what the paper prints "
+        "for its own machines.",
+        path,
+        "tubelock reproduce figures",
+    )
+
+
+def _deformable_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
+    from validation.paper.figures_fem import (
+        draw_displacements,
+        draw_layer_comparison,
+        draw_principal,
+    )
+    from validation.tube_pictures import draw_sections
+
+    command = "tubelock reproduce figures --fem"
+    written = []
+
+    def add(name: str, caption: str, draw: Callable[[Path], object]) -> None:
+        path = folder / f"{name}.png"
+        draw(path)
+        written.append(FigureFile(name, caption, path, command))
+
+    add(
+        "layer-7",
+        "Contact pressures of rigid and of deformable blocks on the sinusoidal faces of layer 7, "
+        "each in units of its own largest.",
+        lambda path: draw_layer_comparison(evidence, path),
+    )
+    for component, name, words in ((0, "sigma-1", "Maximum"), (2, "sigma-3", "Minimum")):
+        add(
+            name,
+            f"{words} principal stress on the unrolled outer surface, five load cases.",
+            lambda path, component=component: draw_principal(evidence, component, path),  # type: ignore[misc]
+        )
+    for block in ("TSB1", "TSB2"):
+        run = evidence.fem(block, "pipe")
+        assert run is not None
+        add(
+            f"sections-{block.lower()}",
+            f"Principal stresses of {block} under internal pressure in sections near the ends of "
+            "layer 7.",
+            lambda path, run=run: draw_sections(run, path),  # type: ignore[misc]
+        )
+    add(
+        "displacements",
+        "Displacements of the five load cases, exaggerated.",
+        lambda path: draw_displacements(evidence, path),
+    )
+    return written
