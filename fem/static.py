@@ -323,9 +323,7 @@ def _linearise(system: LocalSystem, state: _State) -> Linearisation:
     )
 
 
-def _solve(
-    step: LinearStep, linear: Linearisation, state: _State
-) -> tuple[FloatArray, _State]:
+def _solve(step: LinearStep, linear: Linearisation, state: _State) -> tuple[FloatArray, _State]:
     """Solve the linear problem; hold the blocks more where nothing else does."""
     while True:
         try:
