@@ -157,7 +157,9 @@ class CondensedStep:
     def _retained(self, slot: int) -> IntArray:
         """Degrees of freedom of a slot's retained nodes in the numbering of the system."""
         kind = self._kinds[self._kind_of[slot]]
-        dofs: IntArray = kind.condensed.degrees_of_freedom + 3 * int(self._system.node_start[slot])
+        dofs: IntArray = kind.condensed.degrees_of_freedom + 3 * int(
+            self._system.node_start[slot]
+        )
         return dofs
 
     def _to_variables(self, slot: int, vector: FloatArray) -> FloatArray:
