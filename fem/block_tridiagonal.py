@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from scipy.linalg import LinAlgError
 
 from geometry.mesh import FloatArray
 

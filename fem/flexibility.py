@@ -157,9 +157,7 @@ class CondensedStep:
     def _retained(self, slot: int) -> IntArray:
         """Degrees of freedom of a slot's retained nodes in the numbering of the system."""
         kind = self._kinds[self._kind_of[slot]]
-        dofs: IntArray = kind.condensed.degrees_of_freedom + 3 * int(
-            self._system.node_start[slot]
-        )
+        dofs: IntArray = kind.condensed.degrees_of_freedom + 3 * int(self._system.node_start[slot])
         return dofs
 
     def _to_variables(self, slot: int, vector: FloatArray) -> FloatArray:
@@ -180,16 +178,17 @@ class CondensedStep:
         ]
         self._columns = np.concatenate(columns)
 
-    @cached_property
-    def _free_responses(self) -> list[FloatArray]:
-        """G f of every slot, prescribed displacements included, (n_free,) [mm]."""
-        responses = []
+    def _free_forces(self, load_factor: float) -> list[FloatArray]:
+        """Loads and forces of prescribed displacements on the free variables of every slot."""
+        forces = []
         for slot in range(self._system.n_slots):
-            kind = self._kinds[self._kind_of[slot]]
+            kind = self._kind(slot)
             given = self._value[self._retained(slot)]
-            force = self._loads[slot] - kind.stiffness @ given
-            responses.append(kind.inverse @ force[kind.free])
-        return responses
+            force = load_factor * self._loads[slot]
+            if given.any():
+                force = force - kind.stiffness @ given
+            forces.append(force[kind.free])
+        return forces
 
     # -----------------------------------------------------------------------------------------
     # Every iteration
@@ -206,13 +205,25 @@ class CondensedStep:
         """
         points = self._active_points(linear)
         rows = self._rows(linear, points)
-        levels, slots = self._chain(linear, points, rows, before, holding)
+        loads = self._free_forces(linear.load_factor)
+        responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
+        right = self._force_side(linear, points, rows, responses)
+        levels, slots = self._chain(linear, points, right, holding)
+        column = np.zeros(points.n_levels, dtype=np.int64)
+        for slot in range(self._system.n_slots):
+            k = int(self._level_of[slot])
+            span = slice(int(column[k]), int(column[k]) + self._kind(slot).rigid.shape[1])
+            self._add_slot(levels, slot, span, points.start, rows[slot])
+            levels[k].motion_side[span] = -self._kind(slot).rigid.T @ loads[slot]
+            if holding:
+                levels[k].motion_side[span] -= holding * self._motion(slot, before)
+            column[k] = span.stop
         try:
             solved = solve_chain(levels)
         except UnresistedMotionError as error:
             blocks = [int(self._system.blocks[s]) for s in slots[error.level]]
             raise UnheldBlocksError("too few contacts press", tuple(blocks)) from None
-        return self._displacements(points, rows, solved, slots)
+        return self._displacements(rows, responses, solved, slots)
 
     def _active_points(self, linear: Linearisation) -> _Points:
         """Points that press, ordered by level, those shared with the next level last."""
@@ -229,9 +240,7 @@ class CondensedStep:
         order = np.lexsort((active, shared, low))
         n_levels = int(self._level_of.max()) + 1
         start = np.searchsorted(low[order], np.arange(n_levels + 1))
-        first_shared = start[:-1] + np.array(
-            [int((~shared[order][a:b]).sum()) for a, b in zip(start[:-1], start[1:], strict=True)]
-        )
+        first_shared = start[1:] - np.bincount(low[shared], minlength=n_levels)[:n_levels]
         return _Points(active[order], start.astype(np.int64), first_shared.astype(np.int64))
 
     def _rows(self, linear: Linearisation, points: _Points) -> list[tuple[IntArray, csr_array]]:
@@ -251,16 +260,14 @@ class CondensedStep:
         self,
         linear: Linearisation,
         points: _Points,
-        rows: list[tuple[IntArray, csr_array]],
-        before: FloatArray,
+        right: FloatArray,
         holding: float,
     ) -> tuple[list[Level], list[list[int]]]:
-        """Assemble the levels."""
+        """Levels with the law's part only, and the slots of each."""
         slots = [np.flatnonzero(self._level_of == k).tolist() for k in range(points.n_levels)]
         width = [sum(self._kind(s).rigid.shape[1] for s in level) for level in slots]
         size = np.diff(points.start)
         levels = []
-        right = self._force_side(linear, points, rows)
         for k in range(points.n_levels):
             shared = int(points.start[k + 1] - points.first_shared[k])
             after = k + 1 < points.n_levels
@@ -280,12 +287,6 @@ class CondensedStep:
                     motion_side=np.zeros(width[k]),
                 )
             )
-        for k, level in enumerate(slots):
-            column = 0
-            for slot in level:
-                column = self._add_slot(
-                    levels, k, column, slot, points, rows[slot], before, holding
-                )
         return levels, slots
 
     def _kind(self, slot: int) -> Flexibility:
@@ -296,14 +297,15 @@ class CondensedStep:
         linear: Linearisation,
         points: _Points,
         rows: list[tuple[IntArray, csr_array]],
+        responses: list[FloatArray],
     ) -> FloatArray:
-        """c - x̂ + p/k + N G f of the active points, (n,) [mm]."""
+        """C - x̂ + p/k + N G f of the active points, (n,) [mm]."""
         where = points.number
         stiffness = linear.stiffness.ravel()[where]
         right = (linear.constant - linear.at).ravel()[where]
         right = right + linear.pressure.ravel()[where] / stiffness
         for slot, (mine, gradient) in enumerate(rows):
-            right[mine] += gradient @ self._free_responses[slot]
+            right[mine] += gradient @ responses[slot]
         if len(self._system.held.nodes):
             full = gradient_matrix(self._system, linear.gradient, where)
             right += full @ (self._transform @ self._value)
@@ -312,50 +314,40 @@ class CondensedStep:
     def _add_slot(
         self,
         levels: list[Level],
-        k: int,
-        column: int,
         slot: int,
-        points: _Points,
+        span: slice,
+        start: IntArray,
         rows: tuple[IntArray, csr_array],
-        before: FloatArray,
-        holding: float,
-    ) -> int:
-        """Add the flexibility and the motions of one block; the next free motion."""
+    ) -> None:
+        """Add the flexibility of one block, and its motions in the columns ``span``."""
+        k = int(self._level_of[slot])
         kind, (mine, gradient) = self._kind(slot), rows
-        n_motions = kind.rigid.shape[1]
-        span = slice(column, column + n_motions)
         level = levels[k]
         flexible = gradient @ (gradient @ kind.inverse).T
         motion = gradient @ kind.rigid
-        own = mine >= points.start[k]
-        here = mine[own] - points.start[k]
+        own = mine >= start[k]
+        here = mine[own] - start[k]
         level.flexibility[np.ix_(here, here)] += flexible[np.ix_(own, own)]
         level.motions[here, span] += motion[own]
         if not own.all():
             below = levels[k - 1]
-            there = mine[~own] - points.start[k - 1]
+            there = mine[~own] - start[k - 1]
             shared = there - below.first_shared
             below.flexibility[np.ix_(there, there)] += flexible[np.ix_(~own, ~own)]
             below.next_flexibility[np.ix_(shared, here)] += flexible[np.ix_(~own, own)]
             below.next_motions[shared, span] += motion[~own]
-        if n_motions:
-            load = self._loads[slot] - kind.stiffness @ self._value[self._retained(slot)]
-            level.motion_side[span] = -kind.rigid.T @ load[kind.free]
-            if holding:
-                level.motion_side[span] -= holding * self._motion(slot, before)
-        return column + n_motions
 
     def _motion(self, slot: int, displacement: FloatArray) -> FloatArray:
         """Rigid part α of a displacement of a slot."""
         kind = self._kind(slot)
         vector = self._to_variables(slot, displacement.ravel()[self._retained(slot)])
-        motion: FloatArray = np.linalg.lstsq(kind.rigid, vector[kind.free])[0]
+        motion = np.asarray(np.linalg.lstsq(kind.rigid, vector[kind.free])[0], dtype=np.float64)
         return motion
 
     def _displacements(
         self,
-        points: _Points,
         rows: list[tuple[IntArray, csr_array]],
+        responses: list[FloatArray],
         solved: list[tuple[FloatArray, FloatArray]],
         slots: list[list[int]],
     ) -> FloatArray:
@@ -369,25 +361,28 @@ class CondensedStep:
                 n_motions = kind.rigid.shape[1]
                 motion = alpha[column : column + n_motions]
                 column += n_motions
-                pushed = self._free_responses[slot] - kind.inverse @ (gradient.T @ forces[mine])
+                pushed = responses[slot] - kind.inverse @ (gradient.T @ forces[mine])
                 variables[self._retained(slot)[kind.free]] = pushed + kind.rigid @ motion
         if len(self._system.held.nodes):
             variables = self._transform @ variables
         return variables.reshape(-1, 3)
 
-    def unbalanced(self, displacement: FloatArray) -> FloatArray:
-        """Loads minus internal forces, both condensed; zero at inner nodes; (n_nodes, 3) [N]."""
+    def internal_force(self, displacement: FloatArray) -> FloatArray:
+        """S u of the contact nodes, zero at inner nodes; (n_nodes, 3) [N]."""
         result = np.zeros(3 * self._system.n_nodes)
         flat = displacement.ravel()
         for slot in range(self._system.n_slots):
             dofs = self._retained(slot)
-            condensed = self._kind(slot).condensed
-            result[dofs] = -(condensed.stiffness @ flat[dofs])
+            result[dofs] = self._kind(slot).condensed.stiffness @ flat[dofs]
+        return result.reshape(-1, 3)
+
+    @cached_property
+    def external_force(self) -> FloatArray:
+        """Loads condensed on the contact nodes, zero at inner nodes; (n_nodes, 3) [N]."""
+        result = np.zeros(3 * self._system.n_nodes)
         for slot, load in enumerate(self._loads):
             dofs = self._retained(slot)
-            if len(self._system.held.nodes):
-                load = self._transform[dofs][:, dofs] @ load
-            result[dofs] += load
+            result[dofs] = self._transform[dofs][:, dofs] @ load
         return result.reshape(-1, 3)
 
     def complete(self, displacement: FloatArray) -> FloatArray:

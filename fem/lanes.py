@@ -4,7 +4,7 @@ numba vectorises a loop over copies only after proving that no two arrays overla
 not keep the three sums of a row in registers across the row's neighbours. Both cost a factor
 of two. So this module gives the kernels a vector type of fixed width (an LLVM vector, which
 LLVM maps to whatever the processor has: one or two AVX-512 registers, four AVX2 ones, …) and
-the four operations they need. Nothing here knows mechanics.
+the few operations they need. Nothing here knows mechanics.
 
 The compiled kernels are cached by the time stamp of *their* file: after editing this one,
 delete ``fem/__pycache__``.
@@ -116,6 +116,29 @@ def multiply_add(typing_context: Any, factor: Any, value: Any, total: Any) -> An
     return total(factor, value, total), code
 
 
+@intrinsic
+def scale(typing_context: Any, factor: Any, value: Any) -> Any:
+    """Return factor · value; the factor is a scalar or a vector."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        factor = args[0]
+        if not isinstance(signature.args[0], LanesType):
+            factor = _splat(builder, factor, args[1].type)
+        return builder.fmul(factor, args[1])
+
+    return value(factor, value), code
+
+
+@intrinsic
+def splat(typing_context: Any, scalar: Any, like: Any) -> Any:
+    """Return a vector of the type of ``like`` with the scalar in every lane."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return _splat(builder, args[0], args[1].type)
+
+    return like(scalar, like), code
+
+
 def _splat(builder: Any, scalar: Any, vector: Any) -> Any:
     undefined = ir.Constant(vector, ir.Undefined)
     first = builder.insert_element(undefined, scalar, ir.Constant(ir.IntType(32), 0))
@@ -139,6 +162,17 @@ def subtract(typing_context: Any, a: Any, b: Any) -> Any:
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.fsub(args[0], args[1])
+
+    return a(a, b), code
+
+
+@intrinsic
+def minimum(typing_context: Any, a: Any, b: Any) -> Any:
+    """Return the smaller of two vectors, lane by lane."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        smaller = builder.fcmp_ordered("<", args[0], args[1])
+        return builder.select(smaller, args[0], args[1])
 
     return a(a, b), code
 

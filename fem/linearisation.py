@@ -36,6 +36,8 @@ class Linearisation:
     """p(x̂), (n_facets, 4) [MPa]."""
     stiffness: FloatArray
     """p'(x̂), (n_facets, 4) [MPa/mm]."""
+    load_factor: float = 1.0
+    """Share of the loads that acts [-]."""
 
     def linear_pressure(self, system: LocalSystem, displacement: FloatArray) -> FloatArray:
         """Pressure of the tangent at a displacement, (n_facets, 4) [MPa]."""
@@ -55,8 +57,12 @@ class LinearStep(Protocol):
         ``holding`` [N/mm] holds each block to where it was ``before``.
         """
 
-    def unbalanced(self, displacement: FloatArray) -> FloatArray:
-        """Loads minus internal forces, (n_nodes, 3) [N]."""
+    def internal_force(self, displacement: FloatArray) -> FloatArray:
+        """K u, condensed where inner nodes are left out, (n_nodes, 3) [N]."""
+
+    @property
+    def external_force(self) -> FloatArray:
+        """Loads, condensed where inner nodes are left out, (n_nodes, 3) [N]."""
 
     def complete(self, displacement: FloatArray) -> FloatArray:
         """Displacements of all nodes, (n_nodes, 3) [mm]."""
@@ -119,7 +125,7 @@ class SparseStep:
         stiff = (weight * linear.stiffness.ravel())[:, None]
         matrix = csr_array(self._stiffness + rows.T @ rows.multiply(stiff).tocsr())
         constant = linear.pressure + linear.stiffness * (linear.constant - linear.at)
-        right = self._transform.T @ system.external_force.ravel()
+        right = linear.load_factor * (self._transform.T @ system.external_force.ravel())
         right -= rows.T @ (weight * constant.ravel())
         if holding:
             share = holding * self._shares()
@@ -141,12 +147,14 @@ class SparseStep:
         shares: FloatArray = np.repeat(1.0 / sizes, 3 * sizes)
         return shares
 
-    def unbalanced(self, displacement: FloatArray) -> FloatArray:
-        """Loads minus internal forces, (n_nodes, 3) [N]."""
-        unbalanced: FloatArray = self._system.external_force - self._system.internal_force(
-            displacement
-        )
-        return unbalanced
+    def internal_force(self, displacement: FloatArray) -> FloatArray:
+        """K u, (n_nodes, 3) [N]."""
+        return self._system.internal_force(displacement)
+
+    @property
+    def external_force(self) -> FloatArray:
+        """Loads, (n_nodes, 3) [N]."""
+        return self._system.external_force
 
     def complete(self, displacement: FloatArray) -> FloatArray:
         """Displacements of all nodes: they are there already."""

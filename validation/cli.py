@@ -158,6 +158,19 @@ def fem(
     run_fem(file, json=json, output=output, resume=resume, console=_console(json))
 
 
+@app.command()
+def convergence(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE.png", help="Picture to write.")
+    ] = Path("convergence.png"),
+    json: JsonOption = None,
+) -> None:
+    """Observed orders of the elements in mesh size and of the scheme in time step."""
+    from validation.convergence import run_convergence
+
+    run_convergence(output, json, _console(json))
+
+
 @reproduce_app.command("tables")
 def reproduce_tables(json: JsonOption = None) -> None:
     """Every row of the paper's tables: ours beside the printed value."""

@@ -15,23 +15,22 @@ from geometry.mesh import FloatArray, HexMesh
 from geometry.mesh_io import write_hex_mesh
 from validation.fem_box import BoxRun
 from validation.files import write_whole
-from validation.pictures import (
+from validation.rendering import (
     BLUE,
     GREEN,
     GREY,
     ORANGE,
     SKY,
+    STRESS_MAP,
     VERMILION,
     place,
+    polydata,
     render,
     save_figure,
 )
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-#: Diverging and safe for colour-blind readers: compression blue, tension red-brown.
-STRESS_MAP = "RdBu_r"
 
 
 def group_mesh(group: BlockGroup) -> HexMesh:
@@ -184,16 +183,13 @@ def draw_box(run: BoxRun, path: Path) -> None:
 def _deformed(
     run: BoxRun, values: FloatArray, scale: float, colours: str, limits: tuple[float, float]
 ) -> Any:
-    import pyvista
-
     group = run.box.model.groups[0]
     quads = np.concatenate(list(run.box.block.faces.values()))
-    faces = np.hstack([np.full((len(quads), 1), 4), quads]).ravel()
     positions = group.reference_positions()
 
     def add(plotter: Any) -> None:
         for copy in range(group.n_copies):
-            moved = pyvista.PolyData(positions[copy] + scale * run.displacements[copy], faces)
+            moved = polydata(positions[copy] + scale * run.displacements[copy], quads)
             moved.point_data["values"] = values[copy]
             plotter.add_mesh(
                 moved,
@@ -205,7 +201,7 @@ def _deformed(
                 ambient=0.4,
                 show_scalar_bar=False,
             )
-            outline = pyvista.PolyData(positions[copy], faces).extract_feature_edges(
+            outline = polydata(positions[copy], quads).extract_feature_edges(
                 feature_angle=40, boundary_edges=False, non_manifold_edges=False
             )
             plotter.add_mesh(outline, color="#606060", line_width=1.5)
