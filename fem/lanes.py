@@ -208,16 +208,6 @@ def divide(typing_context: Any, a: Any, b: Any) -> Any:
 
 
 @intrinsic
-def scale(typing_context: Any, factor: Any, value: Any) -> Any:
-    """Return a scalar times a vector."""
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.fmul(_splat(builder, args[0], args[1].type), args[1])
-
-    return value(factor, value), code
-
-
-@intrinsic
 def square_root(typing_context: Any, value: Any) -> Any:
     """Return the square root of every entry."""
 
