@@ -22,7 +22,6 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
-
 #: Added to a float64 below 2^50, it rounds it to a whole number.
 ROUNDING_SHIFT = 1.5 * 2.0**52
 
