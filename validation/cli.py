@@ -182,6 +182,29 @@ def compare(
 
 
 @app.command()
+def clearance(
+    scene: SceneArgument,
+    gap: Annotated[
+        list[float] | None,
+        typer.Option("--gap", metavar="MM", help="Initial clearance; repeatable."),
+    ] = None,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder; out/SCENE-clearance."),
+    ] = None,
+) -> None:
+    """What the initial gap between the blocks does to displacements and pressures."""
+    from validation.clearance import GAPS, run_clearance
+    from validation.scene import load_scene
+
+    file = load_scene(scene, settings or ())
+    gaps = tuple(gap) if gap else GAPS
+    run_clearance(file, gaps=gaps, json=json, output=output, console=_console(json))
+
+
+@app.command()
 def convergence(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="FILE.png", help="Picture to write.")

@@ -105,7 +105,12 @@ def write_tube_files(
     run: TubeRun, result: ExplicitResult | None, folder: Path
 ) -> list[tuple[str, Path]]:
     """Write fields, contact pressures, history and pictures; returns what each file is."""
-    from validation.tube_pictures import draw_contact, draw_sections, draw_stresses
+    from validation.tube_pictures import (
+        draw_contact,
+        draw_displacement,
+        draw_sections,
+        draw_stresses,
+    )
 
     groups = run.deformable.model.groups
     fields = folder / "fields.vtu"
@@ -122,6 +127,7 @@ def write_tube_files(
         ("contact_pressures.png", draw_contact),
         ("stresses.png", draw_stresses),
         ("sections.png", draw_sections),
+        ("displacement.png", draw_displacement),
     ):
         draw(run, folder / file)
         written.append(("picture", folder / file))
