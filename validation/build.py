@@ -10,7 +10,7 @@ from geometry.mesh import MeshError
 from geometry.sine_block import BlockParameterError, SineBlockDivisions, SineBlockParameters
 from geometry.tube import hexagon_tube, sine_tube
 from validation.errors import InputError
-from validation.scene import BrickScene, Scene, TubeScene
+from validation.scene import AssemblyScene, BrickScene, Scene, TubeScene
 from validation.scene_families import HexagonTubeScene
 
 
@@ -19,7 +19,23 @@ def block_parameters(scene: TubeScene) -> SineBlockParameters:
     return SineBlockParameters(**scene.block.model_dump(exclude={"type"}))
 
 
-def build_assembly(scene: Scene) -> Assembly:
+def require_assembly(scene: Scene, name: str, command: str) -> AssemblyScene:
+    """Return the scene if its blocks meet each other.
+
+    Raises
+    ------
+    InputError
+        For a scene of a single box.
+    """
+    if isinstance(scene, AssemblyScene):
+        return scene
+    raise InputError(
+        f"{name}: block.type {scene.block.type!r} is one deformable body without contacts; "
+        f"`tubelock {command}` needs an assembly, such as tsb1-pipe"
+    )
+
+
+def build_assembly(scene: AssemblyScene) -> Assembly:
     """Build the blocks of a scene.
 
     Raises
@@ -47,7 +63,7 @@ def build_assembly(scene: Scene) -> Assembly:
         raise InputError(str(error)) from None
 
 
-def build_load(scene: Scene, assembly: Assembly) -> LoadCase:
+def build_load(scene: AssemblyScene, assembly: Assembly) -> LoadCase:
     """Build the load case of a scene.
 
     Raises

@@ -77,19 +77,18 @@ def show(
     settings: SetOption = None,
 ) -> None:
     """Draw a scene: blocks, frame, load and supports."""
-    from validation.build import build_assembly, build_load
     from validation.files import prepare_file
+    from validation.rigid import build_scene
     from validation.scene import load_scene
 
     file = load_scene(scene, settings or ())
     if output.suffix.lower() != ".png":
         raise InputError(f"-o {output}: expected a file name that ends in .png")
+    built = build_scene(file)
     prepare_file(output)
-    assembly = build_assembly(file.scene)
-    load = build_load(file.scene, assembly)
     from validation.pictures import draw_assembly
 
-    draw_assembly(assembly, load, output, title=file.name)
+    draw_assembly(built.assembly, built.load, output, title=file.name)
     _console(None).print(f"picture   {output}")
 
 
@@ -109,26 +108,54 @@ def mbd(
     ] = None,
 ) -> None:
     """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
-    from validation.files import prepare_folder, prepare_json, write_json
-    from validation.rigid import rigid_json, run_rigid
-    from validation.rigid_files import write_rigid
+    from validation.files import output_folder, prepare_json, write_json
+    from validation.rigid import analyse_rigid, build_scene, rigid_json
     from validation.scene import load_scene
     from validation.text import print_rigid
 
     file = load_scene(scene, settings or ())
+    built = build_scene(file)
     prepare_json(json)
     folder = output
     if folder is None and json is None:
         folder = Path("out") / file.name
-    if folder is not None:
-        prepare_folder(folder)
-    run = run_rigid(file)
-    console = _console(json)
-    print_rigid(run, console)
-    if folder is not None:
-        for words, path in write_rigid(run, folder):
-            console.print(f"{words:9} {path}")
-    write_json(json, rigid_json(run))
+    with output_folder(folder):
+        run = analyse_rigid(built)
+        console = _console(json)
+        print_rigid(run, console)
+        if folder is not None:
+            from validation.rigid_files import write_rigid
+
+            for words, path in write_rigid(run, folder):
+                console.print(f"{words:9} {path}")
+        write_json(json, rigid_json(run))
+
+
+@app.command()
+def fem(
+    scene: SceneArgument,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder for fields, history, pictures; out/SCENE unless --json is given.",
+        ),
+    ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option("--resume", metavar="CHECKPOINT", help="Continue an interrupted run."),
+    ] = None,
+) -> None:
+    """Deformable blocks: displacements, principal stresses, energies."""
+    from validation.fem_command import run_fem
+    from validation.scene import load_scene
+
+    file = load_scene(scene, settings or ())
+    run_fem(file, json=json, output=output, resume=resume, console=_console(json))
 
 
 @reproduce_app.command("tables")

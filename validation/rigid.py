@@ -15,15 +15,16 @@ from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray
 from geometry.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
 from mbd import Mechanism, RigidResult, SelfStress, analyse
-from validation.build import build_assembly, build_load
-from validation.scene import SceneFile
+from validation.build import build_assembly, build_load, require_assembly
+from validation.scene import AssemblyScene, SceneFile
 
 
 @dataclass(frozen=True)
 class RigidRun:
     """A scene, what was built from it, and the rigid-block result."""
 
-    scene: SceneFile
+    name: str
+    scene: AssemblyScene
     assembly: Assembly
     load: LoadCase
     result: RigidResult
@@ -31,16 +32,44 @@ class RigidRun:
     """CPU time of each stage, building included [s]."""
 
 
-def run_rigid(scene: SceneFile) -> RigidRun:
-    """Build and analyse a scene."""
+@dataclass(frozen=True)
+class BuiltScene:
+    """A scene and what was built from it: bad input has been refused by now."""
+
+    name: str
+    scene: AssemblyScene
+    assembly: Assembly
+    load: LoadCase
+    cpu_seconds: float
+
+
+def build_scene(file: SceneFile) -> BuiltScene:
+    """Build what a scene describes.
+
+    Raises
+    ------
+    InputError
+        When it describes nothing that can be built.
+    """
     start = time.process_time()
-    assembly = build_assembly(scene.scene)
-    load = build_load(scene.scene, assembly)
-    built = time.process_time() - start
-    result = analyse(assembly, load, norm=scene.scene.rigid.norm, solver=scene.scene.rigid.solver)
-    seconds = {"build": built, **result.cpu_seconds}
-    seconds["total"] = built + result.cpu_seconds["total"]
-    return RigidRun(scene, assembly, load, result, seconds)
+    scene = require_assembly(file.scene, file.name, "mbd")
+    assembly = build_assembly(scene)
+    load = build_load(scene, assembly)
+    return BuiltScene(file.name, scene, assembly, load, time.process_time() - start)
+
+
+def run_rigid(file: SceneFile) -> RigidRun:
+    """Build and analyse a scene."""
+    return analyse_rigid(build_scene(file))
+
+
+def analyse_rigid(built: BuiltScene) -> RigidRun:
+    """Analyse a built scene."""
+    scene, assembly, load = built.scene, built.assembly, built.load
+    result = analyse(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
+    seconds = {"build": built.cpu_seconds, **result.cpu_seconds}
+    seconds["total"] = built.cpu_seconds + result.cpu_seconds["total"]
+    return RigidRun(built.name, scene, assembly, load, result, seconds)
 
 
 def _certificate(result: RigidResult) -> dict[str, Any] | None:
@@ -67,7 +96,7 @@ def rigid_json(run: RigidRun) -> dict[str, Any]:
     result = run.result
     measures = None if result.measures is None else dataclasses.asdict(result.measures)
     return {
-        "scene": run.scene.name,
+        "scene": run.name,
         "mechanism": str(result.mechanism),
         "mechanism_as_supported": str(result.supported_classification.mechanism),
         "certificate": _certificate(result),

@@ -18,6 +18,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from validation.errors import InputError
 from validation.scene_families import HexagonTubeScene
+from validation.scene_fem import (
+    BoxScene,
+    ContactSection,
+    DivisionsSection,
+    EffectsSection,
+    FemSection,
+    MaterialSection,
+)
 from validation.scene_sections import (
     Finite,
     NonNegative,
@@ -65,6 +73,10 @@ class TubeScene(Section):
     mesh: TubeMeshSection
     load: TubeLoadSection
     rigid: RigidSection = RigidSection()
+    material: MaterialSection | None = None
+    contact: ContactSection | None = None
+    effects: EffectsSection = EffectsSection()
+    fem: FemSection | None = None
 
 
 class BrickSection(Section):
@@ -82,14 +94,6 @@ class StackAssemblySection(Section):
     layers: Annotated[int, Field(ge=1)]
 
 
-class DivisionsSection(Section):
-    """``[mesh]`` by elements along x, y, z."""
-
-    divisions: tuple[
-        Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]
-    ]
-
-
 class BrickScene(Section):
     """A stack of bricks between two fixed rows."""
 
@@ -100,12 +104,15 @@ class BrickScene(Section):
     rigid: RigidSection = RigidSection()
 
 
-Scene: TypeAlias = TubeScene | BrickScene | HexagonTubeScene
+#: Scenes of blocks that meet: what the rigid answer and load cases are for.
+AssemblyScene: TypeAlias = TubeScene | BrickScene | HexagonTubeScene
+Scene: TypeAlias = AssemblyScene | BoxScene
 
 #: Scene class by ``[block] type``.
 SCENE_TYPES: dict[str, type[Scene]] = {
     "sine": TubeScene,
     "brick": BrickScene,
+    "box": BoxScene,
     "hexagon": HexagonTubeScene,
 }
 
@@ -182,8 +189,10 @@ def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[s
     result: dict[str, Any] = json.loads(json.dumps(data))
     for override in overrides:
         path, equals, text = override.partition("=")
-        keys = [key.strip() for key in path.split(".")]
-        if not equals or len(keys) < 2 or not all(keys):
+        keys = [key.strip().strip("'\"") for key in path.split(".")]
+        value = _value(text.strip())
+        whole_section = len(keys) == 1 and isinstance(value, dict)
+        if not equals or not all(keys) or (len(keys) < 2 and not whole_section):
             raise InputError(
                 f"--set {override}: expected section.key=value, e.g. --set assembly.layers=4"
             )
@@ -193,7 +202,7 @@ def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[s
             if not isinstance(inner, dict):
                 raise InputError(f"--set {override}: {key!r} is a value, not a section")
             target = inner
-        target[keys[-1]] = _value(text.strip())
+        target[keys[-1]] = value
     return result
 
 

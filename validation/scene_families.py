@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from validation.scene_fem import ContactSection, EffectsSection, FemSection, MaterialSection
 from validation.scene_sections import (
     Positive,
     RigidSection,
@@ -43,3 +44,7 @@ class HexagonTubeScene(Section):
     mesh: HexagonMeshSection
     load: TubeLoadSection
     rigid: RigidSection = RigidSection()
+    material: MaterialSection | None = None
+    contact: ContactSection | None = None
+    effects: EffectsSection = EffectsSection()
+    fem: FemSection | None = None

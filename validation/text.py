@@ -26,8 +26,8 @@ def _certificate_words(run: RigidRun) -> str:
 
 def print_rigid(run: RigidRun, console: Console) -> None:
     """Print class, residual, measures and times of a rigid result."""
-    result, scene = run.result, run.scene.scene
-    table = Table(title=f"{run.scene.name}: rigid blocks", show_header=False, title_justify="left")
+    result, scene = run.result, run.scene
+    table = Table(title=f"{run.name}: rigid blocks", show_header=False, title_justify="left")
     table.add_column(justify="left")
     table.add_column(justify="left")
     table.add_row("mechanism (frame fixed)", f"{result.mechanism}")

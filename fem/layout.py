@@ -1,0 +1,138 @@
+"""How the explicit solver lays out its arrays: [node][component][copy].
+
+Copies of one block shape are the lanes of the vector unit, so they come last and are padded
+to whole vectors; nodes are renumbered so that neighbours in the mesh are neighbours in memory
+(Cuthill and McKee). Only this module knows about padding and renumbering: outside the solver
+arrays are (n_copies, n_nodes, 3) in the numbering of the mesh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import bsr_array, csr_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from geometry.mesh import FloatArray, IntArray
+
+LaneArray = npt.NDArray[Any]
+"""float64 or float32, (n_rows, components, n_lanes)."""
+
+#: Bytes of a cache line and of the widest vector register.
+_LINE = 64
+
+#: Row chunks of a kernel: fixed, so that sums do not depend on the number of threads.
+N_CHUNKS = 16
+
+
+def padded_lanes(n_copies: int, dtype: npt.DTypeLike) -> int:
+    """Lanes that hold ``n_copies``: 1, 2, 4, … up to one vector, then whole vectors."""
+    vector = _LINE // np.dtype(dtype).itemsize
+    if n_copies > vector:
+        return -(-n_copies // vector) * vector
+    return 1 << (n_copies - 1).bit_length()
+
+
+def aligned_zeros(shape: tuple[int, ...], dtype: npt.DTypeLike) -> LaneArray:
+    """Zeros that start on a cache line and may be read one vector beyond their end."""
+    kind = np.dtype(dtype)
+    count = int(np.prod(shape))
+    raw = np.zeros(count * kind.itemsize + 2 * _LINE, dtype=np.uint8)
+    start = -raw.ctypes.data % _LINE
+    return raw[start : start + count * kind.itemsize].view(kind).reshape(shape)
+
+
+@dataclass(frozen=True)
+class BlockRows:
+    """A sparse stiffness as 3 × 3 node blocks, rows in the solver's node order."""
+
+    order: IntArray
+    """Mesh node of each row, (n_nodes,)."""
+    row: IntArray
+    """Row of each mesh node, (n_nodes,)."""
+    pointer: IntArray
+    """First block of each row, (n_nodes + 1,)."""
+    column: npt.NDArray[np.int32]
+    """Row number of the neighbour of each block, (n_blocks,)."""
+    blocks: LaneArray
+    """Nine entries of each block, column by column, flat (9 n_blocks,) [N/mm]."""
+    chunks: IntArray
+    """Row boundaries of pieces of equal work, (n_chunks + 1,)."""
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of rows."""
+        return len(self.order)
+
+
+def node_order(stiffness: bsr_array) -> IntArray:
+    """Narrow-banded order of the nodes: reverse Cuthill-McKee, or none if that is no better."""
+    graph = csr_array(
+        (np.ones(len(stiffness.indices), dtype=np.int8), stiffness.indices, stiffness.indptr)
+    )
+    order: IntArray = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
+    return order if _bandwidth(graph, order) < 0.9 * _bandwidth(graph) else np.arange(len(order))
+
+
+def _bandwidth(graph: csr_array, order: IntArray | None = None) -> int:
+    """Largest distance of two neighbours in a numbering."""
+    n = graph.shape[0]
+    number = np.arange(n)
+    if order is not None:
+        number[order] = np.arange(n)
+    row = np.repeat(np.arange(n), np.diff(graph.indptr))
+    return int(np.abs(number[row] - number[graph.indices]).max())
+
+
+def block_rows(stiffness: bsr_array, dtype: npt.DTypeLike) -> BlockRows:
+    """Pack a stiffness matrix for the kernels.
+
+    Parameters
+    ----------
+    stiffness
+        (3 n_nodes, 3 n_nodes) in 3 × 3 blocks [N/mm].
+    dtype
+        float64 or float32.
+    """
+    order = node_order(stiffness)
+    row = np.empty_like(order)
+    row[order] = np.arange(len(order))
+    numbered = csr_array((np.arange(len(stiffness.indices)), stiffness.indices, stiffness.indptr))[
+        order
+    ][:, order]
+    numbered.sort_indices()
+    pointer = numbered.indptr.astype(np.int64)
+    blocks = aligned_zeros((9 * len(numbered.data),), dtype)
+    blocks[:] = stiffness.data[numbered.data].transpose(0, 2, 1).ravel()
+    return BlockRows(
+        order=order,
+        row=row,
+        pointer=pointer,
+        column=numbered.indices.astype(np.int32),
+        blocks=blocks,
+        chunks=equal_work(pointer),
+    )
+
+
+def equal_work(pointer: IntArray, n_chunks: int = N_CHUNKS) -> IntArray:
+    """Row boundaries that split the entries counted by ``pointer`` evenly; (≤ n_chunks + 1,)."""
+    target = np.linspace(0, pointer[-1], n_chunks + 1)
+    boundary = np.searchsorted(pointer, target)
+    boundary[0], boundary[-1] = 0, len(pointer) - 1
+    return np.unique(boundary).astype(np.int64)
+
+
+def to_lanes(values: FloatArray, order: IntArray, dtype: npt.DTypeLike) -> LaneArray:
+    """(n_copies, n_nodes, 3) in mesh numbering to padded (n_rows, 3, n_lanes)."""
+    n_copies, n_nodes, n_components = values.shape
+    lanes = aligned_zeros((n_nodes, n_components, padded_lanes(n_copies, dtype)), dtype)
+    lanes[:, :, :n_copies] = values[:, order].transpose(1, 2, 0)
+    return lanes
+
+
+def from_lanes(lanes: LaneArray, row: IntArray, n_copies: int) -> FloatArray:
+    """Inverse of `to_lanes`, in float64."""
+    return np.ascontiguousarray(lanes[row, :, :n_copies].transpose(2, 0, 1), dtype=np.float64)

@@ -1,0 +1,88 @@
+"""Isotropic linear elasticity: constants, elasticity matrix and wave speeds.
+
+Stresses and strains are six-vectors in the order (xx, yy, zz, xy, yz, xz), which is VTK's
+order for symmetric tensors. Shear strains are engineering strains, gamma = 2 epsilon.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.mesh import FloatArray
+
+
+class MaterialError(ValueError):
+    """A material that cannot be used: the message names the constant and its allowed range."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic linear-elastic solid.
+
+    Raises
+    ------
+    MaterialError
+        Density or modulus not finite and positive, Poisson's ratio outside (-1, 0.5).
+    """
+
+    density: float
+    """[t/mm³]; steel 7.85e-9, concrete 2.4e-9."""
+    young_modulus: float
+    """[MPa]"""
+    poisson_ratio: float
+    """[-]"""
+
+    def __post_init__(self) -> None:
+        for name, unit in (("density", "t/mm³"), ("young_modulus", "MPa")):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise MaterialError(
+                    f"material: got {name} = {value} {unit}; expected a finite positive number"
+                )
+        if not -1.0 < self.poisson_ratio < 0.5:
+            raise MaterialError(
+                f"material: got poisson_ratio = {self.poisson_ratio}; expected -1 < nu < 0.5 "
+                "(for a nearly incompressible solid use 0.4999 and the element b-bar)"
+            )
+
+    @property
+    def shear_modulus(self) -> float:
+        """Return mu = E / (2 (1 + nu)) [MPa]."""
+        return self.young_modulus / (2.0 * (1.0 + self.poisson_ratio))
+
+    @property
+    def lame_modulus(self) -> float:
+        """Return lambda = E nu / ((1 + nu)(1 - 2 nu)) [MPa]."""
+        nu = self.poisson_ratio
+        return self.young_modulus * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+
+    @property
+    def bulk_modulus(self) -> float:
+        """Return K = E / (3 (1 - 2 nu)) [MPa]."""
+        return self.young_modulus / (3.0 * (1.0 - 2.0 * self.poisson_ratio))
+
+    @property
+    def constrained_modulus(self) -> float:
+        """Return lambda + 2 mu [MPa], the stiffness of a plane dilatational wave."""
+        return self.lame_modulus + 2.0 * self.shear_modulus
+
+    @property
+    def dilatational_wave_speed(self) -> float:
+        """Return c_d = sqrt((lambda + 2 mu) / rho) [mm/s]."""
+        return math.sqrt(self.constrained_modulus / self.density)
+
+    @property
+    def shear_wave_speed(self) -> float:
+        """Return c_s = sqrt(mu / rho) [mm/s]."""
+        return math.sqrt(self.shear_modulus / self.density)
+
+    def elasticity_matrix(self) -> FloatArray:
+        """Stress from engineering strain in the order (xx, yy, zz, xy, yz, xz); (6, 6) [MPa]."""
+        matrix = np.zeros((6, 6))
+        matrix[:3, :3] = self.lame_modulus
+        matrix[[0, 1, 2], [0, 1, 2]] = self.constrained_modulus
+        matrix[[3, 4, 5], [3, 4, 5]] = self.shear_modulus
+        return matrix

@@ -1,0 +1,56 @@
+"""Tiny named finite element problems shared by the tests of fem."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse.linalg import spsolve
+
+from fem.hexahedron import ElementType, block_stiffness
+from fem.material import Material
+from geometry.block import Block, box_block
+from geometry.mesh import HexMesh, boundary_quads
+
+CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
+
+
+def distorted_box(
+    divisions: tuple[int, int, int] = (3, 2, 2), *, seed: int = 3, amount: float = 0.2
+) -> HexMesh:
+    """Unit cells whose every node is moved at random by up to ``amount`` of an edge."""
+    mesh = box_block(tuple(float(n) for n in divisions), divisions).mesh
+    rng = np.random.default_rng(seed)
+    return HexMesh(mesh.nodes + rng.uniform(-amount, amount, mesh.nodes.shape), mesh.elements)
+
+
+def boundary_nodes(mesh: HexMesh) -> np.ndarray:
+    return np.unique(boundary_quads(mesh))
+
+
+def degrees_of_freedom(nodes: np.ndarray) -> np.ndarray:
+    return (3 * nodes[:, None] + np.arange(3)).ravel()
+
+
+def static_displacement(stiffness, force, prescribed, values=0.0) -> np.ndarray:
+    """Solve K u = f with u[prescribed] = values; (3 n_nodes,)."""
+    displacement = np.zeros(len(force))
+    displacement[prescribed] = values
+    free = np.setdiff1d(np.arange(len(force)), prescribed)
+    matrix = stiffness.tocsr()
+    right = force - matrix @ displacement
+    displacement[free] = spsolve(matrix[free][:, free].tocsc(), right[free])
+    return displacement
+
+
+def tip_deflection(
+    block: Block, material: Material, element: ElementType, force: float, **options
+) -> float:
+    """Mean deflection along z of the face x+ under a uniform shear along z, x- clamped."""
+    mesh = block.mesh
+    weight = np.zeros(mesh.n_nodes)
+    np.add.at(weight, block.faces["x+"], 0.25 / len(block.faces["x+"]))
+    load = np.zeros((mesh.n_nodes, 3))
+    load[:, 2] = force * weight
+    stiffness = block_stiffness(mesh, material, element, **options)
+    clamped = degrees_of_freedom(np.unique(block.faces["x-"]))
+    displacement = static_displacement(stiffness, load.ravel(), clamped)
+    return float(weight @ displacement.reshape(-1, 3)[:, 2])

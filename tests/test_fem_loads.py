@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fem.hexahedron import block_lumped_mass, gauss_gradients, mean_gradients
+from fem.loads import (
+    ConstantAmplitude,
+    LoadError,
+    RampAmplitude,
+    SmoothStepAmplitude,
+    TabularAmplitude,
+    body_forces,
+    circumferential_traction,
+    pressure_forces,
+    tangential_traction_forces,
+    traction_forces,
+)
+from geometry.block import box_block
+from geometry.mesh import QuadSurface, boundary_quads, mass_properties
+from tests.fem_problems import distorted_box
+
+
+def test_pressure_on_an_element_s_surface_is_minus_p_times_dv_dx() -> None:
+    """Divergence theorem: ∫ N_a n dA over the six warped faces is V B_a; both sides are exact."""
+    mesh = distorted_box((1, 1, 1))
+    mean, volume = mean_gradients(*gauss_gradients(mesh.nodes[mesh.elements]))
+    forces = pressure_forces(mesh.nodes, boundary_quads(mesh), 2.5)
+    assert forces[mesh.elements[0]] == pytest.approx(-2.5 * volume[0] * mean[0], abs=1e-14)
+
+
+def test_pressure_totals_are_exact_and_a_closed_surface_is_in_equilibrium() -> None:
+    mesh = distorted_box()
+    quads = boundary_quads(mesh)
+    closed = pressure_forces(mesh.nodes, quads, 3.0)
+    assert abs(closed.sum(axis=0)).max() < 1e-13
+    assert abs(np.cross(mesh.nodes, closed).sum(axis=0)).max() < 1e-12
+    pressures = np.random.default_rng(0).normal(size=len(quads))
+    total = pressure_forces(mesh.nodes, quads, pressures).sum(axis=0)
+    exact = -pressures @ QuadSurface(mesh.nodes, quads).area_vectors
+    assert total == pytest.approx(exact, abs=1e-13)
+
+
+def test_traction_totals_on_planar_facets_and_of_all_copies() -> None:
+    block = box_block((3.0, 2.0, 1.0), (3, 2, 2))
+    traction = np.array([1.0, -2.0, 0.5])
+    forces = traction_forces(block.mesh.nodes, block.faces["x+"], traction)
+    assert forces.sum(axis=0) == pytest.approx(2.0 * traction, rel=1e-14)
+    # The resultant of a uniform traction acts at the centroid of the face.
+    moment = np.cross(block.mesh.nodes, forces).sum(axis=0)
+    assert moment == pytest.approx(np.cross([3.0, 1.0, 0.5], 2.0 * traction), rel=1e-13)
+    rng = np.random.default_rng(1)
+    copies = block.mesh.nodes + 0.1 * rng.normal(size=(3, block.mesh.n_nodes, 3))
+    quads = block.faces["z-"]
+    for load, value in ((pressure_forces, 0.7), (traction_forces, traction)):
+        together = load(copies, quads, value)
+        for copy in range(3):
+            alone = load(copies[copy], quads, value)
+            assert together[copy] == pytest.approx(alone, abs=1e-14)
+
+
+def test_tangential_traction_twists_a_face_by_its_polar_moment() -> None:
+    """t = k x (x - c) on a square face: no force, torque a⁴ / 6, exact with 2 x 2 points."""
+    block = box_block((1.0, 4.0, 4.0), (1, 3, 3))
+    centre = np.array([0.0, 2.0, 2.0])
+
+    def field(points: np.ndarray) -> np.ndarray:
+        # The part along the normal must not count.
+        return np.cross([1.0, 0.0, 0.0], points - centre) + np.array([5.0, 0.0, 0.0])
+
+    forces = tangential_traction_forces(block.mesh.nodes, block.faces["x+"], field)
+    assert abs(forces.sum(axis=0)).max() < 1e-13
+    torque = np.cross(block.mesh.nodes - centre, forces).sum(axis=0)
+    assert torque == pytest.approx([4.0**4 / 6.0, 0.0, 0.0], abs=1e-12)
+
+
+def test_circumferential_traction_has_constant_size_and_runs_counter_clockwise() -> None:
+    field = circumferential_traction(
+        0.01, axis_point=np.array([1.0, 2.0, 3.0]), axis=np.array([0.0, 0.0, 2.0])
+    )
+    points = np.array([[3.0, 2.0, 9.0], [1.0, 7.0, 0.0]])
+    assert field(points) == pytest.approx(
+        np.array([[0.0, 0.01, 0.0], [-0.01, 0.0, 0.0]]), abs=1e-17
+    )
+
+
+def test_weight_of_a_block_is_its_mass_times_gravity() -> None:
+    """The row-sum mass is exact, so is the total; and the weight is the mass node by node."""
+    mesh = distorted_box()
+    gravity = np.array([0.0, 0.0, -9810.0])
+    forces = body_forces(mesh, 2.4e-9, gravity)
+    assert forces.sum(axis=0) == pytest.approx(
+        mass_properties(mesh, 2.4e-9).mass * gravity, rel=1e-13
+    )
+    expected = block_lumped_mass(mesh, 2.4e-9)[:, None] * gravity
+    assert forces == pytest.approx(expected, rel=1e-15)
+
+
+def test_bad_loads_are_refused_by_name() -> None:
+    mesh = distorted_box((1, 1, 1))
+    quads = boundary_quads(mesh)
+    with pytest.raises(LoadError, match="pressure"):
+        pressure_forces(mesh.nodes, quads, float("nan"))
+    with pytest.raises(LoadError, match="pressure: got shape"):
+        pressure_forces(mesh.nodes, quads, np.zeros(len(quads) + 1))
+    with pytest.raises(LoadError, match="traction"):
+        traction_forces(mesh.nodes, quads, np.zeros(2))
+    with pytest.raises(LoadError, match="traction field"):
+        tangential_traction_forces(mesh.nodes, quads, lambda x: np.full_like(x, np.inf))
+    with pytest.raises(LoadError, match="gravity"):
+        body_forces(mesh, 1.0, np.array([1.0, 2.0]))
+    with pytest.raises(LoadError, match="amplitude"):
+        SmoothStepAmplitude(0.0)
+    with pytest.raises(LoadError, match="amplitude"):
+        RampAmplitude(-1.0)
+    with pytest.raises(LoadError, match="increasing"):
+        TabularAmplitude((0.0, 0.0), (1.0, 2.0))
+    with pytest.raises(LoadError, match="as many"):
+        TabularAmplitude((0.0, 1.0), (1.0,))
+
+
+@given(st.floats(1e-6, 1e3), st.floats(-10.0, 10.0), st.floats(0.0, 1.0))
+def test_smooth_step_rises_monotonically_symmetrically_and_flat_at_both_ends(
+    duration: float, start: float, xi: float
+) -> None:
+    """a(xi) + a(1 - xi) = 1, a' = 30 xi² (1 - xi)²: checked by finite differences."""
+    step = SmoothStepAmplitude(duration)
+    h = 1e-4
+    low, high = max(xi - h, 0.0), min(xi + h, 1.0)
+    # Time xi · duration in units of duration loses an eps or two.
+    assert step(xi * duration) + step((1.0 - xi) * duration) == pytest.approx(1.0, abs=1e-14)
+    slope = (step(high * duration) - step(low * duration)) / (high - low)
+    middle = 0.5 * (low + high)
+    # Third derivative below 60: central differences are within 60 h² / 6, round-off 1e-15 / h.
+    assert slope == pytest.approx(30.0 * middle**2 * (1.0 - middle) ** 2, abs=2e-7)
+    later = SmoothStepAmplitude(duration, start)
+    assert later(start - 1.0) == 0.0
+    assert later(start + 2.0 * duration) == 1.0
+
+
+def test_other_amplitudes() -> None:
+    assert ConstantAmplitude(0.3)(5.0) == 0.3
+    ramp = RampAmplitude(2.0, start=1.0)
+    assert [ramp(t) for t in (0.0, 1.0, 2.0, 3.0, 9.0)] == [0.0, 0.0, 0.5, 1.0, 1.0]
+    table = TabularAmplitude((0.0, 1.0, 3.0), (0.0, 2.0, -2.0))
+    assert [table(t) for t in (-1.0, 0.5, 2.0, 4.0)] == [0.0, 1.0, 0.0, -2.0]

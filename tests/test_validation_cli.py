@@ -1,0 +1,194 @@
+"""The command line as a person uses it: results, JSON, files, and one clear line for bad input."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from validation.cli import main
+from validation.scene import builtin_names, load_scene
+
+SMALL = ["--set", "assembly.layers=1", "--set", "mesh.around=24", "--set", "mesh.radial=2"]
+
+
+@pytest.fixture
+def tubelock(monkeypatch, capsys, tmp_path):
+    """Run the command in an empty folder: (exit status, standard output, standard error)."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["tubelock", *arguments])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        out, err = capsys.readouterr()
+        return int(stop.value.code or 0), out, err
+
+    return run
+
+
+def test_json_of_mbd_has_the_promised_keys_in_full_precision(tubelock) -> None:
+    status, out, _ = tubelock("mbd", "tsb1-pipe", *SMALL, "--json", "-")
+    assert status == 0
+    data = json.loads(out)
+    assert data["scene"] == "tsb1-pipe"
+    assert data["mechanism"] == "locked"
+    assert data["equilibrium"]["holds"] is True
+    assert 0 <= data["equilibrium"]["residual"] < 1e-9
+    assert set(data["measures"]) == {
+        "effective_count_percent",
+        "effective_area_percent",
+        "p_eff",
+        "p_max",
+    }
+    assert data["n_blocks"] == 4
+    assert data["n_contacts"] > 0
+    assert data["cpu_seconds"]["total"] >= data["cpu_seconds"]["equilibrium"] > 0
+    assert len(repr(data["measures"]["p_max"])) > 12
+    assert not Path("out").exists()
+
+
+def test_mbd_writes_pressures_and_picture(tubelock) -> None:
+    import meshio
+
+    status, out, _ = tubelock("mbd", "tsb2-tunnel", *SMALL, "-o", "here")
+    assert status == 0
+    assert "locked" in out
+    mesh = meshio.read("here/contact_pressures.vtu")
+    assert mesh.cell_data["contact_pressure"][0].max() > 0
+    assert Path("here/contact_pressures.png").stat().st_size > 20_000
+    assert {p.name for p in Path("here").iterdir()} == {
+        "contact_pressures.vtu",
+        "contact_pressures.png",
+    }
+
+
+def test_infeasible_scene_shows_its_mechanism(tubelock) -> None:
+    status, _, _ = tubelock("mbd", "brick-stack", "-o", "wall", "--json", "wall.json")
+    assert status == 0
+    data = json.loads(Path("wall.json").read_text())
+    assert data["mechanism"] == "activated"
+    assert data["equilibrium"]["holds"] is False
+    assert data["measures"] is None
+    assert data["certificate"]["work"] > 0
+    assert {p.name for p in Path("wall").iterdir()} == {"mechanism.vtu", "mechanism.png"}
+
+
+def test_show_draws_a_picture(tubelock) -> None:
+    status, _, _ = tubelock("show", "tsb1-shaft", *SMALL, "-o", "tube.png")
+    assert status == 0
+    assert Path("tube.png").stat().st_size > 20_000
+
+
+def test_scenes_are_listed_printed_and_all_valid(tubelock) -> None:
+    _, out, _ = tubelock("scenes")
+    for block in ("tsb1", "tsb2"):
+        for case in ("pipe", "tunnel", "pillar", "beam", "shaft"):
+            assert f"{block}-{case}" in out
+    _, text, _ = tubelock("scenes", "tsb1-pipe")
+    Path("mine.toml").write_text(text)
+    assert load_scene("mine.toml").scene == load_scene("tsb1-pipe").scene
+    for name in builtin_names():
+        load_scene(name)
+
+
+def test_reference_numbers_live_in_one_file() -> None:
+    from validation.paper.reference import reference
+
+    assert reference()["table"]["TSB1"]["pipe"]["p_max"] == 0.467
+    assert set(reference()["table"]) == {"TSB1", "TSB2", "THB0"}
+
+
+@pytest.mark.slow
+def test_tables_come_out_of_the_open_code(tubelock) -> None:
+    """All ten rows of both Sine Blocks, within the tolerances the project promises."""
+    status, out, _ = tubelock("reproduce", "tables", "--json", "-")
+    assert status == 0
+    rows = json.loads(out)
+    assert set(rows[0]) == {
+        "block",
+        "case",
+        "quantity",
+        "variant",
+        "paper",
+        "ours",
+        "relative_difference",
+    }
+    sine = [r for r in rows if r["block"].startswith("TSB") and r["variant"] == "as_printed"]
+    assert len(sine) == 40
+    for row in sine:
+        name = (row["block"], row["case"], row["quantity"])
+        if row["quantity"] == "mechanism":
+            assert row["ours"] == "locked", name
+        elif row["quantity"] == "effective":
+            assert abs(row["ours"] - row["paper"]) < 1.5, name
+        else:
+            # Beam p_max and the pillar p_max of TSB2 are not reached: by how much is stated.
+            known = {
+                ("TSB1", "beam", "p_max"): 0.09,
+                ("TSB2", "beam", "p_max"): 0.10,
+                ("TSB2", "pillar", "p_max"): 0.07,
+            }
+            within = known.get(name, 0.04) * row["paper"]
+            assert abs(row["ours"] - row["paper"]) <= max(within, 0.0005), name
+
+
+# ---------------------------------------------------------------------------------------------
+# Bad input
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["mbd", "tsb1-pip"], "did you mean tsb1-pipe"),
+        (["mbd", "nothing.toml"], "no such file"),
+        (["mbd", "tsb1-pipe", "--set", "block.height=-3"], "block.height: got -3"),
+        (["mbd", "tsb1-pipe", "--set", "block.heigth=3"], "did you mean 'height'"),
+        (["mbd", "tsb1-pipe", "--set", "block.amplitude=120"], "cuts through the frame"),
+        (["mbd", "tsb1-pipe", "--set", "mesh.around=85"], "try 84 or 87"),
+        (["mbd", "tsb1-pipe", "--set", "block.frequency=1.7"], "try 1.5 or 2"),
+        (["mbd", "tsb1-pipe", "--set", "block.blocks_per_layer=1"], "blocks_per_layer"),
+        (["mbd", "tsb1-pipe", "--set", "assembly.layers=0"], "assembly.layers"),
+        (["mbd", "tsb1-pipe", "--set", "assembly.layers=many"], "valid integer"),
+        (["mbd", "tsb1-pipe", "--set", "load.case=pipes"], "load.case"),
+        (["mbd", "tsb1-pipe", "--set", "load.layer=40"], "load.layer: got 40"),
+        (["mbd", "tsb1-pipe", "--set", "rigid.solver=mosek"], "newton"),
+        (["mbd", "tsb1-pipe", "--set", "layers=3"], "expected section.key=value"),
+        (["mbd", "tsb1-pipe", "--set", "block.type=cube"], "block.type"),
+        (["mbd", "tsb1-pipe", "--set", "block.height=nan"], "block.height"),
+        (["mbd", "tsb1-pipe", "-o", "/proc/nowhere"], "cannot be written"),
+        (["mbd", "tsb1-pipe", "--json", "/proc/nowhere/x.json"], "cannot be written"),
+        (["show", "tsb1-pipe", "-o", "tube.jpg"], "ends in .png"),
+        (["scenes", "tsb9"], "built-in scene"),
+    ],
+)
+def test_bad_input_gives_one_line_and_status_2(tubelock, arguments, message) -> None:
+    status, out, err = tubelock(*arguments)
+    assert status == 2
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert message in err
+    assert "Traceback" not in err
+    assert not list(Path().iterdir())
+
+
+def test_broken_toml_and_missing_keys(tubelock) -> None:
+    Path("a.toml").write_text("[block\n")
+    assert "is not TOML" in tubelock("mbd", "a.toml")[2]
+    Path("b.toml").write_text('[block]\ntype = "sine"\n')
+    status, _, err = tubelock("mbd", "b.toml")
+    assert status == 2
+    assert "is missing" in err
+    Path("c.toml").write_bytes(b"\xff\xfe\x00")
+    assert "cannot be read" in tubelock("mbd", "c.toml")[2]
+
+
+def test_an_earlier_result_survives_a_failing_run(tubelock) -> None:
+    tubelock("mbd", "tsb1-pipe", *SMALL, "--json", "keep.json")
+    before = Path("keep.json").read_text()
+    status, _, _ = tubelock("mbd", "tsb1-pipe", "--set", "mesh.around=85", "--json", "keep.json")
+    assert status == 2
+    assert Path("keep.json").read_text() == before

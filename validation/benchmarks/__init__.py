@@ -1,0 +1,1 @@
+"""Benchmarks: what the solvers cost, measured against what the machine can do."""

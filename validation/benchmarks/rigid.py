@@ -1,0 +1,148 @@
+"""Rigid-block benchmarks: ``python -m validation.benchmarks.rigid [--json FILE|-] [--full]``.
+
+Rows: dual Newton against clarabel on the same G at three sizes; the self-stress test against the
+HiGHS linear program; a whole analysis of TSB1 pipe; with ``--full`` half a million contacts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from geometry.load_case import load_case
+from mbd import (
+    clarabel_equilibrium,
+    classify,
+    contact_jacobian,
+    generalized_force,
+    newton_equilibrium,
+    solve_linear_programs,
+)
+from validation.files import prepare_json, write_json
+from validation.rigid import build_scene, run_rigid
+from validation.scene import load_scene
+
+
+@dataclass(frozen=True)
+class BenchmarkRow:
+    """One comparison measured in one run."""
+
+    name: str
+    contacts: int
+    cpu_seconds: float
+    other: str
+    other_cpu_seconds: float | None
+    ratio: float | None
+    """CPU seconds of the other over ours."""
+    peak_memory_mb: float
+    """Peak resident memory of the process so far [MB]."""
+
+
+def _cpu(call: Callable[[], Any]) -> tuple[float, Any]:
+    start = time.process_time()
+    result = call()
+    return time.process_time() - start, result
+
+
+def _peak() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def _scene(around: int, radial: int, axial: int, layers: int) -> list[str]:
+    return [
+        f"mesh.around={around}",
+        f"mesh.radial={radial}",
+        f"mesh.axial={axial}",
+        f"assembly.layers={layers}",
+    ]
+
+
+def newton_against_clarabel(settings: list[str]) -> BenchmarkRow:
+    """Time both solvers on the same contact Jacobian (TSB1 pipe)."""
+    assembly = build_scene(load_scene("tsb1-pipe", settings)).assembly
+    load = load_case(assembly, "pipe", 0.01)
+    contacts = contact_jacobian(assembly)
+    force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
+    ours, a = _cpu(lambda: newton_equilibrium(contacts.jacobian, force))
+    other, b = _cpu(lambda: clarabel_equilibrium(contacts.jacobian, force))
+    assert a.holds
+    assert b.holds
+    n = len(contacts.index)
+    return BenchmarkRow("equilibrium, TSB1 pipe", n, ours, "clarabel", other, other / ours, _peak())
+
+
+def self_stress_against_highs(settings: list[str]) -> BenchmarkRow:
+    """Time the classification by self-stress against the linear programs in HiGHS."""
+    assembly = build_scene(load_scene("tsb1-pipe", settings)).assembly
+    load = load_case(assembly, "pipe", 0.01)
+    contacts = contact_jacobian(assembly)
+    force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
+    ours, a = _cpu(lambda: classify(contacts.jacobian, force))
+    other, b = _cpu(lambda: solve_linear_programs(contacts.jacobian, force))
+    assert a.mechanism is b.mechanism
+    n = len(contacts.index)
+    return BenchmarkRow(
+        "mechanism class", n, ours, "HiGHS, three LPs", other, other / ours, _peak()
+    )
+
+
+def whole_analysis(settings: list[str], name: str) -> BenchmarkRow:
+    """Time everything from the scene to the measures."""
+    seconds, run = _cpu(lambda: run_rigid(load_scene("tsb1-pipe", settings)))
+    return BenchmarkRow(name, run.result.n_contacts, seconds, "–", None, None, _peak())
+
+
+def benchmark(*, full: bool) -> list[BenchmarkRow]:
+    """Run every row; ``full`` adds half a million contacts."""
+    rows = [whole_analysis([], "whole analysis, TSB1 pipe 84 × 8 × 20")]
+    rows += [newton_against_clarabel(_scene(*size, 12)) for size in _SIZES]
+    rows.append(self_stress_against_highs(_scene(24, 4, 6, 6)))
+    if full:
+        rows.append(whole_analysis(_scene(288, 28, 68, 12), "whole analysis, refined"))
+    return rows
+
+
+_SIZES = ((42, 4, 10), (60, 6, 14), (84, 8, 20))
+
+
+def print_rows(rows: list[BenchmarkRow], console: Console) -> None:
+    """Print the rows as a table."""
+    table = Table(title="Rigid blocks, one thread: CPU seconds", title_justify="left")
+    for head in ("problem", "contacts", "ours [s]", "other", "other [s]", "ratio", "peak [MB]"):
+        table.add_column(head, justify="left" if head in ("problem", "other") else "right")
+    for row in rows:
+        other = "" if row.other_cpu_seconds is None else f"{row.other_cpu_seconds:.3f}"
+        ratio = "" if row.ratio is None else f"{row.ratio:.1f}"
+        table.add_row(
+            row.name,
+            str(row.contacts),
+            f"{row.cpu_seconds:.3f}",
+            row.other,
+            other,
+            ratio,
+            f"{row.peak_memory_mb:.0f}",
+        )
+    console.print(table)
+
+
+def main() -> None:
+    """Run the benchmark from the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", metavar="FILE|-")
+    parser.add_argument("--full", action="store_true", help="half a million contacts too")
+    arguments = parser.parse_args()
+    prepare_json(arguments.json)
+    rows = benchmark(full=arguments.full)
+    print_rows(rows, Console(stderr=arguments.json == "-", width=118))
+    write_json(arguments.json, [asdict(row) for row in rows])
+
+
+if __name__ == "__main__":
+    main()

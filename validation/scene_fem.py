@@ -1,0 +1,194 @@
+"""Sections of scenes with deformable blocks: material, contact, effects, and how to solve."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from fem.hexahedron import ElementType
+from validation.scene_sections import Finite, NonNegative, Positive, Section
+
+Vector = tuple[Finite, Finite, Finite]
+
+
+class MaterialSection(Section):
+    """``[material]``: isotropic linear elasticity."""
+
+    density: Positive
+    """[t/mm³]"""
+    young_modulus: Positive
+    """[MPa]"""
+    poisson_ratio: Annotated[float, Field(gt=-1.0, lt=0.5, allow_inf_nan=False)]
+    """[-]"""
+
+
+class ContactSection(Section):
+    """``[contact]``: soft contact between blocks."""
+
+    law: Literal["exponential", "linear"] = "exponential"
+    clearance_at_zero_pressure: Positive = 1.0e-3
+    """c0 of the exponential law [mm]."""
+    pressure_at_zero_clearance: Positive = 1.0e-4
+    """p_c0 of the exponential law [MPa]."""
+    maximum_stiffness: Positive | None = None
+    """Slope at which the exponential law goes on linearly [MPa/mm]; None: the default cap."""
+    stiffness: Positive | None = None
+    """Slope of the linear law [MPa/mm]."""
+    initial_clearance: NonNegative = 0.0
+    """Gap made by spacing the blocks before the load acts [mm]."""
+
+    @model_validator(mode="after")
+    def _linear_needs_stiffness(self) -> ContactSection:
+        if self.law == "linear" and self.stiffness is None:
+            raise ValueError('contact.stiffness is missing: the law "linear" needs it [MPa/mm]')
+        if self.law == "exponential" and self.stiffness is not None:
+            raise ValueError('contact.stiffness belongs to law = "linear"; remove one of the two')
+        return self
+
+
+class RayleighSection(Section):
+    """``[effects.rayleigh]``: viscous damping α M + β K; what is not named is absent."""
+
+    mass_proportional: NonNegative | None = None
+    """α [1/s]"""
+    stiffness_proportional: NonNegative | None = None
+    """β [s]"""
+
+
+class BulkViscositySection(Section):
+    """``[effects.bulk_viscosity]``: as Abaqus/Explicit defines it."""
+
+    linear_bulk_viscosity: NonNegative = 0.06
+    quadratic_bulk_viscosity: NonNegative = 1.2
+
+
+class FrictionSection(Section):
+    """``[effects.friction]``: Coulomb friction with regularised stick."""
+
+    coefficient: Positive
+    """μ [-]"""
+    stick_stiffness: Positive | None = None
+    """Tangential slope while sticking [MPa/mm]; None: the solver's default."""
+
+
+class EffectsSection(Section):
+    """``[effects]``: each absent unless named here."""
+
+    rayleigh: RayleighSection | None = None
+    bulk_viscosity: BulkViscositySection | None = None
+    finite_rotation: bool = False
+    gravity: Vector | None = None
+    """Uniform acceleration [mm/s²]."""
+    friction: FrictionSection | None = None
+    finite_sliding: bool = False
+    """Blocks may slide by more than a facet: a search finds opposing faces."""
+    elastic_frame: bool = False
+    """Frame blocks deform and are held at their outer faces; else they are rigid."""
+
+
+class Method(StrEnum):
+    """How a scene is solved."""
+
+    EXPLICIT = "explicit"
+    STATIC = "static"
+
+
+class Damping(StrEnum):
+    """Damping mode of an explicit run towards a static state."""
+
+    PAPER = "paper"
+    """α = 2 /s, β = 1e-8 s and bulk viscosity, as the paper's Abaqus runs."""
+    STATIC = "static"
+    """Adaptive mass damping, a numerical device; stops on the force residual."""
+
+
+class FemSection(Section):
+    """``[fem]``: how the deformable blocks are solved."""
+
+    method: Method = Method.EXPLICIT
+    element: ElementType = ElementType.INCOMPATIBLE
+    end_time: Positive | None = None
+    """End of an explicit run [s]; with damping = "static" the latest end."""
+    ramp_time: NonNegative | None = None
+    """Duration of the smooth step that applies the load [s]; 0: at once; None: recommended."""
+    damping: Damping | None = None
+    """None: only the effects that ``[effects]`` names."""
+    residual: Positive = 1.0e-4
+    """Relative force residual at which a run with damping = "static" stops."""
+    time_step: Positive | None = None
+    """[s]; None: safety_factor times the critical time step."""
+    safety_factor: Annotated[float, Field(gt=0, le=1)] = 0.9
+    precision: Literal["float64", "float32"] = "float64"
+    threads: Annotated[int, Field(ge=1)] = 1
+    symmetry: Literal["none", "sector"] = "none"
+    """Sector: one block of each layer stands for all; exact for cyclic loads."""
+    frames: Annotated[int, Field(ge=0)] = 0
+    """Frames written for ParaView, the first and the last included."""
+    sample_interval: Annotated[int, Field(ge=1)] = 50
+    """Steps between two samples of the energies."""
+
+
+FaceName = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
+
+
+class FaceLoad(Section):
+    """Load on one face of a box."""
+
+    pressure: Finite | None = None
+    """Pushes inward [MPa]."""
+    traction: Vector | None = None
+    """Force per area in world axes [MPa]."""
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> FaceLoad:
+        if (self.pressure is None) == (self.traction is None):
+            raise ValueError("expected either pressure or traction, one of the two")
+        return self
+
+
+class BoxSection(Section):
+    """``[block] type = "box"``: a box [0, size]."""
+
+    type: Literal["box"]
+    size: tuple[Positive, Positive, Positive]
+    """Edge lengths along x, y, z [mm]."""
+
+
+class CopiesSection(Section):
+    """``[assembly]`` of boxes that do not touch."""
+
+    copies: Annotated[int, Field(ge=1)] = 1
+    """Uncoupled copies side by side; congruent blocks share one stiffness."""
+
+
+class DivisionsSection(Section):
+    """``[mesh]`` by elements along x, y, z."""
+
+    divisions: tuple[
+        Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]
+    ]
+
+
+class InitialSection(Section):
+    """``[initial]``: motion at time 0."""
+
+    velocity: Vector = (0.0, 0.0, 0.0)
+    """[mm/s]"""
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    """About the centroid [rad/s]."""
+
+
+class BoxScene(Section):
+    """One deformable box, or several uncoupled copies of it."""
+
+    block: BoxSection
+    mesh: DivisionsSection
+    material: MaterialSection
+    assembly: CopiesSection = CopiesSection()
+    support: dict[FaceName, Literal["fixed"]] = Field(default_factory=dict)
+    load: dict[FaceName, FaceLoad] = Field(default_factory=dict)
+    initial: InitialSection | None = None
+    effects: EffectsSection = EffectsSection()
+    fem: FemSection
