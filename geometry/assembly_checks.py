@@ -63,7 +63,7 @@ def check_contacts(assembly: PolyhedralAssembly) -> None:
         wider = assembly.contacts_within(tolerance)
         if block in wider.block_m or block in wider.block_s:
             remedy = (
-                f"a facing surface lies within {tolerance:.3g} mm: set contact.tolerance = "
+                f"a facing surface lies within {tolerance:.3g} mm: set detection.tolerance = "
                 f"{tolerance:.3g} if that is meant to touch"
             )
             break
@@ -95,7 +95,7 @@ def check_overlaps(assembly: PolyhedralAssembly) -> None:
             f"{assembly.name}: blocks {worst.block_a} and {worst.block_b} overlap by "
             f"{worst.depth:.3g} mm near {np.round(worst.point, 2).tolist()} mm "
             f"({len(found)} overlapping pairs); expected blocks that touch within "
-            f"{assembly.tolerance:.3g} mm: move them apart or set contact.tolerance"
+            f"{assembly.tolerance:.3g} mm: move them apart or set detection.tolerance"
         )
 
 
@@ -111,11 +111,11 @@ def check_assembly(assembly: PolyhedralAssembly) -> None:
     check_size(assembly.name, bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0))
     if not (np.isfinite(assembly.tolerance) and assembly.tolerance > 0):
         raise AssemblyError(
-            f"contact.tolerance: got {assembly.tolerance}, expected a positive length in mm"
+            f"detection.tolerance: got {assembly.tolerance}, expected a positive length in mm"
         )
     if assembly.tolerance > 0.1 * assembly.characteristic_length:
         raise AssemblyError(
-            f"contact.tolerance: got {assembly.tolerance:g} mm for blocks of "
+            f"detection.tolerance: got {assembly.tolerance:g} mm for blocks of "
             f"{assembly.characteristic_length:.3g} mm; expected a small fraction of a block"
         )
     check_overlaps(assembly)

@@ -111,14 +111,20 @@ def mbd(
     from validation.files import output_folder, prepare_json, write_json
     from validation.rigid import analyse_rigid, build_scene, rigid_json
     from validation.scene import load_scene
+    from validation.scene_polyhedra import PolyhedralScene
     from validation.text import print_rigid
 
     file = load_scene(scene, settings or ())
-    built = build_scene(file)
-    prepare_json(json)
     folder = output
     if folder is None and json is None:
         folder = Path("out") / file.name
+    if isinstance(file.scene, PolyhedralScene):
+        from validation.polyhedra_command import mbd_polyhedra
+
+        mbd_polyhedra(file, file.scene, console=_console(json), json=json, folder=folder)
+        return
+    built = build_scene(file)
+    prepare_json(json)
     with output_folder(folder):
         run = analyse_rigid(built)
         console = _console(json)
