@@ -16,6 +16,8 @@ from geometry.polyhedron import Polyhedron, merge_points, polyhedron
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 
 _STEP = {".step", ".stp"}
+#: gmsh's number for eight-node hexahedra.
+_HEXAHEDRON = 5
 #: Faces of a tetrahedron in VTK order, counter-clockwise seen from outside.
 _TETRA_FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 
@@ -200,6 +202,19 @@ def read_blocks(
     ]
 
 
+def _made_of_hexahedra(gmsh: Any, divisions: int) -> bool:
+    """Try a transfinite mesh of the current model."""
+    try:
+        gmsh.model.mesh.setTransfiniteAutomatic()
+        for _, curve in gmsh.model.getEntities(1):
+            gmsh.model.mesh.setTransfiniteCurve(curve, divisions + 1)
+        gmsh.option.setNumber("Mesh.RecombineAll", 1)
+        gmsh.model.mesh.generate(3)
+    except Exception:  # gmsh raises bare exceptions for faces that have no such mesh
+        return False
+    return {int(kind) for kind in gmsh.model.mesh.getElements(3)[0]} == {_HEXAHEDRON}
+
+
 def read_hexahedra(path: Path, *, units: str = "mm", divisions: int = 4) -> HexMesh:
     """Read or make a hexahedral mesh of one solid: from a mesh file, or by gmsh from STEP.
 
@@ -228,13 +243,7 @@ def read_hexahedra(path: Path, *, units: str = "mm", divisions: int = 4) -> HexM
     gmsh = _gmsh()
     try:
         volumes = _open_step(gmsh, path)
-        for _, curve in gmsh.model.getEntities(1):
-            gmsh.model.mesh.setTransfiniteCurve(curve, divisions + 1)
-        gmsh.model.mesh.setTransfiniteAutomatic()
-        gmsh.option.setNumber("Mesh.RecombineAll", 1)
-        gmsh.model.mesh.generate(3)
-        types = {int(kind) for kind in gmsh.model.mesh.getElements(3)[0]}
-        if len(volumes) != 1 or types != {5}:
+        if len(volumes) != 1 or not _made_of_hexahedra(gmsh, divisions):
             raise MeshError(
                 f"{path}: gmsh finds no hexahedral mesh of this solid; it stays a rigid block "
                 "(for finite elements give a mesh of hexahedra, .vtu or .inp)"
@@ -242,7 +251,7 @@ def read_hexahedra(path: Path, *, units: str = "mm", divisions: int = 4) -> HexM
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
         number = np.zeros(int(tags.max()) + 1, dtype=np.int64)
         number[tags.astype(np.int64)] = np.arange(len(tags))
-        _, nodes = gmsh.model.mesh.getElementsByType(5)
+        _, nodes = gmsh.model.mesh.getElementsByType(_HEXAHEDRON)
         elements = number[nodes.astype(np.int64)].reshape(-1, 8)
         mesh = HexMesh(np.asarray(coordinates, dtype=np.float64).reshape(-1, 3), elements)
     finally:
