@@ -189,6 +189,45 @@ def demo(
     run_demo(output, _console(None))
 
 
+@app.command()
+def explode(
+    scene: SceneArgument,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE.png",
+            help="Strip of pictures; out/SCENE/explosion.png unless --json is given.",
+        ),
+    ] = None,
+) -> None:
+    """Move all blocks of a tube outward at once, frame released: does it explode, and how far."""
+    from validation.explode import explosion_json, print_explosion, run_explosion
+    from validation.files import prepare_file, prepare_json, write_json
+    from validation.scene import load_scene
+
+    file = load_scene(scene, settings or ())
+    picture = output
+    if picture is None and json is None:
+        picture = Path("out") / file.name / "explosion.png"
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise InputError(f"-o {picture}: expected a file name that ends in .png")
+    prepare_json(json)
+    run = run_explosion(file)
+    console = _console(json)
+    print_explosion(run, console)
+    if picture is not None:
+        from validation.explode import draw_explosion
+
+        prepare_file(picture)
+        draw_explosion(run, picture)
+        console.print(f"picture   {picture}")
+    write_json(json, explosion_json(run))
+
+
 def main() -> None:
     """Run the command line; the only place that turns errors into exit statuses."""
     try:
