@@ -85,12 +85,13 @@ def fit(body: Body, frame: BlockFrame, displacement: LaneArray, kernels: KernelS
     )
     kernels.block_frame_displacement(
         body.rows.chunks,
-        frame.turn,
-        frame.mean,
+        frame.turn.ravel(),
+        frame.mean.ravel(),
         body.reference,
-        displacement,
-        frame.local,
-        frame.increment,
+        displacement.ravel(),
+        frame.local.ravel(),
+        None if frame.increment is None else frame.increment.ravel(),
+        body.lanes,
     )
 
 
@@ -99,7 +100,13 @@ def turn_back(body: Body, frame: BlockFrame, force: LaneArray, kernels: KernelSe
     torque = frame.torque.sum(axis=0, dtype=np.float64)
     spin = np.einsum("ijk,jk->ik", frame.compliance, torque).astype(body.dtype)
     kernels.placement_frame_force(
-        body.rows.chunks, frame.turn, spin, body.mass, body.reference, force
+        body.rows.chunks,
+        frame.turn.ravel(),
+        spin.ravel(),
+        body.mass,
+        body.reference,
+        force.ravel(),
+        body.lanes,
     )
 
 

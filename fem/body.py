@@ -15,9 +15,18 @@ import numpy as np
 import numpy.typing as npt
 
 from fem.layout import BlockRows, LaneArray, block_rows, padded_lanes
-from fem.model import Amplitude, BlockGroup, Model, ModelError, NodalLoad, Support
+from fem.model import (
+    Amplitude,
+    BlockGroup,
+    Formulation,
+    Model,
+    ModelError,
+    NodalLoad,
+    Support,
+)
+from fem.rate_form import RateFormModel, rate_form_model
 from fem.viscosity import ElementViscosity, element_viscosity
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, HexMesh, IntArray
 
 
 @dataclass(frozen=True)
@@ -101,7 +110,9 @@ class Body:
     acceleration: LaneArray | None
     """Gravity in the placement frames, (3, lanes) [mm/s²]."""
     viscosity: ElementViscosity | None
-    """Bulk viscosity data."""
+    """Bulk viscosity data of the shared stiffness."""
+    rate_form: RateFormModel | None
+    """Internal force element by element, instead of the shared stiffness."""
 
     @cached_property
     def total_mass(self) -> float:
@@ -177,6 +188,7 @@ def make_body(
     hourglass = group.hourglass_stiffness
     held, support = _body_supports(group, rows, lanes, supports)
     viscosity = model.effects.bulk_viscosity
+    rate_form = _rate_form(model, group, rows)
     return Body(
         group=group,
         rows=rows,
@@ -191,8 +203,24 @@ def make_body(
         support=support,
         acceleration=_lane_gravity(group, model.effects.gravity, lanes, dtype),
         viscosity=None
-        if viscosity is None
+        if viscosity is None or rate_form is not None
         else element_viscosity(group, rows.row, viscosity, dtype),
+        rate_form=rate_form,
+    )
+
+
+def _rate_form(model: Model, group: BlockGroup, rows: BlockRows) -> RateFormModel | None:
+    """The rate form in the solver's node order, with the effects it has built in."""
+    if model.formulation is not Formulation.RATE_FORM:
+        return None
+    viscosity = model.effects.bulk_viscosity
+    mesh = HexMesh(group.mesh.nodes[rows.order], rows.row[group.mesh.elements])
+    return rate_form_model(
+        mesh,
+        group.material,
+        linear_bulk_viscosity=None if viscosity is None else viscosity.linear_bulk_viscosity,
+        quadratic_bulk_viscosity=None if viscosity is None else viscosity.quadratic_bulk_viscosity,
+        stiffness_damping=model.effects.stiffness_damping,
     )
 
 

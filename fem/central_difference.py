@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from fem import block_frame
+from fem import block_frame, rate_form
 from fem.body import Body, BodyLoad
 from fem.kernels import KernelSet, add_at, dot_at, dot_lanes, enforce, hold
 from fem.layout import LaneArray
@@ -85,6 +85,9 @@ def step(system: System, state: State, *, sample: bool = False) -> None:
 
 def set_internal_force(system: System, body: Body, now: BodyState, *, sample: bool) -> None:
     """Stress divergence f = K u in the block frame, with the viscous terms that act on it."""
+    if body.rate_form is not None:
+        set_rate_form_force(system, body, now, sample=sample)
+        return
     frame, kernels = now.frame, system.kernels
     if frame is not None:
         block_frame.fit(body, frame, now.displacement, kernels)
@@ -100,6 +103,18 @@ def set_internal_force(system: System, body: Body, now: BodyState, *, sample: bo
         add_bulk_viscosity(system, body, now, displacement, torque)
     if frame is not None:
         block_frame.turn_back(body, frame, now.internal_force, kernels)
+
+
+def set_rate_form_force(system: System, body: Body, now: BodyState, *, sample: bool) -> None:
+    """Stresses of every element advanced to the present, and their nodal forces."""
+    assert body.rate_form is not None
+    assert now.rate_form is not None
+    position = body.reference[:, :, None] + now.displacement
+    now.internal_force[:] = rate_form.internal_force(
+        body.rate_form, now.rate_form, position, now.velocity, system.time_step
+    )
+    if sample:
+        now.strain_energy[:] = now.rate_form.work[0] + now.rate_form.work[1]
 
 
 def stiffness_force(
@@ -130,17 +145,19 @@ def add_stiffness_damping(system: System, body: Body, now: BodyState) -> None:
     assert damping is not None
     assert coefficient is not None
     moving = now.velocity if frame is None else frame.increment
+    assert moving is not None
     system.kernels.add_stiffness_damping(
         body.rows.chunks,
         body.dtype.type(coefficient / system.time_step),
-        now.local_displacement,
-        moving,
-        system.time_step if frame is None else 1.0,
-        damping.elastic,
-        damping.viscous,
-        now.internal_force,
-        None if frame is None else frame.torque,
-        damping.dissipated,
+        now.local_displacement.ravel(),
+        moving.ravel(),
+        damping.elastic.ravel(),
+        damping.viscous.ravel(),
+        now.internal_force.ravel(),
+        None if frame is None else frame.torque.ravel(),
+        damping.lost.ravel(),
+        damping.dissipated.ravel(),
+        body.lanes,
     )
 
 

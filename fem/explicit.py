@@ -186,8 +186,9 @@ def initial_state(
         else model.effects.mass_damping,
     )
     for body, now in zip(system.bodies, state.bodies, strict=True):
-        set_internal_force(system, body, now, sample=False)
-        forget_rates(now)
+        if body.rate_form is None:
+            set_internal_force(system, body, now, sample=False)
+            forget_rates(now)
         set_applied_force(body, now, 0.0)
     for interaction in system.interactions:
         interaction.add_force(system, state)

@@ -125,6 +125,16 @@ def scale(typing_context: Any, factor: Any, value: Any) -> Any:
     return value(factor, value), code
 
 
+@intrinsic
+def splat(typing_context: Any, scalar: Any, like: Any) -> Any:
+    """Return a vector of the type of ``like`` with the scalar in every lane."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return _splat(builder, args[0], args[1].type)
+
+    return like(scalar, like), code
+
+
 def _splat(builder: Any, scalar: Any, vector: Any) -> Any:
     undefined = ir.Constant(vector, ir.Undefined)
     first = builder.insert_element(undefined, scalar, ir.Constant(ir.IntType(32), 0))
@@ -171,3 +181,73 @@ def entry(typing_context: Any, value: Any, index: Any) -> Any:
         return builder.extract_element(args[0], args[1])
 
     return value.scalar(value, types.intp), code
+
+
+@intrinsic
+def multiply(typing_context: Any, a: Any, b: Any) -> Any:
+    """Return a · b of two vectors, entry by entry."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.fmul(args[0], args[1])
+
+    return a(a, b), code
+
+
+@intrinsic
+def divide(typing_context: Any, a: Any, b: Any) -> Any:
+    """Return a / b of two vectors, entry by entry."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.fdiv(args[0], args[1])
+
+    return a(a, b), code
+
+
+@intrinsic
+def square_root(typing_context: Any, value: Any) -> Any:
+    """Return the square root of every entry."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        vector = args[0].type
+        bits = 64 if isinstance(vector.element, ir.DoubleType) else 32
+        function = cgutils.get_or_insert_function(
+            builder.module,
+            ir.FunctionType(vector, [vector]),
+            f"llvm.sqrt.v{vector.count}f{bits}",
+        )
+        return builder.call(function, [args[0]])
+
+    return value(value), code
+
+
+@intrinsic
+def any_below(typing_context: Any, value: Any, bound: Any) -> Any:
+    """Return whether at least one entry of a vector is less than a scalar."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        vector = args[0].type
+        below = builder.fcmp_ordered("<", args[0], _splat(builder, args[1], vector))
+        bits = builder.bitcast(below, ir.IntType(vector.count))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
+
+    return types.boolean(value, bound), code
+
+
+@intrinsic
+def filled(typing_context: Any, like: Any, scalar: Any) -> Any:
+    """Return a vector of the kind of ``like`` with the same scalar in every entry."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return _splat(builder, args[1], args[0].type)
+
+    return like(like, scalar), code
+
+
+@intrinsic
+def with_entry(typing_context: Any, value: Any, index: Any, scalar: Any) -> Any:
+    """Return the vector with one entry replaced."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.insert_element(args[0], args[2], args[1])
+
+    return value(value, types.intp, scalar), code

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from geometry.contact_assembly import ContactAssembly
 from geometry.load_case import LoadCase
+from geometry.measures import BlockMeasures, Measures, block_measures, measures
 from geometry.mesh import FloatArray, IntArray
 from mbd.contact_jacobian import contact_jacobian
 from mbd.equilibrium import Equilibrium, Norm, Solver, column_weights, equilibrium
 from mbd.generalized_force import generalized_force
-from mbd.measures import BlockMeasures, Measures, block_measures, measures
 from mbd.mechanism import Classification, MechanismClass, classify
 
 

@@ -43,6 +43,7 @@ def _block_colour(assembly: Assembly, block: int) -> str:
 
 
 def outline(assembly: Assembly, plotter: Any, blocks: IntArray, **style: Any) -> None:
+    """Draw the edges of some blocks."""
     for block in blocks.tolist():
         edges = _block_surface(assembly, block).extract_feature_edges(
             feature_angle=40, boundary_edges=False, non_manifold_edges=False

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import json
 import resource
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -107,14 +109,14 @@ def seconds_of_force(system: System, state: State, threads: int, repeats: int) -
     best = best_cpu_seconds if threads == 1 else best_wall_seconds
     return best(
         lambda: stiffness_force(body, now.displacement, now.internal_force, system.kernels),
-        repeats=repeats,
+        repeats=repeats if threads == 1 else 1,
     )
 
 
 def seconds_of_step(system: System, state: State, threads: int, repeats: int) -> float:
     """Time of one whole step [s]."""
     best = best_cpu_seconds if threads == 1 else best_wall_seconds
-    return best(lambda: step(system, state), repeats=repeats)
+    return best(lambda: step(system, state), repeats=repeats if threads == 1 else 1)
 
 
 def row(group: BlockGroup, time_step: float, precision: str, threads: int) -> Row:
@@ -139,22 +141,33 @@ def row(group: BlockGroup, time_step: float, precision: str, threads: int) -> Ro
 
 
 def effect_costs(group: BlockGroup, time_step: float) -> dict[str, float]:
-    """Per cent that each effect adds to a step, and what the loop itself adds to its kernels.
+    """Per cent that each effect adds to a step, and what a step adds to its two kernels.
 
-    The pairs are measured in turns, so that a busy machine disturbs both alike.
+    Each pair is measured in turns, so that a busy machine disturbs both alike.
     """
-    plain = ready(loaded_model(group), time_step)
-    bare = bare_seconds(*plain)
-    base = seconds_of_step(*plain, threads=1, repeats=4)
-    costs = {"effects off, against the two bare kernels": 100.0 * (base / bare - 1.0)}
-    for name, effects in EFFECTS.items():
-        case = ready(loaded_model(group, effects), time_step)
-        found = []
-        for _ in range(3):
-            base = seconds_of_step(*plain, threads=1, repeats=4)
-            found.append(seconds_of_step(*case, threads=1, repeats=4) / base)
-        costs[name] = 100.0 * (float(np.median(found)) - 1.0)
+    plain = ready(Model((group,)), time_step)
+    costs = {
+        "effects off, against the two bare kernels": added_percent(
+            lambda: bare_seconds(*plain), lambda: seconds_of_step(*plain, threads=1, repeats=2)
+        )
+    }
+    cases = {"loads and supports": loaded_model(group)}
+    cases |= {name: Model((group,), effects=effects) for name, effects in EFFECTS.items()}
+    for name, model in cases.items():
+        case = ready(model, time_step)
+        costs[name] = added_percent(
+            lambda: seconds_of_step(*plain, threads=1, repeats=2),
+            functools.partial(seconds_of_step, *case, threads=1, repeats=2),
+        )
     return costs
+
+
+def added_percent(without: Callable[[], float], with_it: Callable[[], float]) -> float:
+    """Least time with an effect over least time without it, in turns [%]."""
+    pairs = [(without(), with_it()) for _ in range(5)]
+    base = min(pair[0] for pair in pairs)
+    more = min(pair[1] for pair in pairs)
+    return 100.0 * (more / base - 1.0)
 
 
 def bare_seconds(system: System, state: State) -> float:
@@ -190,7 +203,7 @@ def bare_seconds(system: System, state: State) -> float:
             None,
         )
 
-    return best_cpu_seconds(work, repeats=4)
+    return best_cpu_seconds(work, repeats=2)
 
 
 def peers(group: BlockGroup) -> dict[str, float]:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 
-def best_cpu_seconds(work: Callable[[], object], *, repeats: int = 1, trials: int = 5) -> float:
+def best_cpu_seconds(work: Callable[[], object], *, repeats: int = 1, trials: int = 12) -> float:
     """Least CPU time of one call among ``trials`` batches of ``repeats`` calls [s].
 
     One call before the first batch compiles and warms the caches.
@@ -14,8 +14,11 @@ def best_cpu_seconds(work: Callable[[], object], *, repeats: int = 1, trials: in
     return _best(work, repeats, trials, time.process_time)
 
 
-def best_wall_seconds(work: Callable[[], object], *, repeats: int = 1, trials: int = 5) -> float:
-    """Least elapsed time of one call; for threads, whose waiting counts as CPU time [s]."""
+def best_wall_seconds(work: Callable[[], object], *, repeats: int = 1, trials: int = 300) -> float:
+    """Least elapsed time of one call [s]; for threads, whose waiting counts as CPU time.
+
+    Many short trials: both cores must be free for once.
+    """
     return _best(work, repeats, trials, time.perf_counter)
 
 
