@@ -80,10 +80,17 @@ def show(
     from validation.files import prepare_file
     from validation.rigid import build_scene
     from validation.scene import load_scene
+    from validation.scene_polyhedra import PolyhedralScene
 
     file = load_scene(scene, settings or ())
     if output.suffix.lower() != ".png":
         raise InputError(f"-o {output}: expected a file name that ends in .png")
+    if isinstance(file.scene, PolyhedralScene):
+        from validation.polyhedra_command import show_polyhedra
+
+        show_polyhedra(file, file.scene, output)
+        _console(None).print(f"picture   {output}")
+        return
     built = build_scene(file)
     prepare_file(output)
     from validation.pictures import draw_assembly

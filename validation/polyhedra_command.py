@@ -6,7 +6,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from validation.files import output_folder, prepare_json, write_json
+from validation.build_polyhedra import build_polyhedra
+from validation.files import output_folder, prepare_file, prepare_json, write_json
 from validation.polyhedra import (
     PolyhedralRun,
     mechanism_motion,
@@ -52,3 +53,12 @@ def mbd_polyhedra(
             for words, path in write_polyhedra(run, folder):
                 console.print(f"{words:9} {path}")
         write_json(json, polyhedra_json(run))
+
+
+def show_polyhedra(file: SceneFile, scene: PolyhedralScene, picture: Path) -> None:
+    """Draw the blocks of a scene, free and held."""
+    from validation.polyhedra_pictures import draw_blocks
+
+    assembly = build_polyhedra(scene, file.folder)
+    prepare_file(picture)
+    draw_blocks(assembly, picture, title=file.name)

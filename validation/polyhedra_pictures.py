@@ -65,6 +65,30 @@ def blocks_drawn(
     return add
 
 
+def draw_blocks(assembly: PolyhedralAssembly, path: Path, *, title: str) -> None:
+    """Draw the blocks where they stand.
+
+    Parameters
+    ----------
+    assembly
+        Blocks.
+    path
+        PNG to write.
+    title
+        One line at the top.
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.patches import Patch
+
+    figure, axes = plt.subplots(figsize=(9, 7.5))
+    place(axes, render(blocks_drawn(assembly), _EYE), f"{assembly.n_blocks} blocks")
+    figure.suptitle(title, fontsize=13, x=0.03, ha="left")
+    handles = [Patch(color=BLUE, label="free blocks"), Patch(color=GREY, label="held blocks")]
+    figure.legend(handles=handles, loc="lower center", ncols=2, frameon=False)
+    figure.subplots_adjust(left=0.03, right=0.97, top=0.9, bottom=0.1)
+    save_figure(figure, path)
+
+
 def _contacts_drawn(run: PolyhedralRun, highest: float) -> Callable[[Any], None]:
     import pyvista
 
