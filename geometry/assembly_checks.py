@@ -5,39 +5,28 @@ from __future__ import annotations
 import numpy as np
 
 from geometry.assembly import AssemblyError
-from geometry.mesh import FloatArray
+from geometry.contact_assembly import ContactAssembly
 from geometry.overlap import find_overlaps
 from geometry.polyhedral_assembly import PolyhedralAssembly
 
-#: Assemblies smaller or larger than this are drawn in other units than millimetres.
-SMALLEST_SIZE, LARGEST_SIZE = 2.0, 1e6
+#: Blocks smaller or larger than this (∛V) are drawn in other units than millimetres [mm].
+SMALLEST_BLOCK, LARGEST_BLOCK = 1.0, 1e5
 
 
-def check_size(name: str, low: FloatArray, high: FloatArray) -> None:
+def check_size(assembly: ContactAssembly) -> None:
     """Refuse sizes that say that the lengths are not in millimetres.
-
-    Parameters
-    ----------
-    name
-        What the message calls the assembly.
-    low, high
-        Corners of its bounding box, (3,) [mm].
 
     Raises
     ------
     AssemblyError
-        For a largest dimension outside 2 mm … 1 km.
+        For blocks outside 1 mm … 100 m.
     """
-    size = float((high - low).max())
-    if size < SMALLEST_SIZE:
+    length = assembly.characteristic_length
+    if not SMALLEST_BLOCK <= length <= LARGEST_BLOCK:
         raise AssemblyError(
-            f"{name}: its largest dimension is {size:.3g} mm; expected lengths in millimetres: if "
-            f'they are in metres, multiply by 1000 (own meshes: block.units = "m")'
-        )
-    if size > LARGEST_SIZE:
-        raise AssemblyError(
-            f"{name}: its largest dimension is {size:.3g} mm; expected lengths in millimetres, "
-            "at most 1 km: check the units"
+            f"{assembly.name}: a block measures {length:.3g} mm (∛ volume); expected lengths in "
+            f"millimetres, blocks from {SMALLEST_BLOCK:g} to {LARGEST_BLOCK:g} mm: if yours are in "
+            'metres, multiply by 1000 (own meshes: block.units = "m")'
         )
 
 
@@ -107,8 +96,7 @@ def check_assembly(assembly: PolyhedralAssembly) -> None:
     AssemblyError
         One clear message for the first of these found.
     """
-    bounds = assembly.bounds
-    check_size(assembly.name, bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0))
+    check_size(assembly)
     if not (np.isfinite(assembly.tolerance) and assembly.tolerance > 0):
         raise AssemblyError(
             f"detection.tolerance: got {assembly.tolerance}, expected a positive length in mm"

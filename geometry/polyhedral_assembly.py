@@ -76,12 +76,6 @@ class PolyhedralAssembly:
         """Length that makes moments comparable to forces: ∛(mean block volume) [mm]."""
         return float(np.cbrt(self.volumes.mean()))
 
-    @cached_property
-    def bounds(self) -> FloatArray:
-        """Smallest and largest coordinates of each block, (n_blocks, 2, 3) [mm]."""
-        boxes = [self.points(block) for block in range(self.n_blocks)]
-        return np.array([[p.min(axis=0), p.max(axis=0)] for p in boxes])
-
     @property
     def tolerance(self) -> float:
         """Largest gap or overlap of touching facets [mm]."""

@@ -142,7 +142,7 @@ def test_bad_own_blocks_are_refused_with_one_line(tmp_path: Path) -> None:
     assert "no such file" in _refusal(scene)
     scene.write_text(text)
     _save(tmp_path / "tetra.stl", shape, 1e-3)
-    assert "touches no other block" in _refusal(scene)  # 0.06 mm blocks, 30 mm apart
+    assert "a block measures" in _refusal(scene)
     _save(tmp_path / "tetra.stl", Polyhedron("open", shape.points, shape.triangles[:3]))
     assert "expected a closed surface" in _refusal(scene)
     _save(tmp_path / "tetra.stl", shape)
@@ -156,8 +156,22 @@ def test_scales_that_look_wrong_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "small.toml"
     path.write_text('[block]\ntype = "cubes"\nedge = 0.2\n[assembly]\nrings = 0\n')
     message = _refusal(path)
-    assert "largest dimension is" in message
+    assert "a block measures 0.2 mm" in message
     assert "metres" in message
+    from validation.build import build_assembly
+
+    metres = [
+        f"block.{key}={value}"
+        for key, value in (
+            ("height", 0.2),
+            ("amplitude", 0.02),
+            ("inner_radius", 0.12),
+            ("thickness", 0.04),
+        )
+    ]
+    tube = load_scene("tsb1-pipe", [*metres, "mesh.around=12", "mesh.radial=2", "mesh.axial=2"])
+    with pytest.raises(InputError, match="in metres, multiply by 1000"):
+        build_assembly(tube.scene)  # type: ignore[arg-type]
 
 
 def test_other_commands_know_these_scenes(tmp_path: Path) -> None:
@@ -170,3 +184,20 @@ def test_other_commands_know_these_scenes(tmp_path: Path) -> None:
     refused = CliRunner().invoke(app, ["fem", "tetrahedra"])
     assert isinstance(refused.exception, InputError)
     assert "tubelock mbd" in str(refused.exception)
+
+
+def test_our_side_of_the_peer_comparison_agrees_with_theory() -> None:
+    from validation.peers.compas_cra import ours, problems
+
+    for problem in problems():
+        if problem.name in ("wall 3 × 3", "arch t/R = 0.12", "arch t/R = 0.1"):
+            assert ours(problem)[0].stands is problem.stands
+
+
+def test_compas_cra_agrees_where_it_is_installed() -> None:
+    pytest.importorskip("compas_cra")
+    from validation.peers.compas_cra import compas_answers, problems
+
+    for problem in problems():
+        if problem.name in ("wall 3 × 3", "arch t/R = 0.12", "arch t/R = 0.1"):
+            assert compas_answers(problem, ("rbe",))[0].stands is problem.stands

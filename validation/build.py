@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly_checks import check_size
 from geometry.brick_stack import brick_stack
 from geometry.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.load_case import LoadCase, LoadCaseError, load_case
@@ -51,25 +52,31 @@ def build_assembly(scene: AssemblyScene) -> Assembly:
         When the parameters describe no assembly.
     """
     try:
-        if isinstance(scene, BrickScene):
-            return brick_stack(
-                scene.block.size,
-                scene.mesh.divisions,
-                columns=scene.assembly.columns,
-                layers=scene.assembly.layers,
-            )
-        if isinstance(scene, HexagonTubeScene):
-            return hexagon_tube(
-                HexagonBlockParameters(**scene.block.model_dump(exclude={"type"})),
-                HexagonBlockDivisions(**scene.mesh.model_dump()),
-                scene.assembly.layers,
-            )
-        if isinstance(scene, PlanarSineScene | OsteomorphicScene):
-            return _wall(scene)
-        divisions = SineBlockDivisions(**scene.mesh.model_dump())
-        return sine_tube(block_parameters(scene), divisions, scene.assembly.layers)
+        assembly = _blocks(scene)
+        check_size(assembly)
+        return assembly
     except (BlockParameterError, AssemblyError, MeshError) as error:
         raise InputError(str(error)) from None
+
+
+def _blocks(scene: AssemblyScene) -> Assembly:
+    if isinstance(scene, BrickScene):
+        return brick_stack(
+            scene.block.size,
+            scene.mesh.divisions,
+            columns=scene.assembly.columns,
+            layers=scene.assembly.layers,
+        )
+    if isinstance(scene, HexagonTubeScene):
+        return hexagon_tube(
+            HexagonBlockParameters(**scene.block.model_dump(exclude={"type"})),
+            HexagonBlockDivisions(**scene.mesh.model_dump()),
+            scene.assembly.layers,
+        )
+    if isinstance(scene, PlanarSineScene | OsteomorphicScene):
+        return _wall(scene)
+    divisions = SineBlockDivisions(**scene.mesh.model_dump())
+    return sine_tube(block_parameters(scene), divisions, scene.assembly.layers)
 
 
 def _wall(scene: PlanarSineScene | OsteomorphicScene) -> Assembly:
