@@ -16,12 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from geometry.mesh import FloatArray, IntArray
+from geometry.options import ContactPlacement
 from geometry.point_contact import PointContacts, crossing_edges, standing_corners
 from geometry.polyhedron import Polyhedron
 from geometry.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
@@ -31,26 +31,6 @@ from geometry.triangle_search import overlapping_boxes
 _POINT_AREA = 1e-2
 #: Overlaps smaller than this fraction of the smaller triangle are edges that touch.
 _SLIVER = 1e-7
-
-
-class ContactPlacement(StrEnum):
-    """Where contact points lie."""
-
-    VERTICES = "vertices"
-    """At the corners of each patch's convex hull: exact for flat faces (default)."""
-    CENTROIDS = "centroids"
-    """At the centroid of each clipped polygon: for finely meshed curved faces."""
-
-
-@dataclass(frozen=True)
-class DetectionOptions:
-    """What counts as contact."""
-
-    tolerance: float | None = None
-    """Largest gap and largest overlap of touching facets [mm]; by default 1e-4 of a block."""
-    angle: float = 5.0
-    """Largest angle between facing facets; raise it for coarse meshes of curved faces [°]."""
-    placement: ContactPlacement = ContactPlacement.VERTICES
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from geometry.assembly import AssemblyError
-from geometry.facet_contact import DetectionOptions
 from geometry.mesh import HexMesh, boundary_quads, structured_hexahedra
+from geometry.options import DetectionOptions
 from geometry.polyhedral_assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedron import Polyhedron, polyhedron_from_quads
 

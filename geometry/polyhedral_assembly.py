@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from geometry.assembly import Assembly, AssemblyError, BoolArray
-from geometry.facet_contact import ContactPoints, DetectionOptions, find_contacts
+from geometry.facet_contact import ContactPoints, find_contacts
 from geometry.mesh import FloatArray, IntArray
+from geometry.options import DetectionOptions
 from geometry.polyhedron import Polyhedron, polyhedron_from_block
 
 #: Default contact tolerance in block lengths ∛V.

@@ -11,11 +11,11 @@ import pytest
 from geometry.assembly import AssemblyError
 from geometry.assembly_checks import check_assembly
 from geometry.block_files import read_blocks, read_hexahedra
-from geometry.facet_contact import DetectionOptions
 from geometry.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters, hexagon_block
 from geometry.masonry import box
 from geometry.mesh import FloatArray, IntArray, MeshError, boundary_quads
 from geometry.mesh_io import write_hex_mesh
+from geometry.options import DetectionOptions
 from geometry.overlap import find_overlaps
 from geometry.platonic_layers import cube, octahedron, tetrahedron
 from geometry.polyhedral_assembly import polyhedral_assembly

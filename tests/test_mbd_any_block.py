@@ -10,13 +10,13 @@ import pytest
 
 from geometry.assembly import Assembly
 from geometry.contact_assembly import ContactAssembly
-from geometry.facet_contact import ContactPlacement, DetectionOptions, _at_vertices
+from geometry.facet_contact import _at_vertices
 from geometry.load_case import LoadCase, load_case
 from geometry.masonry import box, circular_arch, running_bond_wall
 from geometry.mesh import FloatArray
+from geometry.options import ContactPlacement, CubeArrangement, DetectionOptions
 from geometry.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
 from geometry.platonic_layers import (
-    CubeArrangement,
     cubes_layer,
     octahedra_layer,
     tetrahedra_layer,

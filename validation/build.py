@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from geometry.assembly import Assembly, AssemblyError
-from geometry.assembly_checks import check_size
 from geometry.brick_stack import brick_stack
 from geometry.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.load_case import LoadCase, LoadCaseError, load_case
@@ -11,6 +10,7 @@ from geometry.mesh import MeshError
 from geometry.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
 from geometry.sine_block import BlockParameterError, SineBlockDivisions, SineBlockParameters
 from geometry.tube import hexagon_tube, sine_tube
+from geometry.units import check_size
 from validation.errors import InputError
 from validation.scene import AssemblyScene, BrickScene, Scene, TubeScene
 from validation.scene_families import HexagonTubeScene, OsteomorphicScene, PlanarSineScene

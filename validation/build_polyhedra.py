@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from geometry.assembly import AssemblyError
 from geometry.assembly_checks import check_assembly
 from geometry.block_files import read_blocks
-from geometry.facet_contact import DetectionOptions
 from geometry.load_case import LoadCase
 from geometry.masonry import circular_arch, running_bond_wall
 from geometry.mesh import FloatArray, MeshError
+from geometry.options import DetectionOptions
 from geometry.platonic_layers import cubes_layer, octahedra_layer, tetrahedra_layer
 from geometry.polyhedral_assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedron import Polyhedron

@@ -6,8 +6,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field
 
-from geometry.facet_contact import ContactPlacement
-from geometry.platonic_layers import CubeArrangement
+from geometry.options import ContactPlacement, CubeArrangement
 from validation.scene_sections import Finite, Positive, RigidSection, Section
 
 Vector = tuple[Finite, Finite, Finite]
