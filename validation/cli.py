@@ -80,10 +80,17 @@ def show(
     from validation.files import prepare_file
     from validation.rigid import build_scene
     from validation.scene import load_scene
+    from validation.scene_polyhedra import PolyhedralScene
 
     file = load_scene(scene, settings or ())
     if output.suffix.lower() != ".png":
         raise InputError(f"-o {output}: expected a file name that ends in .png")
+    if isinstance(file.scene, PolyhedralScene):
+        from validation.polyhedra_command import show_polyhedra
+
+        show_polyhedra(file, file.scene, output)
+        _console(None).print(f"picture   {output}")
+        return
     built = build_scene(file)
     prepare_file(output)
     from validation.pictures import draw_assembly
@@ -111,14 +118,20 @@ def mbd(
     from validation.files import output_folder, prepare_json, write_json
     from validation.rigid import analyse_rigid, build_scene, rigid_json
     from validation.scene import load_scene
+    from validation.scene_polyhedra import PolyhedralScene
     from validation.text import print_rigid
 
     file = load_scene(scene, settings or ())
-    built = build_scene(file)
-    prepare_json(json)
     folder = output
     if folder is None and json is None:
         folder = Path("out") / file.name
+    if isinstance(file.scene, PolyhedralScene):
+        from validation.polyhedra_command import mbd_polyhedra
+
+        mbd_polyhedra(file, file.scene, console=_console(json), json=json, folder=folder)
+        return
+    built = build_scene(file)
+    prepare_json(json)
     with output_folder(folder):
         run = analyse_rigid(built)
         console = _console(json)
@@ -240,6 +253,45 @@ def demo(
     from validation.demo import run_demo
 
     run_demo(output, _console(None))
+
+
+@app.command()
+def explode(
+    scene: SceneArgument,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE.png",
+            help="Strip of pictures; out/SCENE/explosion.png unless --json is given.",
+        ),
+    ] = None,
+) -> None:
+    """Move all blocks of a tube outward at once, frame released: does it explode, and how far."""
+    from validation.explode import explosion_json, print_explosion, run_explosion
+    from validation.files import prepare_file, prepare_json, write_json
+    from validation.scene import load_scene
+
+    file = load_scene(scene, settings or ())
+    picture = output
+    if picture is None and json is None:
+        picture = Path("out") / file.name / "explosion.png"
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise InputError(f"-o {picture}: expected a file name that ends in .png")
+    prepare_json(json)
+    run = run_explosion(file)
+    console = _console(json)
+    print_explosion(run, console)
+    if picture is not None:
+        from validation.explode import draw_explosion
+
+        prepare_file(picture)
+        draw_explosion(run, picture)
+        console.print(f"picture   {picture}")
+    write_json(json, explosion_json(run))
 
 
 def main() -> None:
