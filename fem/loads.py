@@ -36,7 +36,9 @@ def _facet_shapes() -> tuple[FloatArray, FloatArray]:
     return values, slopes
 
 
-_VALUES, _SLOPES = _facet_shapes()
+#: Bilinear shape functions at the Gauss points, (4 points, 4 corners), and their derivatives,
+#: (4, 4, 2).
+FACET_VALUES, FACET_SLOPES = _facet_shapes()
 
 
 def facet_area_vectors(nodes: FloatArray, quads: IntArray) -> FloatArray:
@@ -48,7 +50,7 @@ def facet_area_vectors(nodes: FloatArray, quads: IntArray) -> FloatArray:
         (..., n_facets, 4 points, 3) [mm²]; their sum over the points is the exact vector area
         of the facet, whatever its warp.
     """
-    tangents = np.einsum("pak,...fai->...fpki", _SLOPES, nodes[..., quads, :])
+    tangents = np.einsum("pak,...fai->...fpki", FACET_SLOPES, nodes[..., quads, :])
     return np.cross(tangents[..., 0, :], tangents[..., 1, :])
 
 
@@ -89,7 +91,7 @@ def pressure_forces(nodes: FloatArray, quads: IntArray, pressure: float | FloatA
     """
     value = _per_facet(pressure, quads, "pressure", ())
     area = facet_area_vectors(nodes, quads)
-    corner = -np.einsum("f,pa,...fpi->...fai", value, _VALUES, area)
+    corner = -np.einsum("f,pa,...fpi->...fai", value, FACET_VALUES, area)
     return scatter_to_nodes(corner, quads, nodes.shape[-2])
 
 
@@ -120,7 +122,7 @@ def traction_forces(nodes: FloatArray, quads: IntArray, traction: FloatArray) ->
     """
     value = _per_facet(traction, quads, "traction", (3,))
     area = np.linalg.norm(facet_area_vectors(nodes, quads), axis=-1)
-    corner = np.einsum("fi,pa,...fp->...fai", value, _VALUES, area)
+    corner = np.einsum("fi,pa,...fp->...fai", value, FACET_VALUES, area)
     return scatter_to_nodes(corner, quads, nodes.shape[-2])
 
 
@@ -153,12 +155,12 @@ def tangential_traction_forces(
     area = facet_area_vectors(nodes, quads)
     magnitude = np.linalg.norm(area, axis=2, keepdims=True)
     normal = area / magnitude
-    points = np.einsum("pa,fai->fpi", _VALUES, nodes[quads])
+    points = np.einsum("pa,fai->fpi", FACET_VALUES, nodes[quads])
     traction = field(points.reshape(-1, 3)).reshape(area.shape)
     if not np.isfinite(traction).all():
         raise LoadError("traction field: not finite at a Gauss point; expected finite tractions")
     traction = traction - (traction * normal).sum(axis=2, keepdims=True) * normal
-    corner = np.einsum("pa,fpi->fai", _VALUES, traction * magnitude)
+    corner = np.einsum("pa,fpi->fai", FACET_VALUES, traction * magnitude)
     return scatter_to_nodes(corner, quads, nodes.shape[-2])
 
 

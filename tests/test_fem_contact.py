@@ -1,0 +1,230 @@
+"""Contact kinematics: derivatives, balance of forces and moments, deformable assemblies."""
+
+import numpy as np
+import pytest
+
+from fem.contact import (
+    ContactError,
+    ContactNormals,
+    contact_surfaces,
+    corner_forces,
+    curvature,
+    facet_pressures,
+    point_kinematics,
+)
+from fem.contact_law import ExponentialLaw, LinearPenalty
+from fem.deformable_assembly import (
+    DeformableAssemblyError,
+    Frames,
+    block_load_forces,
+    deformable_assembly,
+)
+from fem.material import Material
+from geometry.assembly import Assembly, moved
+from geometry.brick_stack import brick_stack
+from geometry.load_case import load_case
+from geometry.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.spacing import clearance_offsets
+from geometry.tube import sine_tube
+
+CONCRETE = Material(2.4e-9, 33e3, 0.2)
+TSB1 = SineBlockParameters(200.0, 20.0, 1.5, 0.0, 4, 120.0, 40.0)
+
+
+def small_tube(layers=1):
+    return sine_tube(TSB1, SineBlockDivisions(12, 2, 4), layers)
+
+
+@pytest.fixture(scope="module")
+def surfaces():
+    tube = small_tube()
+    return contact_surfaces(tube, clearance_offsets(tube, 0.05))
+
+
+def random_corners(surfaces, size, seed=1):
+    return size * np.random.default_rng(seed).standard_normal((surfaces.n_facets, 8, 3))
+
+
+@pytest.mark.parametrize("normals", list(ContactNormals))
+def test_gradient_is_the_slope_of_the_overclosure(surfaces, normals):
+    """Central differences along a random direction, step d of displacements of 0.1 mm.
+
+    Facets are 6 mm and more, so third derivatives are of order d/h³ < 1e-2/mm² and the
+    difference errs by d²/6 · 1e-2 = 2e-11 at d = 1e-4 mm; rounding of coordinates of 400 mm
+    enters as eps · h / d ~ 1e-11.
+    """
+    corners = random_corners(surfaces, 0.1)
+    direction = random_corners(surfaces, 1.0, seed=2)
+    d = 1e-4
+    plus = point_kinematics(surfaces, corners + d * direction, normals).overclosure
+    minus = point_kinematics(surfaces, corners - d * direction, normals).overclosure
+    gradient = point_kinematics(surfaces, corners, normals).gradient
+    slope = np.einsum("fpai,fai->fp", gradient, direction)
+    assert np.abs((plus - minus) / (2 * d) - slope).max() < 1e-9
+
+
+def test_curvature_is_the_slope_of_the_gradient(surfaces):
+    """As above; second derivatives are of order 1/h, the next ones 1/h² < 0.03/mm²."""
+    corners = random_corners(surfaces, 0.1)
+    direction = random_corners(surfaces, 1.0, seed=2)
+    d = 1e-4
+    plus = point_kinematics(surfaces, corners + d * direction).gradient
+    minus = point_kinematics(surfaces, corners - d * direction).gradient
+    hessian = curvature(surfaces, corners)
+    assert np.abs(hessian - np.swapaxes(hessian, 2, 3)).max() < 1e-15
+    slope = np.einsum("fpij,fj->fpi", hessian, direction.reshape(-1, 24))
+    difference = ((plus - minus) / (2 * d)).reshape(slope.shape)
+    assert np.abs(difference - slope).max() < 1e-8
+
+
+def test_action_equals_reaction_and_moments_balance(surfaces):
+    """With current normals the energy does not change in a rigid motion of both bodies, so
+    forces and moments about the current positions vanish facet by facet, to round-off."""
+    corners = random_corners(surfaces, 0.1)
+    kinematics = point_kinematics(surfaces, corners)
+    law = ExponentialLaw()
+    forces = corner_forces(kinematics, surfaces.weights * law.pressure(kinematics.overclosure))
+    size = np.abs(forces).sum(axis=(1, 2))
+    assert size.max() > 1.0
+    assert (np.abs(forces.sum(axis=1)).max(axis=1) <= 1e-14 * size).all()
+    tube = small_tube()
+    spacing = clearance_offsets(tube, 0.05)
+    placed = np.array([tube.nodes(b) + spacing[b] for b in range(tube.n_blocks)], dtype=object)
+    where = np.concatenate(
+        [
+            [placed[b][q] for b, q in zip(surfaces.block_m, surfaces.quads_m, strict=True)],
+            [placed[b][q] for b, q in zip(surfaces.block_s, surfaces.quads_s, strict=True)],
+        ],
+        axis=1,
+    ).astype(float)
+    about = where.mean(axis=1, keepdims=True)
+    moment = np.cross(where + corners - about, forces).sum(axis=1)
+    # Arms of up to 30 mm, coordinates of 400 mm with eps 1e-16: 1e-13 mm times the forces.
+    assert (np.abs(moment).max(axis=1) <= 2e-12 * size).all()
+
+
+def test_a_rigid_motion_of_everything_changes_no_gap(surfaces):
+    """Current normals turn with the bodies: a rotation by one radian leaves every gap."""
+    tube = small_tube()
+    angle = 1.0
+    turn = np.array(
+        [[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]]
+    )
+    spacing = clearance_offsets(tube, 0.05)
+    corners = np.empty((surfaces.n_facets, 8, 3))
+    for i in range(surfaces.n_facets):
+        m, s = int(surfaces.block_m[i]), int(surfaces.block_s[i])
+        corners[i, :4] = (tube.nodes(m) + spacing[m])[surfaces.quads_m[i]]
+        corners[i, 4:] = (tube.nodes(s) + spacing[s])[surfaces.quads_s[i]]
+    still = point_kinematics(surfaces, np.zeros_like(corners))
+    turned = point_kinematics(surfaces, corners @ turn.T - corners)
+    # Coordinates of up to 400 mm: a few roundings of 5e-14 mm each.
+    assert np.abs(turned.overclosure - still.overclosure).max() < 1e-12
+
+
+def test_facet_weights_are_the_areas_of_the_surface(surfaces):
+    """Flat side faces: the weights of the points sum to the area exactly (to rounding)."""
+    tube = small_tube()
+    area = tube.interfaces.areas
+    assert surfaces.areas == pytest.approx(area, rel=2e-2)
+    flat = np.abs(tube.interfaces.normals[:, 2]) < 1e-12
+    assert flat.any()
+    assert surfaces.areas[flat] == pytest.approx(area[flat], rel=1e-13)
+    uniform = facet_pressures(surfaces, np.full((surfaces.n_facets, 4), 0.3))
+    assert uniform == pytest.approx(0.3, rel=1e-14)
+
+
+def test_spacing_opens_layers_and_neighbours_by_the_clearance():
+    """Flat bricks: every gap is the clearance; in a ring the side gaps are."""
+    wall = brick_stack((20.0, 10.0, 10.0), (2, 1, 1), columns=3, layers=2)
+    gaps = contact_surfaces(wall, clearance_offsets(wall, 0.2)).initial_gaps
+    assert gaps == pytest.approx(0.2, rel=1e-12)
+    tube = small_tube()
+    gaps = contact_surfaces(tube, clearance_offsets(tube, 0.2)).initial_gaps
+    side = np.abs(tube.interfaces.normals[:, 2]) < 1e-12
+    assert gaps[side] == pytest.approx(0.2, rel=1e-12)
+    assert gaps.min() > 0.0
+
+
+def test_loads_are_the_wrench_of_the_load_case():
+    """Resultant of a pressure: minus p times the vector area, to round-off. A load without
+    couple has the same resultant and no moment about the mass centroid."""
+    tube = small_tube(2)
+    load = load_case(tube, "pipe", 0.01)
+    block = int(tube.free_blocks[1])
+    forces = block_load_forces(tube, load, block)
+    expected = load.facet_forces[load.block == block].sum(axis=0) @ tube.rotations[block]
+    assert forces.sum(axis=0) == pytest.approx(expected, rel=1e-12, abs=1e-10)
+    load = load_case(tube, "shaft", 0.01, as_printed=True)
+    block = int(load.block[0])
+    forces = block_load_forces(tube, load, block)
+    centroid = tube.shape(block).mass_properties.centroid
+    moment = np.cross(tube.shape(block).mesh.nodes - centroid, forces).sum(axis=0)
+    assert np.abs(moment).max() < 1e-10 * np.abs(forces).sum() * 100
+    assert block_load_forces(tube, load, 0) is None
+
+
+def test_groups_follow_the_frames():
+    tube = small_tube(2)
+    load = load_case(tube, "pipe", 0.01)
+    rigid = deformable_assembly(tube, load, CONCRETE)
+    assert len(rigid.model.groups) == 1
+    assert rigid.model.groups[0].n_copies == 8
+    assert (rigid.group_of[tube.fixed] == -1).all()
+    held = deformable_assembly(tube, load, CONCRETE, frames=Frames.DEFORMABLE)
+    assert len(held.model.groups) == 3
+    assert len(held.model.supports) == 2
+    # Frame blocks meet each other: those facets are there only when they deform.
+    assert held.surfaces.n_facets > rigid.surfaces.n_facets
+
+
+def test_too_deep_a_start_is_refused_with_place_and_depth():
+    tube = small_tube()
+    load = load_case(tube, "pipe", 0.01)
+    with pytest.raises(ContactError, match=r"deepest 0\.0.* mm between blocks"):
+        deformable_assembly(tube, load, CONCRETE, initial_clearance=-0.05)
+    with pytest.raises(ContactError, match="overlap"):
+        deformable_assembly(tube, load, CONCRETE, law=LinearPenalty(1e3), initial_clearance=-0.05)
+    # A start within the law's range is an interference fit, not an error.
+    deformable_assembly(tube, load, CONCRETE, initial_clearance=-0.001)
+
+
+def test_blocks_nothing_holds_are_named():
+    wall = brick_stack((20.0, 10.0, 10.0), (2, 1, 1), columns=2, layers=1)
+    away = wall.translations.copy()
+    away[[0, 2, 4], 0] -= 5.0
+    fixed = wall.fixed.copy()
+    fixed[[0, 4]] = False
+    apart = Assembly(
+        wall.name,
+        wall.shapes,
+        wall.shape_of,
+        wall.rotations,
+        away,
+        wall.layer,
+        fixed,
+        unmatched_allowed=True,
+    )
+    load = load_case(apart, "pipe", 0.01)
+    with pytest.raises(DeformableAssemblyError, match=r"nothing holds 3 blocks \(0, 2, 4\)"):
+        deformable_assembly(apart, load, CONCRETE)
+
+
+def test_all_held_is_refused():
+    tube = small_tube()
+    load = load_case(tube, "pipe", 0.01)
+    load.fixed[:] = True
+    with pytest.raises(DeformableAssemblyError, match="every block is held"):
+        deformable_assembly(tube, load, CONCRETE)
+
+
+def test_moving_the_tube_moves_the_surfaces():
+    """Weights and gaps are invariant, normals turn (rounding of 1e3 mm coordinates)."""
+    tube = small_tube()
+    turn = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    there = moved(tube, turn, np.array([1e3, -2e3, 5e2]))
+    a = contact_surfaces(tube, clearance_offsets(tube, 0.05))
+    b = contact_surfaces(there, clearance_offsets(there, 0.05))
+    assert b.weights == pytest.approx(a.weights, rel=1e-11)
+    assert np.abs(b.initial_gaps - a.initial_gaps).max() < 1e-11
+    assert np.abs(b.normals - a.normals @ turn.T).max() < 1e-11
