@@ -10,16 +10,16 @@ which leaves the limit as it is.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import bsr_array, csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from fem.effects import Effects
+from fem.element_time_step import characteristic_length, characteristic_time_step
 from fem.hexahedron import gauss_gradients, mean_gradients
 from fem.model import BlockGroup, Model
-from fem.viscosity import element_lengths
 from geometry.mesh import FloatArray
 
 
@@ -39,6 +39,8 @@ class CriticalTimeStep:
     """The block that governs."""
     max_frequency: float
     """ω_max of that block [rad/s]."""
+    element_estimate: float
+    """Smallest L/c of all blocks as Abaqus/Explicit computes it [s]; not a bound, for report."""
 
 
 def scaled(matrix: bsr_array | csr_array, mass: FloatArray) -> csr_array:
@@ -65,7 +67,7 @@ def viscosity_matrix(group: BlockGroup, linear_bulk_viscosity: float) -> csr_arr
     mesh, material = group.mesh, group.material
     mean, volume = mean_gradients(*gauss_gradients(mesh.nodes[mesh.elements]))
     impedance = linear_bulk_viscosity * material.density * material.dilatational_wave_speed
-    weight = impedance * volume * element_lengths(volume)
+    weight = impedance * volume * characteristic_length(mesh.nodes[mesh.elements])
     dofs = (3 * mesh.elements[:, :, None] + np.arange(3)).reshape(-1)
     pointer = 24 * np.arange(mesh.n_elements + 1)
     divergence = csr_array(
@@ -126,7 +128,10 @@ def group_critical_time_step(
             f"{step:.3g} s; expected rayleigh.stiffness_proportional well below "
             f"{undamped:.3g} s and linear_bulk_viscosity well below 1"
         )
-    return CriticalTimeStep(step, undamped, group.name, math.sqrt(largest))
+    viscosity = effects.bulk_viscosity
+    b1 = 0.0 if viscosity is None else viscosity.linear_bulk_viscosity
+    estimate = characteristic_time_step(group.mesh, group.material, linear_bulk_viscosity=b1)
+    return CriticalTimeStep(step, undamped, group.name, math.sqrt(largest), estimate)
 
 
 def _damped_step(
@@ -151,7 +156,8 @@ def critical_time_step(model: Model) -> CriticalTimeStep:
         group_critical_time_step(group, model.effects, extra_stiffness=_interaction(model, k))
         for k, group in enumerate(model.groups)
     ]
-    return min(steps, key=lambda s: s.critical_time_step)
+    governing = min(steps, key=lambda s: s.critical_time_step)
+    return replace(governing, element_estimate=min(s.element_estimate for s in steps))
 
 
 def _interaction(model: Model, group: int) -> FloatArray | None:

@@ -1,13 +1,14 @@
 """Bulk viscosity of Abaqus/Explicit on the shared-stiffness path.
 
 With the volumetric strain rate ε̇ of an element (gradients averaged over its volume), its
-characteristic length L, density ρ and dilatational wave speed c, the viscous mean stress is
+length L (`fem.element_time_step.characteristic_length`), density ρ and dilatational wave
+speed c, the viscous mean stress is
 
     q = b₁ ρ c L ε̇ + ρ (b₂ L)² |ε̇| min(0, ε̇),
 
 Abaqus Theory Manual, "Explicit dynamic analysis". Nodal forces are V q times the averaged
-gradients. Differences from a rate-form code: reference gradients in the block frame, ε̇ as the
-backward difference of the strain (the velocity at the half step), L = ∛V unless given.
+gradients. Differences from the rate form (`fem.rate_form`): reference gradients in the block
+frame, ε̇ the backward difference of the strain, which is the rate at the half step.
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fem.effects import BulkViscosity
+from fem.element_time_step import characteristic_length
 from fem.hexahedron import gauss_gradients, mean_gradients
 from fem.layout import LaneArray, equal_work
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import IntArray
 
 if TYPE_CHECKING:
     from fem.model import BlockGroup
@@ -47,12 +49,6 @@ class ElementViscosity:
     """8 · element + corner for every corner at a row, (8 n_elements,)."""
 
 
-def element_lengths(volume: FloatArray) -> FloatArray:
-    """Characteristic length of the viscosity, ∛V: (n_elements,) [mm]."""
-    length: FloatArray = np.cbrt(volume)
-    return length
-
-
 def element_viscosity(
     group: BlockGroup, row: IntArray, coefficients: BulkViscosity, dtype: npt.DTypeLike
 ) -> ElementViscosity:
@@ -71,7 +67,7 @@ def element_viscosity(
     """
     mesh, material = group.mesh, group.material
     mean, volume = mean_gradients(*gauss_gradients(mesh.nodes[mesh.elements]))
-    length = element_lengths(volume)
+    length = characteristic_length(mesh.nodes[mesh.elements])
     b1, b2 = coefficients.linear_bulk_viscosity, coefficients.quadratic_bulk_viscosity
     rho, c = material.density, material.dilatational_wave_speed
     element_rows = row[mesh.elements].astype(np.int32)

@@ -108,9 +108,8 @@ def mbd(
     ] = None,
 ) -> None:
     """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
-    from validation.files import prepare_folder, prepare_json, write_json
+    from validation.files import output_folder, prepare_json, write_json
     from validation.rigid import analyse_rigid, build_scene, rigid_json
-    from validation.rigid_files import write_rigid
     from validation.scene import load_scene
     from validation.text import print_rigid
 
@@ -120,15 +119,43 @@ def mbd(
     folder = output
     if folder is None and json is None:
         folder = Path("out") / file.name
-    if folder is not None:
-        prepare_folder(folder)
-    run = analyse_rigid(built)
-    console = _console(json)
-    print_rigid(run, console)
-    if folder is not None:
-        for words, path in write_rigid(run, folder):
-            console.print(f"{words:9} {path}")
-    write_json(json, rigid_json(run))
+    with output_folder(folder):
+        run = analyse_rigid(built)
+        console = _console(json)
+        print_rigid(run, console)
+        if folder is not None:
+            from validation.rigid_files import write_rigid
+
+            for words, path in write_rigid(run, folder):
+                console.print(f"{words:9} {path}")
+        write_json(json, rigid_json(run))
+
+
+@app.command()
+def fem(
+    scene: SceneArgument,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder for fields, history, pictures; out/SCENE unless --json is given.",
+        ),
+    ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option("--resume", metavar="CHECKPOINT", help="Continue an interrupted run."),
+    ] = None,
+) -> None:
+    """Deformable blocks: displacements, principal stresses, energies."""
+    from validation.fem_command import run_fem
+    from validation.scene import load_scene
+
+    file = load_scene(scene, settings or ())
+    run_fem(file, json=json, output=output, resume=resume, console=_console(json))
 
 
 @reproduce_app.command("tables")

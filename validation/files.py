@@ -6,7 +6,8 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,25 @@ def prepare_folder(folder: Path) -> Path:
             "give a folder you may write with -o"
         ) from None
     return folder
+
+
+@contextmanager
+def output_folder(folder: Path | None) -> Iterator[None]:
+    """Prepare a folder, and take it away again if the work fails before anything is in it."""
+    if folder is None:
+        yield
+        return
+    made = [f for f in (folder, *folder.parents) if not f.exists()]
+    prepare_folder(folder)
+    try:
+        yield
+    except BaseException:
+        for empty in made:
+            try:
+                empty.rmdir()
+            except OSError:
+                break
+        raise
 
 
 def prepare_file(path: Path) -> Path:

@@ -126,7 +126,7 @@ def render(
     return Rendered(pixels, 2 * 0.52 * reach / height)
 
 
-def _place(axes: Axes, image: Rendered, title: str) -> None:
+def place(axes: Axes, image: Rendered, title: str) -> None:
     """Show an image with a title and a scale bar of a round length."""
     height, width = image.pixels.shape[:2]
     axes.imshow(image.pixels, interpolation="lanczos")
@@ -240,8 +240,8 @@ def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str)
     figure, axes = plt.subplots(
         1, 2, figsize=(max(6.5, 9 * sum(ratios) + 1), 9.5), width_ratios=ratios
     )
-    _place(axes[0], images[0], "from outside")
-    _place(axes[1], images[1], "near side removed")
+    place(axes[0], images[0], "from outside")
+    place(axes[1], images[1], "near side removed")
     words = _LOAD_WORDS.get(LoadCaseName(load.name), load.name)
     figure.suptitle(title, fontsize=14, x=0.03, ha="left")
     figure.legend(
@@ -329,13 +329,13 @@ def draw_pressures(run: RigidRun, path: Path) -> None:
 
     figure = plt.figure(figsize=(10.5, 10))
     grid = figure.add_gridspec(2, 2, width_ratios=[0.5, 1], left=0.03, right=0.86, bottom=0.03)
-    _place(figure.add_subplot(grid[:, 0]), render(tube, _EYE), "tube cut open")
-    _place(
+    place(figure.add_subplot(grid[:, 0]), render(tube, _EYE), "tube cut open")
+    place(
         figure.add_subplot(grid[0, 1]),
         render(top, (1.2, -0.8, 1.6)),
         f"layer {layer}: top faces, seen from above",
     )
-    _place(
+    place(
         figure.add_subplot(grid[1, 1]),
         render(bottom, (1.2, -0.8, -1.6)),
         f"layer {layer}: bottom faces, seen from below",
@@ -391,7 +391,7 @@ def draw_mechanism(run: RigidRun, path: Path) -> None:
             plotter.add_mesh(edges, color="#303030", line_width=1.2)
 
     figure, axes = plt.subplots(figsize=(8, 9.5))
-    _place(axes, render(add, _EYE), f"first-order motion, drawn {scale:.3g} mm at its largest")
+    place(axes, render(add, _EYE), f"first-order motion, drawn {scale:.3g} mm at its largest")
     result = run.result
     driven = (
         "the load drives it"

@@ -207,8 +207,10 @@ def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[s
     result: dict[str, Any] = json.loads(json.dumps(data))
     for override in overrides:
         path, equals, text = override.partition("=")
-        keys = [key.strip() for key in path.split(".")]
-        if not equals or len(keys) < 2 or not all(keys):
+        keys = [key.strip().strip("'\"") for key in path.split(".")]
+        value = _value(text.strip())
+        whole_section = len(keys) == 1 and isinstance(value, dict)
+        if not equals or not all(keys) or (len(keys) < 2 and not whole_section):
             raise InputError(
                 f"--set {override}: expected section.key=value, e.g. --set assembly.layers=4"
             )
@@ -218,7 +220,7 @@ def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[s
             if not isinstance(inner, dict):
                 raise InputError(f"--set {override}: {key!r} is a value, not a section")
             target = inner
-        target[keys[-1]] = _value(text.strip())
+        target[keys[-1]] = value
     return result
 
 

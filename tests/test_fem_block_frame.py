@@ -1,0 +1,194 @@
+"""Finite rotations of blocks: no strain, and nothing lost."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fem import kernels
+from fem.effects import BulkViscosity, Effects, RayleighDamping
+from fem.explicit import initial_state, prepare, solve
+from fem.loads import SmoothStepAmplitude
+from fem.model import Model, ModelError, block_group, nodal_load
+from fem.time_step import critical_time_step
+from tests.fem_problems import CONCRETE, distorted_box
+
+FINITE = Effects(finite_rotation=True)
+PLACEMENTS = Rotation.from_rotvec([[0, 0, 0], [0, 0, 1.0], [0.6, -1.0, 0.3]]).as_matrix()
+
+
+def group_of(n_copies=3):
+    return block_group(distorted_box((3, 2, 2)), CONCRETE, rotations=PLACEMENTS[:n_copies])
+
+
+def rigid_displacement(group, angle: float, axis, shift) -> np.ndarray:
+    """Displacement of every copy by one rigid motion, (n_copies, n_nodes, 3)."""
+    turn = Rotation.from_rotvec(angle * np.asarray(axis) / np.linalg.norm(axis)).as_matrix()
+    start = group.reference_positions()
+    return start @ turn.T + shift - start
+
+
+@pytest.mark.parametrize("degrees", [1.0, 90.0, 179.9, 360.0, 540.0])
+def test_rigid_motion_gives_no_strain(degrees):
+    # u' is round-off of positions of size 10: strain 1e-15 or so, forces K times it.
+    group = group_of()
+    start = rigid_displacement(group, np.radians(degrees), [1.0, -2.0, 0.5], [5.0, -3.0, 8.0])
+    model = Model((group,), effects=FINITE)
+    dt = 0.9 * critical_time_step(model).critical_time_step
+    result = solve(model, time_step=dt, end_time=50 * dt, displacements=[start], sample_interval=1)
+    stiff = np.abs(group.stiffness.diagonal()).max() * group.n_nodes
+    assert result.history.column("strain_energy").max() < stiff * (20 * 1e-15) ** 2
+    np.testing.assert_allclose(result.displacements[0], start, rtol=0, atol=1e-12)
+
+
+def test_frames_are_the_best_rotation():
+    # Against scipy's Wahba solution of every copy, for strained and turned blocks.
+    group = group_of()
+    rng = np.random.default_rng(0)
+    strain = 0.05 * rng.standard_normal((3, group.n_nodes, 3))
+    start = rigid_displacement(group, 2.0, [1.0, 1.0, 0.0], [1.0, 2.0, 3.0]) + strain
+    system = prepare(Model((group,), effects=FINITE), time_step=1e-7)
+    body = system.bodies[0]
+    frame = initial_state(system, displacements=[start]).bodies[0].frame
+    mass = group.lumped_mass
+    centre = mass @ group.mesh.nodes / mass.sum()
+    for k in range(3):
+        local = (start[k] + group.reference_positions()[k]) @ PLACEMENTS[k]
+        turned = local - mass @ local / mass.sum()
+        expected, _ = Rotation.align_vectors(
+            turned, group.mesh.nodes - centre, weights=mass / mass.sum()
+        )
+        found = np.eye(3) + frame.turn[:, :, k]
+        np.testing.assert_allclose(found, expected.as_matrix(), atol=1e-13)
+        seen = turned @ found - (group.mesh.nodes - centre)
+        np.testing.assert_allclose(frame.local[body.rows.row, :, k], seen, atol=1e-13)
+
+
+def test_forces_are_the_gradient_of_the_strain_energy():
+    # The torque-free correction is what differentiating through the frame gives: central
+    # differences of the energy, with step 1e-4, agree to 1e-4² of the third derivative and
+    # 1e-16 / 1e-4 of the energy.
+    group = group_of(2)
+    rng = np.random.default_rng(1)
+    start = rigid_displacement(group, 1.0, [0, 0, 1.0], np.zeros(3))
+    start += 0.05 * rng.standard_normal(start.shape)
+    system = prepare(Model((group,), effects=FINITE), time_step=1e-7)
+
+    def evaluate(u):
+        now = initial_state(system, displacements=[u]).bodies[0]
+        total = np.zeros(system.bodies[0].lanes)
+        force = np.zeros_like(now.frame.local)
+        r = system.bodies[0].rows
+        kernels.stiffness_product(
+            r.chunks, r.pointer, r.column, r.blocks, now.frame.local.ravel(), force.ravel(), None, 2
+        )
+        kernels.dot_lanes(now.frame.local, force, total)
+        placed = now.internal_force[r.row].transpose(2, 0, 1)
+        return 0.5 * total.sum(), np.einsum("cij,cnj->cni", PLACEMENTS[:2], placed)
+
+    _, force = evaluate(start)
+    for _ in range(4):
+        direction = rng.standard_normal(start.shape)
+        h = 1e-4
+        slope = (evaluate(start + h * direction)[0] - evaluate(start - h * direction)[0]) / (2 * h)
+        assert slope == pytest.approx(float((force * direction).sum()), rel=1e-6)
+    torque = np.cross(group.reference_positions() + start, force).sum(axis=1)
+    assert np.abs(torque).max() < 1e-12 * np.abs(force).sum() * 5.0
+
+
+def angular_momentum(group, result) -> tuple[np.ndarray, np.ndarray]:
+    position = group.reference_positions() + result.displacements[0]
+    momentum = group.lumped_mass[:, None] * result.velocities[0]
+    return momentum.sum(axis=1), np.cross(position, momentum).sum(axis=1)
+
+
+def test_free_spinning_block_keeps_both_momenta():
+    # Σ m x_n × v is kept exactly by central differences with torque-free forces, to round-off
+    # of n_steps additions.
+    group = group_of()
+    spin = np.array([200.0, -3e4, 1e4])
+    x = group.reference_positions()
+    velocity = np.cross(spin, x) + np.array([500.0, 0.0, -200.0])
+    model = Model((group,), effects=FINITE)
+    dt = 0.9 * critical_time_step(model).critical_time_step
+    turn = 2.0 * np.pi / np.linalg.norm(spin)
+    short, long = (
+        solve(model, time_step=dt, end_time=t, velocities=[velocity]) for t in (2 * dt, turn)
+    )
+    assert long.n_steps > 500
+    p0, h0 = angular_momentum(group, short)
+    p1, h1 = angular_momentum(group, long)
+    np.testing.assert_allclose(p1, p0, rtol=0, atol=1e-13 * np.abs(p0).max())
+    np.testing.assert_allclose(h1, h0, rtol=0, atol=1e-12 * np.linalg.norm(h0))
+    # Energy: exact gradient, so only the nonlinear part of the scheme's error, (ω Δt)² of the
+    # small strain energy of spinning up.
+    assert long.energy_balance < 1e-4
+
+
+def test_damping_and_viscosity_do_not_brake_a_rigid_spin():
+    # Viscous forces act on rates of strain seen from the frame: no torque, no loss of spin.
+    group = group_of()
+    velocity = np.cross([0.0, 0.0, 1e4], group.reference_positions())
+    effects = Effects(
+        rayleigh=RayleighDamping(stiffness_proportional=2e-8),
+        bulk_viscosity=BulkViscosity(),
+        finite_rotation=True,
+    )
+    model = Model((group,), effects=effects)
+    dt = 0.9 * critical_time_step(model).critical_time_step
+    first = solve(model, time_step=dt, end_time=2 * dt, velocities=[velocity])
+    last = solve(model, time_step=dt, end_time=1000 * dt, velocities=[velocity])
+    _, h0 = angular_momentum(group, first)
+    _, h1 = angular_momentum(group, last)
+    np.testing.assert_allclose(h1, h0, rtol=0, atol=1e-12 * np.linalg.norm(h0))
+    assert last.energies.viscous_dissipation > 0.0
+    assert last.energy_balance < 1e-4
+
+
+def test_small_motions_agree_with_the_small_rotation_path():
+    # The two differ by squares of the rotation, 1e-6 here, relative to the displacement.
+    group = group_of()
+    force = 1e-2 * np.random.default_rng(0).standard_normal(group.mesh.nodes.shape)
+    load = nodal_load(0, force, copies=[0, 1, 2], amplitude=SmoothStepAmplitude(1e-5))
+    small, finite = (
+        solve(Model((group,), loads=(load,), effects=e), time_step=1.5e-7, end_time=2e-5)
+        for e in (Effects(), FINITE)
+    )
+    size = np.abs(small.displacements[0]).max()
+    turned = size / 1.0
+    assert turned < 1e-2
+    np.testing.assert_allclose(
+        small.displacements[0], finite.displacements[0], rtol=0, atol=3 * turned * size
+    )
+
+
+def test_following_load_turns_with_the_block():
+    # A force along the axis of a freely spinning, stiff block stays along the block: after a
+    # quarter turn it pushes along y. Without following it keeps pushing along x.
+    group = block_group(distorted_box((3, 2, 2)), CONCRETE)
+    mass = group.lumped_mass
+    centre = mass @ group.mesh.nodes / mass.sum()
+    spin = 2e4
+    velocity = np.cross([0.0, 0.0, spin], group.mesh.nodes - centre)[None]
+    acceleration = 1e6
+    force = np.zeros((group.n_nodes, 3))
+    force[:, 0] = mass * acceleration
+    end = 0.5 * np.pi / spin
+    for follows, expected in (
+        (True, acceleration / spin * np.array([1.0, 1.0])),
+        (False, acceleration * end * np.array([1.0, 0.0])),
+    ):
+        load = nodal_load(0, force, follows_block=follows)
+        result = solve(
+            Model((group,), loads=(load,), effects=FINITE), end_time=end, velocities=[velocity]
+        )
+        drift = mass @ result.velocities[0][0] / mass.sum()
+        # The last step is left out of the velocity and the end time is rounded up to a step.
+        np.testing.assert_allclose(drift[:2], expected, atol=3 * acceleration * result.time_step)
+        assert result.energy_balance < 1e-4
+
+
+def test_following_load_needs_finite_rotation():
+    group = group_of(1)
+    load = nodal_load(0, np.ones((group.n_nodes, 3)), follows_block=True)
+    with pytest.raises(ModelError, match="finite rotation"):
+        Model((group,), loads=(load,))

@@ -1,0 +1,287 @@
+"""The run around the step: input, stops, frames, checkpoints."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+
+from fem import explicit
+from fem.checkpoint import CheckpointError
+from fem.effects import (
+    AdaptiveMassDamping,
+    BulkViscosity,
+    EffectError,
+    Effects,
+    RayleighDamping,
+)
+from fem.explicit import Output, Status, StopCriterion, UnstableRun, solve
+from fem.hexahedron import ElementType
+from fem.loads import RampAmplitude, SmoothStepAmplitude
+from fem.model import Model, ModelError, block_group, fixed_nodes, nodal_load
+from fem.state import StateError
+from fem.time_step import TimeStepError, critical_time_step
+from geometry.block import box_block
+from tests.fem_problems import CONCRETE, degrees_of_freedom, static_displacement
+
+MESH = box_block((40.0, 8.0, 8.0), (6, 2, 2)).mesh
+HELD = np.flatnonzero(MESH.nodes[:, 0] == 0.0)
+
+
+def cantilever(effects: Effects | None = None, *, ramp: float = 2e-4, n_copies: int = 2) -> Model:
+    group = block_group(MESH, CONCRETE, translations=np.zeros((n_copies, 3)))
+    force = np.zeros((group.n_nodes, 3))
+    force[np.flatnonzero(MESH.nodes[:, 0] == 40.0), 2] = 0.5
+    copies = np.arange(n_copies)
+    return Model(
+        (group,),
+        supports=(fixed_nodes(0, HELD, copies=copies),),
+        loads=(nodal_load(0, force, copies=copies, amplitude=SmoothStepAmplitude(ramp)),),
+        effects=effects or Effects(),
+    )
+
+
+EVERYTHING = Effects(
+    rayleigh=RayleighDamping(stiffness_proportional=1e-8),
+    bulk_viscosity=BulkViscosity(),
+    finite_rotation=True,
+    gravity=np.array([0.0, 0.0, -9810.0]),
+    adaptive_mass_damping=AdaptiveMassDamping(),
+)
+
+
+def static_answer(model: Model) -> np.ndarray:
+    group, load = model.groups[0], model.loads[0]
+    force = np.zeros((group.n_nodes, 3))
+    first = load.copies == 0
+    force[load.nodes[first]] = load.forces[first]
+    u = static_displacement(group.stiffness, force.ravel(), degrees_of_freedom(HELD))
+    return u.reshape(-1, 3)
+
+
+@pytest.mark.parametrize("n_copies", [1, 3])
+def test_adaptive_damping_arrives_at_the_static_state(n_copies):
+    # Stopped at a force residual r: the error in displacement is at most cond(K) r, in the
+    # slowest mode it is about r; measured against the linear solution.
+    model = cantilever(Effects(adaptive_mass_damping=AdaptiveMassDamping()), n_copies=n_copies)
+    stop = StopCriterion(residual=1e-6, not_before=2e-4)
+    result = solve(model, end_time=2e-2, stop=stop)
+    assert result.status is Status.CONVERGED
+    assert result.residual <= 1e-6
+    assert result.n_steps < 5000
+    expected = static_answer(model)
+    for copy in range(n_copies):
+        error = np.abs(result.displacements[0][copy] - expected).max()
+        assert error < 1e-4 * np.abs(expected).max()
+    assert result.energies.mass_damping_dissipation > 0.0
+    assert result.energy_balance < 1e-10
+
+
+def interrupting(step: int):
+    def progress(told) -> None:
+        if told.step >= step:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    return progress
+
+
+@pytest.mark.parametrize("effects", [Effects(), EVERYTHING], ids=["none", "everything"])
+def test_interrupted_run_continues_to_the_same_bits(tmp_path, effects):
+    model = cantilever(effects)
+    options = {"end_time": 3e-4, "sample_interval": 20}
+    whole = solve(model, **options)
+    file = tmp_path / "run.npz"
+    output = Output(checkpoint=file, progress=interrupting(100))
+    first = solve(model, output=output, **options)
+    assert first.status is Status.INTERRUPTED
+    assert first.n_steps < whole.n_steps
+    second = solve(model, resume=file, **options)
+    assert second.status is Status.FINISHED
+    np.testing.assert_array_equal(second.displacements[0], whole.displacements[0])
+    np.testing.assert_array_equal(second.velocities[0], whole.velocities[0])
+    np.testing.assert_array_equal(second.history.table(), whole.history.table())
+    assert second.energy_balance == whole.energy_balance
+
+
+def test_killed_process_continues_to_the_same_bits(tmp_path):
+    file = tmp_path / "run.npz"
+    script = """
+        import os, sys, pathlib
+        from tests.test_fem_explicit import cantilever, EVERYTHING
+        from fem.explicit import Output, solve
+
+        def die(told):
+            if told.step > 150:
+                os._exit(9)
+
+        output = Output(checkpoint=pathlib.Path(sys.argv[1]), checkpoint_seconds=0.0, progress=die)
+        solve(cantilever(EVERYTHING), end_time=3e-4, output=output)
+    """
+    command = [sys.executable, "-c", textwrap.dedent(script), str(file)]
+    assert subprocess.run(command, check=False).returncode == 9
+    model = cantilever(EVERYTHING)
+    resumed = solve(model, end_time=3e-4, resume=file)
+    whole = solve(model, end_time=3e-4)
+    np.testing.assert_array_equal(resumed.displacements[0], whole.displacements[0])
+    np.testing.assert_array_equal(resumed.history.table(), whole.history.table())
+
+
+def test_checkpoints_that_cannot_be_used(tmp_path):
+    file = tmp_path / "run.npz"
+    with pytest.raises(CheckpointError, match="no such file"):
+        solve(cantilever(), end_time=1e-4, resume=file)
+    file.write_bytes(b"PK\x03\x04 broken")
+    with pytest.raises(CheckpointError, match="not a readable checkpoint"):
+        solve(cantilever(), end_time=1e-4, resume=file)
+    output = Output(checkpoint=file, progress=interrupting(50))
+    solve(cantilever(), end_time=1e-4, output=output)
+    for other in (cantilever(ramp=1e-4), cantilever(Effects(finite_rotation=True))):
+        with pytest.raises(CheckpointError, match="another model"):
+            solve(other, end_time=1e-4, resume=file)
+    with pytest.raises(CheckpointError, match="another model"):
+        solve(cantilever(), end_time=1e-4, safety_factor=0.8, resume=file)
+
+
+def test_unstable_run_stops_before_anything_not_finite_is_passed_on():
+    # A stiffer block than the critical time step was computed for: ω Δt = 4.
+    group = block_group(MESH, CONCRETE)
+    force = np.zeros((group.n_nodes, 3))
+    force[-1] = 1.0
+    model = Model((group,), loads=(nodal_load(0, force),))
+    frames = []
+    dt = critical_time_step(model).critical_time_step
+    stiffer = block_group(MESH, CONCRETE)
+    object.__setattr__(stiffer, "stiffness", 4.0 * group.stiffness)
+    wild = Model((stiffer,), loads=model.loads)
+    output = Output(on_frame=frames.append, frame_interval=10 * dt, progress=frames.append)
+    patched = pytest.MonkeyPatch()
+    patched.setattr(explicit, "critical_time_step", lambda _: critical_time_step(model))
+    with patched.context(), pytest.raises(UnstableRun, match=r"block\[0\].*safety_factor"):
+        solve(wild, end_time=2000 * dt, time_step=dt, output=output)
+    patched.undo()
+    told = [f for f in frames if hasattr(f, "displacements")]
+    assert told
+    assert all(np.isfinite(f.displacements[0]).all() for f in told)
+
+
+def test_frames_come_at_their_times():
+    frames = []
+    output = Output(on_frame=frames.append, frame_interval=2e-5)
+    result = solve(cantilever(), end_time=1e-4, output=output)
+    assert [f.number for f in frames] == list(range(6))
+    times = np.array([f.time for f in frames])
+    assert times[0] == 0.0
+    assert times[-1] == result.time
+    # The first step at or after the time of the frame.
+    late = times - 2e-5 * np.arange(6)
+    assert (late >= -1e-18).all()
+    assert (late < result.time_step).all()
+    np.testing.assert_array_equal(frames[-1].displacements[0], result.displacements[0])
+
+
+def test_reported_rates_and_memory():
+    result = solve(cantilever(), end_time=5e-5)
+    assert result.element_updates == 2 * 24 * result.n_steps
+    assert result.element_updates_per_cpu_second > 0.0
+    # u, v, f and what is applied, two lanes of float64.
+    assert result.state_bytes >= 3 * 3 * 2 * 63 * 8
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"end_time": -1.0}, "end_time"),
+        ({"end_time": float("nan")}, "end_time"),
+        ({"safety_factor": 0.0}, "safety_factor"),
+        ({"safety_factor": 1.2}, "safety_factor"),
+        ({"time_step": 1.0}, "critical time step"),
+        ({"time_step": 0.0}, "fem.time_step"),
+        ({"precision": "half"}, "float64 or float32"),
+        ({"threads": 0}, "threads"),
+        ({"sample_interval": 0}, "sample_interval"),
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    with pytest.raises(TimeStepError, match=message):
+        solve(cantilever(), **({"end_time": 1e-4} | options))
+
+
+def test_bad_initial_states_are_refused():
+    with pytest.raises(StateError, match="expected"):
+        solve(cantilever(), end_time=1e-4, velocities=[np.zeros((2, 3, 3))])
+    nan = np.full((2, len(MESH.nodes), 3), np.nan)
+    with pytest.raises(StateError, match="finite"):
+        solve(cantilever(), end_time=1e-4, displacements=[nan])
+
+
+def test_damping_that_would_make_the_step_vanish_is_refused():
+    with pytest.raises(TimeStepError, match="stiffness_proportional"):
+        solve(cantilever(Effects(rayleigh=RayleighDamping(None, 1.0))), end_time=1e-4)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: RayleighDamping(mass_proportional=-1.0),
+        lambda: RayleighDamping(stiffness_proportional=float("nan")),
+        lambda: BulkViscosity(linear_bulk_viscosity=-0.1),
+        lambda: AdaptiveMassDamping(interval=0),
+        lambda: AdaptiveMassDamping(fraction_of_critical=0.0),
+        lambda: Effects(gravity=np.array([0.0, np.inf, 0.0])),
+        lambda: Effects(RayleighDamping(2.0), adaptive_mass_damping=AdaptiveMassDamping()),
+    ],
+)
+def test_bad_effects_are_refused(make):
+    with pytest.raises(EffectError, match=r"effects\..*expected"):
+        make()
+
+
+def test_bad_models_are_refused():
+    group = block_group(MESH, CONCRETE)
+    with pytest.raises(ModelError, match="at least one group"):
+        Model(())
+    with pytest.raises(ModelError, match="not a rotation"):
+        block_group(MESH, CONCRETE, rotations=-np.eye(3)[None])
+    with pytest.raises(ModelError, match="node 63 to 63"):
+        Model((group,), supports=(fixed_nodes(0, np.array([63])),))
+    with pytest.raises(ModelError, match="group 1"):
+        Model((group,), loads=(nodal_load(1, np.ones((63, 3))),))
+    jump = fixed_nodes(0, HELD, displacement=np.ones(3))
+    with pytest.raises(ModelError, match="jumps at time 0"):
+        Model((group,), supports=(jump,))
+    with pytest.raises(ModelError, match="not finite"):
+        Model((group,), loads=(nodal_load(0, np.full((63, 3), np.nan)),))
+    twice = (fixed_nodes(0, HELD), fixed_nodes(0, HELD[:1]))
+    with pytest.raises(ModelError, match="prescribed once"):
+        solve(Model((group,), supports=twice), end_time=1e-4)
+
+
+def test_amplitudes_are_part_of_the_fingerprint(tmp_path):
+    file = tmp_path / "run.npz"
+    model = cantilever()
+    solve(model, end_time=1e-4, output=Output(checkpoint=file, progress=interrupting(1)))
+    load = model.loads[0]
+    other = nodal_load(0, load.forces[:0].reshape(0, 3), copies=[0], amplitude=RampAmplitude(1.0))
+    with pytest.raises(CheckpointError, match="another model"):
+        solve(
+            Model(model.groups, model.supports, (*model.loads, other)), end_time=1e-4, resume=file
+        )
+
+
+@pytest.mark.parametrize("element", list(ElementType))
+def test_every_element_runs_to_the_same_bending_sign(element):
+    group = block_group(MESH, CONCRETE, element=element)
+    force = np.zeros((group.n_nodes, 3))
+    force[np.flatnonzero(MESH.nodes[:, 0] == 40.0), 2] = 0.5
+    model = Model(
+        (group,),
+        (fixed_nodes(0, HELD),),
+        (nodal_load(0, force, amplitude=SmoothStepAmplitude(1e-4)),),
+    )
+    result = solve(model, end_time=1e-4)
+    assert result.displacements[0][0, -1, 2] > 0.0
+    assert (result.energies.hourglass_energy > 0.0) == (element is ElementType.REDUCED)
+    assert result.energy_balance < 1e-11

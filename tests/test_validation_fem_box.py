@@ -1,0 +1,231 @@
+"""`tubelock fem` on boxes: closed forms, JSON, files, interruption, and bad input at the door."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from validation.fem_box import box_json, run_box
+from validation.scene import load_scene
+from validation.scene_fem import BoxScene
+
+
+def box(scene: str, *settings: str) -> BoxScene:
+    found = load_scene(scene, settings).scene
+    assert isinstance(found, BoxScene)
+    return found
+
+
+def test_static_bar_under_uniform_traction_is_the_closed_form() -> None:
+    # ν = 0 and a fixed end: uniform stress, u = σ L / E at the tip, exactly.
+    scene = box(
+        "cantilever",
+        "fem.method=static",
+        "material.poisson_ratio=0",
+        'load={"x+"={traction=[0.5,0,0]}}',
+    )
+    data = box_json(run_box("bar", scene))
+    tip = data["faces"]["x+"]["mean_displacement"]
+    # Round-off times the condition number of a 40-element bar, about 1e4.
+    assert tip[0] == pytest.approx(0.5 * 400 / 33000, rel=1e-10)
+    assert data["principal_stress"]["max"] == pytest.approx(0.5, rel=1e-9)
+    assert data["energy_balance"] < 1e-9
+
+
+def test_cantilever_tip_against_timoshenko_beam() -> None:
+    scene = box("cantilever", "fem.method=static")
+    data = box_json(run_box("cantilever", scene))
+    width, height, length, young = 40.0, 60.0, 400.0, 33000.0
+    force, inertia = 0.05 * width * height, width * height**3 / 12
+    shear = young / 2.4
+    beam = force * length**3 / (3 * young * inertia) + force * length / (
+        5 / 6 * shear * width * height
+    )
+    # The clamped end restrains Poisson's contraction over about one height of the length: the
+    # beam theory's own error, (h/L)² / 2 ≈ 1 %.
+    assert -data["faces"]["x+"]["mean_displacement"][2] == pytest.approx(beam, rel=0.012)
+
+
+def test_slowly_loaded_explicit_run_ends_at_the_static_answer() -> None:
+    settings = ("mesh.divisions=[10,2,2]", "fem.frames=0")
+    static = box_json(run_box("s", box("cantilever", *settings, "fem.method=static")))
+    run = run_box(
+        "e",
+        box("cantilever", *settings, "fem.damping=static", "fem.end_time=0.2", "fem.residual=1e-5"),
+    )
+    assert run.explicit is not None
+    assert run.explicit.status == "converged"
+    a = static["faces"]["x+"]["mean_displacement"][2]
+    b = box_json(run)["faces"]["x+"]["mean_displacement"][2]
+    # The residual bounds the relative error in the energy norm; the lowest mode's share of the
+    # load is of order one, so ten times the residual is generous.
+    assert b == pytest.approx(a, rel=1e-4)
+
+
+def test_json_has_the_promised_keys(tubelock) -> None:  # noqa: F811
+    status, out, _ = tubelock(
+        "fem",
+        "cantilever",
+        "--set",
+        "mesh.divisions=[6,2,2]",
+        "--set",
+        "fem.end_time=1e-4",
+        "--json",
+        "-",
+    )
+    assert status == 0
+    data = json.loads(out)
+    promised = {
+        "n_elements",
+        "n_nodes",
+        "n_steps",
+        "time_step",
+        "critical_time_step",
+        "faces",
+        "max_displacement",
+        "principal_stress",
+        "energies",
+        "energy_balance",
+        "cpu_seconds",
+        "element_updates_per_cpu_second",
+        "peak_memory_mb",
+    }
+    assert promised <= set(data)
+    assert data["n_elements"] == 24
+    assert set(data["faces"]) == {"x-", "x+", "y-", "y+", "z-", "z+"}
+    assert len(data["faces"]["x+"]["mean_displacement"]) == 3
+    assert set(data["principal_stress"]) == {"max", "min"}
+    assert data["time_step"] == pytest.approx(0.9 * data["critical_time_step"])
+
+
+def test_files_of_a_run(tubelock) -> None:  # noqa: F811
+    import meshio
+
+    status, _, _ = tubelock(
+        "fem",
+        "spinning-block",
+        "--set",
+        "mesh.divisions=[4,2,2]",
+        "--set",
+        "fem.end_time=1e-3",
+        "--set",
+        "fem.frames=3",
+        "-o",
+        "run",
+    )
+    assert status == 0
+    found = {p.name for p in Path("run").iterdir()}
+    assert found == {
+        "result.vtu",
+        "result.png",
+        "history.csv",
+        "energies.png",
+        "frames.pvd",
+        "frame_0000.vtu",
+        "frame_0001.vtu",
+        "frame_0002.vtu",
+    }
+    assert Path("run/frames.pvd").read_text().count("DataSet") == 3
+    mesh = meshio.read("run/result.vtu")
+    assert set(mesh.point_data) == {"displacement", "stress", "sigma_1", "sigma_2", "sigma_3"}
+    header, *rows = Path("run/history.csv").read_text().splitlines()
+    assert header.startswith("time,step,kinetic_energy")
+    assert len(rows) > 5
+
+
+def test_copies_move_as_one_block_does() -> None:
+    settings = ("mesh.divisions=[4,2,2]", "fem.end_time=2e-4", "fem.frames=0")
+    one = run_box("one", box("cantilever", *settings))
+    three = run_box("three", box("cantilever", *settings, "assembly.copies=3"))
+    for copy in range(3):
+        # The lanes run through the same sums in the same order.
+        np.testing.assert_allclose(
+            three.displacements[copy], one.displacements[0], rtol=0, atol=1e-15
+        )
+
+
+def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypatch) -> None:  # noqa: F811
+    """Ctrl-C in the loop: status 130, a checkpoint, the remedy; then the same bits."""
+    import validation.fem_command as command
+
+    arguments = ["fem", "cantilever", "--set", "mesh.divisions=[8,2,2]", "--set", "fem.frames=0"]
+    arguments += ["--set", "fem.end_time=2e-3"]
+    assert tubelock(*arguments, "-o", "whole")[0] == 0
+
+    @contextmanager
+    def impatient():
+        def show(sample) -> None:
+            if sample.step > 300:
+                os.kill(os.getpid(), signal.SIGINT)
+
+        yield show
+
+    with monkeypatch.context() as patch:
+        patch.setattr(command, "progress_bar", impatient)
+        status, said, _ = tubelock(*arguments, "-o", "cut")
+    assert status == 130
+    assert "continue with --resume cut/checkpoint.npz" in said
+    assert [p.name for p in Path("cut").iterdir()] == ["checkpoint.npz"]
+    assert tubelock(*arguments, "-o", "cut", "--resume", "cut/checkpoint.npz")[0] == 0
+    for name in ("history.csv", "result.vtu"):
+        assert Path("whole", name).read_bytes() == Path("cut", name).read_bytes()
+    assert not Path("cut/checkpoint.npz").exists()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (["material.poisson_ratio=0.5"], "poisson_ratio"),
+        (["material.density=-1"], "material.density"),
+        (["material.young_modulus=0"], "young_modulus"),
+        (["mesh.divisions=[0,1,1]"], "mesh.divisions"),
+        (["block.size=[1,2,0]"], "block.size"),
+        (["fem.time_step=1"], "critical time step"),
+        (["fem.safety_factor=1.5"], "fem.safety_factor"),
+        (["effects.rayleigh.stiffness_proportional=1"], "step"),
+        (["effects.raleigh.mass_proportional=1"], "did you mean 'rayleigh'"),
+        (["support={}", "fem.method=static"], "rigid motion free"),
+        (['load={"x+"={}}'], "either pressure or traction"),
+        (['load={"top"={pressure=1}}'], "load"),
+        (["fem.element=tetrahedron"], "fem.element"),
+        (["effects.gravity=[0,0]"], "effects.gravity"),
+    ],
+)
+def test_bad_input_gives_one_line(tubelock, settings, message) -> None:  # noqa: F811
+    arguments = [a for s in settings for a in ("--set", s)]
+    status, out, err = tubelock("fem", "cantilever", *arguments)
+    assert status == 2
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert message in err
+    assert not list(Path().iterdir())
+
+
+def test_missing_end_time_and_wrong_checkpoint(tubelock) -> None:  # noqa: F811
+    text = load_text("cantilever").replace("end_time = 0.02", "# end_time")
+    Path("a.toml").write_text(text)
+    assert "fem.end_time is missing" in tubelock("fem", "a.toml")[2]
+    Path("b.npz").write_bytes(b"no checkpoint")
+    status, _, err = tubelock("fem", "cantilever", "--resume", "b.npz", "-o", "out")
+    assert status == 2
+    assert "b.npz" in err
+
+
+def load_text(name: str) -> str:
+    from validation.scene import builtin_text
+
+    return builtin_text(name)
+
+
+def test_rigid_command_refuses_a_single_box(tubelock) -> None:  # noqa: F811
+    status, _, err = tubelock("mbd", "cantilever")
+    assert status == 2
+    assert "without contacts" in err
