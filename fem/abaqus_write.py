@@ -6,7 +6,7 @@ properties" (exponential pressure-overclosure), "Distributed loads" (surface tra
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -98,19 +98,19 @@ def _has_pairs(deck: Deck) -> bool:
     return deck.joint is not None and deck.flavour is Flavour.PAIRS
 
 
-def check_deck(deck: Deck) -> None:
-    """Refuse what Abaqus cannot express.
+def check_deck(deck: Deck, elements: Mapping[ElementType, str] = ELEMENT_NAMES) -> None:
+    """Refuse what no deck can express, and elements that the program does not have.
 
     Raises
     ------
     DeckError
         By name.
     """
-    if deck.element not in ELEMENT_NAMES:
+    if deck.element not in elements:
         raise DeckError(
-            f"fem.element: got {deck.element.value!r}, which Abaqus does not have (its C3D8 "
-            f"averages the dilatation); expected one of "
-            f"{', '.join(repr(e.value) for e in ELEMENT_NAMES)}"
+            f"fem.element: got {deck.element.value!r}, which a deck of flavour {deck.flavour} has "
+            "no name for (C3D8 averages the dilatation in Abaqus, not in CalculiX); expected one "
+            f"of {', '.join(repr(e.value) for e in elements)}"
         )
     for hold in deck.holds:
         first, last = hold.components[0], hold.components[-1]

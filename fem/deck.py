@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -180,7 +181,7 @@ class Deck:
     notes: tuple[str, ...] = ()
     """Where the deck differs from the scene, one line each."""
 
-    @property
+    @cached_property
     def spacing(self) -> FloatArray:
         """Translation of each block from its conforming place, (n_blocks, 3) [mm]."""
         return clearance_offsets(self.assembly, self.initial_clearance)
