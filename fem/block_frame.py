@@ -29,9 +29,9 @@ class BlockFrame:
 
     quaternion: FloatArray
     """Rotation of each copy relative to its placement (w, x, y, z), (lanes, 4)."""
-    turn: FloatArray
+    turn: LaneArray
     """Q - 1, (3, 3, lanes)."""
-    mean: FloatArray
+    mean: LaneArray
     """Displacement of the mass centroid, (3, lanes) [mm]."""
     compliance: FloatArray
     """(tr S · 1 - S)⁻¹, (3, 3, lanes)."""
@@ -41,7 +41,7 @@ class BlockFrame:
     """Change of u' in the last step, kept where an effect needs it."""
     torque: LaneArray
     """Partial sums of u' × f, (n_chunks, 3, lanes)."""
-    moment: FloatArray
+    moment: LaneArray
     """Partial sums of the fit, (n_chunks, 12, lanes)."""
 
 
@@ -53,20 +53,25 @@ def block_frame(body: Body, *, keep_increment: bool) -> BlockFrame:
     quaternion[:, 0] = 1.0
     return BlockFrame(
         quaternion=quaternion,
-        turn=np.zeros((3, 3, lanes)),
-        mean=np.zeros((3, lanes)),
+        turn=aligned_zeros((3, 3, lanes), body.dtype),
+        mean=aligned_zeros((3, lanes), body.dtype),
         compliance=np.zeros((3, 3, lanes)),
         local=aligned_zeros(shape, body.dtype),
         increment=aligned_zeros(shape, body.dtype) if keep_increment else None,
         torque=aligned_zeros((n_chunks, 3, lanes), body.dtype),
-        moment=np.zeros((n_chunks, 12, lanes)),
+        moment=aligned_zeros((n_chunks, 12, lanes), body.dtype),
     )
 
 
 def fit(body: Body, frame: BlockFrame, displacement: LaneArray, kernels: KernelSet) -> None:
     """Turn the frames to the deformed shape and see the displacement from them."""
     kernels.displacement_moments(
-        body.rows.chunks, body.mass, body.reference, displacement, frame.moment
+        body.rows.chunks,
+        body.mass,
+        body.reference,
+        displacement.ravel(),
+        frame.moment.ravel(),
+        body.lanes,
     )
     fit_frames(
         frame.moment,
@@ -80,21 +85,28 @@ def fit(body: Body, frame: BlockFrame, displacement: LaneArray, kernels: KernelS
     )
     kernels.block_frame_displacement(
         body.rows.chunks,
-        frame.turn,
-        frame.mean,
+        frame.turn.ravel(),
+        frame.mean.ravel(),
         body.reference,
-        displacement,
-        frame.local,
-        frame.increment,
+        displacement.ravel(),
+        frame.local.ravel(),
+        None if frame.increment is None else frame.increment.ravel(),
+        body.lanes,
     )
 
 
 def turn_back(body: Body, frame: BlockFrame, force: LaneArray, kernels: KernelSet) -> None:
     """Make the forces of each block torque-free and turn them to the placement axes."""
     torque = frame.torque.sum(axis=0, dtype=np.float64)
-    spin = np.einsum("ijk,jk->ik", frame.compliance, torque)
+    spin = np.einsum("ijk,jk->ik", frame.compliance, torque).astype(body.dtype)
     kernels.placement_frame_force(
-        body.rows.chunks, frame.turn, spin, body.mass, body.reference, force
+        body.rows.chunks,
+        frame.turn.ravel(),
+        spin.ravel(),
+        body.mass,
+        body.reference,
+        force.ravel(),
+        body.lanes,
     )
 
 
@@ -105,7 +117,8 @@ def start_frames(frame: BlockFrame, displacement: LaneArray, body: Body) -> None
     every step starts from the frame before.
     """
     mass = body.mass.astype(np.float64)
-    moment = np.einsum("n,nik,nj->kij", mass, displacement.astype(np.float64), body.reference)
+    reference = body.reference.astype(np.float64)
+    moment = np.einsum("n,nik,nj->kij", mass, displacement.astype(np.float64), reference)
     left, _, right = np.linalg.svd(moment + body.second_moment)
     sign = np.ones((len(left), 3))
     sign[:, 2] = np.linalg.det(left @ right)

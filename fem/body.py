@@ -15,9 +15,18 @@ import numpy as np
 import numpy.typing as npt
 
 from fem.layout import BlockRows, LaneArray, block_rows, padded_lanes
-from fem.model import Amplitude, BlockGroup, Model, ModelError, NodalLoad, Support
+from fem.model import (
+    Amplitude,
+    BlockGroup,
+    Formulation,
+    Model,
+    ModelError,
+    NodalLoad,
+    Support,
+)
+from fem.rate_form import RateFormModel, rate_form_model
 from fem.viscosity import ElementViscosity, element_viscosity
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, HexMesh, IntArray
 
 
 @dataclass(frozen=True)
@@ -37,8 +46,18 @@ class BodyLoad:
 
 
 @dataclass(frozen=True)
+class HeldComponents:
+    """Displacement components, along the axes of the placement frame, that stay zero."""
+
+    index: IntArray
+    """Flat positions, (n,)."""
+    mass: FloatArray
+    """Of the nodes, (n,) [t]."""
+
+
+@dataclass(frozen=True)
 class BodySupport:
-    """All prescribed components of one group."""
+    """Prescribed components that move or lie across the axes of the placement frame."""
 
     base: IntArray
     """Flat position of the x component of each entry's node, (n,)."""
@@ -75,7 +94,7 @@ class Body:
     """Padded number of copies."""
     mass: LaneArray
     """Lumped mass of the rows, (n_rows,) [t]."""
-    reference: FloatArray
+    reference: LaneArray
     """Rows' reference positions relative to the mass centroid, (n_rows, 3) [mm]."""
     applied_row: npt.NDArray[np.int32] | None
     """Row of the applied force that acts on each row, -1 where none, (n_rows,); None: nothing
@@ -84,12 +103,16 @@ class Body:
     """Rows of the applied force."""
     loads: tuple[BodyLoad, ...]
     """Loads on this group."""
+    held: HeldComponents | None
+    """Components that stay zero."""
     support: BodySupport | None
-    """Supports of this group."""
+    """Other prescribed components."""
     acceleration: LaneArray | None
     """Gravity in the placement frames, (3, lanes) [mm/s²]."""
     viscosity: ElementViscosity | None
-    """Bulk viscosity data."""
+    """Bulk viscosity data of the shared stiffness."""
+    rate_form: RateFormModel | None
+    """Internal force element by element, instead of the shared stiffness."""
 
     @cached_property
     def total_mass(self) -> float:
@@ -99,8 +122,9 @@ class Body:
     @cached_property
     def second_moment(self) -> FloatArray:
         """Σ m X Xᵀ about the mass centroid, (3, 3) [t mm²]."""
-        weighted = self.mass.astype(np.float64)[:, None] * self.reference
-        moment: FloatArray = weighted.T @ self.reference
+        reference = self.reference.astype(np.float64)
+        weighted = self.mass.astype(np.float64)[:, None] * reference
+        moment: FloatArray = weighted.T @ reference
         return moment
 
     @property
@@ -162,22 +186,41 @@ def make_body(
     applied = _applied_rows(rows, touched)
     centroid = group.lumped_mass @ group.mesh.nodes / group.lumped_mass.sum()
     hourglass = group.hourglass_stiffness
+    held, support = _body_supports(group, rows, lanes, supports)
     viscosity = model.effects.bulk_viscosity
+    rate_form = _rate_form(model, group, rows)
     return Body(
         group=group,
         rows=rows,
         hourglass=None if hourglass is None else block_rows(hourglass, dtype),
         lanes=lanes,
         mass=group.lumped_mass[rows.order].astype(dtype),
-        reference=group.mesh.nodes[rows.order] - centroid,
+        reference=(group.mesh.nodes[rows.order] - centroid).astype(dtype),
         applied_row=applied if len(touched) else None,
         n_applied=len(touched),
         loads=tuple(_body_load(group, rows, applied, lanes, load) for load in loads),
-        support=_body_support(group, rows, lanes, supports),
+        held=held,
+        support=support,
         acceleration=_lane_gravity(group, model.effects.gravity, lanes, dtype),
         viscosity=None
-        if viscosity is None
+        if viscosity is None or rate_form is not None
         else element_viscosity(group, rows.row, viscosity, dtype),
+        rate_form=rate_form,
+    )
+
+
+def _rate_form(model: Model, group: BlockGroup, rows: BlockRows) -> RateFormModel | None:
+    """The rate form in the solver's node order, with the effects it has built in."""
+    if model.formulation is not Formulation.RATE_FORM:
+        return None
+    viscosity = model.effects.bulk_viscosity
+    mesh = HexMesh(group.mesh.nodes[rows.order], rows.row[group.mesh.elements])
+    return rate_form_model(
+        mesh,
+        group.material,
+        linear_bulk_viscosity=None if viscosity is None else viscosity.linear_bulk_viscosity,
+        quadratic_bulk_viscosity=None if viscosity is None else viscosity.quadratic_bulk_viscosity,
+        stiffness_damping=model.effects.stiffness_damping,
     )
 
 
@@ -221,11 +264,12 @@ def _lane_gravity(
     return local
 
 
-def _body_support(
+def _body_supports(
     group: BlockGroup, rows: BlockRows, lanes: int, supports: list[Support]
-) -> BodySupport | None:
+) -> tuple[HeldComponents | None, BodySupport | None]:
+    """Split the supports of a group in what is simply held and what must be computed."""
     if not supports:
-        return None
+        return None, None
     copies = np.concatenate([s.copies for s in supports])
     nodes = np.concatenate([s.nodes for s in supports])
     world = np.concatenate([s.directions for s in supports])
@@ -233,16 +277,23 @@ def _body_support(
     which = np.repeat(np.arange(len(supports)), [len(s.copies) for s in supports])
     _check_directions(group, copies, nodes, world)
     local = np.einsum("nij,ni->nj", group.rotations[copies], world)
-    local, keep = _axes_of_held_nodes(copies, nodes, local, value)
-    copies, nodes = copies[keep], nodes[keep]
-    return BodySupport(
-        base=rows.row[nodes] * (3 * lanes) + copies,
-        direction=np.ascontiguousarray(local[keep]),
-        displacement=value[keep],
-        amplitude_of=which[keep],
+    local, order = _axes_of_held_nodes(copies, nodes, local, value)
+    base = rows.row[nodes] * (3 * lanes) + copies
+    mass = group.lumped_mass[nodes]
+    axis = np.argmax(np.abs(local), axis=1)
+    along = (np.abs(local).sum(axis=1) == 1.0) & (np.abs(local).max(axis=1) == 1.0)
+    simple = along & (value == 0.0)
+    still, moving = order[simple[order]], order[~simple[order]]
+    held = HeldComponents(base[still] + lanes * axis[still], mass[still])
+    support = BodySupport(
+        base=base[moving],
+        direction=np.ascontiguousarray(local[moving]),
+        displacement=value[moving],
+        amplitude_of=which[moving],
         amplitudes=tuple(s.amplitude for s in supports),
-        mass=group.lumped_mass[nodes],
+        mass=mass[moving],
     )
+    return held if len(still) else None, support if len(moving) else None
 
 
 def _axes_of_held_nodes(

@@ -14,9 +14,9 @@ from typing import Protocol
 
 import numpy as np
 
-from fem import block_frame
+from fem import block_frame, rate_form
 from fem.body import Body, BodyLoad
-from fem.kernels import KernelSet, add_at, dot_at, dot_lanes, enforce
+from fem.kernels import KernelSet, add_at, dot_at, dot_lanes, enforce, hold
 from fem.layout import LaneArray
 from fem.model import Model
 from fem.state import BodyState, State
@@ -85,6 +85,9 @@ def step(system: System, state: State, *, sample: bool = False) -> None:
 
 def set_internal_force(system: System, body: Body, now: BodyState, *, sample: bool) -> None:
     """Stress divergence f = K u in the block frame, with the viscous terms that act on it."""
+    if body.rate_form is not None:
+        set_rate_form_force(system, body, now, sample=sample)
+        return
     frame, kernels = now.frame, system.kernels
     if frame is not None:
         block_frame.fit(body, frame, now.displacement, kernels)
@@ -100,6 +103,18 @@ def set_internal_force(system: System, body: Body, now: BodyState, *, sample: bo
         add_bulk_viscosity(system, body, now, displacement, torque)
     if frame is not None:
         block_frame.turn_back(body, frame, now.internal_force, kernels)
+
+
+def set_rate_form_force(system: System, body: Body, now: BodyState, *, sample: bool) -> None:
+    """Stresses of every element advanced to the present, and their nodal forces."""
+    assert body.rate_form is not None
+    assert now.rate_form is not None
+    position = body.reference[:, :, None] + now.displacement
+    now.internal_force[:] = rate_form.internal_force(
+        body.rate_form, now.rate_form, position, now.velocity, system.time_step
+    )
+    if sample:
+        now.strain_energy[:] = now.rate_form.work[0] + now.rate_form.work[1]
 
 
 def stiffness_force(
@@ -130,17 +145,19 @@ def add_stiffness_damping(system: System, body: Body, now: BodyState) -> None:
     assert damping is not None
     assert coefficient is not None
     moving = now.velocity if frame is None else frame.increment
+    assert moving is not None
     system.kernels.add_stiffness_damping(
         body.rows.chunks,
         body.dtype.type(coefficient / system.time_step),
-        now.local_displacement,
-        moving,
-        system.time_step if frame is None else 1.0,
-        damping.elastic,
-        damping.viscous,
-        now.internal_force,
-        None if frame is None else frame.torque,
-        damping.dissipated,
+        now.local_displacement.ravel(),
+        moving.ravel(),
+        damping.elastic.ravel(),
+        damping.viscous.ravel(),
+        now.internal_force.ravel(),
+        None if frame is None else frame.torque.ravel(),
+        damping.lost.ravel(),
+        damping.dissipated.ravel(),
+        body.lanes,
     )
 
 
@@ -151,28 +168,30 @@ def add_bulk_viscosity(
     data, viscous = body.viscosity, now.viscous
     assert data is not None
     assert viscous is not None
+    stress = viscous.stress.ravel()
     system.kernels.viscous_pressure(
         data.element_chunks,
-        data.element_rows,
-        data.gradient,
+        data.element_rows.ravel(),
+        data.gradient.ravel(),
         data.linear,
         data.quadratic,
-        body.dtype.type(system.time_step),
-        displacement,
-        viscous.strain,
-        viscous.stress,
-        viscous.scratch,
-        viscous.dissipated,
+        body.dtype.type(1.0 / system.time_step),
+        displacement.ravel(),
+        viscous.strain.ravel(),
+        stress,
+        viscous.dissipated.ravel(),
+        body.lanes,
     )
     system.kernels.add_viscous_force(
         body.rows.chunks,
         data.pointer,
         data.corner,
-        data.gradient,
-        viscous.stress,
-        displacement,
-        now.internal_force,
-        torque,
+        data.gradient.ravel(),
+        stress,
+        displacement.ravel(),
+        now.internal_force.ravel(),
+        None if torque is None else torque.ravel(),
+        body.lanes,
     )
 
 
@@ -237,26 +256,28 @@ def advance(
 
 def enforce_support(system: System, body: Body, now: BodyState, state: State) -> None:
     """Prescribed components of displacement and velocity, and the work of moving supports."""
+    loss = None if state.mass_damping is None else 0.5 * state.mass_damping * system.time_step
+    u, v = now.displacement.ravel(), now.velocity.ravel()
+    lost_before = lost_after = 0.0
+    if body.held is not None:
+        lost_after += hold(body.held.index, body.held.mass, loss, u, v)
     support = body.support
-    if support is None:
-        return
-    time, dt = system.time(state), system.time_step
-    last, current, following = (support.prescribed(time + k * dt) for k in (-1, 0, 1))
-    half = 0.0 if state.mass_damping is None else 0.5 * state.mass_damping * dt
-    before, after, lost_before, lost_after = enforce(
-        support.base,
-        body.lanes,
-        support.direction,
-        following,
-        (following - current) / dt,
-        (current - last) / dt,
-        support.mass,
-        half,
-        now.displacement.ravel(),
-        now.velocity.ravel(),
-    )
-    now.support_work.add(before, after)
-    now.support_loss.add(lost_before, lost_after)
-
-
-__all__ = ["Interaction", "System", "step"]
+    if support is not None:
+        time, dt = system.time(state), system.time_step
+        last, current, following = (support.prescribed(time + k * dt) for k in (-1, 0, 1))
+        before, after, more_before, more_after = enforce(
+            support.base,
+            body.lanes,
+            support.direction,
+            following,
+            (following - current) / dt,
+            (current - last) / dt,
+            support.mass,
+            0.0 if loss is None else loss,
+            u,
+            v,
+        )
+        now.support_work.add(before, after)
+        lost_before, lost_after = lost_before + more_before, lost_after + more_after
+    if loss is not None:
+        now.support_loss.add(lost_before, lost_after)

@@ -73,7 +73,7 @@ class CondensedBlock:
             Forces on the retained nodes (n_copies, 3 n_c) [N], and what `recover` needs,
             (3 n_nodes, n_copies).
         """
-        work = np.ascontiguousarray(forces.reshape(len(forces), -1).T)
+        work = np.array(forces.reshape(len(forces), -1).T, order="C")
         for part in self.parts:
             inner = scipy.linalg.solve_triangular(
                 part.factor, work[part.inside], lower=True, check_finite=False

@@ -4,7 +4,7 @@ Opposing facets are matched corner on corner. On each pair lie 2 × 2 Gauss poin
 
     d = x_s - x_m                    from the master point to the opposing one
     n = a / |a|, a = t_1 × t_2       t the mean of the two facets' tangents: neither is favoured
-    overclosure = -n · d             minus the gap
+    overclosure = -n · d - clearance minus the gap
 
 and the energy is the sum of w W(overclosure) with w the reference area of the point. Forces
 are its derivatives: on the nodes -w p ∂(overclosure)/∂u. Corners 0-3 of a pair are those of the
@@ -65,6 +65,8 @@ class ContactSurfaces:
     """Mean reference tangents dx/dr, dx/ds of the two facets, (n, 4 points, 2, 3) [mm]."""
     offsets: FloatArray
     """x_s - x_m in the reference position, spacing included, (n, 4 points, 3) [mm]."""
+    clearance: float = 0.0
+    """Added to every gap, as if the surfaces lay half of it inside their blocks [mm]."""
 
     @property
     def n_facets(self) -> int:
@@ -98,7 +100,8 @@ class ContactSurfaces:
     @property
     def initial_gaps(self) -> FloatArray:
         """Gap before any displacement, (n, 4 points) [mm]."""
-        gaps: FloatArray = np.einsum("fpi,fpi->fp", self.normals, self.offsets)
+        along = np.einsum("fpi,fpi->fp", self.normals, self.offsets)
+        gaps: FloatArray = along + self.clearance
         return gaps
 
     def subset(self, facets: IntArray) -> ContactSurfaces:
@@ -113,6 +116,7 @@ class ContactSurfaces:
             pair_start=_pair_start(m, s),
             tangents=self.tangents[facets],
             offsets=self.offsets[facets],
+            clearance=self.clearance,
         )
 
 
@@ -122,7 +126,9 @@ def _pair_start(block_m: IntArray, block_s: IntArray) -> IntArray:
     return np.unique(np.concatenate([change, ends])).astype(np.int64)
 
 
-def contact_surfaces(assembly: Assembly, spacing: FloatArray | None = None) -> ContactSurfaces:
+def contact_surfaces(
+    assembly: Assembly, spacing: FloatArray | None = None, *, clearance: float = 0.0
+) -> ContactSurfaces:
     """Gather the matched facets of an assembly that a deformation can load.
 
     Facets between two fixed blocks are kept: a frame may be deformable.
@@ -134,6 +140,8 @@ def contact_surfaces(assembly: Assembly, spacing: FloatArray | None = None) -> C
     spacing
         Translation of each block from its conforming place, (n_blocks, 3) [mm]
         (`geometry.spacing.clearance_offsets`); None: the blocks touch.
+    clearance
+        Added to every gap [mm].
 
     Raises
     ------
@@ -155,6 +163,7 @@ def contact_surfaces(assembly: Assembly, spacing: FloatArray | None = None) -> C
         pair_start=found.pair_start,
         tangents=np.einsum("pak,fai->fpki", FACET_SLOPES, 0.5 * (corners_m + corners_s)),
         offsets=offsets,
+        clearance=clearance,
     )
 
 
@@ -235,7 +244,8 @@ def point_kinematics(
     d = surfaces.offsets + np.einsum("pa,fai->fpi", _DIFFERENCE, corner_displacements)
     if normals is ContactNormals.REFERENCE:
         return PointKinematics(
-            -np.einsum("fpi,fpi->fp", surfaces.normals, d), reference_gradient(surfaces)
+            -np.einsum("fpi,fpi->fp", surfaces.normals, d) - surfaces.clearance,
+            reference_gradient(surfaces),
         )
     frame = _current_frame(surfaces, corner_displacements, d)
     by_normal = -np.einsum("pa,fpi->fpai", _DIFFERENCE, frame.normal)
@@ -244,7 +254,7 @@ def point_kinematics(
     by_second = np.cross(frame.tangents[:, :, 0], frame.slip)
     turning = np.einsum("pa,fpi->fpai", _MEAN_SLOPES[:, :, 0], by_first)
     turning += np.einsum("pa,fpi->fpai", _MEAN_SLOPES[:, :, 1], by_second)
-    return PointKinematics(-frame.gap, by_normal + turning)
+    return PointKinematics(-frame.gap - surfaces.clearance, by_normal + turning)
 
 
 @dataclass(frozen=True)

@@ -68,10 +68,14 @@ def gravity_forces(body: Body) -> FloatArray | float:
 def free_part(body: Body, force: FloatArray) -> FloatArray:
     """Forces without their components along supports, (n_rows, 3, lanes)."""
     support = body.support
-    if support is None:
+    if support is None and body.held is None:
         return force
     free = force.copy()
     flat = free.ravel()
+    if body.held is not None:
+        flat[body.held.index] = 0.0
+    if support is None:
+        return free
     for axis in range(3):
         # Orthonormal directions of one node may be removed together: each from the original.
         index = support.base + axis * body.lanes

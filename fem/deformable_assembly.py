@@ -36,6 +36,16 @@ class Frames(StrEnum):
     """They deform and are held at their outer faces."""
 
 
+class ClearanceKind(StrEnum):
+    """How an initial clearance comes about."""
+
+    UNIFORM = "uniform"
+    """Every gap is the clearance, along its normal: blocks made too small by half of it."""
+    SPACED = "spaced"
+    """Blocks keep their size and are moved apart (`geometry.spacing`): inclined faces open less
+    or more."""
+
+
 #: Outer face of a held block in the first and in the last layer, the first that exists.
 _OUTER_FACES = {"first": ("bottom", "z-"), "last": ("top", "z+")}
 
@@ -88,6 +98,7 @@ def deformable_assembly(
     law: ContactLaw | None = None,
     normals: ContactNormals = ContactNormals.CURRENT,
     initial_clearance: float = 0.0,
+    clearance_kind: ClearanceKind = ClearanceKind.UNIFORM,
     frames: Frames = Frames.RIGID,
 ) -> DeformableAssembly:
     """Make deformable blocks of an assembly under a load case.
@@ -107,7 +118,9 @@ def deformable_assembly(
     normals
         Which normals measure gaps.
     initial_clearance
-        Blocks are spaced by it before the load acts [mm].
+        Gap between the blocks before the load acts [mm]; negative: an interference fit.
+    clearance_kind
+        How it comes about.
     frames
         How held blocks are modelled.
 
@@ -129,8 +142,9 @@ def deformable_assembly(
             f"{assembly.name}: every block is held; expected at least one that can deform"
         )
     _check_held(assembly, load)
-    spacing = clearance_offsets(assembly, initial_clearance)
-    surfaces = contact_surfaces(assembly, spacing)
+    spaced = clearance_kind is ClearanceKind.SPACED
+    spacing = clearance_offsets(assembly, initial_clearance if spaced else 0.0)
+    surfaces = contact_surfaces(assembly, spacing, clearance=0.0 if spaced else initial_clearance)
     touching = deformable[surfaces.block_m] | deformable[surfaces.block_s]
     surfaces = surfaces.subset(np.flatnonzero(touching))
     check_initial_overlap(surfaces, law)

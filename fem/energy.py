@@ -85,14 +85,8 @@ def energies(system: System, state: State) -> Energies:
             for body, now in pairs
         ),
         mass_damping_dissipation=sum(_mass_damping(now) for now in state.bodies),
-        stiffness_damping_dissipation=sum(
-            float(now.stiffness_damping.dissipated.sum())
-            for now in state.bodies
-            if now.stiffness_damping is not None
-        ),
-        bulk_viscosity_dissipation=sum(
-            float(now.viscous.dissipated.sum()) for now in state.bodies if now.viscous is not None
-        ),
+        stiffness_damping_dissipation=sum(_stiffness_damping(system, now) for now in state.bodies),
+        bulk_viscosity_dissipation=sum(_bulk_viscosity(now) for now in state.bodies),
         frictional_dissipation=sum(i.dissipation() for i in system.interactions),
     )
 
@@ -102,6 +96,23 @@ def _mass_damping(now: BodyState) -> float:
     if work is None:
         return 0.0
     return float(work[:, 0].sum() - work[:, 1].sum()) + now.support_loss.now
+
+
+def _stiffness_damping(system: System, now: BodyState) -> float:
+    if now.rate_form is not None:
+        return float(now.rate_form.work[3].sum())
+    damping = now.stiffness_damping
+    if damping is None:
+        return 0.0
+    # Without block frames the kernel was given the velocity as the increment.
+    scale = system.time_step if now.frame is None else 1.0
+    return scale * float(damping.dissipated.sum())
+
+
+def _bulk_viscosity(now: BodyState) -> float:
+    if now.rate_form is not None:
+        return float(now.rate_form.work[2].sum())
+    return 0.0 if now.viscous is None else float(now.viscous.dissipated.sum())
 
 
 def gravity_work(system: System, body: Body, now: BodyState) -> float:
@@ -121,6 +132,8 @@ def hourglass_energy(system: System, body: Body, now: BodyState) -> float:
     it is stepped back.
     """
     rows = body.hourglass
+    if now.rate_form is not None:
+        return float(now.rate_form.work[1].sum())
     if rows is None:
         return 0.0
     local = now.local_displacement

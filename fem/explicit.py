@@ -186,15 +186,15 @@ def initial_state(
         else model.effects.mass_damping,
     )
     for body, now in zip(system.bodies, state.bodies, strict=True):
-        set_internal_force(system, body, now, sample=False)
-        forget_rates(now)
+        if body.rate_form is None:
+            set_internal_force(system, body, now, sample=False)
+            forget_rates(now)
         set_applied_force(body, now, 0.0)
     for interaction in system.interactions:
         interaction.add_force(system, state)
     for body, now in zip(system.bodies, state.bodies, strict=True):
         now.velocity -= 0.5 * system.time_step * acceleration(body, now, state.mass_damping)
-        if body.support is not None:
-            _stop_supported(body, now)
+        _stop_supported(body, now)
     return state
 
 
@@ -227,9 +227,13 @@ def acceleration(body: Body, now: BodyState, mass_damping: float | None) -> Floa
 
 def _stop_supported(body: Body, now: BodyState) -> None:
     """Remove the supported components of the first velocity: supports start from rest."""
-    support = body.support
-    assert support is not None
     flat = now.velocity.ravel()
+    if body.held is not None:
+        flat[body.held.index] = 0.0
+        now.displacement.ravel()[body.held.index] = 0.0
+    support = body.support
+    if support is None:
+        return
     index = support.base[:, None] + body.lanes * np.arange(3)
     for k in range(len(index)):
         n = support.direction[k]

@@ -4,7 +4,7 @@ numba vectorises a loop over copies only after proving that no two arrays overla
 not keep the three sums of a row in registers across the row's neighbours. Both cost a factor
 of two. So this module gives the kernels a vector type of fixed width (an LLVM vector, which
 LLVM maps to whatever the processor has: one or two AVX-512 registers, four AVX2 ones, …) and
-the four operations they need. Nothing here knows mechanics.
+the few operations they need. Nothing here knows mechanics.
 
 The compiled kernels are cached by the time stamp of *their* file: after editing this one,
 delete ``fem/__pycache__``.
@@ -112,6 +112,29 @@ def multiply_add(typing_context: Any, factor: Any, value: Any, total: Any) -> An
     return total(factor, value, total), code
 
 
+@intrinsic
+def scale(typing_context: Any, factor: Any, value: Any) -> Any:
+    """Return factor · value; the factor is a scalar or a vector."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        factor = args[0]
+        if not isinstance(signature.args[0], LanesType):
+            factor = _splat(builder, factor, args[1].type)
+        return builder.fmul(factor, args[1])
+
+    return value(factor, value), code
+
+
+@intrinsic
+def splat(typing_context: Any, scalar: Any, like: Any) -> Any:
+    """Return a vector of the type of ``like`` with the scalar in every lane."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return _splat(builder, args[0], args[1].type)
+
+    return like(scalar, like), code
+
+
 def _splat(builder: Any, scalar: Any, vector: Any) -> Any:
     undefined = ir.Constant(vector, ir.Undefined)
     first = builder.insert_element(undefined, scalar, ir.Constant(ir.IntType(32), 0))
@@ -140,6 +163,17 @@ def subtract(typing_context: Any, a: Any, b: Any) -> Any:
 
 
 @intrinsic
+def minimum(typing_context: Any, a: Any, b: Any) -> Any:
+    """Return the smaller of two vectors, lane by lane."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        smaller = builder.fcmp_ordered("<", args[0], args[1])
+        return builder.select(smaller, args[0], args[1])
+
+    return a(a, b), code
+
+
+@intrinsic
 def entry(typing_context: Any, value: Any, index: Any) -> Any:
     """Return one scalar of a vector."""
 
@@ -147,3 +181,73 @@ def entry(typing_context: Any, value: Any, index: Any) -> Any:
         return builder.extract_element(args[0], args[1])
 
     return value.scalar(value, types.intp), code
+
+
+@intrinsic
+def multiply(typing_context: Any, a: Any, b: Any) -> Any:
+    """Return a · b of two vectors, entry by entry."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.fmul(args[0], args[1])
+
+    return a(a, b), code
+
+
+@intrinsic
+def divide(typing_context: Any, a: Any, b: Any) -> Any:
+    """Return a / b of two vectors, entry by entry."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.fdiv(args[0], args[1])
+
+    return a(a, b), code
+
+
+@intrinsic
+def square_root(typing_context: Any, value: Any) -> Any:
+    """Return the square root of every entry."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        vector = args[0].type
+        bits = 64 if isinstance(vector.element, ir.DoubleType) else 32
+        function = cgutils.get_or_insert_function(
+            builder.module,
+            ir.FunctionType(vector, [vector]),
+            f"llvm.sqrt.v{vector.count}f{bits}",
+        )
+        return builder.call(function, [args[0]])
+
+    return value(value), code
+
+
+@intrinsic
+def any_below(typing_context: Any, value: Any, bound: Any) -> Any:
+    """Return whether at least one entry of a vector is less than a scalar."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        vector = args[0].type
+        below = builder.fcmp_ordered("<", args[0], _splat(builder, args[1], vector))
+        bits = builder.bitcast(below, ir.IntType(vector.count))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
+
+    return types.boolean(value, bound), code
+
+
+@intrinsic
+def filled(typing_context: Any, like: Any, scalar: Any) -> Any:
+    """Return a vector of the kind of ``like`` with the same scalar in every entry."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return _splat(builder, args[1], args[0].type)
+
+    return like(like, scalar), code
+
+
+@intrinsic
+def with_entry(typing_context: Any, value: Any, index: Any, scalar: Any) -> Any:
+    """Return the vector with one entry replaced."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.insert_element(args[0], args[2], args[1])
+
+    return value(value, types.intp, scalar), code

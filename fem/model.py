@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -28,6 +29,16 @@ if TYPE_CHECKING:
 
 Amplitude = Callable[[float], float]
 """Factor of a load or a displacement as a function of time [s]."""
+
+
+class Formulation(Enum):
+    """Where the internal force of the explicit solver comes from."""
+
+    SHARED_STIFFNESS = "shared stiffness"
+    """One sparse stiffness per block shape, in the frame of the block."""
+    RATE_FORM = "rate form"
+    """Every element by itself, as Abaqus/Explicit's C3D8R does (`fem.rate_form`): the slow
+    like-for-like; reduced elements, finite rotations of elements, double precision."""
 
 
 class ModelError(ValueError):
@@ -262,10 +273,14 @@ class Model:
     """Damping, viscosity, rotation, gravity."""
     interactions: tuple[InteractionModel, ...] = ()
     """Contact; empty when blocks do not meet."""
+    formulation: Formulation = Formulation.SHARED_STIFFNESS
+    """Internal force of the explicit solver."""
 
     def __post_init__(self) -> None:
         if not self.groups:
             raise ModelError("model: got no blocks; expected at least one group")
+        if self.formulation is Formulation.RATE_FORM:
+            _check_rate_form(self)
         for k, support in enumerate(self.supports):
             _check_entries(self, f"support {k}", support.group, support.copies, support.nodes)
             _check_support(k, support)
@@ -313,6 +328,19 @@ def _check_group(group: BlockGroup) -> None:
         raise ModelError(
             f"{group.name}: node {bad} has mass {group.lumped_mass[bad]} t; expected positive "
             "masses (every node must belong to an element)"
+        )
+
+
+def _check_rate_form(model: Model) -> None:
+    for group in model.groups:
+        if group.element is not ElementType.REDUCED:
+            raise ModelError(
+                f"{group.name}: got element {group.element.value!r}; "
+                "the rate form expects 'reduced'"
+            )
+    if any(load.follows_block for load in model.loads):
+        raise ModelError(
+            "rate form: it has no block frames; expected loads that do not follow them"
         )
 
 

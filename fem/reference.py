@@ -1,7 +1,7 @@
 """Plain NumPy twins of the compiled kernels: slow, short, and the ones to read first.
 
-Same names, same arguments, same results up to rounding; the tests compare them on random
-arrays, and the benchmark quotes them.
+The same mathematics in the same layout, results equal up to rounding; the tests compare them
+on random arrays.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import numpy as np
 from scipy.sparse import bsr_array
 
 from fem.layout import BlockRows, LaneArray
+from fem.viscosity import ElementViscosity
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -63,3 +64,72 @@ def add_at(target: FloatArray, index: IntArray, values: FloatArray, scale: float
     result = target.copy()
     np.add.at(result, index, scale * values)
     return result
+
+
+def viscous_pressure(
+    data: ElementViscosity,
+    *,
+    per_step: float,
+    displacement: LaneArray,
+    strain: LaneArray,
+    stress: LaneArray,
+) -> tuple[LaneArray, LaneArray, FloatArray]:
+    """Volumetric strain, V q of every element (formula in `fem.viscosity`), and the work done.
+
+    Returns
+    -------
+    tuple[LaneArray, LaneArray, FloatArray]
+        New strain and V q, (n_elements, lanes), and ½ (V q_old + V q) · Δstrain (lanes,).
+    """
+    fresh = np.einsum("eai,eaik->ek", data.gradient, displacement[data.element_rows])
+    rate = (fresh - strain) * per_step
+    q = data.linear[:, None] * rate - data.quadratic[:, None] * np.minimum(rate, 0.0) ** 2
+    return fresh, q, 0.5 * ((stress + q) * (fresh - strain)).sum(axis=0)
+
+
+def viscous_force(data: ElementViscosity, stress: LaneArray, n_rows: int) -> LaneArray:
+    """Nodal forces Σ V q ∇N of all elements, (n_rows, 3, lanes)."""
+    force = np.zeros((n_rows, 3, stress.shape[1]))
+    np.add.at(force, data.element_rows, np.einsum("eai,ek->eaik", data.gradient, stress))
+    return force
+
+
+def stiffness_damping(
+    ratio: float, force: LaneArray, elastic: LaneArray, viscous: LaneArray, increment: LaneArray
+) -> tuple[LaneArray, FloatArray]:
+    """β/Δt (K u - K u_old), and the work of the mean of old and new force (lanes,)."""
+    new: LaneArray = ratio * (force - elastic)
+    return new, 0.5 * ((viscous + new) * increment).sum(axis=(0, 1))
+
+
+def displacement_moments(
+    mass: FloatArray, reference: FloatArray, displacement: LaneArray
+) -> FloatArray:
+    """Σ m u_j (X_x, X_y, X_z, 1), (12, lanes)."""
+    extended = np.column_stack([reference, np.ones(len(mass))])
+    moments = np.einsum("n,njk,nx->jxk", mass, displacement, extended)
+    flat: FloatArray = moments.reshape(12, -1)
+    return flat
+
+
+def block_frame_displacement(
+    rotation: FloatArray, mean: FloatArray, reference: FloatArray, displacement: LaneArray
+) -> LaneArray:
+    """Qᵀ (X + u - ū) - X with Q (3, 3, lanes) and ū (3, lanes)."""
+    moved = reference[:, :, None] + displacement - mean
+    local: LaneArray = np.einsum("jik,njk->nik", rotation, moved) - reference[:, :, None]
+    return local
+
+
+def placement_frame_force(
+    rotation: FloatArray,
+    spin: FloatArray,
+    mass: FloatArray,
+    reference: FloatArray,
+    force: LaneArray,
+) -> LaneArray:
+    """Q (f - m ψ × X) with Q (3, 3, lanes) and ψ (3, lanes)."""
+    arm = (mass[:, None] * reference)[:, :, None]
+    free = force - np.cross(spin[None], arm, axis=1)
+    turned: LaneArray = np.einsum("ijk,njk->nik", rotation, free)
+    return turned

@@ -92,14 +92,14 @@ def _pardiso(matrix: csr_array) -> Solve:
             return solution
 
         def __del__(self) -> None:
-            solver.free_memory()
+            solver.free_memory(everything=True)
 
     solver._check_A(upper)
     solver.set_phase(12)
     try:
         solver._call_pardiso(upper, np.zeros((upper.shape[0], 1)))
     except Exception as error:
-        solver.free_memory()
+        solver.free_memory(everything=True)
         raise SparseSolverError(
             f"stiffness matrix: {error}; expected a positive definite matrix: is every block held?"
         ) from None

@@ -10,6 +10,8 @@ from fem.block_frame import BlockFrame, block_frame, start_frames
 from fem.body import Body
 from fem.effects import Effects
 from fem.layout import LaneArray, aligned_zeros, from_lanes, to_lanes
+from fem.rate_form import RateFormState
+from fem.rate_form import initial_state as initial_rate_form
 from geometry.mesh import FloatArray
 
 
@@ -48,8 +50,6 @@ class ViscousState:
     """(n_elements, lanes)"""
     stress: LaneArray
     """Volume times viscous stress, (n_elements, lanes) [N mm]."""
-    scratch: LaneArray
-    """(n_chunks, lanes)"""
     dissipated: FloatArray
     """(n_chunks, lanes) [N mm]"""
 
@@ -62,8 +62,10 @@ class StiffnessDampingState:
     """K u of the last step, (n_rows, 3, lanes) [N]."""
     viscous: LaneArray
     """Damping force of the last step, (n_rows, 3, lanes) [N]."""
+    lost: LaneArray
+    """Work array, (n_chunks, lanes)."""
     dissipated: FloatArray
-    """(n_chunks, lanes) [N mm]"""
+    """(n_chunks, lanes) [N mm] with block frames, else per unit of time step."""
 
 
 @dataclass
@@ -90,6 +92,8 @@ class BodyState:
     """With stiffness-proportional damping."""
     mass_damping_work: FloatArray | None
     """With mass-proportional damping: (n_chunks, 2, lanes), see `fem.kernels.update`."""
+    rate_form: RateFormState | None
+    """With the rate form: stresses of all elements."""
     remembered: FloatArray | None
     """With adaptive damping: displacement and restoring force, (2, n_rows, 3, lanes)."""
     external_work: Work = field(default_factory=Work)
@@ -136,7 +140,8 @@ def initial_body_state(
     """
     shape = (body.n_rows, 3, body.lanes)
     n_chunks = len(body.rows.chunks) - 1
-    damped = effects.stiffness_damping is not None
+    shared = body.rate_form is None
+    damped = effects.stiffness_damping is not None and shared
     mass_damped = effects.mass_damping is not None or effects.adaptive_mass_damping is not None
     state = BodyState(
         displacement=_placement_lanes(body, displacement, "displacement"),
@@ -147,10 +152,13 @@ def initial_body_state(
         else aligned_zeros((body.n_applied, 3, body.lanes), body.dtype),
         kinetic=np.zeros((n_chunks, body.lanes)),
         strain_energy=np.zeros(body.lanes),
-        frame=block_frame(body, keep_increment=damped) if effects.finite_rotation else None,
+        frame=block_frame(body, keep_increment=damped)
+        if effects.finite_rotation and shared
+        else None,
         viscous=_viscous_state(body),
         stiffness_damping=_stiffness_damping_state(body) if damped else None,
         mass_damping_work=np.zeros((n_chunks, 2, body.lanes)) if mass_damped else None,
+        rate_form=None if shared else _rate_form_state(body, displacement),
         remembered=None
         if effects.adaptive_mass_damping is None
         else np.zeros((2, body.n_rows, 3, body.lanes)),
@@ -173,6 +181,18 @@ def _placement_lanes(body: Body, world: FloatArray | None, name: str) -> LaneArr
     return to_lanes(local, body.rows.order, body.dtype)
 
 
+def _rate_form_state(body: Body, displacement: FloatArray | None) -> RateFormState:
+    assert body.rate_form is not None
+    if displacement is not None and displacement.any():
+        raise StateError(
+            f"initial displacement of {body.group.name}: the rate form integrates stresses from "
+            "the stress-free shape; expected zero displacements"
+        )
+    if body.dtype != np.float64:
+        raise StateError("rate form: got float32, expected fem.precision = float64")
+    return initial_rate_form(body.rate_form, body.lanes)
+
+
 def _viscous_state(body: Body) -> ViscousState | None:
     if body.viscosity is None:
         return None
@@ -181,7 +201,6 @@ def _viscous_state(body: Body) -> ViscousState | None:
     return ViscousState(
         strain=aligned_zeros(elements, body.dtype),
         stress=aligned_zeros(elements, body.dtype),
-        scratch=aligned_zeros((n_chunks, body.lanes), body.dtype),
         dissipated=np.zeros((n_chunks, body.lanes)),
     )
 
@@ -191,6 +210,7 @@ def _stiffness_damping_state(body: Body) -> StiffnessDampingState:
     return StiffnessDampingState(
         elastic=aligned_zeros(shape, body.dtype),
         viscous=aligned_zeros(shape, body.dtype),
+        lost=aligned_zeros((len(body.rows.chunks) - 1, body.lanes), body.dtype),
         dissipated=np.zeros((len(body.rows.chunks) - 1, body.lanes)),
     )
 

@@ -5,142 +5,508 @@ problem in which the law is replaced by its tangent there,
 
     K u + Σ w (p(x̂) + p'(x̂) (x(u) - x̂)) ∂x/∂u = f,
 
-and then moves x̂: where the linear pressure is positive, to the overclosure at which the law has
-that *same pressure* (Newton on the inverse of the law, which is nearly straight where the law is
-an exponential); elsewhere to the overclosure just found. Gap gradients follow the current
-normals from iteration to iteration.
+minimises the energy exactly along the way to that solution when the end overshoots, and moves
+x̂: after a full step to the overclosure at which the law has the *same pressure* as its tangent
+where that presses (Newton on the inverse of the law, which is nearly straight where the law is
+an exponential), else to the overclosure just found. Gap gradients follow the current normals
+from iteration to iteration. In the first iterations springs hold every block to where it was;
+they fade, and what is called equilibrium never contains them.
 
 The residual is that of the law itself: f - K u - Σ w p(x(u)) ∂x/∂u.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+import math
+import time
+from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
-from scipy.sparse import csr_array
 
-from fem.local_system import LocalSystem, constraint_transform
-from fem.sparse_solver import SparseSolver, factorize
+from fem.contact import (
+    PointKinematics,
+    corner_forces,
+    facet_pressures,
+    point_kinematics,
+)
+from fem.deformable_assembly import DeformableAssembly
+from fem.flexibility import CondensedStep
+from fem.linearisation import Linearisation, LinearStep, SparseStep, UnheldBlocksError
+from fem.local_system import LocalSystem, local_system
+from fem.sparse_solver import SparseSolver
+from fem.symmetry import Orbits, cyclic_orbits, largest_cyclic_orbits, no_symmetry
 from geometry.mesh import FloatArray
+
+#: First holding springs relative to the tangent contact stiffness on a block at the start.
+_FIRST_HOLDING = 0.25
+#: Holding springs shrink by this factor from iteration to iteration …
+_FADING = 0.1
+#: … and are left out below this share of the first ones.
+_LEAST_HOLDING = 1e-8
+#: Share of the first holding springs when blocks turn out to be unheld.
+_RESCUE_HOLDING = 1e-3
+#: Rescues after which the blocks are reported as unheld.
+_MAX_RESCUES = 30
+#: A step is cut when the energy slope at its end exceeds this share of the slope at its start.
+_OVERSHOOT = 0.1
+#: Contact forces count this much in the size against which the residual is measured.
+_CONTACT_SHARE = 1e-4
+#: Parts in which the load is applied when all at once does not converge.
+_FALLBACK_LOAD_STEPS = 4
 
 
 class StaticError(ValueError):
-    """A static problem without a solution that could be found: what is wrong."""
+    """A static problem that has no solution, or none that was found: what to do."""
 
 
-@dataclass(frozen=True)
-class Linearisation:
-    """The law's tangent at every point, about a displacement."""
+class StaticMethod(StrEnum):
+    """How the linear problems are solved."""
 
-    gradient: FloatArray
-    """∂x/∂u in block frames, (n_facets, 4, 8, 3)."""
-    constant: FloatArray
-    """x(u) = constant + gradient · u, (n_facets, 4) [mm]."""
-    at: FloatArray
-    """x̂, (n_facets, 4) [mm]."""
-    pressure: FloatArray
-    """p(x̂) [MPa]."""
-    stiffness: FloatArray
-    """p'(x̂) [MPa/mm]."""
-
-    def linear_pressure(self, system: LocalSystem, displacement: FloatArray) -> FloatArray:
-        """Pressure of the tangent at a displacement, (n_facets, 4) [MPa]."""
-        overclosure = self.constant + system.gather(self.gradient, displacement)
-        pressure: FloatArray = self.pressure + self.stiffness * (overclosure - self.at)
-        return pressure
-
-
-class LinearStep(Protocol):
-    """Solves the linear problem of one iteration."""
-
-    def __call__(self, linear: Linearisation) -> FloatArray:
-        """Displacements (n_nodes, 3) [mm]."""
-
-
-class SparseStep:
-    """Assembles everything into one sparse matrix: the plain method, the oracle of the others."""
-
-    def __init__(self, system: LocalSystem, solver: SparseSolver | None = None) -> None:
-        self._system = system
-        self._solver = solver
-        self._transform, self._free, self._value = constraint_transform(system)
-        self._stiffness = csr_array(self._transform.T @ system.stiffness @ self._transform)
-
-    def __call__(self, linear: Linearisation) -> FloatArray:
-        """Displacements (n_nodes, 3) [mm]."""
-        system = self._system
-        rows = gradient_matrix(system, linear.gradient) @ self._transform
-        weight = system.surfaces.weights.ravel()
-        stiff = (weight * linear.stiffness.ravel())[:, None]
-        contact = rows.T @ rows.multiply(stiff).tocsr()
-        matrix = csr_array(self._stiffness + contact)
-        constant = linear.pressure + linear.stiffness * (linear.constant - linear.at)
-        right = self._transform.T @ system.external_force.ravel()
-        right -= rows.T @ (weight * constant.ravel())
-        right -= matrix @ self._value
-        solution = self._value.copy()
-        kept = matrix[self._free][:, self._free]
-        solution[self._free] = factorize(csr_array(kept), self._solver)(right[self._free])
-        displacement: FloatArray = (self._transform @ solution).reshape(-1, 3)
-        return displacement
-
-
-def gradient_matrix(system: LocalSystem, gradient: FloatArray) -> csr_array:
-    """Gradients of all points as a sparse matrix, (4 n_facets, 3 n_nodes)."""
-    n = len(gradient)
-    columns = (3 * system.corner_nodes[:, :, None] + np.arange(3)).reshape(n, 24)
-    columns = np.where(columns < 3 * system.n_nodes, columns, 0)
-    indices = np.repeat(columns, 4, axis=0).ravel()
-    matrix = csr_array(
-        (gradient.flatten(), indices, 24 * np.arange(4 * n + 1)), shape=(4 * n, 3 * system.n_nodes)
-    )
-    matrix.sum_duplicates()
-    return matrix
+    CONDENSED = "condensed"
+    """In contact forces, with one dense flexibility per shape (`fem.flexibility`)."""
+    SPARSE = "sparse"
+    """One sparse matrix of everything, factored by a library: slower, the oracle."""
 
 
 @dataclass(frozen=True)
 class StaticOptions:
-    """How hard to try."""
+    """How a static problem is solved."""
 
+    method: StaticMethod = StaticMethod.CONDENSED
+    """How the linear problems are solved."""
+    sparse_solver: SparseSolver | None = None
+    """Library of the sparse method; None: the best that is installed."""
+    symmetry: int | None = None
+    """Order of the cyclic sector model; None: the largest exact one; 1: none."""
     tolerance: float = 1e-8
-    """Residual over load at which the iteration stops [-]."""
-    max_iterations: int = 60
-    """Linear problems solved at most."""
-    start_pressure: float = 0.01
-    """Pressure at which every point is linearised first [MPa]."""
+    """Norm of the residual over norm of the loads at which the iteration stops [-]."""
+    max_iterations: int = 120
+    """Linear problems solved at most for one load step."""
+    load_steps: int = 1
+    """Equal parts in which the load is applied."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.tolerance) and self.tolerance > 0.0):
+            raise StaticError(f"fem.tolerance: got {self.tolerance}, expected a positive number")
+        for name in ("max_iterations", "load_steps"):
+            if getattr(self, name) < 1:
+                raise StaticError(f"fem.{name}: got {getattr(self, name)}, expected at least 1")
 
 
-def newton(
-    system: LocalSystem, step: LinearStep, options: StaticOptions
-) -> tuple[FloatArray, PointKinematics, list[float]]:
-    """Iterate to the residual tolerance."""
-    contact = system.deformable.contact
-    law, weights = contact.law, system.surfaces.weights
+@dataclass(frozen=True)
+class StaticResult:
+    """A static state of the whole assembly, copies of a sector included."""
+
+    deformable: DeformableAssembly
+    """What was solved."""
+    displacements: tuple[FloatArray, ...]
+    """Of each group in world axes, each (n_copies, n_nodes, 3) [mm]."""
+    overclosures: FloatArray
+    """Of every contact point, (n_facets, 4) [mm]."""
+    pressures: FloatArray
+    """Of every contact point, (n_facets, 4) [MPa]."""
+    residual: float
+    """Norm of the unbalanced forces over norm of the loads [-]."""
+    converged: bool
+    """Whether the residual reached the tolerance."""
+    status: str
+    """What happened, and what to do if it did not converge."""
+    residuals: tuple[float, ...]
+    """Residual after each iteration [-]."""
+    strain_energy: float
+    """[N mm]"""
+    contact_energy: float
+    """[N mm]"""
+    external_work: float
+    """Of the full loads along the displacements, as dead loads [N mm]."""
+    symmetry: int
+    """Order of the sector model that was used."""
+    n_unknowns: int
+    """Displacement unknowns of the representative blocks."""
+    cpu_seconds: dict[str, float]
+    """CPU time: setup, newton, recovery, total [s]."""
+
+    @property
+    def newton_iterations(self) -> int:
+        """Linear problems solved."""
+        return len(self.residuals)
+
+    @property
+    def facet_pressures(self) -> FloatArray:
+        """Force over area of every facet, (n_facets,) [MPa]."""
+        return facet_pressures(self.deformable.surfaces, self.pressures)
+
+    @property
+    def max_displacement(self) -> float:
+        """Largest displacement of any node [mm]."""
+        return max(float(np.linalg.norm(u, axis=2).max()) for u in self.displacements)
+
+
+def solve_static(
+    deformable: DeformableAssembly,
+    options: StaticOptions | None = None,
+    *,
+    start: StaticResult | None = None,
+) -> StaticResult:
+    """Find the static state of an assembly under its loads.
+
+    Parameters
+    ----------
+    deformable
+        Blocks, loads, supports and contact.
+    options
+        Method, symmetry and tolerance.
+    start
+        A state of the same model to start from, for instance under another load.
+
+    Returns
+    -------
+    StaticResult
+        `StaticResult.converged` says whether it is an equilibrium.
+
+    Raises
+    ------
+    StaticError
+        Blocks that no contact holds in the solution: their place is not determined.
+    SymmetryError
+        A symmetry asked for that the model does not have.
+    SparseSolverError
+        A library that is not installed.
+    """
+    options = StaticOptions() if options is None else options
+    clock = time.process_time()
+    orbits = _orbits(deformable, options.symmetry)
+    system = local_system(deformable, orbits)
+    step = _linear_step(system, options)
+    ready = time.process_time()
+    state = _start_state(system, start)
+    state = _load_up(system, step, options, state, options.load_steps)
+    solved = time.process_time()
+    displacement = step.complete(state.displacement)
+    seconds = {"setup": ready - clock, "newton": solved - ready}
+    seconds["recovery"] = time.process_time() - solved
+    seconds["total"] = time.process_time() - clock
+    return _result(system, options, state, displacement, seconds)
+
+
+def _orbits(deformable: DeformableAssembly, symmetry: int | None) -> Orbits:
+    if symmetry is None:
+        return largest_cyclic_orbits(deformable)
+    return no_symmetry(deformable) if symmetry == 1 else cyclic_orbits(deformable, symmetry)
+
+
+def _linear_step(system: LocalSystem, options: StaticOptions) -> LinearStep:
+    if options.method is StaticMethod.SPARSE:
+        return SparseStep(system, options.sparse_solver)
+    return CondensedStep(system)
+
+
+# ---------------------------------------------------------------------------------------------
+# Iteration
+
+
+@dataclass(frozen=True)
+class _State:
+    """What one iteration leaves to the next."""
+
+    displacement: FloatArray
+    kinematics: PointKinematics
+    at: FloatArray
+    first_holding: float
+    holding: float
+    load_factor: float = 1.0
+    rescues: int = 0
+    residuals: tuple[float, ...] = ()
+    converged: bool = False
+
+
+def _start_state(system: LocalSystem, start: StaticResult | None) -> _State:
+    """Every point linearised at the mean pressure that the loads suggest, or at a given state."""
+    contact, surfaces = system.deformable.contact, system.surfaces
     displacement = np.zeros((system.n_nodes, 3))
-    found = system.kinematics(displacement, contact.normals)
-    at = np.full_like(found.overclosure, float(law.overclosure(options.start_pressure)))
-    scale = float(np.linalg.norm(system.external_force))
-    history = []
+    area = float(surfaces.areas.sum())
+    load = float(np.linalg.norm(system.external_force, axis=1).sum())
+    law = contact.law
+    least = max(float(law.pressure(0.0)), 1e-9 * law.constants.linear_stiffness)
+    pressure = max(load / area if area else 0.0, least)
+    at = np.full(surfaces.weights.shape, float(law.overclosure(pressure)))
+    stiffness = float(law.stiffness(law.overclosure(pressure)))
+    holding = _FIRST_HOLDING * stiffness * area / system.n_slots
+    if start is not None:
+        displacement = _localised(system, start)
+        at = system.kinematics(displacement, contact.normals).overclosure
+        holding *= _RESCUE_HOLDING
+    return _State(
+        displacement=displacement,
+        kinematics=system.kinematics(displacement, contact.normals),
+        at=at,
+        first_holding=holding,
+        holding=holding,
+    )
+
+
+def _localised(system: LocalSystem, start: StaticResult) -> FloatArray:
+    """Displacements of a result on the representatives, in block frames."""
+    deformable = system.deformable
+    expected = [(g.n_copies, g.n_nodes, 3) for g in deformable.model.groups]
+    if [u.shape for u in start.displacements] != expected:
+        raise StaticError(
+            f"start: got displacements of shapes {[u.shape for u in start.displacements]}; "
+            f"expected {expected}: start from a state of the same model"
+        )
+    parts = []
+    for block in system.blocks:
+        world = start.displacements[deformable.group_of[block]][deformable.copy_of[block]]
+        parts.append(world @ deformable.assembly.rotations[block])
+    return np.concatenate(parts)
+
+
+def _load_up(
+    system: LocalSystem, step: LinearStep, options: StaticOptions, state: _State, parts: int
+) -> _State:
+    """Apply the load in equal parts; in more parts when that does not converge."""
+    first = state
+    for part in range(1, parts + 1):
+        state = replace(state, load_factor=part / parts, converged=False)
+        state = _converge(system, step, options, state)
+    if not state.converged and parts < _FALLBACK_LOAD_STEPS:
+        again = replace(first, residuals=state.residuals)
+        return _load_up(system, step, options, again, _FALLBACK_LOAD_STEPS)
+    return state
+
+
+def _converge(
+    system: LocalSystem, step: LinearStep, options: StaticOptions, state: _State
+) -> _State:
     for _ in range(options.max_iterations):
-        linear = Linearisation(
-            gradient=found.gradient,
-            constant=found.overclosure - system.gather(found.gradient, displacement),
-            at=at,
-            pressure=law.pressure(at),
-            stiffness=law.stiffness(at),
-        )
-        displacement = step(linear)
-        pressure = linear.linear_pressure(system, displacement)
-        found = system.kinematics(displacement, contact.normals)
-        residual = system.free_part(
-            system.external_force
-            - system.internal_force(displacement)
-            + system.scatter(found.gradient, weights * law.pressure(found.overclosure))
-        )
-        history.append(float(np.linalg.norm(residual)) / scale)
-        if history[-1] < options.tolerance:
+        state = _iterate(system, step, options, state)
+        if state.converged:
             break
-        at = np.where(pressure > 0.0, law.overclosure(pressure), found.overclosure)
-    return displacement, found, history
+    return state
+
+
+def _iterate(
+    system: LocalSystem, step: LinearStep, options: StaticOptions, state: _State
+) -> _State:
+    """One linear problem, and what follows from it."""
+    contact = system.deformable.contact
+    linear = _linearise(system, state)
+    trial, state = _solve(step, linear, state)
+    share = _step_share(system, step, linear, state, trial)
+    displacement = state.displacement + share * (trial - state.displacement)
+    kinematics = system.kinematics(displacement, contact.normals)
+    residual = _residual(system, step, displacement, kinematics, state.load_factor)
+    pressure = linear.linear_pressure(system, displacement)
+    same_pressure = (pressure > 0.0) & (share == 1.0)
+    holding = _FADING * state.holding
+    return replace(
+        state,
+        displacement=displacement,
+        kinematics=kinematics,
+        at=np.where(same_pressure, contact.law.overclosure(pressure), kinematics.overclosure),
+        holding=holding if holding > _LEAST_HOLDING * state.first_holding else 0.0,
+        residuals=(*state.residuals, residual),
+        converged=residual <= options.tolerance,
+    )
+
+
+def _linearise(system: LocalSystem, state: _State) -> Linearisation:
+    law, found = system.deformable.contact.law, state.kinematics
+    return Linearisation(
+        gradient=found.gradient,
+        constant=found.overclosure - system.gather(found.gradient, state.displacement),
+        at=state.at,
+        pressure=law.pressure(state.at),
+        stiffness=law.stiffness(state.at),
+        load_factor=state.load_factor,
+    )
+
+
+def _solve(step: LinearStep, linear: Linearisation, state: _State) -> tuple[FloatArray, _State]:
+    """Solve the linear problem; hold the blocks more where nothing else does."""
+    while True:
+        try:
+            return step(linear, state.displacement, state.holding), state
+        except UnheldBlocksError as error:
+            if state.rescues >= _MAX_RESCUES:
+                raise StaticError(_unheld_text(error)) from None
+            stronger = max(10.0 * state.holding, _RESCUE_HOLDING * state.first_holding)
+            state = replace(state, holding=stronger, rescues=state.rescues + 1)
+
+
+def _unheld_text(error: UnheldBlocksError) -> str:
+    names = ", ".join(str(b) for b in error.blocks) if error.blocks else "some blocks"
+    return (
+        f"static: {error}: among blocks {names} some motion meets no resistance, so no static "
+        "state is determined; expected contact, load or support that holds every block (a "
+        "smaller initial clearance, a load on every block, or an explicit run)"
+    )
+
+
+def _step_share(
+    system: LocalSystem,
+    step: LinearStep,
+    linear: Linearisation,
+    state: _State,
+    trial: FloatArray,
+) -> float:
+    """Share of the way to the linear solution at which the energy is least.
+
+    One, unless the energy rises steeply at the end. Along the way the overclosures are linear,
+    so the energy is convex and the slope is found by bisection from contact points alone.
+    """
+    law, weights = system.deformable.contact.law, system.surfaces.weights
+    way = trial - state.displacement
+    force = step.internal_force(state.displacement) - linear.load_factor * step.external_force
+    start = float(np.vdot(force, way))
+    growth = float(np.vdot(step.internal_force(way), way))
+    before = linear.constant + system.gather(linear.gradient, state.displacement)
+    change = system.gather(linear.gradient, way)
+
+    def slope(share: float) -> float:
+        pressure = law.pressure(before + share * change)
+        return start + share * growth + float(np.vdot(weights * pressure, change))
+
+    first = slope(0.0)
+    if not first < 0.0 or slope(1.0) <= -_OVERSHOOT * first:
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        if slope(middle) < 0.0:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def _residual(
+    system: LocalSystem,
+    step: LinearStep,
+    displacement: FloatArray,
+    kinematics: PointKinematics,
+    load_factor: float,
+) -> float:
+    """Norm of the unbalanced nodal forces over that of the loads (or 1e-4 of the contacts)."""
+    law, weights = system.deformable.contact.law, system.surfaces.weights
+    forces = weights * law.pressure(kinematics.overclosure)
+    unbalanced = load_factor * step.external_force - step.internal_force(displacement)
+    unbalanced += system.scatter(kinematics.gradient, forces)
+    size = max(
+        float(np.linalg.norm(system.external_force)),
+        _CONTACT_SHARE * float(np.linalg.norm(forces)),
+    )
+    left = float(np.linalg.norm(system.free_part(unbalanced)))
+    return left / size if size > 0.0 else left
+
+
+# ---------------------------------------------------------------------------------------------
+# Result
+
+
+def _result(
+    system: LocalSystem,
+    options: StaticOptions,
+    state: _State,
+    displacement: FloatArray,
+    seconds: dict[str, float],
+) -> StaticResult:
+    deformable, orbits = system.deformable, system.orbits
+    law = deformable.contact.law
+    found = system.kinematics(displacement, deformable.contact.normals)
+    overclosure = found.overclosure.ravel()[orbits.point_of]
+    share = _copies(system)
+    strain = 0.5 * displacement * system.internal_force(displacement)
+    work = displacement * system.external_force
+    stored = deformable.surfaces.weights * law.stored_energy(overclosure)
+    return StaticResult(
+        deformable=deformable,
+        displacements=tuple(system.expand(displacement)),
+        overclosures=overclosure,
+        pressures=law.pressure(overclosure),
+        residual=state.residuals[-1],
+        converged=state.converged,
+        status=_status(state, options),
+        residuals=state.residuals,
+        strain_energy=float(share @ strain.sum(axis=1)),
+        contact_energy=float(stored.sum()),
+        external_work=float(share @ work.sum(axis=1)),
+        symmetry=orbits.order,
+        n_unknowns=displacement.size,
+        cpu_seconds=seconds,
+    )
+
+
+def _copies(system: LocalSystem) -> FloatArray:
+    """Blocks that each node's representative stands for, (n_nodes,)."""
+    slots = system.slot_of[system.deformable.deformable_blocks]
+    count = np.bincount(slots, minlength=system.n_slots)
+    copies: FloatArray = np.repeat(count, np.diff(system.node_start)).astype(np.float64)
+    return copies
+
+
+def _status(state: _State, options: StaticOptions) -> str:
+    count = len(state.residuals)
+    if state.converged:
+        return f"equilibrium after {count} iterations, residual {state.residuals[-1]:.1e}"
+    return (
+        f"no equilibrium after {count} iterations: residual {state.residuals[-1]:.1e}, expected "
+        f"{options.tolerance:.1e}; use more load steps, reference normals, a smaller initial "
+        "clearance or an explicit run"
+    )
+
+
+def pair_resultants(result: StaticResult) -> tuple[FloatArray, FloatArray]:
+    """Force and moment that each block pair transmits, on block s, about the world origin.
+
+    Returns
+    -------
+    tuple[FloatArray, FloatArray]
+        (n_pairs, 3) [N] and (n_pairs, 3) [N mm], pairs as in the surfaces' `pair_start`. The
+        moment takes forces at the reference positions of block s.
+    """
+    deformable = result.deformable
+    surfaces = deformable.surfaces
+    corners = contact_corner_forces(result)[:, 4:]
+    where = np.empty_like(corners)
+    for block in np.unique(surfaces.block_s):
+        mine = surfaces.block_s == block
+        nodes = deformable.assembly.nodes(int(block)) + deformable.spacing[block]
+        where[mine] = nodes[surfaces.quads_s[mine]]
+    first = surfaces.pair_start[:-1]
+    force = np.add.reduceat(corners.sum(axis=1), first, axis=0)
+    moment = np.add.reduceat(np.cross(where, corners).sum(axis=1), first, axis=0)
+    return force, moment
+
+
+def contact_corner_forces(result: StaticResult) -> FloatArray:
+    """Contact forces on the corners of every facet pair in world axes, (n_facets, 8, 3) [N]."""
+    deformable = result.deformable
+    surfaces = deformable.surfaces
+    displacement = corner_displacements(deformable, result.displacements)
+    kinematics = point_kinematics(surfaces, displacement, deformable.contact.normals)
+    return corner_forces(kinematics, surfaces.weights * result.pressures)
+
+
+def corner_displacements(
+    deformable: DeformableAssembly, displacements: tuple[FloatArray, ...]
+) -> FloatArray:
+    """World displacements of the corners of every facet pair, (n_facets, 8, 3) [mm].
+
+    Parameters
+    ----------
+    deformable
+        The model.
+    displacements
+        Of each group in world axes, each (n_copies, n_nodes, 3) [mm].
+    """
+    surfaces = deformable.surfaces
+    corners = np.zeros((surfaces.n_facets, 8, 3))
+    sides = ((surfaces.block_m, surfaces.quads_m), (surfaces.block_s, surfaces.quads_s))
+    for side, (blocks, quads) in enumerate(sides):
+        for group, values in enumerate(displacements):
+            mine = np.flatnonzero(deformable.group_of[blocks] == group)
+            copies = deformable.copy_of[blocks[mine]]
+            corners[mine, 4 * side : 4 * side + 4] = values[copies[:, None], quads[mine]]
+    return corners

@@ -35,14 +35,17 @@ class Orbits:
     """Block that stands for each block, (n_blocks,)."""
     facets: IntArray
     """Positions in the deformable assembly's surfaces of the facets to integrate, (n,)."""
-    facet_of: IntArray
-    """Position in `facets` that stands for each facet of the surfaces, (n_facets,)."""
+    point_of: IntArray
+    """Which point of those facets (4 · position + point) stands for each point of the surfaces,
+    (n_facets, 4)."""
 
 
 def no_symmetry(deformable: DeformableAssembly) -> Orbits:
     """Every block stands for itself."""
     n = deformable.surfaces.n_facets
-    return Orbits(1, np.arange(deformable.assembly.n_blocks), np.arange(n), np.arange(n))
+    return Orbits(
+        1, np.arange(deformable.assembly.n_blocks), np.arange(n), np.arange(4 * n).reshape(n, 4)
+    )
 
 
 def cyclic_orbits(deformable: DeformableAssembly, order: int) -> Orbits:
@@ -59,11 +62,11 @@ def cyclic_orbits(deformable: DeformableAssembly, order: int) -> Orbits:
         return no_symmetry(deformable)
     image = _images(deformable, order)
     _check_loads(deformable, image, order)
-    representative: IntArray = np.arange(len(image))
+    representative = np.arange(len(image), dtype=np.int64)
     for _ in range(order):
-        representative = np.asarray(np.minimum(representative, representative[image]))
-    facets, facet_of = _facet_orbits(deformable, representative)
-    return Orbits(order, representative, facets, facet_of)
+        np.minimum(representative, representative[image], out=representative)
+    facets, point_of = _facet_orbits(deformable, representative)
+    return Orbits(order, representative, facets, point_of)
 
 
 def largest_cyclic_orbits(deformable: DeformableAssembly) -> Orbits:
@@ -104,8 +107,7 @@ def _images(deformable: DeformableAssembly, order: int) -> IntArray:
             f"symmetry: a turn by 1/{order} does not map block {int(np.flatnonzero(bad)[0])} onto "
             "a congruent block; expected an order that divides the number of blocks in a layer"
         )
-    result: IntArray = image.astype(np.int64)
-    return result
+    return np.asarray(image, dtype=np.int64)
 
 
 def _check_loads(deformable: DeformableAssembly, image: IntArray, order: int) -> None:
@@ -160,7 +162,7 @@ def _held_components(deformable: DeformableAssembly) -> list[FloatArray]:
 def _facet_orbits(
     deformable: DeformableAssembly, representative: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """One facet of each orbit, and for every facet which one stands for it.
+    """One facet of each orbit, and for every point which one stands for it.
 
     A facet of a block meets exactly one other facet, so the two (representative, facet number)
     of a contact, unordered, name its orbit.
@@ -172,6 +174,15 @@ def _facet_orbits(
     end_s = representative[surfaces.block_s] * width + found.facet_s[surfaces.facet]
     key = np.column_stack([np.minimum(end_m, end_s), np.maximum(end_m, end_s)])
     _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    facets = np.sort(first)
-    position = np.searchsorted(facets, first)
-    return facets.astype(np.int64), position[which.ravel()].astype(np.int64)
+    facets = np.sort(first).astype(np.int64)
+    position = np.searchsorted(facets, first)[which.ravel()]
+    # Points go with corners. Where master and opposing block have changed places, the image's
+    # corners are those of the representative's opposing facet, in another order.
+    same = end_m == end_m[facets[position]]
+    stands = facets[position]
+    corners = np.where(same[:, None], surfaces.quads_m[stands], surfaces.quads_s[stands])
+    match = surfaces.quads_m[:, :, None] == corners[:, None, :]
+    if not (match.sum(axis=2) == 1).all():
+        raise SymmetryError("symmetry: facets of one orbit have different corners")
+    point_of: IntArray = 4 * position[:, None] + match.argmax(axis=2)
+    return facets, point_of

@@ -53,6 +53,9 @@ class LoadCase:
     """Blocks held while the load acts, (n_blocks,)."""
     without_couple: bool = False
     """Whether each block takes only the resultant force, at its mass centroid."""
+    body_wrenches: FloatArray | None = None
+    """Force and moment about each block's mass centroid on top of the facets: weight, pushes at
+    points; (n_blocks, 6) [N, N mm]."""
 
     @property
     def facet_forces(self) -> FloatArray:

@@ -1,10 +1,18 @@
-"""Tubes of Sine Blocks: L free layers between two flat-trimmed, fixed frame layers."""
+"""Tubes: L free layers of blocks between two flat-trimmed, fixed frame layers."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from geometry.assembly import Assembly, AssemblyError
+from geometry.block import Block
+from geometry.hexagon_block import (
+    HexagonBlockDivisions,
+    HexagonBlockParameters,
+    bottom_hexagon_frame,
+    hexagon_block,
+    top_hexagon_frame,
+)
 from geometry.mesh import FloatArray
 from geometry.sine_block import (
     SineBlockDivisions,
@@ -43,24 +51,67 @@ def sine_tube(block: SineBlockParameters, divisions: SineBlockDivisions, layers:
     AssemblyError, BlockParameterError
         When no such tube exists.
     """
-    if layers < 1:
-        raise AssemblyError(f"assembly.layers: got {layers}, expected at least 1 free layer")
+    n = block.blocks_per_layer
+    _check_layers(layers)
     shapes = (
         sine_block(block, divisions),
         bottom_frame_block(block, divisions),
         top_frame_block(block, divisions),
     )
+    elevation = np.concatenate([[0.0], block.height * np.arange(layers + 1)])
+    return _tube("sine-tube", shapes, n, block.layer_turn, elevation)
+
+
+def hexagon_tube(
+    block: HexagonBlockParameters, divisions: HexagonBlockDivisions, layers: int
+) -> Assembly:
+    """Assemble n hexagon-based blocks in each of L free layers and two frame layers cut in half.
+
+    Layer k is centred at z = 1.5 r_c k; odd layers are turned towards larger θ by half a block.
+    The frame layers are cut flat at their middles. Blocks are numbered as in `sine_tube`.
+
+    Parameters
+    ----------
+    block, divisions
+        Shape [mm] and element counts of the free block.
+    layers
+        L, at least 1.
+
+    Raises
+    ------
+    AssemblyError, BlockParameterError
+        When no such tube exists.
+    """
+    _check_layers(layers)
+    shapes = (
+        hexagon_block(block, divisions),
+        bottom_hexagon_frame(block, divisions),
+        top_hexagon_frame(block, divisions),
+    )
+    elevation = block.layer_pitch * np.arange(layers + 2, dtype=np.float64)
     n = block.blocks_per_layer
-    layer = np.repeat(np.arange(layers + 2), n)
-    angle = np.tile(np.arange(n) * block.block_angle, layers + 2)
-    angle = angle + np.where(layer % 2 == 1, block.layer_turn, 0.0)
-    elevation = np.where(layer == 0, 0.0, (layer - 1) * block.height)
+    return _tube("hexagon-tube", shapes, n, block.block_angle / 2, elevation)
+
+
+def _check_layers(layers: int) -> None:
+    if layers < 1:
+        raise AssemblyError(f"assembly.layers: got {layers}, expected at least 1 free layer")
+
+
+def _tube(
+    name: str, shapes: tuple[Block, Block, Block], n: int, turn: float, elevation: FloatArray
+) -> Assembly:
+    """Place n blocks in each layer: shapes are (free, bottom frame, top frame)."""
+    last = len(elevation) - 1
+    layer = np.repeat(np.arange(last + 1), n)
+    angle = np.tile(np.arange(n) * (2 * np.pi / n), last + 1)
+    angle = angle + np.where(layer % 2 == 1, turn, 0.0)
     return Assembly(
-        name="sine-tube",
+        name=name,
         shapes=shapes,
-        shape_of=np.where(layer == 0, 1, np.where(layer == layers + 1, 2, 0)),
+        shape_of=np.where(layer == 0, 1, np.where(layer == last, 2, 0)),
         rotations=axial_rotations(angle),
-        translations=np.column_stack([np.zeros((len(layer), 2)), elevation]),
+        translations=np.column_stack([np.zeros((len(layer), 2)), elevation[layer]]),
         layer=layer,
-        fixed=(layer == 0) | (layer == layers + 1),
+        fixed=(layer == 0) | (layer == last),
     )

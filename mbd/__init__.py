@@ -1,5 +1,6 @@
 """Rigid blocks: contact Jacobian, equilibrium by LP and QP, mechanism classes, measures."""
 
+from geometry.measures import BlockMeasures, Measures, block_measures, measures
 from mbd.analysis import RigidResult, analyse
 from mbd.contact_jacobian import (
     Contacts,
@@ -18,7 +19,6 @@ from mbd.equilibrium import (
     newton_equilibrium,
 )
 from mbd.generalized_force import block_wrenches, generalized_force
-from mbd.measures import BlockMeasures, Measures, block_measures, measures
 from mbd.mechanism import (
     Classification,
     LinearPrograms,

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from geometry.assembly import Assembly
+from geometry.contact_assembly import ContactAssembly
 from geometry.load_case import LoadCase
+from geometry.measures import BlockMeasures, Measures, block_measures, measures
 from geometry.mesh import FloatArray, IntArray
 from mbd.contact_jacobian import contact_jacobian
 from mbd.equilibrium import Equilibrium, Norm, Solver, column_weights, equilibrium
 from mbd.generalized_force import generalized_force
-from mbd.measures import BlockMeasures, Measures, block_measures, measures
 from mbd.mechanism import Classification, MechanismClass, classify
 
 
@@ -54,7 +54,7 @@ class RigidResult:
 
 
 def analyse(
-    assembly: Assembly,
+    assembly: ContactAssembly,
     load: LoadCase,
     *,
     norm: Norm = Norm.FORCE,

@@ -20,7 +20,8 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from geometry.assembly import Assembly, BoolArray
+from geometry.assembly import BoolArray
+from geometry.contact_assembly import ContactAssembly
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -263,7 +264,7 @@ def _transfer(points: FloatArray, centroids: FloatArray, length: float) -> Float
     return out
 
 
-def contact_jacobian(assembly: Assembly, fixed: BoolArray | None = None) -> Contacts:
+def contact_jacobian(assembly: ContactAssembly, fixed: BoolArray | None = None) -> Contacts:
     """Assemble G for the contacts of an assembly (eq. gap-variation).
 
     Parameters

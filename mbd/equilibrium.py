@@ -5,7 +5,7 @@ min ½ ‖λ‖² s.t. G λ + f = 0, λ >= 0. The dual is unconstrained and smoo
     min_y ½ ‖max(0, Gᵀy)‖² + fᵀy,  λ = max(0, Gᵀy),
 
 with six unknowns per block however fine the mesh is. It is minimised by a semismooth Newton
-method with an Armijo line search, inside proximal steps (ε/2)‖y - y_k‖² whose ε shrinks: each
+method with an exact line search, inside proximal steps (ε/2)‖y - y_k‖² whose ε shrinks: each
 subproblem has a positive definite Hessian, so rank-deficient G and infeasible loads need no
 special case. Where the load is infeasible, y runs off to infinity along a ray; its direction
 negated is d with Gᵀd >= 0 and fᵀd > 0, the load-activated mechanism.
@@ -142,18 +142,43 @@ class _Dual:
     centre: FloatArray
     epsilon: float
 
-    def value(self, y: FloatArray, gap: FloatArray) -> float:
-        positive = np.maximum(gap, 0.0)
-        step = y - self.centre
-        quadratic = 0.5 * float(positive @ positive) + 0.5 * self.epsilon * float(step @ step)
-        return quadratic + float(self.load @ y)
-
     def gap(self, y: FloatArray) -> FloatArray:
         return self.column * self.jacobian.gap_rates(y)
 
     def imbalance(self, gap: FloatArray) -> FloatArray:
         """G λ + f for λ = c max(0, gap)."""
         return self.jacobian.resultant(self.column * np.maximum(gap, 0.0)) + self.load
+
+    def step_length(
+        self, y: FloatArray, gap: FloatArray, direction: FloatArray, gap_direction: FloatArray
+    ) -> float:
+        """Step that minimises the objective along ``direction``; 1 if a full step nearly does.
+
+        The slope is a growing, piecewise linear function of the step: a bracketed Newton iteration
+        finds its root in a few products.
+        """
+        curvature = self.epsilon * float(direction @ direction)
+        straight = float((self.load + self.epsilon * (y - self.centre)) @ direction)
+
+        def slope(step: float) -> tuple[float, float]:
+            pressing = np.maximum(gap + step * gap_direction, 0.0)
+            moving = gap_direction[pressing > 0.0]
+            value = float(pressing @ gap_direction) + straight + step * curvature
+            return value, float(moving @ moving) + curvature
+
+        first, _ = slope(0.0)
+        value, rate = slope(1.0)
+        low, high, step = 0.0, np.inf, 1.0
+        for _ in range(40):
+            # The second term accepts slopes that drown in round-off near the minimum.
+            if abs(value) <= 0.1 * abs(first) + 16 * _EPS * abs(straight):
+                break
+            low, high = (step, high) if value < 0.0 else (low, step)
+            step -= value / rate
+            if not low < step < high:
+                step = 0.5 * (low + high)
+            value, rate = slope(step)
+        return step
 
 
 def _noise(dual: _Dual, y: FloatArray) -> FloatArray:
@@ -169,7 +194,6 @@ def _newton(dual: _Dual, y: FloatArray, tolerance: float, most: int) -> tuple[Fl
     unchanged has reached the minimum, up to the round-off of one linear solve.
     """
     gap = dual.gap(y)
-    value = dual.value(y, gap)
     for iteration in range(most):
         gradient = dual.imbalance(gap) + dual.epsilon * (y - dual.centre)
         if np.linalg.norm(gradient) <= tolerance:
@@ -177,19 +201,10 @@ def _newton(dual: _Dual, y: FloatArray, tolerance: float, most: int) -> tuple[Fl
         pressing = gap > 0.0
         solve = dual.jacobian.normal_solver(np.where(pressing, dual.column**2, 0.0), dual.epsilon)
         direction = -solve(gradient)
-        slope = float(gradient @ direction)
         gap_direction = dual.gap(direction)
-        length = 1.0
-        while length > 1e-8:
-            trial_gap = gap + length * gap_direction
-            trial = dual.value(y + length * direction, trial_gap)
-            # The last term accepts steps whose decrease drowns in round-off near the minimum.
-            if trial <= value + 1e-4 * length * slope + 1e-15 * abs(value):
-                break
-            length *= 0.5
+        length = dual.step_length(y, gap, direction, gap_direction)
         y = y + length * direction
         gap = dual.gap(y)
-        value = dual.value(y, gap)
         changed = (pressing != (gap > 0.0)) & (np.abs(gap) > _noise(dual, y))
         if length == 1.0 and not changed.any():
             return y, iteration + 1
@@ -296,6 +311,9 @@ def newton_equilibrium(
                 break
         dual.centre = y
         dual.epsilon = max(0.01 * dual.epsilon, 1e-15 * scale)
+        # Where the load is infeasible, the next solution lies this way, 1/ε times the rest away.
+        rest = -dual.imbalance(gap) / dual.epsilon
+        y = y + dual.step_length(y, gap, rest, dual.gap(rest)) * rest
     holds = direction is None and best <= EQUILIBRIUM_TOLERANCE
     if direction is not None:
         status = _infeasible_status()

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.assembly import Assembly
+from geometry.contact_assembly import ContactAssembly
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 
 
-def block_wrenches(assembly: Assembly, load: LoadCase) -> FloatArray:
+def block_wrenches(assembly: ContactAssembly, load: LoadCase) -> FloatArray:
     """Force and moment of a load about each block's mass centroid.
 
     Facet forces act at facet centroids, as in Algorithm 1 of the paper. For a load without
@@ -26,11 +26,13 @@ def block_wrenches(assembly: Assembly, load: LoadCase) -> FloatArray:
     if not load.without_couple:
         arm = load.centroids - assembly.centroids[load.block]
         np.add.at(wrench[:, 3:], load.block, np.cross(arm, force))
+    if load.body_wrenches is not None:
+        wrench += load.body_wrenches
     return wrench
 
 
 def generalized_force(
-    assembly: Assembly, load: LoadCase, free_blocks: IntArray, length: float
+    assembly: ContactAssembly, load: LoadCase, free_blocks: IntArray, length: float
 ) -> FloatArray:
     """Stack (F, M/ℓ) of the free blocks, the order and scale of the contact Jacobian's rows.
 

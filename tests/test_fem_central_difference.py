@@ -390,7 +390,7 @@ def test_effects_that_are_off_leave_the_bits_of_the_bare_loop():
     np.testing.assert_array_equal(state.bodies[0].velocity, v)
 
 
-@pytest.mark.parametrize("name", ["none", "all"])
+@pytest.mark.parametrize("name", ["none", pytest.param("all", marks=pytest.mark.slow)])
 def test_threads_copies_and_samples_do_not_change_a_bit(name):
     effects = EFFECTS[name]
     if name == "all":

@@ -1,9 +1,14 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fem import kernels, reference
+from fem.effects import BulkViscosity
 from fem.hexahedron import ElementType, block_stiffness
 from fem.layout import BlockRows, aligned_zeros, block_rows, from_lanes, padded_lanes, to_lanes
+from fem.material import Material
+from fem.model import block_group
+from fem.viscosity import element_viscosity
 from tests.fem_problems import CONCRETE, distorted_box
 
 EPS = {np.float64: 2.0**-53, np.float32: 2.0**-24}
@@ -166,3 +171,123 @@ def test_scatter_adds_repeated_indices():
     kernels.add_at(result, index, values, 0.5)
     # The same additions in the same order.
     np.testing.assert_array_equal(result, reference.add_at(target, index, values, 0.5))
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("n_copies", [1, 2, 3, 20])
+def test_effects_are_their_plain_statements(dtype, n_copies):
+    # Sums of at most a few hundred products of numbers below 10, each rounded once or twice.
+    tolerance = 300 * 100 * EPS[dtype]
+    group = block_group(distorted_box((4, 3, 2)), Material(1.0, 1.0, 0.3))
+    rows = block_rows(group.stiffness, dtype)
+    data = element_viscosity(group, rows.row, BulkViscosity(0.5, 0.7), dtype)
+    chunks, n = rows.chunks, len(rows.chunks) - 1
+    u, f, old, lag, step = (random_lanes(rows, n_copies, dtype, seed) for seed in range(5))
+    lanes, rng = u.shape[2], np.random.default_rng(9)
+
+    strain, stress = (
+        rng.standard_normal((group.mesh.n_elements, lanes)).astype(dtype) for _ in range(2)
+    )
+    expected = reference.viscous_pressure(
+        data, per_step=2.0, displacement=u, strain=strain, stress=stress
+    )
+    lost = np.zeros((len(data.element_chunks) - 1, lanes))
+    kernels.viscous_pressure(
+        data.element_chunks,
+        data.element_rows.ravel(),
+        data.gradient.ravel(),
+        data.linear,
+        data.quadratic,
+        dtype(2.0),
+        u.ravel(),
+        strain.ravel(),
+        stress.ravel(),
+        lost.ravel(),
+        lanes,
+    )
+    for found, value in zip((strain, stress, lost.sum(axis=0)), expected, strict=True):
+        np.testing.assert_allclose(found, value, rtol=0, atol=tolerance)
+
+    force, torque = f.copy(), aligned_zeros((n, 3, lanes), dtype)
+    added = reference.viscous_force(data, stress, rows.n_nodes)
+    kernels.add_viscous_force(
+        chunks,
+        data.pointer,
+        data.corner,
+        data.gradient.ravel(),
+        stress.ravel(),
+        u.ravel(),
+        force.ravel(),
+        torque.ravel(),
+        lanes,
+    )
+    np.testing.assert_allclose(force, f + added, rtol=0, atol=tolerance)
+    moment = reference.torque(u, added)
+    np.testing.assert_allclose(torque.sum(axis=0), moment, rtol=0, atol=10 * tolerance)
+
+    new, work = reference.stiffness_damping(0.3, f, old, lag, step)
+    force, elastic, viscous = f.copy(), old.copy(), lag.copy()
+    torque[:] = 0.0
+    lost = np.zeros((n, lanes))
+    kernels.add_stiffness_damping(
+        chunks,
+        dtype(0.3),
+        u.ravel(),
+        step.ravel(),
+        elastic.ravel(),
+        viscous.ravel(),
+        force.ravel(),
+        torque.ravel(),
+        np.empty((n, lanes), dtype).ravel(),
+        lost.ravel(),
+        lanes,
+    )
+    np.testing.assert_array_equal(elastic, f)
+    np.testing.assert_allclose(viscous, new, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(force, f + new, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(lost.sum(axis=0), work, rtol=0, atol=tolerance)
+    moment = reference.torque(u, new)
+    np.testing.assert_allclose(torque.sum(axis=0), moment, rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("n_copies", [1, 2, 3, 20])
+def test_block_frames_are_their_plain_statements(dtype, n_copies):
+    tolerance = 300 * 100 * EPS[dtype]
+    mesh = distorted_box((4, 3, 2))
+    group = block_group(mesh, CONCRETE)
+    rows = block_rows(group.stiffness, dtype)
+    u, f, before = (random_lanes(rows, n_copies, dtype, seed) for seed in range(3))
+    lanes, rng = u.shape[2], np.random.default_rng(9)
+    mass = rng.uniform(0.5, 1.5, rows.n_nodes).astype(dtype)
+    x = mesh.nodes[rows.order].astype(dtype)
+    rotation = Rotation.random(lanes, rng=rng).as_matrix().transpose(1, 2, 0)
+    turn = np.ascontiguousarray(rotation - np.eye(3)[:, :, None]).astype(dtype)
+    mean, spin = (rng.standard_normal((3, lanes)).astype(dtype) for _ in range(2))
+
+    moment = aligned_zeros((len(rows.chunks) - 1, 12, lanes), dtype)
+    kernels.displacement_moments(rows.chunks, mass, x, u.ravel(), moment.ravel(), lanes)
+    expected = reference.displacement_moments(mass, x, u)
+    np.testing.assert_allclose(moment.sum(axis=0), expected, rtol=0, atol=tolerance)
+
+    local, increment = before.copy(), np.empty_like(before)
+    kernels.block_frame_displacement(
+        rows.chunks,
+        turn.ravel(),
+        mean.ravel(),
+        x,
+        u.ravel(),
+        local.ravel(),
+        increment.ravel(),
+        lanes,
+    )
+    expected = reference.block_frame_displacement(rotation, mean, x, u)
+    np.testing.assert_allclose(local, expected, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(increment, expected - before, rtol=0, atol=tolerance)
+
+    force = f.copy()
+    kernels.placement_frame_force(
+        rows.chunks, turn.ravel(), spin.ravel(), mass, x, force.ravel(), lanes
+    )
+    expected = reference.placement_frame_force(rotation, spin, mass, x, f)
+    np.testing.assert_allclose(force, expected, rtol=0, atol=tolerance)

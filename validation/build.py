@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from geometry.assembly import Assembly, AssemblyError
 from geometry.brick_stack import brick_stack
+from geometry.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.load_case import LoadCase, LoadCaseError, load_case
 from geometry.mesh import MeshError
 from geometry.sine_block import BlockParameterError, SineBlockDivisions, SineBlockParameters
-from geometry.tube import sine_tube
+from geometry.tube import hexagon_tube, sine_tube
 from validation.errors import InputError
 from validation.scene import AssemblyScene, BrickScene, Scene, TubeScene
+from validation.scene_families import HexagonTubeScene
 
 
 def block_parameters(scene: TubeScene) -> SineBlockParameters:
@@ -48,6 +50,12 @@ def build_assembly(scene: AssemblyScene) -> Assembly:
                 scene.mesh.divisions,
                 columns=scene.assembly.columns,
                 layers=scene.assembly.layers,
+            )
+        if isinstance(scene, HexagonTubeScene):
+            return hexagon_tube(
+                HexagonBlockParameters(**scene.block.model_dump(exclude={"type"})),
+                HexagonBlockDivisions(**scene.mesh.model_dump()),
+                scene.assembly.layers,
             )
         divisions = SineBlockDivisions(**scene.mesh.model_dump())
         return sine_tube(block_parameters(scene), divisions, scene.assembly.layers)

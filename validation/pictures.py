@@ -1,17 +1,8 @@
-"""Pictures of assemblies and their contact pressures.
-
-pyvista renders the bodies off screen in parallel projection; matplotlib sets titles, scale bars,
-legends and colour bars around them. Colours are safe for colour-blind readers: Okabe–Ito for
-kinds, a perceptually uniform map for pressures whose pale end is no contact.
-"""
+"""Pictures of assemblies, their contact pressures and mechanisms."""
 
 from __future__ import annotations
 
-import os
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,53 +13,25 @@ from geometry.assembly import Assembly
 from geometry.load_case import LoadCase, LoadCaseName
 from geometry.mesh import FloatArray, IntArray
 from geometry.mesh_io import interface_surface
-from validation.files import write_whole
+from validation.rendering import (
+    BLUE,
+    GREY,
+    PRESSURE_MAP,
+    SKY,
+    VERMILION,
+    place,
+    polydata,
+    render,
+    save_figure,
+)
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from validation.rigid import RigidRun
-
-#: Okabe–Ito colours.
-BLUE, SKY, ORANGE, VERMILION, GREEN, GREY = (
-    "#0072B2",
-    "#56B4E9",
-    "#E69F00",
-    "#D55E00",
-    "#009E73",
-    "#8C8C8C",
-)
-#: Pale is low, dark is high.
-PRESSURE_MAP = "YlGnBu"
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Hide VTK's notes about a missing display: the off-screen fallback that follows is meant."""
-    sys.stderr.flush()
-    saved = os.dup(2)
-    null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 2)
-    try:
-        yield
-    finally:
-        sys.stderr.flush()
-        os.dup2(saved, 2)
-        os.close(null)
-        os.close(saved)
-
-
-def _polydata(points: FloatArray, quads: IntArray) -> Any:
-    import pyvista
-
-    faces = np.hstack([np.full((len(quads), 1), 4), quads]).ravel()
-    return pyvista.PolyData(points, faces)
 
 
 def _block_surface(assembly: Assembly, block: int) -> Any:
     shape = assembly.shape(block)
-    return _polydata(assembly.nodes(block), np.concatenate(list(shape.faces.values())))
+    return polydata(assembly.nodes(block), np.concatenate(list(shape.faces.values())))
 
 
 def _block_colour(assembly: Assembly, block: int) -> str:
@@ -79,79 +42,8 @@ def _block_colour(assembly: Assembly, block: int) -> str:
     return (BLUE, SKY)[(position + int(assembly.layer[block])) % 2]
 
 
-@dataclass(frozen=True)
-class Rendered:
-    """An image in parallel projection, cropped to what it shows."""
-
-    pixels: npt.NDArray[np.uint8]
-    """(height, width, 3)."""
-    size_of_pixel: float
-    """Length that one pixel spans in the plane of the picture [mm]."""
-
-
-def render(
-    draw: Callable[[Any], None], direction: tuple[float, float, float], *, height: int = 1400
-) -> Rendered:
-    """Render what ``draw`` adds to a plotter, seen from ``direction``, z upward.
-
-    Parameters
-    ----------
-    draw
-        Adds meshes to the plotter it is given.
-    direction
-        From the scene towards the eye.
-    height
-        Pixels along the longer side, before cropping.
-    """
-    import pyvista
-
-    with _quiet():
-        plotter = pyvista.Plotter(off_screen=True, window_size=(height, height), border=False)
-    plotter.set_background("white")
-    draw(plotter)
-    low, high = np.array(plotter.bounds[::2]), np.array(plotter.bounds[1::2])
-    centre, reach = (low + high) / 2, float(np.linalg.norm(high - low))
-    away = np.array(direction) / np.linalg.norm(direction)
-    plotter.camera_position = [(centre + 2 * reach * away).tolist(), centre.tolist(), (0, 0, 1)]
-    plotter.enable_parallel_projection()
-    plotter.camera.parallel_scale = 0.52 * reach
-    plotter.camera.clipping_range = (0.1 * reach, 4 * reach)
-    with _quiet():
-        pixels = plotter.screenshot(None, return_img=True)
-    plotter.close()
-    shown = np.argwhere((pixels < 250).any(axis=2))
-    if len(shown):
-        (top, left), (bottom, right) = shown.min(axis=0), shown.max(axis=0) + 1
-        pixels = pixels[top:bottom, left:right]
-    return Rendered(pixels, 2 * 0.52 * reach / height)
-
-
-def place(axes: Axes, image: Rendered, title: str) -> None:
-    """Show an image with a title and a scale bar of a round length."""
-    height, width = image.pixels.shape[:2]
-    axes.imshow(image.pixels, interpolation="lanczos")
-    axes.set_axis_off()
-    axes.set_title(title, fontsize=11, loc="left")
-    span = 0.45 * width * image.size_of_pixel
-    decade = 10.0 ** np.floor(np.log10(span))
-    bar = decade * max(m for m in (1, 2, 5) if m * decade <= span)
-    y = height * 1.02 + 12
-    length = bar / image.size_of_pixel
-    axes.plot([0, length], [y, y], color="black", linewidth=2.5, solid_capstyle="butt")
-    axes.text(length * 1.06, y, f"{bar:g} mm", va="center", fontsize=9)
-    axes.set_xlim(-4, width + 4)
-    axes.set_ylim(y + 18, -8)
-
-
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, whole or not at all, and close it."""
-    import matplotlib.pyplot as plt
-
-    write_whole(path, lambda partial: figure.savefig(partial, dpi=130, format="png"))
-    plt.close(figure)
-
-
-def _outline(assembly: Assembly, plotter: Any, blocks: IntArray, **style: Any) -> None:
+def outline(assembly: Assembly, plotter: Any, blocks: IntArray, **style: Any) -> None:
+    """Draw the edges of some blocks."""
     for block in blocks.tolist():
         edges = _block_surface(assembly, block).extract_feature_edges(
             feature_angle=40, boundary_edges=False, non_manifold_edges=False
@@ -192,13 +84,13 @@ _LOAD_WORDS = {
 
 
 #: The eye is outside, a little above the horizontal.
-_EYE = (2.4, -1.6, 0.9)
+EYE = (2.4, -1.6, 0.9)
 
 
-def _beyond_axis(assembly: Assembly, points: FloatArray) -> npt.NDArray[np.bool_]:
-    """Whether points lie on the far side of the tube axis, seen from `_EYE`."""
+def beyond_axis(assembly: Assembly, points: FloatArray) -> npt.NDArray[np.bool_]:
+    """Whether points lie on the far side of the tube axis, seen from `EYE`."""
     arm = points - assembly.origin
-    far: npt.NDArray[np.bool_] = arm[:, :2] @ np.array(_EYE[:2]) < (
+    far: npt.NDArray[np.bool_] = arm[:, :2] @ np.array(EYE[:2]) < (
         1e-6 * assembly.characteristic_length
     )
     return far
@@ -228,14 +120,14 @@ def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str)
                     smooth_shading=False,
                     ambient=0.35,
                 )
-            _outline(assembly, plotter, blocks)
+            outline(assembly, plotter, blocks)
             _add_load(assembly, load, plotter)
 
         return add
 
     everything = np.arange(assembly.n_blocks)
-    far = np.flatnonzero(_beyond_axis(assembly, assembly.centroids))
-    images = [render(draw(everything), _EYE), render(draw(far), _EYE)]
+    far = np.flatnonzero(beyond_axis(assembly, assembly.centroids))
+    images = [render(draw(everything), EYE), render(draw(far), EYE)]
     ratios = [max(i.pixels.shape[1] / i.pixels.shape[0], 0.18) for i in images]
     figure, axes = plt.subplots(
         1, 2, figsize=(max(6.5, 9 * sum(ratios) + 1), 9.5), width_ratios=ratios
@@ -259,15 +151,33 @@ def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str)
     save_figure(figure, path)
 
 
-def _facets(
-    run: RigidRun, shown: IntArray, blocks: IntArray, highest: float
+def coloured_facets(
+    assembly: Assembly,
+    contacts: IntArray,
+    pressures: FloatArray,
+    outlined: IntArray,
+    highest: float,
 ) -> Callable[[Any], None]:
-    """Contact facets ``shown`` (positions in the result) coloured by pressure."""
+    """Contact facets coloured by pressure, with the edges of some blocks.
+
+    Parameters
+    ----------
+    assembly
+        Blocks and interfaces.
+    contacts
+        Positions in the assembly's interfaces, (n,).
+    pressures
+        Their contact pressures, (n,) [MPa].
+    outlined
+        Blocks whose edges are drawn.
+    highest
+        Upper end of the colours [MPa].
+    """
 
     def add(plotter: Any) -> None:
-        surface = interface_surface(run.assembly, run.result.contact_index[shown])
-        mesh = _polydata(surface.nodes, surface.quads)
-        mesh.cell_data["pressure"] = run.result.contact_pressures[shown]
+        surface = interface_surface(assembly, contacts)
+        mesh = polydata(surface.nodes, surface.quads)
+        mesh.cell_data["pressure"] = pressures
         plotter.add_mesh(
             mesh,
             scalars="pressure",
@@ -276,16 +186,15 @@ def _facets(
             lighting=False,
             show_scalar_bar=False,
         )
-        _outline(run.assembly, plotter, blocks, opacity=0.5)
+        outline(assembly, plotter, outlined, opacity=0.5)
 
     return add
 
 
-def _between(run: RigidRun, lower: int) -> IntArray:
-    """Positions in the result of the contacts between a layer and the next one."""
-    interfaces, layer = run.assembly.interfaces, run.assembly.layer
-    index = run.result.contact_index
-    m, s = layer[interfaces.block_m[index]], layer[interfaces.block_s[index]]
+def between_layers(assembly: Assembly, contacts: IntArray, lower: int) -> IntArray:
+    """Rows of ``contacts`` that lie between a layer and the next one."""
+    interfaces, layer = assembly.interfaces, assembly.layer
+    m, s = layer[interfaces.block_m[contacts]], layer[interfaces.block_s[contacts]]
     return np.flatnonzero((np.minimum(m, s) == lower) & (np.maximum(m, s) == lower + 1))
 
 
@@ -318,18 +227,23 @@ def draw_pressures(run: RigidRun, path: Path) -> None:
     from matplotlib.colors import Normalize
 
     assembly, result = run.assembly, run.result
-    points = assembly.interfaces.centroids[result.contact_index]
-    highest = max(float(result.contact_pressures.max(initial=0.0)), 1e-300)
-    far_blocks = np.flatnonzero(_beyond_axis(assembly, assembly.centroids))
+    index, pressures = result.contact_index, result.contact_pressures
+    points = assembly.interfaces.centroids[index]
+    highest = max(float(pressures.max(initial=0.0)), 1e-300)
+    far_blocks = np.flatnonzero(beyond_axis(assembly, assembly.centroids))
     layer = assembly.n_layers // 2 + 1
     in_layer = np.flatnonzero(assembly.layer == layer)
-    tube = _facets(run, np.flatnonzero(_beyond_axis(assembly, points)), far_blocks, highest)
-    top = _facets(run, _between(run, layer), in_layer, highest)
-    bottom = _facets(run, _between(run, layer - 1), in_layer, highest)
+
+    def facets(rows: IntArray, blocks: IntArray) -> Callable[[Any], None]:
+        return coloured_facets(assembly, index[rows], pressures[rows], blocks, highest)
+
+    tube = facets(np.flatnonzero(beyond_axis(assembly, points)), far_blocks)
+    top = facets(between_layers(assembly, index, layer), in_layer)
+    bottom = facets(between_layers(assembly, index, layer - 1), in_layer)
 
     figure = plt.figure(figsize=(10.5, 10))
     grid = figure.add_gridspec(2, 2, width_ratios=[0.5, 1], left=0.03, right=0.86, bottom=0.03)
-    place(figure.add_subplot(grid[:, 0]), render(tube, _EYE), "tube cut open")
+    place(figure.add_subplot(grid[:, 0]), render(tube, EYE), "tube cut open")
     place(
         figure.add_subplot(grid[0, 1]),
         render(top, (1.2, -0.8, 1.6)),
@@ -391,7 +305,7 @@ def draw_mechanism(run: RigidRun, path: Path) -> None:
             plotter.add_mesh(edges, color="#303030", line_width=1.2)
 
     figure, axes = plt.subplots(figsize=(8, 9.5))
-    place(axes, render(add, _EYE), f"first-order motion, drawn {scale:.3g} mm at its largest")
+    place(axes, render(add, EYE), f"first-order motion, drawn {scale:.3g} mm at its largest")
     result = run.result
     driven = (
         "the load drives it"

@@ -16,10 +16,8 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from geometry.load_case import LoadCaseName
-from mbd import Norm, Solver
 from validation.errors import InputError
-from validation.scene_base import Finite, NonNegative, Positive, Section
+from validation.scene_families import HexagonTubeScene
 from validation.scene_fem import (
     BoxScene,
     ContactSection,
@@ -27,6 +25,15 @@ from validation.scene_fem import (
     EffectsSection,
     FemSection,
     MaterialSection,
+)
+from validation.scene_sections import (
+    Finite,
+    NonNegative,
+    Positive,
+    RigidSection,
+    Section,
+    TubeAssemblySection,
+    TubeLoadSection,
 )
 
 
@@ -50,38 +57,12 @@ class SineBlockSection(Section):
     """t [mm]"""
 
 
-class TubeAssemblySection(Section):
-    """``[assembly]`` of a tube."""
-
-    layers: Annotated[int, Field(ge=1)]
-    """Free layers L, the two frame layers not counted."""
-
-
 class TubeMeshSection(Section):
     """``[mesh]`` of a tube: elements of one block in each direction."""
 
     around: Annotated[int, Field(ge=1)]
     radial: Annotated[int, Field(ge=1)]
     axial: Annotated[int, Field(ge=1)]
-
-
-class TubeLoadSection(Section):
-    """``[load]`` of a tube: one of the five load cases."""
-
-    case: LoadCaseName
-    pressure: Finite = 0.01
-    """Load pressure [MPa]."""
-    as_printed: bool = False
-    """The reading that reproduces the paper's tables instead of what physics says."""
-    layer: Annotated[int, Field(ge=1)] | None = None
-    """Loaded layer of beam and shaft; by default the middle one, ⌊L/2⌋ + 1."""
-
-
-class RigidSection(Section):
-    """``[rigid]``: how the rigid-block equilibrium is solved."""
-
-    norm: Norm = Norm.FORCE
-    solver: Solver = Solver.NEWTON
 
 
 class TubeScene(Section):
@@ -124,7 +105,7 @@ class BrickScene(Section):
 
 
 #: Scenes of blocks that meet: what the rigid answer and load cases are for.
-AssemblyScene: TypeAlias = TubeScene | BrickScene
+AssemblyScene: TypeAlias = TubeScene | BrickScene | HexagonTubeScene
 Scene: TypeAlias = AssemblyScene | BoxScene
 
 #: Scene class by ``[block] type``.
@@ -132,6 +113,7 @@ SCENE_TYPES: dict[str, type[Scene]] = {
     "sine": TubeScene,
     "brick": BrickScene,
     "box": BoxScene,
+    "hexagon": HexagonTubeScene,
 }
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from fem.hexahedron import ElementType
-from validation.scene_base import Finite, NonNegative, Positive, Section
+from validation.scene_sections import Finite, NonNegative, Positive, Section
 
 Vector = tuple[Finite, Finite, Finite]
 

@@ -1,1 +1,1 @@
-"""Benchmarks: CPU seconds and ratios measured in one run. They are never tests."""
+"""Benchmarks: what the solvers cost, measured against what the machine can do."""

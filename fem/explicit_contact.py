@@ -1,0 +1,250 @@
+"""Face-to-face contact as one more force of the explicit step.
+
+`FaceContact` states it (frozen); `bind` makes the arrays of the loop. The formulation is that of
+`fem.contact`, the loops are in `fem.contact_kernels`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fem.body import Body
+from fem.central_difference import Interaction, System
+from fem.contact import ContactNormals
+from fem.contact_kernels import (
+    UnitArrays,
+    UnitWork,
+    collect_forces,
+    collect_forces_parallel,
+    contact_forces,
+    contact_forces_parallel,
+)
+from fem.contact_lanes import AlikePairs, unit_widths
+from fem.contact_law import ContactLaw
+from fem.kernels import SERIAL
+from fem.layout import LaneArray, aligned_zeros, equal_work
+from fem.loads import FACET_VALUES
+from fem.state import State
+from geometry.mesh import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class FaceContact:
+    """Contact on the conforming interfaces of an assembly."""
+
+    pairs: tuple[AlikePairs, ...]
+    """Interfaces, alike ones together."""
+    n_nodes: tuple[int, ...]
+    """Nodes of one block of each group."""
+    law: ContactLaw
+    """Pressure as a function of overclosure."""
+    normals: ContactNormals
+    """Which normals measure the gap."""
+    counted_stiffness: float
+    """Stiffness of the law that the critical time step counts in [MPa/mm]."""
+
+    def touched_nodes(self, group: int) -> IntArray:
+        """Mesh nodes of the group on which contact may act, (n,)."""
+        touched = [
+            p.nodes[:, side] for p in self.pairs for side in (0, 1) if p.groups[side] == group
+        ]
+        return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *touched]))
+
+    def nodal_stiffness(self, group: int) -> FloatArray | None:
+        """Stiffness to count on each node for the critical time step, (n_nodes,) [N/mm].
+
+        Contact springs of stiffness w k between points of two blocks have
+        K_ab = w k c_a c_b n nᵀ with |c_a| = N_a and Σ N = 1 on each side: row sums bound them
+        by the diagonal w k N_a times the number of sides that move.
+        """
+        areas = self.nodal_areas(group)
+        return None if areas is None else self.counted_stiffness * areas
+
+    def nodal_areas(self, group: int) -> FloatArray | None:
+        """`nodal_stiffness` for a law of stiffness one, largest of all copies; (n_nodes,) [mm²]."""
+        size = self.n_nodes[group]
+        by_copy: dict[int, FloatArray] = {}
+        for pairs in self.pairs:
+            moving = sum(g >= 0 for g in pairs.groups)
+            weights = np.linalg.norm(pairs.area_vectors(), axis=2)
+            share = moving * np.einsum("fp,pa->fa", weights, FACET_VALUES)
+            for side in (0, 1):
+                if pairs.groups[side] != group:
+                    continue
+                nodes = pairs.nodes[pairs.corners, side]
+                for copy in pairs.copies[:, side]:
+                    total = by_copy.setdefault(int(copy), np.zeros(size))
+                    np.add.at(total, nodes, share)
+        if not by_copy:
+            return None
+        largest: FloatArray = np.max(list(by_copy.values()), axis=0)
+        return largest
+
+    def bind(self, bodies: tuple[Body, ...]) -> Interaction:
+        """Prepare the force for the loop."""
+        return _BoundContact(self, bodies)
+
+
+class _BoundContact:
+    """Arrays of one run."""
+
+    def __init__(self, statement: FaceContact, bodies: tuple[Body, ...]) -> None:
+        self._law = statement.law
+        self._constants = statement.law.constants
+        self._data = _unit_arrays(statement.pairs, bodies)
+        self._work = _unit_work(self._data)
+        self._normals = (
+            _reference_normals(statement.pairs)
+            if statement.normals is ContactNormals.REFERENCE
+            else None
+        )
+        self._with_mean = 1 if self._normals is None else None
+        self._collections = _collections(self._data, bodies)
+
+    def add_force(self, system: System, state: State) -> None:
+        """Add contact forces at the current positions to the applied forces."""
+        serial = system.kernels is SERIAL
+        forces = contact_forces if serial else contact_forces_parallel
+        collect = collect_forces if serial else collect_forces_parallel
+        displacements = tuple(now.displacement.ravel() for now in state.bodies)
+        forces(self._data, displacements, self._work, self._constants, self._normals)
+        for body, now, found in zip(system.bodies, state.bodies, self._collections, strict=True):
+            if found is None or now.applied_force is None:
+                continue
+            collect(
+                found.chunks,
+                found.pointer,
+                found.entries,
+                self._data,
+                self._work,
+                self._with_mean,
+                body.lanes,
+                now.applied_force.ravel(),
+            )
+
+    def energy(self) -> float:
+        """Energy stored at the last force evaluation [N mm]."""
+        total = 0.0
+        for unit in np.flatnonzero(self._work.awake):
+            gap, weights = self.unit_gaps(int(unit))
+            total += float((weights * self._law.stored_energy(-gap)).sum())
+        return total
+
+    def unit_gaps(self, unit: int) -> tuple[FloatArray, FloatArray]:
+        """Gaps of one unit, (n_facets, 4, real lanes) [mm], and weights (n_facets, 4, 1)."""
+        kind, width, real, _, _, point = self._data.units[unit]
+        first, last = self._data.alike[kind, 1], self._data.alike[kind + 1, 1]
+        n = last - first
+        gap = self._work.gap[point : point + 4 * n * width].reshape(n, 4, width)[:, :, :real]
+        return gap, self._data.weights[first:last, :, None]
+
+    def dissipation(self) -> float:
+        """Energy dissipated up to the last force evaluation [N mm]."""
+        return 0.0
+
+    def arrays(self) -> dict[str, LaneArray]:
+        """Arrays that evolve, by name: none, forces follow from the positions."""
+        return {}
+
+
+@dataclass(frozen=True)
+class _Collection:
+    """Which forces act on the applied rows of one group."""
+
+    chunks: IntArray
+    pointer: IntArray
+    entries: IntArray
+
+
+def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[Body, ...]) -> UnitArrays:
+    """Cut alike pairs into units and number their arrays."""
+    units, copies = [], []
+    alike = np.zeros((len(pairs) + 1, 4), dtype=np.int64)
+    lane = node_scalar = point_scalar = 0
+    for kind, found in enumerate(pairs):
+        alike[kind, 2:] = np.maximum(found.groups, 0)
+        alike[kind + 1, :2] = alike[kind, :2] + (len(found.nodes), found.n_facets)
+        start = 0
+        for width in unit_widths(found.n_pairs):
+            real = min(width, found.n_pairs - start)
+            chosen = np.minimum(start + np.arange(width), found.n_pairs - 1)
+            units.append((kind, width, real, lane, node_scalar, point_scalar))
+            copies.append(found.copies[chosen])
+            start += real
+            lane += width
+            node_scalar += 3 * width * len(found.nodes)
+            point_scalar += 4 * width * found.n_facets
+    return UnitArrays(
+        units=np.array(units, dtype=np.int64).reshape(-1, 6),
+        alike=alike,
+        rows=np.concatenate([_rows(found, bodies) for found in pairs]),
+        offset=np.concatenate([found.offset for found in pairs]),
+        mean=np.concatenate([found.mean for found in pairs]),
+        rotation=np.array([found.rotation for found in pairs]),
+        corners=np.concatenate([found.corners for found in pairs]),
+        weights=np.concatenate([np.linalg.norm(found.area_vectors(), axis=2) for found in pairs]),
+        copies=np.ascontiguousarray(np.concatenate(copies).T),
+        lanes=np.array([body.lanes for body in bodies], dtype=np.int64),
+    )
+
+
+def _rows(pairs: AlikePairs, bodies: tuple[Body, ...]) -> IntArray:
+    """Body rows of the node pairs, (n_nodes, 2); -1 for rigid blocks."""
+    rows = np.full(pairs.nodes.shape, -1, dtype=np.int64)
+    for side, group in enumerate(pairs.groups):
+        if group >= 0:
+            rows[:, side] = bodies[group].rows.row[pairs.nodes[:, side]]
+    return rows
+
+
+def _unit_work(data: UnitArrays) -> UnitWork:
+    kinds = data.units[:, 0]
+    width = data.units[:, 1]
+    nodes = int((3 * width * np.diff(data.alike[:, 0])[kinds]).sum())
+    points = int((4 * width * np.diff(data.alike[:, 1])[kinds]).sum())
+    return UnitWork(
+        difference=aligned_zeros((nodes,), np.float64),
+        mean=aligned_zeros((nodes,), np.float64),
+        force_difference=aligned_zeros((nodes,), np.float64),
+        force_mean=aligned_zeros((nodes,), np.float64),
+        gap=aligned_zeros((points,), np.float64),
+        awake=np.ones(len(data.units), dtype=np.int8),
+    )
+
+
+def _reference_normals(pairs: tuple[AlikePairs, ...]) -> FloatArray:
+    vectors = np.concatenate([found.area_vectors() for found in pairs])
+    normals: FloatArray = vectors / np.linalg.norm(vectors, axis=2, keepdims=True)
+    return normals
+
+
+def _collections(data: UnitArrays, bodies: tuple[Body, ...]) -> tuple[_Collection | None, ...]:
+    """List for each applied row of each group what acts on it."""
+    rows, entries, groups = [], [], []
+    for unit, (kind, width, _, _, start, _) in enumerate(data.units):
+        first, last = data.alike[kind, 0], data.alike[kind + 1, 0]
+        at = start + 3 * width * np.arange(last - first)
+        for side in (0, 1):
+            row = data.rows[first:last, side]
+            moves = row >= 0
+            rows.append(row[moves])
+            entries.append(
+                np.stack([np.full(len(at), unit), at, np.full(len(at), side)], axis=1)[moves]
+            )
+            groups.append(np.full(int(moves.sum()), data.alike[kind, 2 + side]))
+    row, entry, group = np.concatenate(rows), np.concatenate(entries), np.concatenate(groups)
+    result: list[_Collection | None] = []
+    for number, body in enumerate(bodies):
+        mine = group == number
+        if body.applied_row is None or not mine.any():
+            result.append(None)
+            continue
+        applied = body.applied_row[row[mine]].astype(np.int64)
+        order = np.argsort(applied, kind="stable")
+        pointer = np.searchsorted(applied[order], np.arange(body.n_applied + 1))
+        result.append(
+            _Collection(equal_work(pointer), pointer.astype(np.int64), entry[mine][order])
+        )
+    return tuple(result)

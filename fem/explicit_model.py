@@ -1,0 +1,158 @@
+"""The explicit model of an assembly: representative blocks, ramped loads, contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fem.contact_lanes import alike_pairs
+from fem.contact_law import ContactLaw
+from fem.deformable_assembly import DeformableAssembly
+from fem.effects import Effects
+from fem.explicit_contact import FaceContact
+from fem.model import Amplitude, BlockGroup, Model, NodalLoad, Support
+from fem.symmetry import Orbits, no_symmetry
+from geometry.mesh import FloatArray, IntArray
+
+#: Pressure whose stiffness the critical time step counts in where the law has no cap [MPa].
+COUNTED_PRESSURE = 10.0
+
+
+@dataclass(frozen=True)
+class ExplicitAssembly:
+    """An assembly ready for `fem.explicit.solve`: one copy for each representative block."""
+
+    deformable: DeformableAssembly
+    """The whole assembly."""
+    orbits: Orbits
+    """Which blocks are represented by which."""
+    copy_of: IntArray
+    """Copy of the model that stands for each block, -1 for rigid ones, (n_blocks,)."""
+    model: Model
+    """Representative blocks with contact."""
+
+    def expand(self, displacements: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
+        """World displacements of every block from those of the representatives.
+
+        Parameters
+        ----------
+        displacements
+            Of the model's groups, (n_copies, n_nodes, 3) [mm].
+
+        Returns
+        -------
+        tuple[FloatArray, ...]
+            Of the groups of `deformable`, all copies.
+        """
+        whole = self.deformable
+        turns = whole.assembly.rotations
+        result = [np.zeros((g.n_copies, g.n_nodes, 3)) for g in whole.model.groups]
+        for block in whole.deformable_blocks:
+            source = int(self.orbits.representative[block])
+            group = int(whole.group_of[block])
+            turn = turns[block] @ turns[source].T
+            moved = displacements[group][self.copy_of[block]]
+            result[group][whole.copy_of[block]] = moved if source == block else moved @ turn.T
+        return tuple(result)
+
+
+def explicit_assembly(
+    deformable: DeformableAssembly,
+    *,
+    orbits: Orbits | None = None,
+    effects: Effects | None = None,
+    amplitude: Amplitude | None = None,
+) -> ExplicitAssembly:
+    """State the explicit problem of an assembly.
+
+    Parameters
+    ----------
+    deformable
+        Blocks, loads, supports, contact.
+    orbits
+        Blocks to compute once; by default every block is computed.
+    effects
+        Damping and the like; by default none.
+    amplitude
+        Factor of all loads in time; None: constant.
+    """
+    orbits = no_symmetry(deformable) if orbits is None else orbits
+    chosen = [
+        np.flatnonzero((deformable.group_of == g) & (orbits.representative == np.arange(n)))
+        for g, n in _group_sizes(deformable)
+    ]
+    copy = np.full(deformable.assembly.n_blocks, -1, dtype=np.int64)
+    for blocks in chosen:
+        copy[blocks] = np.arange(len(blocks))
+    copy_of = copy[orbits.representative]
+    model = deformable.model
+    kept = [deformable.copy_of[blocks] for blocks in chosen]
+    contact = FaceContact(
+        pairs=alike_pairs(deformable, orbits, copy_of),
+        n_nodes=tuple(group.n_nodes for group in model.groups),
+        law=deformable.contact.law,
+        normals=deformable.contact.normals,
+        counted_stiffness=counted_stiffness(deformable.contact.law),
+    )
+    return ExplicitAssembly(
+        deformable=deformable,
+        orbits=orbits,
+        copy_of=copy_of,
+        model=Model(
+            groups=tuple(_some_copies(g, k) for g, k in zip(model.groups, kept, strict=True)),
+            supports=tuple(_some_support(s, kept[s.group]) for s in model.supports),
+            loads=tuple(_some_load(f, kept[f.group], amplitude) for f in model.loads),
+            effects=Effects() if effects is None else effects,
+            interactions=(contact,),
+        ),
+    )
+
+
+def counted_stiffness(law: ContactLaw, pressure: float = COUNTED_PRESSURE) -> float:
+    """Stiffness of a law that the critical time step counts in [MPa/mm].
+
+    The law's largest where it has one below that at ``pressure`` [MPa], so that nothing can
+    exceed it; otherwise the stiffness at that pressure, which a run then watches.
+    """
+    at_pressure = float(law.stiffness(law.overclosure(pressure)))
+    return min(law.constants.linear_stiffness, at_pressure)
+
+
+def _group_sizes(deformable: DeformableAssembly) -> list[tuple[int, int]]:
+    n = deformable.assembly.n_blocks
+    return [(g, n) for g in range(len(deformable.model.groups))]
+
+
+def _some_copies(group: BlockGroup, copies: IntArray) -> BlockGroup:
+    return replace(
+        group, rotations=group.rotations[copies], translations=group.translations[copies]
+    )
+
+
+def _new_numbers(copies: IntArray, kept: IntArray) -> tuple[IntArray, IntArray]:
+    """Entries whose copy is kept, and the new number of that copy."""
+    mine = np.flatnonzero(np.isin(copies, kept))
+    return mine, np.searchsorted(kept, copies[mine]).astype(np.int64)
+
+
+def _some_support(support: Support, kept: IntArray) -> Support:
+    mine, copies = _new_numbers(support.copies, kept)
+    return replace(
+        support,
+        copies=copies,
+        nodes=support.nodes[mine],
+        directions=support.directions[mine],
+        displacement=support.displacement[mine],
+    )
+
+
+def _some_load(load: NodalLoad, kept: IntArray, amplitude: Amplitude | None) -> NodalLoad:
+    mine, copies = _new_numbers(load.copies, kept)
+    return replace(
+        load,
+        copies=copies,
+        nodes=load.nodes[mine],
+        forces=load.forces[mine],
+        amplitude=amplitude,
+    )

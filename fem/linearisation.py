@@ -1,0 +1,161 @@
+"""The linear problem of one static iteration, and its plain solution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array
+
+from fem.local_system import LocalSystem, constraint_transform
+from fem.sparse_solver import SparseSolver, SparseSolverError, factorize
+from geometry.mesh import FloatArray, IntArray
+
+
+class UnheldBlocksError(ValueError):
+    """Blocks that nothing holds in the linear problem of one iteration."""
+
+    def __init__(self, reason: str, blocks: tuple[int, ...]) -> None:
+        super().__init__(reason)
+        self.blocks = blocks
+        """Their numbers, as far as they are known."""
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """The law's tangent at every point, about a displacement."""
+
+    gradient: FloatArray
+    """∂x/∂u in block frames, (n_facets, 4, 8, 3)."""
+    constant: FloatArray
+    """x(u) = constant + gradient · u, (n_facets, 4) [mm]."""
+    at: FloatArray
+    """Linearisation overclosure x̂, (n_facets, 4) [mm]."""
+    pressure: FloatArray
+    """p(x̂), (n_facets, 4) [MPa]."""
+    stiffness: FloatArray
+    """p'(x̂), (n_facets, 4) [MPa/mm]."""
+    load_factor: float = 1.0
+    """Share of the loads that acts [-]."""
+
+    def linear_pressure(self, system: LocalSystem, displacement: FloatArray) -> FloatArray:
+        """Pressure of the tangent at a displacement, (n_facets, 4) [MPa]."""
+        overclosure = self.constant + system.gather(self.gradient, displacement)
+        pressure: FloatArray = self.pressure + self.stiffness * (overclosure - self.at)
+        return pressure
+
+
+class LinearStep(Protocol):
+    """Solves the linear problem of one iteration."""
+
+    def __call__(
+        self, linear: Linearisation, before: FloatArray, holding: float = 0.0
+    ) -> FloatArray:
+        """Displacements (n_nodes, 3) [mm]; inner nodes may be left out.
+
+        ``holding`` [N/mm] holds each block to where it was ``before``.
+        """
+
+    def internal_force(self, displacement: FloatArray) -> FloatArray:
+        """K u, condensed where inner nodes are left out, (n_nodes, 3) [N]."""
+
+    @property
+    def external_force(self) -> FloatArray:
+        """Loads, condensed where inner nodes are left out, (n_nodes, 3) [N]."""
+
+    def complete(self, displacement: FloatArray) -> FloatArray:
+        """Displacements of all nodes, (n_nodes, 3) [mm]."""
+
+
+def gradient_matrix(
+    system: LocalSystem, gradient: FloatArray, points: IntArray | None = None
+) -> csr_array:
+    """Gradients of points as a sparse matrix.
+
+    Parameters
+    ----------
+    system
+        Numbers the corners.
+    gradient
+        (n_facets, 4, 8, 3).
+    points
+        Rows to keep, 4 · facet + point; None keeps all.
+
+    Returns
+    -------
+    csr_array
+        (n_points, 3 n_nodes).
+    """
+    chosen = np.arange(4 * len(gradient)) if points is None else points
+    columns = (3 * system.corner_nodes[:, :, None] + np.arange(3)).reshape(-1, 24)
+    columns = np.where(columns < 3 * system.n_nodes, columns, 0)[chosen // 4]
+    values = gradient.reshape(-1, 24)[chosen]
+    n = len(chosen)
+    matrix = csr_array(
+        (values.ravel(), columns.ravel(), 24 * np.arange(n + 1)), shape=(n, 3 * system.n_nodes)
+    )
+    matrix.sum_duplicates()
+    matrix.eliminate_zeros()
+    return matrix
+
+
+class SparseStep:
+    """Assembles everything into one sparse matrix: the plain method, the oracle of the others."""
+
+    def __init__(self, system: LocalSystem, solver: SparseSolver | None = None) -> None:
+        self._system = system
+        self._solver = solver
+        self._transform, self._free, self._value = constraint_transform(system)
+        self._stiffness = csr_array(self._transform.T @ system.stiffness @ self._transform)
+
+    def __call__(
+        self, linear: Linearisation, before: FloatArray, holding: float = 0.0
+    ) -> FloatArray:
+        """Displacements (n_nodes, 3) [mm].
+
+        Raises
+        ------
+        UnheldBlocksError
+            A singular matrix.
+        """
+        system = self._system
+        rows = gradient_matrix(system, linear.gradient) @ self._transform
+        weight = system.surfaces.weights.ravel()
+        stiff = (weight * linear.stiffness.ravel())[:, None]
+        matrix = csr_array(self._stiffness + rows.T @ rows.multiply(stiff).tocsr())
+        constant = linear.pressure + linear.stiffness * (linear.constant - linear.at)
+        right = linear.load_factor * (self._transform.T @ system.external_force.ravel())
+        right -= rows.T @ (weight * constant.ravel())
+        if holding:
+            share = holding * self._shares()
+            matrix = csr_array(matrix + diags_array(share))
+            right += share * (self._transform.T @ before.ravel())
+        right -= matrix @ self._value
+        solution = self._value.copy()
+        kept = csr_array(matrix[self._free][:, self._free])
+        try:
+            solution[self._free] = factorize(kept, self._solver)(right[self._free])
+        except SparseSolverError as error:
+            raise UnheldBlocksError(str(error), ()) from None
+        displacement: FloatArray = (self._transform @ solution).reshape(-1, 3)
+        return displacement
+
+    def _shares(self) -> FloatArray:
+        """One over the number of nodes of its block, for every variable."""
+        sizes = np.diff(self._system.node_start)
+        shares: FloatArray = np.repeat(1.0 / sizes, 3 * sizes)
+        return shares
+
+    def internal_force(self, displacement: FloatArray) -> FloatArray:
+        """K u, (n_nodes, 3) [N]."""
+        return self._system.internal_force(displacement)
+
+    @property
+    def external_force(self) -> FloatArray:
+        """Loads, (n_nodes, 3) [N]."""
+        return self._system.external_force
+
+    def complete(self, displacement: FloatArray) -> FloatArray:
+        """Displacements of all nodes: they are there already."""
+        return displacement

@@ -1,0 +1,293 @@
+"""Contacts between blocks whose meshes do not match: opposing triangles, clipped to polygons.
+
+Facets of different blocks that face each other and lie within a tolerance of one another are
+found by a sweep over their boxes; what they share is clipped to convex polygons. Polygons of one
+pair of planes make a patch.
+
+Where the contact points of a patch lie decides what the assembly can do. A flat patch with one
+point would let its blocks rock. A gap that opens or closes is an affine function on a plane, so it
+is non-negative on the whole patch if and only if it is so at the corners of its convex hull, and
+every pressure on the patch has the same resultant as some forces at those corners: points at the
+*vertices* of the hull are exact for flat faces, at the smallest number. On finely meshed curved
+faces one point at the *centroid* of each polygon converges faster and is what the paper does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+
+from geometry.mesh import FloatArray, IntArray
+from geometry.polyhedron import Polyhedron
+from geometry.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
+from geometry.triangle_search import overlapping_boxes
+
+#: Overlaps smaller than this fraction of the smaller triangle are edges that touch.
+_SLIVER = 1e-7
+
+
+class ContactPlacement(StrEnum):
+    """Where contact points lie."""
+
+    VERTICES = "vertices"
+    """At the corners of each patch's convex hull: exact for flat faces (default)."""
+    CENTROIDS = "centroids"
+    """At the centroid of each clipped polygon: for finely meshed curved faces."""
+
+
+@dataclass(frozen=True)
+class DetectionOptions:
+    """What counts as contact."""
+
+    tolerance: float | None = None
+    """Largest gap and largest overlap of touching facets [mm]; by default 1e-4 of a block."""
+    angle: float = 5.0
+    """Largest angle between facing facets; raise it for coarse meshes of curved faces [°]."""
+    placement: ContactPlacement = ContactPlacement.VERTICES
+
+
+@dataclass(frozen=True)
+class ContactPolygons:
+    """The clipped overlaps, for pictures, areas and checks."""
+
+    corners: FloatArray
+    """Corners of all polygons, one polygon after the other, (n_corners, 3) [mm]."""
+    start: IntArray
+    """First corner of each polygon, and the total; (n_polygons + 1,)."""
+    areas: FloatArray
+    """(n_polygons,) [mm²]."""
+    patch: IntArray
+    """Patch of each polygon, (n_polygons,)."""
+
+
+@dataclass(frozen=True)
+class ContactPatches:
+    """Flat pieces of interface: all contact between one plane of m and one plane of s."""
+
+    block_m: IntArray
+    """Master block, (n_patches,)."""
+    block_s: IntArray
+    """Opposing block, (n_patches,)."""
+    normals: FloatArray
+    """Unit normal from m to s, (n_patches, 3)."""
+    areas: FloatArray
+    """(n_patches,) [mm²]."""
+
+
+@dataclass(frozen=True)
+class ContactPoints:
+    """Contacts of blocks without matching facets, sorted by block pair (m, s), m < s."""
+
+    block_m: IntArray
+    """Master block, (n_contacts,)."""
+    block_s: IntArray
+    """Opposing block, (n_contacts,)."""
+    centroids: FloatArray
+    """Contact points in world coordinates, (n_contacts, 3) [mm]."""
+    normals: FloatArray
+    """Unit normal from block m to block s, (n_contacts, 3)."""
+    areas: FloatArray
+    """Area that each point stands for, (n_contacts,) [mm²]."""
+    pair_start: IntArray
+    """First contact of each block pair, and the total; (n_pairs + 1,)."""
+    patch: IntArray
+    """Patch of each contact, (n_contacts,)."""
+    patches: ContactPatches
+    polygons: ContactPolygons
+
+    @property
+    def n_contacts(self) -> int:
+        """Number of contact points."""
+        return len(self.block_m)
+
+    @property
+    def n_pairs(self) -> int:
+        """Number of block pairs that touch."""
+        return len(self.pair_start) - 1
+
+    @cached_property
+    def patch_of_pair(self) -> IntArray:
+        """First patch of each block pair, and the total; (n_pairs + 1,)."""
+        return _starts(self.patches.block_m, self.patches.block_s)
+
+
+def _starts(*keys: IntArray) -> IntArray:
+    """First position of each run of equal keys, and the total."""
+    n = len(keys[0])
+    if not n:
+        return np.zeros(1, dtype=np.int64)
+    change = np.zeros(n - 1, dtype=bool)
+    for key in keys:
+        change |= np.diff(key) != 0
+    starts: IntArray = np.concatenate([[0], np.flatnonzero(change) + 1, [n]])
+    return starts
+
+
+@dataclass(frozen=True)
+class _World:
+    """All triangles of all blocks in world coordinates."""
+
+    corners: FloatArray
+    normals: FloatArray
+    areas: FloatArray
+    block: IntArray
+    plane: IntArray
+
+
+def _world(
+    shapes: Sequence[Polyhedron], shape_of: IntArray, rotations: FloatArray, shifts: FloatArray
+) -> _World:
+    corners, normals, areas, blocks, planes = [], [], [], [], []
+    for block, number in enumerate(shape_of):
+        shape = shapes[number]
+        corners.append(shape.corners @ rotations[block].T + shifts[block])
+        normals.append(shape.normals @ rotations[block].T)
+        areas.append(shape.areas)
+        blocks.append(np.full(len(shape.areas), block))
+        planes.append(shape.plane_of)
+    return _World(*(np.concatenate(x) for x in (corners, normals, areas, blocks, planes)))
+
+
+def _opposing(world: _World, tolerance: float, cosine: float) -> IntArray:
+    """Pairs of triangles of different blocks that face each other, block m < block s; (n, 2)."""
+    low = world.corners.min(axis=1) - 0.5 * tolerance
+    high = world.corners.max(axis=1) + 0.5 * tolerance
+    pairs = overlapping_boxes(low, high, low, high)
+    pairs = pairs[world.block[pairs[:, 0]] < world.block[pairs[:, 1]]]
+    dot = np.einsum("pi,pi->p", world.normals[pairs[:, 0]], world.normals[pairs[:, 1]])
+    opposing: IntArray = pairs[dot <= -cosine]
+    return opposing
+
+
+def find_contacts(
+    shapes: Sequence[Polyhedron],
+    shape_of: IntArray,
+    rotations: FloatArray,
+    translations: FloatArray,
+    *,
+    tolerance: float,
+    angle: float,
+    placement: ContactPlacement,
+) -> ContactPoints:
+    """Find where blocks touch.
+
+    Parameters
+    ----------
+    shapes, shape_of, rotations, translations
+        As in `geometry.polyhedral_assembly.PolyhedralAssembly`.
+    tolerance
+        Largest gap or overlap of touching facets [mm].
+    angle
+        Largest angle between facing facets [°].
+    placement
+        Where the contact points lie.
+    """
+    world = _world(shapes, shape_of, rotations, translations)
+    pairs = _opposing(world, tolerance, float(np.cos(np.radians(angle))))
+    corners = np.empty((len(pairs), MOST_CORNERS, 3))
+    count, area = np.zeros(len(pairs), dtype=np.int64), np.zeros(len(pairs))
+    clip_pairs(world.corners, world.normals, pairs, tolerance, corners, count, area)
+    least = _SLIVER * np.minimum(world.areas[pairs[:, 0]], world.areas[pairs[:, 1]])
+    kept = np.flatnonzero((count >= 3) & (area > least))
+    m, s = pairs[kept, 0], pairs[kept, 1]
+    keys = (world.plane[s], world.plane[m], world.block[s], world.block[m])
+    order = np.lexsort((s, m, *keys))
+    kept, m, s = kept[order], m[order], s[order]
+    patch_start = _starts(*(key[order] for key in keys))
+    patch = np.repeat(np.arange(len(patch_start) - 1), np.diff(patch_start))
+    direction = world.normals[m] - world.normals[s]
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    count, area = count[kept], area[kept]
+    flat = np.arange(MOST_CORNERS) < count[:, None]
+    polygons = ContactPolygons(
+        corners=corners[kept][flat],
+        start=np.concatenate([[0], np.cumsum(count)]),
+        areas=area,
+        patch=patch,
+    )
+    n_patches = len(patch_start) - 1
+    normal, patch_area = np.zeros((n_patches, 3)), np.zeros(n_patches)
+    np.add.at(patch_area, patch, area)
+    np.add.at(normal, patch, direction * area[:, None])
+    first = patch_start[:-1]
+    patches = ContactPatches(
+        block_m=world.block[m][first],
+        block_s=world.block[s][first],
+        normals=normal / np.linalg.norm(normal, axis=1, keepdims=True),
+        areas=patch_area,
+    )
+    if placement is ContactPlacement.CENTROIDS:
+        return _at_centroids(patches, polygons, direction)
+    return _at_vertices(patches, polygons)
+
+
+def _at_centroids(
+    patches: ContactPatches, polygons: ContactPolygons, normals: FloatArray
+) -> ContactPoints:
+    """One point at the centroid of each polygon."""
+    start = polygons.start
+    count = np.diff(start)
+    owner = np.repeat(np.arange(len(count)), count)
+    following = np.arange(len(owner)) + 1
+    following[start[1:] - 1] = start[:-1]
+    origin = polygons.corners[start[:-1]][owner]
+    a, b = polygons.corners - origin, polygons.corners[following] - origin
+    twice = np.linalg.norm(np.cross(a, b), axis=1)
+    weighted = (a + b) * twice[:, None] / 3.0
+    middle = np.zeros((len(count), 3))
+    np.add.at(middle, owner, weighted)
+    middle /= np.bincount(owner, weights=twice, minlength=len(count))[:, None]
+    block_m, block_s = patches.block_m[polygons.patch], patches.block_s[polygons.patch]
+    return ContactPoints(
+        block_m=block_m,
+        block_s=block_s,
+        centroids=polygons.corners[start[:-1]] + middle,
+        normals=normals,
+        areas=polygons.areas,
+        pair_start=_starts(block_m, block_s),
+        patch=polygons.patch,
+        patches=patches,
+        polygons=polygons,
+    )
+
+
+def _at_vertices(patches: ContactPatches, polygons: ContactPolygons) -> ContactPoints:
+    """Points at the corners of each patch's convex hull."""
+    owner = np.repeat(polygons.patch, np.diff(polygons.start))
+    n_patches = len(patches.areas)
+    axis = np.eye(3)[np.abs(patches.normals).argmin(axis=1)]
+    u = np.cross(patches.normals, axis)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    v = np.cross(patches.normals, u)
+    flat = np.column_stack(
+        [
+            np.einsum("ci,ci->c", polygons.corners, u[owner]),
+            np.einsum("ci,ci->c", polygons.corners, v[owner]),
+        ]
+    )
+    start = np.searchsorted(owner, np.arange(n_patches + 1))
+    # Equal to round-off is equal, so that repeated corners sort beside each other.
+    size = float(np.abs(flat).max(initial=0.0))
+    rounded = np.round(flat[:, 0] / (1e-9 * size)) if size > 0 else flat[:, 0]
+    order = np.lexsort((flat[:, 1], rounded, owner))
+    chosen = np.empty(2 * len(flat) + 2, dtype=np.int64)
+    chosen_start = np.zeros(n_patches + 1, dtype=np.int64)
+    total = hulls(flat, start, order, 1e-7 * size, chosen, chosen_start)
+    corner, count = chosen[:total], np.diff(chosen_start)
+    patch = np.repeat(np.arange(n_patches), count)
+    block_m, block_s = patches.block_m[patch], patches.block_s[patch]
+    return ContactPoints(
+        block_m=block_m,
+        block_s=block_s,
+        centroids=polygons.corners[corner],
+        normals=patches.normals[patch],
+        areas=(patches.areas / np.maximum(count, 1))[patch],
+        pair_start=_starts(block_m, block_s),
+        patch=patch,
+        patches=patches,
+        polygons=polygons,
+    )

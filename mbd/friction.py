@@ -1,0 +1,417 @@
+"""Coulomb friction in the rigid answer: which loads can be carried, and how far they can grow.
+
+A contact force (λ_n, λ_1, λ_2) is admissible if ‖(λ_1, λ_2)‖ <= μ λ_n, a second-order cone; the
+pyramid |λ_1| + |λ_2| <= μ λ_n lies inside it and makes linear programs. Both are solved by
+clarabel. A load that admits equilibrium with admissible forces *can* be carried; by the lower-bound
+theorem for rigid blocks no more is claimed (sliding friction is not associated). A load that
+does not is certain to set the blocks in motion; the certificate is a virtual displacement d with
+n·δ >= μ ‖δ_t‖ in every contact (δ the relative displacement there) and fᵀd > 0: no admissible
+force does negative work on it.
+
+References: eq. SCP-linear of the paper with friction added; Kao, Iannuzzo, Thomaszewski, Coros,
+Van Mele, Block, "Coupled rigid-block analysis", Computer-Aided Design 146 (2022); Livesley, "Limit
+analysis of structures formed from rigid blocks", Int. J. Numer. Methods Eng. 12 (1978).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from geometry.contact_assembly import ContactAssembly
+from geometry.mesh import FloatArray, IntArray
+from mbd.contact_jacobian import Contacts
+from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
+
+#: A mechanism certifies only if no admissible unit force does more negative work than this
+#: fraction of the load's work.
+CERTIFICATE_TOLERANCE = 1e-6
+
+
+class FrictionLaw(StrEnum):
+    """How the Coulomb cone is represented."""
+
+    CONE = "cone"
+    """Second-order cone, exact."""
+    PYRAMID = "pyramid"
+    """Four-sided pyramid inside the cone: linear, a little weaker."""
+
+
+class FrictionError(ValueError):
+    """A friction coefficient that means nothing."""
+
+
+@dataclass(frozen=True)
+class FrictionalContacts:
+    """Wrenches of unit normal and tangential forces at each contact."""
+
+    matrix: sp.csc_array
+    """(6 n_free, 3 n_contacts), columns (normal, first, second tangent) contact by contact."""
+    tangents: FloatArray
+    """Unit tangents, (n_contacts, 2, 3)."""
+    friction: float
+    """μ"""
+    law: FrictionLaw
+
+    @property
+    def n_contacts(self) -> int:
+        """Number of contact points."""
+        return len(self.tangents)
+
+    def slip(self, displacement: FloatArray) -> FloatArray:
+        """Relative displacement (normal, first, second tangent) at each contact, (n, 3)."""
+        relative: FloatArray = (self.matrix.T @ displacement).reshape(-1, 3)
+        return relative
+
+    def smallest_work(self, displacement: FloatArray) -> FloatArray:
+        """Return the least work of an admissible force with λ_n = 1 at each contact, (n,)."""
+        relative = self.slip(displacement)
+        tangential = (
+            np.linalg.norm(relative[:, 1:], axis=1)
+            if self.law is FrictionLaw.CONE
+            else np.abs(relative[:, 1:]).max(axis=1)
+        )
+        work: FloatArray = relative[:, 0] - self.friction * tangential
+        return work
+
+    def projected(self, forces: FloatArray) -> FloatArray:
+        """Nearest admissible forces along the tangents, (n, 3): cuts what the solver overshot."""
+        normal = np.maximum(forces[:, 0], 0.0)
+        tangential = (
+            np.linalg.norm(forces[:, 1:], axis=1)
+            if self.law is FrictionLaw.CONE
+            else np.abs(forces[:, 1:]).sum(axis=1)
+        )
+        limit = self.friction * normal
+        scale = np.where(tangential > limit, limit / np.maximum(tangential, 1e-300), 1.0)
+        return np.column_stack([normal, forces[:, 1:] * scale[:, None]])
+
+
+def _directed(
+    assembly: ContactAssembly, contacts: Contacts, directions: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Wrenches (F, M/ℓ) of unit forces along ``directions`` on s and (negative) on m; (n, 6)."""
+    points = assembly.interfaces.centroids[contacts.index]
+    wrench = []
+    for block, sign in ((contacts.block_m, -1.0), (contacts.block_s, 1.0)):
+        arm = points - assembly.centroids[block]
+        moment = np.cross(arm, directions) / contacts.length
+        wrench.append(sign * np.hstack([directions, moment]))
+    return wrench[0], wrench[1]
+
+
+def frictional_contacts(
+    assembly: ContactAssembly,
+    contacts: Contacts,
+    friction: float,
+    law: FrictionLaw = FrictionLaw.CONE,
+) -> FrictionalContacts:
+    """Assemble the wrenches of normal and tangential contact forces.
+
+    Parameters
+    ----------
+    assembly, contacts
+        Blocks, and the contacts of `mbd.contact_jacobian`.
+    friction
+        Coefficient of friction μ >= 0.
+    law
+        Cone or pyramid.
+
+    Raises
+    ------
+    FrictionError
+        For a negative or non-finite coefficient.
+    """
+    if not (np.isfinite(friction) and friction >= 0):
+        raise FrictionError(f"rigid.friction: got {friction}, expected 0 or a positive number")
+    normals = assembly.interfaces.normals[contacts.index]
+    axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    first = np.cross(normals, axis)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(normals, first)
+    number = np.full(assembly.n_blocks, -1, dtype=np.int64)
+    number[contacts.free_blocks] = np.arange(len(contacts.free_blocks))
+    rows: list[IntArray] = []
+    columns: list[IntArray] = []
+    values: list[FloatArray] = []
+    for offset, direction in enumerate((normals, first, second)):
+        for block, wrench in zip(
+            (contacts.block_m, contacts.block_s),
+            _directed(assembly, contacts, direction),
+            strict=True,
+        ):
+            free = np.flatnonzero(number[block] >= 0)
+            rows.append((6 * number[block[free], None] + np.arange(6)).ravel())
+            columns.append(np.repeat(3 * free + offset, 6))
+            values.append(wrench[free].ravel())
+    matrix = sp.coo_array(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
+        shape=(6 * len(contacts.free_blocks), 3 * len(normals)),
+    ).tocsc()
+    return FrictionalContacts(matrix, np.stack([first, second], axis=1), friction, law)
+
+
+@dataclass(frozen=True)
+class FrictionalEquilibrium:
+    """Whether a load can be carried with friction, and the proof."""
+
+    holds: bool
+    """Whether admissible forces balance the load to `EQUILIBRIUM_TOLERANCE`."""
+    forces: FloatArray
+    """(λ_n, λ_1, λ_2) of each contact, inside the cone; (n_contacts, 3) [N]."""
+    residual: float
+    """‖G λ + f‖ / ‖f‖ of those forces (0 for a zero load)."""
+    mechanism: FloatArray | None
+    """d with ‖d‖ = 1, fᵀd > 0, on which no admissible force does negative work; (n_rows,)."""
+    work: float
+    """fᵀd / ‖f‖ of the mechanism."""
+    smallest_contact_work: float
+    """Least work of an admissible unit force on the mechanism; zero to round-off."""
+    status: str
+    """What happened and what that means."""
+
+
+def _cones(contacts: FrictionalContacts) -> tuple[sp.csc_array, list[Any]]:
+    """Rows R and cones K such that R x in K says that the forces x are admissible."""
+    import clarabel
+
+    n, mu = contacts.n_contacts, contacts.friction
+    if mu == 0.0:
+        # A second-order cone of zero width has no interior: say λ_1 = λ_2 = 0, λ_n >= 0 instead.
+        tangential = np.sort(np.concatenate([3 * np.arange(n) + 1, 3 * np.arange(n) + 2]))
+        order = np.concatenate([tangential, 3 * np.arange(n)])
+        return sp.eye_array(3 * n, format="csr")[order].tocsc(), [
+            clarabel.ZeroConeT(2 * n),
+            clarabel.NonnegativeConeT(n),
+        ]
+    if contacts.law is FrictionLaw.CONE:
+        scale = np.tile([mu, 1.0, 1.0], n)
+        return sp.diags_array(scale).tocsc(), [clarabel.SecondOrderConeT(3)] * n
+    sides = np.array([[mu, 1, 1], [mu, 1, -1], [mu, -1, 1], [mu, -1, -1]], dtype=np.float64)
+    return sp.kron(sp.eye_array(n), sides).tocsc(), [clarabel.NonnegativeConeT(4 * n)]
+
+
+def _clarabel(
+    *, quadratic: Any, cost: FloatArray, equal: Any, target: FloatArray, rows: Any, cones: Any
+) -> Any:
+    """Minimise ½ xᵀPx + qᵀx subject to equal x = target, rows x in the cones."""
+    import clarabel
+
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
+    settings.tol_infeas_abs = settings.tol_infeas_rel = 1e-11
+    settings.max_iter = 300
+    constraint = sp.vstack([equal, -rows]).tocsc()
+    right = np.concatenate([target, np.zeros(rows.shape[0])])
+    solver = clarabel.DefaultSolver(
+        sp.csc_matrix(quadratic),
+        cost,
+        sp.csc_matrix(constraint),
+        right,
+        [clarabel.ZeroConeT(len(target)), *cones],
+        settings,
+    )
+    return solver.solve()
+
+
+def _checked_mechanism(
+    contacts: FrictionalContacts, direction: FloatArray, load: FloatArray
+) -> tuple[FloatArray, float, float] | None:
+    """Direction, work and least contact work, if they certify that the load is not carried."""
+    size = float(np.linalg.norm(direction))
+    if not (np.isfinite(size) and size > 0.0):
+        return None
+    unit = direction / size
+    work = float(load @ unit) / float(np.linalg.norm(load))
+    least = float(contacts.smallest_work(unit).min(initial=0.0))
+    if work > 0.0 and least >= -CERTIFICATE_TOLERANCE * work:
+        return unit, work, least
+    return None
+
+
+def frictional_equilibrium(contacts: FrictionalContacts, load: FloatArray) -> FrictionalEquilibrium:
+    """Smallest admissible contact forces that balance a load, or a certified mechanism.
+
+    Parameters
+    ----------
+    contacts
+        Of `frictional_contacts`.
+    load
+        f, (n_rows,) [N].
+
+    Returns
+    -------
+    FrictionalEquilibrium
+        Undecided (neither holds nor a mechanism) at the edge of what can be carried.
+    """
+    size = float(np.linalg.norm(load))
+    n = contacts.n_contacts
+    if size == 0.0:
+        return FrictionalEquilibrium(
+            True, np.zeros((n, 3)), 0.0, None, 0.0, 0.0, "equilibrium: no load"
+        )
+    unit = load / size
+    residual, forces = 1.0, np.zeros((n, 3))
+    direction = unit
+    if n:
+        rows, cones = _cones(contacts)
+        solution = _clarabel(
+            quadratic=sp.eye_array(3 * n, format="csc"),
+            cost=np.zeros(3 * n),
+            equal=contacts.matrix,
+            target=-unit,
+            rows=rows,
+            cones=cones,
+        )
+        forces = contacts.projected(np.nan_to_num(np.asarray(solution.x)).reshape(-1, 3))
+        residual = float(np.linalg.norm(contacts.matrix @ forces.ravel() + unit))
+        direction = np.asarray(solution.z)[: len(load)]
+    if residual <= EQUILIBRIUM_TOLERANCE:
+        return FrictionalEquilibrium(
+            True,
+            size * forces,
+            residual,
+            None,
+            0.0,
+            0.0,
+            f"can be carried, relative residual {residual:.1e}",
+        )
+    for candidate in (direction, -direction):
+        found = _checked_mechanism(contacts, candidate, unit)
+        if found is not None:
+            return FrictionalEquilibrium(
+                False,
+                size * forces,
+                residual,
+                *found,
+                "cannot be carried: the load drives a mechanism that friction does not stop "
+                "(given as certificate)",
+            )
+    return FrictionalEquilibrium(
+        False,
+        size * forces,
+        residual,
+        None,
+        0.0,
+        0.0,
+        f"undecided: residual {residual:.1e} and no certified mechanism; the load lies at the edge "
+        "of what the contacts can carry: change it or the friction a little",
+    )
+
+
+@dataclass(frozen=True)
+class CollapseLoad:
+    """How far a live load can grow on top of a dead load until the first mechanism."""
+
+    factor: float
+    """Largest α for which dead + α live can be carried; infinity if it never collapses."""
+    upper_bound: float
+    """-f_deadᵀd / f_liveᵀd of the mechanism: no larger α can be carried."""
+    forces: FloatArray
+    """Contact forces at collapse (at an infinite factor: those of the live load alone); (n, 3)."""
+    residual: float
+    """Relative residual of those forces."""
+    mechanism: FloatArray | None
+    """Collapse mechanism d, f_liveᵀd > 0, ‖d‖ = 1; None if it never collapses."""
+    smallest_contact_work: float
+    """Least work of an admissible unit force on the mechanism; zero to round-off."""
+    status: str
+    """What happened and what that means."""
+
+    @property
+    def certified(self) -> bool:
+        """Whether forces and mechanism prove the factor from both sides, to 1e-4 of it."""
+        if np.isinf(self.factor):
+            return self.residual <= EQUILIBRIUM_TOLERANCE
+        return (
+            self.mechanism is not None
+            and self.residual <= EQUILIBRIUM_TOLERANCE
+            and abs(self.upper_bound - self.factor) <= 1e-4 * max(abs(self.factor), 1e-3)
+        )
+
+
+def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArray) -> CollapseLoad:
+    """Limit analysis: the largest α such that dead + α live can be carried.
+
+    Parameters
+    ----------
+    contacts
+        Of `frictional_contacts`.
+    dead, live
+        Generalized forces, (n_rows,) [N].
+
+    Raises
+    ------
+    FrictionError
+        When the live load is zero, or the dead load alone cannot be carried.
+    """
+    n, n_rows = contacts.n_contacts, len(live)
+    size = float(np.linalg.norm(live))
+    if size == 0.0:
+        raise FrictionError("collapse: the live load is zero; name a load that is to grow")
+    scale = max(float(np.linalg.norm(dead)), size)
+    base = frictional_equilibrium(contacts, dead)
+    if not base.holds:
+        raise FrictionError(f"collapse: the dead load alone {base.status}")
+    alone = frictional_equilibrium(contacts, live)
+    if alone.holds:
+        return CollapseLoad(
+            np.inf,
+            np.inf,
+            alone.forces,
+            alone.residual,
+            None,
+            0.0,
+            "never collapses: the live load alone can be carried, however large",
+        )
+    rows, cones = _cones(contacts)
+    equal = sp.hstack([contacts.matrix, sp.csc_array((live / size)[:, None])])
+    widened = sp.hstack([rows, sp.csc_array((rows.shape[0], 1))])
+    cost = np.zeros(3 * n + 1)
+    cost[-1] = -1.0
+    solution = _clarabel(
+        quadratic=sp.csc_array((3 * n + 1, 3 * n + 1)),
+        cost=cost,
+        equal=equal,
+        target=-dead / scale,
+        rows=widened,
+        cones=cones,
+    )
+    x = np.nan_to_num(np.asarray(solution.x))
+    factor = float(x[-1]) * scale / size
+    forces = scale * contacts.projected(x[:-1].reshape(-1, 3))
+    total = dead + factor * live
+    residual = float(np.linalg.norm(contacts.matrix @ forces.ravel() + total))
+    residual /= max(float(np.linalg.norm(total)), 1e-300)
+    z = np.asarray(solution.z)[:n_rows]
+    for direction in (z, -z):
+        work = float(live @ direction)
+        if work <= 0.0:
+            continue
+        unit = direction / np.linalg.norm(direction)
+        least = float(contacts.smallest_work(unit).min(initial=0.0))
+        bound = -float(dead @ unit) / float(live @ unit)
+        if least >= -1e-5:
+            return CollapseLoad(
+                factor,
+                bound,
+                forces,
+                residual,
+                unit,
+                least,
+                f"collapses at {factor:.6g} times the live load",
+            )
+    return CollapseLoad(
+        factor,
+        np.inf,
+        forces,
+        residual,
+        None,
+        0.0,
+        f"carries at least {factor:.6g} times the live load; no mechanism was certified",
+    )

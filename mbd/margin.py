@@ -1,0 +1,82 @@
+"""The margin of interlocking: how well the worst load is carried.
+
+An assembly is interlocked if and only if every load can be carried (Wang, Song, Pauly, "DESIA: a
+general framework for designing interlocking assemblies", ACM Trans. Graph. 37 (2018) and "Design
+and structural optimization of topological interlocking assemblies", ibid. 38 (2019)). Every load
+is a positive combination of unit forces and couples on single blocks, so those decide, and the
+worst of them measures the margin.
+
+A unit load carried with Σ λ²/A = 1/S needs the contact energy of a piston of area S under uniform
+pressure: S is its *bearing area* [mm²]. The effort sqrt(1/S) is convex and homogeneous in the
+load, so a load with components f_i on those axes needs at most Σ |f_i| / sqrt(S_i).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.mesh import FloatArray
+from mbd.contact_jacobian import ContactJacobian
+from mbd.equilibrium import Norm, column_weights, newton_equilibrium
+
+_AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+
+
+@dataclass(frozen=True)
+class Margin:
+    """The load that is carried worst."""
+
+    bearing_area: float
+    """Smallest bearing area over all unit loads [mm²]; 0 if some load cannot be carried."""
+    block: int
+    """Position of the loaded block among the free blocks."""
+    load: str
+    """Axis of the worst load, e.g. ``+Fz`` or ``-Mx`` (couples are M/ℓ)."""
+    areas: FloatArray
+    """Bearing area of each unit load (0 where it cannot be carried): (n_free, 6, 2) [mm²], the
+    last index 0 for +, 1 for -."""
+    mechanism: FloatArray | None
+    """Mechanism that the worst load drives, (n_rows,); None if every load is carried."""
+
+    @property
+    def interlocked(self) -> bool:
+        """Whether every load can be carried."""
+        return self.bearing_area > 0.0
+
+
+def interlocking_margin(jacobian: ContactJacobian, areas: FloatArray) -> Margin:
+    """Carry unit forces and couples, both ways, on each free block in turn.
+
+    Costs twelve equilibria for each free block.
+
+    Parameters
+    ----------
+    jacobian
+        G, (6 n_free, n_contacts).
+    areas
+        Contact areas, (n_contacts,) [mm²].
+    """
+    n_rows, n_contacts = jacobian.shape
+    bearing = np.zeros((n_rows, 2))
+    mechanism: FloatArray | None = None
+    weights = column_weights(Norm.PRESSURE, areas)
+    for row in range(n_rows):
+        for way, sign in enumerate((1.0, -1.0)):
+            load = np.zeros(n_rows)
+            load[row] = sign
+            found = newton_equilibrium(jacobian, load, weights=weights)
+            if found.holds and n_contacts:
+                bearing[row, way] = 1.0 / float(np.sum(found.forces**2 / areas))
+            elif mechanism is None:
+                mechanism = found.mechanism
+    worst = int(np.argmin(bearing))
+    row, way = divmod(worst, 2)
+    return Margin(
+        bearing_area=float(bearing[row, way]),
+        block=row // 6,
+        load="+-"[way] + _AXES[row % 6],
+        areas=bearing.reshape(-1, 6, 2),
+        mechanism=mechanism,
+    )

@@ -1,0 +1,313 @@
+"""Element updates per CPU second of the explicit solver.
+
+``python -m validation.benchmarks.explicit [--json FILE|-]``
+
+All rates are millions of element updates per second of CPU time of one core, or of elapsed
+time where two threads share the work; each the best of several short batches.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import functools
+import json
+import resource
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from fem import kernels
+from fem.central_difference import System, step, stiffness_force
+from fem.checkpoint import state_arrays
+from fem.effects import BulkViscosity, Effects, RayleighDamping
+from fem.explicit import initial_state, prepare
+from fem.hexahedron import ElementType, element_stiffness
+from fem.material import Material
+from fem.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
+from fem.state import State
+from fem.time_step import critical_time_step
+from geometry.block import box_block
+from validation.benchmarks.roofline import Roofline, roofline
+from validation.benchmarks.stopwatch import best_cpu_seconds, best_wall_seconds
+
+CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
+
+#: Divisions of the two blocks: 2 016 and 16 000 elements.
+SMALL, LARGE = (14, 12, 12), (25, 25, 25)
+LARGE_COPIES = 13
+
+EFFECTS = {
+    "mass-proportional damping": Effects(rayleigh=RayleighDamping(mass_proportional=2.0)),
+    "stiffness-proportional damping": Effects(rayleigh=RayleighDamping(None, 1e-8)),
+    "bulk viscosity": Effects(bulk_viscosity=BulkViscosity()),
+    "gravity": Effects(gravity=np.array([0.0, 0.0, -9810.0])),
+    "finite rotation": Effects(finite_rotation=True),
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """Rates of one case."""
+
+    elements: int
+    """Of one block."""
+    copies: int
+    """Congruent blocks."""
+    precision: str
+    """``float64`` or ``float32``."""
+    threads: int
+    """Threads."""
+    internal_force: float
+    """Million element updates per second, internal force alone."""
+    whole_step: float
+    """The same for the whole step: force, loads, update of velocity and displacement."""
+    gflops: float
+    """Of the internal force, padding included."""
+    bytes_per_node: float
+    """Evolving arrays and stiffness over all nodes of all copies."""
+
+
+def benchmark_group(divisions: tuple[int, int, int], copies: int) -> BlockGroup:
+    """Copies of a box of concrete, edges of 10 mm."""
+    size = (10.0 * divisions[0], 10.0 * divisions[1], 10.0 * divisions[2])
+    mesh = box_block(size, divisions).mesh
+    return block_group(mesh, CONCRETE, translations=np.zeros((copies, 3)))
+
+
+def loaded_model(group: BlockGroup, effects: Effects | None = None) -> Model:
+    """Every copy held at one face and pushed on the opposite one."""
+    nodes = group.mesh.nodes
+    force = np.zeros_like(nodes)
+    force[nodes[:, 2] == nodes[:, 2].max(), 0] = 1.0
+    copies = np.arange(group.n_copies)
+    return Model(
+        (group,),
+        supports=(fixed_nodes(0, np.flatnonzero(nodes[:, 2] == 0.0), copies=copies),),
+        loads=(nodal_load(0, force, copies=copies),),
+        effects=effects or Effects(),
+    )
+
+
+def ready(model: Model, time_step: float, **options: Any) -> tuple[System, State]:
+    """System and state after a few steps, so that nothing is zero."""
+    system = prepare(model, time_step=time_step, **options)
+    state = initial_state(system)
+    for _ in range(3):
+        step(system, state)
+    return system, state
+
+
+def seconds_of_force(system: System, state: State, threads: int, repeats: int) -> float:
+    """Time of one internal force of all copies [s]."""
+    body, now = system.bodies[0], state.bodies[0]
+    best = best_cpu_seconds if threads == 1 else best_wall_seconds
+    return best(
+        lambda: stiffness_force(body, now.displacement, now.internal_force, system.kernels),
+        repeats=repeats if threads == 1 else 1,
+    )
+
+
+def seconds_of_step(system: System, state: State, threads: int, repeats: int) -> float:
+    """Time of one whole step [s]."""
+    best = best_cpu_seconds if threads == 1 else best_wall_seconds
+    return best(lambda: step(system, state), repeats=repeats if threads == 1 else 1)
+
+
+def row(group: BlockGroup, time_step: float, precision: str, threads: int) -> Row:
+    """Measure one case."""
+    system, state = ready(loaded_model(group), time_step, precision=precision, threads=threads)
+    updates = group.mesh.n_elements * group.n_copies
+    repeats = max(1, 400_000 // updates)
+    force = seconds_of_force(system, state, threads, repeats)
+    whole = seconds_of_step(system, state, threads, repeats)
+    body = system.bodies[0]
+    memory = body.constant_bytes + sum(a.nbytes for a in state_arrays(system, state).values())
+    return Row(
+        elements=group.mesh.n_elements,
+        copies=group.n_copies,
+        precision=precision,
+        threads=threads,
+        internal_force=updates / force / 1e6,
+        whole_step=updates / whole / 1e6,
+        gflops=18.0 * len(body.rows.column) * body.lanes / force / 1e9,
+        bytes_per_node=memory / (group.n_nodes * group.n_copies),
+    )
+
+
+def effect_costs(group: BlockGroup, time_step: float) -> dict[str, float]:
+    """Per cent that each effect adds to a step, and what a step adds to its two kernels.
+
+    Each pair is measured in turns, so that a busy machine disturbs both alike.
+    """
+    plain = ready(Model((group,)), time_step)
+    costs = {
+        "effects off, against the two bare kernels": added_percent(
+            lambda: bare_seconds(*plain), lambda: seconds_of_step(*plain, threads=1, repeats=2)
+        )
+    }
+    cases = {"loads and supports": loaded_model(group)}
+    cases |= {name: Model((group,), effects=effects) for name, effects in EFFECTS.items()}
+    for name, model in cases.items():
+        case = ready(model, time_step)
+        costs[name] = added_percent(
+            lambda: seconds_of_step(*plain, threads=1, repeats=2),
+            functools.partial(seconds_of_step, *case, threads=1, repeats=2),
+        )
+    return costs
+
+
+def added_percent(without: Callable[[], float], with_it: Callable[[], float]) -> float:
+    """Least time with an effect over least time without it, in turns [%]."""
+    pairs = [(without(), with_it()) for _ in range(5)]
+    base = min(pair[0] for pair in pairs)
+    more = min(pair[1] for pair in pairs)
+    return 100.0 * (more / base - 1.0)
+
+
+def bare_seconds(system: System, state: State) -> float:
+    """Product and update called directly, nothing around them [s]."""
+    body, now = system.bodies[0], state.bodies[0]
+    rows, real = body.rows, body.dtype.type
+
+    def work() -> None:
+        kernels.stiffness_product(
+            rows.chunks,
+            rows.pointer,
+            rows.column,
+            rows.blocks,
+            now.displacement.ravel(),
+            now.internal_force.ravel(),
+            None,
+            body.lanes,
+        )
+        kernels.update(
+            rows.chunks,
+            real(system.time_step),
+            real(system.time_step),
+            None,
+            body.mass,
+            now.internal_force,
+            None,
+            None,
+            None,
+            now.displacement,
+            now.velocity,
+            None,
+            None,
+            None,
+        )
+
+    return best_cpu_seconds(work, repeats=2)
+
+
+def peers(group: BlockGroup) -> dict[str, float]:
+    """Million element updates per CPU second of plain ways to the same internal force."""
+    mesh, copies = group.mesh, group.n_copies
+    u = np.random.default_rng(0).standard_normal((3 * mesh.n_nodes, copies))
+    matrix = csr_array(group.stiffness)
+    one = np.ascontiguousarray(u[:, 0])
+    element = element_stiffness(mesh.nodes[mesh.elements], CONCRETE, ElementType.INCOMPATIBLE)
+    dofs = (3 * mesh.elements[:, :, None] + np.arange(3)).reshape(-1, 24)
+
+    def numpy_loop() -> np.ndarray[Any, Any]:
+        force = np.zeros_like(u)
+        np.add.at(force, dofs, element @ u[dofs])
+        return force
+
+    rates = {
+        "numpy, element by element": (numpy_loop, copies),
+        "scipy CSR times all copies": (lambda: matrix @ u, copies),
+        "scipy CSR, every block its own matrix": (lambda: matrix @ one, 1),
+        "scipy BSR times all copies": (lambda: group.stiffness @ u, copies),
+    }
+    return {
+        name: mesh.n_elements * count / best_cpu_seconds(work, trials=3) / 1e6
+        for name, (work, count) in rates.items()
+    }
+
+
+def benchmark() -> dict[str, Any]:
+    """All rows; about a minute."""
+    limits = roofline()
+    rows: list[Row] = []
+    small = benchmark_group(SMALL, 52)
+    time_step = 0.9 * critical_time_step(Model((small,))).critical_time_step
+    for precision in ("float64", "float32"):
+        for threads in (1, 2):
+            rows.append(row(small, time_step, precision, threads))
+    for copies, divisions in ((12, SMALL), (1, SMALL), (LARGE_COPIES, LARGE), (1, LARGE)):
+        group = benchmark_group(divisions, copies)
+        counts = [1, 2] if divisions == LARGE else [1]
+        rows.extend(row(group, time_step, "float64", threads) for threads in counts)
+    return {
+        "roofline": dataclasses.asdict(limits),
+        "rows": [dataclasses.asdict(r) for r in rows],
+        "flops_per_element": flops_per_element(small),
+        "internal_force_limit": internal_force_limit(small, limits),
+        "effects_added_percent": effect_costs(small, time_step),
+        "peers": peers(small),
+        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+    }
+
+
+def flops_per_element(group: BlockGroup) -> float:
+    """Operations of the internal force per element and copy."""
+    return 18.0 * len(group.stiffness.indices) / group.mesh.n_elements
+
+
+def internal_force_limit(group: BlockGroup, limits: Roofline) -> float:
+    """Million element updates per second if every cycle did its multiply-adds."""
+    return limits.peak_float64_gflops * 1e3 / flops_per_element(group)
+
+
+def table(result: dict[str, Any]) -> str:
+    """The result as text."""
+    limits = result["roofline"]
+    lines = [
+        "One core: "
+        f"triad {limits['triad_memory_gb_per_s']:.1f} GB/s from memory, "
+        f"{limits['triad_cache_gb_per_s']:.1f} GB/s from cache; "
+        f"multiply-adds {limits['peak_float64_gflops']:.1f} GF/s float64, "
+        f"{limits['peak_float32_gflops']:.1f} GF/s float32",
+        f"Internal force at the peak of float64: {result['internal_force_limit']:.1f} M/s",
+        "",
+        "elements copies precision threads  force M/s  step M/s  GF/s  bytes/node",
+    ]
+    for r in result["rows"]:
+        lines.append(
+            f"{r['elements']:8d} {r['copies']:6d} {r['precision']:>9s} {r['threads']:7d} "
+            f"{r['internal_force']:10.1f} {r['whole_step']:9.1f} {r['gflops']:5.1f} "
+            f"{r['bytes_per_node']:11.0f}"
+        )
+    lines += ["", "Effects add to a step:"]
+    lines += [f"  {name}: {cost:+.1f} %" for name, cost in result["effects_added_percent"].items()]
+    lines += ["", "Internal force otherwise, M/s per CPU second:"]
+    lines += [f"  {name}: {rate:.2f}" for name, rate in result["peers"].items()]
+    lines.append(f"\nPeak memory {result['peak_memory_mb']:.0f} MB")
+    return "\n".join(lines)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the benchmark and write its table, or JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", metavar="FILE|-", help="write JSON to a file, or to the screen")
+    target = parser.parse_args(arguments).json
+    result = benchmark()
+    text = json.dumps(result, indent=1)
+    if target == "-":
+        sys.stdout.write(text + "\n")
+        return 0
+    if target is not None:
+        Path(target).write_text(text + "\n", encoding="utf-8")
+    sys.stdout.write(table(result) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

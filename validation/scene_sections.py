@@ -1,0 +1,46 @@
+"""Sections that several kinds of scenes share, and the numbers they are made of."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from geometry.load_case import LoadCaseName
+from mbd import Norm, Solver
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Section(BaseModel):
+    """Base of all sections: frozen, and unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class TubeAssemblySection(Section):
+    """``[assembly]`` of a tube."""
+
+    layers: Annotated[int, Field(ge=1)]
+    """Free layers L, the two frame layers not counted."""
+
+
+class TubeLoadSection(Section):
+    """``[load]`` of a tube: one of the five load cases."""
+
+    case: LoadCaseName
+    pressure: Finite = 0.01
+    """Load pressure [MPa]."""
+    as_printed: bool = False
+    """The reading that reproduces the paper's tables instead of what physics says."""
+    layer: Annotated[int, Field(ge=1)] | None = None
+    """Loaded layer of beam and shaft; by default the middle one, ⌊L/2⌋ + 1."""
+
+
+class RigidSection(Section):
+    """``[rigid]``: how the rigid-block equilibrium is solved."""
+
+    norm: Norm = Norm.FORCE
+    solver: Solver = Solver.NEWTON

@@ -1,0 +1,258 @@
+"""Deformable tubes of a scene: the model, and a result in terms that pictures and JSON use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fem.contact import ContactError, ContactNormals, facet_pressures
+from fem.contact_law import ContactLaw, ContactLawError, ExponentialLaw, LinearPenalty
+from fem.contact_measures import ContactMeasures, contact_measures
+from fem.deformable_assembly import (
+    DeformableAssembly,
+    DeformableAssemblyError,
+    Frames,
+    deformable_assembly,
+)
+from fem.recovery import recover
+from geometry.assembly import AssemblyError
+from geometry.mesh import FloatArray, IntArray
+from validation.box import build_material
+from validation.build import build_assembly, build_load
+from validation.errors import InputError
+from validation.scene import TubeScene
+from validation.scene_families import HexagonTubeScene
+from validation.scene_fem import ContactSection, FemSection, Method
+
+#: Tubes that can be meshed by hexahedra.
+DeformableScene = TubeScene | HexagonTubeScene
+
+
+def contact_law(section: ContactSection) -> ContactLaw:
+    """Contact law of a scene.
+
+    Raises
+    ------
+    InputError
+        For constants that make no law.
+    """
+    try:
+        if section.law == "linear":
+            assert section.stiffness is not None
+            return LinearPenalty(section.stiffness)
+        cap = (
+            {}
+            if section.maximum_stiffness is None
+            else {"maximum_stiffness": section.maximum_stiffness}
+        )
+        return ExponentialLaw(
+            section.clearance_at_zero_pressure, section.pressure_at_zero_clearance, **cap
+        )
+    except ContactLawError as error:
+        raise InputError(str(error)) from None
+
+
+def fem_section(scene: DeformableScene, name: str) -> FemSection:
+    """How the scene is to be solved.
+
+    Raises
+    ------
+    InputError
+        When a section is missing.
+    """
+    for section in ("material", "contact", "fem"):
+        if getattr(scene, section) is None:
+            raise InputError(
+                f"{name}: [{section}] is missing: deformable blocks need it "
+                "(`tubelock scenes tsb1-pipe` shows one)"
+            )
+    assert scene.fem is not None
+    return scene.fem
+
+
+def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
+    """Build the deformable tube of a scene.
+
+    Raises
+    ------
+    InputError
+        When it describes nothing that can be solved.
+    """
+    fem = fem_section(scene, name)
+    assert scene.material is not None
+    assert scene.contact is not None
+    assembly = build_assembly(scene)
+    load = build_load(scene, assembly)
+    try:
+        return deformable_assembly(
+            assembly,
+            load,
+            build_material(scene.material),
+            element=fem.element,
+            law=contact_law(scene.contact),
+            normals=ContactNormals.CURRENT,
+            initial_clearance=scene.contact.initial_clearance,
+            frames=Frames.DEFORMABLE if scene.effects.elastic_frame else Frames.RIGID,
+        )
+    except (ContactError, DeformableAssemblyError, AssemblyError) as error:
+        raise InputError(f"{name}: {error}") from None
+
+
+@dataclass(frozen=True)
+class Section:
+    """A plane cut through the blocks."""
+
+    points: FloatArray
+    """(n_points, 2): x and y [mm]."""
+    triangles: IntArray
+    """(n_triangles, 3)"""
+    values: FloatArray
+    """Principal stresses σ₁, σ₂, σ₃ at the points, (n_points, 3) [MPa]."""
+
+
+@dataclass(frozen=True)
+class TubeRun:
+    """A deformable tube and its solution."""
+
+    name: str
+    scene: DeformableScene
+    method: Method
+    deformable: DeformableAssembly
+    displacements: tuple[FloatArray, ...]
+    """Of each group, (n_copies, n_nodes, 3) [mm], world axes."""
+    point_pressures: FloatArray
+    """At the Gauss points of `deformable.surfaces`, (n_facets, 4) [MPa]."""
+    point_overclosures: FloatArray
+    """(n_facets, 4) [mm]"""
+    solver: dict[str, Any]
+    """Numbers of the solver: residual, iterations or steps, energies, …"""
+    cpu_seconds: dict[str, float]
+    """CPU time of each stage [s]."""
+
+    @cached_property
+    def _principal(self) -> tuple[FloatArray, ...]:
+        finite = self.scene.effects.finite_rotation
+        groups = self.deformable.model.groups
+        return tuple(
+            recover(group, u, finite_rotation=finite).principal
+            for group, u in zip(groups, self.displacements, strict=True)
+        )
+
+    def displacement(self, block: int) -> FloatArray:
+        """Nodal displacements of a deformable block, (n_nodes, 3) [mm]."""
+        d = self.deformable
+        u: FloatArray = self.displacements[int(d.group_of[block])][int(d.copy_of[block])]
+        return u
+
+    def principal(self, block: int) -> FloatArray:
+        """Principal stresses at the nodes of a deformable block, (n_nodes, 3) [MPa]."""
+        d = self.deformable
+        sigma: FloatArray = self._principal[int(d.group_of[block])][int(d.copy_of[block])]
+        return sigma
+
+    def positions(self, block: int) -> FloatArray:
+        """Nodes of a block before the load acts, spacing included, (n_nodes, 3) [mm]."""
+        placed: FloatArray = self.deformable.assembly.nodes(block) + self.deformable.spacing[block]
+        return placed
+
+    @property
+    def contact_index(self) -> IntArray:
+        """Position of each contact facet in the assembly's interfaces, (n_facets,)."""
+        return self.deformable.surfaces.facet
+
+    @cached_property
+    def facet_pressures(self) -> FloatArray:
+        """Mean contact pressure of each facet, (n_facets,) [MPa]."""
+        return facet_pressures(self.deformable.surfaces, self.point_pressures)
+
+    @cached_property
+    def contact(self) -> ContactMeasures:
+        """The paper's measures of the contact pressures, and more."""
+        return contact_measures(self.deformable, self.point_pressures, self.point_overclosures)
+
+    @property
+    def largest_displacement(self) -> float:
+        """Largest nodal displacement [mm]."""
+        return max(float(np.linalg.norm(u, axis=2).max()) for u in self.displacements)
+
+    @property
+    def drawing_scale(self) -> float:
+        """Round factor that makes the displacement visible in a picture."""
+        largest = self.largest_displacement
+        if largest == 0.0:
+            return 1.0
+        reach = 0.15 * self.deformable.assembly.characteristic_length
+        scale = 10.0 ** np.floor(np.log10(reach / largest))
+        return float(max(scale, 1.0))
+
+    @property
+    def title(self) -> str:
+        """Scene, method and mesh, for pictures."""
+        clearance = 0.0 if self.scene.contact is None else self.scene.contact.initial_clearance
+        gap = f", initial clearance {clearance:g} mm" if clearance else ""
+        layers = self.deformable.assembly.n_layers
+        elements = self.deformable.model.groups[0].mesh.n_elements
+        return (
+            f"{self.name}, {layers} layer{'s' if layers > 1 else ''}: {self.method} FEM, "
+            f"{elements} elements per block{gap}"
+        )
+
+    def section(self, z: float) -> Section:
+        """Cut all deformable blocks by the plane at height z [mm]."""
+        import pyvista
+
+        points, triangles, values, offset = [], [], [], 0
+        for block in self.deformable.deformable_blocks.tolist():
+            nodes = self.positions(block)
+            if not nodes[:, 2].min() < z < nodes[:, 2].max():
+                continue
+            elements = self.deformable.assembly.shape(block).mesh.elements
+            cells = np.hstack([np.full((len(elements), 1), 8), elements]).ravel()
+            kinds = np.full(len(elements), pyvista.CellType.HEXAHEDRON)
+            grid = pyvista.UnstructuredGrid(cells, kinds, nodes)
+            grid.point_data["principal"] = self.principal(block)
+            cut = grid.slice(normal="z", origin=(0.0, 0.0, z)).triangulate()
+            if not cut.n_points:
+                continue
+            points.append(np.asarray(cut.points)[:, :2].astype(np.float64))
+            triangles.append(np.asarray(cut.faces).reshape(-1, 4)[:, 1:] + offset)
+            values.append(np.asarray(cut.point_data["principal"]))
+            offset += cut.n_points
+        if not points:
+            return Section(np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3)))
+        return Section(np.concatenate(points), np.concatenate(triangles), np.concatenate(values))
+
+
+def contact_report(run: TubeRun) -> dict[str, float]:
+    """Contact numbers of a run, without the values of each block."""
+    return {
+        field.name: getattr(run.contact, field.name)
+        for field in fields(run.contact)
+        if field.name != "per_block"
+    }
+
+
+def tube_json(run: TubeRun, peak_memory_mb: float) -> dict[str, Any]:
+    """Return the result as plain data, numbers in full precision."""
+    model = run.deformable.model
+    principal = [run.principal(b) for b in run.deformable.deformable_blocks.tolist()]
+    return {
+        "scene": run.name,
+        "method": str(run.method),
+        "n_blocks": len(run.deformable.deformable_blocks),
+        "n_elements": model.n_elements,
+        "n_nodes": model.n_nodes,
+        "n_contacts": run.deformable.surfaces.n_facets,
+        "max_displacement": run.largest_displacement,
+        "principal_stress": {
+            "max": max(float(p[:, 0].max()) for p in principal),
+            "min": min(float(p[:, 2].min()) for p in principal),
+        },
+        "contact": contact_report(run),
+        **run.solver,
+        "cpu_seconds": run.cpu_seconds,
+        "peak_memory_mb": peak_memory_mb,
+    }

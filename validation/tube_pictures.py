@@ -1,0 +1,200 @@
+"""Pictures of deformable tubes: principal stresses, sections, displacements, contact pressures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from geometry.mesh import FloatArray, IntArray
+from validation.pictures import EYE, between_layers, beyond_axis, coloured_facets, outline
+from validation.rendering import PRESSURE_MAP, STRESS_MAP, place, polydata, render, save_figure
+
+if TYPE_CHECKING:
+    from validation.tube_fem import TubeRun
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """What one picture of the tube shows."""
+
+    title: str
+    values: dict[int, FloatArray]
+    """Nodal values of each deformable block."""
+    colours: str
+    limits: tuple[float, float]
+    label: str
+    faces: tuple[str, ...]
+    scale: float
+    """Factor of the displacement in the picture."""
+
+
+def _coloured_blocks(run: TubeRun, panel: _Panel) -> Callable[[Any], None]:
+    """Named faces of all deformable blocks, moved by the panel's scale of their displacement."""
+
+    def add(plotter: Any) -> None:
+        assembly = run.deformable.assembly
+        for block in run.deformable.deformable_blocks.tolist():
+            shape = assembly.shape(block)
+            quads = np.concatenate(
+                [shape.faces[face] for face in panel.faces if face in shape.faces]
+            )
+            surface = polydata(run.positions(block) + panel.scale * run.displacement(block), quads)
+            surface.point_data["values"] = panel.values[block]
+            plotter.add_mesh(
+                surface,
+                scalars="values",
+                cmap=panel.colours,
+                clim=panel.limits,
+                lighting=False,
+                show_scalar_bar=False,
+            )
+        rigid = np.flatnonzero(run.deformable.group_of < 0)
+        outline(assembly, plotter, rigid, opacity=0.6)
+
+    return add
+
+
+def _colour_bar(
+    figure: Any, axes: Any, limits: tuple[float, float], colours: str, label: str
+) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    figure.colorbar(ScalarMappable(Normalize(*limits), colours), cax=axes, label=label)
+
+
+def _symmetric(values: list[FloatArray]) -> tuple[float, float]:
+    """Limits ± the 99.8 % quantile: a few singular nodes must not drown the picture."""
+    reach = max(float(np.quantile(np.abs(np.concatenate(values)), 0.998)), 1e-300)
+    return (-reach, reach)
+
+
+def draw_stresses(run: TubeRun, path: Path) -> None:
+    """Draw σ₁, σ₃ and the displacement on the outer surface, whole tube."""
+    import matplotlib.pyplot as plt
+
+    blocks = run.deformable.deformable_blocks.tolist()
+    sigma_1 = {b: run.principal(b)[:, 0] for b in blocks}
+    sigma_3 = {b: run.principal(b)[:, 2] for b in blocks}
+    moved = {b: np.linalg.norm(run.displacement(b), axis=1) for b in blocks}
+    limits_1, limits_3 = _symmetric(list(sigma_1.values())), _symmetric(list(sigma_3.values()))
+    limits_u = (0.0, max(float(v.max()) for v in moved.values()) or 1e-300)
+    scale, outer = run.drawing_scale, ("outer",)
+    shell = ("outer", "inner", "left", "right")
+    panels = (
+        _Panel("σ₁, outer surface", sigma_1, STRESS_MAP, limits_1, "σ₁ [MPa]", outer, 0.0),
+        _Panel("σ₃, outer surface", sigma_3, STRESS_MAP, limits_3, "σ₃ [MPa]", outer, 0.0),
+        _Panel(
+            f"displacement, drawn × {scale:g}", moved, "viridis", limits_u, "|u| [mm]", shell, scale
+        ),
+    )
+    figure = plt.figure(figsize=(13, 9.5))
+    grid = figure.add_gridspec(
+        1, 6, width_ratios=[9, 1, 9, 1, 9, 1], left=0.02, right=0.93, top=0.88, wspace=0.45
+    )
+    for column, panel in enumerate(panels):
+        image = render(_coloured_blocks(run, panel), EYE)
+        place(figure.add_subplot(grid[2 * column]), image, panel.title)
+        cell = grid[2 * column + 1].subgridspec(3, 1, height_ratios=[1, 3, 1])
+        bar = figure.add_subplot(cell[1])
+        _colour_bar(figure, bar, panel.limits, panel.colours, panel.label)
+    figure.suptitle(run.title, fontsize=13, x=0.02, ha="left")
+    save_figure(figure, path)
+
+
+def section_heights(run: TubeRun) -> tuple[float, ...]:
+    """Heights of the paper's sections through the middle layer: 10 and 20 mm from its ends."""
+    assembly = run.deformable.assembly
+    layer = assembly.n_layers // 2 + 1
+    low, high = (layer - 1) * _pitch(assembly), layer * _pitch(assembly)
+    return (low + 10.0, low + 20.0, high - 20.0, high - 10.0)
+
+
+def _pitch(assembly: Any) -> float:
+    """Distance of the layers along the axis [mm]."""
+    centres = assembly.centroids @ assembly.axis
+    free = np.unique(assembly.layer[~assembly.fixed])
+    if len(free) > 1:
+        means = [centres[assembly.layer == k].mean() for k in free]
+        return float(np.mean(np.diff(means)))
+    block = int(assembly.free_blocks[0])
+    along = assembly.nodes(block) @ assembly.axis
+    inner = np.unique(assembly.shape(block).faces["inner"])
+    return float(np.ptp(along[inner]))
+
+
+def draw_sections(run: TubeRun, path: Path) -> None:
+    """Draw σ₁ and σ₃ in four sections through the middle layer, as the paper's figures."""
+    import matplotlib.pyplot as plt
+    from matplotlib.tri import Triangulation
+
+    heights = section_heights(run)
+    cuts = [run.section(z) for z in heights]
+    limits_1 = _symmetric([c.values[:, 0] for c in cuts if len(c.values)] or [np.ones(1)])
+    limits_3 = _symmetric([c.values[:, 2] for c in cuts if len(c.values)] or [np.ones(1)])
+    figure, axes = plt.subplots(2, 4, figsize=(14, 7.2), sharex=True, sharey=True)
+    for row, (component, limits) in enumerate(((0, limits_1), (2, limits_3))):
+        for column, (z, cut) in enumerate(zip(heights, cuts, strict=True)):
+            panel = axes[row, column]
+            panel.set_aspect("equal")
+            panel.set_title(f"z = {z:g} mm", fontsize=10, loc="left")
+            if len(cut.triangles):
+                mesh = Triangulation(cut.points[:, 0], cut.points[:, 1], cut.triangles)
+                panel.tripcolor(
+                    mesh,
+                    cut.values[:, component],
+                    cmap=STRESS_MAP,
+                    vmin=limits[0],
+                    vmax=limits[1],
+                    shading="gouraud",
+                )
+            if row == 1:
+                panel.set_xlabel("x [mm]")
+        axes[row, 0].set_ylabel("y [mm]")
+        bar = figure.add_axes((0.93, 0.55 - 0.46 * row, 0.012, 0.32))
+        _colour_bar(figure, bar, limits, STRESS_MAP, ("σ₁ [MPa]", "", "σ₃ [MPa]")[component])
+    layer = run.deformable.assembly.n_layers // 2 + 1
+    figure.suptitle(f"{run.title}: sections through layer {layer}", fontsize=13, x=0.03, ha="left")
+    figure.subplots_adjust(left=0.06, right=0.91, top=0.9, bottom=0.08, wspace=0.08, hspace=0.15)
+    save_figure(figure, path)
+
+
+def draw_contact(run: TubeRun, path: Path) -> None:
+    """Draw the contact pressures as `validation.pictures.draw_pressures` draws the rigid ones."""
+    import matplotlib.pyplot as plt
+
+    assembly = run.deformable.assembly
+    index, pressures = run.contact_index, run.facet_pressures
+    points = assembly.interfaces.centroids[index]
+    highest = max(float(pressures.max(initial=0.0)), 1e-300)
+    far = np.flatnonzero(beyond_axis(assembly, assembly.centroids))
+    layer = assembly.n_layers // 2 + 1
+    in_layer = np.flatnonzero(assembly.layer == layer)
+
+    def facets(rows: IntArray, blocks: IntArray) -> Callable[[Any], None]:
+        return coloured_facets(assembly, index[rows], pressures[rows], blocks, highest)
+
+    figure = plt.figure(figsize=(10.5, 10))
+    grid = figure.add_gridspec(2, 2, width_ratios=[0.5, 1], left=0.03, right=0.86, bottom=0.03)
+    tube = facets(np.flatnonzero(beyond_axis(assembly, points)), far)
+    top = facets(between_layers(assembly, index, layer), in_layer)
+    bottom = facets(between_layers(assembly, index, layer - 1), in_layer)
+    place(figure.add_subplot(grid[:, 0]), render(tube, EYE), "tube cut open")
+    place(
+        figure.add_subplot(grid[0, 1]),
+        render(top, (1.2, -0.8, 1.6)),
+        f"layer {layer}: top faces, seen from above",
+    )
+    place(
+        figure.add_subplot(grid[1, 1]),
+        render(bottom, (1.2, -0.8, -1.6)),
+        f"layer {layer}: bottom faces, seen from below",
+    )
+    figure.suptitle(run.title, fontsize=12, x=0.03, ha="left")
+    bar = figure.add_axes((0.89, 0.15, 0.02, 0.7))
+    _colour_bar(figure, bar, (0.0, highest), PRESSURE_MAP, "contact pressure [MPa]")
+    save_figure(figure, path)
