@@ -411,12 +411,14 @@ def _joint(sections: _Sections, behavior: Card) -> Joint:
             f"line {behavior.line}: got {kind} with {len(values)} values; expected EXPONENTIAL "
             "with 2 or 3, or LINEAR with 1"
         )
+    pairs = sections.all("CONTACT PAIR")
+    finite = any("TYPE" in p.parameters and "SMALL SLIDING" not in p.parameters for p in pairs)
     friction = sections.maybe("FRICTION")
     if friction is None:
-        return Joint(law)
+        return Joint(law, finite_sliding=finite)
     slope = friction.parameters.get("SHEAR TRACTION SLOPE")
     stick = None if slope is None else _floats(friction.line, [slope])[0]
-    return Joint(law, float(friction.numbers()[0]), stick)
+    return Joint(law, float(friction.numbers()[0]), stick, finite)
 
 
 def _effects(sections: _Sections) -> Effects:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 
 import numpy as np
 
@@ -81,17 +80,6 @@ def abaqus_lines(deck: Deck) -> Iterator[str]:
     yield from _model_data(deck)
     yield from _boundary(deck)
     yield from _step(deck, patches)
-
-
-def write_lines(path: Path, lines: Iterator[str]) -> int:
-    """Write lines to a file that the caller renames when it is whole; returns their number."""
-    count = 0
-    with path.open("w", encoding="ascii", newline="\n") as file:
-        for line in lines:
-            file.write(line)
-            file.write("\n")
-            count += 1
-    return count
 
 
 def _has_pairs(deck: Deck) -> bool:
@@ -397,16 +385,21 @@ def _explicit(deck: Deck) -> Iterator[str]:
 
 def _contact_pairs(deck: Deck, patches: Patches) -> Iterator[str]:
     """Contact pairs: slave, then master. Typed in a static step; Abaqus/Explicit has no types."""
-    if deck.step.procedure is Procedure.STATIC:
-        head = f"*Contact Pair, interaction={JOINT}, type=NODE TO SURFACE"
-    else:
-        head = f"*Contact Pair, interaction={JOINT}, mechanical constraint=PENALTY"
     for pair in patches.pairs:
-        yield head
+        yield pair_keyword(deck)
         yield (
             f"{block_label(deck, pair.block_s)}.{pair.patch_s}, "
             f"{block_label(deck, pair.block_m)}.{pair.patch_m}"
         )
+
+
+def pair_keyword(deck: Deck) -> str:
+    """Keyword line of a contact pair."""
+    if deck.step.procedure is Procedure.EXPLICIT:
+        return f"*Contact Pair, interaction={JOINT}, mechanical constraint=PENALTY"
+    line = f"*Contact Pair, interaction={JOINT}, type=NODE TO SURFACE"
+    finite = deck.joint is not None and deck.joint.finite_sliding
+    return line if finite else f"{line}, small sliding"
 
 
 def amplitude_parameter(deck: Deck) -> dict[str, str | None]:

@@ -33,6 +33,7 @@ from fem.abaqus_write import (
     gravity_lines,
     heading_lines,
     material_lines,
+    pair_keyword,
     surface_lines,
 )
 from fem.contact_law import ContactLaw, ExponentialLaw
@@ -262,7 +263,7 @@ def _contact(deck: Deck, patches: Patches) -> Iterator[str]:
         yield keyword("Friction")
         yield reals([joint.friction, joint.stick_stiffness])
     for pair in patches.pairs:
-        yield f"*Contact Pair, interaction={JOINT}, type=NODE TO SURFACE, small sliding"
+        yield pair_keyword(deck)
         yield (
             f"{block_label(deck, pair.block_s)}_{pair.patch_s}, "
             f"{block_label(deck, pair.block_m)}_{pair.patch_m}"

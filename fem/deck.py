@@ -116,6 +116,8 @@ class Joint:
     """Coulomb coefficient; None: frictionless."""
     stick_stiffness: float | None = None
     """Tangential slope while sticking [MPa/mm]; None: the program's default."""
+    finite_sliding: bool = False
+    """Whether contact pairs follow blocks that slide by more than a facet."""
 
 
 @dataclass(frozen=True)
