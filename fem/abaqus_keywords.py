@@ -246,7 +246,9 @@ def read_cards(lines: Iterable[str]) -> list[Card]:
         if text.startswith("*"):
             cards.append(_keyword_card(number, text))
         elif not cards:
-            raise DeckError(f"line {number}: got {text[:40]!r}, expected a keyword such as *Heading")
+            raise DeckError(
+                f"line {number}: got {text[:40]!r}, expected a keyword such as *Heading"
+            )
         else:
             cards[-1].data.append(text)
             cards[-1].data_line.append(number)

@@ -350,7 +350,7 @@ def _assembly(
 
 
 def _floats(line: int, row: list[str]) -> list[float]:
-    return _numbers(line, ",".join(row), len(row)).tolist()
+    return [float(x) for x in _numbers(line, ",".join(row), len(row))]
 
 
 def _element_sets(
@@ -521,7 +521,11 @@ def _step(sections: _Sections) -> DeckStep:
 def _ramp(card: Card) -> float:
     values = card.numbers()
     kind = card.parameters.get("DEFINITION", "").upper()
-    if kind != "SMOOTH STEP" or values.shape != (4,) or (values[[0, 1, 3]] != (0.0, 0.0, 1.0)).any():
+    if (
+        kind != "SMOOTH STEP"
+        or values.shape != (4,)
+        or (values[[0, 1, 3]] != (0.0, 0.0, 1.0)).any()
+    ):
         raise DeckError(f"line {card.line}: expected a smooth step from 0 at time 0 to 1")
     return float(values[2])
 

@@ -32,7 +32,7 @@ from fem.deck import (
     PressureLoad,
     Procedure,
 )
-from fem.deck_faces import Patches, contact_patches, element_faces
+from fem.deck_faces import ElementFaces, Patches, contact_patches, element_faces
 from fem.hexahedron import ElementType
 from geometry.block import Block
 from geometry.mesh import FloatArray, IntArray
@@ -165,15 +165,16 @@ def _part(deck: Deck, number: int, shape: Block, patches: Patches | None) -> Ite
     yield f"1, {mesh.n_nodes}, 1"
     yield keyword("Elset", elset=ALL, generate=None)
     yield f"1, {mesh.n_elements}, 1"
-    for name, quads in shape.faces.items():
-        yield from surface_lines(shape, label(name), quads)
+    faces = {name: element_faces(shape, quads) for name, quads in shape.faces.items()}
+    for name, facets in faces.items():
+        yield from surface_lines(label(name), facets)
     if shape.contact_faces:
         yield keyword("Surface", type="ELEMENT", name=CONTACT)
         for name in shape.contact_faces:
-            yield from _surface_members(shape, label(name), shape.faces[name])
+            yield from _surface_members(label(name), faces[name])
     if patches is not None:
         for patch in patches.of_shape[number]:
-            yield from surface_lines(shape, patch.label, shape.faces[patch.face][patch.positions])
+            yield from surface_lines(patch.label, faces[patch.face].select(patch.positions))
     for name in _held_faces(deck, number):
         yield keyword("Nset", nset=f"{label(name)}-NODES")
         yield from entry_lines(np.unique(shape.faces[name]) + 1)
@@ -182,21 +183,18 @@ def _part(deck: Deck, number: int, shape: Block, patches: Patches | None) -> Ite
 
 
 def surface_lines(
-    shape: Block, name: str, quads: IntArray, *, prefix: str = "", first_element: int = 1
+    name: str, faces: ElementFaces, *, prefix: str = "", first_element: int = 1
 ) -> Iterator[str]:
     """Element sets of a surface, one for each side, and the surface itself."""
-    faces = element_faces(shape, quads)
     for side in np.unique(faces.sides).tolist():
         yield keyword("Elset", elset=f"{prefix}{name}-S{side + 1}")
-        yield from entry_lines(faces.elements[faces.sides == side] + first_element)
+        yield from entry_lines((faces.elements[faces.sides == side] + first_element).tolist())
     yield keyword("Surface", type="ELEMENT", name=f"{prefix}{name}")
-    yield from _surface_members(shape, name, quads, prefix=prefix)
+    yield from _surface_members(name, faces, prefix=prefix)
 
 
-def _surface_members(
-    shape: Block, name: str, quads: IntArray, *, prefix: str = ""
-) -> Iterator[str]:
-    for side in np.unique(element_faces(shape, quads).sides).tolist():
+def _surface_members(name: str, faces: ElementFaces, *, prefix: str = "") -> Iterator[str]:
+    for side in np.unique(faces.sides).tolist():
         yield f"{prefix}{name}-S{side + 1}, S{side + 1}"
 
 
@@ -429,18 +427,18 @@ def _load(deck: Deck, load: DeckLoad) -> Iterator[str]:
     else:
         yield keyword("Dsload", **amplitude, follower="NO")
         for surface in surfaces:
-            for axis, value in enumerate(load.traction.tolist()):
+            for direction, value in zip(np.eye(3), load.traction.tolist(), strict=True):
                 if value != 0.0:
-                    yield f"{surface}, TRVEC, {real(value)}, {reals(np.eye(3)[axis])}"
+                    yield f"{surface}, TRVEC, {real(value)}, {reals(direction)}"
 
 
 def gravity_lines(gravity: FloatArray, targets: list[str]) -> Iterator[str]:
     """Gravity by components, constant in time, on element sets."""
     yield keyword("Dload")
     for target in targets:
-        for axis, value in enumerate(gravity.tolist()):
+        for direction, value in zip(np.eye(3), gravity.tolist(), strict=True):
             if value != 0.0:
-                yield f"{target}, GRAV, {real(value)}, {reals(np.eye(3)[axis])}"
+                yield f"{target}, GRAV, {real(value)}, {reals(direction)}"
 
 
 def _output(deck: Deck) -> Iterator[str]:

@@ -38,7 +38,7 @@ from fem.abaqus_write import (
 )
 from fem.contact_law import ContactLaw, ExponentialLaw
 from fem.deck import Deck, DeckLoad, Hold, PressureLoad, Procedure
-from fem.deck_faces import Patches, contact_patches
+from fem.deck_faces import ElementFaces, Patches, contact_patches, element_faces
 from fem.deck_model import block_nodes, nodal_forces
 from fem.hexahedron import ElementType
 from fem.loads import SmoothStepAmplitude
@@ -80,8 +80,7 @@ def calculix_lines(deck: Deck) -> Iterator[str]:
     DeckError
         What CalculiX has no words for, by name.
     """
-    check_deck(deck, CALCULIX_ELEMENTS)
-    _check_calculix(deck)
+    check_calculix(deck)
     starts = _Starts(deck)
     patches = None if deck.joint is None else contact_patches(deck)
     yield from heading_lines(deck)
@@ -96,7 +95,15 @@ def calculix_lines(deck: Deck) -> Iterator[str]:
     yield from _step(deck, starts)
 
 
-def _check_calculix(deck: Deck) -> None:
+def check_calculix(deck: Deck) -> None:
+    """Refuse what CalculiX cannot express or computes wrongly.
+
+    Raises
+    ------
+    DeckError
+        By name.
+    """
+    check_deck(deck, CALCULIX_ELEMENTS)
     explicit = deck.step.procedure is Procedure.EXPLICIT
     rayleigh, joint = deck.effects.rayleigh, deck.joint
     if joint is not None and explicit:
@@ -207,21 +214,32 @@ def _held_sets(deck: Deck, starts: _Starts) -> Iterator[str]:
 
 def _surfaces(deck: Deck, starts: _Starts, patches: Patches | None) -> Iterator[str]:
     """Surfaces that pressures and contact pairs name."""
-    for block, name, quads in _needed_surfaces(deck, patches):
-        yield from surface_lines(
-            deck.assembly.shape(block),
-            name,
-            quads,
-            prefix=f"{block_label(deck, block)}_",
-            first_element=starts.element[block] + 1,
-        )
-
-
-def _needed_surfaces(
-    deck: Deck, patches: Patches | None
-) -> Iterator[tuple[int, str, IntArray]]:
     assembly = deck.assembly
-    needed: list[set[str]] = [set() for _ in range(assembly.n_blocks)]
+    known = [_shape_surfaces(deck, number, patches) for number in range(len(assembly.shapes))]
+    for block, needed in enumerate(_needed_surfaces(deck, patches)):
+        for name, faces in known[int(assembly.shape_of[block])].items():
+            if name in needed:
+                yield from surface_lines(
+                    name,
+                    faces,
+                    prefix=f"{block_label(deck, block)}_",
+                    first_element=starts.element[block] + 1,
+                )
+
+
+def _shape_surfaces(deck: Deck, number: int, patches: Patches | None) -> dict[str, ElementFaces]:
+    """All surfaces that blocks of one shape can have."""
+    shape = deck.assembly.shapes[number]
+    whole = {name: element_faces(shape, quads) for name, quads in shape.faces.items()}
+    surfaces = {label(name): faces for name, faces in whole.items()}
+    for patch in () if patches is None else patches.of_shape[number]:
+        surfaces[patch.label] = whole[patch.face].select(patch.positions)
+    return surfaces
+
+
+def _needed_surfaces(deck: Deck, patches: Patches | None) -> list[set[str]]:
+    """Labels of the surfaces of each block that the deck names."""
+    needed: list[set[str]] = [set() for _ in range(deck.assembly.n_blocks)]
     for load in deck.loads:
         if isinstance(load, PressureLoad):
             for block in load.blocks.tolist():
@@ -229,15 +247,7 @@ def _needed_surfaces(
     for pair in () if patches is None else patches.pairs:
         needed[pair.block_m].add(pair.patch_m)
         needed[pair.block_s].add(pair.patch_s)
-    for block in range(assembly.n_blocks):
-        shape = assembly.shape(block)
-        for face, quads in shape.faces.items():
-            if label(face) in needed[block]:
-                yield block, label(face), quads
-        number = int(assembly.shape_of[block])
-        for patch in () if patches is None else patches.of_shape[number]:
-            if patch.label in needed[block]:
-                yield block, patch.label, shape.faces[patch.face][patch.positions]
+    return needed
 
 
 # ---------------------------------------------------------------------------------------------

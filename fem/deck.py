@@ -204,6 +204,11 @@ def loads_of_case(assembly: Assembly, case: LoadCase) -> tuple[DeckLoad, ...]:
         A load that no deck can carry: facets that are no face of their block, tractions that
         vary otherwise than around the axis, moments.
     """
+    if case.body_wrenches is not None:
+        raise DeckError(
+            f"load {case.name!r}: got forces and moments on whole blocks; expected loads on faces "
+            "(a deck has gravity and body forces, no moment on a solid block)"
+        )
     if case.without_couple:
         return (_body_force(assembly, case),)
     blocks, face = _loaded_faces(assembly, case)

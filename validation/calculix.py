@@ -1,0 +1,107 @@
+"""Run CalculiX on a deck and read what it printed.
+
+Its exit status says nothing: it can be 0 after an error. The log is read for ``*ERROR``.
+"""
+
+from __future__ import annotations
+
+import re
+import resource
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from geometry.mesh import FloatArray, IntArray
+
+PROGRAM = "ccx"
+
+_ROW = re.compile(r"^ +(\d+) +([-+.\dE]+) +([-+.\dE]+) +([-+.\dE]+)\s*$")
+
+
+class CalculixError(RuntimeError):
+    """A run of CalculiX without a result: what its log says."""
+
+
+@dataclass(frozen=True)
+class CalculixResult:
+    """The last printed state of a run."""
+
+    displacements: FloatArray
+    """Nodes in the order of their numbers, (n_nodes, 3) [mm]; seven digits."""
+    slave_nodes: IntArray
+    """Slave node of each contact element, from 0, (n_contacts,)."""
+    pressures: FloatArray
+    """Contact pressure there, (n_contacts,) [MPa]."""
+    cpu_seconds: float
+    """CPU time of the program."""
+
+
+def calculix_available() -> bool:
+    """Whether the program is installed."""
+    return shutil.which(PROGRAM) is not None
+
+
+def run_calculix(deck: Path, *, timeout: float = 600.0) -> CalculixResult:
+    """Run CalculiX in the folder of a deck.
+
+    Parameters
+    ----------
+    deck
+        ``NAME.inp``; NAME.dat, NAME.frd and others are written beside it.
+    timeout
+        Wall time after which the run is given up [s].
+
+    Raises
+    ------
+    CalculixError
+        Not installed, an error in the log, or no result.
+    """
+    if not calculix_available():
+        raise CalculixError(f"{PROGRAM} is not installed (Debian: calculix-ccx)")
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    try:
+        run = subprocess.run(
+            [PROGRAM, deck.stem],
+            cwd=deck.parent,
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise CalculixError(f"{deck.name}: no result within {timeout:g} s") from None
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    errors = [line.strip() for line in run.stdout.splitlines() if "*ERROR" in line]
+    if errors:
+        raise CalculixError(f"{deck.name}: {errors[0]}")
+    output = deck.with_suffix(".dat")
+    if not output.exists():
+        raise CalculixError(f"{deck.name}: no printed output")
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return _read(output, seconds)
+
+
+def _read(path: Path, seconds: float) -> CalculixResult:
+    """Last block of displacements and of contact stresses."""
+    blocks: dict[str, list[list[float]]] = {}
+    current: list[list[float]] = []
+    for line in path.read_text("ascii").splitlines():
+        row = _ROW.match(line)
+        if row:
+            current.append([float(entry) for entry in row.groups()])
+        elif line.strip():
+            current = []
+            blocks[line.split("(")[0].strip()] = current
+    if not blocks.get("displacements"):
+        raise CalculixError(f"{path.name}: no displacements were printed")
+    moved = np.array(blocks["displacements"])
+    contact = np.array(blocks.get("contact stress", [])).reshape(-1, 4)
+    return CalculixResult(
+        displacements=moved[np.argsort(moved[:, 0], kind="stable"), 1:],
+        slave_nodes=contact[:, 0].astype(np.int64) - 1,
+        pressures=contact[:, 1],
+        cpu_seconds=seconds,
+    )
