@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from geometry.assembly import BoolArray
 from geometry.mesh import FloatArray, IntArray
 from mbd import Norm
+from validation.decomposition import Step, decompose
 from validation.errors import InputError
 from validation.pictures import between_layers
 from validation.rigid import BuiltScene, RigidRun, analyse_rigid
@@ -72,9 +74,11 @@ class Comparison:
     """Of each other answer against the static one."""
     interface_forces: dict[str, FloatArray]
     """Force resultant of every block pair in every answer, (n_pairs, 3) [N]."""
+    steps: tuple[Step, ...]
+    """From rigid blocks to the static answer, one assumption at a time."""
 
 
-def effective_region(pressure: FloatArray) -> FloatArray:
+def effective_region(pressure: FloatArray) -> BoolArray:
     """Whether each facet is among the K largest, K the participation ratio; (n,) bool."""
     total = float(pressure.sum())
     if total <= 0.0:
@@ -174,7 +178,8 @@ def compare(
         dynamic, _ = run_tube_explicit(
             name, explicit_scene, deformable=deformable, progress=progress
         )
-    return _collect(name, rigid, static, dynamic)
+    steps = decompose(name, scene, static)
+    return _collect(name, rigid, static, dynamic, steps)
 
 
 def _load(scene: DeformableScene, deformable: Any) -> Any:
@@ -189,7 +194,11 @@ def _with_fem(scene: DeformableScene, **changes: Any) -> DeformableScene:
 
 
 def _collect(
-    name: str, rigid: dict[Norm, RigidRun], static: TubeRun, dynamic: TubeRun | None
+    name: str,
+    rigid: dict[Norm, RigidRun],
+    static: TubeRun,
+    dynamic: TubeRun | None,
+    steps: list[Step],
 ) -> Comparison:
     first = rigid[Norm.FORCE].result
     contacts = np.intersect1d(first.contact_index, static.contact_index)
@@ -232,6 +241,7 @@ def _collect(
         answers=tuple(answers),
         agreement=_agreements(static, contacts, answers),
         interface_forces=_interface_forces(static, contacts, answers),
+        steps=tuple(steps),
     )
 
 
@@ -311,34 +321,29 @@ def explicit_errors(comparison: Comparison) -> dict[str, float] | None:
 
 
 def explanations(comparison: Comparison) -> list[str]:
-    """Say in words where the differences come from."""
-    by_method = {a.method: a for a in comparison.answers}
-    static, rigid = by_method["static"], by_method["rigid (pressure)"]
-    top = {g.faces: g for g in comparison.agreement["rigid (pressure)"]}
-    run = comparison.static
-    stiffness = run.deformable.contact.law.stiffness(np.array([run.contact.mean_overclosure]))
-    lines = [
-        f"Elasticity and soft contact: the deformable blocks press {static.p_max / rigid.p_max:.2f} "
-        f"times as hard at their peaks as rigid ones (p_eff {static.p_eff / rigid.p_eff:.2f} "
-        "times): stiff facets near the crests take the load first, and the law hardens with "
-        f"pressure (at the mean overclosure of {1e3 * run.contact.mean_overclosure:.2f} µm its "
-        f"slope is {float(stiffness[0]):.3g} MPa/mm), where rigid blocks spread it evenly.",
-        f"Resultants do not depend on that: the sums per interface differ by "
-        f"{100 * interface_force_error(comparison, 'rigid (pressure)'):.1f} % (rms), "
-        f"the total contact force by {100 * (top['all'].force_ratio - 1):+.1f} %.",
-    ]
-    clearance = run.scene.contact.initial_clearance if run.scene.contact is not None else 0.0
-    if clearance > 0:
+    """Say in words where the differences come from; the numbers are those of the steps."""
+    rigid = next(a for a in comparison.answers if a.method == "rigid (pressure)")
+    whole = comparison.agreement["rigid (pressure)"][0]
+    lines = []
+    before_eff, before_max = rigid.p_eff, rigid.p_max
+    for step in comparison.steps:
         lines.append(
-            f"Initial clearance of {clearance:g} mm: blocks turn until they touch, so fewer "
-            f"facets carry ({static.effective_count_percent:.1f} % against "
-            f"{rigid.effective_count_percent:.1f} %) and displacements are rigid motion, not strain."
+            f"{step.words}: p_max {before_max:.3g} → {step.p_max:.3g} MPa "
+            f"({100 * (step.p_max / before_max - 1):+.0f} %), p_eff {before_eff:.3g} → "
+            f"{step.p_eff:.3g} MPa ({100 * (step.p_eff / before_eff - 1):+.0f} %), "
+            f"{step.effective_count_percent:.1f} % of the elements effective"
         )
+        before_eff, before_max = step.p_eff, step.p_max
+    lines.append(
+        "the tube is statically indeterminate, so resultants differ too: force per interface by "
+        f"{100 * interface_force_error(comparison, 'rigid (pressure)'):.0f} % (rms), total contact "
+        f"force by {100 * (whole.force_ratio - 1):+.0f} %"
+    )
     errors = explicit_errors(comparison)
     if errors is not None:
         lines.append(
-            "The explicit run ends at the static state: displacement off by "
+            "the explicit run ends at the static state: displacement off by "
             f"{100 * errors['displacement_rms']:.2f} % (rms), pressure by "
-            f"{100 * errors['pressure_rms']:.2f} % (rms), p_max by {100 * errors['p_max']:.2f} %."
+            f"{100 * errors['pressure_rms']:.2f} % (rms), p_max by {100 * errors['p_max']:.2f} %"
         )
     return lines

@@ -78,6 +78,7 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
             for run in (found.static, found.explicit)
             if run is not None
         },
+        "steps": [asdict(step) for step in found.steps],
         "explanations": explanations(found),
     }
 
@@ -128,6 +129,7 @@ def print_comparison(found: Comparison, console: Console) -> None:
                 f"{100 * (row.force_ratio - 1):+.1f} %",
             )
     console.print(table)
+    console.print("From rigid blocks to deformable ones, one assumption at a time:")
     for line in explanations(found):
         console.print(f"• {line}")
 

@@ -29,7 +29,13 @@ from geometry.mesh import FloatArray
 from validation.effects import build_effects
 from validation.errors import InputError
 from validation.scene_fem import Damping, FemSection, Method
-from validation.tube_fem import DeformableScene, TubeRun, build_deformable, fem_section
+from validation.tube_fem import (
+    NO_SECTOR,
+    DeformableScene,
+    TubeRun,
+    build_deformable,
+    fem_section,
+)
 
 #: Smooth step of a run to the static state where the scene names none [s] …
 DEFAULT_RAMP = 5.0e-3
@@ -72,7 +78,9 @@ def explicit_statement(
     fem = fem_section(scene, name)
     duration = ramp_time(fem)
     try:
-        orbits = largest_cyclic_orbits(deformable) if fem.symmetry == "sector" else None
+        orbits = None if fem.symmetry == "none" else largest_cyclic_orbits(deformable)
+        if fem.symmetry == "sector" and orbits is not None and orbits.order == 1:
+            raise InputError(f"{name}: {NO_SECTOR}")
         return explicit_assembly(
             deformable,
             orbits=orbits,
