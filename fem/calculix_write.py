@@ -42,7 +42,8 @@ from fem.deck_faces import ElementFaces, Patches, contact_patches, element_faces
 from fem.deck_model import block_nodes, nodal_forces
 from fem.hexahedron import ElementType
 from fem.loads import SmoothStepAmplitude
-from geometry.mesh import FloatArray, IntArray
+from geometry.assembly import BoolArray
+from geometry.mesh import FloatArray
 
 #: Element of each formulation: CalculiX' C3D8 is plain full integration, unlike Abaqus'.
 CALCULIX_ELEMENTS = {
@@ -179,15 +180,23 @@ def _mesh(deck: Deck, starts: _Starts) -> Iterator[str]:
     yield keyword("Elset", elset=EVERY_ELEMENT, generate=None)
     yield f"1, {starts.element[-1]}, 1"
     for layer in np.unique(assembly.layer).tolist():
-        yield keyword("Elset", elset=f"LAYER-{layer:02d}")
-        yield from _blocks(deck, np.flatnonzero(assembly.layer == layer))
+        yield from _block_set(deck, f"LAYER-{layer:02d}", assembly.layer == layer, starts)
     if assembly.fixed.any():
-        yield keyword("Elset", elset="FRAME")
-        yield from _blocks(deck, np.flatnonzero(assembly.fixed))
+        yield from _block_set(deck, "FRAME", assembly.fixed, starts)
 
 
-def _blocks(deck: Deck, blocks: IntArray) -> Iterator[str]:
-    return entry_lines(block_label(deck, block) for block in blocks.tolist())
+def _block_set(deck: Deck, name: str, chosen: BoolArray, starts: _Starts) -> Iterator[str]:
+    """Elements of some blocks: a range where the blocks follow each other, else a set of sets.
+
+    Ranges are what every reader understands.
+    """
+    blocks = np.flatnonzero(chosen).tolist()
+    if blocks == list(range(blocks[0], blocks[-1] + 1)):
+        yield keyword("Elset", elset=name, generate=None)
+        yield f"{starts.element[blocks[0]] + 1}, {starts.element[blocks[-1] + 1]}, 1"
+    else:
+        yield keyword("Elset", elset=name)
+        yield from entry_lines(block_label(deck, block) for block in blocks)
 
 
 def _held_name(deck: Deck, hold: Hold) -> str:
@@ -367,6 +376,9 @@ def _output(deck: Deck) -> Iterator[str]:
     yield "S"
     yield keyword("Node Print", nset=EVERY_NODE, frequency="999999")
     yield "U"
+    for name in dict.fromkeys(_held_name(deck, hold) for hold in deck.holds):
+        yield keyword("Node Print", nset=name, totals="ONLY", frequency="999999")
+        yield "RF"
     if deck.joint is not None:
         yield keyword("Contact File", frequency="999999")
         yield "CDIS, CSTR"

@@ -5,7 +5,6 @@ Its exit status says nothing: it can be 0 after an error. The log is read for ``
 
 from __future__ import annotations
 
-import re
 import resource
 import shutil
 import subprocess
@@ -17,8 +16,6 @@ import numpy as np
 from geometry.mesh import FloatArray, IntArray
 
 PROGRAM = "ccx"
-
-_ROW = re.compile(r"^ +(\d+) +([-+.\dE]+) +([-+.\dE]+) +([-+.\dE]+)\s*$")
 
 
 class CalculixError(RuntimeError):
@@ -35,6 +32,8 @@ class CalculixResult:
     """Slave node of each contact element, from 0, (n_contacts,)."""
     pressures: FloatArray
     """Contact pressure there, (n_contacts,) [MPa]."""
+    reactions: dict[str, FloatArray]
+    """Sum of the forces on each held set of nodes, (3,) [N]."""
     cpu_seconds: float
     """CPU time of the program."""
 
@@ -85,23 +84,28 @@ def run_calculix(deck: Path, *, timeout: float = 600.0) -> CalculixResult:
 
 
 def _read(path: Path, seconds: float) -> CalculixResult:
-    """Last block of displacements and of contact stresses."""
+    """Last block of displacements, of contact stresses, and of every sum of forces."""
     blocks: dict[str, list[list[float]]] = {}
     current: list[list[float]] = []
     for line in path.read_text("ascii").splitlines():
-        row = _ROW.match(line)
-        if row:
-            current.append([float(entry) for entry in row.groups()])
-        elif line.strip():
+        words = line.split()
+        title = words and words[0][0].isalpha()
+        if title:
+            # "total force (fx,fy,fz) for set NAME and time …"
+            name = words[words.index("set") + 1] if "set" in words else ""
             current = []
-            blocks[line.split("(")[0].strip()] = current
-    if not blocks.get("displacements"):
+            blocks[f"{words[0]} {name}" if words[0] == "total" else words[0]] = current
+        elif words:
+            current.append([float(word) for word in words])
+    moved = np.array(blocks.get("displacements", [])).reshape(-1, 4)
+    if not len(moved):
         raise CalculixError(f"{path.name}: no displacements were printed")
-    moved = np.array(blocks["displacements"])
-    contact = np.array(blocks.get("contact stress", [])).reshape(-1, 4)
+    contact = np.array(blocks.get("contact", [])).reshape(-1, 4)
+    sums = {name: rows for name, rows in blocks.items() if name.startswith("total ")}
     return CalculixResult(
         displacements=moved[np.argsort(moved[:, 0], kind="stable"), 1:],
         slave_nodes=contact[:, 0].astype(np.int64) - 1,
         pressures=contact[:, 1],
+        reactions={name.removeprefix("total "): np.array(rows[0]) for name, rows in sums.items()},
         cpu_seconds=seconds,
     )
