@@ -243,6 +243,49 @@ def reproduce_tables(json: JsonOption = None) -> None:
     write_json(json, tables_json(rows))
 
 
+@app.command("export")
+def export_scene(
+    scene: SceneArgument,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE.inp", help="Deck to write.")
+    ],
+    flavour: Annotated[
+        str,
+        typer.Option(
+            metavar="general|pairs|calculix",
+            help="Abaqus/Explicit; Abaqus with contact pairs; flat for CalculiX.",
+        ),
+    ] = "general",
+    settings: SetOption = None,
+) -> None:
+    """Write a scene as an input deck for Abaqus or CalculiX."""
+    from fem.deck import Flavour
+    from validation.deck_command import run_export
+    from validation.scene import load_scene
+
+    if flavour not in set(Flavour):
+        raise InputError(f"--flavour {flavour}: expected one of {', '.join(Flavour)}")
+    file = load_scene(scene, settings or ())
+    run_export(file, flavour=Flavour(flavour), output=output, console=_console(None))
+
+
+@app.command("import")
+def import_file(
+    deck: Annotated[Path, typer.Argument(metavar="FILE", help="Deck (.inp) or mesh to read.")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="Write it again: a deck (.inp) or a mesh (.vtu)."
+        ),
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Read a deck that `export` wrote, or a mesh of hexahedra, and say what is in it."""
+    from validation.deck_command import run_import
+
+    run_import(deck, output=output, json=json, console=_console(json))
+
+
 @app.command()
 def demo(
     output: Annotated[
