@@ -11,7 +11,7 @@ import typer
 from validation.cli_options import JsonOption, SetOption, text_console
 
 
-def register(app: typer.Typer, reproduce: typer.Typer) -> None:
+def register(app: typer.Typer, reproduce: typer.Typer) -> None:  # noqa: ARG001
     """Add the commands to the command line and to its ``reproduce`` group."""
     app.command()(studies)
     app.command("sweep")(sweep_command)
