@@ -103,6 +103,25 @@ def _square(array: FloatArray | LaneArray) -> float:
     return float(np.vdot(array, array))
 
 
+def settling(system: System, state: State) -> float | None:
+    """Way still to go over the way gone, ‖v‖ / (ω ‖u‖) in the norm of the masses [-].
+
+    A critically damped motion of frequency ω ends about v/ω from where it is. ω is half the
+    adaptive mass damping; None without one, or while nothing has moved.
+    """
+    adaptive = system.model.effects.adaptive_mass_damping
+    if adaptive is None or not state.mass_damping:
+        return None
+    moved = speed = 0.0
+    for body, now in zip(system.bodies, state.bodies, strict=True):
+        moved += float(np.einsum("n,njk,njk->", body.mass, now.displacement, now.displacement))
+        speed += float(np.einsum("n,njk,njk->", body.mass, now.velocity, now.velocity))
+    if moved == 0.0:
+        return None
+    frequency = state.mass_damping / (2.0 * adaptive.fraction_of_critical)
+    return math.sqrt(speed / moved) / frequency
+
+
 def restoring_forces(body: Body, now: BodyState, time: float) -> FloatArray:
     """Internal minus contact forces, free components, (n_rows, 3, lanes) [N]."""
     contact = applied_forces(body, now) - load_forces(body, now, time)

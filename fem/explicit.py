@@ -15,7 +15,7 @@ import numpy as np
 from fem.body import Body, make_body
 from fem.central_difference import System, set_applied_force, set_internal_force, step
 from fem.checkpoint import read_checkpoint, state_arrays, write_checkpoint
-from fem.damping import adapt, residual
+from fem.damping import adapt, residual, settling
 from fem.energy import Energies, copy_energies, energies
 from fem.history import History
 from fem.interrupt import StopRequest, stop_requests
@@ -104,6 +104,8 @@ class ExplicitResult:
     """Largest error of the balance over all samples, relative to the energy turned over."""
     residual: float | None
     """Last force residual, relative; None when the run did not watch it."""
+    settling: float | None
+    """Last estimate of the way still to go over the way gone; None where not watched."""
     cpu_seconds: float
     """CPU time of the loop in this process."""
     element_updates: int
@@ -288,6 +290,9 @@ class StopCriterion:
     """Relative force residual, see `fem.damping.residual`."""
     not_before: float = 0.0
     """End of the loading [s]."""
+    settling: float = 1e-3
+    """Bound on `fem.damping.settling`, the way still to go over the way gone, where the run adapts
+    its mass damping: in a soft assembly small forces still move much."""
 
 
 def solve(
@@ -383,6 +388,7 @@ class _Run:
     sample_interval: int
     energies: Energies | None = None
     residual: float | None = None
+    settling: float | None = None
     last_checkpoint: float = field(default_factory=clock.monotonic)
 
     def loop(self, request: StopRequest) -> Status:
@@ -419,6 +425,7 @@ class _Run:
         watch(system, state, self.history)
         if self.stop is not None:
             self.residual = residual(system, state).relative
+            self.settling = settling(system, state)
         damping = 0.0 if state.mass_damping is None else state.mass_damping
         shown = math.nan if self.residual is None else self.residual
         self.history.append(time, number, self.energies, damping, shown)
@@ -429,7 +436,8 @@ class _Run:
             self.output.progress(told)
         if self.stop is None or self.residual is None:
             return False
-        return time >= self.stop.not_before and self.residual <= self.stop.residual
+        settled = self.settling is None or self.settling <= self.stop.settling
+        return time >= self.stop.not_before and self.residual <= self.stop.residual and settled
 
     def frame_number(self, number: int) -> int:
         """Number of the frame interval that the time of step ``number`` lies in."""
@@ -489,6 +497,7 @@ def _result(
         energies=run.energies,
         energy_balance=float(np.abs(balance).max(initial=0.0)),
         residual=run.residual,
+        settling=run.settling,
         cpu_seconds=cpu,
         element_updates=system.model.n_elements * steps,
         state_bytes=sum(a.nbytes for a in state_arrays(system, state).values()),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from fem.body import Body
@@ -100,7 +101,6 @@ class _BoundContact:
             if statement.normals is ContactNormals.REFERENCE
             else None
         )
-        self._with_mean = 1 if self._normals is None else None
         self._collections = _collections(self._data, bodies)
 
     def add_force(self, system: System, state: State) -> None:
@@ -119,7 +119,6 @@ class _BoundContact:
                 found.entries,
                 self._data,
                 self._work,
-                self._with_mean,
                 body.lanes,
                 now.applied_force.ravel(),
             )
@@ -134,7 +133,7 @@ class _BoundContact:
 
     def unit_gaps(self, unit: int) -> tuple[FloatArray, FloatArray]:
         """Gaps of one unit, (n_facets, 4, real lanes) [mm], and weights (n_facets, 4, 1)."""
-        kind, width, real, _, _, point = self._data.units[unit]
+        kind, width, real, _, _, point, *_ = self._data.units[unit]
         first, last = self._data.alike[kind, 1], self._data.alike[kind + 1, 1]
         n = last - first
         gap = self._work.gap[point : point + 4 * n * width].reshape(n, 4, width)[:, :, :real]
@@ -160,7 +159,8 @@ class _Collection:
 
 def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[Body, ...]) -> UnitArrays:
     """Cut alike pairs into units and number their arrays."""
-    units, copies = [], []
+    ordered = [_in_row_order(found, bodies) for found in pairs]
+    units, copies, exists = [], [], []
     alike = np.zeros((len(pairs) + 1, 4), dtype=np.int64)
     lane = node_scalar = point_scalar = 0
     for kind, found in enumerate(pairs):
@@ -170,24 +170,60 @@ def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[Body, ...]) -> Uni
         for width in unit_widths(found.n_pairs):
             real = min(width, found.n_pairs - start)
             chosen = np.minimum(start + np.arange(width), found.n_pairs - 1)
-            units.append((kind, width, real, lane, node_scalar, point_scalar))
+            first = _first_copies(found, chosen, bodies)
+            units.append((kind, width, real, lane, node_scalar, point_scalar, *first))
             copies.append(found.copies[chosen])
+            exists.append(np.arange(width) < real)
             start += real
             lane += width
             node_scalar += 3 * width * len(found.nodes)
             point_scalar += 4 * width * found.n_facets
     return UnitArrays(
-        units=np.array(units, dtype=np.int64).reshape(-1, 6),
+        units=np.array(units, dtype=np.int64).reshape(-1, 8),
         alike=alike,
-        rows=np.concatenate([_rows(found, bodies) for found in pairs]),
-        offset=np.concatenate([found.offset for found in pairs]),
-        mean=np.concatenate([found.mean for found in pairs]),
+        rows=np.concatenate([rows for rows, _, _ in ordered]),
+        offset=np.concatenate([f.offset[o] for f, (_, o, _) in zip(pairs, ordered, strict=True)]),
+        mean=np.concatenate([f.mean[o] for f, (_, o, _) in zip(pairs, ordered, strict=True)]),
+        real=np.concatenate(exists).astype(np.float64),
         rotation=np.array([found.rotation for found in pairs]),
-        corners=np.concatenate([found.corners for found in pairs]),
+        corners=np.concatenate([corners for _, _, corners in ordered]),
         weights=np.concatenate([np.linalg.norm(found.area_vectors(), axis=2) for found in pairs]),
         copies=np.ascontiguousarray(np.concatenate(copies).T),
         lanes=np.array([body.lanes for body in bodies], dtype=np.int64),
     )
+
+
+def _in_row_order(
+    pairs: AlikePairs, bodies: tuple[Body, ...]
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Order the node pairs as the rows of a body lie in memory.
+
+    Returns
+    -------
+    tuple[IntArray, IntArray, IntArray]
+        Rows (n_nodes, 2), the order (n_nodes,), and the corners in the new numbering.
+    """
+    rows = _rows(pairs, bodies)
+    order = np.lexsort((rows[:, 1], rows[:, 0]))
+    number = np.empty_like(order)
+    number[order] = np.arange(len(order))
+    return rows[order], order, number[pairs.corners]
+
+
+def _first_copies(pairs: AlikePairs, chosen: IntArray, bodies: tuple[Body, ...]) -> tuple[int, int]:
+    """First copy of each side where a vector of lanes holds copies that follow each other.
+
+    Padded lanes may run on into copies that exist or into padding of the bodies, whose forces
+    they leave alone; -1 where lanes must be fetched one by one.
+    """
+    real = len(np.unique(chosen))
+    first = []
+    for side, group in enumerate(pairs.groups):
+        copies = pairs.copies[chosen[:real], side]
+        follows = bool((np.diff(copies) == 1).all())
+        fits = group >= 0 and copies[0] + len(chosen) <= bodies[group].lanes
+        first.append(int(copies[0]) if follows and fits else -1)
+    return first[0], first[1]
 
 
 def _rows(pairs: AlikePairs, bodies: tuple[Body, ...]) -> IntArray:
@@ -200,17 +236,18 @@ def _rows(pairs: AlikePairs, bodies: tuple[Body, ...]) -> IntArray:
 
 
 def _unit_work(data: UnitArrays) -> UnitWork:
-    kinds = data.units[:, 0]
-    width = data.units[:, 1]
-    nodes = int((3 * width * np.diff(data.alike[:, 0])[kinds]).sum())
-    points = int((4 * width * np.diff(data.alike[:, 1])[kinds]).sum())
+    kinds, width = data.units[:, 0], data.units[:, 1]
+    nodes = 3 * width * np.diff(data.alike[:, 0])[kinds]
+    points = 4 * width * np.diff(data.alike[:, 1])[kinds]
+    total = (int(nodes.sum()),)
     return UnitWork(
-        difference=aligned_zeros((nodes,), np.float64),
-        mean=aligned_zeros((nodes,), np.float64),
-        force_difference=aligned_zeros((nodes,), np.float64),
-        force_mean=aligned_zeros((nodes,), np.float64),
-        gap=aligned_zeros((points,), np.float64),
+        force_m=aligned_zeros(total, np.float64),
+        force_s=aligned_zeros(total, np.float64),
+        gap=aligned_zeros((int(points.sum()),), np.float64),
         awake=np.ones(len(data.units), dtype=np.int8),
+        scratch=aligned_zeros(
+            (numba.config.NUMBA_NUM_THREADS, 4, int(nodes.max(initial=0))), np.float64
+        ),
     )
 
 
@@ -223,7 +260,7 @@ def _reference_normals(pairs: tuple[AlikePairs, ...]) -> FloatArray:
 def _collections(data: UnitArrays, bodies: tuple[Body, ...]) -> tuple[_Collection | None, ...]:
     """List for each applied row of each group what acts on it."""
     rows, entries, groups = [], [], []
-    for unit, (kind, width, _, _, start, _) in enumerate(data.units):
+    for unit, (kind, width, _, _, start, *_) in enumerate(data.units):
         first, last = data.alike[kind, 0], data.alike[kind + 1, 0]
         at = start + 3 * width * np.arange(last - first)
         for side in (0, 1):

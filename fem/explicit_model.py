@@ -78,10 +78,7 @@ def explicit_assembly(
         Factor of all loads in time; None: constant.
     """
     orbits = no_symmetry(deformable) if orbits is None else orbits
-    chosen = [
-        np.flatnonzero((deformable.group_of == g) & (orbits.representative == np.arange(n)))
-        for g, n in _group_sizes(deformable)
-    ]
+    chosen = _representatives(deformable, orbits)
     copy = np.full(deformable.assembly.n_blocks, -1, dtype=np.int64)
     for blocks in chosen:
         copy[blocks] = np.arange(len(blocks))
@@ -119,9 +116,23 @@ def counted_stiffness(law: ContactLaw, pressure: float = COUNTED_PRESSURE) -> fl
     return min(law.constants.linear_stiffness, at_pressure)
 
 
-def _group_sizes(deformable: DeformableAssembly) -> list[tuple[int, int]]:
-    n = deformable.assembly.n_blocks
-    return [(g, n) for g in range(len(deformable.model.groups))]
+def _representatives(deformable: DeformableAssembly, orbits: Orbits) -> list[IntArray]:
+    """Representative blocks of each group in the order of their copies.
+
+    Blocks at the same place in every second layer follow each other: then so do the blocks
+    they touch, and contact finds both in neighbouring lanes.
+    """
+    assembly = deformable.assembly
+    n = assembly.n_blocks
+    by_layer = np.lexsort((np.arange(n), assembly.layer))
+    place = np.empty(n, dtype=np.int64)
+    place[by_layer] = np.arange(n) - np.searchsorted(
+        assembly.layer[by_layer], assembly.layer[by_layer]
+    )
+    order = np.lexsort((assembly.layer, place, assembly.layer % 2))
+    stands = order[orbits.representative[order] == order]
+    groups = deformable.group_of[stands]
+    return [stands[groups == g] for g in range(len(deformable.model.groups))]
 
 
 def _some_copies(group: BlockGroup, copies: IntArray) -> BlockGroup:
@@ -132,8 +143,10 @@ def _some_copies(group: BlockGroup, copies: IntArray) -> BlockGroup:
 
 def _new_numbers(copies: IntArray, kept: IntArray) -> tuple[IntArray, IntArray]:
     """Entries whose copy is kept, and the new number of that copy."""
-    mine = np.flatnonzero(np.isin(copies, kept))
-    return mine, np.searchsorted(kept, copies[mine]).astype(np.int64)
+    number = np.full(int(max(copies.max(initial=0), kept.max())) + 1, -1, dtype=np.int64)
+    number[kept] = np.arange(len(kept))
+    mine = np.flatnonzero(number[copies] >= 0)
+    return mine, number[copies[mine]]
 
 
 def _some_support(support: Support, kept: IntArray) -> Support:

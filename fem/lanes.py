@@ -22,6 +22,9 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
+#: Added to a float64 below 2^50, it rounds it to a whole number.
+ROUNDING_SHIFT = 1.5 * 2.0**52
+
 
 class LanesType(types.Type):
     """Numba type of a vector of ``width`` equal scalars."""
@@ -204,16 +207,6 @@ def divide(typing_context: Any, a: Any, b: Any) -> Any:
 
 
 @intrinsic
-def scale(typing_context: Any, factor: Any, value: Any) -> Any:
-    """Return a scalar times a vector."""
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.fmul(_splat(builder, args[0], args[1].type), args[1])
-
-    return value(factor, value), code
-
-
-@intrinsic
 def square_root(typing_context: Any, value: Any) -> Any:
     """Return the square root of every entry."""
 
@@ -261,3 +254,79 @@ def with_entry(typing_context: Any, value: Any, index: Any, scalar: Any) -> Any:
         return builder.insert_element(args[0], args[2], args[1])
 
     return value(value, types.intp, scalar), code
+
+
+def _two_operands(name: str) -> Callable[..., Any]:
+    """Make an operation of two vectors from an LLVM intrinsic."""
+
+    @intrinsic
+    def operation(typing_context: Any, a: Any, b: Any) -> Any:
+        def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            vector = args[0].type
+            bits = 64 if isinstance(vector.element, ir.DoubleType) else 32
+            function = cgutils.get_or_insert_function(
+                builder.module,
+                ir.FunctionType(vector, [vector] * 2),
+                f"llvm.{name}.v{vector.count}f{bits}",
+            )
+            return builder.call(function, [args[0], args[1]])
+
+        return a(a, b), code
+
+    made: Callable[..., Any] = operation
+    return made
+
+
+smaller = _two_operands("minnum")
+larger = _two_operands("maxnum")
+
+
+@intrinsic
+def two_to_rounded(typing_context: Any, shifted: Any) -> Any:
+    """Return 2^k for vectors of float64 that hold `ROUNDING_SHIFT` + k, k a whole number.
+
+    The low bits of such a number are k itself: shifted into the exponent, they make 2^k.
+    """
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        vector = args[0].type
+        bits = ir.VectorType(ir.IntType(64), vector.count)
+        whole = builder.bitcast(args[0], bits)
+        moved = builder.shl(whole, ir.Constant(bits, [52] * vector.count))
+        one = ir.Constant(bits, [0x3FF0000000000000] * vector.count)
+        return builder.bitcast(builder.add(moved, one), vector)
+
+    return shifted(shifted), code
+
+
+@intrinsic
+def add_to(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
+    """Add a vector of float64 to an array of either precision, from scalar ``index`` on."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        array_type, (array, index, value) = signature.args[0], args
+        scalar = ir.DoubleType() if array_type.dtype == types.float64 else ir.FloatType()
+        vector = ir.VectorType(scalar, value.type.count)
+        align = array_type.dtype.bitwidth // 8
+        pointer = _pointer(context, builder, array_type, array, index, vector)
+        if vector != value.type:
+            value = builder.fptrunc(value, vector)
+        builder.store(builder.fadd(builder.load(pointer, align=align), value), pointer, align=align)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, value), code
+
+
+@intrinsic
+def load_like(typing_context: Any, like: Any, array: Any, index: Any) -> Any:
+    """Load a vector of float64, as wide as ``like``, from an array of either precision."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        array_type = signature.args[1]
+        scalar = ir.DoubleType() if array_type.dtype == types.float64 else ir.FloatType()
+        vector = ir.VectorType(scalar, args[0].type.count)
+        pointer = _pointer(context, builder, array_type, args[1], args[2], vector)
+        value = builder.load(pointer, align=array_type.dtype.bitwidth // 8)
+        return value if vector == args[0].type else builder.fpext(value, args[0].type)
+
+    return like(like, array, types.intp), code

@@ -159,6 +159,29 @@ def fem(
 
 
 @app.command()
+def compare(
+    scene: SceneArgument,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder for the figure; out/SCENE-compare."
+        ),
+    ] = None,
+    explicit: Annotated[
+        bool, typer.Option(help="Run explicit dynamics to the static state too.")
+    ] = True,
+) -> None:
+    """Rigid, static and explicit answers on the same mesh, side by side."""
+    from validation.compare_command import run_compare
+    from validation.scene import load_scene
+
+    file = load_scene(scene, settings or ())
+    run_compare(file, json=json, output=output, explicit=explicit, console=_console(json))
+
+
+@app.command()
 def convergence(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="FILE.png", help="Picture to write.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypedDict
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -18,8 +19,18 @@ from validation.fem_box import BoxRun, box_json, check_end_time, run_box
 from validation.files import output_folder, prepare_json, write_json
 from validation.scene import SceneFile
 from validation.scene_fem import BoxScene, Method
+from validation.tube_fem import DeformableScene
 
 CHECKPOINT = "checkpoint.npz"
+
+
+class Options(TypedDict):
+    """What the command line asks of every deformable run."""
+
+    json: str | None
+    output: Path | None
+    resume: Path | None
+    console: Console
 
 
 @contextmanager
@@ -67,10 +78,19 @@ def run_fem(
     InputError
         For a scene that cannot be solved, or an interrupted run (with how to go on).
     """
-    scene = file.scene
-    if not isinstance(scene, BoxScene):
-        raise InputError(f"{file.name}: block.type {scene.block.type!r} is not built for `fem` yet")
-    run_fem_box(file.name, scene, json=json, output=output, resume=resume, console=console)
+    scene, name = file.scene, file.name
+    options: Options = {"json": json, "output": output, "resume": resume, "console": console}
+    if isinstance(scene, BoxScene):
+        run_fem_box(name, scene, **options)
+    elif isinstance(scene, DeformableScene):
+        from validation.tube_command import run_fem_tube
+
+        run_fem_tube(name, scene, **options)
+    else:
+        raise InputError(
+            f"{name}: block.type {scene.block.type!r} has no hexahedral mesh for deformable "
+            "blocks; `tubelock mbd` gives the rigid answer"
+        )
 
 
 def run_fem_box(
@@ -116,7 +136,7 @@ def _solve_box(
 
         checkpoint = folder / CHECKPOINT
         finite = scene.effects.finite_rotation
-        frames = FrameWriter(folder, box.model.groups[0], finite_rotation=finite)
+        frames = FrameWriter(folder, box.model.groups, finite_rotation=finite)
     with progress_bar() as progress:
         run = run_box(
             name,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,44 +34,51 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-def group_mesh(group: BlockGroup) -> HexMesh:
-    """All copies of a group as one mesh, undeformed, world axes."""
-    n = group.n_nodes
-    offsets = n * np.arange(group.n_copies)
-    elements = (group.mesh.elements[None] + offsets[:, None, None]).reshape(-1, 8)
-    return HexMesh(group.reference_positions().reshape(-1, 3), elements)
+def groups_mesh(groups: Sequence[BlockGroup]) -> HexMesh:
+    """All copies of all groups as one mesh, undeformed, world axes."""
+    nodes, elements, offset = [], [], 0
+    for group in groups:
+        starts = offset + group.n_nodes * np.arange(group.n_copies)
+        elements.append((group.mesh.elements[None] + starts[:, None, None]).reshape(-1, 8))
+        nodes.append(group.reference_positions().reshape(-1, 3))
+        offset += group.n_nodes * group.n_copies
+    return HexMesh(np.concatenate(nodes), np.concatenate(elements))
 
 
 def field_data(
-    group: BlockGroup, displacement: FloatArray, *, finite_rotation: bool
+    groups: Sequence[BlockGroup], displacements: Sequence[FloatArray], *, finite_rotation: bool
 ) -> dict[str, NDArray[Any]]:
-    """Nodal fields of a group: displacement, stress and principal stresses."""
-    found = recover(group, displacement, finite_rotation=finite_rotation)
+    """Nodal fields of all groups: displacement, stress and principal stresses."""
+    found = [
+        recover(group, u, finite_rotation=finite_rotation)
+        for group, u in zip(groups, displacements, strict=True)
+    ]
+    principal = np.concatenate([f.principal.reshape(-1, 3) for f in found])
     return {
-        "displacement": displacement.reshape(-1, 3),
-        "stress": found.stress.reshape(-1, 6),
-        "sigma_1": found.principal[..., 0].ravel(),
-        "sigma_2": found.principal[..., 1].ravel(),
-        "sigma_3": found.principal[..., 2].ravel(),
+        "displacement": np.concatenate([u.reshape(-1, 3) for u in displacements]),
+        "stress": np.concatenate([f.stress.reshape(-1, 6) for f in found]),
+        "sigma_1": principal[:, 0],
+        "sigma_2": principal[:, 1],
+        "sigma_3": principal[:, 2],
     }
 
 
 class FrameWriter:
     """Writes frames as ``frame_000.vtu`` … and a ``frames.pvd`` that names their times."""
 
-    def __init__(self, folder: Path, group: BlockGroup, *, finite_rotation: bool) -> None:
+    def __init__(
+        self, folder: Path, groups: Sequence[BlockGroup], *, finite_rotation: bool
+    ) -> None:
         self.folder = folder
-        self.group = group
+        self.groups = groups
         self.finite_rotation = finite_rotation
         self.times: dict[str, float] = {}
 
     def __call__(self, frame: Frame) -> None:
         """Write one frame and bring the collection up to date."""
         name = f"frame_{frame.number:04d}.vtu"
-        fields = field_data(
-            self.group, frame.displacements[0], finite_rotation=self.finite_rotation
-        )
-        write_hex_mesh(self.folder / name, group_mesh(self.group), point_data=fields)
+        fields = field_data(self.groups, frame.displacements, finite_rotation=self.finite_rotation)
+        write_hex_mesh(self.folder / name, groups_mesh(self.groups), point_data=fields)
         self.times[name] = frame.time
         lines = [
             f'    <DataSet timestep="{time!r}" file="{name}"/>' for name, time in self.times.items()
@@ -92,8 +100,8 @@ def write_box_files(run: BoxRun, folder: Path) -> list[tuple[str, Path]]:
     group = run.box.model.groups[0]
     finite = run.scene.effects.finite_rotation
     result, picture = folder / "result.vtu", folder / "result.png"
-    fields = field_data(group, run.displacements, finite_rotation=finite)
-    write_hex_mesh(result, group_mesh(group), point_data=fields)
+    fields = field_data([group], [run.displacements], finite_rotation=finite)
+    write_hex_mesh(result, groups_mesh([group]), point_data=fields)
     draw_box(run, picture)
     written = [("fields", result), ("picture", picture)]
     if run.explicit is not None:

@@ -1,8 +1,8 @@
-"""Deformable tubes of a scene: the model, and a run's result in terms that pictures and JSON use."""
+"""Deformable tubes of a scene: the model, and a result in terms that pictures and JSON use."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from fem.contact import ContactError, ContactNormals, facet_pressures
 from fem.contact_law import ContactLaw, ContactLawError, ExponentialLaw, LinearPenalty
+from fem.contact_measures import ContactMeasures, contact_measures
 from fem.deformable_assembly import (
     DeformableAssembly,
     DeformableAssemblyError,
@@ -19,7 +20,6 @@ from fem.deformable_assembly import (
 from fem.recovery import recover
 from geometry.assembly import AssemblyError
 from geometry.mesh import FloatArray, IntArray
-from mbd import BlockMeasures, block_measures, measures
 from validation.box import build_material
 from validation.build import build_assembly, build_load
 from validation.errors import InputError
@@ -27,6 +27,11 @@ from validation.scene import TubeScene
 from validation.scene_families import HexagonTubeScene
 from validation.scene_fem import ContactSection, FemSection, Method
 
+#: Why a sector asked for is refused.
+NO_SECTOR = (
+    'fem.symmetry: got "sector", but the load or the supports are not the same on every block of a '
+    'layer; expected "auto" or "none"'
+)
 #: Tubes that can be meshed by hexahedra.
 DeformableScene = TubeScene | HexagonTubeScene
 
@@ -169,16 +174,9 @@ class TubeRun:
         return facet_pressures(self.deformable.surfaces, self.point_pressures)
 
     @cached_property
-    def per_block(self) -> BlockMeasures:
-        """The paper's measures of each free block."""
-        surfaces = self.deformable.surfaces
-        return block_measures(
-            self.deformable.assembly.free_blocks,
-            surfaces.block_m,
-            surfaces.block_s,
-            self.facet_pressures,
-            surfaces.areas,
-        )
+    def contact(self) -> ContactMeasures:
+        """The paper's measures of the contact pressures, and more."""
+        return contact_measures(self.deformable, self.point_pressures, self.point_overclosures)
 
     @property
     def largest_displacement(self) -> float:
@@ -234,23 +232,11 @@ class TubeRun:
 
 
 def contact_report(run: TubeRun) -> dict[str, float]:
-    """Contact numbers of a run: the paper's measures, point maximum, overclosure, total force."""
-    assembly, surfaces = run.deformable.assembly, run.deformable.surfaces
-    free = assembly.free_blocks
-    eligible, areas = assembly.eligible_facets()[free], assembly.eligible_areas()[free]
-    overall = measures(run.per_block, eligible, areas)
-    weight = surfaces.weights * run.point_pressures
-    force = float(weight.sum())
-    mean = float((weight * run.point_overclosures).sum() / force) if force > 0 else 0.0
+    """Contact numbers of a run, without the values of each block."""
     return {
-        "p_eff": overall.p_eff,
-        "p_max_face": overall.p_max,
-        "p_max_face_anywhere": float(run.facet_pressures.max(initial=0.0)),
-        "p_max_point": float(run.point_pressures.max(initial=0.0)),
-        "effective_count_percent": overall.effective_count_percent,
-        "effective_area_percent": overall.effective_area_percent,
-        "mean_overclosure": mean,
-        "force": force,
+        field.name: getattr(run.contact, field.name)
+        for field in fields(run.contact)
+        if field.name != "per_block"
     }
 
 

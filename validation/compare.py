@@ -1,0 +1,349 @@
+"""`tubelock compare`: rigid, static and explicit answers on the same mesh, side by side.
+
+Compared as the paper compares: contact pressure per facet (correlation, overlap of the effective
+contact areas, distance of the peaks) on the top and bottom faces of the middle layer, and over the
+whole tube; p_eff, p_max; force resultants per interface; time of each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from geometry.assembly import BoolArray
+from geometry.mesh import FloatArray, IntArray
+from mbd import Norm
+from validation.decomposition import Step, decompose
+from validation.errors import InputError
+from validation.pictures import between_layers
+from validation.rigid import BuiltScene, RigidRun, analyse_rigid
+from validation.scene_fem import Damping, Method
+from validation.tube_explicit import run_tube_explicit
+from validation.tube_fem import DeformableScene, TubeRun, build_deformable, fem_section
+from validation.tube_static import run_tube_static
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Contact pressures of one method on the facets that all methods share."""
+
+    method: str
+    """``rigid (force)``, ``rigid (pressure)``, ``static``, ``explicit``."""
+    pressures: FloatArray
+    """On `Comparison.contacts`, (n_contacts,) [MPa]."""
+    p_eff: float
+    p_max: float
+    effective_count_percent: float
+    cpu_seconds: float
+    """CPU time from the built scene to the pressures [s]."""
+
+
+@dataclass(frozen=True)
+class PressureAgreement:
+    """How alike two pressure fields are on one set of facets."""
+
+    faces: str
+    """``all``, ``top`` or ``bottom`` (of the middle layer)."""
+    correlation: float
+    """Area-weighted Pearson correlation of the pressures."""
+    overlap: float
+    """Shared area of the effective contact regions over their union."""
+    peak_distance: float
+    """Mean distance from each block's peak in one answer to its peak in the other [mm]."""
+    peaks_within_two_facets: float
+    """Share of blocks whose peaks are at most two facet sizes apart."""
+    force_ratio: float
+    """Total contact force of the other over that of the reference."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All answers to one scene."""
+
+    name: str
+    rigid: RigidRun
+    static: TubeRun
+    explicit: TubeRun | None
+    contacts: IntArray
+    """Facets that all answers share, positions in the assembly's interfaces, (n,)."""
+    answers: tuple[Answer, ...]
+    """Rigid in both norms, static, explicit."""
+    agreement: dict[str, tuple[PressureAgreement, ...]]
+    """Of each other answer against the static one."""
+    interface_forces: dict[str, FloatArray]
+    """Force resultant of every block pair in every answer, (n_pairs, 3) [N]."""
+    steps: tuple[Step, ...]
+    """From rigid blocks to the static answer, one assumption at a time."""
+
+
+def effective_region(pressure: FloatArray) -> BoolArray:
+    """Whether each facet is among the K largest, K the participation ratio; (n,) bool."""
+    total = float(pressure.sum())
+    if total <= 0.0:
+        return np.zeros(len(pressure), dtype=bool)
+    count = int(total**2 / float(pressure @ pressure))
+    chosen = np.zeros(len(pressure), dtype=bool)
+    chosen[np.argsort(-pressure, kind="stable")[:count]] = True
+    return chosen
+
+
+def _correlation(a: FloatArray, b: FloatArray, area: FloatArray) -> float:
+    weight = area / area.sum()
+    da, db = a - weight @ a, b - weight @ b
+    scale = np.sqrt((weight @ da**2) * (weight @ db**2))
+    return float(weight @ (da * db) / scale) if scale > 0 else 1.0
+
+
+def agreement(
+    faces: str,
+    reference: FloatArray,
+    other: FloatArray,
+    *,
+    centroids: FloatArray,
+    areas: FloatArray,
+    block: IntArray,
+) -> PressureAgreement:
+    """Compare two pressure fields on the same facets.
+
+    Parameters
+    ----------
+    faces
+        What the facets are called.
+    reference, other
+        Pressures, (n,) [MPa].
+    centroids, areas
+        Of the facets, (n, 3) [mm] and (n,) [mm²].
+    block
+        Block whose peak is looked for on each facet, (n,).
+    """
+    union = shared = 0.0
+    distances, sizes = [], []
+    for number in np.unique(block):
+        mine = block == number
+        a, b = effective_region(reference[mine]), effective_region(other[mine])
+        union += float(areas[mine][a | b].sum())
+        shared += float(areas[mine][a & b].sum())
+        if reference[mine].max() > 0 and other[mine].max() > 0:
+            peak = centroids[mine][reference[mine].argmax()] - centroids[mine][other[mine].argmax()]
+            distances.append(float(np.linalg.norm(peak)))
+            sizes.append(float(np.sqrt(areas[mine].mean())))
+    near = [d <= 2 * s for d, s in zip(distances, sizes, strict=True)]
+    total = float(areas @ reference)
+    return PressureAgreement(
+        faces=faces,
+        correlation=_correlation(reference, other, areas),
+        overlap=shared / union if union > 0 else 1.0,
+        peak_distance=float(np.mean(distances)) if distances else 0.0,
+        peaks_within_two_facets=float(np.mean(near)) if near else 1.0,
+        force_ratio=float(areas @ other) / total if total > 0 else 1.0,
+    )
+
+
+def compare(
+    name: str, scene: DeformableScene, *, explicit: bool = True, progress: Any = None
+) -> Comparison:
+    """Answer a scene by rigid blocks, static and explicit finite elements.
+
+    Parameters
+    ----------
+    name, scene
+        A tube with sections for deformable blocks.
+    explicit
+        Whether to run explicit dynamics to the static state too.
+    progress
+        Callback of the explicit run.
+
+    Raises
+    ------
+    InputError
+        Input that cannot be solved, or a load that rigid blocks do not carry.
+    """
+    fem = fem_section(scene, name)
+    deformable = build_deformable(scene, name)
+    assembly, load = deformable.assembly, _load(scene, deformable)
+    rigid: dict[Norm, RigidRun] = {}
+    for norm in Norm:
+        chosen = scene.model_copy(update={"rigid": scene.rigid.model_copy(update={"norm": norm})})
+        rigid[norm] = analyse_rigid(BuiltScene(name, chosen, assembly, load, 0.0))
+        if not rigid[norm].result.equilibrium.holds:
+            raise InputError(f"{name}: {rigid[norm].result.equilibrium.status}")
+    static_scene = _with_fem(scene, method=Method.STATIC)
+    static = run_tube_static(name, static_scene, deformable=deformable)
+    dynamic = None
+    if explicit:
+        damping = fem.damping or Damping.STATIC
+        explicit_scene = _with_fem(scene, method=Method.EXPLICIT, damping=damping)
+        dynamic, _ = run_tube_explicit(
+            name, explicit_scene, deformable=deformable, progress=progress
+        )
+    steps = decompose(name, scene, static)
+    return _collect(name, rigid, static, dynamic, steps)
+
+
+def _load(scene: DeformableScene, deformable: Any) -> Any:
+    from validation.build import build_load
+
+    return build_load(scene, deformable.assembly)
+
+
+def _with_fem(scene: DeformableScene, **changes: Any) -> DeformableScene:
+    assert scene.fem is not None
+    return scene.model_copy(update={"fem": scene.fem.model_copy(update=changes)})
+
+
+def _collect(
+    name: str,
+    rigid: dict[Norm, RigidRun],
+    static: TubeRun,
+    dynamic: TubeRun | None,
+    steps: list[Step],
+) -> Comparison:
+    first = rigid[Norm.FORCE].result
+    contacts = np.intersect1d(first.contact_index, static.contact_index)
+    answers = []
+    for norm, run in rigid.items():
+        rows = np.searchsorted(run.result.contact_index, contacts)
+        measured = run.result.measures
+        assert measured is not None
+        answers.append(
+            Answer(
+                f"rigid ({norm})",
+                run.result.contact_pressures[rows],
+                measured.p_eff,
+                measured.p_max,
+                measured.effective_count_percent,
+                run.cpu_seconds["total"],
+            )
+        )
+    for tube in (static, dynamic):
+        if tube is None:
+            continue
+        order = np.argsort(tube.contact_index)
+        rows = order[np.searchsorted(tube.contact_index[order], contacts)]
+        answers.append(
+            Answer(
+                str(tube.method),
+                tube.facet_pressures[rows],
+                tube.contact.p_eff,
+                tube.contact.p_max_face,
+                tube.contact.effective_count_percent,
+                tube.cpu_seconds["solve"],
+            )
+        )
+    return Comparison(
+        name=name,
+        rigid=rigid[Norm.PRESSURE],
+        static=static,
+        explicit=dynamic,
+        contacts=contacts,
+        answers=tuple(answers),
+        agreement=_agreements(static, contacts, answers),
+        interface_forces=_interface_forces(static, contacts, answers),
+        steps=tuple(steps),
+    )
+
+
+def _agreements(
+    static: TubeRun, contacts: IntArray, answers: list[Answer]
+) -> dict[str, tuple[PressureAgreement, ...]]:
+    assembly = static.deformable.assembly
+    found = assembly.interfaces
+    layer = assembly.n_layers // 2 + 1
+    reference = next(a.pressures for a in answers if a.method == "static")
+    sets = {
+        "all": np.arange(len(contacts)),
+        "top": between_layers(assembly, contacts, layer),
+        "bottom": between_layers(assembly, contacts, layer - 1),
+    }
+    m, s = found.block_m[contacts], found.block_s[contacts]
+    # Peaks are looked for per block of the compared layer; over the whole tube, per master block.
+    owner = np.where(assembly.layer[m] == layer, m, s)
+    result = {}
+    for answer in answers:
+        if answer.method == "static":
+            continue
+        result[answer.method] = tuple(
+            agreement(
+                faces,
+                reference[rows],
+                answer.pressures[rows],
+                centroids=found.centroids[contacts[rows]],
+                areas=found.areas[contacts[rows]],
+                block=m[rows] if faces == "all" else owner[rows],
+            )
+            for faces, rows in sets.items()
+        )
+    return result
+
+
+def _interface_forces(
+    static: TubeRun, contacts: IntArray, answers: list[Answer]
+) -> dict[str, FloatArray]:
+    found = static.deformable.assembly.interfaces
+    pair = np.searchsorted(found.pair_start, contacts, side="right") - 1
+    used, row = np.unique(pair, return_inverse=True)
+    direction = found.normals[contacts] * found.areas[contacts, None]
+    forces = {}
+    for answer in answers:
+        total = np.zeros((len(used), 3))
+        np.add.at(total, row, answer.pressures[:, None] * direction)
+        forces[answer.method] = total
+    return forces
+
+
+def interface_force_error(comparison: Comparison, method: str) -> float:
+    """RMS difference of the pair resultants from the static ones, relative to their RMS."""
+    ours, static = comparison.interface_forces[method], comparison.interface_forces["static"]
+    scale = float(np.sqrt(np.mean(static**2)))
+    return float(np.sqrt(np.mean((ours - static) ** 2))) / scale if scale > 0 else 0.0
+
+
+def explicit_errors(comparison: Comparison) -> dict[str, float] | None:
+    """Errors of the explicit end state against the static one; None without an explicit run.
+
+    Displacement and pressure are root mean squares relative to the static field's; p_max is the
+    mean of the block maxima.
+    """
+    a, b = comparison.static, comparison.explicit
+    if b is None:
+        return None
+    u = np.concatenate([x.ravel() for x in a.displacements])
+    v = np.concatenate([x.ravel() for x in b.displacements])
+    p, q = a.facet_pressures, b.facet_pressures
+    return {
+        "displacement_rms": float(np.linalg.norm(v - u) / np.linalg.norm(u)),
+        "pressure_rms": float(np.linalg.norm(q - p) / np.linalg.norm(p)),
+        "p_max": abs(b.contact.p_max_face / a.contact.p_max_face - 1.0),
+        "p_max_point": abs(b.contact.p_max_point / a.contact.p_max_point - 1.0),
+    }
+
+
+def explanations(comparison: Comparison) -> list[str]:
+    """Say in words where the differences come from; the numbers are those of the steps."""
+    rigid = next(a for a in comparison.answers if a.method == "rigid (pressure)")
+    whole = comparison.agreement["rigid (pressure)"][0]
+    lines = []
+    before_eff, before_max = rigid.p_eff, rigid.p_max
+    for step in comparison.steps:
+        lines.append(
+            f"{step.words}: p_max {before_max:.3g} → {step.p_max:.3g} MPa "
+            f"({100 * (step.p_max / before_max - 1):+.0f} %), p_eff {before_eff:.3g} → "
+            f"{step.p_eff:.3g} MPa ({100 * (step.p_eff / before_eff - 1):+.0f} %), "
+            f"{step.effective_count_percent:.1f} % of the elements effective"
+        )
+        before_eff, before_max = step.p_eff, step.p_max
+    lines.append(
+        "the tube is statically indeterminate, so resultants differ too: force per interface by "
+        f"{100 * interface_force_error(comparison, 'rigid (pressure)'):.0f} % (rms), total contact "
+        f"force by {100 * (whole.force_ratio - 1):+.0f} %"
+    )
+    errors = explicit_errors(comparison)
+    if errors is not None:
+        lines.append(
+            "the explicit run ends at the static state: displacement off by "
+            f"{100 * errors['displacement_rms']:.2f} % (rms), pressure by "
+            f"{100 * errors['pressure_rms']:.2f} % (rms), p_max by {100 * errors['p_max']:.2f} %"
+        )
+    return lines

@@ -1,0 +1,185 @@
+"""`tubelock fem` on a tube: checks, progress, checkpoint, files and text around a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from fem.deformable_assembly import DeformableAssembly
+from fem.explicit import ExplicitResult, Frame, Status
+from geometry.mesh import FloatArray
+from geometry.mesh_io import interface_surface, write_hex_mesh, write_surface
+from validation.fem_box import peak_memory_mb
+from validation.fem_command import CHECKPOINT, progress_bar
+from validation.fem_files import FrameWriter, draw_energies, field_data, groups_mesh
+from validation.files import output_folder, prepare_json, write_json, write_whole
+from validation.scene_fem import Method
+from validation.tube_explicit import end_time, explicit_statement, run_tube_explicit
+from validation.tube_fem import DeformableScene, TubeRun, build_deformable, fem_section, tube_json
+
+
+def run_fem_tube(
+    name: str,
+    scene: DeformableScene,
+    *,
+    json: str | None,
+    output: Path | None,
+    resume: Path | None,
+    console: Console,
+) -> None:
+    """Solve a tube and write what the command promises.
+
+    Raises
+    ------
+    InputError
+        For a scene that cannot be solved.
+    KeyboardInterrupt
+        After an interrupted run has said how to go on.
+    """
+    fem = fem_section(scene, name)
+    deformable = build_deformable(scene, name)
+    if fem.method is Method.EXPLICIT:
+        end_time(fem)
+        explicit_statement(scene, name, deformable)
+    prepare_json(json)
+    folder = Path("out") / f"{name}-fem" if output is None and json is None else output
+    with output_folder(folder):
+        run, result = _solve(name, scene, deformable, folder=folder, resume=resume, console=console)
+        print_tube(run, console)
+        if folder is not None:
+            for words, path in write_tube_files(run, result, folder):
+                console.print(f"{words:9} {path}")
+            (folder / CHECKPOINT).unlink(missing_ok=True)
+        write_json(json, tube_json(run, peak_memory_mb()))
+
+
+def _solve(
+    name: str,
+    scene: DeformableScene,
+    deformable: DeformableAssembly,
+    *,
+    folder: Path | None,
+    resume: Path | None,
+    console: Console,
+) -> tuple[TubeRun, ExplicitResult | None]:
+    """Solve by the scene's method; an interrupted run says how to go on."""
+    fem = fem_section(scene, name)
+    if fem.method is Method.STATIC:
+        from validation.tube_static import run_tube_static
+
+        with console.status(f"{name}: static Newton"):
+            return run_tube_static(name, scene, deformable=deformable), None
+    checkpoint = None if folder is None else folder / CHECKPOINT
+    writer = None
+    if folder is not None and fem.frames > 0:
+        finite = scene.effects.finite_rotation
+        writer = FrameWriter(folder, deformable.model.groups, finite_rotation=finite)
+
+    def frame(time: float, number: int, displacements: tuple[FloatArray, ...]) -> None:
+        assert writer is not None
+        writer(Frame(number, time, displacements))
+
+    with progress_bar() as progress:
+        run, result = run_tube_explicit(
+            name,
+            scene,
+            deformable=deformable,
+            progress=progress,
+            on_frame=None if writer is None else frame,
+            checkpoint=checkpoint,
+            resume=resume,
+        )
+    if result.status is Status.INTERRUPTED:
+        remedy = (
+            f"continue with --resume {checkpoint}"
+            if checkpoint is not None
+            else "nothing was kept: give a folder with -o to keep a checkpoint"
+        )
+        console.print(f"stopped at step {result.n_steps}: {remedy}")
+        raise KeyboardInterrupt
+    return run, result
+
+
+def write_tube_files(
+    run: TubeRun, result: ExplicitResult | None, folder: Path
+) -> list[tuple[str, Path]]:
+    """Write fields, contact pressures, history and pictures; returns what each file is."""
+    from validation.tube_pictures import draw_contact, draw_sections, draw_stresses
+
+    groups = run.deformable.model.groups
+    fields = folder / "fields.vtu"
+    data = field_data(groups, run.displacements, finite_rotation=run.scene.effects.finite_rotation)
+    write_hex_mesh(fields, groups_mesh(groups), point_data=data)
+    contact = folder / "contact_pressures.vtu"
+    write_surface(
+        contact,
+        interface_surface(run.deformable.assembly, run.contact_index),
+        {"contact_pressure": run.facet_pressures, "area": run.deformable.surfaces.areas},
+    )
+    written = [("fields", fields), ("pressures", contact)]
+    for file, draw in (
+        ("contact_pressures.png", draw_contact),
+        ("stresses.png", draw_stresses),
+        ("sections.png", draw_sections),
+    ):
+        draw(run, folder / file)
+        written.append(("picture", folder / file))
+    if result is not None:
+        history, energies = folder / "history.csv", folder / "energies.png"
+        write_whole(history, lambda path: path.write_text(result.history.csv(), "utf-8"))
+        draw_energies(result.history, energies, title=run.name)
+        written += [("history", history), ("picture", energies)]
+        if (folder / "frames.pvd").exists():
+            written.append(("frames", folder / "frames.pvd"))
+    return written
+
+
+def print_tube(run: TubeRun, console: Console) -> None:
+    """Print the numbers of a tube run."""
+    data = tube_json(run, peak_memory_mb())
+    table = Table(title=run.title, show_header=False, title_justify="left")
+    table.add_column()
+    table.add_column()
+    element = run.deformable.model.groups[0].element.value
+    table.add_row("method, element", f"{run.method}, {element}")
+    table.add_row(
+        "blocks, elements, nodes",
+        f"{data['n_blocks']} deformable, {data['n_elements']}, {data['n_nodes']}",
+    )
+    if run.method is Method.EXPLICIT:
+        rate = data["element_updates_per_cpu_second"] / 1e6
+        table.add_row(
+            "steps, time step",
+            f"{data['n_steps']} to {1e3 * data['time']:.4g} ms ({data['status']}), "
+            f"{data['time_step']:.4g} s (critical {data['critical_time_step']:.4g} s)",
+        )
+        table.add_row("element updates", f"{rate:.3g} million per CPU second")
+        ratio = data["kinetic_over_internal_energy"]
+        if ratio is not None:
+            table.add_row(
+                "kinetic / internal energy",
+                f"{ratio:.2e} (below 1 % does not mean static: read the force residual)",
+            )
+        table.add_row("energy balance", f"{data['energy_balance']:.2e}")
+    else:
+        table.add_row("Newton iterations", f"{data['newton_iterations']}")
+    if data["residual"] is not None:
+        table.add_row("force residual", f"{data['residual']:.2e}")
+    table.add_row("largest displacement", f"{data['max_displacement']:.6g} mm")
+    stress = data["principal_stress"]
+    table.add_row("principal stress", f"{stress['max']:.5g} … {stress['min']:.5g} MPa")
+    contact = data["contact"]
+    table.add_row("p_eff", f"{contact['p_eff']:.5g} MPa")
+    table.add_row(
+        "p_max",
+        f"{contact['p_max_face']:.5g} MPa mean of block maxima (facets), "
+        f"{contact['p_max_point']:.5g} MPa at a point",
+    )
+    table.add_row("effective contact elements", f"{contact['effective_count_percent']:.2f} %")
+    table.add_row("mean overclosure", f"{contact['mean_overclosure']:.4g} mm where surfaces press")
+    seconds = ", ".join(f"{k} {v:.3f}" for k, v in data["cpu_seconds"].items())
+    table.add_row("CPU seconds", seconds)
+    table.add_row("peak memory", f"{data['peak_memory_mb']:.0f} MB")
+    console.print(table)

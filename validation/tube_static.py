@@ -1,0 +1,87 @@
+"""Static runs of deformable tubes."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from fem.deformable_assembly import DeformableAssembly
+from fem.model import ModelError
+from fem.sparse_solver import SparseSolverError
+from fem.static import StaticError, StaticOptions, StaticResult, solve_static
+from fem.symmetry import SymmetryError
+from validation.errors import InputError
+from validation.scene_fem import FemSection, Method
+from validation.tube_fem import (
+    NO_SECTOR,
+    DeformableScene,
+    TubeRun,
+    build_deformable,
+    fem_section,
+)
+
+
+def static_options(fem: FemSection) -> StaticOptions:
+    """Options of the static solver: the largest exact sector unless the scene forbids it."""
+    return StaticOptions(symmetry=1 if fem.symmetry == "none" else None)
+
+
+def run_tube_static(
+    name: str, scene: DeformableScene, *, deformable: DeformableAssembly | None = None
+) -> TubeRun:
+    """Solve a tube for its static state by Newton's method.
+
+    Raises
+    ------
+    InputError
+        Input that cannot be solved, or a run that found no equilibrium.
+    """
+    start = time.process_time()
+    fem = fem_section(scene, name)
+    if scene.effects.friction is not None:
+        raise InputError(
+            f"{name}: effects.friction needs the history of an explicit run: set fem.method = "
+            '"explicit", or remove friction'
+        )
+    deformable = build_deformable(scene, name) if deformable is None else deformable
+    built = time.process_time()
+    try:
+        result = solve_static(deformable, static_options(fem))
+    except (StaticError, SymmetryError, SparseSolverError, ModelError) as error:
+        raise InputError(f"{name}: {error}") from None
+    if fem.symmetry == "sector" and result.symmetry == 1:
+        raise InputError(f"{name}: {NO_SECTOR}")
+    if not result.converged:
+        raise InputError(f"{name}: {result.status}")
+    solved = time.process_time()
+    seconds = {
+        "build": built - start,
+        "solve": solved - built,
+        "total": solved - start,
+    }
+    return TubeRun(
+        name=name,
+        scene=scene,
+        method=Method.STATIC,
+        deformable=deformable,
+        displacements=result.displacements,
+        point_pressures=result.pressures,
+        point_overclosures=result.overclosures,
+        solver=static_numbers(result),
+        cpu_seconds=seconds,
+    )
+
+
+def static_numbers(result: StaticResult) -> dict[str, Any]:
+    """Numbers of a static run for its JSON."""
+    return {
+        "status": result.status,
+        "residual": result.residual,
+        "newton_iterations": result.newton_iterations,
+        "symmetry": result.symmetry,
+        "energies": {
+            "strain_energy": result.strain_energy,
+            "contact_energy": result.contact_energy,
+            "external_work": result.external_work,
+        },
+    }
