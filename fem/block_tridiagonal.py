@@ -19,7 +19,7 @@ import scipy.linalg
 from geometry.mesh import FloatArray
 
 #: Smallest accepted ratio of the pivots of a level's motions: less is a motion nothing resists.
-_SMALLEST_PIVOT = 1e-13
+_SMALLEST_PIVOT = 1e-10
 
 
 class UnresistedMotionError(ValueError):

@@ -199,6 +199,11 @@ class _Law:
         return _each(_overclosures, pressure, self.constants)
 
     @property
+    def touching_stiffness(self) -> float:
+        """Stiffness where the surfaces just touch, at zero clearance [MPa/mm]."""
+        return float(self.stiffness(1e-300))
+
+    @property
     def largest_initial_overclosure(self) -> float:
         """Overclosure at which the curve of the law ends [mm]; deeper starts are refused.
 

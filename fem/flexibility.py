@@ -33,6 +33,10 @@ from fem.local_system import LocalSystem, constraint_transform
 from fem.model import BlockGroup
 from geometry.mesh import FloatArray, IntArray
 
+#: Points count as open when their stiffness is below this share of that at first touch: their
+#: pressure is far below rounding of any other, while their flexibility would drown the rest.
+_LEAST_STIFFNESS = 1e-12
+
 
 @dataclass(frozen=True)
 class Flexibility:
@@ -228,7 +232,9 @@ class CondensedStep:
     def _active_points(self, linear: Linearisation) -> _Points:
         """Points that press, ordered by level, those shared with the next level last."""
         system = self._system
-        active = np.flatnonzero(linear.stiffness.ravel() > 0.0)
+        stiffness = linear.stiffness.ravel()
+        touching = system.deformable.contact.law.touching_stiffness
+        active = np.flatnonzero(stiffness > _LEAST_STIFFNESS * touching)
         facet = active // 4
         slot_m = system.slot_of[system.surfaces.block_m[facet]]
         slot_s = system.slot_of[system.surfaces.block_s[facet]]
@@ -341,8 +347,7 @@ class CondensedStep:
         """Rigid part α of a displacement of a slot."""
         kind = self._kind(slot)
         vector = self._to_variables(slot, displacement.ravel()[self._retained(slot)])
-        motion = np.asarray(np.linalg.lstsq(kind.rigid, vector[kind.free])[0], dtype=np.float64)
-        return motion
+        return np.asarray(np.linalg.lstsq(kind.rigid, vector[kind.free])[0], dtype=np.float64)
 
     def _displacements(
         self,
@@ -372,8 +377,12 @@ class CondensedStep:
         result = np.zeros(3 * self._system.n_nodes)
         flat = displacement.ravel()
         for slot in range(self._system.n_slots):
-            dofs = self._retained(slot)
-            result[dofs] = self._kind(slot).condensed.stiffness @ flat[dofs]
+            dofs, kind = self._retained(slot), self._kind(slot)
+            local = flat[dofs]
+            if len(kind.free) == len(dofs):
+                # A rigid motion costs no force; taking it out first keeps its rounding out too.
+                local = local - kind.rigid @ np.linalg.lstsq(kind.rigid, local)[0]
+            result[dofs] = kind.condensed.stiffness @ local
         return result.reshape(-1, 3)
 
     @cached_property

@@ -24,34 +24,33 @@ from enum import StrEnum
 
 import numpy as np
 
-from fem.contact import (
-    PointKinematics,
-    corner_forces,
-    facet_pressures,
-    point_kinematics,
-)
+from fem.contact import PointKinematics
 from fem.deformable_assembly import DeformableAssembly
 from fem.flexibility import CondensedStep
 from fem.linearisation import Linearisation, LinearStep, SparseStep, UnheldBlocksError
 from fem.local_system import LocalSystem, local_system
 from fem.sparse_solver import SparseSolver
+from fem.static_result import StaticResult, loose_blocks
 from fem.symmetry import Orbits, cyclic_orbits, largest_cyclic_orbits, no_symmetry
-from geometry.mesh import FloatArray
+from geometry.mesh import FloatArray, IntArray
 
 #: First holding springs relative to the tangent contact stiffness on a block at the start.
 _FIRST_HOLDING = 0.25
 #: Holding springs shrink by this factor from iteration to iteration …
 _FADING = 0.1
-#: … and are left out below this share of the first ones.
-_LEAST_HOLDING = 1e-8
+#: … down to this share of the first ones: motions that no contact resists stay determined, and
+#: others do not notice.
+_LEAST_HOLDING = 1e-6
 #: Share of the first holding springs when blocks turn out to be unheld.
 _RESCUE_HOLDING = 1e-3
 #: Rescues after which the blocks are reported as unheld.
 _MAX_RESCUES = 30
 #: A step is cut when the energy slope at its end exceeds this share of the slope at its start.
 _OVERSHOOT = 0.1
+#: A linear solution farther away than this many block lengths is a motion that nothing resists.
+_FARTHEST = 100.0
 #: Contact forces count this much in the size against which the residual is measured.
-_CONTACT_SHARE = 1e-4
+_CONTACT_SHARE = 1e-2
 #: Parts in which the load is applied when all at once does not converge.
 _FALLBACK_LOAD_STEPS = 4
 
@@ -92,55 +91,6 @@ class StaticOptions:
         for name in ("max_iterations", "load_steps"):
             if getattr(self, name) < 1:
                 raise StaticError(f"fem.{name}: got {getattr(self, name)}, expected at least 1")
-
-
-@dataclass(frozen=True)
-class StaticResult:
-    """A static state of the whole assembly, copies of a sector included."""
-
-    deformable: DeformableAssembly
-    """What was solved."""
-    displacements: tuple[FloatArray, ...]
-    """Of each group in world axes, each (n_copies, n_nodes, 3) [mm]."""
-    overclosures: FloatArray
-    """Of every contact point, (n_facets, 4) [mm]."""
-    pressures: FloatArray
-    """Of every contact point, (n_facets, 4) [MPa]."""
-    residual: float
-    """Norm of the unbalanced forces over norm of the loads [-]."""
-    converged: bool
-    """Whether the residual reached the tolerance."""
-    status: str
-    """What happened, and what to do if it did not converge."""
-    residuals: tuple[float, ...]
-    """Residual after each iteration [-]."""
-    strain_energy: float
-    """[N mm]"""
-    contact_energy: float
-    """[N mm]"""
-    external_work: float
-    """Of the full loads along the displacements, as dead loads [N mm]."""
-    symmetry: int
-    """Order of the sector model that was used."""
-    n_unknowns: int
-    """Displacement unknowns of the representative blocks."""
-    cpu_seconds: dict[str, float]
-    """CPU time: setup, newton, recovery, total [s]."""
-
-    @property
-    def newton_iterations(self) -> int:
-        """Linear problems solved."""
-        return len(self.residuals)
-
-    @property
-    def facet_pressures(self) -> FloatArray:
-        """Force over area of every facet, (n_facets,) [MPa]."""
-        return facet_pressures(self.deformable.surfaces, self.pressures)
-
-    @property
-    def max_displacement(self) -> float:
-        """Largest displacement of any node [mm]."""
-        return max(float(np.linalg.norm(u, axis=2).max()) for u in self.displacements)
 
 
 def solve_static(
@@ -292,20 +242,21 @@ def _iterate(
     """One linear problem, and what follows from it."""
     contact = system.deformable.contact
     linear = _linearise(system, state)
-    trial, state = _solve(step, linear, state)
+    farthest = _FARTHEST * system.deformable.assembly.characteristic_length
+    trial, state = _solve(step, linear, state, farthest)
     share = _step_share(system, step, linear, state, trial)
     displacement = state.displacement + share * (trial - state.displacement)
     kinematics = system.kinematics(displacement, contact.normals)
     residual = _residual(system, step, displacement, kinematics, state.load_factor)
     pressure = linear.linear_pressure(system, displacement)
     same_pressure = (pressure > 0.0) & (share == 1.0)
-    holding = _FADING * state.holding
+    holding = max(_FADING * state.holding, _LEAST_HOLDING * state.first_holding)
     return replace(
         state,
         displacement=displacement,
         kinematics=kinematics,
         at=np.where(same_pressure, contact.law.overclosure(pressure), kinematics.overclosure),
-        holding=holding if holding > _LEAST_HOLDING * state.first_holding else 0.0,
+        holding=holding,
         residuals=(*state.residuals, residual),
         converged=residual <= options.tolerance,
     )
@@ -323,11 +274,16 @@ def _linearise(system: LocalSystem, state: _State) -> Linearisation:
     )
 
 
-def _solve(step: LinearStep, linear: Linearisation, state: _State) -> tuple[FloatArray, _State]:
+def _solve(
+    step: LinearStep, linear: Linearisation, state: _State, farthest: float
+) -> tuple[FloatArray, _State]:
     """Solve the linear problem; hold the blocks more where nothing else does."""
     while True:
         try:
-            return step(linear, state.displacement, state.holding), state
+            trial = step(linear, state.displacement, state.holding)
+            if np.abs(trial).max() <= farthest:
+                return trial, state
+            raise UnheldBlocksError("blocks run away", ())
         except UnheldBlocksError as error:
             if state.rescues >= _MAX_RESCUES:
                 raise StaticError(_unheld_text(error)) from None
@@ -388,7 +344,7 @@ def _residual(
     kinematics: PointKinematics,
     load_factor: float,
 ) -> float:
-    """Norm of the unbalanced nodal forces over that of the loads (or 1e-4 of the contacts)."""
+    """Norm of the unbalanced nodal forces over that of the loads, or 1 % of the contacts'."""
     law, weights = system.deformable.contact.law, system.surfaces.weights
     forces = weights * law.pressure(kinematics.overclosure)
     unbalanced = load_factor * step.external_force - step.internal_force(displacement)
@@ -417,17 +373,21 @@ def _result(
     found = system.kinematics(displacement, deformable.contact.normals)
     overclosure = found.overclosure.ravel()[orbits.point_of]
     share = _copies(system)
+    displacements = tuple(system.expand(displacement))
+    pressures = law.pressure(overclosure)
+    loose = loose_blocks(deformable, displacements, pressures)
     strain = 0.5 * displacement * system.internal_force(displacement)
     work = displacement * system.external_force
     stored = deformable.surfaces.weights * law.stored_energy(overclosure)
     return StaticResult(
         deformable=deformable,
-        displacements=tuple(system.expand(displacement)),
+        displacements=displacements,
         overclosures=overclosure,
-        pressures=law.pressure(overclosure),
+        pressures=pressures,
         residual=state.residuals[-1],
         converged=state.converged,
-        status=_status(state, options),
+        status=_status(state, options, loose),
+        loose_blocks=loose,
         residuals=state.residuals,
         strain_energy=float(share @ strain.sum(axis=1)),
         contact_energy=float(stored.sum()),
@@ -446,67 +406,17 @@ def _copies(system: LocalSystem) -> FloatArray:
     return copies
 
 
-def _status(state: _State, options: StaticOptions) -> str:
-    count = len(state.residuals)
+def _status(state: _State, options: StaticOptions, loose: IntArray) -> str:
+    count, residual = len(state.residuals), state.residuals[-1]
+    names = ", ".join(str(b) for b in loose[:8]) + (", …" if len(loose) > 8 else "")
+    unheld = f"; no contact holds blocks {names} in every direction" if len(loose) else ""
     if state.converged:
-        return f"equilibrium after {count} iterations, residual {state.residuals[-1]:.1e}"
+        undetermined = ": their place is not determined" if len(loose) else ""
+        return (
+            f"equilibrium after {count} iterations, residual {residual:.1e}{unheld}{undetermined}"
+        )
     return (
-        f"no equilibrium after {count} iterations: residual {state.residuals[-1]:.1e}, expected "
-        f"{options.tolerance:.1e}; use more load steps, reference normals, a smaller initial "
-        "clearance or an explicit run"
+        f"no equilibrium after {count} iterations: residual {residual:.1e}, expected "
+        f"{options.tolerance:.1e}{unheld}; use more load steps, reference normals, a smaller "
+        "initial clearance or an explicit run"
     )
-
-
-def pair_resultants(result: StaticResult) -> tuple[FloatArray, FloatArray]:
-    """Force and moment that each block pair transmits, on block s, about the world origin.
-
-    Returns
-    -------
-    tuple[FloatArray, FloatArray]
-        (n_pairs, 3) [N] and (n_pairs, 3) [N mm], pairs as in the surfaces' `pair_start`. The
-        moment takes forces at the reference positions of block s.
-    """
-    deformable = result.deformable
-    surfaces = deformable.surfaces
-    corners = contact_corner_forces(result)[:, 4:]
-    where = np.empty_like(corners)
-    for block in np.unique(surfaces.block_s):
-        mine = surfaces.block_s == block
-        nodes = deformable.assembly.nodes(int(block)) + deformable.spacing[block]
-        where[mine] = nodes[surfaces.quads_s[mine]]
-    first = surfaces.pair_start[:-1]
-    force = np.add.reduceat(corners.sum(axis=1), first, axis=0)
-    moment = np.add.reduceat(np.cross(where, corners).sum(axis=1), first, axis=0)
-    return force, moment
-
-
-def contact_corner_forces(result: StaticResult) -> FloatArray:
-    """Contact forces on the corners of every facet pair in world axes, (n_facets, 8, 3) [N]."""
-    deformable = result.deformable
-    surfaces = deformable.surfaces
-    displacement = corner_displacements(deformable, result.displacements)
-    kinematics = point_kinematics(surfaces, displacement, deformable.contact.normals)
-    return corner_forces(kinematics, surfaces.weights * result.pressures)
-
-
-def corner_displacements(
-    deformable: DeformableAssembly, displacements: tuple[FloatArray, ...]
-) -> FloatArray:
-    """World displacements of the corners of every facet pair, (n_facets, 8, 3) [mm].
-
-    Parameters
-    ----------
-    deformable
-        The model.
-    displacements
-        Of each group in world axes, each (n_copies, n_nodes, 3) [mm].
-    """
-    surfaces = deformable.surfaces
-    corners = np.zeros((surfaces.n_facets, 8, 3))
-    sides = ((surfaces.block_m, surfaces.quads_m), (surfaces.block_s, surfaces.quads_s))
-    for side, (blocks, quads) in enumerate(sides):
-        for group, values in enumerate(displacements):
-            mine = np.flatnonzero(deformable.group_of[blocks] == group)
-            copies = deformable.copy_of[blocks[mine]]
-            corners[mine, 4 * side : 4 * side + 4] = values[copies[:, None], quads[mine]]
-    return corners

@@ -27,6 +27,11 @@ from validation.scene import TubeScene
 from validation.scene_families import HexagonTubeScene
 from validation.scene_fem import ContactSection, FemSection, Method
 
+#: Why a sector asked for is refused.
+NO_SECTOR = (
+    'fem.symmetry: got "sector", but the load or the supports are not the same on every block of a '
+    'layer; expected "auto" or "none"'
+)
 #: Tubes that can be meshed by hexahedra.
 DeformableScene = TubeScene | HexagonTubeScene
 

@@ -8,16 +8,23 @@ from typing import Any
 from fem.deformable_assembly import DeformableAssembly
 from fem.model import ModelError
 from fem.sparse_solver import SparseSolverError
-from fem.static import StaticError, StaticOptions, StaticResult, solve_static
+from fem.static import StaticError, StaticOptions, solve_static
+from fem.static_result import StaticResult
 from fem.symmetry import SymmetryError
 from validation.errors import InputError
 from validation.scene_fem import FemSection, Method
-from validation.tube_fem import DeformableScene, TubeRun, build_deformable, fem_section
+from validation.tube_fem import (
+    NO_SECTOR,
+    DeformableScene,
+    TubeRun,
+    build_deformable,
+    fem_section,
+)
 
 
 def static_options(fem: FemSection) -> StaticOptions:
-    """Options of the static solver: the largest exact sector where the scene asks for it."""
-    return StaticOptions(symmetry=None if fem.symmetry == "sector" else 1)
+    """Options of the static solver: the largest exact sector unless the scene forbids it."""
+    return StaticOptions(symmetry=1 if fem.symmetry == "none" else None)
 
 
 def run_tube_static(
@@ -43,6 +50,8 @@ def run_tube_static(
         result = solve_static(deformable, static_options(fem))
     except (StaticError, SymmetryError, SparseSolverError, ModelError) as error:
         raise InputError(f"{name}: {error}") from None
+    if fem.symmetry == "sector" and result.symmetry == 1:
+        raise InputError(f"{name}: {NO_SECTOR}")
     if not result.converged:
         raise InputError(f"{name}: {result.status}")
     solved = time.process_time()
