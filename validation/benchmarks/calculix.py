@@ -18,15 +18,25 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from fem.abaqus_placement import canonical
 from fem.contact_law import ExponentialLaw
-from fem.deck import Deck, DeckStep, Flavour, Hold, Joint, PressureLoad, Procedure, loads_of_case
-from fem.deck_model import deck_assembly, deck_model
-from fem.deck_write import write_deck
+from fem.decks.model import deck_assembly, deck_model
+from fem.decks.placement import canonical
+from fem.decks.statement import (
+    Deck,
+    DeckStep,
+    Flavour,
+    Hold,
+    Joint,
+    PressureLoad,
+    Procedure,
+    loads_of_case,
+)
+from fem.decks.write import write_deck
 from fem.explicit import solve
 from fem.hexahedron import ElementType
 from fem.material import Material
-from fem.static import StaticResult, solve_static
+from fem.static import solve_static
+from fem.static_result import StaticResult
 from geometry.assembly import Assembly
 from geometry.block import Block, box_block
 from geometry.load_case import load_case
