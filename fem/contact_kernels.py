@@ -279,12 +279,14 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
     def far_apart(x, y, z, a0, a1, a2, a3, weights, clear, gap, at):
         """Whether no point of a facet can touch, told without the length of its normals.
 
-        d · a / (2 w) is less than the gap as long as no area doubles; it is left in ``gap``.
+        d · a / w is half to twice the gap as long as no area doubles or halves. What is left in
+        ``gap`` is beyond the reach of the law as well.
         """
-        g0 = scale(0.5 / weights[0], _dot(x[0], y[0], z[0], a0[0], a0[1], a0[2]))
-        g1 = scale(0.5 / weights[1], _dot(x[1], y[1], z[1], a1[0], a1[1], a1[2]))
-        g2 = scale(0.5 / weights[2], _dot(x[2], y[2], z[2], a2[0], a2[1], a2[2]))
-        g3 = scale(0.5 / weights[3], _dot(x[3], y[3], z[3], a3[0], a3[1], a3[2]))
+        factor = 0.5 if clear >= 0.0 else 2.0
+        g0 = scale(factor / weights[0], _dot(x[0], y[0], z[0], a0[0], a0[1], a0[2]))
+        g1 = scale(factor / weights[1], _dot(x[1], y[1], z[1], a1[0], a1[1], a1[2]))
+        g2 = scale(factor / weights[2], _dot(x[2], y[2], z[2], a2[0], a2[1], a2[2]))
+        g3 = scale(factor / weights[3], _dot(x[3], y[3], z[3], a3[0], a3[1], a3[2]))
         least = smaller(smaller(g0, g1), smaller(g2, g3))
         if any_below(least, clear):
             return False

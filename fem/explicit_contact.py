@@ -23,7 +23,7 @@ from fem.contact_kernels import (
     contact_forces_parallel,
 )
 from fem.contact_lanes import AlikePairs, unit_widths
-from fem.contact_law import ContactLaw
+from fem.contact_law import ContactLaw, LawConstants
 from fem.kernels import SERIAL
 from fem.layout import LaneArray, aligned_zeros, equal_work
 from fem.loads import FACET_VALUES
@@ -43,6 +43,8 @@ class FaceContact:
     """Pressure as a function of overclosure."""
     normals: ContactNormals
     """Which normals measure the gap."""
+    clearance: float
+    """Added to every gap [mm]."""
     counted_stiffness: float
     """Stiffness of the law that the critical time step counts in [MPa/mm]."""
 
@@ -93,7 +95,8 @@ class _BoundContact:
 
     def __init__(self, statement: FaceContact, bodies: tuple[Body, ...]) -> None:
         self._law = statement.law
-        self._constants = statement.law.constants
+        self._clearance = statement.clearance
+        self._constants = shifted(statement.law.constants, statement.clearance)
         self._data = _unit_arrays(statement.pairs, bodies)
         self._work = _unit_work(self._data)
         self._normals = (
@@ -137,7 +140,7 @@ class _BoundContact:
         first, last = self._data.alike[kind, 1], self._data.alike[kind + 1, 1]
         n = last - first
         gap = self._work.gap[point : point + 4 * n * width].reshape(n, 4, width)[:, :, :real]
-        return gap, self._data.weights[first:last, :, None]
+        return gap + self._clearance, self._data.weights[first:last, :, None]
 
     def dissipation(self) -> float:
         """Energy dissipated up to the last force evaluation [N mm]."""
@@ -146,6 +149,11 @@ class _BoundContact:
     def arrays(self) -> dict[str, LaneArray]:
         """Arrays that evolve, by name: none, forces follow from the positions."""
         return {}
+
+
+def shifted(law: LawConstants, clearance: float) -> LawConstants:
+    """Return the law as a function of overclosure plus clearance: a gap n · d of zero is open."""
+    return law._replace(start=law.start + clearance, linear_start=law.linear_start + clearance)
 
 
 @dataclass(frozen=True)

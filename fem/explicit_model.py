@@ -90,6 +90,7 @@ def explicit_assembly(
         n_nodes=tuple(group.n_nodes for group in model.groups),
         law=deformable.contact.law,
         normals=deformable.contact.normals,
+        clearance=deformable.surfaces.clearance,
         counted_stiffness=counted_stiffness(deformable.contact.law),
     )
     return ExplicitAssembly(

@@ -5,40 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from geometry.assembly import AssemblyError
-from geometry.mesh import FloatArray
 from geometry.overlap import find_overlaps
 from geometry.polyhedral_assembly import PolyhedralAssembly
-
-#: Assemblies smaller or larger than this are drawn in other units than millimetres.
-SMALLEST_SIZE, LARGEST_SIZE = 2.0, 1e6
-
-
-def check_size(name: str, low: FloatArray, high: FloatArray) -> None:
-    """Refuse sizes that say that the lengths are not in millimetres.
-
-    Parameters
-    ----------
-    name
-        What the message calls the assembly.
-    low, high
-        Corners of its bounding box, (3,) [mm].
-
-    Raises
-    ------
-    AssemblyError
-        For a largest dimension outside 2 mm … 1 km.
-    """
-    size = float((high - low).max())
-    if size < SMALLEST_SIZE:
-        raise AssemblyError(
-            f"{name}: its largest dimension is {size:.3g} mm; expected lengths in millimetres: if "
-            f'they are in metres, multiply by 1000 (own meshes: block.units = "m")'
-        )
-    if size > LARGEST_SIZE:
-        raise AssemblyError(
-            f"{name}: its largest dimension is {size:.3g} mm; expected lengths in millimetres, "
-            "at most 1 km: check the units"
-        )
+from geometry.units import check_size
 
 
 def check_contacts(assembly: PolyhedralAssembly) -> None:
@@ -63,7 +32,7 @@ def check_contacts(assembly: PolyhedralAssembly) -> None:
         wider = assembly.contacts_within(tolerance)
         if block in wider.block_m or block in wider.block_s:
             remedy = (
-                f"a facing surface lies within {tolerance:.3g} mm: set contact.tolerance = "
+                f"a facing surface lies within {tolerance:.3g} mm: set detection.tolerance = "
                 f"{tolerance:.3g} if that is meant to touch"
             )
             break
@@ -95,7 +64,7 @@ def check_overlaps(assembly: PolyhedralAssembly) -> None:
             f"{assembly.name}: blocks {worst.block_a} and {worst.block_b} overlap by "
             f"{worst.depth:.3g} mm near {np.round(worst.point, 2).tolist()} mm "
             f"({len(found)} overlapping pairs); expected blocks that touch within "
-            f"{assembly.tolerance:.3g} mm: move them apart or set contact.tolerance"
+            f"{assembly.tolerance:.3g} mm: move them apart or set detection.tolerance"
         )
 
 
@@ -107,15 +76,14 @@ def check_assembly(assembly: PolyhedralAssembly) -> None:
     AssemblyError
         One clear message for the first of these found.
     """
-    bounds = assembly.bounds
-    check_size(assembly.name, bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0))
+    check_size(assembly)
     if not (np.isfinite(assembly.tolerance) and assembly.tolerance > 0):
         raise AssemblyError(
-            f"contact.tolerance: got {assembly.tolerance}, expected a positive length in mm"
+            f"detection.tolerance: got {assembly.tolerance}, expected a positive length in mm"
         )
     if assembly.tolerance > 0.1 * assembly.characteristic_length:
         raise AssemblyError(
-            f"contact.tolerance: got {assembly.tolerance:g} mm for blocks of "
+            f"detection.tolerance: got {assembly.tolerance:g} mm for blocks of "
             f"{assembly.characteristic_length:.3g} mm; expected a small fraction of a block"
         )
     check_overlaps(assembly)

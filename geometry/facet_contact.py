@@ -16,38 +16,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
-from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from geometry.mesh import FloatArray, IntArray
+from geometry.options import ContactPlacement
+from geometry.point_contact import PointContacts, crossing_edges, standing_corners
 from geometry.polyhedron import Polyhedron
 from geometry.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
 from geometry.triangle_search import overlapping_boxes
 
+#: Area that a contact without area stands for, as a part of the mean area of the others.
+_POINT_AREA = 1e-2
 #: Overlaps smaller than this fraction of the smaller triangle are edges that touch.
 _SLIVER = 1e-7
-
-
-class ContactPlacement(StrEnum):
-    """Where contact points lie."""
-
-    VERTICES = "vertices"
-    """At the corners of each patch's convex hull: exact for flat faces (default)."""
-    CENTROIDS = "centroids"
-    """At the centroid of each clipped polygon: for finely meshed curved faces."""
-
-
-@dataclass(frozen=True)
-class DetectionOptions:
-    """What counts as contact."""
-
-    tolerance: float | None = None
-    """Largest gap and largest overlap of touching facets [mm]; by default 1e-4 of a block."""
-    angle: float = 5.0
-    """Largest angle between facing facets; raise it for coarse meshes of curved faces [°]."""
-    placement: ContactPlacement = ContactPlacement.VERTICES
 
 
 @dataclass(frozen=True)
@@ -91,11 +74,11 @@ class ContactPoints:
     normals: FloatArray
     """Unit normal from block m to block s, (n_contacts, 3)."""
     areas: FloatArray
-    """Area that each point stands for, (n_contacts,) [mm²]."""
+    """Area that each point stands for, nominal where `patch` is -1; (n_contacts,) [mm²]."""
     pair_start: IntArray
     """First contact of each block pair, and the total; (n_pairs + 1,)."""
     patch: IntArray
-    """Patch of each contact, (n_contacts,)."""
+    """Patch of each contact, -1 for crossing edges and standing corners; (n_contacts,)."""
     patches: ContactPatches
     polygons: ContactPolygons
 
@@ -108,11 +91,6 @@ class ContactPoints:
     def n_pairs(self) -> int:
         """Number of block pairs that touch."""
         return len(self.pair_start) - 1
-
-    @cached_property
-    def patch_of_pair(self) -> IntArray:
-        """First patch of each block pair, and the total; (n_pairs + 1,)."""
-        return _starts(self.patches.block_m, self.patches.block_s)
 
 
 def _starts(*keys: IntArray) -> IntArray:
@@ -222,7 +200,42 @@ def find_contacts(
     )
     if placement is ContactPlacement.CENTROIDS:
         return _at_centroids(patches, polygons, direction)
-    return _at_vertices(patches, polygons)
+    flat_contacts = _at_vertices(patches, polygons)
+    for found in (crossing_edges, standing_corners):
+        extra = found(shapes, shape_of, rotations, translations, tolerance)
+        flat_contacts = _with_points(flat_contacts, extra, tolerance)
+    return flat_contacts
+
+
+def _with_points(contacts: ContactPoints, extra: PointContacts, tolerance: float) -> ContactPoints:
+    """Add contacts without area, but for those that say what is said already."""
+    fresh = np.ones(len(extra.points), dtype=bool)
+    if len(extra.points) and contacts.n_contacts:
+        tree = cKDTree(contacts.centroids)
+        for k, point in enumerate(extra.points):
+            others = tree.query_ball_point(point, 4 * tolerance)
+            fresh[k] = not any(
+                contacts.block_m[c] == extra.block_m[k]
+                and contacts.block_s[c] == extra.block_s[k]
+                and contacts.normals[c] @ extra.normals[k] > 1 - 1e-6
+                for c in others
+            )
+    n = int(fresh.sum())
+    nominal = _POINT_AREA * (contacts.areas.mean() if contacts.n_contacts else 1.0)
+    block_m = np.concatenate([contacts.block_m, extra.block_m[fresh]])
+    block_s = np.concatenate([contacts.block_s, extra.block_s[fresh]])
+    order = np.lexsort((block_s, block_m))
+    return ContactPoints(
+        block_m=block_m[order],
+        block_s=block_s[order],
+        centroids=np.concatenate([contacts.centroids, extra.points[fresh]])[order],
+        normals=np.concatenate([contacts.normals, extra.normals[fresh]])[order],
+        areas=np.concatenate([contacts.areas, np.full(n, nominal)])[order],
+        pair_start=_starts(block_m[order], block_s[order]),
+        patch=np.concatenate([contacts.patch, np.full(n, -1)])[order],
+        patches=contacts.patches,
+        polygons=contacts.polygons,
+    )
 
 
 def _at_centroids(

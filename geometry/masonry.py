@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from geometry.assembly import AssemblyError
-from geometry.facet_contact import DetectionOptions
 from geometry.mesh import HexMesh, boundary_quads, structured_hexahedra
+from geometry.options import DetectionOptions
 from geometry.polyhedral_assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedron import Polyhedron, polyhedron_from_quads
 
@@ -69,15 +69,20 @@ def running_bond_wall(
     return polyhedral_assembly("wall", blocks, fixed, detection)
 
 
-def voussoir(radius: float, thickness: float, depth: float, angle: float) -> Polyhedron:
-    """Sector of a ring, from θ = 0 (the +x axis) to ``angle`` [rad] in the xz plane."""
-    theta = np.linspace(0.0, angle, _PIECES + 1)
+def voussoir(
+    radius: float, thickness: float, depth: float, angle: float, *, pieces: int = _PIECES
+) -> Polyhedron:
+    """Sector of a ring, from θ = 0 (the +x axis) to ``angle`` [rad] in the xz plane.
+
+    Its curved faces are approximated by ``pieces`` flat ones.
+    """
+    theta = np.linspace(0.0, angle, pieces + 1)
     r = radius + thickness * np.array([-0.5, 0.5])
     y = np.array([0.0, depth])
     r, theta, y = (g.ravel() for g in np.meshgrid(r, theta, y, indexing="ij"))
     nodes = np.column_stack([r * np.cos(theta), y, r * np.sin(theta)])
     # (r, θ, y) is left-handed here: turn the facets outward.
-    quads = boundary_quads(HexMesh(nodes, structured_hexahedra(1, _PIECES, 1)))[:, ::-1]
+    quads = boundary_quads(HexMesh(nodes, structured_hexahedra(1, pieces, 1)))[:, ::-1]
     return polyhedron_from_quads("voussoir", nodes, quads)
 
 
@@ -88,6 +93,7 @@ def circular_arch(
     voussoirs: int,
     *,
     embrace: float = 180.0,
+    pieces: int = _PIECES,
     detection: DetectionOptions | None = None,
 ) -> PolyhedralAssembly:
     """Build a circular arch between two fixed voussoirs beyond its springings.
@@ -102,6 +108,8 @@ def circular_arch(
         Free blocks, numbered 1 … n from the right springing (+x); 0 and n + 1 are fixed.
     embrace
         Angle between the springings [°]; 180 is the semicircle.
+    pieces
+        Flat pieces that approximate a voussoir's curved faces.
     detection
         What counts as contact.
 
@@ -122,7 +130,7 @@ def circular_arch(
     step = np.radians(embrace) / voussoirs
     if not 0.0 < embrace <= 180.0:
         raise AssemblyError(f"assembly.embrace: got {embrace}, expected an angle up to 180 degrees")
-    shape = voussoir(radius, thickness, depth, step)
+    shape = voussoir(radius, thickness, depth, step, pieces=pieces)
     first = 0.5 * np.pi - np.radians(embrace) / 2
     blocks = []
     for k in range(-1, voussoirs + 1):

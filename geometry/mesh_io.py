@@ -61,6 +61,16 @@ def write_surface(
     _write(path, meshio.Mesh(surface.nodes, [("quad", surface.quads)], cell_data=data))
 
 
+def write_triangles(
+    path: Path, points: FloatArray, triangles: IntArray, cell_data: Mapping[str, npt.NDArray[Any]]
+) -> None:
+    """Write triangles with one row of data per triangle."""
+    import meshio
+
+    data = {name: [values] for name, values in cell_data.items()}
+    _write(path, meshio.Mesh(points, [("triangle", triangles)], cell_data=data))
+
+
 def read_hex_mesh(path: Path) -> HexMesh:
     """Read the hexahedra of a mesh file.
 

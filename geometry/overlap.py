@@ -19,6 +19,8 @@ from geometry.triangle_search import overlapping_boxes, segment_piercings, surfa
 
 #: Points along each edge of the lattice in the shared box.
 _LATTICE = 7
+#: Surfaces with more triangles than this are fine enough to be judged by their vertices.
+_FINE = 2000
 
 
 @dataclass(frozen=True)
@@ -109,8 +111,12 @@ def penetration(
         kept: FloatArray = points[((points >= low) & (points <= high)).all(axis=1)]
         return kept
 
-    of_b = [b_points, b_corners.mean(axis=1), _inner_middles(b_points, b.triangles, a.corners)]
-    of_a = [a.points, a.corners.mean(axis=1), _inner_middles(a.points, a.triangles, b_corners)]
+    of_b = [b_points, _inner_middles(b_points, b.triangles, a.corners)]
+    of_a = [a.points, _inner_middles(a.points, a.triangles, b_corners)]
+    if len(b.triangles) <= _FINE:
+        of_b.append(b_corners.mean(axis=1))
+    if len(a.triangles) <= _FINE:
+        of_a.append(a.corners.mean(axis=1))
     lattice = low + (high - low) * (np.indices((_LATTICE,) * 3).reshape(3, -1).T + 0.5) / _LATTICE
     shared = -np.maximum(distances[0](lattice), distances[1]((lattice - translation) @ rotation))
     depth, where = max(float(shared.max()), 0.0), lattice[int(np.argmax(shared))]

@@ -8,24 +8,13 @@ interlocking of platonic solids", Phil. Mag. Lett. 83 (2003).
 
 from __future__ import annotations
 
-from enum import StrEnum
-
 import numpy as np
 
 from geometry.assembly import AssemblyError
-from geometry.facet_contact import DetectionOptions
 from geometry.mesh import FloatArray
+from geometry.options import CubeArrangement, DetectionOptions
 from geometry.polyhedral_assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedron import Polyhedron, convex_polyhedron
-
-
-class CubeArrangement(StrEnum):
-    """How a layer of cubes lies."""
-
-    HEXAGONAL = "hexagonal"
-    """Space diagonals upright, hexagonal middle sections."""
-    SQUARE = "square"
-    """Faces upright, as paving: nothing interlocks."""
 
 
 def _check(edge: float, counts: tuple[int, ...]) -> None:

@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from geometry.assembly import Assembly, AssemblyError, BoolArray
-from geometry.facet_contact import ContactPoints, DetectionOptions, find_contacts
+from geometry.facet_contact import ContactPoints, find_contacts
 from geometry.mesh import FloatArray, IntArray
+from geometry.options import DetectionOptions
 from geometry.polyhedron import Polyhedron, polyhedron_from_block
 
 #: Default contact tolerance in block lengths ∛V.
@@ -75,12 +76,6 @@ class PolyhedralAssembly:
     def characteristic_length(self) -> float:
         """Length that makes moments comparable to forces: ∛(mean block volume) [mm]."""
         return float(np.cbrt(self.volumes.mean()))
-
-    @cached_property
-    def bounds(self) -> FloatArray:
-        """Smallest and largest coordinates of each block, (n_blocks, 2, 3) [mm]."""
-        boxes = [self.points(block) for block in range(self.n_blocks)]
-        return np.array([[p.min(axis=0), p.max(axis=0)] for p in boxes])
 
     @property
     def tolerance(self) -> float:

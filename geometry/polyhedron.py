@@ -227,6 +227,15 @@ def polyhedron_from_quads(name: str, points: FloatArray, quads: IntArray) -> Pol
 
 
 def polyhedron_from_block(block: Block) -> Polyhedron:
-    """Return the boundary of a hexahedral block as a rigid, triangulated one."""
+    """Return the boundary of a hexahedral block as a rigid, triangulated one.
+
+    Each quadrilateral becomes four triangles round its middle, so that blocks whose warped facets
+    coincide still coincide.
+    """
     quads = np.concatenate(list(block.faces.values()))
-    return polyhedron_from_quads(block.name, block.mesh.nodes, quads)
+    middles = block.mesh.nodes[quads].mean(axis=1)
+    middle = len(block.mesh.nodes) + np.arange(len(quads))
+    triangles = np.concatenate(
+        [np.column_stack([quads[:, k], quads[:, (k + 1) % 4], middle]) for k in range(4)]
+    )
+    return polyhedron(block.name, np.concatenate([block.mesh.nodes, middles]), triangles)

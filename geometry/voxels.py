@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from geometry.assembly import AssemblyError
-from geometry.facet_contact import DetectionOptions
 from geometry.mesh import HexMesh, IntArray, boundary_quads
+from geometry.options import DetectionOptions
 from geometry.polyhedral_assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedron import Polyhedron, polyhedron_from_quads
 

@@ -219,12 +219,27 @@ def _clarabel(
     return solver.solve()
 
 
+def _bounded(x: Any) -> FloatArray:
+    """Solver output with what ran off to infinity (no solution exists) set to zero."""
+    values = np.asarray(x, dtype=np.float64)
+    return np.where(np.abs(values) < 1e12, values, 0.0)
+
+
+def _unit_largest(direction: FloatArray) -> FloatArray:
+    """Direction scaled to a largest entry of 1; zero where it is not finite."""
+    largest = float(np.abs(direction).max(initial=0.0))
+    if not (np.isfinite(largest) and largest > 0.0):
+        return np.zeros_like(direction)
+    return direction / largest
+
+
 def _checked_mechanism(
     contacts: FrictionalContacts, direction: FloatArray, load: FloatArray
 ) -> tuple[FloatArray, float, float] | None:
     """Direction, work and least contact work, if they certify that the load is not carried."""
+    direction = _unit_largest(direction)
     size = float(np.linalg.norm(direction))
-    if not (np.isfinite(size) and size > 0.0):
+    if size == 0.0:
         return None
     unit = direction / size
     work = float(load @ unit) / float(np.linalg.norm(load))
@@ -268,7 +283,7 @@ def frictional_equilibrium(contacts: FrictionalContacts, load: FloatArray) -> Fr
             rows=rows,
             cones=cones,
         )
-        forces = contacts.projected(np.nan_to_num(np.asarray(solution.x)).reshape(-1, 3))
+        forces = contacts.projected(_bounded(solution.x).reshape(-1, 3))
         residual = float(np.linalg.norm(contacts.matrix @ forces.ravel() + unit))
         direction = np.asarray(solution.z)[: len(load)]
     if residual <= EQUILIBRIUM_TOLERANCE:
@@ -382,13 +397,14 @@ def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArr
         rows=widened,
         cones=cones,
     )
-    x = np.nan_to_num(np.asarray(solution.x))
+    x = _bounded(solution.x)
     factor = float(x[-1]) * scale / size
     forces = scale * contacts.projected(x[:-1].reshape(-1, 3))
     total = dead + factor * live
     residual = float(np.linalg.norm(contacts.matrix @ forces.ravel() + total))
     residual /= max(float(np.linalg.norm(total)), 1e-300)
     z = np.asarray(solution.z)[:n_rows]
+    z = _unit_largest(z)
     for direction in (z, -z):
         work = float(live @ direction)
         if work <= 0.0:

@@ -7,11 +7,14 @@ from geometry.brick_stack import brick_stack
 from geometry.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.load_case import LoadCase, LoadCaseError, load_case
 from geometry.mesh import MeshError
+from geometry.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
 from geometry.sine_block import BlockParameterError, SineBlockDivisions, SineBlockParameters
 from geometry.tube import hexagon_tube, sine_tube
+from geometry.units import check_size
 from validation.errors import InputError
 from validation.scene import AssemblyScene, BrickScene, Scene, TubeScene
-from validation.scene_families import HexagonTubeScene
+from validation.scene_families import HexagonTubeScene, OsteomorphicScene, PlanarSineScene
+from validation.scene_polyhedra import PolyhedralScene
 
 
 def block_parameters(scene: TubeScene) -> SineBlockParameters:
@@ -25,10 +28,15 @@ def require_assembly(scene: Scene, name: str, command: str) -> AssemblyScene:
     Raises
     ------
     InputError
-        For a scene of a single box.
+        For a scene of a single box, or of triangulated blocks.
     """
     if isinstance(scene, AssemblyScene):
         return scene
+    if isinstance(scene, PolyhedralScene):
+        raise InputError(
+            f"{name}: the blocks of type {scene.block.type!r} are triangulated surfaces without a "
+            f"volume mesh: rigid only, use `tubelock mbd`; `tubelock {command}` needs hexahedra"
+        )
     raise InputError(
         f"{name}: block.type {scene.block.type!r} is one deformable body without contacts; "
         f"`tubelock {command}` needs an assembly, such as tsb1-pipe"
@@ -44,23 +52,52 @@ def build_assembly(scene: AssemblyScene) -> Assembly:
         When the parameters describe no assembly.
     """
     try:
-        if isinstance(scene, BrickScene):
-            return brick_stack(
-                scene.block.size,
-                scene.mesh.divisions,
-                columns=scene.assembly.columns,
-                layers=scene.assembly.layers,
-            )
-        if isinstance(scene, HexagonTubeScene):
-            return hexagon_tube(
-                HexagonBlockParameters(**scene.block.model_dump(exclude={"type"})),
-                HexagonBlockDivisions(**scene.mesh.model_dump()),
-                scene.assembly.layers,
-            )
-        divisions = SineBlockDivisions(**scene.mesh.model_dump())
-        return sine_tube(block_parameters(scene), divisions, scene.assembly.layers)
+        assembly = _blocks(scene)
+        check_size(assembly)
+        return assembly
     except (BlockParameterError, AssemblyError, MeshError) as error:
         raise InputError(str(error)) from None
+
+
+def _blocks(scene: AssemblyScene) -> Assembly:
+    if isinstance(scene, BrickScene):
+        return brick_stack(
+            scene.block.size,
+            scene.mesh.divisions,
+            columns=scene.assembly.columns,
+            layers=scene.assembly.layers,
+        )
+    if isinstance(scene, HexagonTubeScene):
+        return hexagon_tube(
+            HexagonBlockParameters(**scene.block.model_dump(exclude={"type"})),
+            HexagonBlockDivisions(**scene.mesh.model_dump()),
+            scene.assembly.layers,
+        )
+    if isinstance(scene, PlanarSineScene | OsteomorphicScene):
+        return _wall(scene)
+    divisions = SineBlockDivisions(**scene.mesh.model_dump())
+    return sine_tube(block_parameters(scene), divisions, scene.assembly.layers)
+
+
+def _wall(scene: PlanarSineScene | OsteomorphicScene) -> Assembly:
+    outline = WallBlock(
+        scene.block.width, scene.block.thickness, scene.block.height, scene.block.amplitude
+    )
+    if isinstance(scene, OsteomorphicScene):
+        return osteomorphic_wall(
+            outline,
+            scene.mesh.divisions,
+            columns=scene.assembly.columns,
+            layers=scene.assembly.layers,
+        )
+    return planar_sine_wall(
+        outline,
+        scene.block.frequency,
+        scene.block.shift,
+        scene.mesh.divisions,
+        columns=scene.assembly.columns,
+        layers=scene.assembly.layers,
+    )
 
 
 def build_load(scene: AssemblyScene, assembly: Assembly) -> LoadCase:

@@ -9,6 +9,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from validation import study_cli
+from validation.cli_options import JsonOption, SceneArgument, SetOption
+from validation.cli_options import text_console as _console
 from validation.errors import InputError
 
 app = typer.Typer(
@@ -23,31 +26,7 @@ reproduce_app = typer.Typer(
     help="Reproduce the paper: its tables beside ours.", no_args_is_help=True
 )
 app.add_typer(reproduce_app, name="reproduce")
-
-SceneArgument = Annotated[
-    str, typer.Argument(metavar="SCENE", help="A built-in scene (see `scenes`) or a TOML file.")
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="SECTION.KEY=VALUE",
-        help="Replace or add a value of the scene; repeatable.",
-    ),
-]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE|-", help="Write the result as JSON (- : to the screen)."),
-]
-
-
-def _console(json: str | None) -> Console:
-    """Text for people; moves aside when JSON takes standard output."""
-    console = Console(stderr=json == "-", highlight=False, soft_wrap=True)
-    if not console.is_terminal:
-        # A pipe or a log has no width of its own; tables need more than the default 80 columns.
-        console = Console(stderr=json == "-", highlight=False, soft_wrap=True, width=118)
-    return console
+study_cli.register(app, reproduce_app)
 
 
 @app.command()
@@ -80,10 +59,17 @@ def show(
     from validation.files import prepare_file
     from validation.rigid import build_scene
     from validation.scene import load_scene
+    from validation.scene_polyhedra import PolyhedralScene
 
     file = load_scene(scene, settings or ())
     if output.suffix.lower() != ".png":
         raise InputError(f"-o {output}: expected a file name that ends in .png")
+    if isinstance(file.scene, PolyhedralScene):
+        from validation.polyhedra_command import show_polyhedra
+
+        show_polyhedra(file, file.scene, output)
+        _console(None).print(f"picture   {output}")
+        return
     built = build_scene(file)
     prepare_file(output)
     from validation.pictures import draw_assembly
@@ -111,14 +97,20 @@ def mbd(
     from validation.files import output_folder, prepare_json, write_json
     from validation.rigid import analyse_rigid, build_scene, rigid_json
     from validation.scene import load_scene
+    from validation.scene_polyhedra import PolyhedralScene
     from validation.text import print_rigid
 
     file = load_scene(scene, settings or ())
-    built = build_scene(file)
-    prepare_json(json)
     folder = output
     if folder is None and json is None:
         folder = Path("out") / file.name
+    if isinstance(file.scene, PolyhedralScene):
+        from validation.polyhedra_command import mbd_polyhedra
+
+        mbd_polyhedra(file, file.scene, console=_console(json), json=json, folder=folder)
+        return
+    built = build_scene(file)
+    prepare_json(json)
     with output_folder(folder):
         run = analyse_rigid(built)
         console = _console(json)
@@ -179,6 +171,29 @@ def compare(
 
     file = load_scene(scene, settings or ())
     run_compare(file, json=json, output=output, explicit=explicit, console=_console(json))
+
+
+@app.command()
+def clearance(
+    scene: SceneArgument,
+    gap: Annotated[
+        list[float] | None,
+        typer.Option("--gap", metavar="MM", help="Initial clearance; repeatable."),
+    ] = None,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder; out/SCENE-clearance."),
+    ] = None,
+) -> None:
+    """What the initial gap between the blocks does to displacements and pressures."""
+    from validation.clearance import GAPS, run_clearance
+    from validation.scene import load_scene
+
+    file = load_scene(scene, settings or ())
+    gaps = tuple(gap) if gap else GAPS
+    run_clearance(file, gaps=gaps, json=json, output=output, console=_console(json))
 
 
 @app.command()
@@ -260,6 +275,45 @@ def demo(
     from validation.demo import run_demo
 
     run_demo(output, _console(None))
+
+
+@app.command()
+def explode(
+    scene: SceneArgument,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE.png",
+            help="Strip of pictures; out/SCENE/explosion.png unless --json is given.",
+        ),
+    ] = None,
+) -> None:
+    """Move all blocks of a tube outward at once, frame released: does it explode, and how far."""
+    from validation.explode import explosion_json, print_explosion, run_explosion
+    from validation.files import prepare_file, prepare_json, write_json
+    from validation.scene import load_scene
+
+    file = load_scene(scene, settings or ())
+    picture = output
+    if picture is None and json is None:
+        picture = Path("out") / file.name / "explosion.png"
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise InputError(f"-o {picture}: expected a file name that ends in .png")
+    prepare_json(json)
+    run = run_explosion(file)
+    console = _console(json)
+    print_explosion(run, console)
+    if picture is not None:
+        from validation.explode import draw_explosion
+
+        prepare_file(picture)
+        draw_explosion(run, picture)
+        console.print(f"picture   {picture}")
+    write_json(json, explosion_json(run))
 
 
 def main() -> None:

@@ -88,7 +88,9 @@ EYE = (2.4, -1.6, 0.9)
 
 
 def beyond_axis(assembly: Assembly, points: FloatArray) -> npt.NDArray[np.bool_]:
-    """Whether points lie on the far side of the tube axis, seen from `EYE`."""
+    """Whether points lie on the far side of the tube axis, seen from `EYE`; all do in a wall."""
+    if assembly.unmatched_allowed:
+        return np.ones(len(points), dtype=bool)
     arm = points - assembly.origin
     far: npt.NDArray[np.bool_] = arm[:, :2] @ np.array(EYE[:2]) < (
         1e-6 * assembly.characteristic_length
@@ -127,13 +129,15 @@ def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str)
 
     everything = np.arange(assembly.n_blocks)
     far = np.flatnonzero(beyond_axis(assembly, assembly.centroids))
-    images = [render(draw(everything), EYE), render(draw(far), EYE)]
+    wall = assembly.unmatched_allowed
+    behind = (-EYE[0], -EYE[1], EYE[2])
+    images = [render(draw(everything), EYE), render(draw(far), behind if wall else EYE)]
     ratios = [max(i.pixels.shape[1] / i.pixels.shape[0], 0.18) for i in images]
     figure, axes = plt.subplots(
         1, 2, figsize=(max(6.5, 9 * sum(ratios) + 1), 9.5), width_ratios=ratios
     )
     place(axes[0], images[0], "from outside")
-    place(axes[1], images[1], "near side removed")
+    place(axes[1], images[1], "from the other side" if wall else "near side removed")
     words = _LOAD_WORDS.get(LoadCaseName(load.name), load.name)
     figure.suptitle(title, fontsize=14, x=0.03, ha="left")
     figure.legend(
@@ -241,9 +245,10 @@ def draw_pressures(run: RigidRun, path: Path) -> None:
     top = facets(between_layers(assembly, index, layer), in_layer)
     bottom = facets(between_layers(assembly, index, layer - 1), in_layer)
 
+    cut = "joints of the wall" if assembly.unmatched_allowed else "tube cut open"
     figure = plt.figure(figsize=(10.5, 10))
     grid = figure.add_gridspec(2, 2, width_ratios=[0.5, 1], left=0.03, right=0.86, bottom=0.03)
-    place(figure.add_subplot(grid[:, 0]), render(tube, EYE), "tube cut open")
+    place(figure.add_subplot(grid[:, 0]), render(tube, EYE), cut)
     place(
         figure.add_subplot(grid[0, 1]),
         render(top, (1.2, -0.8, 1.6)),

@@ -14,8 +14,9 @@ from geometry.assembly import Assembly
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray
 from geometry.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
-from mbd import Mechanism, RigidResult, SelfStress, analyse
+from mbd import Mechanism, RigidResult, SelfStress, analyse, block_wrenches
 from validation.build import build_assembly, build_load, require_assembly
+from validation.further import Further, further_answers, further_json
 from validation.scene import AssemblyScene, SceneFile
 
 
@@ -30,6 +31,8 @@ class RigidRun:
     result: RigidResult
     cpu_seconds: dict[str, float]
     """CPU time of each stage, building included [s]."""
+    further: Further | None = None
+    """Friction, collapse load, margin, where the scene asks for them."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +72,16 @@ def analyse_rigid(built: BuiltScene) -> RigidRun:
     result = analyse(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
     seconds = {"build": built.cpu_seconds, **result.cpu_seconds}
     seconds["total"] = built.cpu_seconds + result.cpu_seconds["total"]
-    return RigidRun(built.name, scene, assembly, load, result, seconds)
+    live = block_wrenches(assembly, load)
+    further = further_answers(assembly, load.fixed, (np.zeros_like(live), live), scene.rigid)
+    if further is not None:
+        seconds["further"] = further.cpu_seconds
+        seconds["total"] += further.cpu_seconds
+    return RigidRun(built.name, scene, assembly, load, result, seconds, further)
 
 
-def _certificate(result: RigidResult) -> dict[str, Any] | None:
+def certificate_json(result: RigidResult) -> dict[str, Any] | None:
+    """Return the proof of the mechanism class as plain data."""
     certificate = result.classification.certificate
     if isinstance(certificate, SelfStress):
         return {
@@ -99,7 +108,7 @@ def rigid_json(run: RigidRun) -> dict[str, Any]:
         "scene": run.name,
         "mechanism": str(result.mechanism),
         "mechanism_as_supported": str(result.supported_classification.mechanism),
-        "certificate": _certificate(result),
+        "certificate": certificate_json(result),
         "equilibrium": {
             "holds": result.equilibrium.holds,
             "residual": result.equilibrium.residual,
@@ -109,6 +118,7 @@ def rigid_json(run: RigidRun) -> dict[str, Any]:
         "measures": measures,
         "n_blocks": result.n_blocks,
         "n_contacts": result.n_contacts,
+        **further_json(run.further),
         "cpu_seconds": run.cpu_seconds,
     }
 

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from validation.errors import InputError
-from validation.scene_families import HexagonTubeScene
+from validation.scene_families import HexagonTubeScene, OsteomorphicScene, PlanarSineScene
 from validation.scene_fem import (
     BoxScene,
     ContactSection,
@@ -26,6 +26,7 @@ from validation.scene_fem import (
     FemSection,
     MaterialSection,
 )
+from validation.scene_polyhedra import POLYHEDRAL_TYPES, PolyhedralScene
 from validation.scene_sections import (
     Finite,
     NonNegative,
@@ -105,8 +106,10 @@ class BrickScene(Section):
 
 
 #: Scenes of blocks that meet: what the rigid answer and load cases are for.
-AssemblyScene: TypeAlias = TubeScene | BrickScene | HexagonTubeScene
-Scene: TypeAlias = AssemblyScene | BoxScene
+AssemblyScene: TypeAlias = (
+    TubeScene | BrickScene | HexagonTubeScene | PlanarSineScene | OsteomorphicScene
+)
+Scene: TypeAlias = AssemblyScene | BoxScene | PolyhedralScene
 
 #: Scene class by ``[block] type``.
 SCENE_TYPES: dict[str, type[Scene]] = {
@@ -114,6 +117,9 @@ SCENE_TYPES: dict[str, type[Scene]] = {
     "brick": BrickScene,
     "box": BoxScene,
     "hexagon": HexagonTubeScene,
+    "planar-sine": PlanarSineScene,
+    "osteomorphic": OsteomorphicScene,
+    **POLYHEDRAL_TYPES,
 }
 
 
@@ -126,6 +132,8 @@ class SceneFile(BaseModel):
     """Name of the built-in scene or stem of the file."""
     scene: Scene
     """The checked content, overrides applied."""
+    folder: Path = Path()
+    """Folder that file names in the scene are relative to."""
 
 
 # ---------------------------------------------------------------------------------------------
@@ -221,12 +229,24 @@ def load_scene(source: str, overrides: Iterable[str] = ()) -> SceneFile:
     InputError
         One line: what was got, what is expected, what to do.
     """
+    name, data = scene_data(source)
+    scene = check_scene(apply_overrides(data, overrides), source)
+    return SceneFile(name=name, scene=scene, folder=Path(source).parent)
+
+
+def scene_data(source: str) -> tuple[str, dict[str, Any]]:
+    """Name and unchecked data of a built-in scene or a TOML file.
+
+    Raises
+    ------
+    InputError
+        When there is none, or it is not TOML.
+    """
     name, text = _read(source)
     try:
-        data = tomllib.loads(text)
+        return name, tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{source}: is not TOML: {error}") from None
-    return SceneFile(name=name, scene=check_scene(apply_overrides(data, overrides), source))
 
 
 def check_scene(data: Mapping[str, Any], source: str = "scene") -> Scene:

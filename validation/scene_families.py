@@ -1,4 +1,4 @@
-"""Scenes of blocks other than the Sine Block: the hexagon-based block, families, own meshes."""
+"""Scenes of hexahedral blocks other than the Sine Block's tube."""
 
 from __future__ import annotations
 
@@ -6,8 +6,16 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from validation.scene_fem import ContactSection, EffectsSection, FemSection, MaterialSection
+from validation.scene_fem import (
+    ContactSection,
+    DivisionsSection,
+    EffectsSection,
+    FemSection,
+    MaterialSection,
+)
 from validation.scene_sections import (
+    Finite,
+    NonNegative,
     Positive,
     RigidSection,
     Section,
@@ -48,3 +56,62 @@ class HexagonTubeScene(Section):
     contact: ContactSection | None = None
     effects: EffectsSection = EffectsSection()
     fem: FemSection | None = None
+
+
+class WallAssemblySection(Section):
+    """``[assembly]`` of a planar wall: free blocks in a row, free rows; a frame all round."""
+
+    columns: Annotated[int, Field(ge=1)]
+    layers: Annotated[int, Field(ge=1)]
+
+
+class PlanarSineSection(Section):
+    """``[block] type = "planar-sine"``: PSB, the Sine Block before its cylinder map."""
+
+    type: Literal["planar-sine"]
+    width: Positive
+    """[mm]"""
+    thickness: Positive
+    """t [mm]"""
+    height: Positive
+    """h [mm]"""
+    amplitude: NonNegative
+    """a, on the outer face [mm]"""
+    frequency: Positive
+    """f, waves per half block; 2f whole."""
+    shift: Finite = 0.0
+    """s, in units of π."""
+
+
+class PlanarSineScene(Section):
+    """A planar wall of Sine Blocks."""
+
+    block: PlanarSineSection
+    assembly: WallAssemblySection
+    mesh: DivisionsSection
+    load: TubeLoadSection
+    rigid: RigidSection = RigidSection()
+
+
+class OsteomorphicSection(Section):
+    """``[block] type = "osteomorphic"``: bricks whose bed joints are saddles."""
+
+    type: Literal["osteomorphic"]
+    width: Positive
+    """[mm]"""
+    thickness: Positive
+    """Out of the wall [mm]."""
+    height: Positive
+    """[mm]"""
+    amplitude: NonNegative
+    """Of the joints [mm]."""
+
+
+class OsteomorphicScene(Section):
+    """A planar wall of osteomorphic blocks."""
+
+    block: OsteomorphicSection
+    assembly: WallAssemblySection
+    mesh: DivisionsSection
+    load: TubeLoadSection
+    rigid: RigidSection = RigidSection()

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from geometry.load_case import LoadCaseName
 from mbd import Norm, Solver
+from mbd.friction import FrictionLaw
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -44,3 +45,11 @@ class RigidSection(Section):
 
     norm: Norm = Norm.FORCE
     solver: Solver = Solver.NEWTON
+    friction: NonNegative | None = None
+    """Coefficient of friction μ: asks whether the load can be carried with Coulomb friction."""
+    friction_law: FrictionLaw = FrictionLaw.CONE
+    """``cone`` (exact) or ``pyramid`` (inside it, linear)."""
+    collapse: bool = False
+    """Asks how far the live load can grow until the first mechanism."""
+    margin: bool = False
+    """Asks which load on a single block is carried worst, and how well."""

@@ -5,12 +5,14 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
-from mbd import Mechanism, SelfStress
+from mbd import Mechanism, RigidResult, SelfStress
+from validation.further import add_further_rows
 from validation.rigid import RigidRun
 
 
-def _certificate_words(run: RigidRun) -> str:
-    certificate = run.result.classification.certificate
+def certificate_words(result: RigidResult) -> str:
+    """Say what proves the mechanism class, with the numbers of the proof."""
+    certificate = result.classification.certificate
     if isinstance(certificate, SelfStress):
         return (
             f"self-stress λ ≥ 1, ‖Gλ‖/‖λ‖ = {certificate.residual:.1e}, "
@@ -33,7 +35,7 @@ def print_rigid(run: RigidRun, console: Console) -> None:
     table.add_row("mechanism (frame fixed)", f"{result.mechanism}")
     if result.supported_classification is not result.classification:
         table.add_row("mechanism (as supported)", f"{result.supported_classification.mechanism}")
-    table.add_row("certificate", _certificate_words(run))
+    table.add_row("certificate", certificate_words(result))
     table.add_row("equilibrium", result.equilibrium.status)
     if result.measures is not None:
         m = result.measures
@@ -41,6 +43,7 @@ def print_rigid(run: RigidRun, console: Console) -> None:
         table.add_row("effective contact area", f"{m.effective_area_percent:.2f} %")
         table.add_row("p_eff", f"{m.p_eff:.5g} MPa")
         table.add_row("p_max", f"{m.p_max:.5g} MPa")
+    add_further_rows(table, run.further)
     table.add_row("blocks, contacts", f"{result.n_blocks} free, {result.n_contacts}")
     table.add_row(
         "norm, solver",

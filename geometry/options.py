@@ -1,0 +1,35 @@
+"""Closed choices that scenes name; light to import."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class ContactPlacement(StrEnum):
+    """Where contact points lie."""
+
+    VERTICES = "vertices"
+    """At the corners of each patch's convex hull: exact for flat faces (default)."""
+    CENTROIDS = "centroids"
+    """At the centroid of each clipped polygon: for finely meshed curved faces."""
+
+
+@dataclass(frozen=True)
+class DetectionOptions:
+    """What counts as contact."""
+
+    tolerance: float | None = None
+    """Largest gap and largest overlap of touching facets [mm]; by default 1e-4 of a block."""
+    angle: float = 5.0
+    """Largest angle between facing facets; raise it for coarse meshes of curved faces [°]."""
+    placement: ContactPlacement = ContactPlacement.VERTICES
+
+
+class CubeArrangement(StrEnum):
+    """How a layer of cubes lies."""
+
+    HEXAGONAL = "hexagonal"
+    """Space diagonals upright, hexagonal middle sections."""
+    SQUARE = "square"
+    """Faces upright, as paving: nothing interlocks."""

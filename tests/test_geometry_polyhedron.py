@@ -1,0 +1,242 @@
+"""Laws of triangulated blocks: exact mass, refused surfaces, overlaps, files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from geometry.assembly import AssemblyError
+from geometry.assembly_checks import check_assembly
+from geometry.block_files import read_blocks, read_hexahedra
+from geometry.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters, hexagon_block
+from geometry.masonry import box
+from geometry.mesh import FloatArray, IntArray, MeshError, boundary_quads
+from geometry.mesh_io import write_hex_mesh
+from geometry.options import DetectionOptions
+from geometry.overlap import find_overlaps
+from geometry.platonic_layers import cube, octahedron, tetrahedron
+from geometry.polyhedral_assembly import polyhedral_assembly
+from geometry.polyhedron import Polyhedron, polyhedron, polyhedron_from_block
+from geometry.triangle_search import overlapping_boxes
+from tests.conftest import random_rotation
+
+I = np.eye(3)  # noqa: E741
+
+
+def test_mass_properties_of_known_solids() -> None:
+    # Closed forms with the edge a: tetrahedron a³/(6√2), octahedron √2/3 a³, and inertia
+    # V a²/20, V a²/10, V a²/6 about any axis. Sums of a dozen terms: 1e-14.
+    for shape, volume, gyration in (
+        (tetrahedron(3.0), 27 / (6 * np.sqrt(2)), 9 / 20),
+        (octahedron(3.0), np.sqrt(2) / 3 * 27, 9 / 10),
+        (cube(3.0), 27.0, 9 / 6),
+    ):
+        mass = shape.mass_properties
+        assert mass.volume == pytest.approx(volume, rel=1e-13)
+        np.testing.assert_allclose(mass.inertia, volume * gyration * I, atol=1e-12)
+        np.testing.assert_allclose(mass.centroid, 0.0, atol=1e-14)
+
+
+def test_moments_of_a_moved_body_follow_the_parallel_axes() -> None:
+    shape = box((2.0, 3.0, 5.0))
+    turn, shift = random_rotation(4), np.array([1e3, -2e3, 5e2])
+    moved = Polyhedron("moved", shape.points @ turn.T + shift, shape.triangles)
+    a, b = shape.mass_properties, moved.mass_properties
+    # Coordinates of 2e3 carry 2e3 · 1e-16 of absolute error into lengths of 5.
+    np.testing.assert_allclose(b.centroid, turn @ a.centroid + shift, atol=1e-9)
+    np.testing.assert_allclose(b.inertia, turn @ a.inertia @ turn.T, atol=1e-9 * 1e3)
+
+
+def test_hexahedral_block_and_its_boundary_have_nearly_the_same_volume() -> None:
+    parameters = HexagonBlockParameters(4, 120.0, 40.0)
+    block = hexagon_block(parameters, HexagonBlockDivisions(12, 6))
+    surface = polyhedron_from_block(block)
+    # Warped quadrilaterals are bilinear patches there, two triangles here: the prism between
+    # them is a twelfth of the warp per facet, with both signs.
+    assert surface.mass_properties.volume == pytest.approx(block.mass_properties.volume, rel=1e-3)
+
+
+def test_coplanar_triangles_share_a_plane_and_curved_ones_do_not() -> None:
+    assert len(np.unique(box((1.0, 2.0, 3.0)).plane_of)) == 6
+    parameters = HexagonBlockParameters(4, 120.0, 40.0)
+    surface = polyhedron_from_block(hexagon_block(parameters, HexagonBlockDivisions(4, 2)))
+    # Nothing on this block is flat but, at most, the two halves of a quadrilateral.
+    assert np.bincount(surface.plane_of).max() <= 2
+
+
+def test_overlapping_boxes_are_those_that_overlap() -> None:
+    rng = np.random.default_rng(0)
+    low_a, low_b = rng.random((60, 3)), rng.random((40, 3))
+    high_a, high_b = low_a + 0.3 * rng.random((60, 3)), low_b + 0.3 * rng.random((40, 3))
+    expected = np.argwhere(((low_a[:, None] <= high_b) & (low_b <= high_a[:, None])).all(axis=2))
+    np.testing.assert_array_equal(overlapping_boxes(low_a, high_a, low_b, high_b), expected)
+
+
+def _soup(*solids: Polyhedron) -> tuple[FloatArray, IntArray]:
+    points, triangles, offset = [], [], 0
+    for solid in solids:
+        points.append(solid.points)
+        triangles.append(solid.triangles + offset)
+        offset += len(solid.points)
+    return np.concatenate(points), np.concatenate(triangles)
+
+
+def test_surfaces_that_bound_no_solid_are_refused() -> None:
+    good = box((10.0, 20.0, 30.0))
+    with pytest.raises(MeshError, match="is open: 3 edges"):
+        polyhedron("open", good.points, good.triangles[1:])
+    turned = good.triangles.copy()
+    turned[0] = turned[0, ::-1]
+    with pytest.raises(MeshError, match="opposite ways"):
+        polyhedron("turned", good.points, turned)
+    crossing = Polyhedron("b", good.points + np.array([5.0, 7.0, 11.0]), good.triangles)
+    with pytest.raises(MeshError, match="cuts through itself"):
+        polyhedron("crossing", *_soup(good, crossing))
+    broken = good.points.copy()
+    broken[0, 0] = np.nan
+    with pytest.raises(MeshError, match="not finite"):
+        polyhedron("nan", broken, good.triangles)
+    with pytest.raises(MeshError, match="at least 4"):
+        polyhedron("none", good.points, good.triangles[:2])
+
+
+def test_an_inside_out_surface_is_the_same_solid() -> None:
+    good = box((1.0, 2.0, 3.0))
+    turned = polyhedron("turned", good.points, good.triangles[:, ::-1])
+    assert turned.mass_properties.volume == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize(
+    ("shift", "depth"),
+    [
+        ([0.0, 0.0, 1.5], 0.5),  # a shallow cross: the middle of the edge between two piercings
+        ([0.0, 0.0, 2.0], 0.0),  # touching
+        ([0.0, 0.0, 2.1], 0.0),  # apart
+        ([0.0, 0.0, 0.0], 1.0),  # a cross in one plane: no vertex of one lies inside the other
+    ],
+)
+def test_depth_of_crossed_bars(shift: list[float], depth: float) -> None:
+    long, wide = box((20.0, 2.0, 2.0)), box((2.0, 20.0, 2.0))
+    places = np.array([[-10.0, -1.0, -1.0], [-1.0, -10.0, -1.0]]) + np.array([[0.0] * 3, shift])
+    found = find_overlaps((long, wide), np.array([0, 1]), np.array([I, I]), places, 1e-6)
+    assert [o.depth for o in found] == ([] if depth == 0.0 else [pytest.approx(depth, rel=0.2)])
+
+
+def test_coincident_blocks_overlap() -> None:
+    shape = box((2.0, 2.0, 2.0))
+    found = find_overlaps((shape,), np.zeros(2, int), np.array([I, I]), np.zeros((2, 3)), 1e-6)
+    assert len(found) == 1
+    assert found[0].depth > 0.5
+
+
+def _stack(gap: float, size: float = 100.0, **options: float) -> None:
+    shape = box((size, size, size))
+    check_assembly(
+        polyhedral_assembly(
+            "stack",
+            [(shape, I, np.zeros(3)), (shape, I, np.array([0.0, 0.0, size + gap]))],
+            np.array([True, False]),
+            DetectionOptions(**options),  # type: ignore[arg-type]
+        )
+    )
+
+
+def test_assemblies_that_cannot_be_meant_are_refused() -> None:
+    _stack(0.0)
+    _stack(0.5, tolerance=0.6)
+    with pytest.raises(AssemblyError, match=r"blocks 0 and 1 overlap by 3 mm"):
+        _stack(-3.0)
+    with pytest.raises(AssemblyError, match=r"block 1 touches no .* set detection.tolerance = 1 "):
+        _stack(0.5)
+    with pytest.raises(AssemblyError, match="move it"):
+        _stack(50.0)
+    with pytest.raises(AssemblyError, match=r"a block measures 0\.1 mm .* in metres"):
+        _stack(0.0, size=0.1)
+    with pytest.raises(AssemblyError, match="small fraction of a block"):
+        _stack(0.0, tolerance=50.0)
+    shape = box((1.0, 1.0, 1.0))
+    with pytest.raises(AssemblyError, match="no block is fixed"):
+        polyhedral_assembly("free", [(shape, I, np.zeros(3))], np.array([False]))
+    with pytest.raises(AssemblyError, match="all 1 blocks are fixed"):
+        polyhedral_assembly("held", [(shape, I, np.zeros(3))], np.array([True]))
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "vtu"])
+def test_shapes_survive_files(tmp_path: Path, suffix: str) -> None:
+    shape = octahedron(80.0)
+    path = tmp_path / f"octahedron.{suffix}"
+    meshio.write(path, meshio.Mesh(shape.points, [("triangle", shape.triangles)]))
+    (read,) = read_blocks(path)
+    assert len(read.points) == 6
+    assert read.mass_properties.volume == pytest.approx(
+        shape.mass_properties.volume,
+        rel=1e-6,  # binary STL holds single precision
+    )
+    (metres,) = read_blocks(path, units="m")
+    assert metres.mass_properties.volume == pytest.approx(1e9 * read.mass_properties.volume)
+
+
+def test_each_closed_surface_of_a_file_is_a_block(tmp_path: Path) -> None:
+    far = Polyhedron("far", tetrahedron(5.0).points + 100.0, tetrahedron(5.0).triangles)
+    points, triangles = _soup(box((10.0, 10.0, 10.0)), far)
+    meshio.write(tmp_path / "two.stl", meshio.Mesh(points, [("triangle", triangles)]))
+    volumes = sorted(b.mass_properties.volume for b in read_blocks(tmp_path / "two.stl"))
+    np.testing.assert_allclose(volumes, [125 / (6 * np.sqrt(2)), 1000.0], rtol=1e-5)
+
+
+def test_hexahedra_and_tetrahedra_give_their_boundary(tmp_path: Path) -> None:
+    parameters = HexagonBlockParameters(4, 120.0, 40.0)
+    mesh = hexagon_block(parameters, HexagonBlockDivisions(4, 2)).mesh
+    write_hex_mesh(tmp_path / "block.vtu", mesh)
+    (block,) = read_blocks(tmp_path / "block.vtu")
+    assert len(block.triangles) == 2 * len(boundary_quads(mesh))
+    assert read_hexahedra(tmp_path / "block.vtu").n_elements == mesh.n_elements
+    tetra = meshio.Mesh(tetrahedron(10.0).points, [("tetra", np.array([[0, 1, 2, 3]]))])
+    meshio.write(tmp_path / "tetra.vtu", tetra)
+    (solid,) = read_blocks(tmp_path / "tetra.vtu")
+    assert len(solid.triangles) == 4
+
+
+def test_files_that_hold_no_block_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match="no such file"):
+        read_blocks(tmp_path / "missing.stl")
+    (tmp_path / "words.stl").write_text("not a mesh")
+    with pytest.raises(MeshError, match=r"words\.stl"):
+        read_blocks(tmp_path / "words.stl")
+    lines = meshio.Mesh(np.zeros((2, 3)), [("line", np.array([[0, 1]]))])
+    meshio.write(tmp_path / "lines.vtu", lines)
+    with pytest.raises(MeshError, match="got line"):
+        read_blocks(tmp_path / "lines.vtu")
+
+
+def test_step_solids_through_gmsh(tmp_path: Path) -> None:
+    gmsh = pytest.importorskip("gmsh", exc_type=(ImportError, OSError))
+    gmsh.initialize(interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.occ.addBox(0, 0, 0, 10, 20, 30)
+    gmsh.model.occ.addCylinder(100, 0, 0, 0, 0, 10, 5)
+    gmsh.model.occ.synchronize()
+    gmsh.write(str(tmp_path / "two.step"))
+    gmsh.finalize()
+    blocks = read_blocks(tmp_path / "two.step", element_size=1.0)
+    volumes = sorted(b.mass_properties.volume for b in blocks)
+    # Chords of 1 mm on a circle of 5 mm lose (1/5)²/6 of its area.
+    assert volumes[0] == pytest.approx(np.pi * 250, rel=0.01)
+    assert volumes[1] == pytest.approx(6000.0, rel=1e-9)
+    with pytest.raises(MeshError, match="stays a rigid block"):
+        read_hexahedra(tmp_path / "two.step")
+
+
+def test_a_step_box_becomes_hexahedra(tmp_path: Path) -> None:
+    gmsh = pytest.importorskip("gmsh", exc_type=(ImportError, OSError))
+    gmsh.initialize(interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.occ.addBox(0, 0, 0, 10, 20, 30)
+    gmsh.model.occ.synchronize()
+    gmsh.write(str(tmp_path / "box.step"))
+    gmsh.finalize()
+    mesh = read_hexahedra(tmp_path / "box.step", divisions=3)
+    assert mesh.n_elements == 27
