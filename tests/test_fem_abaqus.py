@@ -180,6 +180,10 @@ def decks(tube: Assembly) -> dict[str, Deck]:
         "shaft as printed": tube_deck(tube, "shaft", as_printed=True),
         "beam": tube_deck(tube, "beam"),
         "beam as printed": tube_deck(tube, "beam", as_printed=True),
+        "no cap": tube_deck(tube, joint=Joint(ExponentialLaw(1e-3, 1e-4, np.inf))),
+        "pairs, cap": tube_deck(
+            tube, flavour=Flavour.PAIRS, step=STATIC, joint=Joint(ExponentialLaw(1e-3, 1e-4, 77.0))
+        ),
         "pillar": tube_deck(tube, "pillar", joint=Joint(LinearPenalty(123.4))),
         "clearance": tube_deck(tube, initial_clearance=0.03),
         "pairs, clearance": tube_deck(
@@ -215,7 +219,7 @@ DECK_NAMES = (
         "elastic frame",
         "boxes",
     ),
-    *("spinning boxes", "static boxes"),
+    *("spinning boxes", "static boxes", "no cap", "pairs, cap"),
 )
 
 

@@ -166,6 +166,8 @@ def _contact_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) ->
             "surface",
             "contact: nodes that slide over a rim by more than 1e-3 sqrt(area of a node) are lost",
         ]
+    if flavour is Flavour.PAIRS and static:
+        notes.append("contact: Abaqus/Standard has no maximum stiffness; it is in the heading only")
     if not static and not scene.effects.finite_rotation:
         notes.append("large rotations: nlgeom=YES, though effects.finite_rotation is off")
     return notes

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
+from math import isfinite
 
 import numpy as np
 
+from fem.contact_law import ExponentialLaw
 from fem.decks.abaqus_model import boundary_lines, model_lines
 from fem.decks.abaqus_step import step_lines
 from fem.decks.faces import ElementFaces, Patches, contact_patches, element_faces
@@ -81,6 +83,9 @@ def heading_lines(deck: Deck) -> Iterator[str]:
     yield "units: mm, N, MPa, s, t (density in t/mm3)"
     yield f"axis: {reals(assembly.axis)} through {reals(assembly.origin)}"
     yield f"open faces: {'allowed' if assembly.unmatched_allowed else 'none'}"
+    if deck.joint is not None and isinstance(deck.joint.law, ExponentialLaw):
+        stiffness = deck.joint.law.maximum_stiffness
+        yield f"maximum contact stiffness: {real(stiffness) if isfinite(stiffness) else 'none'}"
     yield f"initial clearance: {real(deck.initial_clearance)}"
     if deck.initial_clearance != 0.0:
         for block in range(assembly.n_blocks):

@@ -13,7 +13,7 @@ from fem.contact_law import ExponentialLaw
 from fem.decks.keywords import keyword, label, real, reals
 from fem.decks.names import ALL, HOURGLASS, JOINT, LOADING, MATERIAL, block_label
 from fem.decks.placement import rounded
-from fem.decks.statement import Deck, Flavour
+from fem.decks.statement import Deck, Flavour, Procedure
 from fem.hexahedron import ElementType
 
 #: Distance of the two points of an axis of rotation: far, so that its direction keeps its digits.
@@ -69,7 +69,8 @@ def _interaction(deck: Deck) -> Iterator[str]:
         law = joint.law
         yield "*Surface Behavior, pressure-overclosure=EXPONENTIAL"
         values = [law.clearance_at_zero_pressure, law.pressure_at_zero_clearance]
-        if np.isfinite(law.maximum_stiffness):
+        if deck.step.procedure is Procedure.EXPLICIT and np.isfinite(law.maximum_stiffness):
+            # Abaqus/Standard has no third value; the heading keeps it.
             values.append(law.maximum_stiffness)
         yield reals(values)
     else:

@@ -118,7 +118,7 @@ def _build(cards: list[Card], heading: Heading) -> Deck:
         step=read_step(sections),
         holds=tuple(read_holds(sections, blocks)),
         loads=tuple(read_loads(sections, blocks)),
-        joint=None if behavior is None else read_joint(sections, behavior),
+        joint=None if behavior is None else read_joint(sections, behavior, heading),
         effects=read_effects(sections),
         motion=read_motion(sections),
         initial_clearance=float(heading_value(heading, "initial clearance", 1)[0]),

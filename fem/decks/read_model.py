@@ -11,7 +11,7 @@ from fem.decks.cards import Card, floats
 from fem.decks.keywords import DeckError, name_of
 from fem.decks.names import ALL
 from fem.decks.placement import rounded
-from fem.decks.read_sections import Sections, block_entry
+from fem.decks.read_sections import Heading, Sections, block_entry, heading_value
 from fem.decks.statement import Hold, Joint, Motion
 from fem.effects import BulkViscosity, Effects, RayleighDamping
 from fem.material import Material
@@ -29,13 +29,17 @@ def read_material(sections: Sections) -> Material:
     return Material(float(density[0]), float(elastic[0]), float(elastic[1]))
 
 
-def read_joint(sections: Sections, behavior: Card) -> Joint:
+def read_joint(sections: Sections, behavior: Card, heading: Heading) -> Joint:
     """Read the contact law and friction; ``behavior`` is the card *Surface Behavior."""
     kind = behavior.parameter("PRESSURE-OVERCLOSURE").upper()
     values = behavior.numbers().tolist()
     law: ContactLaw
     if kind == "EXPONENTIAL" and len(values) in {2, 3}:
-        law = ExponentialLaw(values[0], values[1], values[2] if len(values) == 3 else np.inf)
+        law = ExponentialLaw(
+            values[0],
+            values[1],
+            values[2] if len(values) == 3 else _maximum_stiffness(heading),
+        )
     elif kind == "LINEAR" and len(values) == 1:
         law = LinearPenalty(values[0])
     else:
@@ -51,6 +55,13 @@ def read_joint(sections: Sections, behavior: Card) -> Joint:
     slope = friction.parameters.get("SHEAR TRACTION SLOPE")
     stick = None if slope is None else floats(friction.line, [slope])[0]
     return Joint(law, float(friction.numbers()[0]), stick, finite)
+
+
+def _maximum_stiffness(heading: Heading) -> float:
+    """Of the heading: where the data line has none."""
+    if heading.values.get("maximum contact stiffness") == "none":
+        return np.inf
+    return float(heading_value(heading, "maximum contact stiffness", 1)[0])
 
 
 def read_effects(sections: Sections) -> Effects:

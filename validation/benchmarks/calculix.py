@@ -43,7 +43,7 @@ from geometry.load_case import load_case
 from geometry.mesh import FloatArray
 from geometry.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.tube import sine_tube
-from validation.calculix import CalculixResult, run_calculix
+from validation.calculix import CalculixResult, calculix_available, run_calculix
 from validation.files import prepare_json, write_json
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
@@ -330,6 +330,8 @@ def main() -> None:
     parser.add_argument("--json", metavar="FILE|-", default=None)
     arguments = parser.parse_args()
     prepare_json(arguments.json)
+    if not calculix_available():
+        parser.exit(2, "error: ccx is not installed (Debian: calculix-ccx)\n")
     with tempfile.TemporaryDirectory() as folder:
         rows = all_rows(Path(folder))
     print_rows(rows, Console(stderr=arguments.json == "-", width=118))
