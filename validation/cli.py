@@ -238,7 +238,7 @@ def export_scene(
     settings: SetOption = None,
 ) -> None:
     """Write a scene as an input deck for Abaqus or CalculiX."""
-    from fem.deck import Flavour
+    from fem.decks.statement import Flavour
     from validation.deck_command import run_export
     from validation.scene import load_scene
 
