@@ -241,7 +241,7 @@ def test_grammar(tube, name) -> None:
     def define(kind: str, name: str) -> None:
         assert name not in defined.setdefault(kind, set()), f"{kind} {name} is defined twice"
         assert len(name) <= 80
-        assert re.fullmatch(r"[A-Z][A-Z0-9_-]*", name.split(":")[-1])
+        assert re.fullmatch(r"[A-Z][A-Z0-9_-]*", name.rsplit(":", maxsplit=1)[-1])
         defined[kind].add(name)
 
     for card in cards:
