@@ -27,7 +27,13 @@ import numpy as np
 from fem.contact import PointKinematics
 from fem.deformable_assembly import DeformableAssembly
 from fem.flexibility import CondensedStep
-from fem.linearisation import Linearisation, LinearStep, SparseStep, UnheldBlocksError
+from fem.linearisation import (
+    Linearisation,
+    LinearStep,
+    SparseStep,
+    UnheldBlocksError,
+    coarsened,
+)
 from fem.local_system import LocalSystem, local_system
 from fem.sparse_solver import SparseSolver
 from fem.static_result import StaticResult, loose_blocks
@@ -45,6 +51,8 @@ _LEAST_HOLDING = 1e-6
 _RESCUE_HOLDING = 1e-3
 #: Rescues after which the blocks are reported as unheld.
 _MAX_RESCUES = 30
+#: First iterations with one pressure for each facet: nearly every point is still in contact then.
+_COARSE_ITERATIONS = 3
 #: A step is cut when the energy slope at its end exceeds this share of the slope at its start.
 _OVERSHOOT = 0.1
 #: A linear solution farther away than this many block lengths is a motion that nothing resists.
@@ -167,6 +175,7 @@ class _State:
     holding: float
     load_factor: float = 1.0
     rescues: int = 0
+    coarse_iterations: int = 0
     residuals: tuple[float, ...] = ()
     converged: bool = False
 
@@ -193,6 +202,7 @@ def _start_state(system: LocalSystem, start: StaticResult | None) -> _State:
         at=at,
         first_holding=holding,
         holding=holding,
+        coarse_iterations=_COARSE_ITERATIONS if start is None else 0,
     )
 
 
@@ -243,7 +253,8 @@ def _iterate(
     contact = system.deformable.contact
     linear = _linearise(system, state)
     farthest = _FARTHEST * system.deformable.assembly.characteristic_length
-    trial, state = _solve(step, linear, state, farthest)
+    problem = coarsened(linear) if state.coarse_iterations > 0 else linear
+    trial, state = _solve(step, problem, state, farthest)
     share = _step_share(system, step, linear, state, trial)
     displacement = state.displacement + share * (trial - state.displacement)
     kinematics = system.kinematics(displacement, contact.normals)
@@ -257,6 +268,7 @@ def _iterate(
         kinematics=kinematics,
         at=np.where(same_pressure, contact.law.overclosure(pressure), kinematics.overclosure),
         holding=holding,
+        coarse_iterations=state.coarse_iterations - 1,
         residuals=(*state.residuals, residual),
         converged=residual <= options.tolerance,
     )
@@ -265,6 +277,7 @@ def _iterate(
 def _linearise(system: LocalSystem, state: _State) -> Linearisation:
     law, found = system.deformable.contact.law, state.kinematics
     return Linearisation(
+        weights=system.surfaces.weights,
         gradient=found.gradient,
         constant=found.overclosure - system.gather(found.gradient, state.displacement),
         at=state.at,

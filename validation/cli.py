@@ -9,6 +9,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from validation import study_cli
+from validation.cli_options import JsonOption, SceneArgument, SetOption
+from validation.cli_options import text_console as _console
 from validation.errors import InputError
 
 app = typer.Typer(
@@ -23,31 +26,7 @@ reproduce_app = typer.Typer(
     help="Reproduce the paper: its tables beside ours.", no_args_is_help=True
 )
 app.add_typer(reproduce_app, name="reproduce")
-
-SceneArgument = Annotated[
-    str, typer.Argument(metavar="SCENE", help="A built-in scene (see `scenes`) or a TOML file.")
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="SECTION.KEY=VALUE",
-        help="Replace or add a value of the scene; repeatable.",
-    ),
-]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE|-", help="Write the result as JSON (- : to the screen)."),
-]
-
-
-def _console(json: str | None) -> Console:
-    """Text for people; moves aside when JSON takes standard output."""
-    console = Console(stderr=json == "-", highlight=False, soft_wrap=True)
-    if not console.is_terminal:
-        # A pipe or a log has no width of its own; tables need more than the default 80 columns.
-        console = Console(stderr=json == "-", highlight=False, soft_wrap=True, width=118)
-    return console
+study_cli.register(app, reproduce_app)
 
 
 @app.command()

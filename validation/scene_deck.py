@@ -147,7 +147,7 @@ def _contact_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) ->
     contact = scene.contact
     if contact is not None and contact.law == "exponential" and contact.maximum_stiffness is None:
         notes.append(
-            "contact: no maximum stiffness in the scene; the law's third value is tubelock's default"
+            "contact: no maximum stiffness in the scene; the law's third value is our default"
         )
     if flavour is Flavour.GENERAL:
         notes.append(

@@ -80,6 +80,7 @@ def static_numbers(result: StaticResult) -> dict[str, Any]:
         "residual": result.residual,
         "newton_iterations": result.newton_iterations,
         "symmetry": result.symmetry,
+        "loose_blocks": result.loose_blocks.tolist(),
         "energies": {
             "strain_energy": result.strain_energy,
             "contact_energy": result.contact_energy,

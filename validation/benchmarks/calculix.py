@@ -26,7 +26,8 @@ from fem.deck_write import write_deck
 from fem.explicit import solve
 from fem.hexahedron import ElementType
 from fem.material import Material
-from fem.static import StaticResult, solve_static
+from fem.static import solve_static
+from fem.static_result import StaticResult
 from geometry.assembly import Assembly
 from geometry.block import Block, box_block
 from geometry.load_case import load_case
