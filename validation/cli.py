@@ -22,9 +22,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-reproduce_app = typer.Typer(
-    help="Reproduce the paper: its tables beside ours.", no_args_is_help=True
-)
+reproduce_app = typer.Typer()
 app.add_typer(reproduce_app, name="reproduce")
 study_cli.register(app, reproduce_app)
 
