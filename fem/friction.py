@@ -58,7 +58,7 @@ class CoulombFriction:
 
 
 @njit(cache=True)
-def friction_traction(  # noqa: PLR0917 - scalars of a kernel
+def friction_traction(
     slip_1: float, slip_2: float, anchor_1: float, anchor_2: float, limit: float, stiffness: float
 ) -> tuple[float, float, float, float]:
     """Traction and new anchor of one point.
@@ -98,7 +98,7 @@ def friction_traction(  # noqa: PLR0917 - scalars of a kernel
 
 
 @njit(cache=True)
-def _each(  # noqa: PLR0917 - arrays of a kernel
+def _each(
     slip: FloatArray,
     anchor: FloatArray,
     limit: FloatArray,

@@ -17,6 +17,7 @@ from fem.deformable_assembly import (
     Frames,
     deformable_assembly,
 )
+from fem.friction import CoulombFriction, FrictionError
 from fem.recovery import recover
 from geometry.assembly import AssemblyError
 from geometry.mesh import FloatArray, IntArray
@@ -101,9 +102,19 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
             normals=ContactNormals.CURRENT,
             initial_clearance=scene.contact.initial_clearance,
             frames=Frames.DEFORMABLE if scene.effects.elastic_frame else Frames.RIGID,
+            friction=_friction(scene),
         )
-    except (ContactError, DeformableAssemblyError, AssemblyError) as error:
+    except (ContactError, DeformableAssemblyError, FrictionError, AssemblyError) as error:
         raise InputError(f"{name}: {error}") from None
+
+
+def _friction(scene: DeformableScene) -> CoulombFriction | None:
+    """Friction of a scene, None where it names none."""
+    section = scene.effects.friction
+    if section is None:
+        return None
+    given = {} if section.stick_stiffness is None else {"stick_stiffness": section.stick_stiffness}
+    return CoulombFriction(section.coefficient, **given)
 
 
 @dataclass(frozen=True)
