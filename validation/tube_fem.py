@@ -129,7 +129,7 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
             frames=Frames.DEFORMABLE if scene.effects.elastic_frame else Frames.RIGID,
             friction=friction,
         )
-    except (ContactError, DeformableAssemblyError, AssemblyError) as error:
+    except (ContactError, DeformableAssemblyError, FrictionError, AssemblyError) as error:
         raise InputError(f"{name}: {error}") from None
 
 
