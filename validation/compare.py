@@ -19,9 +19,10 @@ from validation.decomposition import Step, decompose
 from validation.errors import InputError
 from validation.pictures import between_layers
 from validation.rigid import BuiltScene, RigidRun, analyse_rigid
+from validation.scene import DeformableScene
 from validation.scene_fem import Damping, Method
 from validation.tube_explicit import run_tube_explicit
-from validation.tube_fem import DeformableScene, TubeRun, build_deformable, fem_section
+from validation.tube_fem import TubeRun, build_deformable, fem_section
 from validation.tube_static import run_tube_static
 
 

@@ -41,9 +41,9 @@ from validation.box import build_material, copy_placements
 from validation.build import build_assembly, build_load
 from validation.effects import build_effects
 from validation.errors import InputError
-from validation.scene import SceneFile
+from validation.scene import DeformableScene, SceneFile
 from validation.scene_fem import BoxScene, Damping, EffectsSection, FemSection, Method
-from validation.tube_fem import DeformableScene, contact_law, fem_section
+from validation.tube_fem import contact_law, fem_section
 
 #: Explicit run to a static state where the scene names no times [s]: with the paper's damping of
 #: 2 /s, amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.

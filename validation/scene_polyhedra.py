@@ -7,6 +7,7 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Field
 
 from geometry.options import ContactPlacement, CubeArrangement
+from validation.scene_fem import DeformableSections
 from validation.scene_sections import Finite, Positive, RigidSection, Section
 
 Vector = tuple[Finite, Finite, Finite]
@@ -221,12 +222,20 @@ class FixedBlocksSection(Section):
     """Numbers of held blocks, counted from 0 in the order of parts, places and solids."""
 
 
-class MeshScene(_PolyhedralScene):
+class OwnMeshSection(Section):
+    """``[mesh]`` of own blocks without hexahedra of their own."""
+
+    divisions: Annotated[int, Field(ge=1)] = 4
+    """Elements along each edge of a block that can be divided into hexahedra."""
+
+
+class MeshScene(_PolyhedralScene, DeformableSections):
     """Blocks from mesh or CAD files."""
 
     block: MeshBlockSection
     parts: Annotated[tuple[PartSection, ...], Field(min_length=1)]
     assembly: FixedBlocksSection = FixedBlocksSection()
+    mesh: OwnMeshSection = OwnMeshSection()
 
 
 #: Scenes of triangulated blocks.

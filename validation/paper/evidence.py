@@ -187,7 +187,7 @@ class Evidence:
         self, block: str, case: str, settings: Iterable[str] = (), words: str = ""
     ) -> TubeRun:
         """Static state on a mesh of its own; one sector where the load is cyclic."""
-        from validation.tube_fem import DeformableScene
+        from validation.scene import DeformableScene
         from validation.tube_static import run_tube_static
 
         around, radial, axial = (36, 6, 16) if self.full else (24, 4, 10)
