@@ -228,6 +228,8 @@ def load_scene(source: str, overrides: Iterable[str] = ()) -> SceneFile:
     """
     name, data = scene_data(source)
     scene = check_scene(apply_overrides(data, overrides), source)
+    if isinstance(scene, MeshScene):
+        scene = scene.located(Path(source).parent)
     return SceneFile(name=name, scene=scene, folder=Path(source).parent)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field
@@ -236,6 +237,14 @@ class MeshScene(_PolyhedralScene, DeformableSections):
     parts: Annotated[tuple[PartSection, ...], Field(min_length=1)]
     assembly: FixedBlocksSection = FixedBlocksSection()
     mesh: OwnMeshSection = OwnMeshSection()
+
+    def located(self, folder: Path) -> MeshScene:
+        """Return the same scene with absolute file names, relative ones taken from a folder."""
+        parts = tuple(
+            part.model_copy(update={"file": str((folder / part.file).absolute())})
+            for part in self.parts
+        )
+        return self.model_copy(update={"parts": parts})
 
 
 #: Scenes of triangulated blocks.

@@ -95,6 +95,21 @@ def build_hexahedra(scene: DeformableScene, name: str) -> tuple[Assembly, LoadCa
     return assembly, build_load(scene, assembly)
 
 
+def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCase:
+    """Build the load of a scene on blocks already built.
+
+    Raises
+    ------
+    InputError
+        When the blocks cannot take it.
+    """
+    if isinstance(scene, MeshScene):
+        from validation.own_blocks import own_load
+
+        return own_load(scene, name, assembly)
+    return build_load(scene, assembly)
+
+
 def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
     """Build the deformable tube of a scene.
 
