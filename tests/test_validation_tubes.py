@@ -13,9 +13,8 @@ import pytest
 
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.compare import agreement, compare, effective_region, explicit_errors
-from validation.scene import load_scene
+from validation.scene import DeformableScene, load_scene
 from validation.tube_explicit import run_tube_explicit
-from validation.tube_fem import DeformableScene
 from validation.tube_static import run_tube_static
 
 COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")

@@ -14,8 +14,7 @@ from validation.files import prepare_folder, write_json
 from validation.paper.tables import compute_tables, print_tables, tables_json
 from validation.pictures import draw_assembly, draw_pressures
 from validation.rigid import run_rigid, write_pressures
-from validation.scene import load_scene
-from validation.tube_fem import DeformableScene
+from validation.scene import DeformableScene, load_scene
 from validation.tube_pictures import draw_sections, draw_stresses
 
 #: The reduced-layer case of the demo: two layers, 960 elements per block.

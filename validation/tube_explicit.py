@@ -30,14 +30,9 @@ from fem.time_step import TimeStepError
 from geometry.mesh import FloatArray
 from validation.effects import build_effects
 from validation.errors import InputError
+from validation.scene import DeformableScene
 from validation.scene_fem import Damping, Method
-from validation.tube_fem import (
-    NO_SECTOR,
-    DeformableScene,
-    TubeRun,
-    build_deformable,
-    fem_section,
-)
+from validation.tube_fem import NO_SECTOR, TubeRun, build_deformable, fem_section
 
 
 @dataclass(frozen=True)
