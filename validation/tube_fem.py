@@ -235,8 +235,9 @@ class TubeRun:
         gap = f", initial clearance {clearance:g} mm" if clearance else ""
         if not self.is_tube:
             blocks = len(self.deformable.deformable_blocks)
+            plural = "s" if blocks > 1 else ""
             return (
-                f"{self.name}, {blocks} deformable blocks: {self.method} FEM, "
+                f"{self.name}, {blocks} deformable block{plural}: {self.method} FEM, "
                 f"{self.deformable.model.n_elements} elements{gap}"
             )
         layers = self.deformable.assembly.n_layers
