@@ -176,3 +176,13 @@ def test_missing_section_is_named(tubelock) -> None:  # noqa: F811
     status, _, err = tubelock("fem", "a.toml", *SETTINGS)
     assert status == 2
     assert "[material] is missing" in err
+
+
+def test_friction_is_absent_unless_named_and_then_dissipates() -> None:
+    plain = run_tube_static("plain", tube("tsb1-pipe"))
+    rough = run_tube_static("rough", tube("tsb1-pipe", "effects.friction.coefficient=0.3"))
+    assert plain.deformable.contact.friction is None
+    assert plain.solver["energies"]["frictional_dissipation"] == 0.0
+    assert rough.solver["energies"]["frictional_dissipation"] > 0.0
+    # Friction only resists: with it the tube moves less.
+    assert rough.largest_displacement < plain.largest_displacement

@@ -17,6 +17,7 @@ from fem.deformable_assembly import (
     Frames,
     deformable_assembly,
 )
+from fem.friction import CoulombFriction, FrictionError
 from fem.recovery import recover
 from geometry.assembly import Assembly, AssemblyError
 from geometry.box_column import check_joints
@@ -27,7 +28,7 @@ from validation.build import build_assembly, build_load
 from validation.errors import InputError
 from validation.scene import DeformableScene, TubeScene
 from validation.scene_families import BoxesScene, HexagonTubeScene
-from validation.scene_fem import ContactSection, FemSection, Method
+from validation.scene_fem import ContactSection, EffectsSection, FemSection, Method
 from validation.scene_polyhedra import MeshScene
 
 #: Why a sector asked for is refused.
@@ -79,6 +80,25 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
     return scene.fem
 
 
+def build_friction(effects: EffectsSection) -> CoulombFriction | None:
+    """Friction of a scene; None where it names none.
+
+    Raises
+    ------
+    InputError
+        For a coefficient that cannot be used.
+    """
+    section = effects.friction
+    if section is None:
+        return None
+    try:
+        if section.stick_stiffness is None:
+            return CoulombFriction(section.coefficient)
+        return CoulombFriction(section.coefficient, section.stick_stiffness)
+    except FrictionError as error:
+        raise InputError(str(error)) from None
+
+
 def build_hexahedra(scene: DeformableScene, name: str) -> tuple[Assembly, LoadCase]:
     """Build the blocks and the load of a scene, every block with hexahedra.
 
@@ -111,7 +131,7 @@ def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCas
 
 
 def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
-    """Build the deformable tube of a scene.
+    """Build the deformable blocks of a scene.
 
     Raises
     ------
@@ -121,9 +141,15 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
     fem = fem_section(scene, name)
     assert scene.material is not None
     assert scene.contact is not None
+    if scene.effects.finite_sliding:
+        raise InputError(
+            f"{name}: effects.finite_sliding is not built yet: contact follows the conforming "
+            "facets; leave it out where blocks slide by less than a facet"
+        )
     assembly, load = build_hexahedra(scene, name)
     # A column of boxes stands on its bottom face; no block of it is rigid.
     elastic = scene.effects.elastic_frame or isinstance(scene, BoxesScene)
+    friction = build_friction(scene.effects)
     try:
         if isinstance(scene, BoxesScene):
             check_joints(assembly)
@@ -136,8 +162,9 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
             normals=ContactNormals.CURRENT,
             initial_clearance=scene.contact.initial_clearance,
             frames=Frames.DEFORMABLE if elastic else Frames.RIGID,
+            friction=friction,
         )
-    except (ContactError, DeformableAssemblyError, AssemblyError) as error:
+    except (ContactError, DeformableAssemblyError, FrictionError, AssemblyError) as error:
         raise InputError(f"{name}: {error}") from None
 
 
