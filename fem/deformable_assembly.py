@@ -13,6 +13,7 @@ import numpy as np
 
 from fem.contact import ContactNormals, ContactSurfaces, check_initial_overlap, contact_surfaces
 from fem.contact_law import ContactLaw, ExponentialLaw
+from fem.friction import CoulombFriction
 from fem.hexahedron import ElementType, block_lumped_mass
 from fem.loads import pressure_forces, traction_forces
 from fem.material import Material
@@ -58,6 +59,8 @@ class Contact:
     """Pressure as a function of overclosure."""
     normals: ContactNormals
     """Which normals measure the gap."""
+    friction: CoulombFriction | None = None
+    """Friction; None: absent."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,7 @@ def deformable_assembly(
     initial_clearance: float = 0.0,
     clearance_kind: ClearanceKind = ClearanceKind.UNIFORM,
     frames: Frames = Frames.RIGID,
+    friction: CoulombFriction | None = None,
 ) -> DeformableAssembly:
     """Make deformable blocks of an assembly under a load case.
 
@@ -123,6 +127,8 @@ def deformable_assembly(
         How it comes about.
     frames
         How held blocks are modelled.
+    friction
+        Friction between the blocks; None: absent.
 
     Raises
     ------
@@ -158,7 +164,7 @@ def deformable_assembly(
         copy_of=copy_of,
         spacing=spacing,
         surfaces=surfaces,
-        contact=Contact(law, normals),
+        contact=Contact(law, normals, friction),
     )
 
 

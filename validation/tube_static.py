@@ -39,11 +39,6 @@ def run_tube_static(
     """
     start = time.process_time()
     fem = fem_section(scene, name)
-    if scene.effects.friction is not None:
-        raise InputError(
-            f"{name}: effects.friction needs the history of an explicit run: set fem.method = "
-            '"explicit", or remove friction'
-        )
     deformable = build_deformable(scene, name) if deformable is None else deformable
     built = time.process_time()
     try:
@@ -80,9 +75,11 @@ def static_numbers(result: StaticResult) -> dict[str, Any]:
         "residual": result.residual,
         "newton_iterations": result.newton_iterations,
         "symmetry": result.symmetry,
+        "loose_blocks": result.loose_blocks.tolist(),
         "energies": {
             "strain_energy": result.strain_energy,
             "contact_energy": result.contact_energy,
             "external_work": result.external_work,
+            "frictional_dissipation": result.frictional_dissipation,
         },
     }

@@ -528,8 +528,8 @@ def _speed_up(evidence: Evidence) -> Verdict:
     return judged(
         4.5 < np.log10(ratio) < 5.5,
         f"same tube, same mesh, one core: static deformable {run.cpu_seconds['total']:.1f} s, "
-        f"rigid {rigid.cpu_seconds['total']:.3f} s: × {ratio:.0f}; five orders are between one explicit "
-        "code and one rigid code, not between the models",
+        f"rigid {rigid.cpu_seconds['total']:.3f} s: × {ratio:.0f}; five orders lie between two "
+        "codes, not between the two models",
         ratio=ratio,
     )
 
