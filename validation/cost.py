@@ -7,7 +7,7 @@ extrapolated to vanishing mesh size; its own error is estimated and added to eve
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -66,6 +66,8 @@ class CostStudy:
     """Relative error of the reference by quantity."""
     reference_seconds: float
     """CPU time of the reference solutions [s]."""
+    failures: dict[str, str] = field(default_factory=dict)
+    """Settings that have no answer, and why."""
 
     def points(self, quantity: str) -> tuple[list[Row], list[Point]]:
         """Rows that answer a quantity, and where they lie."""
@@ -154,28 +156,32 @@ def run_cost(
     Raises
     ------
     InputError
-        A setting without an answer, or a cache that cannot be used.
+        No setting or no reference has an answer, or the cache cannot be used.
     """
     runs = list(dict.fromkeys((*plan.settings, *plan.references)))
     missing = [s for s in runs if cache.load(content_key(scene, plan.base, s)) is None]
     warm: set[tuple[str, ...]] = set()
+    failures: dict[str, str] = {}
     for number, setting in enumerate(missing):
         if progress is not None:
             progress(number + 1, len(missing), setting.name)
         kernels = (setting.method, *(v for k, v in setting.changes if k != "fem.residual"))
-        if kernels not in warm:
-            warm.add(kernels)
-            warm_up(name, scene, plan.base, coarsest(setting))
-        found = measure(name, scene, plan.base, setting)
+        try:
+            if kernels not in warm:
+                warm.add(kernels)
+                warm_up(name, scene, plan.base, replace(setting, level=1))
+            found = measure(name, scene, plan.base, setting)
+        except InputError as error:
+            if setting in plan.references:
+                raise
+            failures[setting.name] = str(error)
+            continue
         cache.store(content_key(scene, plan.base, setting), name, setting, found)
     study = cached_study(name, scene, plan, cache)
-    assert study is not None
-    return study
-
-
-def coarsest(setting: CostSetting) -> CostSetting:
-    """The same method on the base mesh."""
-    return replace(setting, level=1)
+    if study is None:
+        first = next(iter(failures.values()))
+        raise InputError(f"{name}: none of the settings has an answer; the first: {first}")
+    return replace(study, failures=failures)
 
 
 def cached_study(name: str, scene: TubeScene, plan: CostPlan, cache: CostCache) -> CostStudy | None:

@@ -126,6 +126,7 @@ def study_json(study: CostStudy) -> dict[str, Any]:
             }
             for row in study.rows
         ],
+        "failures": study.failures,
         "pareto": {q: [row.setting.name for row in study.front(q)] for q in QUANTITIES},
         "orders": {
             family: {
@@ -145,6 +146,8 @@ def print_study(study: CostStudy, console: Console) -> None:
     _print_reference(study, console)
     _print_fronts(study, console)
     _print_orders(study, console)
+    for setting, why in study.failures.items():
+        console.print(f"no answer from {setting}: {why}")
     console.print("What an accuracy costs (the reference's own error is added to every error):")
     for quantity in QUANTITIES:
         for target in TARGETS:
@@ -236,7 +239,7 @@ def draw_study(study: CostStudy, path: Path) -> None:
         panel.set_xlabel("CPU time, scene to answer [s]")
         panel.tick_params(labelbottom=True)
     for panel in (axes[0], axes[3]):
-        panel.set_ylabel("relative error [–]")
+        panel.set_ylabel("relative error [%]")
     base = study.plan.base
     figure.suptitle(
         f"{study.name}: what accuracy costs (mesh ×1: {base.around} × {base.radial} × {base.axial} "
@@ -249,6 +252,8 @@ def draw_study(study: CostStudy, path: Path) -> None:
 
 
 def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
     axes.set_xscale("log")
     axes.set_yscale("log")
     unsure = study.reference_errors[quantity]
@@ -275,6 +280,16 @@ def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
     axes.set_ylim(bottom, 1.6 * max(errors))
     axes.set_title(_TITLES[quantity], fontsize=11, loc="left")
     axes.grid(which="major", alpha=0.3)
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:g}"))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_minor_formatter(FuncFormatter(_minor))
+
+
+def _minor(value: float, _: object) -> str:
+    """Label twos and fives between the decades."""
+    leading = f"{value:e}"[0]
+    return f"{100 * value:g}" if leading in "25" else ""
 
 
 def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom: float) -> None:
