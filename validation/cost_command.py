@@ -148,6 +148,7 @@ def print_study(study: CostStudy, console: Console) -> None:
     _print_orders(study, console)
     for setting, why in study.failures.items():
         console.print(f"no answer from {setting}: {why}")
+    console.print("Errors below the reference's own, and what they put on a front, mean nothing.")
     console.print("What an accuracy costs (the reference's own error is added to every error):")
     for quantity in QUANTITIES:
         for target in TARGETS:

@@ -184,7 +184,7 @@ def full_plan(scene: TubeScene) -> CostPlan:
     found += _variants(2)
     # Without strong damping a run takes far longer: its price shows on the coarser mesh.
     found += [s for s in _variants(4) if s.hold_periods is None or s.hold_periods < 10.0]
-    return CostPlan(base_mesh(scene), tuple(found), (3, 4, 6, 7))
+    return CostPlan(base_mesh(scene), tuple(found), (4, 6, 7, 8))
 
 
 def quick_plan(scene: TubeScene) -> CostPlan:
