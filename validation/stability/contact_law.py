@@ -8,7 +8,8 @@ import numpy as np
 
 from fem.contact import ContactError
 from fem.contact_law import ContactLaw, ExponentialLaw
-from fem.static import StaticOptions, StaticResult, solve_static
+from fem.static import StaticOptions, solve_static
+from fem.static_result import StaticResult
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.problems import BRICK, COLUMN, deformable, pressed, relative, stack
 
