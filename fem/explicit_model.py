@@ -11,6 +11,7 @@ from fem.contact_law import ContactLaw
 from fem.deformable_assembly import DeformableAssembly
 from fem.effects import Effects
 from fem.explicit_contact import FaceContact
+from fem.friction import CoulombFriction
 from fem.model import Amplitude, BlockGroup, Model, NodalLoad, Support
 from fem.symmetry import Orbits, no_symmetry
 from geometry.mesh import FloatArray, IntArray
@@ -63,6 +64,7 @@ def explicit_assembly(
     orbits: Orbits | None = None,
     effects: Effects | None = None,
     amplitude: Amplitude | None = None,
+    friction: CoulombFriction | None = None,
 ) -> ExplicitAssembly:
     """State the explicit problem of an assembly.
 
@@ -76,6 +78,13 @@ def explicit_assembly(
         Damping and the like; by default none.
     amplitude
         Factor of all loads in time; None: constant.
+    friction
+        Coulomb friction on all contact surfaces; None: absent.
+
+    Raises
+    ------
+    FrictionError
+        Friction with reference normals or too stiff a stick.
     """
     orbits = no_symmetry(deformable) if orbits is None else orbits
     chosen = _representatives(deformable, orbits)
@@ -92,6 +101,7 @@ def explicit_assembly(
         normals=deformable.contact.normals,
         clearance=deformable.surfaces.clearance,
         counted_stiffness=counted_stiffness(deformable.contact.law),
+        friction=friction,
     )
     return ExplicitAssembly(
         deformable=deformable,
