@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from validation import study_cli
+from validation import stability_cli, study_cli
 from validation.cli_options import CostCacheOption, JsonOption, SceneArgument, SetOption
 from validation.cli_options import text_console as _console
 from validation.errors import InputError
@@ -25,6 +25,7 @@ app = typer.Typer(
 reproduce_app = typer.Typer()
 app.add_typer(reproduce_app, name="reproduce")
 study_cli.register(app, reproduce_app)
+stability_cli.register(app)
 
 
 @app.command()
