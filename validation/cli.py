@@ -22,9 +22,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-reproduce_app = typer.Typer(
-    help="Reproduce the paper: its tables beside ours.", no_args_is_help=True
-)
+reproduce_app = typer.Typer()
 app.add_typer(reproduce_app, name="reproduce")
 study_cli.register(app, reproduce_app)
 
@@ -238,7 +236,7 @@ def export_scene(
     settings: SetOption = None,
 ) -> None:
     """Write a scene as an input deck for Abaqus or CalculiX."""
-    from fem.deck import Flavour
+    from fem.decks.statement import Flavour
     from validation.deck_command import run_export
     from validation.scene import load_scene
 

@@ -19,9 +19,10 @@ from validation.decomposition import Step, decompose
 from validation.errors import InputError
 from validation.pictures import between_layers
 from validation.rigid import BuiltScene, RigidRun, analyse_rigid
+from validation.scene import DeformableScene
 from validation.scene_fem import Damping, Method
 from validation.tube_explicit import run_tube_explicit
-from validation.tube_fem import DeformableScene, TubeRun, build_deformable, fem_section
+from validation.tube_fem import TubeRun, build_deformable, fem_section, scene_load
 from validation.tube_static import run_tube_static
 
 
@@ -160,7 +161,7 @@ def compare(
     """
     fem = fem_section(scene, name)
     deformable = build_deformable(scene, name)
-    assembly, load = deformable.assembly, _load(scene, deformable)
+    assembly, load = deformable.assembly, scene_load(scene, name, deformable.assembly)
     rigid: dict[Norm, RigidRun] = {}
     for norm in Norm:
         chosen = scene.model_copy(update={"rigid": scene.rigid.model_copy(update={"norm": norm})})
@@ -178,12 +179,6 @@ def compare(
         )
     steps = decompose(name, scene, static)
     return _collect(name, rigid, static, dynamic, steps)
-
-
-def _load(scene: DeformableScene, deformable: Any) -> Any:
-    from validation.build import build_load
-
-    return build_load(scene, deformable.assembly)
 
 
 def _with_fem(scene: DeformableScene, **changes: Any) -> DeformableScene:

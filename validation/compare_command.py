@@ -23,8 +23,8 @@ from validation.fem_command import progress_bar
 from validation.files import output_folder, prepare_json, write_json
 from validation.pictures import between_layers, coloured_facets
 from validation.rendering import PRESSURE_MAP, place, render, save_figure
-from validation.scene import SceneFile
-from validation.tube_fem import DeformableScene, build_deformable
+from validation.scene import DeformableScene, SceneFile
+from validation.tube_fem import build_deformable
 
 
 def run_compare(

@@ -41,7 +41,7 @@ STRESS_MAP = "RdBu_r"
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Hide VTK's notes about a missing display: the off-screen fallback that follows is meant."""
     sys.stderr.flush()
     saved = os.dup(2)
@@ -82,7 +82,7 @@ def render(
     """
     import pyvista
 
-    with _quiet():
+    with quiet():
         plotter = pyvista.Plotter(off_screen=True, window_size=(height, height), border=False)
     plotter.set_background("white")
     draw(plotter)
@@ -93,7 +93,7 @@ def render(
     plotter.enable_parallel_projection()
     plotter.camera.parallel_scale = 0.52 * reach
     plotter.camera.clipping_range = (0.1 * reach, 4 * reach)
-    with _quiet():
+    with quiet():
         pixels = plotter.screenshot(None, return_img=True)
     plotter.close()
     shown = np.argwhere((pixels < 250).any(axis=2))

@@ -12,14 +12,9 @@ from fem.static import StaticError, StaticOptions, solve_static
 from fem.static_result import StaticResult
 from fem.symmetry import SymmetryError
 from validation.errors import InputError
+from validation.scene import DeformableScene
 from validation.scene_fem import FemSection, Method
-from validation.tube_fem import (
-    NO_SECTOR,
-    DeformableScene,
-    TubeRun,
-    build_deformable,
-    fem_section,
-)
+from validation.tube_fem import NO_SECTOR, TubeRun, build_deformable, fem_section
 
 
 def static_options(fem: FemSection) -> StaticOptions:
@@ -39,11 +34,6 @@ def run_tube_static(
     """
     start = time.process_time()
     fem = fem_section(scene, name)
-    if scene.effects.friction is not None:
-        raise InputError(
-            f"{name}: effects.friction needs the history of an explicit run: set fem.method = "
-            '"explicit", or remove friction'
-        )
     deformable = build_deformable(scene, name) if deformable is None else deformable
     built = time.process_time()
     try:
@@ -85,5 +75,6 @@ def static_numbers(result: StaticResult) -> dict[str, Any]:
             "strain_energy": result.strain_energy,
             "contact_energy": result.contact_energy,
             "external_work": result.external_work,
+            "frictional_dissipation": result.frictional_dissipation,
         },
     }

@@ -77,6 +77,21 @@ def claims() -> list[Claim]:
     return [*RIGID_CLAIMS, *FEM_CLAIMS]
 
 
+def check_claims(names: list[str] | None = None) -> dict[str, Claim]:
+    """Return all claims by name, after refusing names that none has.
+
+    Raises
+    ------
+    InputError
+        With the known names.
+    """
+    known = {claim.name: claim for claim in claims()}
+    for name in names or ():
+        if name not in known:
+            raise InputError(f"claim {name!r}: expected one of {', '.join(known)}")
+    return known
+
+
 def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[JudgedClaim]:
     """Judge all claims, or some by name.
 
@@ -85,10 +100,7 @@ def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[Jud
     InputError
         For a name that no claim has.
     """
-    known = {claim.name: claim for claim in claims()}
-    for name in names or ():
-        if name not in known:
-            raise InputError(f"claim {name!r}: expected one of {', '.join(known)}")
+    known = check_claims(names)
     chosen = [known[name] for name in names] if names else list(known.values())
     return [
         JudgedClaim(

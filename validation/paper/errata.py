@@ -349,6 +349,21 @@ def errata() -> list[Erratum]:
     ]
 
 
+def check_errata(names: list[str] | None = None) -> dict[str, Erratum]:
+    """Return all errata by name, after refusing names that none has.
+
+    Raises
+    ------
+    InputError
+        With the known names.
+    """
+    known = {erratum.name: erratum for erratum in errata()}
+    for name in names or ():
+        if name not in known:
+            raise InputError(f"erratum {name!r}: expected one of {', '.join(known)}")
+    return known
+
+
 def show_errata(evidence: Evidence, names: list[str] | None = None) -> list[ShownErratum]:
     """Demonstrate all errata, or some by name.
 
@@ -357,10 +372,7 @@ def show_errata(evidence: Evidence, names: list[str] | None = None) -> list[Show
     InputError
         For a name that no erratum has.
     """
-    known = {erratum.name: erratum for erratum in errata()}
-    for name in names or ():
-        if name not in known:
-            raise InputError(f"erratum {name!r}: expected one of {', '.join(known)}")
+    known = check_errata(names)
     chosen = [known[name] for name in names] if names else list(known.values())
     return [ShownErratum(erratum, erratum.show(evidence)) for erratum in chosen]
 

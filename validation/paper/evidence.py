@@ -7,7 +7,7 @@ stopped. Deformable runs cost minutes; without them the claims that need them st
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
@@ -37,6 +37,8 @@ _PATHS = (
     "block.thickness",
     "block.amplitude",
 )
+#: Load cases that are the same as printed and as physics says.
+_ONE_READING = ("pipe", "tunnel", "pillar")
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,8 @@ class Evidence:
 
     def rigid(self, scene: str, *settings: str) -> RigidRun:
         """Rigid-block result of a built-in scene with overrides, computed once."""
+        if scene.rpartition("-")[2] in _ONE_READING:
+            settings = tuple(s for s in settings if not s.startswith("load.as_printed"))
         key = (scene, settings)
         if key not in self._rigid:
             start = time.process_time()
@@ -187,11 +191,13 @@ class Evidence:
         self, block: str, case: str, settings: Iterable[str] = (), words: str = ""
     ) -> TubeRun:
         """Static state on a mesh of its own; one sector where the load is cyclic."""
-        from validation.tube_fem import DeformableScene
+        from validation.scene import DeformableScene
         from validation.tube_static import run_tube_static
 
-        around, radial, axial = (36, 6, 16) if self.full else (24, 4, 10)
-        symmetry = "none" if case == "beam" else "sector"
+        # A beam has no symmetry to use: it stays at the coarser mesh.
+        cyclic = case != "beam"
+        around, radial, axial = (48, 8, 20) if self.full and cyclic else (24, 4, 10)
+        symmetry = "sector" if cyclic else "none"
         name = f"{block.lower()}-{case}"
         file = load_scene(
             name,
@@ -216,6 +222,3 @@ def printed(block: str, case: str) -> dict[str, Any]:
     """Row of the paper's tables."""
     row: dict[str, Any] = reference()["table"][block][case]
     return row
-
-
-Reporter = Callable[[str], None]

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from rich.console import Console
+from rich.table import Table
 
 from geometry.mesh import FloatArray, IntArray
 from validation.files import write_whole
@@ -279,6 +281,22 @@ def cost_rows(evidence: Evidence) -> list[CostRow]:
         for name, seconds in evidence.cpu_seconds.items()
         if name.startswith("fem ")
     ]
+
+
+def print_costs(rows: list[CostRow], console: Console) -> None:
+    """Print the cost table."""
+    table = Table(title="Computational cost", title_justify="left")
+    for head in ("method", "tubes", "CPU hours", "CPU seconds per tube", "remark"):
+        table.add_column(head)
+    for row in rows:
+        table.add_row(
+            row.method,
+            str(row.configurations),
+            f"{row.cpu_hours:.3g}",
+            f"{3600 * row.cpu_hours / row.configurations:,.3g}",
+            row.remark,
+        )
+    console.print(table)
 
 
 def draw_cost(evidence: Evidence, path: Path) -> None:

@@ -148,7 +148,7 @@ def draw_principal(evidence: Evidence, component: int, path: Path) -> None:
             panel.set_xlabel("arc length [mm]")
         colours = ScalarMappable(Normalize(-reach, reach), STRESS_MAP)
         bar = figure.colorbar(colours, ax=panel, orientation="horizontal", pad=0.07, fraction=0.03)
-        bar.set_ticks([-reach, 0, reach], labels=[f"{-reach:.2g}", "0", f"{reach:.2g}"])
+        _end_labels(bar, [-reach, 0, reach], [f"{-reach:.2g}", "0", f"{reach:.2g}"])
     figure.suptitle(
         f"{symbol} [MPa] on the outer surface, unrolled: red tension, blue compression",
         fontsize=13,
@@ -157,6 +157,14 @@ def draw_principal(evidence: Evidence, component: int, path: Path) -> None:
     )
     figure.subplots_adjust(left=0.06, right=0.98, top=0.95, bottom=0.03, wspace=0.12, hspace=0.05)
     save_figure(figure, path)
+
+
+def _end_labels(bar: Any, ticks: list[float], labels: list[str]) -> None:
+    """Label a horizontal colour bar without reaching over its ends."""
+    bar.set_ticks(ticks, labels=labels)
+    found = bar.ax.get_xticklabels()
+    found[0].set_horizontalalignment("left")
+    found[-1].set_horizontalalignment("right")
 
 
 # ---------------------------------------------------------------------------------------------
@@ -198,10 +206,12 @@ def draw_displacements(evidence: Evidence, path: Path) -> None:
         panel = axes[row, column]
         largest = run.largest_displacement
         image = render(_deformed(run, largest), EYE, height=1000)
-        place(panel, image, f"{BLOCKS[row]} {CASES[column]}, drawn × {run.drawing_scale:g}")
+        place(panel, image, f"{BLOCKS[row]} {CASES[column]}\ndrawn × {run.drawing_scale:g}")
         colours = ScalarMappable(Normalize(0.0, 1e3 * largest), "viridis")
-        bar = figure.colorbar(colours, ax=panel, orientation="horizontal", pad=0.02, fraction=0.03)
-        bar.set_ticks([0, 1e3 * largest], labels=["0", f"{1e3 * largest:.3g} µm"])
+        bar = figure.colorbar(
+            colours, ax=panel, orientation="horizontal", pad=0.02, fraction=0.02, shrink=0.7
+        )
+        _end_labels(bar, [0, 1e3 * largest], ["0", f"{1e3 * largest:.3g} µm"])
     figure.suptitle(
         "Displacements at 0.01 MPa, static state, no initial gaps", fontsize=13, x=0.03, ha="left"
     )

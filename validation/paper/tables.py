@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -54,8 +55,18 @@ def _difference(paper: str | float, ours: str | float | None) -> float | None:
     return None
 
 
-def compute_tables(console: Console) -> list[TableRow]:
-    """Compute every printed row, in both variants, with a progress bar on ``console``."""
+def compute_tables(
+    console: Console, solve: Callable[[str, str], RigidRun] | None = None
+) -> list[TableRow]:
+    """Compute every printed row, in both variants, with a progress bar on ``console``.
+
+    Parameters
+    ----------
+    console
+        For the progress bar.
+    solve
+        Computes a scene with one override; by default anew.
+    """
     rows = []
     tasks = [
         (block, case, variant)
@@ -70,7 +81,11 @@ def compute_tables(console: Console) -> list[TableRow]:
             ours: dict[str, str | float | None] = dict.fromkeys(QUANTITIES, NOT_BUILT)
         else:
             setting = f"load.as_printed={str(variant == 'as_printed').lower()}"
-            ours = _ours(run_rigid(load_scene(scene, [setting])))
+            if solve is None:
+                run = run_rigid(load_scene(scene, [setting]))
+            else:
+                run = solve(scene, setting)
+            ours = _ours(run)
         rows += [
             TableRow(
                 block=block,
