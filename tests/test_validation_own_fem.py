@@ -7,9 +7,9 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from fem.decks.statement import Flavour
 from scipy.optimize import brentq
 
+from fem.decks.statement import Flavour
 from fem.loads import wrench_forces
 from geometry.block import box_block
 from geometry.block_files import step_hexahedra
