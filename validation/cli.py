@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+import typer.core
 from rich.console import Console
 
 from validation import stability_cli, study_cli
@@ -14,8 +15,41 @@ from validation.cli_options import CostCacheOption, JsonOption, SceneArgument, S
 from validation.cli_options import text_console as _console
 from validation.errors import InputError
 
+#: Order of the commands in ``tubelock --help``: from looking to doubting.
+_CONTENTS = (
+    "demo",
+    "scenes",
+    "show",
+    "mbd",
+    "explode",
+    "fem",
+    "compare",
+    "clearance",
+    "studies",
+    "sweep",
+    "export",
+    "import",
+    "cost",
+    "effects",
+    "stability",
+    "convergence",
+    "reproduce",
+)
+
+
+class _TableOfContents(typer.core.TyperGroup):
+    """Lists the commands in the order of `_CONTENTS`, others after them."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names in order."""
+        names = super().list_commands(ctx)
+        known = {name: place for place, name in enumerate(_CONTENTS)}
+        return sorted(names, key=lambda name: known.get(name, len(known)))
+
+
 app = typer.Typer(
     name="tubelock",
+    cls=_TableOfContents,
     help="Topological interlocking assemblies: locked or not, contact pressures, stresses.",
     no_args_is_help=True,
     add_completion=False,
