@@ -15,7 +15,7 @@ from fem.contact import ContactNormals, ContactSurfaces, check_initial_overlap, 
 from fem.contact_law import ContactLaw, ExponentialLaw
 from fem.friction import CoulombFriction
 from fem.hexahedron import ElementType, block_lumped_mass
-from fem.loads import pressure_forces, traction_forces
+from fem.loads import pressure_forces, traction_forces, wrench_forces
 from fem.material import Material
 from fem.model import BlockGroup, Model, NodalLoad, Support, block_group, fixed_nodes
 from geometry.assembly import Assembly, BoolArray
@@ -222,13 +222,25 @@ def block_load_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatAr
     """Consistent nodal forces of a load case on one block, in the block's own frame.
 
     A load without couple is spread over the block like a body force, so that its resultant
-    acts at the mass centroid.
+    acts at the mass centroid. A load on the block as a whole is spread like inertia.
 
     Returns
     -------
     FloatArray | None
         (n_nodes, 3) [N]; None where the block carries no load.
     """
+    on_faces = _face_forces(assembly, load, block)
+    if load.body_wrenches is None or not load.body_wrenches[block].any():
+        return on_faces
+    mesh, rotation = assembly.shape(block).mesh, assembly.rotations[block]
+    wrench = load.body_wrenches[block]
+    share = block_lumped_mass(mesh, 1.0)
+    forces = wrench_forces(mesh.nodes, share, wrench[:3] @ rotation, wrench[3:] @ rotation)
+    return forces if on_faces is None else on_faces + forces
+
+
+def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray | None:
+    """Forces of the loaded facets of one block in its own frame; None where it has none."""
     mine = np.flatnonzero(load.block == block)
     if not len(mine):
         return None

@@ -10,7 +10,8 @@ from fem.deformable_assembly import ClearanceKind, Frames, deformable_assembly
 from fem.effects import AdaptiveMassDamping, Effects
 from fem.explicit import Output, StopCriterion, initial_state, prepare, solve
 from fem.explicit_model import explicit_assembly
-from fem.loads import SmoothStepAmplitude
+from fem.friction import CoulombFriction, friction_tractions
+from fem.loads import FACET_SLOPES, FACET_VALUES, SmoothStepAmplitude
 from fem.material import Material
 from fem.quasi_static import quasi_static_report, recommended_times
 from fem.state import world_vectors
@@ -49,11 +50,19 @@ def in_model_order(statement, displacements):
     return tuple(result)
 
 
-def kernel_forces(statement, displacements, **options):
-    """Contact forces of the loop, world axes, copies as in the deformable assembly; energy."""
+def kernel_forces(statement, displacements, *, then=None, **options):
+    """Contact forces of the loop, world axes, copies as in the deformable assembly; energy.
+
+    With ``then`` those at displacements that follow upon the first.
+    """
     deformable = statement.deformable
     system = prepare(statement.model, time_step=1e-9, **options)
     state = initial_state(system, displacements=in_model_order(statement, displacements))
+    if then is not None:
+        displacements = then
+        following = initial_state(system, displacements=in_model_order(statement, then))
+        for now, new in zip(state.bodies, following.bodies, strict=True):
+            now.displacement[:] = new.displacement
     for now in state.bodies:
         now.applied_force[:] = 0.0
     system.interactions[0].add_force(system, state)
@@ -120,6 +129,60 @@ def test_single_precision_bodies_feel_the_same_contact():
     expected, _ = plain_forces(deformable, displacements)
     found, _ = kernel_forces(explicit_assembly(deformable), displacements, precision="float32")
     assert np.abs(found[0] - expected[0]).max() < 5e-6 * np.abs(expected[0]).max()
+
+
+def slips(deformable, displacements):
+    """Tangential parts of x_s - x_m along two tangents, (n, 4, 2), and the tangents."""
+    surfaces = deformable.surfaces
+    corners = corner_displacements(deformable, displacements)
+    slopes = 0.5 * np.concatenate([FACET_SLOPES, FACET_SLOPES], axis=1)
+    tangents = surfaces.tangents + np.einsum("pak,fai->fpki", slopes, corners)
+    normal = np.cross(tangents[:, :, 0], tangents[:, :, 1])
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    along = tangents[:, :, 0] / np.linalg.norm(tangents[:, :, 0], axis=2, keepdims=True)
+    basis = np.stack([along, np.cross(normal, along)], axis=2)
+    d = surfaces.offsets + np.einsum("pa,fai->fpi", DIFFERENCE, corners)
+    return np.einsum("fpki,fpi->fpk", basis, d), basis
+
+
+DIFFERENCE = np.concatenate([-FACET_VALUES, FACET_VALUES], axis=1)
+
+
+def test_friction_agrees_with_the_plain_law():
+    """Two evaluations 0.03 µm apart; anchors start where points touch in the first.
+
+    Kernel and reference take tangents along different edges of a facet; those turn by
+    change of displacement over facet size, 3e-5/20 = 1.5e-6, so with offsets d of
+    5 µm the slips differ by 1e-8 mm of 3e-5 mm: 3e-4, and the forces as much.
+    """
+    deformable = tube(initial_clearance=-0.002)
+    friction = CoulombFriction(0.2)
+    before = random_displacements(deformable, 2e-3)
+    after = tuple(
+        a + b for a, b in zip(before, random_displacements(deformable, 3e-5, seed=1), strict=True)
+    )
+    (s0, _), (s1, basis) = slips(deformable, before), slips(deformable, after)
+    touched = contact_state(deformable, before)[0] > 0.0
+    pressure = contact_state(deformable, after)[0]
+    anchor = np.where(touched[:, :, None], s0, s1)
+    traction, _ = friction_tractions(friction, s1, anchor, pressure)
+    slides = np.linalg.norm(traction, axis=2) > 0.999 * friction.coefficient * pressure
+    assert 0.1 < slides[touched].mean() < 0.9
+    surfaces = deformable.surfaces
+    force = -surfaces.weights[:, :, None] * np.einsum("fpk,fpki->fpi", traction, basis)
+    corners = np.einsum("pa,fpi->fai", DIFFERENCE, force)
+    expected, _ = plain_forces(deformable, after)
+    for half, blocks, quads in (
+        (0, surfaces.block_m, surfaces.quads_m),
+        (4, surfaces.block_s, surfaces.quads_s),
+    ):
+        mine = deformable.group_of[blocks] == 0
+        copies = deformable.copy_of[blocks[mine]]
+        np.add.at(expected[0], (copies[:, None], quads[mine]), corners[mine, half : half + 4])
+    statement = explicit_assembly(deformable, friction=friction)
+    found, _ = kernel_forces(statement, before, then=after)
+    size = np.abs(force).max()
+    assert np.abs(found[0] - expected[0]).max() < 1e-3 * size
 
 
 def test_action_is_reaction_and_moments_balance():

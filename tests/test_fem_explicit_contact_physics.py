@@ -133,8 +133,8 @@ def test_a_block_slides_at_the_friction_angle_and_not_before():
     assert moving.energy_balance < 1e-3
 
 
-def test_no_friction_is_friction_with_coefficient_zero():
-    """Forces are the same numbers, so the bits are the same."""
+def test_no_friction_is_vanishing_friction_to_the_bit():
+    """A coefficient of 1e-200 adds forces that no other number feels."""
     deformable = block_on_floor(lift=0.001)
     runs = [
         solve(
@@ -142,7 +142,7 @@ def test_no_friction_is_friction_with_coefficient_zero():
             end_time=3e-4,
             velocities=falling(deformable, 10.0),
         )
-        for friction in (None, CoulombFriction(0.0))
+        for friction in (None, CoulombFriction(1e-200))
     ]
     assert np.array_equal(runs[0].displacements[0], runs[1].displacements[0])
 
@@ -173,9 +173,9 @@ def test_friction_history_is_in_the_checkpoint(tmp_path):
 
 
 def test_friction_is_refused_where_it_cannot_act():
-    with pytest.raises(FrictionError, match="coefficient >= 0"):
+    with pytest.raises(FrictionError, match="coefficient"):
         CoulombFriction(-0.1)
-    with pytest.raises(FrictionError, match="stick stiffness"):
+    with pytest.raises(FrictionError, match="stick_stiffness"):
         CoulombFriction(0.1, stick_stiffness=0.0)
     deformable = block_on_floor(normals=ContactNormals.REFERENCE)
     with pytest.raises(FrictionError, match="current normals"):

@@ -13,6 +13,7 @@ import pytest
 from fem.decks.cards import read_cards
 from fem.decks.model import deck_assembly, deck_model
 from fem.decks.statement import CircumferentialLoad, Flavour, NodalForceLoad, Procedure
+from fem.decks.write import deck_lines
 from fem.hexahedron import ElementType
 from validation.box import build_box
 from validation.cli import main
@@ -57,6 +58,15 @@ def test_export_import_export_gives_the_same_bytes(tubelock, flavour) -> None:
     assert data["blocks"] == {"bottom-frame": 4, "sine-block": 8, "top-frame": 4}
     assert data["scene"] == "tsb1-pipe"
     assert {p.name for p in Path().iterdir()} == {"a.inp", "b.inp", "a.json"}
+
+
+def test_hexagon_tubes_too(tmp_path: Path) -> None:
+    settings = ["assembly.layers=1", "mesh.edge=4", "mesh.radial=2", "fem.method=static"]
+    settings += ["material={density=2.4e-9, young_modulus=33000.0, poisson_ratio=0.2}"]
+    file = load_scene("thb0-pipe", [*settings, "contact.law=exponential"])
+    for flavour in (Flavour.GENERAL, Flavour.PAIRS):
+        written = export_deck(file, flavour, tmp_path / "a.inp")
+        assert list(deck_lines(import_deck(written.path))) == written.path.read_text().splitlines()
 
 
 def test_the_same_scene_gives_the_same_bytes(tubelock) -> None:

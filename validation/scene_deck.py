@@ -39,12 +39,11 @@ from geometry.block import box_block
 from geometry.load_case import LoadCase
 from geometry.mesh import MeshError
 from validation.box import build_material, copy_placements
-from validation.build import build_assembly, build_load
 from validation.effects import build_effects
 from validation.errors import InputError
-from validation.scene import SceneFile
+from validation.scene import DeformableScene, SceneFile
 from validation.scene_fem import BoxScene, Damping, EffectsSection, FemSection, Method
-from validation.tube_fem import DeformableScene, contact_law, fem_section
+from validation.tube_fem import build_hexahedra, contact_law, fem_section, scene_load
 
 #: Explicit run to a static state where the scene names no times [s]: with the paper's damping of
 #: 2 /s, amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.
@@ -93,8 +92,8 @@ def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     fem, effects = fem_section(scene, name), scene.effects
     assert scene.material is not None
     assert scene.contact is not None
-    assembly = canonical(build_assembly(scene))
-    case = build_load(scene, assembly)
+    assembly = canonical(build_hexahedra(scene, name)[0])
+    case = scene_load(scene, name, assembly)
     static = flavour is Flavour.CALCULIX or (
         flavour is Flavour.PAIRS and fem.method is Method.STATIC
     )

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from validation.paper.evidence import Evidence
 
 
-def register(app: typer.Typer, reproduce: typer.Typer) -> None:  # noqa: ARG001
+def register(app: typer.Typer, reproduce: typer.Typer) -> None:
     """Add the commands to the command line and to its ``reproduce`` group."""
     app.command()(studies)
     app.command("sweep")(sweep_command)

@@ -12,14 +12,9 @@ from fem.static import StaticError, StaticOptions, solve_static
 from fem.static_result import StaticResult
 from fem.symmetry import SymmetryError
 from validation.errors import InputError
+from validation.scene import DeformableScene
 from validation.scene_fem import FemSection, Method
-from validation.tube_fem import (
-    NO_SECTOR,
-    DeformableScene,
-    TubeRun,
-    build_deformable,
-    fem_section,
-)
+from validation.tube_fem import NO_SECTOR, TubeRun, build_deformable, fem_section
 
 
 def static_options(fem: FemSection) -> StaticOptions:
