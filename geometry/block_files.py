@@ -270,8 +270,8 @@ def step_hexahedra(path: Path, *, divisions: int = 4) -> list[HexMesh]:
         volumes = _open_step(gmsh, path)
         if not _made_of_hexahedra(gmsh, divisions):
             raise MeshError(
-                f"{path}: gmsh finds no hexahedral mesh of {_without_hexahedra(gmsh, volumes)}; it "
-                "stays a rigid block (for finite elements give a mesh of hexahedra, .vtu or .inp)"
+                f"{path}: gmsh finds no hexahedral mesh of {_without_hexahedra(gmsh, volumes)}; "
+                "for finite elements give a mesh of hexahedra, .vtu or .inp"
             )
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
         number = np.zeros(int(tags.max()) + 1, dtype=np.int64)

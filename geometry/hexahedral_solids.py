@@ -88,7 +88,8 @@ def _has_hexahedra(path: Path) -> bool:
     import meshio
 
     try:
-        mesh = meshio.read(path)
+        with np.errstate(over="ignore"):  # meshio probes whether an STL file is binary
+            mesh = meshio.read(path)
     except (OSError, ValueError, KeyError, IndexError, SystemExit, meshio.ReadError) as error:
         raise MeshError(f"{path}: cannot be read as a mesh ({error})") from None
     return any(cells.type == "hexahedron" for cells in mesh.cells)

@@ -46,7 +46,7 @@ class PressureAgreement:
     """How alike two pressure fields are on one set of facets."""
 
     faces: str
-    """``all``, ``top`` or ``bottom`` (of the middle layer)."""
+    """``all``, in a tube also ``top`` and ``bottom`` (of the middle layer)."""
     correlation: float
     """Area-weighted Pearson correlation of the pressures."""
     overlap: float
@@ -245,11 +245,10 @@ def _agreements(
     found = assembly.interfaces
     layer = assembly.n_layers // 2 + 1
     reference = next(a.pressures for a in answers if a.method == "static")
-    sets = {
-        "all": np.arange(len(contacts)),
-        "top": between_layers(assembly, contacts, layer),
-        "bottom": between_layers(assembly, contacts, layer - 1),
-    }
+    sets = {"all": np.arange(len(contacts))}
+    if static.is_tube:
+        sets["top"] = between_layers(assembly, contacts, layer)
+        sets["bottom"] = between_layers(assembly, contacts, layer - 1)
     m, s = found.block_m[contacts], found.block_s[contacts]
     # Peaks are looked for per block of the compared layer; over the whole tube, per master block.
     owner = np.where(assembly.layer[m] == layer, m, s)
@@ -327,8 +326,10 @@ def explanations(comparison: Comparison) -> list[str]:
             f"{step.effective_count_percent:.1f} % of the elements effective"
         )
         before_eff, before_max = step.p_eff, step.p_max
+    indeterminate = "the tube is statically indeterminate, so resultants differ too"
     lines.append(
-        "the tube is statically indeterminate, so resultants differ too: force per interface by "
+        f"{indeterminate if comparison.static.is_tube else 'resultants differ'}: force per "
+        "interface by "
         f"{100 * interface_force_error(comparison, 'rigid (pressure)'):.0f} % (rms), total contact "
         f"force by {100 * (whole.force_ratio - 1):+.0f} %"
     )

@@ -131,7 +131,7 @@ def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCas
 
 
 def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
-    """Build the deformable tube of a scene.
+    """Build the deformable blocks of a scene.
 
     Raises
     ------
@@ -146,10 +146,10 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
             f"{name}: effects.finite_sliding is not built yet: contact follows the conforming "
             "facets; leave it out where blocks slide by less than a facet"
         )
-    friction = build_friction(scene.effects)
     assembly, load = build_hexahedra(scene, name)
     # A column of boxes stands on its bottom face; no block of it is rigid.
     elastic = scene.effects.elastic_frame or isinstance(scene, BoxesScene)
+    friction = build_friction(scene.effects)
     try:
         if isinstance(scene, BoxesScene):
             check_joints(assembly)
@@ -262,8 +262,9 @@ class TubeRun:
         gap = f", initial clearance {clearance:g} mm" if clearance else ""
         if not self.is_tube:
             blocks = len(self.deformable.deformable_blocks)
+            plural = "s" if blocks > 1 else ""
             return (
-                f"{self.name}, {blocks} deformable blocks: {self.method} FEM, "
+                f"{self.name}, {blocks} deformable block{plural}: {self.method} FEM, "
                 f"{self.deformable.model.n_elements} elements{gap}"
             )
         layers = self.deformable.assembly.n_layers
