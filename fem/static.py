@@ -345,7 +345,11 @@ def _solve(problem: _Problem, linear: Linearisation, state: _State) -> tuple[Flo
             trial = problem.step(linear, state.displacement, state.holding)
             if np.abs(trial).max() <= farthest:
                 return trial, state
-            raise UnheldBlocksError("blocks run away", ())
+            raise UnheldBlocksError(
+                f"a block would move by {np.abs(trial).max():.3g} mm, more than "
+                f"{_FARTHEST:g} block lengths",
+                (),
+            )
         except UnheldBlocksError as error:
             if state.rescues >= _MAX_RESCUES:
                 raise StaticError(_unheld_text(error)) from None
@@ -354,11 +358,13 @@ def _solve(problem: _Problem, linear: Linearisation, state: _State) -> tuple[Flo
 
 
 def _unheld_text(error: UnheldBlocksError) -> str:
-    names = ", ".join(str(b) for b in error.blocks) if error.blocks else "some blocks"
+    names = ", ".join(str(b) for b in error.blocks)
+    where = f"among blocks {names} " if names else ""
     return (
-        f"static: {error}: among blocks {names} some motion meets no resistance, so no static "
-        "state is determined; expected contact, load or support that holds every block (a "
-        "smaller initial clearance, a load on every block, or an explicit run)"
+        f"static: {error}: {where}some motion meets no resistance, or the load is far too large "
+        "for linear elasticity, so no static state is determined; expected contact, load or "
+        "support that holds every block (a smaller initial clearance, a load on every block, or "
+        "an explicit run)"
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from fem.decks.statement import Flavour
 from fem.loads import wrench_forces
 from geometry.block import box_block
 from geometry.block_files import step_hexahedra
@@ -20,7 +21,8 @@ from geometry.polyhedron import Polyhedron, polyhedron_from_quads
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.compare import compare
 from validation.errors import InputError
-from validation.scene import DeformableScene, check_scene, load_scene
+from validation.scene import DeformableScene, SceneFile, check_scene, load_scene
+from validation.scene_deck import build_deck
 from validation.tube_explicit import run_tube_explicit
 from validation.tube_fem import build_deformable
 from validation.tube_static import run_tube_static
@@ -103,6 +105,11 @@ def test_joints_of_a_column_must_match() -> None:
     scene["block"]["boxes"][1]["divisions"] = [4, 2, 1]
     with pytest.raises(InputError, match="boxes 0 and 1 do not match"):
         build_deformable(check_scene(scene), "column")  # type: ignore[arg-type]
+
+
+def test_the_deck_of_a_column_holds_its_bottom_face() -> None:
+    deck = build_deck(SceneFile(name="column", scene=column(0.5)), Flavour.CALCULIX)
+    assert [(hold.block, hold.face) for hold in deck.holds] == [(0, "z-")]
 
 
 # ---------------------------------------------------------------------------------------------

@@ -4,18 +4,52 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+import typer.core
 from rich.console import Console
 
-from validation import study_cli
+from validation import stability_cli, study_cli
 from validation.cli_options import CostCacheOption, JsonOption, SceneArgument, SetOption
 from validation.cli_options import text_console as _console
 from validation.errors import InputError
 
+#: Order of the commands in ``tubelock --help``: from looking to doubting.
+_CONTENTS = (
+    "demo",
+    "scenes",
+    "show",
+    "mbd",
+    "explode",
+    "fem",
+    "compare",
+    "clearance",
+    "studies",
+    "sweep",
+    "export",
+    "import",
+    "cost",
+    "effects",
+    "stability",
+    "convergence",
+    "reproduce",
+)
+
+
+class _TableOfContents(typer.core.TyperGroup):
+    """Lists the commands in the order of `_CONTENTS`, others after them."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names in order."""
+        names = super().list_commands(ctx)
+        known = {name: place for place, name in enumerate(_CONTENTS)}
+        return sorted(names, key=lambda name: known.get(name, len(known)))
+
+
 app = typer.Typer(
     name="tubelock",
+    cls=_TableOfContents,
     help="Topological interlocking assemblies: locked or not, contact pressures, stresses.",
     no_args_is_help=True,
     add_completion=False,
@@ -25,6 +59,7 @@ app = typer.Typer(
 reproduce_app = typer.Typer()
 app.add_typer(reproduce_app, name="reproduce")
 study_cli.register(app, reproduce_app)
+stability_cli.register(app)
 
 
 @app.command()

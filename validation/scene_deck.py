@@ -43,7 +43,13 @@ from validation.effects import build_effects
 from validation.errors import InputError
 from validation.scene import DeformableScene, SceneFile
 from validation.scene_fem import BoxScene, Damping, EffectsSection, FemSection, Method
-from validation.tube_fem import build_hexahedra, contact_law, fem_section, scene_load
+from validation.tube_fem import (
+    build_hexahedra,
+    contact_law,
+    fem_section,
+    held_at_faces,
+    scene_load,
+)
 
 #: Explicit run to a static state where the scene names no times [s]: with the paper's damping of
 #: 2 /s, amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.
@@ -107,7 +113,7 @@ def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
         material=build_material(scene.material),
         element=fem.element,
         step=step,
-        holds=tuple(_tube_holds(assembly, case, elastic=effects.elastic_frame)),
+        holds=tuple(_tube_holds(assembly, case, elastic=held_at_faces(scene))),
         loads=loads_of_case(assembly, case),
         joint=Joint(
             contact_law(scene.contact),

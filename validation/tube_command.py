@@ -14,7 +14,13 @@ from geometry.mesh import FloatArray
 from geometry.mesh_io import interface_surface, write_hex_mesh, write_surface
 from validation.fem_box import peak_memory_mb
 from validation.fem_command import CHECKPOINT, progress_bar
-from validation.fem_files import FrameWriter, draw_energies, field_data, groups_mesh
+from validation.fem_files import (
+    FrameWriter,
+    draw_energies,
+    field_data,
+    groups_mesh,
+    point_data,
+)
 from validation.files import output_folder, prepare_json, write_json, write_whole
 from validation.scene import DeformableScene
 from validation.scene_fem import Method
@@ -109,8 +115,10 @@ def write_tube_files(
     """Write fields, contact pressures, history and pictures; returns what each file is."""
     groups = run.deformable.model.groups
     fields = folder / "fields.vtu"
-    data = field_data(groups, run.displacements, finite_rotation=run.scene.effects.finite_rotation)
-    write_hex_mesh(fields, groups_mesh(groups), point_data=data)
+    finite = run.scene.effects.finite_rotation
+    data = field_data(groups, run.displacements, finite_rotation=finite)
+    points = point_data(groups, run.displacements, finite_rotation=finite)
+    write_hex_mesh(fields, groups_mesh(groups), point_data=data, cell_data=points)
     contact = folder / "contact_pressures.vtu"
     write_surface(
         contact,

@@ -115,6 +115,14 @@ def build_hexahedra(scene: DeformableScene, name: str) -> tuple[Assembly, LoadCa
     return assembly, build_load(scene, assembly)
 
 
+def held_at_faces(scene: DeformableScene) -> bool:
+    """Whether held blocks deform and are held at their outer faces; else they are rigid.
+
+    A column of boxes stands on its bottom face: no block of it is rigid.
+    """
+    return scene.effects.elastic_frame or isinstance(scene, BoxesScene)
+
+
 def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCase:
     """Build the load of a scene on blocks already built.
 
@@ -147,8 +155,6 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
             "facets; leave it out where blocks slide by less than a facet"
         )
     assembly, load = build_hexahedra(scene, name)
-    # A column of boxes stands on its bottom face; no block of it is rigid.
-    elastic = scene.effects.elastic_frame or isinstance(scene, BoxesScene)
     friction = build_friction(scene.effects)
     try:
         if isinstance(scene, BoxesScene):
@@ -161,7 +167,7 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
             law=contact_law(scene.contact),
             normals=ContactNormals.CURRENT,
             initial_clearance=scene.contact.initial_clearance,
-            frames=Frames.DEFORMABLE if elastic else Frames.RIGID,
+            frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
             friction=friction,
         )
     except (ContactError, DeformableAssemblyError, FrictionError, AssemblyError) as error:

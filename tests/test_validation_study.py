@@ -1,0 +1,466 @@
+"""Parameter studies: reading, running, resuming, exporting, and what goes wrong on the way."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pytest
+
+from validation.errors import InputError
+from validation.study import Row, Study, check_study, load_study, run_design
+from validation.study_run import DaskRunner, LocalRunner, sweep
+from validation.study_store import ResultFile, write_csv, write_parquet
+
+#: Sixteen walls of which four cannot be built (no rows), each a few milliseconds.
+WALLS = """
+scene = "brick-stack"
+[parameters]
+load.pressure = { from = 0.01, to = 0.04, step = 0.01 }
+"load.layer" = [1, 2, 3, 9]
+[settings]
+mesh.divisions = [2, 1, 1]
+assembly = { columns = 2, layers = 3 }
+"""
+
+
+class Here:
+    """Runs designs in this process, at most ``limit`` of them."""
+
+    def __init__(self, study: Study, limit: int | None = None) -> None:
+        self.text, self.limit = study.to_json(), limit
+
+    def rows(self, numbers: Iterable[int]) -> Iterator[Row]:
+        for number in itertools.islice(numbers, self.limit):
+            yield run_design(self.text, number)
+
+
+@pytest.fixture
+def walls(tmp_path) -> Study:
+    """The sixteen walls."""
+    (tmp_path / "walls.toml").write_text(WALLS)
+    return load_study(str(tmp_path / "walls.toml"))
+
+
+def content(path: Path) -> list[tuple]:
+    """All rows without their CPU time."""
+    with sqlite3.connect(path) as connection:
+        return [r[:-1] for r in connection.execute("SELECT * FROM rows ORDER BY number")]
+
+
+@pytest.fixture
+def reference(walls, tmp_path) -> list[tuple]:
+    """Rows of an uninterrupted run."""
+    with ResultFile(tmp_path / "reference.sqlite", walls) as results:
+        sweep(results, Here(walls))
+    return content(tmp_path / "reference.sqlite")
+
+
+# ---------------------------------------------------------------------------------------------
+# Reading
+
+
+def test_designs_are_the_product_of_the_values_last_fastest(walls) -> None:
+    assert walls.n_designs == 16
+    expected = itertools.product((0.01, 0.02, 0.03, 0.04), (1, 2, 3, 9))
+    found = [tuple(walls.design(k).values()) for k in range(16)]
+    assert found == list(expected)
+    assert walls.scene_file(6).scene.load.pressure == 0.02
+    assert walls.scene_file(6).scene.load.layer == 3
+
+
+def test_ranges_are_exact_decimals_and_keep_whole_numbers_whole() -> None:
+    study = check_study(
+        {
+            "scene": "tsb1-pipe",
+            "parameters": {
+                "block.shift": {"from": 0.1, "to": 0.75, "step": 0.2},
+                "block.blocks_per_layer": {"from": 6, "to": 2, "step": -2},
+            },
+        },
+        "s",
+    )
+    values = dict(study.parameters)
+    assert values["block.shift"] == (0.1, 0.3, 0.5, 0.7)
+    assert values["block.blocks_per_layer"] == (6, 4, 2)
+    assert all(isinstance(n, int) for n in values["block.blocks_per_layer"])
+
+
+def test_the_built_in_study_is_the_printed_parameter_space() -> None:
+    from validation.paper.reference import reference as printed
+
+    study = load_study("paper-480")
+    assert study.n_designs == 480
+    for path, values in study.parameters:
+        assert list(values) == printed()["parameter_study"][path.removeprefix("block.")]
+    # Every frequency must meet node on node at the study's mesh: 2f divides the count around.
+    around = study.scene_file(0).scene.mesh.around
+    assert all(around % round(2 * f) == 0 for f in (1.0, 1.5, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"parameters": {"block.amplitud": [1]}}, "did you mean 'amplitude'"),
+        ({"parameters": {"block.amplitude": []}}, "the list is empty"),
+        ({"parameters": {"block.amplitude": 3}}, "belongs in [settings]"),
+        ({"parameters": {"block.amplitude": [10, 10]}}, "given twice"),
+        ({"parameters": {"block.amplitude": [10, -1]}}, "block.amplitude: got -1"),
+        ({"parameters": {"block.amplitude": {"from": 2, "to": 1, "step": 1}}}, "is empty"),
+        ({"parameters": {"block.amplitude": {"from": 1, "to": 2, "step": 0}}}, "is empty"),
+        ({"parameters": {"block.amplitude": {"from": 1, "to": 2}}}, "from, to and step"),
+        ({"parameters": {"block.amplitude": {"from": 1, "to": 2, "step": "a"}}}, "finite number"),
+        ({"parameters": {"block.amplitude": {"from": 0, "to": 1, "step": 1e-9}}}, "more than"),
+        ({"parameters": {}}, "name at least one parameter"),
+        ({"scene": "tsb1-pip"}, "did you mean tsb1-pipe"),
+        ({"scene": 3}, "expected a scene"),
+        ({"quantity": "fme"}, "expected one of rigid, fem"),
+        ({"parameter": {}}, "did you mean 'parameters'"),
+        ({"settings": {"mesh.around": 24, "block.amplitude": 3}}, "in [parameters] and [settings]"),
+        ({"settings": {"mesh.arond": 24}}, "did you mean 'around'"),
+    ],
+)
+def test_bad_studies_are_refused_in_one_line(change, message) -> None:
+    data = {"scene": "tsb1-pipe", "parameters": {"block.amplitude": [10, 20]}} | change
+    with pytest.raises(InputError) as refusal:
+        check_study(data, "s")
+    assert message in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_equal_studies_have_equal_digests_whatever_their_files_look_like(walls, tmp_path) -> None:
+    (tmp_path / "again.toml").write_text(
+        WALLS.replace(
+            "{ from = 0.01, to = 0.04, step = 0.01 }", "[0.01, 0.02, 0.03, 0.04]"
+        ).replace('"load.layer"', "load.layer")
+    )
+    assert load_study(str(tmp_path / "again.toml")).digest == walls.digest
+    other = load_study(str(tmp_path / "again.toml"), ["assembly.layers=4"])
+    assert other.digest != walls.digest
+    assert Study.from_json(walls.to_json()).digest == walls.digest
+
+
+# ---------------------------------------------------------------------------------------------
+# Rows
+
+
+def test_failures_are_rows_with_their_message(reference) -> None:
+    failed = [row for row in reference if row[3] == "failed"]
+    assert [row[2] for row in failed] == [9, 9, 9, 9]
+    assert all("load.layer: got 9" in row[4] for row in failed)
+    assert len(reference) == 16
+
+
+def test_a_stopped_sweep_goes_on_where_it_was(walls, reference, tmp_path) -> None:
+    path = tmp_path / "stopped.sqlite"
+    with ResultFile(path, walls) as results:
+        assert sweep(results, Here(walls, limit=5)).computed == 5
+    with ResultFile(path, walls) as results:
+        assert sweep(results, Here(walls)).computed == 11
+        assert sweep(results, Here(walls)).computed == 0
+        assert sweep(results, Here(walls), retry_failed=True).computed == 4
+    assert content(path) == reference
+
+
+def test_a_result_file_takes_only_its_own_study(walls, tmp_path) -> None:
+    path = tmp_path / "mine.sqlite"
+    with ResultFile(path, walls) as results:
+        sweep(results, Here(walls, limit=1))
+    before = path.read_bytes()
+    other = load_study(str(tmp_path / "walls.toml"), ["assembly.layers=4"])
+    with pytest.raises(InputError, match=r"another study .*scene.assembly.layers is 3 there, 4"):
+        ResultFile(path, other)
+    assert path.read_bytes() == before
+
+
+def test_files_that_are_no_result_files_are_left_alone(walls, tmp_path) -> None:
+    text = tmp_path / "notes.txt"
+    text.write_text("a thesis")
+    with pytest.raises(InputError, match="not a result file"):
+        ResultFile(text, walls)
+    assert text.read_text() == "a thesis"
+    database = tmp_path / "other.sqlite"
+    with sqlite3.connect(database) as connection:
+        connection.execute("CREATE TABLE birds (name TEXT)")
+    with pytest.raises(InputError, match="not a study's results"):
+        ResultFile(database, walls)
+    with pytest.raises(InputError, match="cannot be written"):
+        ResultFile(Path("/proc/nowhere/x.sqlite"), walls)
+
+
+def test_a_full_disk_stops_the_sweep_and_loses_no_row(tmp_path) -> None:
+    """SQLite's own page limit raises what a full disk raises; 600 rows need more than 8 pages."""
+    data = {
+        "scene": "brick-stack",
+        "parameters": {"load.pressure": {"from": 1, "to": 600, "step": 1}, "load.layer": [9]},
+    }
+    study = check_study(data, "s")
+    path = tmp_path / "full.sqlite"
+    with ResultFile(path, study) as results:
+        results._connection.execute("PRAGMA max_page_count = 8")
+        with pytest.raises(InputError, match=r"full; the rows written so far are safe"):
+            sweep(results, Here(study))
+    rows = content(path)
+    assert 20 < len(rows) < 600
+    assert [row[0] for row in rows] == list(range(len(rows)))
+    with ResultFile(path, study) as results:
+        assert sweep(results, Here(study, limit=40)).computed == 40
+
+
+def test_exports_hold_the_same_rows(walls, reference, tmp_path) -> None:
+    with ResultFile(tmp_path / "reference.sqlite", walls) as results:
+        write_csv(results, tmp_path / "rows.csv")
+        write_parquet(results, tmp_path / "rows.parquet")
+        rows = list(results.rows())
+    with (tmp_path / "rows.csv").open(newline="") as file:
+        read = list(csv.DictReader(file))
+    assert [float(r["load.pressure"]) for r in read] == [r["load.pressure"] for r in rows]
+    assert [r["residual"] == "" for r in read] == [r["residual"] is None for r in rows]
+    parquet = pytest.importorskip("pyarrow.parquet")
+    assert parquet.read_table(tmp_path / "rows.parquet").to_pylist() == rows
+
+
+def test_parquet_without_pyarrow_says_what_to_install(walls, tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    with (
+        ResultFile(tmp_path / "x.sqlite", walls) as results,
+        pytest.raises(InputError, match=r"tubelock\[parquet\]"),
+    ):
+        write_parquet(results, tmp_path / "x.parquet")
+
+
+# ---------------------------------------------------------------------------------------------
+# Processes
+
+
+def start_sweep(*arguments: str, cwd: Path) -> subprocess.Popen:
+    """`tubelock sweep` as a process of its own session."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "validation.cli", "sweep", *arguments],
+        cwd=cwd,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait_for_rows(path: Path, count: int) -> None:
+    """Until the result file has that many rows."""
+    end = time.monotonic() + 60
+    while time.monotonic() < end:
+        if path.exists():
+            try:
+                with sqlite3.connect(f"file:{path}?mode=ro", uri=True) as connection:
+                    if connection.execute("SELECT count(*) FROM rows").fetchone()[0] >= count:
+                        return
+            except sqlite3.OperationalError:
+                pass
+        time.sleep(0.01)
+    raise AssertionError(f"{path} never got {count} rows")
+
+
+@pytest.fixture
+def many_walls(tmp_path) -> Study:
+    """160 walls: long enough to be stopped on the way."""
+    text = WALLS.replace("to = 0.04", "to = 0.4").replace("[2, 1, 1]", "[6, 4, 4]")
+    (tmp_path / "many.toml").write_text(text)
+    return load_study(str(tmp_path / "many.toml"))
+
+
+@pytest.mark.slow
+def test_kill_9_in_the_middle_and_resume_gives_the_same_rows(many_walls, tmp_path) -> None:
+    path = tmp_path / "many.sqlite"
+    process = start_sweep("many.toml", "-o", "many.sqlite", "--workers", "2", cwd=tmp_path)
+    wait_for_rows(path, 20)
+    process.kill()
+    process.communicate()
+    with ResultFile(path, many_walls) as results:
+        stopped, _ = results.counts()
+        assert 20 <= stopped < 160
+        assert sweep(results, LocalRunner(many_walls, 2)).computed == 160 - stopped
+    with ResultFile(tmp_path / "straight.sqlite", many_walls) as results:
+        sweep(results, Here(many_walls))
+    assert content(path) == content(tmp_path / "straight.sqlite")
+
+
+def _alive(group: int) -> bool:
+    """Whether any process of a process group is left."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.slow
+def test_ctrl_c_keeps_the_rows_and_leaves_no_process(many_walls, tmp_path) -> None:
+    process = start_sweep("many.toml", "-o", "many.sqlite", "--workers", "2", cwd=tmp_path)
+    wait_for_rows(tmp_path / "many.sqlite", 10)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "of 160 designs are in many.sqlite: run the same command to go on" in err
+    assert "Traceback" not in err
+    assert out == ""
+    end = time.monotonic() + 30  # the helper that cleans up after the pool ends a moment later
+    while time.monotonic() < end and _alive(process.pid):
+        time.sleep(0.05)
+    assert not _alive(process.pid)
+
+
+@pytest.mark.slow
+def test_a_killed_worker_process_loses_no_design(many_walls, tmp_path) -> None:
+    study = load_study(str(tmp_path / "many.toml"), [])
+    killed: list[int] = []
+
+    def kill_once(row: Row) -> None:
+        if not killed:
+            killed.append(row.worker[0])
+            os.kill(row.worker[0], signal.SIGKILL)
+
+    with ResultFile(tmp_path / "killed.sqlite", study) as results:
+        tally = sweep(results, LocalRunner(study, 2), on_row=kill_once)
+        assert results.counts() == (160, 40)
+    assert tally.workers >= 3
+
+
+def test_a_runner_needs_a_worker(walls) -> None:
+    with pytest.raises(InputError, match="expected at least 1"):
+        LocalRunner(walls, 0)
+
+
+# ---------------------------------------------------------------------------------------------
+# Dask
+
+
+@pytest.mark.slow
+def test_a_dask_cluster_with_one_of_two_workers_killed_gives_the_same_rows(
+    many_walls, tmp_path
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    killed: list[int] = []
+
+    def kill_once(row: Row) -> None:
+        if not killed:
+            killed.append(row.worker[0])
+            os.kill(row.worker[0], signal.SIGKILL)
+
+    with (
+        distributed.LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,
+            silence_logs=50,
+        ) as cluster,
+        ResultFile(tmp_path / "dask.sqlite", many_walls) as results,
+    ):
+        runner = DaskRunner(many_walls, cluster.scheduler_address)
+        tally = sweep(results, runner, on_row=kill_once)
+    assert tally.computed == 160
+    assert tally.workers >= 2
+    with ResultFile(tmp_path / "straight.sqlite", many_walls) as results:
+        sweep(results, Here(many_walls))
+    assert content(tmp_path / "dask.sqlite") == content(tmp_path / "straight.sqlite")
+
+
+def test_a_scheduler_that_is_not_there_is_told(walls) -> None:
+    pytest.importorskip("distributed")
+    with pytest.raises(InputError, match="expected an address such as"):
+        DaskRunner(walls, "nonsense")
+    with pytest.raises(InputError, match=r"no Dask scheduler answers there within 0.2 s"):
+        DaskRunner(walls, "tcp://127.0.0.1:1", timeout=0.2)
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_dies_halfway_stops_the_sweep_in_one_line(many_walls, tmp_path) -> None:
+    distributed = pytest.importorskip("distributed")
+    del distributed
+    scheduler = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "distributed.cli.dask_scheduler",
+            "--no-dashboard",
+            "--port=0",
+            f"--scheduler-file={tmp_path / 'scheduler.json'}",
+        ],
+        stderr=subprocess.DEVNULL,
+    )
+    worker = None
+    try:
+        end = time.monotonic() + 60
+        while not (tmp_path / "scheduler.json").exists() and time.monotonic() < end:
+            time.sleep(0.1)
+        time.sleep(0.3)
+        address = json.loads((tmp_path / "scheduler.json").read_text())["address"]
+        worker = subprocess.Popen(
+            [sys.executable, "-m", "distributed.cli.dask_worker", address, "--no-dashboard"],
+            stderr=subprocess.DEVNULL,
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+        )
+        runner = DaskRunner(many_walls, address, timeout=60)
+        with ResultFile(tmp_path / "dask.sqlite", many_walls) as results:
+            with pytest.raises(InputError, match="the scheduler stopped answering"):
+                sweep(results, runner, on_row=lambda _: scheduler.kill())
+            written, _ = results.counts()
+        assert 1 <= written < 160
+    finally:
+        for process in (worker, scheduler):
+            if process is not None:
+                process.kill()
+                process.wait()
+
+
+# ---------------------------------------------------------------------------------------------
+# Command line
+
+
+def test_sweep_on_the_command_line(walls, reference, tmp_path, monkeypatch, capsys) -> None:
+    from validation import study_command
+    from validation.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(study_command, "LocalRunner", lambda study, _: Here(study))
+
+    def tubelock(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["tubelock", *arguments])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        out, err = capsys.readouterr()
+        return int(stop.value.code or 0), out, err
+
+    status, out, _ = tubelock("sweep", "walls.toml", "--json", "-")
+    assert status == 0
+    data = json.loads(out)
+    assert data["n_designs"] == data["n_rows"] == len(data["rows"]) == 16
+    assert data["n_failed"] == 4
+    assert content(tmp_path / "out/walls.sqlite") == reference
+    status, out, _ = tubelock("sweep", "walls.toml")
+    assert "16, of which 0 computed now" in out
+    assert "4; the first, design 3: load.layer: got 9" in out
+    for arguments, message in (
+        (["paper-48"], "did you mean 'paper-480'"),
+        (["nothing.toml"], "cannot be read"),
+        (["walls.toml", "--csv", "/proc/nowhere/x.csv"], "cannot be written"),
+        (["walls.toml", "--set", "assembly.layers=5"], "another study"),
+        (["walls.toml", "-o", "walls.toml"], "not a result file"),
+    ):
+        status, out, err = tubelock("sweep", *arguments)
+        assert (status, out) == (2, "")
+        assert message in err
+        assert err.count("\n") == 1
+    assert "paper-480" in tubelock("studies")[1]
+    assert tubelock("studies", "paper-480")[1].startswith("# The paper's parameter study")
