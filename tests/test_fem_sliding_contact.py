@@ -232,8 +232,10 @@ def sliding_block(speed=1000.0, friction=None, law=None):
 
 def test_a_block_slides_over_many_facets():
     """Without friction on a flat floor it keeps its speed: normals are exactly vertical. What is
-    left is rounding, eps of the speed in each of 4e4 steps and eps K u on a slide of 20 mm: 1e-8. The search runs only when the skin is used up: 20 mm at
-    a skin of a tenth of the shortest edge, each block counted with the fastest node."""
+    left is rounding, eps of the speed in each of 4e4 steps and eps K u on a slide of 20 mm: 1e-8.
+    The search runs only when the skin is used up: 20 mm at a skin of a tenth of the shortest edge,
+    each block counted with the fastest node.
+    """
     model, velocities = sliding_block()
     system = prepare(model, time_step=5e-7)
     state = initial_state(system, velocities=velocities)
