@@ -6,7 +6,7 @@ Congruent blocks are copies of one group with one stiffness. Frame blocks are ri
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -61,6 +61,9 @@ class Contact:
     """Which normals measure the gap."""
     friction: CoulombFriction | None = None
     """Friction; None: absent."""
+    finite_sliding: bool = False
+    """Whether a search finds facets that face each other (explicit runs only); matched facets
+    otherwise stay matched."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,7 @@ def deformable_assembly(
     clearance_kind: ClearanceKind = ClearanceKind.UNIFORM,
     frames: Frames = Frames.RIGID,
     friction: CoulombFriction | None = None,
+    finite_sliding: bool = False,
 ) -> DeformableAssembly:
     """Make deformable blocks of an assembly under a load case.
 
@@ -129,6 +133,9 @@ def deformable_assembly(
         How held blocks are modelled.
     friction
         Friction between the blocks; None: absent.
+    finite_sliding
+        Whether explicit runs search for the facets that face each other. Surfaces then need not
+        conform, so blocks that nothing holds are not looked for.
 
     Raises
     ------
@@ -147,7 +154,10 @@ def deformable_assembly(
         raise DeformableAssemblyError(
             f"{assembly.name}: every block is held; expected at least one that can deform"
         )
-    _check_held(assembly, load)
+    if finite_sliding:
+        assembly = replace(assembly, unmatched_allowed=True)
+    else:
+        _check_held(assembly, load)
     spaced = clearance_kind is ClearanceKind.SPACED
     spacing = clearance_offsets(assembly, initial_clearance if spaced else 0.0)
     surfaces = contact_surfaces(assembly, spacing, clearance=0.0 if spaced else initial_clearance)
@@ -164,7 +174,7 @@ def deformable_assembly(
         copy_of=copy_of,
         spacing=spacing,
         surfaces=surfaces,
-        contact=Contact(law, normals, friction),
+        contact=Contact(law, normals, friction, finite_sliding),
     )
 
 

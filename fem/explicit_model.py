@@ -13,7 +13,8 @@ from fem.effects import Effects
 from fem.explicit_contact import FaceContact
 from fem.friction import CoulombFriction
 from fem.model import Amplitude, BlockGroup, InteractionModel, Model, NodalLoad, Support
-from fem.sliding_contact import BlockSurface, SlidingContact
+from fem.sliding_contact import SlidingContact
+from fem.sliding_search import BlockSurface
 from fem.symmetry import Orbits, SymmetryError, no_symmetry
 from geometry.mesh import FloatArray, IntArray
 
@@ -66,7 +67,7 @@ def explicit_assembly(
     effects: Effects | None = None,
     amplitude: Amplitude | None = None,
     friction: CoulombFriction | None = None,
-    finite_sliding: bool = False,
+    finite_sliding: bool | None = None,
 ) -> ExplicitAssembly:
     """State the explicit problem of an assembly.
 
@@ -81,11 +82,11 @@ def explicit_assembly(
     amplitude
         Factor of all loads in time; None: constant.
     friction
-        Coulomb friction on all contact surfaces; None: absent.
+        Coulomb friction on all contact surfaces; None: that of the assembly.
     finite_sliding
         Whether a search finds the facets that face each other (`fem.sliding_contact`), so that
         blocks may slide far and surfaces need not conform; otherwise matched facets stay
-        matched and no search exists.
+        matched and no search exists. None: as the assembly says.
 
     Raises
     ------
@@ -102,8 +103,10 @@ def explicit_assembly(
     copy_of = copy[orbits.representative]
     model = deformable.model
     kept = [deformable.copy_of[blocks] for blocks in chosen]
+    friction = deformable.contact.friction if friction is None else friction
+    sliding = deformable.contact.finite_sliding if finite_sliding is None else finite_sliding
     contact: InteractionModel
-    if finite_sliding:
+    if sliding:
         contact = _sliding_contact(deformable, orbits, copy_of, friction)
     else:
         contact = _face_contact(deformable, orbits, copy_of, friction)

@@ -1,17 +1,15 @@
 """Contact with finite sliding: surfaces that need not conform, partners found by a search.
 
-Points lie on the finer surface of each two blocks. A search by spatial trees gives every point
-the facet it faces, with a skin: it is repeated only when the blocks together have moved by the
-skin, so a point without a facet cannot touch in between. See `fem.sliding_kernel` for the force.
+The search (`fem.sliding_search`) has a skin: it is repeated only when two blocks together may have
+moved by it, so a point without a facet cannot touch in between. See `fem.sliding_kernel` for the
+force.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from fem.body import Body
 from fem.central_difference import Interaction, System
@@ -21,43 +19,9 @@ from fem.explicit_contact import shifted
 from fem.friction import CoulombFriction
 from fem.layout import LaneArray
 from fem.sliding_kernel import apply_surface, place_surface, sliding_forces
+from fem.sliding_search import BlockSurface, SlidingPoints, facet_area_vectors
 from fem.state import State
 from geometry.mesh import FloatArray, IntArray
-
-#: Skin of the search over the shortest mean edge of a facet.
-_SKIN = 0.1
-
-#: Facets looked at for each point.
-_CANDIDATES = 12
-
-#: A point this far outside a facet, in natural coordinates, still belongs to it.
-_RIM = 1e-6
-
-
-@dataclass(frozen=True)
-class BlockSurface:
-    """The facets of one block that can touch others."""
-
-    block: int
-    """Number of the block, for messages."""
-    group: int
-    """Group of the model; -1 for a rigid block."""
-    copy: int
-    """Copy of that group; 0 for a rigid block."""
-    rotation: FloatArray
-    """Placement, (3, 3)."""
-    nodes: IntArray
-    """Mesh nodes on the surface, (n_nodes,)."""
-    reference: FloatArray
-    """Their positions before any displacement, world axes, (n_nodes, 3) [mm]."""
-    quads: IntArray
-    """Facets as positions in `nodes`, counter-clockwise from outside, (n_facets, 4)."""
-
-    @property
-    def edge(self) -> float:
-        """Mean edge of the facets [mm]."""
-        corners = self.reference[self.quads]
-        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
 
 
 @dataclass(frozen=True)
@@ -94,7 +58,7 @@ class SlidingContact:
         largest = np.zeros(self.n_nodes[group])
         for surface in mine:
             total = np.zeros(self.n_nodes[group])
-            area = np.linalg.norm(_facet_areas(surface.reference[surface.quads]), axis=1)
+            area = np.linalg.norm(facet_area_vectors(surface.reference[surface.quads]), axis=1)
             np.add.at(total, surface.nodes[surface.quads], 0.25 * area[:, None])
             largest = np.maximum(largest, total)
         return moving * self.counted_stiffness * largest
@@ -102,20 +66,6 @@ class SlidingContact:
     def bind(self, bodies: tuple[Body, ...]) -> Interaction:
         """Prepare the force for the loop."""
         return BoundSlidingContact(self, bodies)
-
-
-def _facet_areas(corners: FloatArray) -> FloatArray:
-    """Vector areas of facets (n, 4, 3): (n, 3) [mm²]."""
-    areas: FloatArray = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    return areas
-
-
-def _shapes(xi: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Bilinear shape functions (..., 4) and slopes (..., 4, 2) at natural coordinates (..., 2)."""
-    signs = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    factor = 1.0 + xi[..., None, :] * signs
-    slopes = 0.25 * signs * factor[..., ::-1]
-    return 0.25 * factor.prod(axis=-1), slopes
 
 
 @dataclass(frozen=True)
@@ -137,24 +87,11 @@ class BoundSlidingContact:
     def __init__(self, statement: SlidingContact, bodies: tuple[Body, ...]) -> None:
         self._statement = statement
         self._law = shifted(statement.law.constants, statement.clearance)
-        self._reach = -self._law.start
-        surfaces = sorted(statement.surfaces, key=lambda s: s.group)
-        sizes = np.cumsum([0, *(len(s.nodes) for s in surfaces)])
-        facets = np.cumsum([0, *(len(s.quads) for s in surfaces)])
-        self._surfaces = surfaces
-        self._facets = [slice(a, b) for a, b in pairwise(facets.tolist())]
-        self._position = np.concatenate([s.reference for s in surfaces])
-        self._force = np.zeros_like(self._position)
-        self._quads = np.concatenate(
-            [s.quads + first for s, first in zip(surfaces, sizes[:-1], strict=True)]
-        )
-        self._groups = [_group(surfaces, sizes, g, body) for g, body in enumerate(bodies)]
-        self._make_points(statement.points_per_edge)
-        self._edges = np.array([s.edge for s in surfaces])
-        self._skin = _SKIN * float(self._edges.min())
-        n = len(self._slave)
-        self._facet = np.full(n, -1, dtype=np.int64)
-        self._xi = np.zeros((n, 2))
+        self.points = _points(statement)
+        points = self.points
+        self._force = np.zeros_like(points.position)
+        self._groups = [_group(points, g, body) for g, body in enumerate(bodies)]
+        n = len(points.slave)
         self._gap = np.full(n, np.inf)
         self._travel = [np.zeros(body.n_copies) for body in bodies]
         self._searches = np.zeros(1, dtype=np.int64)
@@ -166,21 +103,9 @@ class BoundSlidingContact:
             self._friction = np.array([given.coefficient, given.stick_stiffness])
             self._slip, self._dissipated = np.zeros((n, 3)), np.zeros(1)
 
-    def _make_points(self, per_edge: int) -> None:
-        line, weight = np.polynomial.legendre.leggauss(per_edge)
-        xi = np.stack([g.ravel() for g in np.meshgrid(line, line, indexing="ij")], axis=1)
-        area = np.outer(weight, weight).ravel()
-        values, slopes = _shapes(xi)
-        corners = self._position[self._quads]
-        tangents = np.einsum("pak,fai->fpki", slopes, corners)
-        measure = np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2)
-        self._slave = np.repeat(np.arange(len(self._quads)), len(xi))
-        self._shapes = np.tile(values, (len(self._quads), 1))
-        self._weights = (measure * area).ravel()
-        self._per_facet = len(xi)
-
     def add_force(self, system: System, state: State) -> None:
         """Add contact forces at the current positions to the applied forces."""
+        points = self.points
         for group, body, now in zip(self._groups, system.bodies, state.bodies, strict=True):
             place_surface(
                 group.reference,
@@ -189,17 +114,17 @@ class BoundSlidingContact:
                 group.copies,
                 group.rotations,
                 now.displacement.ravel(),
-                self._position[group.where],
+                points.position[group.where],
             )
         self._search_if_moved(system, state)
         sliding_forces(
-            self._position,
-            self._quads,
-            self._slave,
-            self._shapes,
-            self._weights,
-            self._facet,
-            self._xi,
+            points.position,
+            points.quads,
+            points.slave,
+            points.shapes,
+            points.weights,
+            points.facet,
+            points.xi,
             self._law,
             self._friction,
             self._slip,
@@ -224,105 +149,30 @@ class BoundSlidingContact:
         for group, now, travel in zip(self._groups, state.bodies, self._travel, strict=True):
             add_travel(group.surface_rows, now.velocity, system.time_step, travel)
         moved = max((float(travel.max()) for travel in self._travel), default=0.0)
-        if self._searches[0] and 2.0 * moved < self._skin:
+        if self._searches[0] and 2.0 * moved < self.points.skin:
             return
         self._searches += 1
         for travel in self._travel:
             travel[:] = 0.0
-        self._search()
-
-    def _search(self) -> None:
-        """Give every point the facet it faces, if one is within reach and skin."""
-        before = self._facet.copy()
-        self._facet[:] = -1
-        best = np.full(len(self._facet), np.inf)
-        low, high = self._bounds()
-        trees: dict[int, cKDTree] = {}
-        for m, s in self._near_blocks(low, high):
-            if m not in trees:
-                corners = self._position[self._quads[self._facets[m]]]
-                trees[m] = cKDTree(corners.mean(axis=1))
-            self._search_pair(m, s, trees[m], (low[m], high[m]), best)
+        self.points.search()
         if self._slip is not None:
-            self._slip[(before >= 0) & (self._facet < 0)] = 0.0
-
-    def _bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Boxes round the surfaces, grown by what a point may be away; (n_blocks, 3) each."""
-        margin = max(self._reach, 0.0) + self._skin
-        low, high = np.empty((len(self._surfaces), 3)), np.empty((len(self._surfaces), 3))
-        for k, facets in enumerate(self._facets):
-            corners = self._position[self._quads[facets]].reshape(-1, 3)
-            low[k], high[k] = corners.min(axis=0) - margin, corners.max(axis=0) + margin
-        return low, high
-
-    def _near_blocks(self, low: FloatArray, high: FloatArray) -> list[tuple[int, int]]:
-        """Master and slave of each two blocks whose boxes overlap; the finer one is slave."""
-        pairs = []
-        for i in range(len(low)):
-            overlap = ((low[i] <= high[i + 1 :]) & (low[i + 1 :] <= high[i])).all(axis=1)
-            for j in np.flatnonzero(overlap) + i + 1:
-                if max(self._surfaces[i].group, self._surfaces[j].group) < 0:
-                    continue
-                finer = j if self._edges[j] <= self._edges[i] * (1.0 + 1e-9) else i
-                pairs.append((int(i + j - finer), int(finer)))
-        return pairs
-
-    def _search_pair(
-        self, m: int, s: int, tree: cKDTree, box: tuple[FloatArray, FloatArray], best: FloatArray
-    ) -> None:
-        facets = self._facets[s]
-        points = np.arange(facets.start * self._per_facet, facets.stop * self._per_facet)
-        own = self._position[self._quads[self._slave[points]]]
-        x = np.einsum("pa,pai->pi", self._shapes[points], own)
-        inside = ((x >= box[0]) & (x <= box[1])).all(axis=1)
-        points, own, x = points[inside], own[inside], x[inside]
-        if not len(points):
-            return
-        count = min(_CANDIDATES, tree.n)
-        _, found = tree.query(x, k=count)
-        candidate = np.asarray(found).reshape(len(points), count) + self._facets[m].start
-        xi, gap, normal = closest_points(self._position[self._quads[candidate]], x)
-        against = np.einsum("pki,pi->pk", normal, _facet_areas(own)) < 0.0
-        on_facet = (np.abs(xi) <= 1.0 + _RIM).all(axis=2) & against
-        on_facet &= (gap <= max(self._reach, 0.0) + self._skin) & (gap >= -0.5 * self._edges[m])
-        distance = np.where(on_facet, np.abs(gap), np.inf)
-        choice = distance.argmin(axis=1)
-        row = np.arange(len(points))
-        better = distance[row, choice] < best[points]
-        row, choice, points = row[better], choice[better], points[better]
-        best[points] = distance[row, choice]
-        self._facet[points] = candidate[row, choice]
-        self._xi[points] = xi[row, choice]
+            self._slip[self.points.facet < 0] = 0.0
 
     @property
     def searches(self) -> int:
         """Searches so far."""
         return int(self._searches[0])
 
-    def point_pressures(self) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Blocks, areas [mm²] and pressures [MPa] of all slave points at the last forces, (n,)."""
-        owner = np.repeat(
-            [s.block for s in self._surfaces], [f.stop - f.start for f in self._facets]
-        )
-        pressure = self._statement.law.pressure(-self._gaps())
-        return owner[self._slave], self._weights, pressure
-
-    def point_positions(self) -> FloatArray:
-        """Positions of all slave points at the last forces, world axes, (n, 3) [mm]."""
-        corners = self._position[self._quads[self._slave]]
-        positions: FloatArray = np.einsum("pa,pai->pi", self._shapes, corners)
-        return positions
-
     def _gaps(self) -> FloatArray:
         """Gaps of all points, a large number where no facet is near, (n,) [mm]."""
-        gaps: FloatArray = np.minimum(self._gap, 1e30) + self._statement.clearance
-        return gaps
+        return _finite(self._gap, self._statement.clearance)
 
     def energy(self) -> float:
         """Energy stored at the last force evaluation [N mm]."""
-        stored = float(self._weights @ self._statement.law.stored_energy(-self._gaps()))
+        weights = self.points.weights
+        stored = float(weights @ self._statement.law.stored_energy(-self._gaps()))
         if self._slip is not None and self._friction is not None:
-            stored += 0.5 * self._friction[1] * float(self._weights @ (self._slip**2).sum(axis=1))
+            stored += 0.5 * self._friction[1] * float(weights @ (self._slip**2).sum(axis=1))
         return stored
 
     def dissipation(self) -> float:
@@ -338,18 +188,17 @@ class BoundSlidingContact:
         stiffness = float(self._statement.law.stiffness(-self._gaps()[deepest]))
         if stiffness <= counted:
             return None
-        owner = self.point_pressures()[0][deepest]
         return (
-            f"contact of block {int(owner)}: stiffness {stiffness:.3g} MPa/mm; the time step "
-            f"{system.time_step:.4g} s counts {counted:.3g}; take a smaller fem.safety_factor or "
-            "set contact.maximum_stiffness"
+            f"contact of block {int(self.points.block[deepest])}: stiffness {stiffness:.3g} "
+            f"MPa/mm; the time step {system.time_step:.4g} s counts {counted:.3g}; take a smaller "
+            "fem.safety_factor or set contact.maximum_stiffness"
         )
 
     def arrays(self) -> dict[str, LaneArray]:
         """Arrays that evolve, by name."""
         found: dict[str, LaneArray] = {
-            "facet": self._facet,
-            "closest": self._xi,
+            "facet": self.points.facet,
+            "closest": self.points.xi,
             "searches": self._searches,
         }
         found |= {f"travel.{k}": travel for k, travel in enumerate(self._travel)}
@@ -358,8 +207,97 @@ class BoundSlidingContact:
         return found
 
 
-def _group(surfaces: list[BlockSurface], sizes: IntArray, number: int, body: Body) -> _Group:
+def _finite(gap: FloatArray, clearance: float) -> FloatArray:
+    gaps: FloatArray = np.minimum(gap, 1e30) + clearance
+    return gaps
+
+
+def _points(statement: SlidingContact) -> SlidingPoints:
+    law = shifted(statement.law.constants, statement.clearance)
+    return SlidingPoints(
+        tuple(sorted(statement.surfaces, key=lambda s: s.group)),
+        reach=-law.start,
+        points_per_edge=statement.points_per_edge,
+    )
+
+
+@dataclass(frozen=True)
+class SlidingState:
+    """Contact of a finished run, facet by facet of the finer surfaces."""
+
+    block_m: IntArray
+    """Block that each facet presses on (the one that takes most of its force), (n,)."""
+    block_s: IntArray
+    """Block of the facet, (n,)."""
+    areas: FloatArray
+    """Areas of the facets, (n,) [mm²]."""
+    pressures: FloatArray
+    """Force over area of each facet, (n,) [MPa]."""
+    positions: FloatArray
+    """Positions of the points, world axes, (n, points, 3) [mm]."""
+    point_areas: FloatArray
+    """Areas of the points, (n, points) [mm²]."""
+    point_pressures: FloatArray
+    """(n, points) [MPa]."""
+    point_overclosures: FloatArray
+    """(n, points) [mm]; far below zero where no facet is near."""
+
+
+def sliding_state(statement: SlidingContact, displacements: tuple[FloatArray, ...]) -> SlidingState:
+    """Contact of all facets that face another block at given displacements.
+
+    Parameters
+    ----------
+    statement
+        Surfaces and law.
+    displacements
+        Of each group, world axes, (n_copies, n_nodes, 3) [mm].
+    """
+    points = _points(statement)
+    for k, surface in enumerate(points.surfaces):
+        if surface.group >= 0:
+            where = slice(int(points.node_start[k]), int(points.node_start[k + 1]))
+            points.position[where] += displacements[surface.group][surface.copy, surface.nodes]
+    points.search()
+    gap, force = np.empty(len(points.slave)), np.empty_like(points.position)
+    sliding_forces(
+        points.position,
+        points.quads,
+        points.slave,
+        points.shapes,
+        points.weights,
+        points.facet,
+        points.xi,
+        shifted(statement.law.constants, statement.clearance),
+        None,
+        None,
+        None,
+        gap,
+        force,
+    )
+    overclosure = -_finite(gap, statement.clearance)
+    per_facet = (len(points.quads), -1)
+    facing = (points.facet.reshape(per_facet) >= 0).any(axis=1)
+    weights = points.weights.reshape(per_facet)[facing]
+    pressures = statement.law.pressure(overclosure).reshape(per_facet)[facing]
+    main = (weights * pressures).argmax(axis=1)
+    master = points.facet.reshape(per_facet)[facing]
+    chosen = np.where(pressures.any(axis=1), main, master.argmax(axis=1))
+    return SlidingState(
+        block_m=points.facet_block[master[np.arange(len(master)), chosen]],
+        block_s=points.facet_block[facing],
+        areas=weights.sum(axis=1),
+        pressures=(weights * pressures).sum(axis=1) / weights.sum(axis=1),
+        positions=points.place().reshape(*per_facet, 3)[facing],
+        point_areas=weights,
+        point_pressures=pressures,
+        point_overclosures=overclosure.reshape(per_facet)[facing],
+    )
+
+
+def _group(points: SlidingPoints, number: int, body: Body) -> _Group:
     """Collect the surface nodes of one group, which follow each other."""
+    surfaces = points.surfaces
     mine = [k for k, s in enumerate(surfaces) if s.group == number]
     if not mine:
         none = np.empty(0, dtype=np.int64)
@@ -367,8 +305,9 @@ def _group(surfaces: list[BlockSurface], sizes: IntArray, number: int, body: Bod
     nodes = np.concatenate([surfaces[k].nodes for k in mine])
     rows = body.rows.row[nodes]
     assert body.applied_row is not None
+    first, last = points.node_start[mine[0]], points.node_start[mine[-1] + 1]
     return _Group(
-        where=slice(int(sizes[mine[0]]), int(sizes[mine[-1] + 1])),
+        where=slice(int(first), int(last)),
         reference=np.concatenate([surfaces[k].reference for k in mine]),
         rows=rows,
         applied=body.applied_row[rows].astype(np.int64),
@@ -376,43 +315,3 @@ def _group(surfaces: list[BlockSurface], sizes: IntArray, number: int, body: Bod
         rotations=np.ascontiguousarray(body.group.rotations),
         surface_rows=np.unique(rows),
     )
-
-
-def closest_points(
-    corners: FloatArray, points: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Closest points of facets to points, by Newton from the centres.
-
-    Parameters
-    ----------
-    corners
-        Facets for each point, (n, k, 4, 3) [mm].
-    points
-        (n, 3) [mm].
-
-    Returns
-    -------
-    tuple[FloatArray, FloatArray, FloatArray]
-        Natural coordinates (n, k, 2), held within twice the facet, gaps (n, k) [mm], normals
-        (n, k, 3).
-    """
-    xi = np.zeros((*corners.shape[:2], 2))
-    mixed = 0.25 * (
-        corners[..., 0, :] - corners[..., 1, :] + corners[..., 2, :] - corners[..., 3, :]
-    )
-    for _ in range(12):
-        values, slopes = _shapes(xi)
-        d = points[:, None] - np.einsum("nka,nkai->nki", values, corners)
-        tangents = np.einsum("nkac,nkai->nkci", slopes, corners)
-        matrix = np.einsum("nkci,nkdi->nkcd", tangents, tangents)
-        twist = np.einsum("nki,nki->nk", d, mixed)
-        matrix[..., 0, 1] -= twist
-        matrix[..., 1, 0] -= twist
-        right = np.einsum("nkci,nki->nkc", tangents, d)
-        xi = np.clip(xi + np.linalg.solve(matrix, right[..., None])[..., 0], -2.0, 2.0)
-    values, slopes = _shapes(xi)
-    d = points[:, None] - np.einsum("nka,nkai->nki", values, corners)
-    tangents = np.einsum("nkac,nkai->nkci", slopes, corners)
-    normal = np.cross(tangents[..., 0, :], tangents[..., 1, :])
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    return xi, np.einsum("nki,nki->nk", d, normal), normal

@@ -139,6 +139,11 @@ def solve_static(
         A library that is not installed.
     """
     options = StaticOptions() if options is None else options
+    if deformable.contact.finite_sliding:
+        raise StaticError(
+            "effects.finite_sliding: the static solver keeps matched facets matched; expected "
+            'fem.method = "explicit", or finite sliding off'
+        )
     clock = time.process_time()
     orbits = _orbits(deformable, options.symmetry)
     system = local_system(deformable, orbits)
