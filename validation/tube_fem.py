@@ -164,6 +164,7 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
             initial_clearance=scene.contact.initial_clearance,
             frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
             friction=friction,
+            finite_sliding=scene.effects.finite_sliding,
         )
     except (ContactError, DeformableAssemblyError, FrictionError, AssemblyError) as error:
         raise InputError(f"{name}: {error}") from None
