@@ -38,6 +38,9 @@ class Interaction(Protocol):
     def dissipation(self) -> float:
         """Energy dissipated up to the last force evaluation [N mm]."""
 
+    def fault(self, system: System) -> str | None:
+        """What makes the run unstable and what to do, where the time step is too large; or None."""
+
     def arrays(self) -> dict[str, LaneArray]:
         """Arrays that evolve and must be in a checkpoint, by name; written in place."""
 

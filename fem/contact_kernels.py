@@ -41,11 +41,15 @@ from fem.lanes import (
     store,
     subtract,
     two_to_rounded,
+    where_below,
     with_entry,
 )
 from geometry.mesh import FloatArray, IntArray
 
 _OPTIONS = {"error_model": "numpy", "nogil": True}
+
+#: Last tangential position of points that did not touch.
+NEVER = 1e300
 
 #: For what a loop does to every node or facet: vectors then stay in registers.
 _INLINED = {**_OPTIONS, "forceinline": True}
@@ -279,23 +283,83 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
     def far_apart(x, y, z, a0, a1, a2, a3, weights, clear, gap, at):
         """Whether no point of a facet can touch, told without the length of its normals.
 
-        d · a / (2 w) is less than the gap as long as no area doubles; it is left in ``gap``.
+        d · a / w is half to twice the gap as long as no area doubles or halves. A lower bound
+        of the gap is left in ``gap``.
         """
-        g0 = scale(0.5 / weights[0], _dot(x[0], y[0], z[0], a0[0], a0[1], a0[2]))
-        g1 = scale(0.5 / weights[1], _dot(x[1], y[1], z[1], a1[0], a1[1], a1[2]))
-        g2 = scale(0.5 / weights[2], _dot(x[2], y[2], z[2], a2[0], a2[1], a2[2]))
-        g3 = scale(0.5 / weights[3], _dot(x[3], y[3], z[3], a3[0], a3[1], a3[2]))
+        factor = 0.5 if clear >= 0.0 else 2.0
+        lower = 0.5 / factor
+        g0 = scale(factor / weights[0], _dot(x[0], y[0], z[0], a0[0], a0[1], a0[2]))
+        g1 = scale(factor / weights[1], _dot(x[1], y[1], z[1], a1[0], a1[1], a1[2]))
+        g2 = scale(factor / weights[2], _dot(x[2], y[2], z[2], a2[0], a2[1], a2[2]))
+        g3 = scale(factor / weights[3], _dot(x[3], y[3], z[3], a3[0], a3[1], a3[2]))
         least = smaller(smaller(g0, g1), smaller(g2, g3))
         if any_below(least, clear):
             return False
-        store(gap, at, g0)
-        store(gap, at + width, g1)
-        store(gap, at + 2 * width, g2)
-        store(gap, at + 3 * width, g3)
+        store(gap, at, smaller(g0, scale(lower, g0)))
+        store(gap, at + width, smaller(g1, scale(lower, g1)))
+        store(gap, at + 2 * width, smaller(g2, scale(lower, g2)))
+        store(gap, at + 3 * width, smaller(g3, scale(lower, g3)))
         return True
 
+    @njit(**_INLINED)
+    def forget(slip, at):
+        """Points that do not touch keep no elastic slip and no last position."""
+        far = filled(zero(slip), NEVER)
+        for point in range(4):
+            first = 4 * (at + point * width)
+            store(slip, first, zero(slip))
+            store(slip, first + width, zero(slip))
+            store(slip, first + 2 * width, far)
+
+    @njit(**_INLINED)
+    def rub(unit, force, pressing, weight, d, normal, tangent, slip, at, point, sliding):
+        """Add the friction of one point to its force; updates slip and dissipation."""
+        friction, dissipated = sliding
+        stiffness = weight * friction[1]
+        first = 4 * (at + point * width)
+        none = zero(slip)
+        square = _dot(tangent[0], tangent[1], tangent[2], tangent[0], tangent[1], tangent[2])
+        inverse = divide(filled(none, 1.0), square_root(square))
+        b = (
+            multiply(tangent[0], inverse),
+            multiply(tangent[1], inverse),
+            multiply(tangent[2], inverse),
+        )
+        c = _cross(normal[0], normal[1], normal[2], b[0], b[1], b[2])
+        along = _dot(d[0], d[1], d[2], b[0], b[1], b[2])
+        across = _dot(d[0], d[1], d[2], c[0], c[1], c[2])
+        old_x, old_y = load(slip, first), load(slip, first + width)
+        last_x, last_y = load(slip, first + 2 * width), load(slip, first + 3 * width)
+        known = filled(none, 0.5 * NEVER)
+        moved_x = where_below(last_x, known, subtract(along, last_x), none)
+        moved_y = where_below(last_x, known, subtract(across, last_y), none)
+        trial_x, trial_y = add(old_x, moved_x), add(old_y, moved_y)
+        size = square_root(multiply_add(trial_x, trial_x, multiply(trial_y, trial_y)))
+        tiny = filled(none, 1e-300)
+        limit = divide(scale(friction[0], pressing), larger(scale(stiffness, size), tiny))
+        share = smaller(filled(none, 1.0), limit)
+        new_x, new_y = multiply(share, trial_x), multiply(share, trial_y)
+        # Work of the mean traction on what slipped.
+        lost_x = multiply(add(old_x, new_x), subtract(moved_x, subtract(new_x, old_x)))
+        lost_y = multiply(add(old_y, new_y), subtract(moved_y, subtract(new_y, old_y)))
+        lost = scale(0.5 * stiffness, add(lost_x, lost_y))
+        store(dissipated, unit * 8, add(load(dissipated, unit * 8), lost))
+        touching = where_below(none, pressing, filled(none, 1.0), none)
+        store(slip, first, new_x)
+        store(slip, first + width, new_y)
+        store(slip, first + 2 * width, where_below(none, touching, along, filled(none, NEVER)))
+        store(slip, first + 3 * width, across)
+        pull_x, pull_y = scale(-stiffness, new_x), scale(-stiffness, new_y)
+        return (
+            multiply_add(pull_x, b[0], multiply_add(pull_y, c[0], force[0])),
+            multiply_add(pull_x, b[1], multiply_add(pull_y, c[1], force[1])),
+            multiply_add(pull_x, b[2], multiply_add(pull_y, c[2], force[2])),
+        )
+
     @njit(**_OPTIONS)
-    def facets(unit, data, work, law, normals, difference, middle, on_difference, on_middle):
+    def facets(
+        unit, data, work, law, normals, slip, sliding, difference, middle, on_difference, on_middle
+    ):
         kind, point = data.units[unit, 0], data.units[unit, 5]
         first, last = data.alike[kind, 1], data.alike[kind + 1, 1]
         clear = -law.start
@@ -325,6 +389,8 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
                 a2 = _cross(tx[1], ty[1], tz[1], tx[3], ty[3], tz[3])
                 a3 = _cross(tx[1], ty[1], tz[1], tx[2], ty[2], tz[2])
                 if far_apart(x, y, z, a0, a1, a2, a3, data.weights[f], clear, work.gap, at):
+                    if slip is not None:
+                        forget(slip, at)
                     continue
                 n0, n1, n2, n3 = (
                     _unit_normal(a0),
@@ -346,19 +412,25 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
             store(work.gap, at + 2 * width, g2)
             store(work.gap, at + 3 * width, g3)
             if not any_below(smaller(smaller(g0, g1), smaller(g2, g3)), clear):
+                if slip is not None:
+                    forget(slip, at)
                 continue
             q0 = scale(data.weights[f, 0], pressure_of_gap(g0, law))
             q1 = scale(data.weights[f, 1], pressure_of_gap(g1, law))
             q2 = scale(data.weights[f, 2], pressure_of_gap(g2, law))
             q3 = scale(data.weights[f, 3], pressure_of_gap(g3, law))
+            f0, f1, f2, f3 = _along(q0, n0), _along(q1, n1), _along(q2, n2), _along(q3, n3)
+            if slip is not None:
+                low, high = (tx[0], ty[0], tz[0]), (tx[1], ty[1], tz[1])
+                w = data.weights[f]
+                d0, d1 = (x[0], y[0], z[0]), (x[1], y[1], z[1])
+                d2, d3 = (x[2], y[2], z[2]), (x[3], y[3], z[3])
+                f0 = rub(unit, f0, q0, w[0], d0, n0, low, slip, at, 0, sliding)
+                f1 = rub(unit, f1, q1, w[1], d1, n1, low, slip, at, 1, sliding)
+                f2 = rub(unit, f2, q2, w[2], d2, n2, high, slip, at, 2, sliding)
+                f3 = rub(unit, f3, q3, w[3], d3, n3, high, slip, at, 3, sliding)
             for j in range(3):
-                along = _at_points(
-                    multiply(q0, n0[j]),
-                    multiply(q1, n1[j]),
-                    multiply(q2, n2[j]),
-                    multiply(q3, n3[j]),
-                )
-                spread(on_difference, corners, j, along)
+                spread(on_difference, corners, j, _at_points(f0[j], f1[j], f2[j], f3[j]))
             if normals is None:
                 e0 = _turning(x[0], y[0], z[0], n0, g0, q0)
                 e1 = _turning(x[1], y[1], z[1], n1, g1, q1)
@@ -451,6 +523,11 @@ def _turning(x, y, z, normal, gap, force):
 
 
 @njit(**_INLINED)
+def _along(force, normal):
+    return multiply(force, normal[0]), multiply(force, normal[1]), multiply(force, normal[2])
+
+
+@njit(**_INLINED)
 def _plus(a, b):
     return add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2])
 
@@ -463,7 +540,7 @@ _gather_1, _facets_1, _part_1 = _unit_loops(1)
 
 
 @njit(**_OPTIONS)
-def _unit(unit, thread, data, displacements, work, law, normals):
+def _unit(unit, thread, data, displacements, work, law, normals, slip, sliding):
     if work.awake[unit] == 0:
         return
     kind, width = data.units[unit, 0], data.units[unit, 1]
@@ -473,20 +550,20 @@ def _unit(unit, thread, data, displacements, work, law, normals):
     on_d, on_m = work.scratch[thread, 2], work.scratch[thread, 3]
     if width == 8:
         _gather_8(unit, data, u_m, u_s, d, m)
-        _facets_8(unit, data, work, law, normals, d, m, on_d, on_m)
+        _facets_8(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
         _part_8(unit, data, work, normals, on_d, on_m)
     elif width == 4:
         _gather_4(unit, data, u_m, u_s, d, m)
-        _facets_4(unit, data, work, law, normals, d, m, on_d, on_m)
+        _facets_4(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
         _part_4(unit, data, work, normals, on_d, on_m)
     else:
         _gather_1(unit, data, u_m, u_s, d, m)
-        _facets_1(unit, data, work, law, normals, d, m, on_d, on_m)
+        _facets_1(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
         _part_1(unit, data, work, normals, on_d, on_m)
 
 
 @njit(cache=True, **_OPTIONS)
-def contact_forces(data, displacements, work, law, normals):
+def contact_forces(data, displacements, work, law, normals, slip, sliding):
     """Gaps, pressures and forces of all units that are awake.
 
     Parameters
@@ -499,16 +576,22 @@ def contact_forces(data, displacements, work, law, normals):
         Constants of the contact law.
     normals
         None for current normals, or reference normals in the master frame, (n_facets, 4, 3).
+    slip
+        None without friction, or flat [facet][point][4][lane]: elastic slip along and across
+        dx/dr, last position along and across (`NEVER` where it did not touch) [mm].
+    sliding
+        None, or friction coefficient and stick stiffness (2,), and the energy dissipated so
+        far, flat (n_units, 8) [N mm].
     """
     for unit in range(len(data.units)):
-        _unit(unit, 0, data, displacements, work, law, normals)
+        _unit(unit, 0, data, displacements, work, law, normals, slip, sliding)
 
 
 @njit(cache=True, parallel=True, **_OPTIONS)
-def contact_forces_parallel(data, displacements, work, law, normals):
+def contact_forces_parallel(data, displacements, work, law, normals, slip, sliding):
     """`contact_forces` with units shared among threads."""
     for unit in prange(len(data.units)):
-        _unit(unit, get_thread_id(), data, displacements, work, law, normals)
+        _unit(unit, get_thread_id(), data, displacements, work, law, normals, slip, sliding)
 
 
 @njit(**_OPTIONS)
@@ -573,3 +656,28 @@ def collect_forces_parallel(chunks, pointer, entries, data, work, lanes, applied
     """`collect_forces` with rows shared among threads."""
     for c in prange(len(chunks) - 1):
         _collect_chunk(c, chunks, pointer, entries, data, work, lanes, applied)
+
+
+@njit(cache=True, **_OPTIONS)
+def add_travel(rows, velocity, time_step, travel):
+    """Add to the travel of every copy the way its fastest surface node goes in a step.
+
+    Parameters
+    ----------
+    rows
+        Rows on the surface, (n,).
+    velocity
+        (n_rows, 3, lanes) [mm/s].
+    time_step
+        [s]
+    travel
+        (n_copies,) [mm], updated.
+    """
+    lanes = len(travel)
+    fastest = np.zeros(lanes)
+    for row in rows:
+        for k in range(lanes):
+            x, y, z = velocity[row, 0, k], velocity[row, 1, k], velocity[row, 2, k]
+            fastest[k] = max(fastest[k], x * x + y * y + z * z)
+    for k in range(lanes):
+        travel[k] += time_step * math.sqrt(fastest[k])

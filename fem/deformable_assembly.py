@@ -6,15 +6,16 @@ Congruent blocks are copies of one group with one stiffness. Frame blocks are ri
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
 from fem.contact import ContactNormals, ContactSurfaces, check_initial_overlap, contact_surfaces
 from fem.contact_law import ContactLaw, ExponentialLaw
+from fem.friction import CoulombFriction
 from fem.hexahedron import ElementType, block_lumped_mass
-from fem.loads import pressure_forces, traction_forces
+from fem.loads import pressure_forces, traction_forces, wrench_forces
 from fem.material import Material
 from fem.model import BlockGroup, Model, NodalLoad, Support, block_group, fixed_nodes
 from geometry.assembly import Assembly, BoolArray
@@ -58,6 +59,11 @@ class Contact:
     """Pressure as a function of overclosure."""
     normals: ContactNormals
     """Which normals measure the gap."""
+    friction: CoulombFriction | None = None
+    """Friction; None: absent."""
+    finite_sliding: bool = False
+    """Whether a search finds facets that face each other (explicit runs only); matched facets
+    otherwise stay matched."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +106,8 @@ def deformable_assembly(
     initial_clearance: float = 0.0,
     clearance_kind: ClearanceKind = ClearanceKind.UNIFORM,
     frames: Frames = Frames.RIGID,
+    friction: CoulombFriction | None = None,
+    finite_sliding: bool = False,
 ) -> DeformableAssembly:
     """Make deformable blocks of an assembly under a load case.
 
@@ -123,6 +131,11 @@ def deformable_assembly(
         How it comes about.
     frames
         How held blocks are modelled.
+    friction
+        Friction between the blocks; None: absent.
+    finite_sliding
+        Whether explicit runs search for the facets that face each other. Surfaces then need not
+        conform, so blocks that nothing holds are not looked for.
 
     Raises
     ------
@@ -141,7 +154,10 @@ def deformable_assembly(
         raise DeformableAssemblyError(
             f"{assembly.name}: every block is held; expected at least one that can deform"
         )
-    _check_held(assembly, load)
+    if finite_sliding:
+        assembly = replace(assembly, unmatched_allowed=True)
+    else:
+        _check_held(assembly, load)
     spaced = clearance_kind is ClearanceKind.SPACED
     spacing = clearance_offsets(assembly, initial_clearance if spaced else 0.0)
     surfaces = contact_surfaces(assembly, spacing, clearance=0.0 if spaced else initial_clearance)
@@ -158,7 +174,7 @@ def deformable_assembly(
         copy_of=copy_of,
         spacing=spacing,
         surfaces=surfaces,
-        contact=Contact(law, normals),
+        contact=Contact(law, normals, friction, finite_sliding),
     )
 
 
@@ -216,13 +232,25 @@ def block_load_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatAr
     """Consistent nodal forces of a load case on one block, in the block's own frame.
 
     A load without couple is spread over the block like a body force, so that its resultant
-    acts at the mass centroid.
+    acts at the mass centroid. A load on the block as a whole is spread like inertia.
 
     Returns
     -------
     FloatArray | None
         (n_nodes, 3) [N]; None where the block carries no load.
     """
+    on_faces = _face_forces(assembly, load, block)
+    if load.body_wrenches is None or not load.body_wrenches[block].any():
+        return on_faces
+    mesh, rotation = assembly.shape(block).mesh, assembly.rotations[block]
+    wrench = load.body_wrenches[block]
+    share = block_lumped_mass(mesh, 1.0)
+    forces = wrench_forces(mesh.nodes, share, wrench[:3] @ rotation, wrench[3:] @ rotation)
+    return forces if on_faces is None else on_faces + forces
+
+
+def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray | None:
+    """Forces of the loaded facets of one block in its own frame; None where it has none."""
     mine = np.flatnonzero(load.block == block)
     if not len(mine):
         return None

@@ -513,6 +513,10 @@ def watch(system: System, state: State, history: History) -> None:
     UnstableRun
         With time, block and remedy.
     """
+    for interaction in system.interactions:
+        fault = interaction.fault(system)
+        if fault is not None:
+            raise UnstableRun(f"t = {system.time(state):.6g} s (step {state.step}): {fault}")
     put_in = history.put_in
     for body, now in zip(system.bodies, state.bodies, strict=True):
         energy = copy_energies(now)[: body.n_copies]

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -15,6 +15,7 @@ from fem.body import Body
 from fem.central_difference import Interaction, System
 from fem.contact import ContactNormals
 from fem.contact_kernels import (
+    NEVER,
     UnitArrays,
     UnitWork,
     collect_forces,
@@ -23,11 +24,14 @@ from fem.contact_kernels import (
     contact_forces_parallel,
 )
 from fem.contact_lanes import AlikePairs, unit_widths
-from fem.contact_law import ContactLaw
+from fem.contact_law import ContactLaw, LawConstants
+from fem.contact_sleep import Sleepers
+from fem.friction import CoulombFriction, FrictionError
 from fem.kernels import SERIAL
 from fem.layout import LaneArray, aligned_zeros, equal_work
 from fem.loads import FACET_VALUES
 from fem.state import State
+from fem.time_step import critical_time_step
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -43,8 +47,26 @@ class FaceContact:
     """Pressure as a function of overclosure."""
     normals: ContactNormals
     """Which normals measure the gap."""
+    clearance: float
+    """Added to every gap [mm]."""
     counted_stiffness: float
     """Stiffness of the law that the critical time step counts in [MPa/mm]."""
+    friction: CoulombFriction | None = None
+    """Needs current normals; None: absent."""
+
+    def __post_init__(self) -> None:
+        if self.friction is None:
+            return
+        if self.normals is ContactNormals.REFERENCE:
+            raise FrictionError(
+                "effects.friction: got contact with reference normals, expected current normals"
+            )
+        if self.friction.stick_stiffness > self.counted_stiffness:
+            raise FrictionError(
+                f"effects.friction: got a stick stiffness of {self.friction.stick_stiffness} "
+                f"MPa/mm, expected at most {self.counted_stiffness:.4g}, the contact stiffness "
+                "that the critical time step counts in"
+            )
 
     def touched_nodes(self, group: int) -> IntArray:
         """Mesh nodes of the group on which contact may act, (n,)."""
@@ -92,8 +114,16 @@ class _BoundContact:
     """Arrays of one run."""
 
     def __init__(self, statement: FaceContact, bodies: tuple[Body, ...]) -> None:
+        self._statement = statement
         self._law = statement.law
-        self._constants = statement.law.constants
+        self._allowed: float | None = None
+        self._blocks = [
+            pairs.blocks[start : start + width]
+            for pairs in statement.pairs
+            for start, width in _unit_slices(pairs.n_pairs)
+        ]
+        self._clearance = statement.clearance
+        self._constants = shifted(statement.law.constants, statement.clearance)
         self._data = _unit_arrays(statement.pairs, bodies)
         self._work = _unit_work(self._data)
         self._normals = (
@@ -101,6 +131,14 @@ class _BoundContact:
             if statement.normals is ContactNormals.REFERENCE
             else None
         )
+        self._sleepers = Sleepers(self._data, self._work, -self._constants.start, bodies)
+        self._friction = statement.friction
+        self._slip: FloatArray | None = None
+        self._sliding: tuple[FloatArray, FloatArray] | None = None
+        if statement.friction is not None:
+            given = np.array([statement.friction.coefficient, statement.friction.stick_stiffness])
+            self._slip = _no_slip(self._data, self._work)
+            self._sliding = given, aligned_zeros((8 * len(self._data.units),), np.float64)
         self._collections = _collections(self._data, bodies)
 
     def add_force(self, system: System, state: State) -> None:
@@ -108,8 +146,17 @@ class _BoundContact:
         serial = system.kernels is SERIAL
         forces = contact_forces if serial else contact_forces_parallel
         collect = collect_forces if serial else collect_forces_parallel
+        self._sleepers.wake(state, system.time_step)
         displacements = tuple(now.displacement.ravel() for now in state.bodies)
-        forces(self._data, displacements, self._work, self._constants, self._normals)
+        forces(
+            self._data,
+            displacements,
+            self._work,
+            self._constants,
+            self._normals,
+            self._slip,
+            self._sliding,
+        )
         for body, now, found in zip(system.bodies, state.bodies, self._collections, strict=True):
             if found is None or now.applied_force is None:
                 continue
@@ -122,6 +169,12 @@ class _BoundContact:
                 body.lanes,
                 now.applied_force.ravel(),
             )
+        self._sleepers.put_to_sleep(state, system.time_step)
+
+    @property
+    def units_asleep(self) -> tuple[int, int]:
+        """Units that are not computed at present, and all units."""
+        return self._sleepers.asleep, len(self._data.units)
 
     def energy(self) -> float:
         """Energy stored at the last force evaluation [N mm]."""
@@ -129,6 +182,7 @@ class _BoundContact:
         for unit in np.flatnonzero(self._work.awake):
             gap, weights = self.unit_gaps(int(unit))
             total += float((weights * self._law.stored_energy(-gap)).sum())
+            total += self._stick_energy(int(unit))
         return total
 
     def unit_gaps(self, unit: int) -> tuple[FloatArray, FloatArray]:
@@ -137,15 +191,86 @@ class _BoundContact:
         first, last = self._data.alike[kind, 1], self._data.alike[kind + 1, 1]
         n = last - first
         gap = self._work.gap[point : point + 4 * n * width].reshape(n, 4, width)[:, :, :real]
-        return gap, self._data.weights[first:last, :, None]
+        return gap + self._clearance, self._data.weights[first:last, :, None]
+
+    def fault(self, system: System) -> str | None:
+        """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
+        counted = self._statement.counted_stiffness
+        if self._law.constants.linear_stiffness <= counted:
+            return None
+        unit, lane, gap = self._deepest()
+        pressure, stiffness = float(self._law.pressure(-gap)), float(self._law.stiffness(-gap))
+        if stiffness <= counted or stiffness <= self._largest_stiffness(system):
+            return None
+        m, s = self._blocks[unit][lane]
+        return (
+            f"contact between blocks {m} and {s} presses with {pressure:.3g} MPa and a stiffness "
+            f"of {stiffness:.3g} MPa/mm; the time step {system.time_step:.4g} s allows "
+            f"{self._largest_stiffness(system):.3g}; take a smaller fem.safety_factor or set "
+            "contact.maximum_stiffness"
+        )
+
+    def _deepest(self) -> tuple[int, int, float]:
+        """Unit, lane and gap of the point that presses most."""
+        least, where = np.inf, (0, 0)
+        for unit in np.flatnonzero(self._work.awake):
+            gap = self.unit_gaps(int(unit))[0].min(axis=(0, 1))
+            if gap.min() < least:
+                least, where = float(gap.min()), (int(unit), int(gap.argmin()))
+        return *where, least
+
+    def _largest_stiffness(self, system: System) -> float:
+        """Stiffness of the law that is stable: (ω_bulk² + ω_contact²)/4 = 1/Δt² [MPa/mm]."""
+        if self._allowed is None:
+            bulk = critical_time_step(replace(system.model, interactions=()))
+            square = 4.0 / system.time_step**2 - 4.0 / bulk.critical_time_step**2
+            self._allowed = square / max(
+                float((areas / group.lumped_mass).max())
+                for k, group in enumerate(system.model.groups)
+                if (areas := self._statement.nodal_areas(k)) is not None
+            )
+        return self._allowed
 
     def dissipation(self) -> float:
-        """Energy dissipated up to the last force evaluation [N mm]."""
-        return 0.0
+        """Energy dissipated by friction up to the last force evaluation [N mm]."""
+        if self._sliding is None:
+            return 0.0
+        lost = self._sliding[1].reshape(-1, 8)
+        real = np.arange(8) < self._data.units[:, 2:3]
+        return float(lost[real].sum())
 
     def arrays(self) -> dict[str, LaneArray]:
-        """Arrays that evolve, by name: none, forces follow from the positions."""
-        return {}
+        """Arrays that evolve, by name: slip and dissipation; other forces follow positions."""
+        if self._slip is None or self._sliding is None:
+            return {}
+        return {"slip": self._slip, "dissipated": self._sliding[1]}
+
+    def _stick_energy(self, unit: int) -> float:
+        """Energy of the elastic slip of one unit [N mm]."""
+        if self._slip is None or self._friction is None:
+            return 0.0
+        kind, width, real, _, _, point, *_ = self._data.units[unit]
+        first, last = self._data.alike[kind, 1], self._data.alike[kind + 1, 1]
+        n = last - first
+        slip = self._slip[4 * point : 4 * (point + 4 * n * width)].reshape(n, 4, 4, width)
+        square = (slip[:, :, :2, :real] ** 2).sum(axis=(2, 3))
+        weights = self._data.weights[first:last]
+        return 0.5 * self._friction.stick_stiffness * float((weights * square).sum())
+
+
+def _no_slip(data: UnitArrays, work: UnitWork) -> FloatArray:
+    """History of points that have not touched yet, flat [facet][point][4][lane]."""
+    slip = aligned_zeros((4 * len(work.gap),), np.float64)
+    kinds, width, point = data.units[:, 0], data.units[:, 1], data.units[:, 5]
+    facets = np.diff(data.alike[:, 1])[kinds]
+    for n, w, start in zip(facets, width, point, strict=True):
+        slip[4 * start : 4 * (start + 4 * n * w)].reshape(n, 4, 4, w)[:, :, 2] = NEVER
+    return slip
+
+
+def shifted(law: LawConstants, clearance: float) -> LawConstants:
+    """Return the law as a function of overclosure plus clearance: a gap n · d of zero is open."""
+    return law._replace(start=law.start + clearance, linear_start=law.linear_start + clearance)
 
 
 @dataclass(frozen=True)
@@ -166,15 +291,13 @@ def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[Body, ...]) -> Uni
     for kind, found in enumerate(pairs):
         alike[kind, 2:] = np.maximum(found.groups, 0)
         alike[kind + 1, :2] = alike[kind, :2] + (len(found.nodes), found.n_facets)
-        start = 0
-        for width in unit_widths(found.n_pairs):
+        for start, width in _unit_slices(found.n_pairs):
             real = min(width, found.n_pairs - start)
             chosen = np.minimum(start + np.arange(width), found.n_pairs - 1)
             first = _first_copies(found, chosen, bodies)
             units.append((kind, width, real, lane, node_scalar, point_scalar, *first))
             copies.append(found.copies[chosen])
             exists.append(np.arange(width) < real)
-            start += real
             lane += width
             node_scalar += 3 * width * len(found.nodes)
             point_scalar += 4 * width * found.n_facets
@@ -191,6 +314,12 @@ def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[Body, ...]) -> Uni
         copies=np.ascontiguousarray(np.concatenate(copies).T),
         lanes=np.array([body.lanes for body in bodies], dtype=np.int64),
     )
+
+
+def _unit_slices(n_pairs: int) -> list[tuple[int, int]]:
+    """First pair and width of the units of alike pairs."""
+    widths = unit_widths(n_pairs)
+    return list(zip(np.cumsum([0, *widths[:-1]]).tolist(), widths, strict=True))
 
 
 def _in_row_order(

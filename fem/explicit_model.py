@@ -11,8 +11,11 @@ from fem.contact_law import ContactLaw
 from fem.deformable_assembly import DeformableAssembly
 from fem.effects import Effects
 from fem.explicit_contact import FaceContact
-from fem.model import Amplitude, BlockGroup, Model, NodalLoad, Support
-from fem.symmetry import Orbits, no_symmetry
+from fem.friction import CoulombFriction
+from fem.model import Amplitude, BlockGroup, InteractionModel, Model, NodalLoad, Support
+from fem.sliding_contact import SlidingContact
+from fem.sliding_search import BlockSurface
+from fem.symmetry import Orbits, SymmetryError, no_symmetry
 from geometry.mesh import FloatArray, IntArray
 
 #: Pressure whose stiffness the critical time step counts in where the law has no cap [MPa].
@@ -63,6 +66,8 @@ def explicit_assembly(
     orbits: Orbits | None = None,
     effects: Effects | None = None,
     amplitude: Amplitude | None = None,
+    friction: CoulombFriction | None = None,
+    finite_sliding: bool | None = None,
 ) -> ExplicitAssembly:
     """State the explicit problem of an assembly.
 
@@ -76,6 +81,19 @@ def explicit_assembly(
         Damping and the like; by default none.
     amplitude
         Factor of all loads in time; None: constant.
+    friction
+        Coulomb friction on all contact surfaces; None: that of the assembly.
+    finite_sliding
+        Whether a search finds the facets that face each other (`fem.sliding_contact`), so that
+        blocks may slide far and surfaces need not conform; otherwise matched facets stay
+        matched and no search exists. None: as the assembly says.
+
+    Raises
+    ------
+    FrictionError
+        Friction with reference normals or too stiff a stick.
+    SymmetryError
+        Finite sliding of a sector.
     """
     orbits = no_symmetry(deformable) if orbits is None else orbits
     chosen = _representatives(deformable, orbits)
@@ -85,13 +103,13 @@ def explicit_assembly(
     copy_of = copy[orbits.representative]
     model = deformable.model
     kept = [deformable.copy_of[blocks] for blocks in chosen]
-    contact = FaceContact(
-        pairs=alike_pairs(deformable, orbits, copy_of),
-        n_nodes=tuple(group.n_nodes for group in model.groups),
-        law=deformable.contact.law,
-        normals=deformable.contact.normals,
-        counted_stiffness=counted_stiffness(deformable.contact.law),
-    )
+    friction = deformable.contact.friction if friction is None else friction
+    sliding = deformable.contact.finite_sliding if finite_sliding is None else finite_sliding
+    contact: InteractionModel
+    if sliding:
+        contact = _sliding_contact(deformable, orbits, copy_of, friction)
+    else:
+        contact = _face_contact(deformable, orbits, copy_of, friction)
     return ExplicitAssembly(
         deformable=deformable,
         orbits=orbits,
@@ -103,6 +121,61 @@ def explicit_assembly(
             effects=Effects() if effects is None else effects,
             interactions=(contact,),
         ),
+    )
+
+
+def _face_contact(
+    deformable: DeformableAssembly,
+    orbits: Orbits,
+    copy_of: IntArray,
+    friction: CoulombFriction | None,
+) -> FaceContact:
+    return FaceContact(
+        pairs=alike_pairs(deformable, orbits, copy_of),
+        n_nodes=tuple(group.n_nodes for group in deformable.model.groups),
+        law=deformable.contact.law,
+        normals=deformable.contact.normals,
+        clearance=deformable.surfaces.clearance,
+        counted_stiffness=counted_stiffness(deformable.contact.law),
+        friction=friction,
+    )
+
+
+def _sliding_contact(
+    deformable: DeformableAssembly,
+    orbits: Orbits,
+    copy_of: IntArray,
+    friction: CoulombFriction | None,
+) -> SlidingContact:
+    if orbits.order != 1:
+        raise SymmetryError(
+            f"finite sliding: got a sector of 1/{orbits.order}; blocks may leave their sector, so "
+            "expected symmetry off"
+        )
+    assembly = deformable.assembly
+    surfaces = []
+    for block in range(assembly.n_blocks):
+        quads = assembly.shape(block).contact_quads
+        if len(quads):
+            nodes, local = np.unique(quads, return_inverse=True)
+            surfaces.append(
+                BlockSurface(
+                    block=block,
+                    group=int(deformable.group_of[block]),
+                    copy=int(max(copy_of[block], 0)),
+                    rotation=assembly.rotations[block],
+                    nodes=nodes,
+                    reference=(assembly.nodes(block) + deformable.spacing[block])[nodes],
+                    quads=local.reshape(quads.shape).astype(np.int64),
+                )
+            )
+    return SlidingContact(
+        surfaces=tuple(surfaces),
+        n_nodes=tuple(group.n_nodes for group in deformable.model.groups),
+        law=deformable.contact.law,
+        clearance=deformable.surfaces.clearance,
+        counted_stiffness=counted_stiffness(deformable.contact.law),
+        friction=friction,
     )
 
 

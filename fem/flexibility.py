@@ -235,7 +235,7 @@ class CondensedStep:
         stiffness = linear.stiffness.ravel()
         touching = system.deformable.contact.law.touching_stiffness
         active = np.flatnonzero(stiffness > _LEAST_STIFFNESS * touching)
-        facet = active // 4
+        facet = active // linear.stiffness.shape[1]
         slot_m = system.slot_of[system.surfaces.block_m[facet]]
         slot_s = system.slot_of[system.surfaces.block_s[facet]]
         far = np.iinfo(np.int64).max
@@ -279,7 +279,7 @@ class CondensedStep:
             after = k + 1 < points.n_levels
             a = np.zeros((size[k], size[k]), order="F")
             diagonal = points.number[points.start[k] : points.start[k + 1]]
-            weight = self._system.surfaces.weights.ravel()[diagonal]
+            weight = linear.weights.ravel()[diagonal]
             a[np.diag_indices_from(a)] = 1.0 / (weight * linear.stiffness.ravel()[diagonal])
             levels.append(
                 Level(
@@ -329,7 +329,9 @@ class CondensedStep:
         k = int(self._level_of[slot])
         kind, (mine, gradient) = self._kind(slot), rows
         level = levels[k]
-        flexible = gradient @ (gradient @ kind.inverse).T
+        used, position = np.unique(gradient.indices, return_inverse=True)
+        near = csr_array((gradient.data, position, gradient.indptr), (len(mine), len(used)))
+        flexible = near @ (near @ kind.inverse[np.ix_(used, used)]).T
         motion = gradient @ kind.rigid
         own = mine >= start[k]
         here = mine[own] - start[k]
@@ -411,7 +413,7 @@ class _Points:
     """Active contact points in the order of the chain."""
 
     number: IntArray
-    """Point number 4 · facet + point, (n,)."""
+    """Point number, points per facet · facet + point, (n,)."""
     start: IntArray
     """First point of each level, and the total; (n_levels + 1,)."""
     first_shared: IntArray

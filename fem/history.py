@@ -30,7 +30,8 @@ class History:
         """Remember what the balance and the watchdog compare with."""
         if self.initial_total is None:
             self.initial_total = energies.total
-            self.put_in = abs(energies.kinetic_energy) + energies.strain_energy
+            stored = energies.strain_energy + energies.contact_energy
+            self.put_in = abs(energies.kinetic_energy) + stored
         self.put_in = max(self.put_in, abs(energies.external_work))
         self.turnover = max(self.turnover, energies.turnover)
 

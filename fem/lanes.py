@@ -330,3 +330,13 @@ def load_like(typing_context: Any, like: Any, array: Any, index: Any) -> Any:
         return value if vector == args[0].type else builder.fpext(value, args[0].type)
 
     return like(like, array, types.intp), code
+
+
+@intrinsic
+def where_below(typing_context: Any, value: Any, bound: Any, then: Any, otherwise: Any) -> Any:
+    """Return, entry by entry, ``then`` where ``value`` is less than ``bound``, or ``otherwise``."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.select(builder.fcmp_ordered("<", args[0], args[1]), args[2], args[3])
+
+    return value(value, bound, then, otherwise), code

@@ -24,18 +24,23 @@ class UnheldBlocksError(ValueError):
 
 @dataclass(frozen=True)
 class Linearisation:
-    """The law's tangent at every point, about a displacement."""
+    """The law's tangent at every point, about a displacement.
 
+    A facet has four points, or one when it is `coarsened`.
+    """
+
+    weights: FloatArray
+    """Area of each point, (n_facets, n_points) [mm²]."""
     gradient: FloatArray
-    """∂x/∂u in block frames, (n_facets, 4, 8, 3)."""
+    """∂x/∂u in block frames, (n_facets, n_points, 8, 3)."""
     constant: FloatArray
-    """x(u) = constant + gradient · u, (n_facets, 4) [mm]."""
+    """x(u) = constant + gradient · u, (n_facets, n_points) [mm]."""
     at: FloatArray
-    """Linearisation overclosure x̂, (n_facets, 4) [mm]."""
+    """Linearisation overclosure x̂, (n_facets, n_points) [mm]."""
     pressure: FloatArray
-    """p(x̂), (n_facets, 4) [MPa]."""
+    """p(x̂), (n_facets, n_points) [MPa]."""
     stiffness: FloatArray
-    """p'(x̂), (n_facets, 4) [MPa/mm]."""
+    """p'(x̂), (n_facets, n_points) [MPa/mm]."""
     load_factor: float = 1.0
     """Share of the loads that acts [-]."""
 
@@ -44,6 +49,26 @@ class Linearisation:
         overclosure = self.constant + system.gather(self.gradient, displacement)
         pressure: FloatArray = self.pressure + self.stiffness * (overclosure - self.at)
         return pressure
+
+
+def coarsened(linear: Linearisation) -> Linearisation:
+    """Take one pressure for each facet, the mean of its points: cheaper first iterations."""
+    weights = linear.weights.sum(axis=1, keepdims=True)
+
+    def mean(values: FloatArray) -> FloatArray:
+        averaged: FloatArray = (linear.weights * values).sum(axis=1, keepdims=True) / weights
+        return averaged
+
+    gradient = np.einsum("fp,fpai->fai", linear.weights / weights, linear.gradient)
+    return Linearisation(
+        weights=weights,
+        gradient=gradient[:, None],
+        constant=mean(linear.constant),
+        at=mean(linear.at),
+        pressure=mean(linear.pressure),
+        stiffness=mean(linear.stiffness),
+        load_factor=linear.load_factor,
+    )
 
 
 class LinearStep(Protocol):
@@ -78,18 +103,19 @@ def gradient_matrix(
     system
         Numbers the corners.
     gradient
-        (n_facets, 4, 8, 3).
+        (n_facets, n_points, 8, 3).
     points
-        Rows to keep, 4 · facet + point; None keeps all.
+        Rows to keep, n_points · facet + point; None keeps all.
 
     Returns
     -------
     csr_array
-        (n_points, 3 n_nodes).
+        (n_rows, 3 n_nodes).
     """
-    chosen = np.arange(4 * len(gradient)) if points is None else points
+    per_facet = gradient.shape[1]
+    chosen = np.arange(per_facet * len(gradient)) if points is None else points
     columns = (3 * system.corner_nodes[:, :, None] + np.arange(3)).reshape(-1, 24)
-    columns = np.where(columns < 3 * system.n_nodes, columns, 0)[chosen // 4]
+    columns = np.where(columns < 3 * system.n_nodes, columns, 0)[chosen // per_facet]
     values = gradient.reshape(-1, 24)[chosen]
     n = len(chosen)
     matrix = csr_array(
@@ -121,7 +147,7 @@ class SparseStep:
         """
         system = self._system
         rows = gradient_matrix(system, linear.gradient) @ self._transform
-        weight = system.surfaces.weights.ravel()
+        weight = linear.weights.ravel()
         stiff = (weight * linear.stiffness.ravel())[:, None]
         matrix = csr_array(self._stiffness + rows.T @ rows.multiply(stiff).tocsr())
         constant = linear.pressure + linear.stiffness * (linear.constant - linear.at)

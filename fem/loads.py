@@ -318,3 +318,33 @@ def _check_duration(duration: float, start: float) -> None:
             f"amplitude: got duration = {duration} s from {start} s; expected a positive "
             "duration (for a load at once use a constant amplitude)"
         )
+
+
+def wrench_forces(
+    points: FloatArray, shares: FloatArray, force: FloatArray, moment: FloatArray
+) -> FloatArray:
+    """Spread a force and a moment over a body like the inertia of a rigid acceleration.
+
+    f_i = m_i (F / M + α × r_i) with Σ m_i r_i × (α × r_i) = moment: statically equivalent to the
+    force at the mass centroid and the moment about it.
+
+    Parameters
+    ----------
+    points
+        Nodes, (n, 3) [mm].
+    shares
+        Their masses, in any unit, (n,).
+    force, moment
+        (3,) [N] and (3,) [N mm], the moment about the mass centroid.
+
+    Returns
+    -------
+    FloatArray
+        (n, 3) [N].
+    """
+    weight = shares / shares.sum()
+    arm = points - weight @ points
+    second = np.einsum("n,ni,nj->ij", weight, arm, arm)
+    angular = np.linalg.solve(np.trace(second) * np.eye(3) - second, moment)
+    forces: FloatArray = weight[:, None] * (force + np.cross(angular, arm))
+    return forces

@@ -105,10 +105,10 @@ class LocalSystem:
         return world
 
     def local_gradient(self, gradient: FloatArray) -> FloatArray:
-        """World gradients (n, 4, 8, 3) in block frames, zero at rigid corners; (n, 4, 8, 3)."""
-        n = len(gradient)
-        split = gradient.reshape(n, 4, 2, 4, 3)
-        local = np.einsum("fbij,fpbai->fpbaj", self.rotations, split).reshape(n, 4, 8, 3)
+        """World gradients (n, n_points, 8, 3) in block frames, zero at rigid corners."""
+        shape = gradient.shape
+        split = gradient.reshape(*shape[:2], 2, 4, 3)
+        local = np.einsum("fbij,fpbai->fpbaj", self.rotations, split).reshape(shape)
         masked: FloatArray = local * self.moves[:, None, :, None]
         return masked
 
@@ -118,7 +118,7 @@ class LocalSystem:
         return PointKinematics(world.overclosure, self.local_gradient(world.gradient))
 
     def gather(self, local_gradient: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Product of gradients with a displacement, (n_facets, 4 points) [mm]."""
+        """Product of gradients with a displacement, (n_facets, n_points) [mm]."""
         padded = np.concatenate([displacement, np.zeros((1, 3))])
         product: FloatArray = np.einsum(
             "fpai,fai->fp", local_gradient, padded[self.corner_nodes], optimize=True

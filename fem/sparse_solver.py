@@ -7,8 +7,11 @@ which gives the same answers and takes several times longer on solids.
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from enum import StrEnum
+from functools import cache
 from importlib import import_module, util
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array, csr_matrix, triu
@@ -72,16 +75,22 @@ def _superlu(matrix: csr_array) -> Solve:
     return lambda right: np.asarray(factor.solve(right), dtype=np.float64)
 
 
-def _pardiso(matrix: csr_array) -> Solve:
+@cache
+def _pardiso_library() -> Any:
+    """PARDISO for symmetric positive definite matrices; finding the library takes its time."""
     try:
-        pypardiso = import_module("pypardiso")
+        return import_module("pypardiso").PyPardisoSolver(mtype=2)
     except ImportError as error:
         raise SparseSolverError(
             f"pardiso: {error}; install pypardiso (x86 only) or choose superlu"
         ) from None
+
+
+def _pardiso(matrix: csr_array) -> Solve:
+    solver = copy(_pardiso_library())
+    solver.pt, solver.iparm = np.zeros_like(solver.pt), np.zeros_like(solver.iparm)
     upper = csr_matrix(triu(matrix, format="csr"))
     upper.sort_indices()
-    solver = pypardiso.PyPardisoSolver(mtype=2)
 
     class _Factor:
         """Owns PARDISO's memory and gives it back."""

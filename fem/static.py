@@ -13,12 +13,16 @@ from iteration to iteration. In the first iterations springs hold every block to
 they fade, and what is called equilibrium never contains them.
 
 The residual is that of the law itself: f - K u - Σ w p(x(u)) ∂x/∂u.
+
+Friction, where the model has it, adds rows of the same kind (`fem.static_friction`); its history
+advances from load step to load step.
 """
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -27,9 +31,17 @@ import numpy as np
 from fem.contact import PointKinematics
 from fem.deformable_assembly import DeformableAssembly
 from fem.flexibility import CondensedStep
-from fem.linearisation import Linearisation, LinearStep, SparseStep, UnheldBlocksError
+from fem.friction import friction_tractions
+from fem.linearisation import (
+    Linearisation,
+    LinearStep,
+    SparseStep,
+    UnheldBlocksError,
+    coarsened,
+)
 from fem.local_system import LocalSystem, local_system
 from fem.sparse_solver import SparseSolver
+from fem.static_friction import FrictionRows, friction_rows, joined
 from fem.static_result import StaticResult, loose_blocks
 from fem.symmetry import Orbits, cyclic_orbits, largest_cyclic_orbits, no_symmetry
 from geometry.mesh import FloatArray, IntArray
@@ -45,6 +57,8 @@ _LEAST_HOLDING = 1e-6
 _RESCUE_HOLDING = 1e-3
 #: Rescues after which the blocks are reported as unheld.
 _MAX_RESCUES = 30
+#: First iterations with one pressure for each facet: nearly every point is still in contact then.
+_COARSE_ITERATIONS = 3
 #: A step is cut when the energy slope at its end exceeds this share of the slope at its start.
 _OVERSHOOT = 0.1
 #: A linear solution farther away than this many block lengths is a motion that nothing resists.
@@ -125,13 +139,20 @@ def solve_static(
         A library that is not installed.
     """
     options = StaticOptions() if options is None else options
+    if deformable.contact.finite_sliding:
+        raise StaticError(
+            "effects.finite_sliding: the static solver keeps matched facets matched; expected "
+            'fem.method = "explicit", or finite sliding off'
+        )
     clock = time.process_time()
     orbits = _orbits(deformable, options.symmetry)
     system = local_system(deformable, orbits)
     step = _linear_step(system, options)
     ready = time.process_time()
-    state = _start_state(system, start)
-    state = _load_up(system, step, options, state, options.load_steps)
+    friction = deformable.contact.friction
+    rows = None if friction is None else friction_rows(system, friction)
+    problem = _Problem(system, step, options, rows)
+    state = _load_up(problem, _start_state(system, start), options.load_steps)
     solved = time.process_time()
     displacement = step.complete(state.displacement)
     seconds = {"setup": ready - clock, "newton": solved - ready}
@@ -157,6 +178,16 @@ def _linear_step(system: LocalSystem, options: StaticOptions) -> LinearStep:
 
 
 @dataclass(frozen=True)
+class _Problem:
+    """What stays the same in all iterations."""
+
+    system: LocalSystem
+    step: LinearStep
+    options: StaticOptions
+    friction: FrictionRows | None
+
+
+@dataclass(frozen=True)
 class _State:
     """What one iteration leaves to the next."""
 
@@ -167,6 +198,9 @@ class _State:
     holding: float
     load_factor: float = 1.0
     rescues: int = 0
+    coarse_iterations: int = 0
+    anchor: FloatArray | None = None
+    dissipation: float = 0.0
     residuals: tuple[float, ...] = ()
     converged: bool = False
 
@@ -193,6 +227,7 @@ def _start_state(system: LocalSystem, start: StaticResult | None) -> _State:
         at=at,
         first_holding=holding,
         holding=holding,
+        coarse_iterations=_COARSE_ITERATIONS if start is None else 0,
     )
 
 
@@ -212,59 +247,92 @@ def _localised(system: LocalSystem, start: StaticResult) -> FloatArray:
     return np.concatenate(parts)
 
 
-def _load_up(
-    system: LocalSystem, step: LinearStep, options: StaticOptions, state: _State, parts: int
-) -> _State:
+def _load_up(problem: _Problem, state: _State, parts: int) -> _State:
     """Apply the load in equal parts; in more parts when that does not converge."""
     first = state
     for part in range(1, parts + 1):
         state = replace(state, load_factor=part / parts, converged=False)
-        state = _converge(system, step, options, state)
+        state = _advance_friction(problem, _converge(problem, state))
     if not state.converged and parts < _FALLBACK_LOAD_STEPS:
         again = replace(first, residuals=state.residuals)
-        return _load_up(system, step, options, again, _FALLBACK_LOAD_STEPS)
+        return _load_up(problem, again, _FALLBACK_LOAD_STEPS)
     return state
 
 
-def _converge(
-    system: LocalSystem, step: LinearStep, options: StaticOptions, state: _State
-) -> _State:
-    for _ in range(options.max_iterations):
-        state = _iterate(system, step, options, state)
+def _advance_friction(problem: _Problem, state: _State) -> _State:
+    """Move the anchors at the end of a load step."""
+    rows = problem.friction
+    if rows is None:
+        return state
+    pressure = problem.system.deformable.contact.law.pressure(state.kinematics.overclosure)
+    anchor = _anchor(state)
+    slip = rows.slip(state.displacement)
+    traction, moved = friction_tractions(rows.friction, slip, anchor, pressure)
+    lost = problem.system.surfaces.weights * ((moved - anchor) * traction).sum(axis=2)
+    facets = problem.system.orbits.point_of // 4
+    times = np.bincount(facets[:, 0], minlength=len(lost))
+    return replace(
+        state, anchor=moved, dissipation=state.dissipation + float(times @ lost.sum(axis=1))
+    )
+
+
+def _anchor(state: _State) -> FloatArray:
+    """Anchors of the friction; zero before the first load step."""
+    if state.anchor is not None:
+        return state.anchor
+    return np.zeros((*state.at.shape, 2))
+
+
+def _converge(problem: _Problem, state: _State) -> _State:
+    for _ in range(problem.options.max_iterations):
+        state = _iterate(problem, state)
         if state.converged:
             break
     return state
 
 
-def _iterate(
-    system: LocalSystem, step: LinearStep, options: StaticOptions, state: _State
-) -> _State:
+def _iterate(problem: _Problem, state: _State) -> _State:
     """One linear problem, and what follows from it."""
-    contact = system.deformable.contact
+    system, contact = problem.system, problem.system.deformable.contact
     linear = _linearise(system, state)
-    farthest = _FARTHEST * system.deformable.assembly.characteristic_length
-    trial, state = _solve(step, linear, state, farthest)
-    share = _step_share(system, step, linear, state, trial)
+    trial, state = _solve(problem, _linear_problem(problem, linear, state), state)
+    share = _step_share(problem, linear, state, trial)
     displacement = state.displacement + share * (trial - state.displacement)
-    kinematics = system.kinematics(displacement, contact.normals)
-    residual = _residual(system, step, displacement, kinematics, state.load_factor)
     pressure = linear.linear_pressure(system, displacement)
+    kinematics = system.kinematics(displacement, contact.normals)
     same_pressure = (pressure > 0.0) & (share == 1.0)
-    holding = max(_FADING * state.holding, _LEAST_HOLDING * state.first_holding)
-    return replace(
+    state = replace(
         state,
         displacement=displacement,
         kinematics=kinematics,
         at=np.where(same_pressure, contact.law.overclosure(pressure), kinematics.overclosure),
-        holding=holding,
-        residuals=(*state.residuals, residual),
-        converged=residual <= options.tolerance,
+        holding=max(_FADING * state.holding, _LEAST_HOLDING * state.first_holding),
+        coarse_iterations=state.coarse_iterations - 1,
     )
+    residual = _residual(problem, state)
+    return replace(
+        state,
+        residuals=(*state.residuals, residual),
+        converged=residual <= problem.options.tolerance,
+    )
+
+
+def _linear_problem(problem: _Problem, normal: Linearisation, state: _State) -> Linearisation:
+    """One pressure a facet at first; friction, where there is any, after that."""
+    if state.coarse_iterations > 0:
+        return coarsened(normal)
+    if problem.friction is None:
+        return normal
+    law = problem.system.deformable.contact.law
+    pressure = law.pressure(state.kinematics.overclosure)
+    rows = problem.friction.linearise(state.displacement, _anchor(state), pressure)
+    return joined(normal, rows)
 
 
 def _linearise(system: LocalSystem, state: _State) -> Linearisation:
     law, found = system.deformable.contact.law, state.kinematics
     return Linearisation(
+        weights=system.surfaces.weights,
         gradient=found.gradient,
         constant=found.overclosure - system.gather(found.gradient, state.displacement),
         at=state.at,
@@ -274,16 +342,19 @@ def _linearise(system: LocalSystem, state: _State) -> Linearisation:
     )
 
 
-def _solve(
-    step: LinearStep, linear: Linearisation, state: _State, farthest: float
-) -> tuple[FloatArray, _State]:
+def _solve(problem: _Problem, linear: Linearisation, state: _State) -> tuple[FloatArray, _State]:
     """Solve the linear problem; hold the blocks more where nothing else does."""
+    farthest = _FARTHEST * problem.system.deformable.assembly.characteristic_length
     while True:
         try:
-            trial = step(linear, state.displacement, state.holding)
+            trial = problem.step(linear, state.displacement, state.holding)
             if np.abs(trial).max() <= farthest:
                 return trial, state
-            raise UnheldBlocksError("blocks run away", ())
+            raise UnheldBlocksError(
+                f"a block would move by {np.abs(trial).max():.3g} mm, more than "
+                f"{_FARTHEST:g} block lengths",
+                (),
+            )
         except UnheldBlocksError as error:
             if state.rescues >= _MAX_RESCUES:
                 raise StaticError(_unheld_text(error)) from None
@@ -292,26 +363,26 @@ def _solve(
 
 
 def _unheld_text(error: UnheldBlocksError) -> str:
-    names = ", ".join(str(b) for b in error.blocks) if error.blocks else "some blocks"
+    names = ", ".join(str(b) for b in error.blocks)
+    where = f"among blocks {names} " if names else ""
     return (
-        f"static: {error}: among blocks {names} some motion meets no resistance, so no static "
-        "state is determined; expected contact, load or support that holds every block (a "
-        "smaller initial clearance, a load on every block, or an explicit run)"
+        f"static: {error}: {where}some motion meets no resistance, or the load is far too large "
+        "for linear elasticity, so no static state is determined; expected contact, load or "
+        "support that holds every block (a smaller initial clearance, a load on every block, or "
+        "an explicit run)"
     )
 
 
 def _step_share(
-    system: LocalSystem,
-    step: LinearStep,
-    linear: Linearisation,
-    state: _State,
-    trial: FloatArray,
+    problem: _Problem, linear: Linearisation, state: _State, trial: FloatArray
 ) -> float:
     """Share of the way to the linear solution at which the energy is least.
 
-    One, unless the energy rises steeply at the end. Along the way the overclosures are linear,
-    so the energy is convex and the slope is found by bisection from contact points alone.
+    One, unless the energy rises steeply at the end. Along the way overclosures and slips are
+    linear, so the energy is convex (friction limits frozen) and the slope is found by bisection
+    from contact points alone.
     """
+    system, step = problem.system, problem.step
     law, weights = system.deformable.contact.law, system.surfaces.weights
     way = trial - state.displacement
     force = step.internal_force(state.displacement) - linear.load_factor * step.external_force
@@ -320,9 +391,12 @@ def _step_share(
     before = linear.constant + system.gather(linear.gradient, state.displacement)
     change = system.gather(linear.gradient, way)
 
+    sliding = _sliding_slope(problem, state, way)
+
     def slope(share: float) -> float:
         pressure = law.pressure(before + share * change)
-        return start + share * growth + float(np.vdot(weights * pressure, change))
+        normal = float(np.vdot(weights * pressure, change))
+        return start + share * growth + normal + sliding(share)
 
     first = slope(0.0)
     if not first < 0.0 or slope(1.0) <= -_OVERSHOOT * first:
@@ -337,18 +411,32 @@ def _step_share(
     return high
 
 
-def _residual(
-    system: LocalSystem,
-    step: LinearStep,
-    displacement: FloatArray,
-    kinematics: PointKinematics,
-    load_factor: float,
-) -> float:
+def _sliding_slope(problem: _Problem, state: _State, way: FloatArray) -> Callable[[float], float]:
+    """Work of the friction per share of a way, as a function of the share."""
+    rows = problem.friction
+    if rows is None:
+        return lambda _: 0.0
+    pressure = problem.system.deformable.contact.law.pressure(state.kinematics.overclosure)
+    before, change, anchor = rows.slip(state.displacement), rows.slip(way), _anchor(state)
+    weighted = problem.system.surfaces.weights[:, :, None] * change
+
+    def slope(share: float) -> float:
+        traction, _ = friction_tractions(rows.friction, before + share * change, anchor, pressure)
+        return float(np.vdot(weighted, traction))
+
+    return slope
+
+
+def _residual(problem: _Problem, state: _State) -> float:
     """Norm of the unbalanced nodal forces over that of the loads, or 1 % of the contacts'."""
-    law, weights = system.deformable.contact.law, system.surfaces.weights
-    forces = weights * law.pressure(kinematics.overclosure)
-    unbalanced = load_factor * step.external_force - step.internal_force(displacement)
-    unbalanced += system.scatter(kinematics.gradient, forces)
+    system, step = problem.system, problem.step
+    pressure = system.deformable.contact.law.pressure(state.kinematics.overclosure)
+    forces = system.surfaces.weights * pressure
+    unbalanced = state.load_factor * step.external_force
+    unbalanced = unbalanced - step.internal_force(state.displacement)
+    unbalanced += system.scatter(state.kinematics.gradient, forces)
+    if problem.friction is not None:
+        unbalanced += problem.friction.forces(state.displacement, _anchor(state), pressure)
     size = max(
         float(np.linalg.norm(system.external_force)),
         _CONTACT_SHARE * float(np.linalg.norm(forces)),
@@ -375,7 +463,9 @@ def _result(
     share = _copies(system)
     displacements = tuple(system.expand(displacement))
     pressures = law.pressure(overclosure)
-    loose = loose_blocks(deformable, displacements, pressures)
+    loose = np.zeros(0, dtype=np.int64)
+    if deformable.contact.friction is None:
+        loose = loose_blocks(deformable, displacements, pressures)
     strain = 0.5 * displacement * system.internal_force(displacement)
     work = displacement * system.external_force
     stored = deformable.surfaces.weights * law.stored_energy(overclosure)
@@ -392,6 +482,7 @@ def _result(
         strain_energy=float(share @ strain.sum(axis=1)),
         contact_energy=float(stored.sum()),
         external_work=float(share @ work.sum(axis=1)),
+        frictional_dissipation=state.dissipation,
         symmetry=orbits.order,
         n_unknowns=displacement.size,
         cpu_seconds=seconds,

@@ -43,6 +43,8 @@ class StaticResult:
     """[N mm]"""
     external_work: float
     """Of the full loads along the displacements, as dead loads [N mm]."""
+    frictional_dissipation: float
+    """Work lost in sliding, zero without friction [N mm]."""
     symmetry: int
     """Order of the sector model that was used."""
     n_unknowns: int
@@ -67,7 +69,7 @@ class StaticResult:
 
 
 def pair_resultants(result: StaticResult) -> tuple[FloatArray, FloatArray]:
-    """Force and moment that each block pair transmits, on block s, about the world origin.
+    """Normal force and its moment that each pair transmits, on block s, about the world origin.
 
     Returns
     -------
@@ -90,7 +92,10 @@ def pair_resultants(result: StaticResult) -> tuple[FloatArray, FloatArray]:
 
 
 def contact_corner_forces(result: StaticResult) -> FloatArray:
-    """Contact forces on the corners of every facet pair in world axes, (n_facets, 8, 3) [N]."""
+    """Normal contact forces on the corners of every facet pair, (n_facets, 8, 3) [N].
+
+    World axes; friction is not in them.
+    """
     deformable = result.deformable
     surfaces = deformable.surfaces
     displacement = corner_displacements(deformable, result.displacements)

@@ -15,7 +15,8 @@ from geometry.polyhedron import Polyhedron, merge_points, polyhedron
 #: Millimetres in each unit a file may be drawn in.
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 
-_STEP = {".step", ".stp"}
+#: Suffixes of STEP files.
+STEP_SUFFIXES = {".step", ".stp"}
 #: gmsh's number for eight-node hexahedra.
 _HEXAHEDRON = 5
 #: Faces of a tetrahedron in VTK order, counter-clockwise seen from outside.
@@ -186,7 +187,7 @@ def read_blocks(
     """
     if units not in UNITS:
         raise MeshError(f"block.units: got {units!r}, expected one of {', '.join(UNITS)}")
-    if path.suffix.lower() in _STEP:
+    if path.suffix.lower() in STEP_SUFFIXES:
         raw = _read_step(path, element_size)
     else:
         points, triangles = _read_meshio(path)
@@ -194,7 +195,7 @@ def read_blocks(
             raise MeshError(f"{path}: a vertex is not finite; expected finite coordinates")
         points, triangles = merge_points(points, triangles)
         raw = [(points, part) for part in _parts(points, triangles)]
-    scale = UNITS[units] if path.suffix.lower() not in _STEP else 1.0
+    scale = UNITS[units] if path.suffix.lower() not in STEP_SUFFIXES else 1.0
     several = len(raw) > 1
     return [
         polyhedron(f"{path.name}{f' part {k}' if several else ''}", scale * points, triangles)
@@ -237,25 +238,69 @@ def read_hexahedra(path: Path, *, units: str = "mm", divisions: int = 4) -> HexM
     """
     from geometry.mesh_io import read_hex_mesh
 
-    if path.suffix.lower() not in _STEP:
+    if path.suffix.lower() not in STEP_SUFFIXES:
         mesh = read_hex_mesh(path)
         return HexMesh(mesh.nodes * UNITS[units], mesh.elements)
+    meshes = step_hexahedra(path, divisions=divisions)
+    if len(meshes) != 1:
+        raise MeshError(f"{path}: got {len(meshes)} solids, expected one")
+    return meshes[0]
+
+
+def step_hexahedra(path: Path, *, divisions: int = 4) -> list[HexMesh]:
+    """Hexahedra of each solid of a STEP file, made by gmsh.
+
+    gmsh makes hexahedra where every face of the solid has three or four sides (transfinite
+    meshing); other solids are refused and stay rigid.
+
+    Parameters
+    ----------
+    path
+        STEP file.
+    divisions
+        Elements along each edge.
+
+    Raises
+    ------
+    MeshError
+        When no hexahedra can be made.
+    """
     gmsh = _gmsh()
     try:
         volumes = _open_step(gmsh, path)
-        if len(volumes) != 1 or not _made_of_hexahedra(gmsh, divisions):
+        if not _made_of_hexahedra(gmsh, divisions):
             raise MeshError(
-                f"{path}: gmsh finds no hexahedral mesh of this solid; it stays a rigid block "
-                "(for finite elements give a mesh of hexahedra, .vtu or .inp)"
+                f"{path}: gmsh finds no hexahedral mesh of {_without_hexahedra(gmsh, volumes)}; "
+                "for finite elements give a mesh of hexahedra, .vtu or .inp"
             )
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
         number = np.zeros(int(tags.max()) + 1, dtype=np.int64)
         number[tags.astype(np.int64)] = np.arange(len(tags))
-        _, nodes = gmsh.model.mesh.getElementsByType(_HEXAHEDRON)
-        elements = number[nodes.astype(np.int64)].reshape(-1, 8)
-        mesh = HexMesh(np.asarray(coordinates, dtype=np.float64).reshape(-1, 3), elements)
+        points = np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)
+        meshes = []
+        for volume in volumes:
+            _, nodes = gmsh.model.mesh.getElementsByType(_HEXAHEDRON, volume)
+            used, corner = np.unique(number[nodes.astype(np.int64)], return_inverse=True)
+            meshes.append(HexMesh(points[used], corner.reshape(-1, 8).astype(np.int64)))
     finally:
         if gmsh.isInitialized():
             gmsh.finalize()
-    check_mesh(mesh, path.name)
-    return mesh
+    for mesh in meshes:
+        check_mesh(mesh, path.name)
+    return meshes
+
+
+def _without_hexahedra(gmsh: Any, volumes: list[int]) -> str:
+    """Words for the first solid, and its first face, that no structured mesh fits."""
+    for place, volume in enumerate(volumes):
+        faces = [tag for _, tag in gmsh.model.getBoundary([(3, volume)], oriented=False)]
+        where = f"solid {place}" if len(volumes) > 1 else "this solid"
+        for face in faces:
+            sides = len(gmsh.model.getBoundary([(2, face)], oriented=False))
+            if sides not in (3, 4):
+                middle = np.mean(np.reshape(gmsh.model.getBoundingBox(2, face), (2, 3)), axis=0)
+                near = np.round(middle, 3).tolist()
+                return f"{where} (its face near {near} mm has {sides} edges, not 4)"
+        if len(faces) != 6:
+            return f"{where} (it has {len(faces)} faces, not 6)"
+    return "this solid"

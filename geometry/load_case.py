@@ -183,3 +183,37 @@ def load_case(
         fixed=fixed,
         without_couple=as_printed and case is LoadCaseName.SHAFT,
     )
+
+
+def face_pressure(assembly: Assembly, blocks: IntArray, face: str, pressure: float) -> LoadCase:
+    """Build a pressure on one named face of some blocks; the assembly's fixed blocks are held.
+
+    Parameters
+    ----------
+    assembly
+        Blocks.
+    blocks
+        Numbers of the loaded blocks, (n,).
+    face
+        Name of the loaded face.
+    pressure
+        Positive pushing inward [MPa].
+
+    Raises
+    ------
+    LoadCaseError
+        For a non-finite pressure, or blocks without such a face.
+    """
+    if not np.isfinite(pressure):
+        raise LoadCaseError(f"load.pressure: got {pressure}, expected a finite pressure in MPa")
+    block, quads, centroids, vectors = _world_surface(assembly, blocks, face)
+    return LoadCase(
+        name="pressure",
+        block=block,
+        quads=quads,
+        centroids=centroids,
+        area_vectors=vectors,
+        tractions=None,
+        pressure=pressure,
+        fixed=assembly.fixed.copy(),
+    )

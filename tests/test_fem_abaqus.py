@@ -10,12 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fem.abaqus_keywords import NUMBER_LENGTH, DeckError, label, name_of, read_cards, real
-from fem.abaqus_placement import canonical, canonical_axis_angle, rotation_matrix
-from fem.abaqus_read import read_deck
-from fem.abaqus_write import abaqus_lines
 from fem.contact_law import ExponentialLaw, LinearPenalty
-from fem.deck import (
+from fem.decks.abaqus import abaqus_lines
+from fem.decks.cards import Card, read_cards
+from fem.decks.keywords import NUMBER_LENGTH, DeckError, label, name_of, real
+from fem.decks.model import as_nodal_forces, deck_assembly, deck_model, nodal_forces
+from fem.decks.placement import canonical, canonical_axis_angle, rotation_matrix
+from fem.decks.read import read_deck
+from fem.decks.statement import (
     Deck,
     DeckStep,
     Flavour,
@@ -27,7 +29,6 @@ from fem.deck import (
     TractionLoad,
     loads_of_case,
 )
-from fem.deck_model import deck_assembly, deck_model, nodal_forces
 from fem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from fem.hexahedron import ElementType
 from fem.material import Material
@@ -107,6 +108,10 @@ def box_deck(**changes) -> Deck:
     return replace(deck, **changes)
 
 
+def nodal(deck: Deck) -> Deck:
+    return replace(deck, loads=(as_nodal_forces(deck, deck.loads[0]),))
+
+
 def text_of(deck: Deck) -> list[str]:
     return list(abaqus_lines(deck))
 
@@ -171,9 +176,14 @@ def decks(tube: Assembly) -> dict[str, Deck]:
         "explicit pairs": tube_deck(tube, flavour=Flavour.PAIRS),
         "friction": tube_deck(tube, joint=Joint(ExponentialLaw(), 0.01, 500.0)),
         "shaft": tube_deck(tube, "shaft"),
+        "nodal shaft": nodal(tube_deck(tube, "shaft", flavour=Flavour.PAIRS, step=STATIC)),
         "shaft as printed": tube_deck(tube, "shaft", as_printed=True),
         "beam": tube_deck(tube, "beam"),
         "beam as printed": tube_deck(tube, "beam", as_printed=True),
+        "no cap": tube_deck(tube, joint=Joint(ExponentialLaw(1e-3, 1e-4, np.inf))),
+        "pairs, cap": tube_deck(
+            tube, flavour=Flavour.PAIRS, step=STATIC, joint=Joint(ExponentialLaw(1e-3, 1e-4, 77.0))
+        ),
         "pillar": tube_deck(tube, "pillar", joint=Joint(LinearPenalty(123.4))),
         "clearance": tube_deck(tube, initial_clearance=0.03),
         "pairs, clearance": tube_deck(
@@ -199,9 +209,17 @@ def decks(tube: Assembly) -> dict[str, Deck]:
 
 
 DECK_NAMES = (
-    *("pipe", "pairs", "explicit pairs", "friction", "shaft", "shaft as printed", "beam"),
-    *("beam as printed", "pillar", "clearance", "pairs, clearance", "elastic frame", "boxes"),
-    *("spinning boxes", "static boxes"),
+    *("pipe", "pairs", "explicit pairs", "friction", "shaft", "nodal shaft", "shaft as printed"),
+    *(
+        "beam",
+        "beam as printed",
+        "pillar",
+        "clearance",
+        "pairs, clearance",
+        "elastic frame",
+        "boxes",
+    ),
+    *("spinning boxes", "static boxes", "no cap", "pairs, cap"),
 )
 
 
@@ -226,6 +244,54 @@ def test_export_import_export_is_the_identity(tube, name) -> None:
     ]
 
 
+NAMED_BY = {
+    "MATERIAL": "MATERIAL",
+    "AMPLITUDE": "AMPLITUDE",
+    "SURFACE INTERACTION": "INTERACTION",
+    "ORIENTATION": "ORIENTATION",
+    "SECTION CONTROLS": "CONTROLS",
+}
+
+
+def definitions(cards: list[Card]) -> list[tuple[str, str]]:
+    """Kind and name of everything a deck defines, sets and surfaces with their part."""
+    part, found = "", []
+    for card in cards:
+        name = card.parameters.get("NAME", "")
+        if card.keyword in {"PART", "END PART"}:
+            part = name
+        if card.keyword in {"NSET", "ELSET"}:
+            found.append((card.keyword, f"{part}:{card.parameters[card.keyword]}"))
+        elif card.keyword == "SURFACE":
+            found.append(("SURFACE", f"{part}:{name}"))
+        elif card.keyword in {"PART", "INSTANCE", *NAMED_BY}:
+            found.append((card.keyword, name))
+    return found
+
+
+def references(cards: list[Card]) -> list[tuple[str, str]]:
+    """Kind and name of everything a deck refers to."""
+    part, found = "", []
+    part_of = {c.parameters["NAME"]: c.parameters["PART"] for c in cards if c.keyword == "INSTANCE"}
+    kinds = {"BOUNDARY": "NSET", "INITIAL CONDITIONS": "NSET", "DLOAD": "ELSET", "ELSET": "ELSET"}
+    kinds |= {"DSLOAD": "SURFACE", "CONTACT PAIR": "SURFACE"}
+    for card in cards:
+        if card.keyword in {"PART", "END PART"}:
+            part = card.parameters.get("NAME", "")
+        for kind, parameter in NAMED_BY.items():
+            if card.keyword != kind and parameter in card.parameters:
+                found.append((kind, card.parameters[parameter]))
+        rows = [row for _, row in card.rows()] if card.keyword != "HEADING" else []
+        if card.keyword == "SURFACE":
+            found += [("ELSET", f"{part}:{row[0]}") for row in rows]
+        elif card.keyword == "CONTACT PROPERTY ASSIGNMENT":
+            found += [("SURFACE INTERACTION", row[2]) for row in rows]
+        elif card.keyword in kinds:
+            entries = [e.split(".") for row in rows for e in row if e.split(".")[0] in part_of]
+            found += [(kinds[card.keyword], f"{part_of[i]}:{name}") for i, name in entries]
+    return found
+
+
 @pytest.mark.parametrize("name", DECK_NAMES)
 def test_grammar(tube, name) -> None:
     """Lines, labels and lists keep the input rules; every name that is used is defined once."""
@@ -233,72 +299,23 @@ def test_grammar(tube, name) -> None:
     assert all(len(line) <= 132 and line.isascii() for line in lines)
     cards = read_cards(lines)
     assert cards[-1].keyword == "END STEP"
-    defined: dict[str, set[str]] = {}
-    used: list[tuple[str, str]] = []
-    instances: dict[str, str] = {}
-    part = ""
-
-    def define(kind: str, name: str) -> None:
-        assert name not in defined.setdefault(kind, set()), f"{kind} {name} is defined twice"
-        assert len(name) <= 80
-        assert re.fullmatch(r"[A-Z][A-Z0-9_-]*", name.split(":")[-1])
-        defined[kind].add(name)
-
+    defined = definitions(cards)
+    assert len(set(defined)) == len(defined)
+    for _, label_ in defined:
+        word = label_.rpartition(":")[2]
+        assert re.fullmatch(r"[A-Z][A-Z0-9_-]{0,79}", word)
+    used = references(cards)
+    assert {"ELSET", "MATERIAL"} <= {kind for kind, _ in used}
+    assert set(used) <= set(defined)
     for card in cards:
-        p = card.parameters
-        if card.keyword == "PART":
-            part = p["NAME"]
-            define("part", part)
-        elif card.keyword == "END PART":
-            part = ""
-        elif card.keyword == "INSTANCE":
-            define("instance", p["NAME"])
-            instances[p["NAME"]] = p["PART"]
-        elif card.keyword == "NSET":
-            define("nset", f"{part}:{p['NSET']}")
-        elif card.keyword == "ELSET":
-            define("elset", f"{part}:{p['ELSET']}")
-        elif card.keyword == "SURFACE":
-            define("surface", f"{part}:{p['NAME']}")
-            used += [("elset", f"{part}:{row[0]}") for _, row in card.rows()]
-        elif card.keyword in {"MATERIAL", "AMPLITUDE", "SURFACE INTERACTION", "ORIENTATION"}:
-            define(card.keyword, p["NAME"])
-        elif card.keyword == "SECTION CONTROLS":
-            define("controls", p["NAME"])
-        for key, kind in (
-            ("MATERIAL", "MATERIAL"),
-            ("AMPLITUDE", "AMPLITUDE"),
-            ("INTERACTION", "SURFACE INTERACTION"),
-            ("ORIENTATION", "ORIENTATION"),
-            ("CONTROLS", "controls"),
-        ):
-            if key in p:
-                used.append((kind, p[key]))
         if card.keyword in {"NODE", "ELEMENT"}:
             numbers = [int(row[0]) for _, row in card.rows()]
             assert numbers == list(range(1, len(numbers) + 1))
         if card.keyword in {"NSET", "ELSET"}:
             assert all(len(row) <= 16 for _, row in card.rows())
-        if card.keyword == "CONTACT PROPERTY ASSIGNMENT":
-            used.append(("SURFACE INTERACTION", next(card.rows())[1][2]))
-    for card in cards:
-        kind = {
-            "ELSET": "elset",
-            "BOUNDARY": "nset",
-            "INITIAL CONDITIONS": "nset",
-            "DLOAD": "elset",
-            "DSLOAD": "surface",
-            "CONTACT PAIR": "surface",
-        }.get(card.keyword)
-        for _, row in card.rows() if kind else ():
-            for entry in row:
-                if "." in entry and entry.split(".")[0] in instances:
-                    instance, _, rest = entry.partition(".")
-                    used.append((kind, f"{instances[instance]}:{rest}"))
-    for kind, wanted in used:
-        assert wanted in defined.get(kind, set()), f"{kind} {wanted} is not defined"
-    loaded = [c for c in cards if c.keyword in {"DSLOAD", "BOUNDARY", "CONTACT PAIR"}]
-    assert loaded
+        if card.keyword in {"NODE", "INSTANCE"}:
+            assert all(len(e) <= NUMBER_LENGTH for _, row in card.rows() for e in row)
+    assert {"DSLOAD", "DLOAD", "CLOAD"} & {card.keyword for card in cards}
 
 
 def deck_faces(lines: list[str]) -> dict[str, np.ndarray]:
@@ -470,6 +487,8 @@ def test_every_truncation_is_noticed(tube) -> None:
         (", P, 0.01", ", PNU, 0.01", "got load 'PNU'"),
         (", P, 0.01", ", P, much", "expected 1 numbers"),
         ("BLOCK-000.ALL, 1, 3", "BLOCK-999.ALL, 1, 3", "names no instance"),
+        ("BLOCK-000.ALL, 1, 3", "BLOCK-000.ROOF-NODES, 1, 3", "no face 'roof'"),
+        (".INNER, P,", ".CELLAR, P,", "no face 'cellar'"),
         ("INNER-S6, S6", "INNER-S6, S9", "S1 … S6"),
         ("*Density\n2.4e-09,", "*Density\n-1.0,", "positive"),
         ("part=TOP-FRAME", "part=ROOF", "not defined"),

@@ -13,6 +13,7 @@ from fem.deformable_assembly import (
     Frames,
     deformable_assembly,
 )
+from fem.friction import CoulombFriction
 from fem.hexahedron import ElementType
 from fem.material import Material
 from fem.static import (
@@ -56,13 +57,9 @@ def coarse():
 # Columns of boxes
 
 
-def column(n_blocks=2, *, shear=0.0, divisions=(2, 2, 2)):
-    """Boxes of 10 × 10 × 20 mm on a fixed one; the top face carries the load.
-
-    With ``shear`` the common faces are inclined (x + shear · z planes are not needed: nodes
-    move in z by shear · x), so that the interface is not normal to the load.
-    """
-    size = (10.0, 10.0, 20.0)
+def column(n_blocks=2, *, shear=0.0, divisions=(2, 2, 2), height=20.0):
+    """Boxes of 10 × 10 mm on a fixed one; with ``shear`` the joints rise by shear · x."""
+    size = (10.0, 10.0, height)
     box = box_block(size, divisions)
     nodes = box.mesh.nodes.copy()
     nodes[:, 2] += shear * nodes[:, 0]
@@ -451,6 +448,71 @@ def test_a_load_that_nothing_carries_is_refused():
     load = top_load(assembly, traction=np.array([0.01, 0.0, -0.1]))
     with pytest.raises(StaticError, match="no resistance"):
         solve_static(deformable_assembly(assembly, load, CORK))
+
+
+# ---------------------------------------------------------------------------------------------
+# Friction
+
+
+def sheared_column(ratio, friction):
+    """A flat block of 1 mm on a fixed one: 0.1 MPa on top and a shear of ``ratio`` times that."""
+    assembly = column(1, height=1.0)
+    load = top_load(assembly, traction=np.array([0.1 * ratio, 0.0, -0.1]))
+    stiff = Material(2.4e-9, 1e7, 0.0)
+    return deformable_assembly(assembly, load, stiff, law=LinearPenalty(1e4), friction=friction)
+
+
+@pytest.mark.parametrize("method", list(StaticMethod))
+def test_a_block_holds_below_the_friction_angle_and_slides_above(method):
+    """Tangential over normal load of 0.8 mu: every point sticks and slips by tau/k elastically.
+
+    The shear tilts the block: pressures vary by 6 tau h/b = 0.6 tau = 14 % of the mean across
+    the joint, so the least limit, 0.86 mu p, is not reached. The mean slip is tau/k; the block
+    shears by tau h/G = 5e-9 mm against 5e-4. At 0.97 mu some points slide and it holds; at
+    1.02 mu nothing can.
+    """
+    friction = CoulombFriction(0.3, 50.0)
+    options = StaticOptions(method=method, max_iterations=60)
+    holds = solve_static(sheared_column(0.24, friction), options)
+    assert holds.converged
+    bottom = np.unique(holds.deformable.assembly.shapes[0].faces["z-"])
+    assert holds.displacements[0][0][bottom, 0].mean() == pytest.approx(0.024 / 50.0, rel=1e-3)
+    assert holds.frictional_dissipation == 0.0
+    partly = solve_static(sheared_column(0.291, friction), options)
+    assert partly.converged
+    assert partly.frictional_dissipation > 0.0
+    assert not slides_to_rest(sheared_column(0.306, friction), options)
+
+
+def slides_to_rest(model, options):
+    """Whether an equilibrium is found."""
+    try:
+        return solve_static(model, options).converged
+    except StaticError:
+        return False
+
+
+def test_friction_stiffens_the_tube_and_both_methods_agree():
+    """The work of dead loads falls when sliding costs; the same equations in other unknowns."""
+    free = solve_static(pipe(2))
+    model = pipe(2, friction=CoulombFriction(0.05))
+    rough = solve_static(model)
+    assert rough.converged
+    assert 0.9 * free.external_work < rough.external_work < free.external_work
+    assert rough.frictional_dissipation > 0.0
+    sparse = solve_static(model, StaticOptions(method=StaticMethod.SPARSE))
+    same(rough, sparse, 1e-5)
+    whole = solve_static(model, StaticOptions(symmetry=1))
+    same(rough, whole, 1e-6)
+    assert whole.frictional_dissipation == pytest.approx(rough.frictional_dissipation, rel=1e-5)
+
+
+def test_vanishing_friction_is_none():
+    """Friction forces are at most mu times pressures; 1e-6 of it changes displacements by some
+    1e-6 times a gain below 100 (one per cent of friction changes them by one per cent)."""
+    free = solve_static(pipe(1))
+    almost = solve_static(pipe(1, friction=CoulombFriction(1e-6)))
+    same(free, almost, 1e-4)
 
 
 def test_options_and_starts_are_checked(coarse):

@@ -134,6 +134,8 @@ def test_files_of_a_run(tubelock) -> None:  # noqa: F811
     }
     assert Path("run/frames.pvd").read_text().count("DataSet") == 3
     mesh = meshio.read("run/result.vtu")
+    # Four by two by two elements with eight integration points each.
+    assert mesh.cell_data["sigma_1_integration_points"][0].shape == (16, 8)
     assert set(mesh.point_data) == {"displacement", "stress", "sigma_1", "sigma_2", "sigma_3"}
     header, *rows = Path("run/history.csv").read_text().splitlines()
     assert header.startswith("time,step,kinetic_energy")

@@ -13,9 +13,8 @@ import pytest
 
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.compare import agreement, compare, effective_region, explicit_errors
-from validation.scene import load_scene
+from validation.scene import DeformableScene, load_scene
 from validation.tube_explicit import run_tube_explicit
-from validation.tube_fem import DeformableScene
 from validation.tube_static import run_tube_static
 
 COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
@@ -177,3 +176,13 @@ def test_missing_section_is_named(tubelock) -> None:  # noqa: F811
     status, _, err = tubelock("fem", "a.toml", *SETTINGS)
     assert status == 2
     assert "[material] is missing" in err
+
+
+def test_friction_is_absent_unless_named_and_then_dissipates() -> None:
+    plain = run_tube_static("plain", tube("tsb1-pipe"))
+    rough = run_tube_static("rough", tube("tsb1-pipe", "effects.friction.coefficient=0.3"))
+    assert plain.deformable.contact.friction is None
+    assert plain.solver["energies"]["frictional_dissipation"] == 0.0
+    assert rough.solver["energies"]["frictional_dissipation"] > 0.0
+    # Friction only resists: with it the tube moves less.
+    assert rough.largest_displacement < plain.largest_displacement

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from geometry.assembly import Assembly, AssemblyError
+from geometry.box_column import ColumnBox, box_column
 from geometry.brick_stack import brick_stack
 from geometry.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
-from geometry.load_case import LoadCase, LoadCaseError, load_case
+from geometry.load_case import LoadCase, LoadCaseError, face_pressure, load_case
 from geometry.mesh import MeshError
 from geometry.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
 from geometry.sine_block import BlockParameterError, SineBlockDivisions, SineBlockParameters
@@ -13,7 +16,12 @@ from geometry.tube import hexagon_tube, sine_tube
 from geometry.units import check_size
 from validation.errors import InputError
 from validation.scene import AssemblyScene, BrickScene, Scene, TubeScene
-from validation.scene_families import HexagonTubeScene, OsteomorphicScene, PlanarSineScene
+from validation.scene_families import (
+    BoxesScene,
+    HexagonTubeScene,
+    OsteomorphicScene,
+    PlanarSineScene,
+)
 from validation.scene_polyhedra import PolyhedralScene
 
 
@@ -67,6 +75,8 @@ def _blocks(scene: AssemblyScene) -> Assembly:
             columns=scene.assembly.columns,
             layers=scene.assembly.layers,
         )
+    if isinstance(scene, BoxesScene):
+        return box_column([ColumnBox(box.size, box.divisions) for box in scene.block.boxes])
     if isinstance(scene, HexagonTubeScene):
         return hexagon_tube(
             HexagonBlockParameters(**scene.block.model_dump(exclude={"type"})),
@@ -108,8 +118,11 @@ def build_load(scene: AssemblyScene, assembly: Assembly) -> LoadCase:
     InputError
         When the assembly cannot take it.
     """
-    load = scene.load
     try:
+        if isinstance(scene, BoxesScene):
+            top = np.array([assembly.n_blocks - 1])
+            return face_pressure(assembly, top, "z+", scene.load.pressure)
+        load = scene.load
         return load_case(
             assembly, load.case, load.pressure, as_printed=load.as_printed, layer=load.layer
         )

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from geometry.assembly import AssemblyError
+from geometry.assembly import AssemblyError, BoolArray
 from geometry.assembly_checks import check_assembly
 from geometry.block_files import read_blocks
+from geometry.contact_assembly import ContactAssembly
 from geometry.load_case import LoadCase
 from geometry.masonry import circular_arch, running_bond_wall
 from geometry.mesh import FloatArray, MeshError
@@ -97,7 +98,14 @@ def _construction(
     return voxel_assembly(scene.block.layers, scene.block.size, scene.assembly.fixed, detection)
 
 
-def _motion(place: PlaceSection) -> tuple[FloatArray, FloatArray]:
+def motion(place: PlaceSection) -> tuple[FloatArray, FloatArray]:
+    """Rotation (3, 3) and translation (3,) [mm] of a place.
+
+    Raises
+    ------
+    AssemblyError
+        An axis without direction.
+    """
     axis = np.array(place.axis)
     size = float(np.linalg.norm(axis))
     if size == 0.0:
@@ -114,18 +122,29 @@ def _from_files(scene: MeshScene, folder: Path, detection: DetectionOptions) -> 
             folder / part.file, units=scene.block.units, element_size=scene.block.element_size
         )
         for place in part.places:
-            turn, shift = _motion(place)
+            turn, shift = motion(place)
             blocks += [(solid, turn, shift) for solid in solids]
             held += [part.fixed or place.fixed] * len(solids)
+    return polyhedral_assembly("own blocks", blocks, held_blocks(scene, held), detection)
+
+
+def held_blocks(scene: MeshScene, held: list[bool]) -> BoolArray:
+    """Which blocks are held, by their places or by number; (n_blocks,).
+
+    Raises
+    ------
+    AssemblyError
+        For a number that no block has.
+    """
     fixed = np.array(held)
     for number in scene.assembly.fixed:
-        if number >= len(blocks):
+        if number >= len(held):
             raise AssemblyError(
-                f"assembly.fixed: got block {number}, but there are {len(blocks)} blocks, "
-                f"numbered 0 to {len(blocks) - 1}"
+                f"assembly.fixed: got block {number}, but there are {len(held)} blocks, "
+                f"numbered 0 to {len(held) - 1}"
             )
         fixed[number] = True
-    return polyhedral_assembly("own blocks", blocks, fixed, detection)
+    return fixed
 
 
 @dataclass(frozen=True)
@@ -137,7 +156,7 @@ class BodyLoads:
     live: FloatArray
     """The same for what may grow, (n_blocks, 6)."""
 
-    def load_case(self, assembly: PolyhedralAssembly) -> LoadCase:
+    def load_case(self, assembly: ContactAssembly) -> LoadCase:
         """Dead and live load together."""
         return LoadCase(
             name="dead and live load",
@@ -152,7 +171,7 @@ class BodyLoads:
         )
 
 
-def build_body_loads(section: BodyLoadSection, assembly: PolyhedralAssembly) -> BodyLoads:
+def build_body_loads(section: BodyLoadSection, assembly: ContactAssembly) -> BodyLoads:
     """Build weight, accelerations and point forces.
 
     Raises

@@ -17,9 +17,9 @@ from rich.table import Table
 from validation.errors import InputError
 from validation.files import output_folder, prepare_json, write_json
 from validation.rendering import BLUE, ORANGE, VERMILION, save_figure
-from validation.scene import SceneFile
+from validation.scene import DeformableScene, SceneFile
 from validation.scene_fem import Method
-from validation.tube_fem import DeformableScene, fem_section
+from validation.tube_fem import fem_section
 from validation.tube_static import run_tube_static
 
 GAPS = (0.0, 0.003, 0.01, 0.03, 0.1)

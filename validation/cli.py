@@ -4,18 +4,52 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+import typer.core
 from rich.console import Console
 
-from validation import study_cli
-from validation.cli_options import JsonOption, SceneArgument, SetOption
+from validation import stability_cli, study_cli
+from validation.cli_options import CostCacheOption, JsonOption, SceneArgument, SetOption
 from validation.cli_options import text_console as _console
 from validation.errors import InputError
 
+#: Order of the commands in ``tubelock --help``: from looking to doubting.
+_CONTENTS = (
+    "demo",
+    "scenes",
+    "show",
+    "mbd",
+    "explode",
+    "fem",
+    "compare",
+    "clearance",
+    "studies",
+    "sweep",
+    "export",
+    "import",
+    "cost",
+    "effects",
+    "stability",
+    "convergence",
+    "reproduce",
+)
+
+
+class _TableOfContents(typer.core.TyperGroup):
+    """Lists the commands in the order of `_CONTENTS`, others after them."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names in order."""
+        names = super().list_commands(ctx)
+        known = {name: place for place, name in enumerate(_CONTENTS)}
+        return sorted(names, key=lambda name: known.get(name, len(known)))
+
+
 app = typer.Typer(
     name="tubelock",
+    cls=_TableOfContents,
     help="Topological interlocking assemblies: locked or not, contact pressures, stresses.",
     no_args_is_help=True,
     add_completion=False,
@@ -25,6 +59,7 @@ app = typer.Typer(
 reproduce_app = typer.Typer()
 app.add_typer(reproduce_app, name="reproduce")
 study_cli.register(app, reproduce_app)
+stability_cli.register(app)
 
 
 @app.command()
@@ -124,6 +159,7 @@ def mbd(
 @app.command()
 def fem(
     scene: SceneArgument,
+    *,
     settings: SetOption = None,
     json: JsonOption = None,
     output: Annotated[
@@ -139,12 +175,21 @@ def fem(
         Path | None,
         typer.Option("--resume", metavar="CHECKPOINT", help="Continue an interrupted run."),
     ] = None,
+    accuracy: Annotated[
+        str | None,
+        typer.Option(metavar="1%", help="Cheapest setting that `cost` found for it (in p_max)."),
+    ] = None,
+    cache: CostCacheOption = Path("out/cost-cache"),
 ) -> None:
     """Deformable blocks: displacements, principal stresses, energies."""
     from validation.fem_command import run_fem
     from validation.scene import load_scene
 
     file = load_scene(scene, settings or ())
+    if accuracy is not None:
+        from validation.cost_command import with_accuracy
+
+        file = with_accuracy(file, accuracy, cache, _console(json))
     run_fem(file, json=json, output=output, resume=resume, console=_console(json))
 
 
@@ -207,6 +252,31 @@ def convergence(
     run_convergence(output, json, _console(json))
 
 
+@app.command()
+def cost(
+    scene: SceneArgument,
+    *,
+    settings: SetOption = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Coarse meshes only, in seconds.")] = False,
+    json: JsonOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder for the figure; out/SCENE-cost."
+        ),
+    ] = None,
+    cache: CostCacheOption = Path("out/cost-cache"),
+) -> None:
+    """Error against CPU time of every method and mesh: what an accuracy costs."""
+    from validation.cost_command import run_cost_command
+    from validation.scene import load_scene
+
+    file = load_scene(scene, settings or ())
+    run_cost_command(
+        file, quick=quick, json=json, output=output, cache_folder=cache, console=_console(json)
+    )
+
+
 @reproduce_app.command("tables")
 def reproduce_tables(json: JsonOption = None) -> None:
     """Every row of the paper's tables: ours beside the printed value."""
@@ -236,7 +306,7 @@ def export_scene(
     settings: SetOption = None,
 ) -> None:
     """Write a scene as an input deck for Abaqus or CalculiX."""
-    from fem.deck import Flavour
+    from fem.decks.statement import Flavour
     from validation.deck_command import run_export
     from validation.scene import load_scene
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -17,6 +18,9 @@ SetOption = Annotated[
         metavar="SECTION.KEY=VALUE",
         help="Replace or add a value of the scene; repeatable.",
     ),
+]
+CostCacheOption = Annotated[
+    Path, typer.Option("--cache", metavar="DIR", help="Folder of the measurements of `cost`.")
 ]
 JsonOption = Annotated[
     str | None,

@@ -19,9 +19,10 @@ from validation.decomposition import Step, decompose
 from validation.errors import InputError
 from validation.pictures import between_layers
 from validation.rigid import BuiltScene, RigidRun, analyse_rigid
+from validation.scene import DeformableScene
 from validation.scene_fem import Damping, Method
 from validation.tube_explicit import run_tube_explicit
-from validation.tube_fem import DeformableScene, TubeRun, build_deformable, fem_section
+from validation.tube_fem import TubeRun, build_deformable, fem_section, scene_load
 from validation.tube_static import run_tube_static
 
 
@@ -45,7 +46,7 @@ class PressureAgreement:
     """How alike two pressure fields are on one set of facets."""
 
     faces: str
-    """``all``, ``top`` or ``bottom`` (of the middle layer)."""
+    """``all``, in a tube also ``top`` and ``bottom`` (of the middle layer)."""
     correlation: float
     """Area-weighted Pearson correlation of the pressures."""
     overlap: float
@@ -160,7 +161,7 @@ def compare(
     """
     fem = fem_section(scene, name)
     deformable = build_deformable(scene, name)
-    assembly, load = deformable.assembly, _load(scene, deformable)
+    assembly, load = deformable.assembly, scene_load(scene, name, deformable.assembly)
     rigid: dict[Norm, RigidRun] = {}
     for norm in Norm:
         chosen = scene.model_copy(update={"rigid": scene.rigid.model_copy(update={"norm": norm})})
@@ -178,12 +179,6 @@ def compare(
         )
     steps = decompose(name, scene, static)
     return _collect(name, rigid, static, dynamic, steps)
-
-
-def _load(scene: DeformableScene, deformable: Any) -> Any:
-    from validation.build import build_load
-
-    return build_load(scene, deformable.assembly)
 
 
 def _with_fem(scene: DeformableScene, **changes: Any) -> DeformableScene:
@@ -250,11 +245,10 @@ def _agreements(
     found = assembly.interfaces
     layer = assembly.n_layers // 2 + 1
     reference = next(a.pressures for a in answers if a.method == "static")
-    sets = {
-        "all": np.arange(len(contacts)),
-        "top": between_layers(assembly, contacts, layer),
-        "bottom": between_layers(assembly, contacts, layer - 1),
-    }
+    sets = {"all": np.arange(len(contacts))}
+    if static.is_tube:
+        sets["top"] = between_layers(assembly, contacts, layer)
+        sets["bottom"] = between_layers(assembly, contacts, layer - 1)
     m, s = found.block_m[contacts], found.block_s[contacts]
     # Peaks are looked for per block of the compared layer; over the whole tube, per master block.
     owner = np.where(assembly.layer[m] == layer, m, s)
@@ -332,8 +326,10 @@ def explanations(comparison: Comparison) -> list[str]:
             f"{step.effective_count_percent:.1f} % of the elements effective"
         )
         before_eff, before_max = step.p_eff, step.p_max
+    indeterminate = "the tube is statically indeterminate, so resultants differ too"
     lines.append(
-        "the tube is statically indeterminate, so resultants differ too: force per interface by "
+        f"{indeterminate if comparison.static.is_tube else 'resultants differ'}: force per "
+        "interface by "
         f"{100 * interface_force_error(comparison, 'rigid (pressure)'):.0f} % (rms), total contact "
         f"force by {100 * (whole.force_ratio - 1):+.0f} %"
     )

@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from validation.block_pictures import eye
 from validation.compare import (
     Comparison,
     compare,
@@ -23,8 +24,8 @@ from validation.fem_command import progress_bar
 from validation.files import output_folder, prepare_json, write_json
 from validation.pictures import between_layers, coloured_facets
 from validation.rendering import PRESSURE_MAP, place, render, save_figure
-from validation.scene import SceneFile
-from validation.tube_fem import DeformableScene, build_deformable
+from validation.scene import DeformableScene, SceneFile
+from validation.tube_fem import build_deformable
 
 
 def run_compare(
@@ -35,13 +36,13 @@ def run_compare(
     Raises
     ------
     InputError
-        For a scene that is not a deformable tube.
+        For a scene without deformable blocks.
     """
     scene, name = file.scene, file.name
     if not isinstance(scene, DeformableScene):
         raise InputError(
-            f"{name}: block.type {scene.block.type!r} cannot be compared; expected a tube, such as "
-            "tsb1-pipe"
+            f"{name}: block.type {scene.block.type!r} cannot be compared; expected blocks with "
+            "hexahedra, such as tsb1-pipe"
         )
     build_deformable(scene, name)
     prepare_json(json)
@@ -109,9 +110,10 @@ def print_comparison(found: Comparison, console: Console) -> None:
     for head in heads:
         table.add_column(head, justify="left" if head in ("answer", "faces") else "right")
     layer = found.static.deformable.assembly.n_layers // 2 + 1
+    joints = "whole tube" if found.static.is_tube else "all joints"
     for method, rows in found.agreement.items():
         for row in rows:
-            words = "whole tube" if row.faces == "all" else f"layer {layer} {row.faces}"
+            words = joints if row.faces == "all" else f"layer {layer} {row.faces}"
             table.add_row(
                 method,
                 words,
@@ -127,32 +129,44 @@ def print_comparison(found: Comparison, console: Console) -> None:
 
 
 def draw_comparison(found: Comparison, path: Path) -> None:
-    """Draw top and bottom faces of the middle layer: rigid beside static (and explicit)."""
+    """Draw the joints of each answer on one scale: rigid beside static (and explicit).
+
+    Of a tube top and bottom faces of the middle layer, of other assemblies all joints.
+    """
     import matplotlib.pyplot as plt
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     assembly = found.static.deformable.assembly
     layer = assembly.n_layers // 2 + 1
-    in_layer = np.flatnonzero(assembly.layer == layer)
-    rows = {
-        "top faces, from above": (between_layers(assembly, found.contacts, layer), 1.6),
-        "bottom faces, from below": (between_layers(assembly, found.contacts, layer - 1), -1.6),
-    }
+    if found.static.is_tube:
+        shown_blocks = np.flatnonzero(assembly.layer == layer)
+        above, below = (between_layers(assembly, found.contacts, k) for k in (layer, layer - 1))
+        rows = {
+            "top faces, from above": (above, (1.2, -0.8, 1.6)),
+            "bottom faces, from below": (below, (1.2, -0.8, -1.6)),
+        }
+        where = f"in layer {layer}"
+    else:
+        shown_blocks, everything = np.arange(assembly.n_blocks), np.arange(len(found.contacts))
+        rows = {"all joints": (everything, eye(found.static))}
+        where = "in all joints"
     shown = np.concatenate([r for r, _ in rows.values()])
     # One colour scale: the largest of any answer, so that differences in magnitude are seen too.
     highest = max(float(a.pressures[shown].max(initial=0.0)) for a in found.answers) or 1e-300
     columns = len(found.answers)
-    figure, axes = plt.subplots(2, columns, figsize=(3.6 * columns + 1.2, 7.6), squeeze=False)
-    for line, (words, (facets, height)) in enumerate(rows.items()):
+    height = 0.4 + 3.6 * len(rows)
+    size = (3.6 * columns + 1.2, height)
+    figure, axes = plt.subplots(len(rows), columns, figsize=size, squeeze=False)
+    for line, (words, (facets, direction)) in enumerate(rows.items()):
         for column, answer in enumerate(found.answers):
             draw: Callable[[Any], None] = coloured_facets(
-                assembly, found.contacts[facets], answer.pressures[facets], in_layer, highest
+                assembly, found.contacts[facets], answer.pressures[facets], shown_blocks, highest
             )
             title = f"{answer.method}: {words}" if column == 0 else answer.method
-            place(axes[line, column], render(draw, (1.2, -0.8, height), height=1000), title)
+            place(axes[line, column], render(draw, direction, height=1000), title)
     figure.suptitle(
-        f"{found.name}: contact pressure in layer {layer}, rigid blocks and finite elements",
+        f"{found.name}: contact pressure {where}, rigid blocks and finite elements",
         fontsize=13,
         x=0.02,
         ha="left",

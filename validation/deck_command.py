@@ -12,10 +12,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from fem.abaqus_keywords import DeckError, read_cards
-from fem.abaqus_read import read_deck
-from fem.deck import Deck, Flavour
-from fem.deck_write import write_deck
+from fem.decks.cards import read_cards
+from fem.decks.keywords import DeckError
+from fem.decks.read import read_deck
+from fem.decks.statement import Deck, Flavour
+from fem.decks.write import write_deck
 from geometry.mesh import HexMesh, MeshError, corner_jacobians, mass_properties
 from geometry.mesh_io import assembly_mesh, read_hex_mesh, write_hex_mesh
 from validation.errors import InputError

@@ -19,7 +19,8 @@ from fem.sparse_solver import SparseSolverError
 from fem.static import StaticError, StaticOptions, solve_static
 from fem.static_result import StaticResult
 from fem.symmetry import SymmetryError
-from validation.tube_fem import DeformableScene, TubeRun, build_deformable
+from validation.scene import DeformableScene
+from validation.tube_fem import TubeRun, build_deformable
 
 #: Stiffer by this factor, blocks deform a thousandth of what the contact springs do.
 STIFFENING = 1.0e4

@@ -6,14 +6,15 @@ from pathlib import Path
 
 from rich.console import Console
 
+from fem.decks.statement import Flavour
 from validation.compare import compare
 from validation.compare_command import draw_comparison, print_comparison
+from validation.deck_command import export_deck
 from validation.files import prepare_folder, write_json
 from validation.paper.tables import compute_tables, print_tables, tables_json
 from validation.pictures import draw_assembly, draw_pressures
 from validation.rigid import run_rigid, write_pressures
-from validation.scene import load_scene
-from validation.tube_fem import DeformableScene
+from validation.scene import DeformableScene, load_scene
 from validation.tube_pictures import draw_sections, draw_stresses
 
 #: The reduced-layer case of the demo: two layers, 960 elements per block.
@@ -37,6 +38,7 @@ def run_demo(folder: Path, console: Console) -> None:
         write_pressures(run, vtu)
         written += [scene, pressures, vtu]
     written += _deformable(folder, console)
+    written += _decks(folder)
     console.print("Written:")
     for path in written:
         console.print(f"  {path}")
@@ -59,3 +61,10 @@ def _deformable(folder: Path, console: Console) -> list[Path]:
     draw_stresses(found.static, paths[1])
     draw_sections(found.static, paths[2])
     return paths
+
+
+def _decks(folder: Path) -> list[Path]:
+    """Write the reduced-layer case as input decks for Abaqus and CalculiX."""
+    file = load_scene("tsb1-pipe", REDUCED)
+    names = {Flavour.GENERAL: "tsb1-pipe-abaqus.inp", Flavour.CALCULIX: "tsb1-pipe-calculix.inp"}
+    return [export_deck(file, kind, folder / name).path for kind, name in names.items()]

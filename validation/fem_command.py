@@ -17,9 +17,8 @@ from validation.box import BoxModel, build_box
 from validation.errors import InputError
 from validation.fem_box import BoxRun, box_json, check_end_time, run_box
 from validation.files import output_folder, prepare_json, write_json
-from validation.scene import SceneFile
+from validation.scene import DeformableScene, SceneFile
 from validation.scene_fem import BoxScene, Method
-from validation.tube_fem import DeformableScene
 
 CHECKPOINT = "checkpoint.npz"
 

@@ -63,6 +63,22 @@ def field_data(
     }
 
 
+def point_data(
+    groups: Sequence[BlockGroup], displacements: Sequence[FloatArray], *, finite_rotation: bool
+) -> dict[str, NDArray[Any]]:
+    """Principal stresses at the integration points of each element, (n_elements, n_points)."""
+    first, last = [], []
+    for group, u in zip(groups, displacements, strict=True):
+        found = recover(group, u, finite_rotation=finite_rotation).point_principal
+        rows = found.reshape(group.n_copies * group.mesh.n_elements, -1, 3)
+        first.append(rows[:, :, 0])
+        last.append(rows[:, :, 2])
+    return {
+        "sigma_1_integration_points": np.concatenate(first),
+        "sigma_3_integration_points": np.concatenate(last),
+    }
+
+
 class FrameWriter:
     """Writes frames as ``frame_000.vtu`` … and a ``frames.pvd`` that names their times."""
 
@@ -101,7 +117,8 @@ def write_box_files(run: BoxRun, folder: Path) -> list[tuple[str, Path]]:
     finite = run.scene.effects.finite_rotation
     result, picture = folder / "result.vtu", folder / "result.png"
     fields = field_data([group], [run.displacements], finite_rotation=finite)
-    write_hex_mesh(result, groups_mesh([group]), point_data=fields)
+    points = point_data([group], [run.displacements], finite_rotation=finite)
+    write_hex_mesh(result, groups_mesh([group]), point_data=fields, cell_data=points)
     draw_box(run, picture)
     written = [("fields", result), ("picture", picture)]
     if run.explicit is not None:

@@ -204,7 +204,7 @@ def between_layers(assembly: Assembly, contacts: IntArray, lower: int) -> IntArr
 
 def _pressure_title(run: RigidRun) -> str:
     measures = run.result.measures
-    text = f"{run.name}{', as printed' if run.scene.load.as_printed else ''}"
+    text = f"{run.name}{', as printed' if getattr(run.scene.load, 'as_printed', False) else ''}"
     text += f": {run.result.mechanism}"
     if measures is not None:
         text += (

@@ -17,7 +17,7 @@ from geometry.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, w
 from mbd import Mechanism, RigidResult, SelfStress, analyse, block_wrenches
 from validation.build import build_assembly, build_load, require_assembly
 from validation.further import Further, further_answers, further_json
-from validation.scene import AssemblyScene, SceneFile
+from validation.scene import DeformableScene, SceneFile
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class RigidRun:
     """A scene, what was built from it, and the rigid-block result."""
 
     name: str
-    scene: AssemblyScene
+    scene: DeformableScene
     assembly: Assembly
     load: LoadCase
     result: RigidResult
@@ -40,7 +40,7 @@ class BuiltScene:
     """A scene and what was built from it: bad input has been refused by now."""
 
     name: str
-    scene: AssemblyScene
+    scene: DeformableScene
     assembly: Assembly
     load: LoadCase
     cpu_seconds: float

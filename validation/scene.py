@@ -17,16 +17,14 @@ from typing import Annotated, Any, Literal, TypeAlias
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from validation.errors import InputError
-from validation.scene_families import HexagonTubeScene, OsteomorphicScene, PlanarSineScene
-from validation.scene_fem import (
-    BoxScene,
-    ContactSection,
-    DivisionsSection,
-    EffectsSection,
-    FemSection,
-    MaterialSection,
+from validation.scene_families import (
+    BoxesScene,
+    HexagonTubeScene,
+    OsteomorphicScene,
+    PlanarSineScene,
 )
-from validation.scene_polyhedra import POLYHEDRAL_TYPES, PolyhedralScene
+from validation.scene_fem import BoxScene, DeformableSections, DivisionsSection
+from validation.scene_polyhedra import POLYHEDRAL_TYPES, MeshScene, PolyhedralScene
 from validation.scene_sections import (
     Finite,
     NonNegative,
@@ -66,7 +64,7 @@ class TubeMeshSection(Section):
     axial: Annotated[int, Field(ge=1)]
 
 
-class TubeScene(Section):
+class TubeScene(DeformableSections):
     """A tube of Sine Blocks."""
 
     block: SineBlockSection
@@ -74,10 +72,6 @@ class TubeScene(Section):
     mesh: TubeMeshSection
     load: TubeLoadSection
     rigid: RigidSection = RigidSection()
-    material: MaterialSection | None = None
-    contact: ContactSection | None = None
-    effects: EffectsSection = EffectsSection()
-    fem: FemSection | None = None
 
 
 class BrickSection(Section):
@@ -95,7 +89,7 @@ class StackAssemblySection(Section):
     layers: Annotated[int, Field(ge=1)]
 
 
-class BrickScene(Section):
+class BrickScene(DeformableSections):
     """A stack of bricks between two fixed rows."""
 
     block: BrickSection
@@ -107,8 +101,10 @@ class BrickScene(Section):
 
 #: Scenes of blocks that meet: what the rigid answer and load cases are for.
 AssemblyScene: TypeAlias = (
-    TubeScene | BrickScene | HexagonTubeScene | PlanarSineScene | OsteomorphicScene
+    TubeScene | BrickScene | HexagonTubeScene | PlanarSineScene | OsteomorphicScene | BoxesScene
 )
+#: Scenes of blocks that meet and can be hexahedra: what deformable blocks are for.
+DeformableScene: TypeAlias = AssemblyScene | MeshScene
 Scene: TypeAlias = AssemblyScene | BoxScene | PolyhedralScene
 
 #: Scene class by ``[block] type``.
@@ -119,6 +115,7 @@ SCENE_TYPES: dict[str, type[Scene]] = {
     "hexagon": HexagonTubeScene,
     "planar-sine": PlanarSineScene,
     "osteomorphic": OsteomorphicScene,
+    "boxes": BoxesScene,
     **POLYHEDRAL_TYPES,
 }
 
@@ -231,6 +228,8 @@ def load_scene(source: str, overrides: Iterable[str] = ()) -> SceneFile:
     """
     name, data = scene_data(source)
     scene = check_scene(apply_overrides(data, overrides), source)
+    if isinstance(scene, MeshScene):
+        scene = scene.located(Path(source).parent)
     return SceneFile(name=name, scene=scene, folder=Path(source).parent)
 
 

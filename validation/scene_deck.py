@@ -1,4 +1,4 @@
-"""From scenes to input decks: what a scene says, in the terms of `fem.deck`.
+"""From scenes to input decks: what a scene says, in the terms of `fem.decks.statement`.
 
 A scene also says how *our* solvers reach the answer; where a deck must do it otherwise, a note
 in its heading says so.
@@ -11,11 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.abaqus_keywords import DeckError
-from fem.abaqus_placement import canonical
-from fem.abaqus_write import check_deck
-from fem.calculix_write import check_calculix
-from fem.deck import (
+from fem.decks.calculix import check_calculix
+from fem.decks.keywords import DeckError
+from fem.decks.model import as_nodal_forces, deck_model
+from fem.decks.names import check_deck
+from fem.decks.placement import canonical
+from fem.decks.statement import (
+    CircumferentialLoad,
     Deck,
     DeckLoad,
     DeckStep,
@@ -28,7 +30,6 @@ from fem.deck import (
     TractionLoad,
     loads_of_case,
 )
-from fem.deck_model import deck_model
 from fem.deformable_assembly import OUTER_FACES
 from fem.effects import Effects
 from fem.hexahedron import ElementType
@@ -38,12 +39,17 @@ from geometry.block import box_block
 from geometry.load_case import LoadCase
 from geometry.mesh import MeshError
 from validation.box import build_material, copy_placements
-from validation.build import build_assembly, build_load
 from validation.effects import build_effects
 from validation.errors import InputError
-from validation.scene import SceneFile
+from validation.scene import DeformableScene, SceneFile
 from validation.scene_fem import BoxScene, Damping, EffectsSection, FemSection, Method
-from validation.tube_fem import DeformableScene, contact_law, fem_section
+from validation.tube_fem import (
+    build_hexahedra,
+    contact_law,
+    fem_section,
+    held_at_faces,
+    scene_load,
+)
 
 #: Explicit run to a static state where the scene names no times [s]: with the paper's damping of
 #: 2 /s, amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.
@@ -92,8 +98,8 @@ def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     fem, effects = fem_section(scene, name), scene.effects
     assert scene.material is not None
     assert scene.contact is not None
-    assembly = canonical(build_assembly(scene))
-    case = build_load(scene, assembly)
+    assembly = canonical(build_hexahedra(scene, name)[0])
+    case = scene_load(scene, name, assembly)
     static = flavour is Flavour.CALCULIX or (
         flavour is Flavour.PAIRS and fem.method is Method.STATIC
     )
@@ -107,7 +113,7 @@ def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
         material=build_material(scene.material),
         element=fem.element,
         step=step,
-        holds=tuple(_tube_holds(assembly, case, elastic=effects.elastic_frame)),
+        holds=tuple(_tube_holds(assembly, case, elastic=held_at_faces(scene))),
         loads=loads_of_case(assembly, case),
         joint=Joint(
             contact_law(scene.contact),
@@ -118,6 +124,9 @@ def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
         effects=_effects(effects, fem, static=static),
         initial_clearance=scene.contact.initial_clearance,
     )
+    if flavour is Flavour.PAIRS and isinstance(deck.loads[0], CircumferentialLoad):
+        deck = replace(deck, loads=(as_nodal_forces(deck, deck.loads[0]),))
+        notes.append("loads: the traction around the axis as nodal forces, which converters take")
     return _with_notes(deck, notes + _step_notes(fem, effects, flavour, static=static))
 
 
@@ -147,7 +156,7 @@ def _contact_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) ->
     contact = scene.contact
     if contact is not None and contact.law == "exponential" and contact.maximum_stiffness is None:
         notes.append(
-            "contact: no maximum stiffness in the scene; the law's third value is tubelock's default"
+            "contact: no maximum stiffness in the scene; the third value is tubelock's default"
         )
     if flavour is Flavour.GENERAL:
         notes.append(
@@ -162,6 +171,8 @@ def _contact_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) ->
             "surface",
             "contact: nodes that slide over a rim by more than 1e-3 sqrt(area of a node) are lost",
         ]
+    if flavour is Flavour.PAIRS and static:
+        notes.append("contact: Abaqus/Standard has no maximum stiffness; it is in the heading only")
     if not static and not scene.effects.finite_rotation:
         notes.append("large rotations: nlgeom=YES, though effects.finite_rotation is off")
     return notes

@@ -6,13 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from validation.scene_fem import (
-    ContactSection,
-    DivisionsSection,
-    EffectsSection,
-    FemSection,
-    MaterialSection,
-)
+from validation.scene_fem import DeformableSections, DivisionsSection
 from validation.scene_sections import (
     Finite,
     NonNegative,
@@ -44,7 +38,7 @@ class HexagonMeshSection(Section):
     radial: Annotated[int, Field(ge=1)]
 
 
-class HexagonTubeScene(Section):
+class HexagonTubeScene(DeformableSections):
     """A tube of hexagon-based blocks."""
 
     block: HexagonBlockSection
@@ -52,10 +46,6 @@ class HexagonTubeScene(Section):
     mesh: HexagonMeshSection
     load: TubeLoadSection
     rigid: RigidSection = RigidSection()
-    material: MaterialSection | None = None
-    contact: ContactSection | None = None
-    effects: EffectsSection = EffectsSection()
-    fem: FemSection | None = None
 
 
 class WallAssemblySection(Section):
@@ -83,7 +73,7 @@ class PlanarSineSection(Section):
     """s, in units of π."""
 
 
-class PlanarSineScene(Section):
+class PlanarSineScene(DeformableSections):
     """A planar wall of Sine Blocks."""
 
     block: PlanarSineSection
@@ -107,11 +97,45 @@ class OsteomorphicSection(Section):
     """Of the joints [mm]."""
 
 
-class OsteomorphicScene(Section):
+class OsteomorphicScene(DeformableSections):
     """A planar wall of osteomorphic blocks."""
 
     block: OsteomorphicSection
     assembly: WallAssemblySection
     mesh: DivisionsSection
     load: TubeLoadSection
+    rigid: RigidSection = RigidSection()
+
+
+class StackedBoxSection(Section):
+    """One box of a column."""
+
+    size: tuple[Positive, Positive, Positive]
+    """Along x, y, z [mm]."""
+    divisions: tuple[
+        Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]
+    ]
+    """Elements along x, y, z."""
+
+
+class BoxesSection(Section):
+    """``[block] type = "boxes"``: a column of boxes, from the bottom up."""
+
+    type: Literal["boxes"]
+    boxes: Annotated[tuple[StackedBoxSection, ...], Field(min_length=2)]
+    """Centred on the z axis."""
+
+
+class TopPressureSection(Section):
+    """``[load]`` of a column of boxes."""
+
+    pressure: Finite = 0.01
+    """On the top face, pushing down [MPa]."""
+
+
+class BoxesScene(DeformableSections):
+    """A column of boxes: its bottom face is held, a pressure acts on its top."""
+
+    block: BoxesSection
+    load: TopPressureSection = TopPressureSection()
     rigid: RigidSection = RigidSection()

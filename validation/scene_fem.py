@@ -130,6 +130,15 @@ class FemSection(Section):
     """Steps between two samples of the energies."""
 
 
+class DeformableSections(Section):
+    """Sections of scenes whose blocks may also be deformable; not needed for the rigid answer."""
+
+    material: MaterialSection | None = None
+    contact: ContactSection | None = None
+    effects: EffectsSection = EffectsSection()
+    fem: FemSection | None = None
+
+
 FaceName = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
 
 

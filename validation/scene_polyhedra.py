@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field
 
 from geometry.options import ContactPlacement, CubeArrangement
+from validation.scene_fem import DeformableSections
 from validation.scene_sections import Finite, Positive, RigidSection, Section
 
 Vector = tuple[Finite, Finite, Finite]
@@ -221,12 +223,28 @@ class FixedBlocksSection(Section):
     """Numbers of held blocks, counted from 0 in the order of parts, places and solids."""
 
 
-class MeshScene(_PolyhedralScene):
+class OwnMeshSection(Section):
+    """``[mesh]`` of own blocks without hexahedra of their own."""
+
+    divisions: Annotated[int, Field(ge=1)] = 4
+    """Elements along each edge of a block that can be divided into hexahedra."""
+
+
+class MeshScene(_PolyhedralScene, DeformableSections):
     """Blocks from mesh or CAD files."""
 
     block: MeshBlockSection
     parts: Annotated[tuple[PartSection, ...], Field(min_length=1)]
     assembly: FixedBlocksSection = FixedBlocksSection()
+    mesh: OwnMeshSection = OwnMeshSection()
+
+    def located(self, folder: Path) -> MeshScene:
+        """Return the same scene with absolute file names, relative ones taken from a folder."""
+        parts = tuple(
+            part.model_copy(update={"file": str((folder / part.file).absolute())})
+            for part in self.parts
+        )
+        return self.model_copy(update={"parts": parts})
 
 
 #: Scenes of triangulated blocks.

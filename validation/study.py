@@ -461,8 +461,9 @@ def _rigid_results(file: SceneFile) -> dict[str, Any]:
 
 def _fem_results(file: SceneFile) -> dict[str, Any]:
     from validation.fem_box import box_json, peak_memory_mb, run_box
+    from validation.scene import DeformableScene
     from validation.scene_fem import BoxScene, Method
-    from validation.tube_fem import DeformableScene, fem_section, tube_json
+    from validation.tube_fem import fem_section, tube_json
 
     scene = file.scene
     if isinstance(scene, BoxScene):

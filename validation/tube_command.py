@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from rich.console import Console
@@ -13,11 +14,18 @@ from geometry.mesh import FloatArray
 from geometry.mesh_io import interface_surface, write_hex_mesh, write_surface
 from validation.fem_box import peak_memory_mb
 from validation.fem_command import CHECKPOINT, progress_bar
-from validation.fem_files import FrameWriter, draw_energies, field_data, groups_mesh
+from validation.fem_files import (
+    FrameWriter,
+    draw_energies,
+    field_data,
+    groups_mesh,
+    point_data,
+)
 from validation.files import output_folder, prepare_json, write_json, write_whole
+from validation.scene import DeformableScene
 from validation.scene_fem import Method
 from validation.tube_explicit import explicit_statement, run_tube_explicit
-from validation.tube_fem import DeformableScene, TubeRun, build_deformable, fem_section, tube_json
+from validation.tube_fem import TubeRun, build_deformable, fem_section, tube_json
 
 
 def run_fem_tube(
@@ -105,17 +113,12 @@ def write_tube_files(
     run: TubeRun, result: ExplicitResult | None, folder: Path
 ) -> list[tuple[str, Path]]:
     """Write fields, contact pressures, history and pictures; returns what each file is."""
-    from validation.tube_pictures import (
-        draw_contact,
-        draw_displacement,
-        draw_sections,
-        draw_stresses,
-    )
-
     groups = run.deformable.model.groups
     fields = folder / "fields.vtu"
-    data = field_data(groups, run.displacements, finite_rotation=run.scene.effects.finite_rotation)
-    write_hex_mesh(fields, groups_mesh(groups), point_data=data)
+    finite = run.scene.effects.finite_rotation
+    data = field_data(groups, run.displacements, finite_rotation=finite)
+    points = point_data(groups, run.displacements, finite_rotation=finite)
+    write_hex_mesh(fields, groups_mesh(groups), point_data=data, cell_data=points)
     contact = folder / "contact_pressures.vtu"
     write_surface(
         contact,
@@ -123,12 +126,7 @@ def write_tube_files(
         {"contact_pressure": run.facet_pressures, "area": run.deformable.surfaces.areas},
     )
     written = [("fields", fields), ("pressures", contact)]
-    for file, draw in (
-        ("contact_pressures.png", draw_contact),
-        ("stresses.png", draw_stresses),
-        ("sections.png", draw_sections),
-        ("displacement.png", draw_displacement),
-    ):
+    for file, draw in _pictures(run).items():
         draw(run, folder / file)
         written.append(("picture", folder / file))
     if result is not None:
@@ -139,6 +137,23 @@ def write_tube_files(
         if (folder / "frames.pvd").exists():
             written.append(("frames", folder / "frames.pvd"))
     return written
+
+
+def _pictures(run: TubeRun) -> dict[str, Callable[[TubeRun, Path], None]]:
+    """Pictures of a run: those of the paper for a tube, surfaces and joints for other blocks."""
+    from validation import block_pictures, tube_pictures
+
+    if not run.is_tube:
+        return {
+            "contact_pressures.png": block_pictures.draw_block_contact,
+            "stresses.png": block_pictures.draw_block_stresses,
+        }
+    return {
+        "contact_pressures.png": tube_pictures.draw_contact,
+        "stresses.png": tube_pictures.draw_stresses,
+        "sections.png": tube_pictures.draw_sections,
+        "displacement.png": tube_pictures.draw_displacement,
+    }
 
 
 def print_tube(run: TubeRun, console: Console) -> None:

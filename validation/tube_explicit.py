@@ -21,6 +21,7 @@ from fem.explicit import (
     solve,
 )
 from fem.explicit_model import ExplicitAssembly, explicit_assembly
+from fem.friction import FrictionError
 from fem.loads import SmoothStepAmplitude
 from fem.model import ModelError
 from fem.quasi_static import RecommendedTimes, quasi_static_report, recommended_times
@@ -29,14 +30,9 @@ from fem.time_step import TimeStepError
 from geometry.mesh import FloatArray
 from validation.effects import build_effects
 from validation.errors import InputError
+from validation.scene import DeformableScene
 from validation.scene_fem import Damping, Method
-from validation.tube_fem import (
-    NO_SECTOR,
-    DeformableScene,
-    TubeRun,
-    build_deformable,
-    fem_section,
-)
+from validation.tube_fem import NO_SECTOR, TubeRun, build_deformable, fem_section
 
 
 @dataclass(frozen=True)
@@ -68,11 +64,16 @@ def explicit_statement(
     fem = fem_section(scene, name)
     damped = fem.damping is Damping.STATIC
     try:
-        orbits = None if fem.symmetry == "none" else largest_cyclic_orbits(deformable)
+        sliding = scene.effects.finite_sliding
+        # Blocks that may slide far may leave their sector: the whole tube is computed.
+        whole = fem.symmetry == "none" or (sliding and fem.symmetry == "auto")
+        orbits = None if whole else largest_cyclic_orbits(deformable)
         if fem.symmetry == "sector" and orbits is not None and orbits.order == 1:
             raise InputError(f"{name}: {NO_SECTOR}")
         effects = build_effects(scene.effects, fem)
-        plain = explicit_assembly(deformable, orbits=orbits, effects=effects)
+        plain = explicit_assembly(
+            deformable, orbits=orbits, effects=effects, friction=deformable.contact.friction
+        )
         times = recommended_times(plain.model, damped=damped)
         ramp = times.ramp_time if fem.ramp_time is None else fem.ramp_time
         stated = explicit_assembly(
@@ -80,8 +81,10 @@ def explicit_statement(
             orbits=orbits,
             effects=effects,
             amplitude=SmoothStepAmplitude(ramp) if ramp > 0 else None,
+            friction=deformable.contact.friction,
+            finite_sliding=sliding,
         )
-    except (SymmetryError, ModelError) as error:
+    except (SymmetryError, ModelError, FrictionError) as error:
         raise InputError(f"{name}: {error}") from None
     hold = times.end_time - times.ramp_time
     end = ramp + hold if fem.end_time is None else fem.end_time

@@ -17,23 +17,25 @@ from fem.deformable_assembly import (
     Frames,
     deformable_assembly,
 )
+from fem.friction import CoulombFriction, FrictionError
 from fem.recovery import recover
-from geometry.assembly import AssemblyError
+from geometry.assembly import Assembly, AssemblyError
+from geometry.box_column import check_joints
+from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from validation.box import build_material
 from validation.build import build_assembly, build_load
 from validation.errors import InputError
-from validation.scene import TubeScene
-from validation.scene_families import HexagonTubeScene
-from validation.scene_fem import ContactSection, FemSection, Method
+from validation.scene import DeformableScene, TubeScene
+from validation.scene_families import BoxesScene, HexagonTubeScene
+from validation.scene_fem import ContactSection, EffectsSection, FemSection, Method
+from validation.scene_polyhedra import MeshScene
 
 #: Why a sector asked for is refused.
 NO_SECTOR = (
     'fem.symmetry: got "sector", but the load or the supports are not the same on every block of a '
     'layer; expected "auto" or "none"'
 )
-#: Tubes that can be meshed by hexahedra.
-DeformableScene = TubeScene | HexagonTubeScene
 
 
 def contact_law(section: ContactSection) -> ContactLaw:
@@ -78,8 +80,66 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
     return scene.fem
 
 
+def build_friction(effects: EffectsSection) -> CoulombFriction | None:
+    """Friction of a scene; None where it names none.
+
+    Raises
+    ------
+    InputError
+        For a coefficient that cannot be used.
+    """
+    section = effects.friction
+    if section is None:
+        return None
+    try:
+        if section.stick_stiffness is None:
+            return CoulombFriction(section.coefficient)
+        return CoulombFriction(section.coefficient, section.stick_stiffness)
+    except FrictionError as error:
+        raise InputError(str(error)) from None
+
+
+def build_hexahedra(scene: DeformableScene, name: str) -> tuple[Assembly, LoadCase]:
+    """Build the blocks and the load of a scene, every block with hexahedra.
+
+    Raises
+    ------
+    InputError
+        When it describes nothing that can be built, or blocks without hexahedra.
+    """
+    if isinstance(scene, MeshScene):
+        from validation.own_blocks import build_own_blocks
+
+        return build_own_blocks(scene, name)
+    assembly = build_assembly(scene)
+    return assembly, build_load(scene, assembly)
+
+
+def held_at_faces(scene: DeformableScene) -> bool:
+    """Whether held blocks deform and are held at their outer faces; else they are rigid.
+
+    A column of boxes stands on its bottom face: no block of it is rigid.
+    """
+    return scene.effects.elastic_frame or isinstance(scene, BoxesScene)
+
+
+def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCase:
+    """Build the load of a scene on blocks already built.
+
+    Raises
+    ------
+    InputError
+        When the blocks cannot take it.
+    """
+    if isinstance(scene, MeshScene):
+        from validation.own_blocks import own_load
+
+        return own_load(scene, name, assembly)
+    return build_load(scene, assembly)
+
+
 def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
-    """Build the deformable tube of a scene.
+    """Build the deformable blocks of a scene.
 
     Raises
     ------
@@ -89,9 +149,11 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
     fem = fem_section(scene, name)
     assert scene.material is not None
     assert scene.contact is not None
-    assembly = build_assembly(scene)
-    load = build_load(scene, assembly)
+    assembly, load = build_hexahedra(scene, name)
+    friction = build_friction(scene.effects)
     try:
+        if isinstance(scene, BoxesScene):
+            check_joints(assembly)
         return deformable_assembly(
             assembly,
             load,
@@ -100,9 +162,11 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
             law=contact_law(scene.contact),
             normals=ContactNormals.CURRENT,
             initial_clearance=scene.contact.initial_clearance,
-            frames=Frames.DEFORMABLE if scene.effects.elastic_frame else Frames.RIGID,
+            frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
+            friction=friction,
+            finite_sliding=scene.effects.finite_sliding,
         )
-    except (ContactError, DeformableAssemblyError, AssemblyError) as error:
+    except (ContactError, DeformableAssemblyError, FrictionError, AssemblyError) as error:
         raise InputError(f"{name}: {error}") from None
 
 
@@ -198,12 +262,24 @@ class TubeRun:
         """Scene, method and mesh, for pictures."""
         clearance = 0.0 if self.scene.contact is None else self.scene.contact.initial_clearance
         gap = f", initial clearance {clearance:g} mm" if clearance else ""
+        if not self.is_tube:
+            blocks = len(self.deformable.deformable_blocks)
+            plural = "s" if blocks > 1 else ""
+            return (
+                f"{self.name}, {blocks} deformable block{plural}: {self.method} FEM, "
+                f"{self.deformable.model.n_elements} elements{gap}"
+            )
         layers = self.deformable.assembly.n_layers
         elements = self.deformable.model.groups[0].mesh.n_elements
         return (
             f"{self.name}, {layers} layer{'s' if layers > 1 else ''}: {self.method} FEM, "
             f"{elements} elements per block{gap}"
         )
+
+    @property
+    def is_tube(self) -> bool:
+        """Whether the blocks stand round an axis, with inner and outer faces."""
+        return isinstance(self.scene, TubeScene | HexagonTubeScene)
 
     def section(self, z: float) -> Section:
         """Cut all deformable blocks by the plane at height z [mm]."""

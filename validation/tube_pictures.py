@@ -9,17 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from geometry.hexagon_block import EDGE_NAMES
 from geometry.mesh import FloatArray, IntArray
 from validation.pictures import EYE, between_layers, beyond_axis, coloured_facets, outline
 from validation.rendering import PRESSURE_MAP, STRESS_MAP, place, polydata, render, save_figure
+from validation.scene import TubeScene
+from validation.scene_families import HexagonTubeScene
 
 if TYPE_CHECKING:
     from validation.tube_fem import TubeRun
 
 
 @dataclass(frozen=True)
-class _Panel:
-    """What one picture of the tube shows."""
+class Panel:
+    """What one picture of the blocks shows."""
 
     title: str
     values: dict[int, FloatArray]
@@ -32,16 +35,17 @@ class _Panel:
     """Factor of the displacement in the picture."""
 
 
-def _coloured_blocks(run: TubeRun, panel: _Panel) -> Callable[[Any], None]:
+def coloured_blocks(run: TubeRun, panel: Panel) -> Callable[[Any], None]:
     """Named faces of all deformable blocks, moved by the panel's scale of their displacement."""
 
     def add(plotter: Any) -> None:
         assembly = run.deformable.assembly
         for block in run.deformable.deformable_blocks.tolist():
             shape = assembly.shape(block)
-            quads = np.concatenate(
-                [shape.faces[face] for face in panel.faces if face in shape.faces]
-            )
+            shown = [shape.faces[face] for face in panel.faces if face in shape.faces]
+            if not shown:
+                continue
+            quads = np.concatenate(shown)
             surface = polydata(run.positions(block) + panel.scale * run.displacement(block), quads)
             surface.point_data["values"] = panel.values[block]
             plotter.add_mesh(
@@ -58,16 +62,28 @@ def _coloured_blocks(run: TubeRun, panel: _Panel) -> Callable[[Any], None]:
     return add
 
 
-def _colour_bar(
-    figure: Any, axes: Any, limits: tuple[float, float], colours: str, label: str
+def colour_bar(
+    figure: Any,
+    axes: Any,
+    limits: tuple[float, float],
+    colours: str,
+    label: str,
+    *,
+    horizontal: bool = False,
 ) -> None:
+    """Add a colour bar to a figure."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    figure.colorbar(ScalarMappable(Normalize(*limits), colours), cax=axes, label=label)
+    figure.colorbar(
+        ScalarMappable(Normalize(*limits), colours),
+        cax=axes,
+        label=label,
+        orientation="horizontal" if horizontal else "vertical",
+    )
 
 
-def _symmetric(values: list[FloatArray]) -> tuple[float, float]:
+def symmetric_limits(values: list[FloatArray]) -> tuple[float, float]:
     """Limits ± the 99.8 % quantile: a few singular nodes must not drown the picture."""
     reach = max(float(np.quantile(np.abs(np.concatenate(values)), 0.998)), 1e-300)
     return (-reach, reach)
@@ -81,14 +97,17 @@ def draw_stresses(run: TubeRun, path: Path) -> None:
     sigma_1 = {b: run.principal(b)[:, 0] for b in blocks}
     sigma_3 = {b: run.principal(b)[:, 2] for b in blocks}
     moved = {b: np.linalg.norm(run.displacement(b), axis=1) for b in blocks}
-    limits_1, limits_3 = _symmetric(list(sigma_1.values())), _symmetric(list(sigma_3.values()))
+    limits_1, limits_3 = (
+        symmetric_limits(list(sigma_1.values())),
+        symmetric_limits(list(sigma_3.values())),
+    )
     limits_u = (0.0, max(float(v.max()) for v in moved.values()) or 1e-300)
     scale, outer = run.drawing_scale, ("outer",)
-    shell = ("outer", "inner", "left", "right")
+    shell = ("outer", "inner", "left", "right", *EDGE_NAMES)
     panels = (
-        _Panel("σ₁, outer surface", sigma_1, STRESS_MAP, limits_1, "σ₁ [MPa]", outer, 0.0),
-        _Panel("σ₃, outer surface", sigma_3, STRESS_MAP, limits_3, "σ₃ [MPa]", outer, 0.0),
-        _Panel(
+        Panel("σ₁, outer surface", sigma_1, STRESS_MAP, limits_1, "σ₁ [MPa]", outer, 0.0),
+        Panel("σ₃, outer surface", sigma_3, STRESS_MAP, limits_3, "σ₃ [MPa]", outer, 0.0),
+        Panel(
             f"displacement, drawn × {scale:g}", moved, "viridis", limits_u, "|u| [mm]", shell, scale
         ),
     )
@@ -97,11 +116,11 @@ def draw_stresses(run: TubeRun, path: Path) -> None:
         1, 6, width_ratios=[9, 1, 9, 1, 9, 1], left=0.02, right=0.93, top=0.88, wspace=0.45
     )
     for column, panel in enumerate(panels):
-        image = render(_coloured_blocks(run, panel), EYE)
+        image = render(coloured_blocks(run, panel), EYE)
         place(figure.add_subplot(grid[2 * column]), image, panel.title)
         cell = grid[2 * column + 1].subgridspec(3, 1, height_ratios=[1, 3, 1])
         bar = figure.add_subplot(cell[1])
-        _colour_bar(figure, bar, panel.limits, panel.colours, panel.label)
+        colour_bar(figure, bar, panel.limits, panel.colours, panel.label)
     figure.suptitle(run.title, fontsize=13, x=0.02, ha="left")
     save_figure(figure, path)
 
@@ -112,13 +131,14 @@ def draw_displacement(run: TubeRun, path: Path) -> None:
 
     from validation.paper.reference import reference
 
+    assert isinstance(run.scene, TubeScene | HexagonTubeScene)
     scale = float(reference()["figures"]["displacement_scale"][str(run.scene.load.case)])
     blocks = run.deformable.deformable_blocks.tolist()
     moved = {b: np.linalg.norm(run.displacement(b), axis=1) for b in blocks}
     limits = (0.0, max(float(v.max()) for v in moved.values()) or 1e-300)
-    shell = ("outer", "inner", "left", "right", "top", "bottom")
+    shell = ("outer", "inner", "left", "right", "top", "bottom", *EDGE_NAMES)
     panels = [
-        _Panel(title, moved, "viridis", limits, "|u| [mm]", shell, factor)
+        Panel(title, moved, "viridis", limits, "|u| [mm]", shell, factor)
         for title, factor in (
             (f"× {scale:g} (the paper's)", scale),
             (f"× {run.drawing_scale:g}", run.drawing_scale),
@@ -126,11 +146,11 @@ def draw_displacement(run: TubeRun, path: Path) -> None:
     ]
     figure, axes = plt.subplots(1, 2, figsize=(7.5, 9.5))
     for column, panel in zip(axes, panels, strict=True):
-        place(column, render(_coloured_blocks(run, panel), (1.0, 0.0, 0.0)), panel.title)
+        place(column, render(coloured_blocks(run, panel), (1.0, 0.0, 0.0)), panel.title)
     figure.suptitle(f"{run.title}\ndisplacement in the zy-plane", fontsize=11, x=0.03, ha="left")
     figure.subplots_adjust(left=0.03, right=0.85, top=0.88, bottom=0.03)
     bar = figure.add_axes((0.89, 0.25, 0.025, 0.5))
-    _colour_bar(figure, bar, limits, "viridis", "|u| [mm]")
+    colour_bar(figure, bar, limits, "viridis", "|u| [mm]")
     save_figure(figure, path)
 
 
@@ -162,14 +182,14 @@ def draw_sections(run: TubeRun, path: Path) -> None:
 
     heights = section_heights(run)
     cuts = [run.section(z) for z in heights]
-    limits_1 = _symmetric([c.values[:, 0] for c in cuts if len(c.values)] or [np.ones(1)])
-    limits_3 = _symmetric([c.values[:, 2] for c in cuts if len(c.values)] or [np.ones(1)])
+    limits_1 = symmetric_limits([c.values[:, 0] for c in cuts if len(c.values)] or [np.ones(1)])
+    limits_3 = symmetric_limits([c.values[:, 2] for c in cuts if len(c.values)] or [np.ones(1)])
     figure, axes = plt.subplots(2, 4, figsize=(14, 7.2), sharex=True, sharey=True)
     for row, (component, limits) in enumerate(((0, limits_1), (2, limits_3))):
         for column, (z, cut) in enumerate(zip(heights, cuts, strict=True)):
             panel = axes[row, column]
             panel.set_aspect("equal")
-            panel.set_title(f"z = {z:g} mm", fontsize=10, loc="left")
+            panel.set_title(f"z = {z:.4g} mm", fontsize=10, loc="left")
             if len(cut.triangles):
                 mesh = Triangulation(cut.points[:, 0], cut.points[:, 1], cut.triangles)
                 panel.tripcolor(
@@ -184,7 +204,7 @@ def draw_sections(run: TubeRun, path: Path) -> None:
                 panel.set_xlabel("x [mm]")
         axes[row, 0].set_ylabel("y [mm]")
         bar = figure.add_axes((0.93, 0.55 - 0.46 * row, 0.012, 0.32))
-        _colour_bar(figure, bar, limits, STRESS_MAP, ("σ₁ [MPa]", "", "σ₃ [MPa]")[component])
+        colour_bar(figure, bar, limits, STRESS_MAP, ("σ₁ [MPa]", "", "σ₃ [MPa]")[component])
     layer = run.deformable.assembly.n_layers // 2 + 1
     figure.suptitle(f"{run.title}: sections through layer {layer}", fontsize=13, x=0.03, ha="left")
     figure.subplots_adjust(left=0.06, right=0.91, top=0.9, bottom=0.08, wspace=0.08, hspace=0.15)
@@ -224,5 +244,5 @@ def draw_contact(run: TubeRun, path: Path) -> None:
     )
     figure.suptitle(run.title, fontsize=12, x=0.03, ha="left")
     bar = figure.add_axes((0.89, 0.15, 0.02, 0.7))
-    _colour_bar(figure, bar, (0.0, highest), PRESSURE_MAP, "contact pressure [MPa]")
+    colour_bar(figure, bar, (0.0, highest), PRESSURE_MAP, "contact pressure [MPa]")
     save_figure(figure, path)

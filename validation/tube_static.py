@@ -12,14 +12,9 @@ from fem.static import StaticError, StaticOptions, solve_static
 from fem.static_result import StaticResult
 from fem.symmetry import SymmetryError
 from validation.errors import InputError
+from validation.scene import DeformableScene
 from validation.scene_fem import FemSection, Method
-from validation.tube_fem import (
-    NO_SECTOR,
-    DeformableScene,
-    TubeRun,
-    build_deformable,
-    fem_section,
-)
+from validation.tube_fem import NO_SECTOR, TubeRun, build_deformable, fem_section
 
 
 def static_options(fem: FemSection) -> StaticOptions:
@@ -39,10 +34,10 @@ def run_tube_static(
     """
     start = time.process_time()
     fem = fem_section(scene, name)
-    if scene.effects.friction is not None:
+    if scene.effects.finite_sliding:
         raise InputError(
-            f"{name}: effects.friction needs the history of an explicit run: set fem.method = "
-            '"explicit", or remove friction'
+            f'{name}: effects.finite_sliding needs an explicit run: set fem.method = "explicit", '
+            "or leave it out where blocks slide by less than a facet"
         )
     deformable = build_deformable(scene, name) if deformable is None else deformable
     built = time.process_time()
@@ -80,9 +75,11 @@ def static_numbers(result: StaticResult) -> dict[str, Any]:
         "residual": result.residual,
         "newton_iterations": result.newton_iterations,
         "symmetry": result.symmetry,
+        "loose_blocks": result.loose_blocks.tolist(),
         "energies": {
             "strain_energy": result.strain_energy,
             "contact_energy": result.contact_energy,
             "external_work": result.external_work,
+            "frictional_dissipation": result.frictional_dissipation,
         },
     }

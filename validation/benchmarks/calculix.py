@@ -18,22 +18,32 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from fem.abaqus_placement import canonical
 from fem.contact_law import ExponentialLaw
-from fem.deck import Deck, DeckStep, Flavour, Hold, Joint, PressureLoad, Procedure, loads_of_case
-from fem.deck_model import deck_assembly, deck_model
-from fem.deck_write import write_deck
+from fem.decks.model import deck_assembly, deck_model
+from fem.decks.placement import canonical
+from fem.decks.statement import (
+    Deck,
+    DeckStep,
+    Flavour,
+    Hold,
+    Joint,
+    PressureLoad,
+    Procedure,
+    loads_of_case,
+)
+from fem.decks.write import write_deck
 from fem.explicit import solve
 from fem.hexahedron import ElementType
 from fem.material import Material
-from fem.static import StaticResult, solve_static
+from fem.static import solve_static
+from fem.static_result import StaticResult
 from geometry.assembly import Assembly
 from geometry.block import Block, box_block
 from geometry.load_case import load_case
 from geometry.mesh import FloatArray
 from geometry.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.tube import sine_tube
-from validation.calculix import CalculixResult, run_calculix
+from validation.calculix import CalculixResult, calculix_available, run_calculix
 from validation.files import prepare_json, write_json
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
@@ -320,6 +330,8 @@ def main() -> None:
     parser.add_argument("--json", metavar="FILE|-", default=None)
     arguments = parser.parse_args()
     prepare_json(arguments.json)
+    if not calculix_available():
+        parser.exit(2, "error: ccx is not installed (Debian: calculix-ccx)\n")
     with tempfile.TemporaryDirectory() as folder:
         rows = all_rows(Path(folder))
     print_rows(rows, Console(stderr=arguments.json == "-", width=118))

@@ -38,7 +38,7 @@ def _run(evidence: Evidence, block: str, case: str) -> TubeRun:
 
 def block_grid(run: TubeRun, values: FloatArray) -> FloatArray:
     """Nodal values (n_nodes, …) by position in the block: radial, around, axial."""
-    mesh = run.scene.mesh.model_dump()
+    mesh = _tube(run).mesh.model_dump()
     shape = (mesh["radial"] + 1, mesh["around"] + 1, mesh["axial"] + 1)
     return values.reshape(*shape, *values.shape[1:])
 
@@ -137,7 +137,7 @@ def _pair(name: str, run: TubeRun, rigid: RigidRun, lower: int) -> PressurePair:
 
 def same_mesh(evidence: Evidence, run: TubeRun) -> RigidRun:
     """Rigid-block result on the mesh of a deformable one, the load as physics says."""
-    mesh = run.scene.mesh.model_dump()
+    mesh = _tube(run).mesh.model_dump()
     return evidence.rigid(run.name, *(f"mesh.{key}={value}" for key, value in mesh.items()))
 
 
@@ -441,7 +441,7 @@ def _load(run: TubeRun) -> FloatArray:
     """Resultant of the load [N]."""
     from validation.build import build_load
 
-    load = build_load(run.scene, run.deformable.assembly)
+    load = build_load(_tube(run), run.deformable.assembly)
     total: FloatArray = load.facet_forces.sum(axis=0)
     return total
 

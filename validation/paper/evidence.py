@@ -196,7 +196,7 @@ class Evidence:
         self, block: str, case: str, settings: Iterable[str] = (), words: str = ""
     ) -> TubeRun:
         """Static state on a mesh of its own; one sector where the load is cyclic."""
-        from validation.tube_fem import DeformableScene
+        from validation.scene import DeformableScene
         from validation.tube_static import run_tube_static
 
         around, radial, axial = self.fem_mesh(case)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem.abaqus_keywords import DeckError, label
-from fem.deck import Deck
+from fem.decks.keywords import DeckError, label
+from fem.decks.statement import Deck
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.mesh import HEX_FACES, IntArray

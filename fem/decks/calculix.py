@@ -13,59 +13,47 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fem.abaqus_keywords import (
-    DeckError,
-    element_lines,
-    entry_lines,
-    keyword,
-    label,
-    node_lines,
-    real,
-    reals,
-)
-from fem.abaqus_write import (
-    JOINT,
-    LOADING,
-    MATERIAL,
-    amplitude_parameter,
-    block_label,
-    check_deck,
-    gravity_lines,
-    heading_lines,
-    material_lines,
-    pair_keyword,
-    surface_lines,
-)
 from fem.contact_law import ContactLaw, ExponentialLaw
-from fem.deck import Deck, DeckLoad, Hold, PressureLoad, Procedure
-from fem.deck_faces import ElementFaces, Patches, contact_patches, element_faces
-from fem.deck_model import block_nodes, nodal_forces
+from fem.decks.abaqus import heading_lines
+from fem.decks.abaqus_model import material_lines
+from fem.decks.abaqus_step import amplitude_parameter, gravity_lines, pair_keyword
+from fem.decks.calculix_mesh import (
+    CALCULIX_ELEMENTS,
+    EVERY_ELEMENT,
+    EVERY_NODE,
+    Starts,
+    flat_surface_lines,
+    held_name,
+    held_set_lines,
+    mesh_lines,
+)
+from fem.decks.faces import Patches, contact_patches
+from fem.decks.keywords import DeckError, keyword, label, real, reals
+from fem.decks.model import block_nodes, nodal_forces
+from fem.decks.names import JOINT, LOADING, MATERIAL, block_label, check_deck
+from fem.decks.statement import Deck, DeckLoad, PressureLoad, Procedure
 from fem.hexahedron import ElementType
 from fem.loads import SmoothStepAmplitude
-from geometry.assembly import BoolArray
 from geometry.mesh import FloatArray
-
-#: Element of each formulation: CalculiX' C3D8 is plain full integration, unlike Abaqus'.
-CALCULIX_ELEMENTS = {
-    ElementType.FULL: "C3D8",
-    ElementType.INCOMPATIBLE: "C3D8I",
-    ElementType.REDUCED: "C3D8R",
-}
 
 #: Points of a table that CalculiX reads with NODE TO SURFACE.
 TABLE_POINTS = 200
 
+
 #: A table of the exponential law ends here at the latest (overclosure over c0, plus one).
 _LARGEST_EXPONENT = 20.0
+
 
 #: Overclosure of the last point of a table [mm]: CalculiX holds the pressure beyond.
 _FAR = 1.0e3
 
+
 #: Samples of the smooth step; linear between them it is off by less than 1e-4 of the load.
 _AMPLITUDE_POINTS = 101
 
-EVERY_NODE = "NALL"
-EVERY_ELEMENT = "EALL"
+
+#: Residual and correction at which an increment has converged, relative (defaults 0.005, 0.01).
+_CONVERGENCE = (1.0e-6, 1.0e-4)
 
 
 def calculix_lines(deck: Deck) -> Iterator[str]:
@@ -74,7 +62,7 @@ def calculix_lines(deck: Deck) -> Iterator[str]:
     Parameters
     ----------
     deck
-        The problem; its assembly must be canonical (`fem.abaqus_placement.canonical`).
+        The problem; its assembly must be canonical (`fem.decks.placement.canonical`).
 
     Raises
     ------
@@ -82,12 +70,12 @@ def calculix_lines(deck: Deck) -> Iterator[str]:
         What CalculiX has no words for, by name.
     """
     check_calculix(deck)
-    starts = _Starts(deck)
+    starts = Starts(deck)
     patches = None if deck.joint is None else contact_patches(deck)
     yield from heading_lines(deck)
-    yield from _mesh(deck, starts)
-    yield from _held_sets(deck, starts)
-    yield from _surfaces(deck, starts, patches)
+    yield from mesh_lines(deck, starts)
+    yield from held_set_lines(deck, starts)
+    yield from flat_surface_lines(deck, starts, patches)
     yield "**"
     yield from _material(deck)
     if patches is not None:
@@ -132,19 +120,6 @@ def check_calculix(deck: Deck) -> None:
         raise DeckError("initial: a static step has no initial motion; remove it")
 
 
-class _Starts:
-    """First node and element of each block in the flat numbering, from 0."""
-
-    def __init__(self, deck: Deck) -> None:
-        shapes = [deck.assembly.shape(b).mesh for b in range(deck.assembly.n_blocks)]
-        self.node = _running([mesh.n_nodes for mesh in shapes])
-        self.element = _running([mesh.n_elements for mesh in shapes])
-
-
-def _running(counts: list[int]) -> list[int]:
-    return [0, *np.cumsum(counts).tolist()]
-
-
 def law_table(law: ContactLaw) -> FloatArray:
     """Pressure and overclosure of a contact law as a table for CalculiX, (n <= 200, 2).
 
@@ -161,102 +136,6 @@ def law_table(law: ContactLaw) -> FloatArray:
     slope = float(law.stiffness(overclosure[-1:] + 1e-9)[0])
     last = [pressure[-1] + slope * (_FAR - overclosure[-1]), _FAR]
     return np.vstack([np.column_stack([pressure, overclosure]), last])
-
-
-# ---------------------------------------------------------------------------------------------
-# Mesh, sets and surfaces
-
-
-def _mesh(deck: Deck, starts: _Starts) -> Iterator[str]:
-    assembly = deck.assembly
-    yield keyword("Node", nset=EVERY_NODE)
-    for block in range(assembly.n_blocks):
-        yield from node_lines(block_nodes(deck, block) + 0.0, starts.node[block] + 1)
-    for block in range(assembly.n_blocks):
-        name = block_label(deck, block)
-        yield keyword("Element", type=CALCULIX_ELEMENTS[deck.element], elset=name)
-        first = starts.element[block] + 1, starts.node[block] + 1
-        yield from element_lines(assembly.shape(block).mesh.elements, *first)
-    yield keyword("Elset", elset=EVERY_ELEMENT, generate=None)
-    yield f"1, {starts.element[-1]}, 1"
-    for layer in np.unique(assembly.layer).tolist():
-        yield from _block_set(deck, f"LAYER-{layer:02d}", assembly.layer == layer, starts)
-    if assembly.fixed.any():
-        yield from _block_set(deck, "FRAME", assembly.fixed, starts)
-
-
-def _block_set(deck: Deck, name: str, chosen: BoolArray, starts: _Starts) -> Iterator[str]:
-    """Elements of some blocks: a range where the blocks follow each other, else a set of sets.
-
-    Ranges are what every reader understands.
-    """
-    blocks = np.flatnonzero(chosen).tolist()
-    if blocks == list(range(blocks[0], blocks[-1] + 1)):
-        yield keyword("Elset", elset=name, generate=None)
-        yield f"{starts.element[blocks[0]] + 1}, {starts.element[blocks[-1] + 1]}, 1"
-    else:
-        yield keyword("Elset", elset=name)
-        yield from entry_lines(block_label(deck, block) for block in blocks)
-
-
-def _held_name(deck: Deck, hold: Hold) -> str:
-    nodes = "ALL" if hold.face is None else f"{label(hold.face)}-NODES"
-    return f"{block_label(deck, hold.block)}_{nodes}"
-
-
-def _held_sets(deck: Deck, starts: _Starts) -> Iterator[str]:
-    written = set()
-    for hold in deck.holds:
-        name = _held_name(deck, hold)
-        if name in written:
-            continue
-        written.add(name)
-        first, end = starts.node[hold.block], starts.node[hold.block + 1]
-        if hold.face is None:
-            yield keyword("Nset", nset=name, generate=None)
-            yield f"{first + 1}, {end}, 1"
-        else:
-            yield keyword("Nset", nset=name)
-            quads = deck.assembly.shape(hold.block).faces[hold.face]
-            yield from entry_lines(np.unique(quads) + first + 1)
-
-
-def _surfaces(deck: Deck, starts: _Starts, patches: Patches | None) -> Iterator[str]:
-    """Surfaces that pressures and contact pairs name."""
-    assembly = deck.assembly
-    known = [_shape_surfaces(deck, number, patches) for number in range(len(assembly.shapes))]
-    for block, needed in enumerate(_needed_surfaces(deck, patches)):
-        for name, faces in known[int(assembly.shape_of[block])].items():
-            if name in needed:
-                yield from surface_lines(
-                    name,
-                    faces,
-                    prefix=f"{block_label(deck, block)}_",
-                    first_element=starts.element[block] + 1,
-                )
-
-
-def _shape_surfaces(deck: Deck, number: int, patches: Patches | None) -> dict[str, ElementFaces]:
-    """All surfaces that blocks of one shape can have."""
-    shape = deck.assembly.shapes[number]
-    whole = {name: element_faces(shape, quads) for name, quads in shape.faces.items()}
-    surfaces = {label(name): faces for name, faces in whole.items()}
-    for patch in () if patches is None else patches.of_shape[number]:
-        surfaces[patch.label] = whole[patch.face].select(patch.positions)
-    return surfaces
-
-
-def _needed_surfaces(deck: Deck, patches: Patches | None) -> list[set[str]]:
-    """Labels of the surfaces of each block that the deck names."""
-    needed: list[set[str]] = [set() for _ in range(deck.assembly.n_blocks)]
-    for load in deck.loads:
-        if isinstance(load, PressureLoad):
-            for block in load.blocks.tolist():
-                needed[block].add(label(load.face))
-    for pair in () if patches is None else patches.pairs:
-        needed[pair.block_m].add(pair.patch_m)
-        needed[pair.block_s].add(pair.patch_s)
-    return needed
 
 
 # ---------------------------------------------------------------------------------------------
@@ -289,7 +168,7 @@ def _contact(deck: Deck, patches: Patches) -> Iterator[str]:
         )
 
 
-def _model_data(deck: Deck, starts: _Starts) -> Iterator[str]:
+def _model_data(deck: Deck, starts: Starts) -> Iterator[str]:
     if deck.step.ramp_time > 0.0:
         yield keyword("Amplitude", name=LOADING)
         yield from _sampled_amplitude(deck.step.ramp_time)
@@ -302,7 +181,7 @@ def _model_data(deck: Deck, starts: _Starts) -> Iterator[str]:
     if deck.holds:
         yield keyword("Boundary")
         for hold in deck.holds:
-            yield f"{_held_name(deck, hold)}, {hold.components[0] + 1}, {hold.components[-1] + 1}"
+            yield f"{held_name(deck, hold)}, {hold.components[0] + 1}, {hold.components[-1] + 1}"
 
 
 def _sampled_amplitude(duration: float) -> Iterator[str]:
@@ -330,7 +209,7 @@ def _nodal_lines(values: FloatArray, start: int) -> Iterator[str]:
 # Step
 
 
-def _step(deck: Deck, starts: _Starts) -> Iterator[str]:
+def _step(deck: Deck, starts: Starts) -> Iterator[str]:
     step = deck.step
     yield "**"
     geometry: dict[str, str | None] = {"nlgeom": None} if step.large_rotations else {}
@@ -353,11 +232,7 @@ def _step(deck: Deck, starts: _Starts) -> Iterator[str]:
     yield keyword("End Step")
 
 
-#: Residual and correction at which an increment has converged, relative (defaults 0.005, 0.01).
-_CONVERGENCE = (1.0e-6, 1.0e-4)
-
-
-def _load(deck: Deck, load: DeckLoad, starts: _Starts) -> Iterator[str]:
+def _load(deck: Deck, load: DeckLoad, starts: Starts) -> Iterator[str]:
     amplitude = amplitude_parameter(deck)
     if isinstance(load, PressureLoad):
         yield keyword("Dsload", **amplitude)
@@ -365,7 +240,7 @@ def _load(deck: Deck, load: DeckLoad, starts: _Starts) -> Iterator[str]:
             yield f"{block_label(deck, block)}_{label(load.face)}, P, {real(load.pressure)}"
         return
     yield keyword("Cload", **amplitude)
-    for block in load.blocks.tolist():
+    for block in np.unique(load.blocks).tolist():
         yield from _nodal_lines(nodal_forces(deck, load, block), starts.node[block])
 
 
@@ -376,7 +251,7 @@ def _output(deck: Deck) -> Iterator[str]:
     yield "S"
     yield keyword("Node Print", nset=EVERY_NODE, frequency="999999")
     yield "U"
-    for name in dict.fromkeys(_held_name(deck, hold) for hold in deck.holds):
+    for name in dict.fromkeys(held_name(deck, hold) for hold in deck.holds):
         yield keyword("Node Print", nset=name, totals="ONLY", frequency="999999")
         yield "RF"
     if deck.joint is not None:

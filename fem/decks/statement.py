@@ -1,8 +1,8 @@
 """What an input deck says: blocks, material, joints, supports, loads and one step.
 
 The statement of a problem for another program, independent of how that program spells it:
-`fem.abaqus_write` and `fem.calculix_write` turn it into text, `fem.abaqus_read` reads it back,
-`fem.deck_model` makes a model for the solvers of this package of it.
+`fem.decks.abaqus` and `fem.decks.calculix` turn it into text, `fem.decks.read` reads it back,
+`fem.decks.model` makes a model for the solvers of this package of it.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fem.abaqus_keywords import DeckError
 from fem.contact_law import ContactLaw
+from fem.decks.keywords import DeckError
 from fem.effects import Effects
 from fem.hexahedron import ElementType
 from fem.material import Material
@@ -91,7 +91,21 @@ class BodyForceLoad:
     """World axes, (n, 3) [N/mm³]."""
 
 
-DeckLoad: TypeAlias = PressureLoad | TractionLoad | CircumferentialLoad | BodyForceLoad
+@dataclass(frozen=True)
+class NodalForceLoad:
+    """Dead forces on nodes, one entry for each loaded node."""
+
+    blocks: IntArray
+    """Block of each node, (n,)."""
+    nodes: IntArray
+    """Node in the block's mesh, (n,)."""
+    forces: FloatArray
+    """World axes, (n, 3) [N]."""
+
+
+DeckLoad: TypeAlias = (
+    PressureLoad | TractionLoad | CircumferentialLoad | BodyForceLoad | NodalForceLoad
+)
 
 
 @dataclass(frozen=True)

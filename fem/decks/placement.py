@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fem.abaqus_keywords import real
+from fem.decks.keywords import real
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
 

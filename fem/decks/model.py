@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from fem.contact import ContactNormals, check_initial_overlap, contact_surfaces
-from fem.deck import (
+from fem.decks.statement import (
     BodyForceLoad,
     CircumferentialLoad,
     Deck,
     DeckLoad,
+    NodalForceLoad,
     PressureLoad,
     Procedure,
 )
@@ -32,6 +33,11 @@ def nodal_forces(deck: Deck, load: DeckLoad, block: int) -> FloatArray:
     """Consistent nodal forces of one load on one of its blocks, world axes, (n_nodes, 3) [N]."""
     assembly = deck.assembly
     shape = assembly.shape(block)
+    if isinstance(load, NodalForceLoad):
+        mine = load.blocks == block
+        forces = np.zeros((shape.mesh.n_nodes, 3))
+        np.add.at(forces, load.nodes[mine], load.forces[mine])
+        return forces
     if isinstance(load, BodyForceLoad):
         density = load.force_density[load.blocks == block][0]
         return np.outer(block_lumped_mass(shape.mesh, 1.0), density)
@@ -43,6 +49,18 @@ def nodal_forces(deck: Deck, load: DeckLoad, block: int) -> FloatArray:
         around *= load.traction / np.linalg.norm(around, axis=1, keepdims=True)
         return traction_forces(nodes, quads, around)
     return traction_forces(nodes, quads, load.traction)
+
+
+def as_nodal_forces(deck: Deck, load: DeckLoad) -> NodalForceLoad:
+    """Return the same load as forces on nodes."""
+    blocks, nodes, forces = [], [], []
+    for block in np.unique(load.blocks).tolist():
+        dense = nodal_forces(deck, load, block)
+        where = np.flatnonzero(dense.any(axis=1))
+        blocks.append(np.full(len(where), block))
+        nodes.append(where)
+        forces.append(dense[where])
+    return NodalForceLoad(np.concatenate(blocks), np.concatenate(nodes), np.concatenate(forces))
 
 
 def deck_model(deck: Deck) -> tuple[Model, IntArray, IntArray]:
@@ -104,7 +122,7 @@ def _loads(deck: Deck, group_of: IntArray, copy_of: IntArray) -> tuple[NodalLoad
     amplitude = SmoothStepAmplitude(step.ramp_time) if smooth else None
     loads = []
     for load in deck.loads:
-        for block in load.blocks.tolist():
+        for block in np.unique(load.blocks).tolist():
             if group_of[block] < 0:
                 continue
             forces = nodal_forces(deck, load, block)

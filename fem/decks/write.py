@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from fem.abaqus_write import abaqus_lines
-from fem.calculix_write import calculix_lines
-from fem.deck import Deck, Flavour
+from fem.decks.abaqus import abaqus_lines
+from fem.decks.calculix import calculix_lines
+from fem.decks.statement import Deck, Flavour
 
 
 def deck_lines(deck: Deck) -> Iterator[str]:
@@ -16,7 +16,7 @@ def deck_lines(deck: Deck) -> Iterator[str]:
     Parameters
     ----------
     deck
-        The problem; its assembly must be canonical (`fem.abaqus_placement.canonical`).
+        The problem; its assembly must be canonical (`fem.decks.placement.canonical`).
 
     Raises
     ------

@@ -1,0 +1,1 @@
+"""Input decks for other programs: stated, written for Abaqus and CalculiX, read back."""

@@ -1,0 +1,230 @@
+"""Points of surfaces and the search for the facets they face.
+
+Points lie on every facet of every block; of two blocks that come near, those of the finer one
+look for facets of the other. Spatial trees find candidates, the closest point on each is found
+by Newton, and of those that hold it the nearest is taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from geometry.mesh import FloatArray, IntArray
+
+#: Skin of the search over the shortest mean edge of a facet.
+_SKIN = 0.1
+
+#: Facets looked at for each point.
+_CANDIDATES = 12
+
+#: A point this far outside a facet, in natural coordinates, still belongs to it.
+_RIM = 1e-6
+
+
+@dataclass(frozen=True)
+class BlockSurface:
+    """The facets of one block that can touch others."""
+
+    block: int
+    """Number of the block, for messages."""
+    group: int
+    """Group of the model; -1 for a rigid block."""
+    copy: int
+    """Copy of that group; 0 for a rigid block."""
+    rotation: FloatArray
+    """Placement, (3, 3)."""
+    nodes: IntArray
+    """Mesh nodes on the surface, (n_nodes,)."""
+    reference: FloatArray
+    """Their positions before any displacement, world axes, (n_nodes, 3) [mm]."""
+    quads: IntArray
+    """Facets as positions in `nodes`, counter-clockwise from outside, (n_facets, 4)."""
+
+    @property
+    def edge(self) -> float:
+        """Mean edge of the facets [mm]."""
+        corners = self.reference[self.quads]
+        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
+
+
+def facet_area_vectors(corners: FloatArray) -> FloatArray:
+    """Vector areas of facets (n, 4, 3): (n, 3) [mm²]."""
+    areas: FloatArray = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    return areas
+
+
+def _shapes(xi: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Bilinear shape functions (..., 4) and slopes (..., 4, 2) at natural coordinates (..., 2)."""
+    signs = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    factor = 1.0 + xi[..., None, :] * signs
+    slopes = 0.25 * signs * factor[..., ::-1]
+    return 0.25 * factor.prod(axis=-1), slopes
+
+
+class SlidingPoints:
+    """Points on all surfaces, and which facet each faces at present."""
+
+    def __init__(
+        self, surfaces: tuple[BlockSurface, ...], *, reach: float, points_per_edge: int
+    ) -> None:
+        """Place the points.
+
+        Parameters
+        ----------
+        surfaces
+            Of all blocks; those of one group follow each other.
+        reach
+            Distance below which contact acts [mm].
+        points_per_edge
+            Gauss points along each edge of a facet.
+        """
+        sizes = np.cumsum([0, *(len(s.nodes) for s in surfaces)])
+        facets = np.cumsum([0, *(len(s.quads) for s in surfaces)])
+        self.surfaces = surfaces
+        self.node_start: IntArray = sizes
+        self.position = np.concatenate([s.reference for s in surfaces])
+        self.quads = np.concatenate(
+            [s.quads + first for s, first in zip(surfaces, sizes[:-1], strict=True)]
+        )
+        self.facets = [slice(a, b) for a, b in pairwise(facets.tolist())]
+        self._reach = max(reach, 0.0)
+        self._edges = np.array([s.edge for s in surfaces])
+        self.skin = _SKIN * float(self._edges.min())
+        self._make_points(points_per_edge)
+        n = len(self.slave)
+        self.facet = np.full(n, -1, dtype=np.int64)
+        self.xi = np.zeros((n, 2))
+
+    def _make_points(self, per_edge: int) -> None:
+        line, weight = np.polynomial.legendre.leggauss(per_edge)
+        xi = np.stack([g.ravel() for g in np.meshgrid(line, line, indexing="ij")], axis=1)
+        area = np.outer(weight, weight).ravel()
+        values, slopes = _shapes(xi)
+        corners = self.position[self.quads]
+        tangents = np.einsum("pak,fai->fpki", slopes, corners)
+        measure = np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2)
+        self.slave = np.repeat(np.arange(len(self.quads)), len(xi))
+        self.shapes = np.tile(values, (len(self.quads), 1))
+        self.weights = (measure * area).ravel()
+        self._per_facet = len(xi)
+
+    @property
+    def block(self) -> IntArray:
+        """Block that each point lies on, (n,)."""
+        return self.facet_block[self.slave]
+
+    @property
+    def facet_block(self) -> IntArray:
+        """Block of each facet, (n_facets,)."""
+        blocks = [s.block for s in self.surfaces]
+        return np.repeat(blocks, [f.stop - f.start for f in self.facets])
+
+    def place(self) -> FloatArray:
+        """Positions of the points, world axes, (n, 3) [mm]."""
+        corners = self.position[self.quads[self.slave]]
+        positions: FloatArray = np.einsum("pa,pai->pi", self.shapes, corners)
+        return positions
+
+    def search(self) -> None:
+        """Give every point the facet it faces, if one is within reach and skin."""
+        self.facet[:] = -1
+        best = np.full(len(self.facet), np.inf)
+        low, high = self._bounds()
+        trees: dict[int, cKDTree] = {}
+        for m, s in self._near_blocks(low, high):
+            if m not in trees:
+                corners = self.position[self.quads[self.facets[m]]]
+                trees[m] = cKDTree(corners.mean(axis=1))
+            self._search_pair(m, s, trees[m], (low[m], high[m]), best)
+
+    def _bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Boxes round the surfaces, grown by what a point may be away; (n_blocks, 3) each."""
+        margin = self._reach + self.skin
+        low, high = np.empty((len(self.surfaces), 3)), np.empty((len(self.surfaces), 3))
+        for k, facets in enumerate(self.facets):
+            corners = self.position[self.quads[facets]].reshape(-1, 3)
+            low[k], high[k] = corners.min(axis=0) - margin, corners.max(axis=0) + margin
+        return low, high
+
+    def _near_blocks(self, low: FloatArray, high: FloatArray) -> list[tuple[int, int]]:
+        """Master and slave of each two blocks whose boxes overlap; the finer one is slave."""
+        pairs = []
+        for i in range(len(low)):
+            overlap = ((low[i] <= high[i + 1 :]) & (low[i + 1 :] <= high[i])).all(axis=1)
+            for j in np.flatnonzero(overlap) + i + 1:
+                if max(self.surfaces[i].group, self.surfaces[j].group) < 0:
+                    continue
+                finer = j if self._edges[j] <= self._edges[i] * (1.0 + 1e-9) else i
+                pairs.append((int(i + j - finer), int(finer)))
+        return pairs
+
+    def _search_pair(
+        self, m: int, s: int, tree: cKDTree, box: tuple[FloatArray, FloatArray], best: FloatArray
+    ) -> None:
+        facets = self.facets[s]
+        points = np.arange(facets.start * self._per_facet, facets.stop * self._per_facet)
+        own = self.position[self.quads[self.slave[points]]]
+        x = np.einsum("pa,pai->pi", self.shapes[points], own)
+        inside = ((x >= box[0]) & (x <= box[1])).all(axis=1)
+        points, own, x = points[inside], own[inside], x[inside]
+        if not len(points):
+            return
+        count = min(_CANDIDATES, tree.n)
+        _, found = tree.query(x, k=count)
+        candidate = np.asarray(found).reshape(len(points), count) + self.facets[m].start
+        xi, gap, normal = closest_points(self.position[self.quads[candidate]], x)
+        against = np.einsum("pki,pi->pk", normal, facet_area_vectors(own)) < 0.0
+        on_facet = (np.abs(xi) <= 1.0 + _RIM).all(axis=2) & against
+        on_facet &= (gap <= self._reach + self.skin) & (gap >= -0.5 * self._edges[m])
+        distance = np.where(on_facet, np.abs(gap), np.inf)
+        choice = distance.argmin(axis=1)
+        row = np.arange(len(points))
+        better = distance[row, choice] < best[points]
+        row, choice, points = row[better], choice[better], points[better]
+        best[points] = distance[row, choice]
+        self.facet[points] = candidate[row, choice]
+        self.xi[points] = xi[row, choice]
+
+
+def closest_points(
+    corners: FloatArray, points: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Closest points of facets to points, by Newton from the centres.
+
+    Parameters
+    ----------
+    corners
+        Facets for each point, (n, k, 4, 3) [mm].
+    points
+        (n, 3) [mm].
+
+    Returns
+    -------
+    tuple[FloatArray, FloatArray, FloatArray]
+        Natural coordinates (n, k, 2), held within twice the facet, gaps (n, k) [mm], normals
+        (n, k, 3).
+    """
+    xi = np.zeros((*corners.shape[:2], 2))
+    mixed = 0.25 * (
+        corners[..., 0, :] - corners[..., 1, :] + corners[..., 2, :] - corners[..., 3, :]
+    )
+    for _ in range(12):
+        values, slopes = _shapes(xi)
+        d = points[:, None] - np.einsum("nka,nkai->nki", values, corners)
+        tangents = np.einsum("nkac,nkai->nkci", slopes, corners)
+        matrix = np.einsum("nkci,nkdi->nkcd", tangents, tangents)
+        twist = np.einsum("nki,nki->nk", d, mixed)
+        matrix[..., 0, 1] -= twist
+        matrix[..., 1, 0] -= twist
+        right = np.einsum("nkci,nki->nkc", tangents, d)
+        xi = np.clip(xi + np.linalg.solve(matrix, right[..., None])[..., 0], -2.0, 2.0)
+    values, slopes = _shapes(xi)
+    d = points[:, None] - np.einsum("nka,nkai->nki", values, corners)
+    tangents = np.einsum("nkac,nkai->nkci", slopes, corners)
+    normal = np.cross(tangents[..., 0, :], tangents[..., 1, :])
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    return xi, np.einsum("nki,nki->nk", d, normal), normal

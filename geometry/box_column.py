@@ -1,0 +1,101 @@
+"""A column of boxes of their own sizes and meshes: the simplest contact problem.
+
+Under a pressure on its top every joint that is covered wholly carries the same pressure, and the
+overclosure of the joint follows from the contact law alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.assembly import Assembly, AssemblyError
+from geometry.block import Block, box_block
+
+#: Part of a joint's area that may be missing from its matched facets: rounding.
+_AREA_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class ColumnBox:
+    """One box of a column."""
+
+    size: tuple[float, float, float]
+    """Along x, y, z [mm]."""
+    divisions: tuple[int, int, int]
+    """Elements along x, y, z."""
+
+
+def box_column(boxes: Sequence[ColumnBox]) -> Assembly:
+    """Stack boxes along z, centred on the z axis, the first one on z = 0 and held.
+
+    Equal boxes share one shape. Box k is block k and layer k.
+
+    Parameters
+    ----------
+    boxes
+        From the bottom up, at least two.
+
+    Raises
+    ------
+    AssemblyError
+        For fewer than two boxes, or sizes or divisions that make none.
+    """
+    if len(boxes) < 2:
+        raise AssemblyError(f"block.boxes: got {len(boxes)}, expected at least 2 boxes that meet")
+    kinds: dict[ColumnBox, int] = {}
+    for number, box in enumerate(boxes):
+        if not (all(np.isfinite(box.size)) and min(box.size) > 0):
+            raise AssemblyError(
+                f"block.boxes: box {number} has size {list(box.size)}, expected three positive "
+                "lengths in mm"
+            )
+        if min(box.divisions) < 1:
+            raise AssemblyError(
+                f"block.boxes: box {number} has divisions {list(box.divisions)}, expected at "
+                "least 1 each"
+            )
+        kinds.setdefault(box, len(kinds))
+    size = np.array([box.size for box in boxes])
+    bottom = np.concatenate([[0.0], np.cumsum(size[:-1, 2])])
+    n = len(boxes)
+    return Assembly(
+        name="box-column",
+        shapes=tuple(_shape(box, number) for box, number in kinds.items()),
+        shape_of=np.array([kinds[box] for box in boxes], dtype=np.int64),
+        rotations=np.tile(np.eye(3), (n, 1, 1)),
+        translations=np.column_stack([-0.5 * size[:, :2], bottom]),
+        layer=np.arange(n, dtype=np.int64),
+        fixed=np.arange(n) == 0,
+        unmatched_allowed=True,
+    )
+
+
+def _shape(box: ColumnBox, number: int) -> Block:
+    return box_block(box.size, box.divisions, name=f"box-{number}", contact_faces=("z-", "z+"))
+
+
+def check_joints(column: Assembly) -> None:
+    """Refuse joints whose meshes do not match where the boxes meet.
+
+    Raises
+    ------
+    AssemblyError
+        Naming the joint, its area, and how much of it has matching facets.
+    """
+    found = column.interfaces
+    for below in range(column.n_blocks - 1):
+        rows = (found.block_m == below) & (found.block_s == below + 1)
+        matched = float(found.areas[rows].sum())
+        pair = (below, below + 1)
+        width, depth = np.min([np.ptp(column.nodes(b), axis=0)[:2] for b in pair], axis=0)
+        joint = float(width * depth)
+        if matched < (1.0 - _AREA_TOLERANCE) * joint:
+            raise AssemblyError(
+                f"{column.name}: the meshes of boxes {below} and {below + 1} do not match on "
+                f"their common face: facets meet corner on corner on {matched:.6g} of "
+                f"{joint:.6g} mm²; expected facets of equal size there: choose other divisions "
+                "(contact between meshes that do not match is not available)"
+            )

@@ -1,0 +1,257 @@
+"""The flat deck for CalculiX: what it says, and what two other programs make of our decks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fem.contact_law import ExponentialLaw, LinearPenalty
+from fem.decks.calculix import TABLE_POINTS, law_table
+from fem.decks.cards import read_cards
+from fem.decks.faces import contact_patches
+from fem.decks.keywords import DeckError
+from fem.decks.model import as_nodal_forces, block_nodes, deck_assembly, nodal_forces
+from fem.decks.placement import canonical
+from fem.decks.statement import Deck, Flavour, Joint, Motion, Procedure, loads_of_case
+from fem.decks.write import deck_lines, write_deck
+from fem.effects import Effects, RayleighDamping
+from fem.hexahedron import ElementType
+from geometry.load_case import load_case
+from geometry.mesh import HexMesh, mass_properties
+from geometry.sine_block import SineBlockDivisions
+from geometry.tube import sine_tube
+from tests.conftest import tsb
+from validation.benchmarks.calculix import (
+    bar_deck,
+    bar_rows,
+    calculix_of,
+    calculix_through_converter,
+    column_deck,
+    column_rows,
+    converted_column_rows,
+    converter_available,
+    tube_deck,
+    tube_rows,
+)
+from validation.calculix import CalculixError, calculix_available, run_calculix
+
+needs_ccx = pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")
+needs_converter = pytest.mark.skipif(not converter_available(), reason="abq2ccx is not installed")
+
+COARSE = SineBlockDivisions(12, 2, 2)
+
+
+def card(deck: Deck, keyword: str):
+    return next(c for c in read_cards(deck_lines(deck)) if c.keyword == keyword)
+
+
+# ---------------------------------------------------------------------------------------------
+# What the deck says
+
+
+def test_law_table_follows_the_law() -> None:
+    """Chords of a curve with p'' / p < 1.5 / c0² in steps h = 0.04 c0: h²/8 · 1.5 < 0.04 %.
+
+    Below a hundredth of the pressure at zero clearance the curve is steeper, and no force.
+    """
+    law = ExponentialLaw()
+    table = law_table(law)
+    assert len(table) <= TABLE_POINTS
+    assert (np.diff(table, axis=0) > 0).all()
+    assert table[0].tolist() == [0.0, -law.clearance_at_zero_pressure]
+    pressure = np.geomspace(1e-3, 5.0, 400)
+    overclosure = law.overclosure(pressure)
+    assert np.abs(np.interp(overclosure, table[:, 1], table[:, 0]) / pressure - 1).max() < 4e-4
+
+
+def test_law_table_of_a_penalty_is_exact() -> None:
+    law = LinearPenalty(250.0)
+    table = law_table(law)
+    depth = np.array([0.0, 1e-4, 0.1, 2.0])
+    assert np.allclose(np.interp(depth, table[:, 1], table[:, 0]), 250.0 * depth, rtol=1e-12)
+
+
+def test_flat_deck_names_only_what_it_defines() -> None:
+    cards = read_cards(deck_lines(tube_deck(COARSE)))
+    sets = {c.parameters["ELSET"] for c in cards if c.keyword in {"ELSET", "ELEMENT"}}
+    nodes = {c.parameters["NSET"] for c in cards if c.keyword in {"NSET", "NODE"}}
+    surfaces = {c.parameters["NAME"] for c in cards if c.keyword == "SURFACE"}
+    assert len(surfaces) == sum(c.keyword == "SURFACE" for c in cards)
+    for c in cards:
+        rows = [row for _, row in c.rows()] if c.keyword != "HEADING" else []
+        if c.keyword == "SURFACE":
+            assert {row[0] for row in rows} <= sets
+        elif c.keyword in {"CONTACT PAIR", "DSLOAD"}:
+            names = {e for row in rows for e in row[: 2 if c.keyword == "CONTACT PAIR" else 1]}
+            assert names <= surfaces
+        elif c.keyword == "BOUNDARY":
+            assert {row[0] for row in rows} <= nodes
+    words = {c.keyword for c in cards}
+    assert not words & {"PART", "INSTANCE", "CONTACT", "BULK VISCOSITY", "ASSEMBLY"}
+    assert card(tube_deck(COARSE), "AMPLITUDE").parameters == {"NAME": "LOADING"}
+
+
+def test_tractions_become_nodal_forces_with_the_same_resultant() -> None:
+    assembly = canonical(sine_tube(tsb(), COARSE, 1))
+    case = load_case(assembly, "shaft", 0.01)
+    deck = replace(
+        tube_deck(COARSE), assembly=assembly, loads=loads_of_case(assembly, case), holds=()
+    )
+    force = np.zeros(3)
+    for _, row in card(deck, "CLOAD").rows():
+        force[int(row[1]) - 1] += float(row[2])
+    blocks = deck.loads[0].blocks.tolist()
+    wanted = sum(nodal_forces(deck, deck.loads[0], block).sum(axis=0) for block in blocks)
+    scale = np.abs(case.facet_forces).sum()
+    assert np.abs(force - wanted).max() < 1e-12 * scale
+
+
+def test_meshio_reads_the_flat_deck(tmp_path: Path) -> None:
+    """Nodes, elements and volume as placed: nothing but rounding of the printed numbers."""
+    import meshio
+
+    deck = tube_deck(COARSE)
+    path = tmp_path / "flat.inp"
+    write_deck(path, deck)
+    mesh = meshio.read(path)
+    ours = np.concatenate([block_nodes(deck, b) for b in range(deck.assembly.n_blocks)])
+    assert np.abs(mesh.points - ours).max() < 1e-12
+    elements = np.concatenate([cells.data for cells in mesh.cells])
+    volume = mass_properties(HexMesh(mesh.points, elements)).volume
+    assert volume == pytest.approx(deck.assembly.volumes.sum(), rel=1e-12)
+    free = np.concatenate(mesh.cell_sets["LAYER-01"])
+    assert len(free) == 4 * deck.assembly.shapes[0].mesh.n_elements
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"element": ElementType.B_BAR}, "fem.element: got 'b-bar'"),
+        ({"joint": Joint(ExponentialLaw(), 0.01)}, "stick_stiffness"),
+        ({"motion": Motion(np.ones(3), np.zeros(3))}, "initial motion"),
+    ],
+)
+def test_what_calculix_has_no_words_for_is_refused(changes, message) -> None:
+    with pytest.raises(DeckError, match=message):
+        list(deck_lines(replace(tube_deck(COARSE), **changes)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"element": ElementType.INCOMPATIBLE}, "computes C3D8I wrongly"),
+        ({"effects": Effects(rayleigh=RayleighDamping(2.0, 1e-8))}, "stiffness_proportional"),
+        ({"joint": Joint(LinearPenalty(1.0))}, "no contact law"),
+    ],
+)
+def test_what_calculix_computes_wrongly_is_refused(changes, message) -> None:
+    with pytest.raises(DeckError, match=message):
+        list(deck_lines(replace(bar_deck(), **changes)))
+    no_step = replace(bar_deck().step, time_step=None)
+    with pytest.raises(DeckError, match="time_step"):
+        list(deck_lines(replace(bar_deck(), step=no_step)))
+
+
+# ---------------------------------------------------------------------------------------------
+# CalculiX
+
+
+@needs_ccx
+def test_column(tmp_path: Path) -> None:
+    """A uniform state: both programs must agree within the table of the law, 0.1 %."""
+    for row in column_rows(tmp_path):
+        assert row.agrees, row
+
+
+@needs_ccx
+def test_tube(tmp_path: Path) -> None:
+    """One layer; the tolerance is half the angle between facets (see `tube_rows`)."""
+    for row in tube_rows(tmp_path, COARSE):
+        assert row.tolerance < 0.15
+        assert row.agrees, row
+
+
+@needs_ccx
+def test_bar_in_explicit_dynamics(tmp_path: Path) -> None:
+    """To the printed digits: half a unit in the seventh."""
+    for row in bar_rows(tmp_path):
+        assert row.agrees, row
+
+
+@needs_ccx
+@needs_converter
+def test_column_through_the_converter(tmp_path: Path) -> None:
+    for row in converted_column_rows(tmp_path):
+        assert row.agrees, row
+
+
+@needs_ccx
+@needs_converter
+def test_instance_deck_and_flat_deck_are_the_same_problem(tmp_path: Path) -> None:
+    """CalculiX twice: instances expanded by abq2ccx, and our flat deck.
+
+    The converter's table of the law is within 0.2 % of the pressure, ours within 0.04 %.
+    """
+    deck = tube_deck(COARSE)
+    flat = calculix_of(deck, tmp_path).displacements
+    converted = calculix_through_converter(deck, tmp_path).displacements
+    assert converted.shape == flat.shape
+    assert np.abs(converted - flat).max() < 2e-3 * np.abs(flat).max()
+
+
+@needs_ccx
+def test_errors_in_the_log_are_errors(tmp_path: Path) -> None:
+    """A deck that CalculiX rejects is no result, whatever the exit status."""
+    path = tmp_path / "bad.inp"
+    lines = [line for line in deck_lines(column_deck()) if not line.startswith("*Solid Section")]
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(CalculixError, match=r"ERROR"):
+        run_calculix(path)
+
+
+# ---------------------------------------------------------------------------------------------
+# abq2ccx
+
+
+@needs_converter
+@pytest.mark.parametrize("case", ["pipe", "shaft"])
+def test_converter_expands_every_instance_and_drops_nothing(tmp_path: Path, case: str) -> None:
+    import abq2ccx
+
+    assembly = canonical(sine_tube(tsb(), COARSE, 2))
+    load = load_case(assembly, case, 0.01)
+    deck = replace(
+        tube_deck(COARSE, Flavour.PAIRS), assembly=assembly, loads=loads_of_case(assembly, load)
+    )
+    if case == "shaft":
+        # As the scene's deck: the converter has no traction in a cylindrical system.
+        deck = replace(deck, loads=(as_nodal_forces(deck, deck.loads[0]),))
+    path = tmp_path / "pairs.inp"
+    write_deck(path, deck)
+    result = abq2ccx.convert_file(str(path))
+    assert result.ok
+    assert len(result.report.instances) == assembly.n_blocks
+    n_nodes = sum(assembly.shape(b).mesh.n_nodes for b in range(assembly.n_blocks))
+    n_elements = sum(assembly.shape(b).mesh.n_elements for b in range(assembly.n_blocks))
+    assert len(result.geometry.nodes) == n_nodes
+    assert f"{n_elements}" in {w.strip(",") for w in result.text.split()}
+    assert result.report.n_commented == 0
+    assert result.report.n_warnings == 0
+    assert result.text.upper().count("*CONTACT PAIR") == len(contact_patches(deck).pairs)
+    if case == "shaft":
+        given = np.zeros((n_nodes, 3))
+        for c in read_cards(result.text.splitlines()):
+            for _, row in c.rows() if c.keyword == "CLOAD" else ():
+                given[int(row[0]) - 1, int(row[1]) - 1] += float(row[2])
+        ours = [nodal_forces(deck, deck.loads[0], b) for b in range(assembly.n_blocks)]
+        assert np.allclose(given, np.concatenate(ours), rtol=1e-9, atol=1e-12)
+
+
+def test_imported_static_deck_needs_no_calculix() -> None:
+    """The model of the comparison is one of this package: its surfaces close."""
+    deformable = deck_assembly(tube_deck(COARSE))
+    assert deformable.surfaces.n_facets > 0
+    assert tube_deck(COARSE).step.procedure is Procedure.STATIC

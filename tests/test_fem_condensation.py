@@ -1,0 +1,156 @@
+"""Condensation, chains of saddle-point blocks and sparse solvers against dense algebra."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+from fem import condensation, sparse_solver
+from fem.block_tridiagonal import Level, UnresistedMotionError, solve_chain
+from fem.condensation import condense
+from fem.flexibility import rigid_motions
+from fem.hexahedron import ElementType
+from fem.material import Material
+from fem.model import block_group
+from fem.sparse_solver import SparseSolver, SparseSolverError, factorize
+from geometry.block import box_block
+from geometry.mesh import HexMesh
+
+
+@pytest.fixture(scope="module", params=[ElementType.INCOMPATIBLE, ElementType.REDUCED])
+def distorted(request):
+    box = box_block((10.0, 8.0, 6.0), (6, 4, 3))
+    nodes = box.mesh.nodes + 0.2 * np.random.default_rng(0).standard_normal(box.mesh.nodes.shape)
+    return block_group(
+        HexMesh(nodes, box.mesh.elements), Material(2.4e-9, 33e3, 0.2), element=request.param
+    ), np.unique(np.concatenate([box.faces["z+"], box.faces["x-"]]))
+
+
+def test_condensation_is_the_schur_complement(distorted, monkeypatch):
+    """Dense elimination loses some units of eps times the condition of K_ii, 1e3 here: 1e-12."""
+    group, retained = distorted
+    monkeypatch.setattr(condensation, "_LEAF_ELEMENTS", 5)
+    block = condense(group, retained)
+    kept = block.degrees_of_freedom
+    inner = np.setdiff1d(np.arange(3 * group.n_nodes), kept)
+    full = group.stiffness.toarray()
+    inside = full[np.ix_(inner, inner)]
+    schur = full[np.ix_(kept, kept)] - full[np.ix_(kept, inner)] @ np.linalg.solve(
+        inside, full[np.ix_(inner, kept)]
+    )
+    assert np.abs(block.stiffness - schur).max() < 1e-12 * np.abs(schur).max()
+    # A rigid motion costs nothing.
+    motion = rigid_motions(group, retained)
+    assert np.abs(block.stiffness @ motion).max() < 1e-11 * np.abs(schur).max()
+
+
+def test_condensed_forces_and_recovery_invert_each_other(distorted):
+    """Forces K u condense to S u_c, and u is recovered, for several copies at once."""
+    group, retained = distorted
+    block = condense(group, retained)
+    u = np.random.default_rng(1).standard_normal((3, group.n_nodes, 3))
+    f = np.array([(group.stiffness @ v.ravel()).reshape(-1, 3) for v in u])
+    given = f.copy()
+    on_retained, reduced = block.condense_forces(f)
+    assert (f == given).all()
+    u_c = u.reshape(3, -1)[:, block.degrees_of_freedom]
+    scale = np.abs(block.stiffness).max()
+    assert np.abs(on_retained - u_c @ block.stiffness).max() < 1e-11 * scale
+    assert np.abs(block.recover(u_c, reduced) - u).max() < 1e-11
+
+
+def random_chain(sizes, motions, seed=2):
+    """A positive definite A with chain coupling, random C; levels and the dense matrix."""
+    random = np.random.default_rng(seed)
+    n, m = sum(sizes), sum(motions)
+    start = np.concatenate([[0], np.cumsum(sizes)])
+    first = np.concatenate([[0], np.cumsum(motions)])
+    shared = [size // 2 for size in sizes]
+    a = np.zeros((n, n))
+    c = np.zeros((n, m))
+    for k in range(len(sizes)):
+        low = start[k] if k == 0 else start[k] - shared[k - 1]
+        rows = random.standard_normal((start[k + 1] - low, start[k + 1] - low))
+        a[low : start[k + 1], low : start[k + 1]] += rows @ rows.T
+        wide = random.standard_normal((start[k + 1] - low, motions[k]))
+        c[low : start[k + 1], first[k] : first[k + 1]] = wide
+    d, e = random.standard_normal(n), random.standard_normal(m)
+    levels = []
+    for k in range(len(sizes)):
+        own, mine = slice(start[k], start[k + 1]), slice(first[k], first[k + 1])
+        last = k + 1 == len(sizes)
+        cut = start[k + 1] - shared[k]
+        after = slice(n, n) if last else slice(start[k + 1], start[k + 2])
+        moving = slice(m, m) if last else slice(first[k + 1], first[k + 2])
+        levels.append(
+            Level(
+                flexibility=np.asfortranarray(a[own, own]),
+                motions=c[own, mine].copy(),
+                holding=0.1 * np.eye(motions[k]),
+                first_shared=sizes[k] - shared[k],
+                next_flexibility=a[cut : start[k + 1], after].copy(),
+                next_motions=c[cut : start[k + 1], moving].copy(),
+                force_side=d[own].copy(),
+                motion_side=e[mine].copy(),
+            )
+        )
+    matrix = np.block([[a, -c], [-c.T, -0.1 * np.eye(m)]])
+    return levels, np.linalg.solve(matrix, np.concatenate([d, e])), n
+
+
+def test_chain_is_the_dense_solution():
+    """Condition numbers below 1e5 lose five digits of sixteen at most."""
+    levels, expected, n = random_chain([6, 9, 4, 7], [3, 2, 0, 3])
+    solved = solve_chain(levels)
+    forces = np.concatenate([q for q, _ in solved])
+    motions = np.concatenate([alpha for _, alpha in solved])
+    scale = np.abs(expected).max()
+    assert np.abs(forces - expected[:n]).max() < 1e-10 * scale
+    assert np.abs(motions - expected[n:]).max() < 1e-10 * scale
+
+
+def test_a_motion_without_resistance_is_named():
+    levels, _, _ = random_chain([6, 5], [2, 2])
+    levels[1].motions[:, 1] = 0.0
+    levels[0].next_motions[:, 1] = 0.0
+    levels[1].holding[1, 1] = 0.0
+    with pytest.raises(UnresistedMotionError, match="level 1") as caught:
+        solve_chain(levels)
+    assert np.abs(caught.value.motion).argmax() == 1
+
+
+def spd(n=40):
+    rows = np.random.default_rng(3).standard_normal((n, n))
+    return rows @ rows.T + n * np.eye(n)
+
+
+@pytest.mark.parametrize("solver", [None, *SparseSolver])
+def test_sparse_solvers_solve(solver):
+    """Condition number of about five: a few units of eps."""
+    if solver is SparseSolver.PARDISO:
+        pytest.importorskip("pypardiso")
+    matrix, right = spd(), np.arange(40.0)
+    solution = factorize(csr_array(matrix), solver)(right)
+    assert solution == pytest.approx(np.linalg.solve(matrix, right), rel=1e-12, abs=1e-13)
+
+
+def test_a_missing_library_says_so(monkeypatch):
+    def missing(name):
+        raise ImportError(f"No module named {name!r}")
+
+    monkeypatch.setattr(sparse_solver, "import_module", missing)
+    sparse_solver._pardiso_library.cache_clear()
+    with pytest.raises(SparseSolverError, match="choose superlu"):
+        factorize(csr_array(spd()), SparseSolver.PARDISO)
+    sparse_solver._pardiso_library.cache_clear()
+
+
+@pytest.mark.parametrize("solver", list(SparseSolver))
+def test_a_singular_matrix_is_refused(solver):
+    if solver is SparseSolver.PARDISO:
+        pytest.importorskip("pypardiso")
+    matrix = np.diag(np.append(np.ones(5), 0.0))
+    matrix[5, 4] = matrix[4, 5] = -1.0
+    matrix[4, 4] = 0.0
+    matrix[4:, 4:] = [[1.0, -1.0], [-1.0, 1.0]]
+    with pytest.raises(SparseSolverError, match="held"):
+        factorize(csr_array(matrix), solver)(np.ones(6))

@@ -1,0 +1,323 @@
+"""Explicit contact: kernel against its plain twin, balances, symmetry, agreement with statics."""
+
+import numpy as np
+import pytest
+
+from fem.contact import ContactNormals, corner_forces, point_kinematics
+from fem.contact_state import contact_state, corner_displacements
+from fem.damping import applied_forces
+from fem.deformable_assembly import ClearanceKind, Frames, deformable_assembly
+from fem.effects import AdaptiveMassDamping, Effects
+from fem.explicit import Output, StopCriterion, initial_state, prepare, solve
+from fem.explicit_model import explicit_assembly
+from fem.friction import CoulombFriction, friction_tractions
+from fem.loads import FACET_SLOPES, FACET_VALUES, SmoothStepAmplitude
+from fem.material import Material
+from fem.quasi_static import quasi_static_report, recommended_times
+from fem.state import world_vectors
+from fem.static import solve_static
+from fem.symmetry import cyclic_orbits, no_symmetry
+from geometry.assembly import moved
+from geometry.load_case import load_case
+from geometry.sine_block import SineBlockDivisions
+from geometry.tube import sine_tube
+from tests.conftest import random_rotation, tsb
+
+CONCRETE = Material(2.4e-9, 33e3, 0.2)
+
+
+def tube(layers=1, case="pipe", **options):
+    found = sine_tube(tsb(), SineBlockDivisions(12, 2, 4), layers)
+    return deformable_assembly(found, load_case(found, case, 0.01), CONCRETE, **options)
+
+
+def random_displacements(deformable, size, seed=0):
+    rng = np.random.default_rng(seed)
+    groups = deformable.model.groups
+    result = tuple(size * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in groups)
+    for support in deformable.model.supports:
+        result[support.group][support.copies, support.nodes] = 0.0
+    return result
+
+
+def in_model_order(statement, displacements):
+    """Displacements of all copies in the order of the explicit model's copies."""
+    deformable = statement.deformable
+    result = [np.empty_like(u) for u in displacements]
+    for block in deformable.deformable_blocks:
+        group = deformable.group_of[block]
+        result[group][statement.copy_of[block]] = displacements[group][deformable.copy_of[block]]
+    return tuple(result)
+
+
+def kernel_forces(statement, displacements, *, then=None, **options):
+    """Contact forces of the loop, world axes, copies as in the deformable assembly; energy.
+
+    With ``then`` those at displacements that follow upon the first.
+    """
+    deformable = statement.deformable
+    system = prepare(statement.model, time_step=1e-9, **options)
+    state = initial_state(system, displacements=in_model_order(statement, displacements))
+    if then is not None:
+        displacements = then
+        following = initial_state(system, displacements=in_model_order(statement, then))
+        for now, new in zip(state.bodies, following.bodies, strict=True):
+            now.displacement[:] = new.displacement
+    for now in state.bodies:
+        now.applied_force[:] = 0.0
+    system.interactions[0].add_force(system, state)
+    result = [np.zeros_like(u) for u in displacements]
+    for g, (body, now) in enumerate(zip(system.bodies, state.bodies, strict=True)):
+        world = world_vectors(body, applied_forces(body, now))
+        for block in np.flatnonzero(deformable.group_of == g):
+            result[g][deformable.copy_of[block]] = world[statement.copy_of[block]]
+    return result, system.interactions[0].energy()
+
+
+def plain_forces(deformable, displacements):
+    """The same with the plain functions of fem.contact."""
+    surfaces, law = deformable.surfaces, deformable.contact.law
+    corners = corner_displacements(deformable, displacements)
+    found = point_kinematics(surfaces, corners, deformable.contact.normals)
+    forces = corner_forces(found, surfaces.weights * law.pressure(found.overclosure))
+    result = [np.zeros_like(u) for u in displacements]
+    for half, blocks, quads in (
+        (0, surfaces.block_m, surfaces.quads_m),
+        (4, surfaces.block_s, surfaces.quads_s),
+    ):
+        for g, total in enumerate(result):
+            mine = deformable.group_of[blocks] == g
+            copies = deformable.copy_of[blocks[mine]]
+            np.add.at(total, (copies[:, None], quads[mine]), forces[mine, half : half + 4])
+    return result, float((surfaces.weights * law.stored_energy(found.overclosure)).sum())
+
+
+@pytest.mark.parametrize("normals", list(ContactNormals))
+@pytest.mark.parametrize("frames", list(Frames))
+def test_kernel_agrees_with_the_plain_reference(normals, frames):
+    """Random displacements of 5 µm on a tube of three layers, a gap of 2 µm.
+
+    The overclosures of the two differ by rounding of coordinates of 400 mm, 1e-13 mm; the
+    forces then by that times the stiffness over the pressure, at most 1/c0 = 1e3/mm: 1e-10.
+    """
+    deformable = tube(3, normals=normals, frames=frames, initial_clearance=0.002)
+    displacements = random_displacements(deformable, 5e-3)
+    expected, energy = plain_forces(deformable, displacements)
+    found, stored = kernel_forces(explicit_assembly(deformable), displacements)
+    for a, b in zip(found, expected, strict=True):
+        assert np.abs(b).max() > 1.0
+        assert np.abs(a - b).max() < 1e-10 * np.abs(b).max()
+    assert stored == pytest.approx(energy, rel=1e-10)
+
+
+@pytest.mark.parametrize("clearance", [-0.001, 0.03])
+def test_kernel_agrees_on_open_and_pressed_tubes(clearance):
+    """Clearances of both signs and both kinds; displacements as large as the gap."""
+    for kind in ClearanceKind:
+        deformable = tube(initial_clearance=clearance, clearance_kind=kind)
+        displacements = random_displacements(deformable, 0.02)
+        expected, _ = plain_forces(deformable, displacements)
+        found, _ = kernel_forces(explicit_assembly(deformable), displacements)
+        assert np.abs(expected[0]).max() > 1.0
+        assert np.abs(found[0] - expected[0]).max() < 1e-10 * np.abs(expected[0]).max()
+
+
+def test_single_precision_bodies_feel_the_same_contact():
+    """Displacements of 5 µm rounded to float32 err by 3e-10 mm: times 1/c0 = 1e3/mm, 1e-6."""
+    deformable = tube()
+    displacements = random_displacements(deformable, 5e-3)
+    expected, _ = plain_forces(deformable, displacements)
+    found, _ = kernel_forces(explicit_assembly(deformable), displacements, precision="float32")
+    assert np.abs(found[0] - expected[0]).max() < 5e-6 * np.abs(expected[0]).max()
+
+
+def slips(deformable, displacements):
+    """Tangential parts of x_s - x_m along two tangents, (n, 4, 2), and the tangents."""
+    surfaces = deformable.surfaces
+    corners = corner_displacements(deformable, displacements)
+    slopes = 0.5 * np.concatenate([FACET_SLOPES, FACET_SLOPES], axis=1)
+    tangents = surfaces.tangents + np.einsum("pak,fai->fpki", slopes, corners)
+    normal = np.cross(tangents[:, :, 0], tangents[:, :, 1])
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    along = tangents[:, :, 0] / np.linalg.norm(tangents[:, :, 0], axis=2, keepdims=True)
+    basis = np.stack([along, np.cross(normal, along)], axis=2)
+    d = surfaces.offsets + np.einsum("pa,fai->fpi", DIFFERENCE, corners)
+    return np.einsum("fpki,fpi->fpk", basis, d), basis
+
+
+DIFFERENCE = np.concatenate([-FACET_VALUES, FACET_VALUES], axis=1)
+
+
+def test_friction_agrees_with_the_plain_law():
+    """Two evaluations 0.03 µm apart; anchors start where points touch in the first.
+
+    Kernel and reference take tangents along different edges of a facet; those turn by
+    change of displacement over facet size, 3e-5/20 = 1.5e-6, so with offsets d of
+    5 µm the slips differ by 1e-8 mm of 3e-5 mm: 3e-4, and the forces as much.
+    """
+    deformable = tube(initial_clearance=-0.002)
+    friction = CoulombFriction(0.2)
+    before = random_displacements(deformable, 2e-3)
+    after = tuple(
+        a + b for a, b in zip(before, random_displacements(deformable, 3e-5, seed=1), strict=True)
+    )
+    (s0, _), (s1, basis) = slips(deformable, before), slips(deformable, after)
+    touched = contact_state(deformable, before)[0] > 0.0
+    pressure = contact_state(deformable, after)[0]
+    anchor = np.where(touched[:, :, None], s0, s1)
+    traction, _ = friction_tractions(friction, s1, anchor, pressure)
+    slides = np.linalg.norm(traction, axis=2) > 0.999 * friction.coefficient * pressure
+    assert 0.1 < slides[touched].mean() < 0.9
+    surfaces = deformable.surfaces
+    force = -surfaces.weights[:, :, None] * np.einsum("fpk,fpki->fpi", traction, basis)
+    corners = np.einsum("pa,fpi->fai", DIFFERENCE, force)
+    expected, _ = plain_forces(deformable, after)
+    for half, blocks, quads in (
+        (0, surfaces.block_m, surfaces.quads_m),
+        (4, surfaces.block_s, surfaces.quads_s),
+    ):
+        mine = deformable.group_of[blocks] == 0
+        copies = deformable.copy_of[blocks[mine]]
+        np.add.at(expected[0], (copies[:, None], quads[mine]), corners[mine, half : half + 4])
+    statement = explicit_assembly(deformable, friction=friction)
+    found, _ = kernel_forces(statement, before, then=after)
+    size = np.abs(force).max()
+    assert np.abs(found[0] - expected[0]).max() < 1e-3 * size
+
+
+def test_action_is_reaction_and_moments_balance():
+    """All blocks deformable: forces and moments about the current positions vanish.
+
+    Rounding: forces of size F sum to eps F √n; arms of 400 mm.
+    """
+    deformable = tube(frames=Frames.DEFORMABLE)
+    displacements = random_displacements(deformable, 5e-3)
+    forces, _ = kernel_forces(explicit_assembly(deformable), displacements)
+    total, moment, size = np.zeros(3), np.zeros(3), 0.0
+    for g, f, u in zip(deformable.model.groups, forces, displacements, strict=True):
+        total += f.sum(axis=(0, 1))
+        moment += np.cross(g.reference_positions() + u, f).sum(axis=(0, 1))
+        size += np.abs(f).sum()
+    assert np.abs(total).max() < 1e-14 * size
+    assert np.abs(moment).max() < 1e-13 * 400.0 * size
+
+
+def test_two_threads_give_the_same_bits():
+    deformable = tube(3)
+    displacements = random_displacements(deformable, 5e-3)
+    statement = explicit_assembly(deformable)
+    one, _ = kernel_forces(statement, displacements, threads=1)
+    two, _ = kernel_forces(statement, displacements, threads=2)
+    assert np.array_equal(one[0], two[0])
+
+
+def run_to_static(deformable, orbits=None, **options):
+    times = recommended_times(explicit_assembly(deformable).model, damped=True)
+    statement = explicit_assembly(
+        deformable,
+        orbits=orbits,
+        effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
+        amplitude=SmoothStepAmplitude(times.ramp_time),
+    )
+    result = solve(
+        statement.model,
+        end_time=times.end_time,
+        stop=StopCriterion(1e-5, times.ramp_time),
+        **options,
+    )
+    return statement, times, result
+
+
+@pytest.fixture(scope="module")
+def coarse_run():
+    deformable = tube()
+    return deformable, *run_to_static(deformable)
+
+
+def rms(array):
+    return float(np.sqrt(np.mean(np.square(array))))
+
+
+def test_explicit_end_state_is_the_static_one(coarse_run):
+    """Stopped at residual 1e-5 and settling 1e-3: displacement and pressure within 1e-3."""
+    deformable, statement, times, result = coarse_run
+    static = solve_static(deformable)
+    displacements = statement.expand(result.displacements)
+    pressures, _ = contact_state(deformable, displacements)
+    assert rms(displacements[0] - static.displacements[0]) < 1e-3 * rms(static.displacements[0])
+    assert rms(pressures - static.pressures) < 1e-3 * rms(static.pressures)
+    assert pressures.max() == pytest.approx(static.pressures.max(), rel=1e-3)
+    assert result.energy_balance < 1e-4
+    report = quasi_static_report(
+        result, ramp_time=times.ramp_time, frequency=times.frequency, largest_residual=1e-5
+    )
+    assert report.is_static, report.verdict
+    assert report.kinetic_over_internal_energy < 1e-4
+
+
+def test_pipe_has_four_fold_symmetry(coarse_run):
+    """Alike blocks of a layer: displacements equal in their own frames.
+
+    They differ by rounding alone, amplified by the contact (stiffness 118 MPa/mm on
+    displacements of 1e-2 mm) over the run; 1e-9 of the displacement is a million roundings.
+    """
+    deformable, statement, _, result = coarse_run
+    world = statement.expand(result.displacements)[0]
+    rotations = deformable.model.groups[0].rotations
+    local = np.einsum("cij,cni->cnj", rotations, world)
+    assert np.abs(local - local[0]).max() < 1e-9 * np.abs(local).max()
+
+
+def test_sector_gives_the_digits_of_the_whole(coarse_run):
+    deformable, statement, _, result = coarse_run
+    whole = statement.expand(result.displacements)[0]
+    sector, _, found = run_to_static(deformable, cyclic_orbits(deformable, 4))
+    assert sector.model.n_nodes * 4 == statement.model.n_nodes
+    assert found.n_steps == result.n_steps
+    part = sector.expand(found.displacements)[0]
+    assert np.abs(part - whole).max() < 1e-9 * np.abs(whole).max()
+
+
+def test_rotated_and_moved_tube_gives_the_same_result(coarse_run):
+    """Forces of the loads are turned, everything else is in block frames (rounding as above)."""
+    deformable, statement, _, result = coarse_run
+    turn = random_rotation(5)
+    there = moved(deformable.assembly, turn, np.array([300.0, -200.0, 500.0]))
+    case = deformable_assembly(there, load_case(there, "pipe", 0.01), CONCRETE)
+    other, _, found = run_to_static(case)
+    expected = statement.expand(result.displacements)[0] @ turn.T
+    assert (
+        np.abs(other.expand(found.displacements)[0] - expected).max()
+        < 1e-8 * np.abs(expected).max()
+    )
+
+
+def test_a_resumed_run_gives_the_same_bits(tmp_path, coarse_run):
+    _, statement, times, result = coarse_run
+    path = tmp_path / "checkpoint.npz"
+    seen = []
+
+    def stop_midway(progress):
+        seen.append(progress.step)
+        if len(seen) == 4:
+            raise KeyboardInterrupt
+
+    options = {"end_time": times.end_time, "stop": StopCriterion(1e-5, times.ramp_time)}
+    with pytest.raises(KeyboardInterrupt):
+        solve(
+            statement.model,
+            **options,
+            output=Output(checkpoint=path, checkpoint_seconds=0.0, progress=stop_midway),
+        )
+    resumed = solve(statement.model, **options, resume=path)
+    assert resumed.n_steps == result.n_steps
+    assert np.array_equal(resumed.displacements[0], result.displacements[0])
+
+
+def test_no_symmetry_keeps_every_block():
+    deformable = tube(2)
+    statement = explicit_assembly(deformable, orbits=no_symmetry(deformable))
+    assert statement.model.groups[0].n_copies == 8
+    displacements = random_displacements(deformable, 1.0)
+    back = statement.expand(in_model_order(statement, displacements))
+    assert np.array_equal(back[0], displacements[0])

@@ -1,0 +1,286 @@
+"""Blocks on a rigid floor: bouncing, sliding at the friction angle, sleep, time step safety."""
+
+import math
+
+import numpy as np
+import pytest
+
+from fem.central_difference import step
+from fem.contact import ContactNormals
+from fem.contact_law import ExponentialLaw, LinearPenalty
+from fem.contact_state import contact_state
+from fem.deformable_assembly import deformable_assembly
+from fem.effects import AdaptiveMassDamping, Effects
+from fem.explicit import Output, UnstableRun, displacements_of, initial_state, prepare, solve
+from fem.explicit_model import explicit_assembly
+from fem.friction import CoulombFriction, FrictionError
+from fem.material import Material
+from fem.time_step import critical_time_step
+from geometry.assembly import Assembly
+from geometry.brick_stack import brick
+from geometry.load_case import LoadCase
+
+CONCRETE = Material(2.4e-9, 33e3, 0.2)
+GRAVITY = 9810.0
+
+
+def block_on_floor(size=(40.0, 30.0, 20.0), divisions=(2, 2, 2), *, blocks=1, lift=0.0, **options):
+    """One or more bricks on a rigid one, each in its own column; no loads."""
+    n = 2 * blocks
+    column = np.repeat(np.arange(blocks), 2)
+    layer = np.tile([0, 1], blocks)
+    place = np.column_stack([50.0 * column, np.zeros(n), size[2] * (layer - 1.0)])
+    assembly = Assembly(
+        name="blocks on a floor",
+        shapes=(brick(size, divisions),),
+        shape_of=np.zeros(n, dtype=np.int64),
+        rotations=np.tile(np.eye(3), (n, 1, 1)),
+        translations=place,
+        layer=layer,
+        fixed=layer == 0,
+        unmatched_allowed=True,
+    )
+    empty = np.empty((0, 3))
+    load = LoadCase(
+        name="none",
+        block=np.empty(0, dtype=np.int64),
+        quads=np.empty((0, 4), dtype=np.int64),
+        centroids=empty,
+        area_vectors=empty,
+        tractions=None,
+        pressure=0.0,
+        fixed=assembly.fixed,
+    )
+    return deformable_assembly(assembly, load, CONCRETE, initial_clearance=lift, **options)
+
+
+def falling(deformable, speed):
+    """Velocity of all nodes, downwards [mm/s]."""
+    velocity = np.zeros((1, deformable.model.groups[0].n_nodes, 3))
+    velocity[:, :, 2] = -speed
+    return (velocity,)
+
+
+def bounce(time_step):
+    deformable = block_on_floor(lift=0.02)
+    statement = explicit_assembly(deformable)
+    return solve(
+        statement.model,
+        end_time=6e-3,
+        time_step=time_step,
+        velocities=falling(deformable, 10.0),
+        sample_interval=1,
+    )
+
+
+def test_a_bouncing_block_keeps_its_energy():
+    """Undamped: the error of the balance is that of central differences, second order in Δt.
+
+    The block must come back: its mean velocity turns, what is missing is vibration.
+    """
+    coarse, fine = bounce(2e-6), bounce(1e-6)
+    errors = [np.abs(run.history.column("energy_balance")).max() for run in (coarse, fine)]
+    assert coarse.history.column("contact_energy").max() > 0.1 * coarse.energies.kinetic_energy
+    assert errors[0] < 1e-2
+    assert 3.0 < errors[0] / errors[1] < 5.5
+    mass = coarse.model.groups[0].lumped_mass
+    assert mass @ coarse.velocities[0][0, :, 2] / mass.sum() > 5.0
+    assert abs(fine.history.column("energy_balance")[-1]) < 1e-4
+
+
+def on_incline(ratio, *, coefficient=0.3, time=4e-3):
+    """Slide of a block on a plane whose slope is ``ratio`` times the coefficient of friction.
+
+    The block starts in its equilibrium on a linear penalty. Returns the mean slide along the
+    slope and the result.
+    """
+    slope = ratio * coefficient
+    down = GRAVITY / math.sqrt(1.0 + slope**2)
+    size = (40.0, 30.0, 20.0)
+    penalty = 200.0
+    sink = CONCRETE.density * down * size[2] / penalty
+    deformable = block_on_floor(size, law=LinearPenalty(penalty), lift=-sink)
+    statement = explicit_assembly(
+        deformable,
+        effects=Effects(gravity=np.array([slope * down, 0.0, -down])),
+        friction=CoulombFriction(coefficient),
+    )
+    result = solve(statement.model, end_time=time)
+    mass = statement.model.groups[0].lumped_mass
+    return float(mass @ result.displacements[0][0, :, 0] / mass.sum()), result
+
+
+def test_a_block_slides_at_the_friction_angle_and_not_before():
+    """Below: gravity acts at once, so the block slides until friction has taken the work. With
+    s = μ p / k, F the pull and N the weight: F x = k s²/2 + μ N (x - s) gives
+    x = s / (2 (1 - F/μN)), and doubling that covers the vibration of the normal force. Then it
+    stays. Above: the start leaves some speed, then the acceleration is g sin - μ g cos: the
+    second difference of the slide, within 1 % for what is left of the vibration."""
+    coefficient, time = 0.3, 4e-3
+    elastic = coefficient * CONCRETE.density * GRAVITY * 20.0 / 100.0
+    early, _ = on_incline(0.8, time=0.5 * time)
+    held, still = on_incline(0.8)
+    assert 0.0 < held < 2.0 * elastic / (2.0 * (1.0 - 0.8))
+    assert abs(held - early) < 2.0 * elastic
+    (before, _), (slid, moving) = on_incline(1.2, time=0.5 * time), on_incline(1.2)
+    down = GRAVITY / math.hypot(1.0, 1.2 * coefficient)
+    acceleration = 0.2 * coefficient * down
+    assert slid - 2.0 * before == pytest.approx(acceleration * (0.5 * time) ** 2, rel=0.01)
+    lost = moving.energies.frictional_dissipation
+    weight = CONCRETE.density * 40.0 * 30.0 * 20.0 * down
+    assert lost == pytest.approx(coefficient * weight * slid, rel=0.02)
+    assert still.energies.frictional_dissipation < 0.05 * lost
+    assert moving.energy_balance < 1e-3
+
+
+def test_no_friction_is_vanishing_friction_to_the_bit():
+    """A coefficient of 1e-200 adds forces that no other number feels."""
+    deformable = block_on_floor(lift=0.001)
+    runs = [
+        solve(
+            explicit_assembly(deformable, friction=friction).model,
+            end_time=3e-4,
+            velocities=falling(deformable, 10.0),
+        )
+        for friction in (None, CoulombFriction(1e-200))
+    ]
+    assert np.array_equal(runs[0].displacements[0], runs[1].displacements[0])
+
+
+def test_friction_history_is_in_the_checkpoint(tmp_path):
+    """A run with friction continued from a checkpoint ends in the same bits."""
+    deformable = block_on_floor(lift=-1e-4)
+    effects = Effects(gravity=np.array([4000.0, 0.0, -9000.0]))
+    model = explicit_assembly(deformable, effects=effects, friction=CoulombFriction(0.3)).model
+    path = tmp_path / "checkpoint.npz"
+    seen = []
+
+    def stop_midway(progress):
+        seen.append(progress.step)
+        if len(seen) == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        solve(
+            model,
+            end_time=1e-3,
+            output=Output(checkpoint=path, checkpoint_seconds=0.0, progress=stop_midway),
+        )
+    whole, resumed = solve(model, end_time=1e-3), solve(model, end_time=1e-3, resume=path)
+    assert whole.energies.frictional_dissipation > 0.0
+    assert resumed.energies.frictional_dissipation == whole.energies.frictional_dissipation
+    assert np.array_equal(resumed.displacements[0], whole.displacements[0])
+
+
+def test_friction_is_refused_where_it_cannot_act():
+    with pytest.raises(FrictionError, match="coefficient"):
+        CoulombFriction(-0.1)
+    with pytest.raises(FrictionError, match="stick_stiffness"):
+        CoulombFriction(0.1, stick_stiffness=0.0)
+    deformable = block_on_floor(normals=ContactNormals.REFERENCE)
+    with pytest.raises(FrictionError, match="current normals"):
+        explicit_assembly(deformable, friction=CoulombFriction(0.1))
+    with pytest.raises(FrictionError, match="critical time step"):
+        explicit_assembly(block_on_floor(), friction=CoulombFriction(0.1, stick_stiffness=1e5))
+
+
+def steps(deformable, count, *, sleep, speed=10.0):
+    """Displacements and number of sleeping units after some steps."""
+    statement = explicit_assembly(deformable)
+    system = prepare(
+        statement.model, time_step=0.9 * critical_time_step(statement.model).critical_time_step
+    )
+    velocity = np.zeros(
+        (deformable.model.groups[0].n_copies, *falling(deformable, 0.0)[0].shape[1:])
+    )
+    velocity[0, :, 2] = -speed
+    state = initial_state(system, velocities=(velocity,))
+    contact = system.interactions[0]
+    if not sleep:
+        contact._sleepers.put_to_sleep = lambda *_: None
+    asleep = []
+    for _ in range(count):
+        step(system, state)
+        asleep.append(contact.units_asleep[0])
+    return displacements_of(system, state)[0], np.array(asleep)
+
+
+def test_an_interface_sleeps_until_its_blocks_could_meet():
+    """A block that falls by 0.05 mm bounces as if contact had been looked at in every step."""
+    deformable = block_on_floor(lift=0.05)
+    always, none = steps(deformable, 3000, sleep=False)
+    found, asleep = steps(deformable, 3000, sleep=True)
+    assert none.max() == 0
+    assert asleep[100] == 1
+    assert asleep[asleep.argmax() :].min() == 0
+    assert np.array_equal(found, always)
+    assert found[0, :, 2].mean() > -0.05
+
+
+def test_a_standing_block_far_away_costs_nothing():
+    """Never wakes: its unit is not touched again while it sleeps."""
+    deformable = block_on_floor(lift=0.05)
+    _, asleep = steps(deformable, 500, sleep=True, speed=0.0)
+    assert asleep[40:].min() == 1
+
+
+def test_a_law_without_cap_is_watched():
+    """A fast block drives the exponential law to stiffnesses the step was not made for."""
+    law = ExponentialLaw(maximum_stiffness=math.inf)
+    deformable = block_on_floor(lift=0.002, law=law)
+    with pytest.raises(UnstableRun, match=r"blocks 0 and 1 presses with .* MPa.*safety_factor"):
+        solve(
+            explicit_assembly(deformable).model,
+            end_time=2e-3,
+            velocities=falling(deformable, 2e4),
+            safety_factor=1.0,
+            sample_interval=1,
+        )
+
+
+def test_time_step_counts_contact():
+    """A stiff penalty (1e5 MPa/mm on elements of 10 mm, E = 33 000 MPa) lowers the critical step.
+
+    A block in equilibrium on it, pressed by its weight, stays there at 0.9 of the step; with
+    the step of the free block it is thrown off.
+    """
+    sink = CONCRETE.density * GRAVITY * 20.0 / 1e5
+    deformable = block_on_floor(law=LinearPenalty(1e5), lift=-sink)
+    effects = Effects(gravity=np.array([0.0, 0.0, -GRAVITY]))
+    model = explicit_assembly(deformable, effects=effects).model
+    with_contact = critical_time_step(model).critical_time_step
+    without = critical_time_step(deformable.model).critical_time_step
+    assert with_contact < 0.5 * without
+    highest = []
+    for time_step in (0.9 * with_contact, 0.9 * without):
+        system = prepare(model, time_step=time_step)
+        state = initial_state(system)
+        for _ in range(1000):
+            step(system, state)
+        highest.append(np.abs(displacements_of(system, state)[0]).max())
+    # The weight at once compresses it by twice ρ g h² / 2E and lifts it off a little after that.
+    compression = CONCRETE.density * GRAVITY * 20.0**2 / (2.0 * 33e3)
+    assert highest[0] < 10.0 * compression
+    assert highest[1] > 100.0 * highest[0]
+
+
+def test_column_under_its_weight_sinks_by_the_inverse_of_the_law():
+    """Uniform pressure ρ g h: the overclosure is the law's inverse; stress stays uniaxial.
+
+    The block is free at its sides, so the pressure is uniform up to what the quadrature of the
+    weight leaves: the mean over the facets is exact by equilibrium, to the residual reached.
+    """
+    law = ExponentialLaw()
+    deformable = block_on_floor(law=law)
+    effects = Effects(
+        gravity=np.array([0.0, 0.0, -1e3 * GRAVITY]),
+        adaptive_mass_damping=AdaptiveMassDamping(interval=50),
+    )
+    result = solve(explicit_assembly(deformable, effects=effects).model, end_time=4e-3)
+    pressure = CONCRETE.density * 1e3 * GRAVITY * 20.0
+    found, overclosure = contact_state(deformable, result.displacements)
+    assert float((deformable.surfaces.weights * found).sum()) / 1200.0 == pytest.approx(
+        pressure, rel=1e-6
+    )
+    # Lateral expansion under the weight warps the bottom face by less than 1e-2 of the sinking.
+    assert overclosure.mean() == pytest.approx(float(law.overclosure(pressure)), rel=1e-2)

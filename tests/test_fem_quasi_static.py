@@ -1,0 +1,135 @@
+"""Frequencies of blocks on contacts, recommended times, and what counts as static."""
+
+import math
+
+import numpy as np
+import pytest
+
+from fem.block_frequency import block_frequencies, rigid_motions
+from fem.contact_law import LinearPenalty
+from fem.deformable_assembly import Frames, deformable_assembly
+from fem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
+from fem.explicit import StopCriterion, solve
+from fem.explicit_model import explicit_assembly
+from fem.history import COLUMNS
+from fem.loads import SmoothStepAmplitude
+from fem.material import Material
+from fem.quasi_static import quasi_static_report, recommended_times
+from fem.static import solve_static
+from fem.symmetry import cyclic_orbits
+from geometry.brick_stack import brick_stack
+from geometry.load_case import LoadCase, load_case
+from geometry.sine_block import SineBlockDivisions
+from geometry.tube import sine_tube
+from tests.conftest import tsb
+
+CONCRETE = Material(2.4e-9, 33e3, 0.2)
+
+
+def column(law, *, layers=1):
+    """Bricks 100 × 60 × 50 on each other between two rigid ones; no load."""
+    wall = brick_stack((100.0, 60.0, 50.0), (2, 2, 2), columns=1, layers=layers)
+    none = np.empty((0, 3))
+    load = LoadCase(
+        "none", np.empty(0, np.int64), np.empty((0, 4), np.int64), none, none, None, 0.0, wall.fixed
+    )
+    return deformable_assembly(wall, load, CONCRETE, law=law)
+
+
+def tube(**options):
+    found = sine_tube(tsb(), SineBlockDivisions(12, 2, 4), 1)
+    return deformable_assembly(found, load_case(found, "pipe", 0.01), CONCRETE, **options)
+
+
+def test_rigid_motions_are_rigid():
+    """Any combination changes no distance to first order: the gradient is skew (round-off)."""
+    deformable = tube()
+    group = deformable.model.groups[0]
+    points = group.mesh.nodes[:4]
+    motions = rigid_motions(group, points)
+    for i in range(6):
+        for a in range(4):
+            for b in range(a):
+                change = (motions[a, :, i] - motions[b, :, i]) @ (points[a] - points[b])
+                assert abs(change) < 1e-10
+
+
+def test_frequency_of_a_brick_between_two_springs():
+    """Up and down: ω² = 2 k A / m; two bricks on three springs: ω² = (2 ∓ 1) k A / m. Turning
+    modes are softer only by geometry: ω² = 2 k I_area / Θ per axis; sliding meets nothing."""
+    stiffness = 50.0
+    law = LinearPenalty(stiffness)
+    mass = 2.4e-9 * 100.0 * 60.0 * 50.0
+    found = block_frequencies(explicit_assembly(column(law)).model, 0.01)
+    heave = 2.0 * stiffness * 6000.0 / mass
+    # The lumped mass of the mesh turns with its own inertia, not the brick's.
+    nodes, lumped = column(law).model.groups[0].mesh.nodes, None
+    lumped = column(law).model.groups[0].lumped_mass
+    arm = nodes - lumped @ nodes / lumped.sum()
+    turns = []
+    for axis, width, length in ((0, 60.0, 100.0), (1, 100.0, 60.0)):
+        # 2 × 2 Gauss on facets halves of the width: the exact second moment of area.
+        area = length * width**3 / 12.0
+        inertia = lumped @ (arm[:, 1 - axis] ** 2 + arm[:, 2] ** 2)
+        turns.append(2.0 * stiffness * area / inertia)
+    lowest = math.sqrt(min(heave, *turns)) / (2.0 * math.pi)
+    assert found.lowest == pytest.approx(lowest, rel=1e-10)
+
+
+def test_frequencies_are_those_of_the_sector():
+    deformable = tube()
+    whole = block_frequencies(explicit_assembly(deformable).model, 0.01)
+    orbits = cyclic_orbits(deformable, 4)
+    sector = block_frequencies(explicit_assembly(deformable, orbits=orbits).model, 0.01)
+    assert sector.excited == pytest.approx(whole.excited, rel=1e-9)
+    assert sector.lowest >= whole.lowest * (1.0 - 1e-9)
+
+
+def test_nothing_resists_is_said():
+    apart = column(LinearPenalty(50.0))
+    model = explicit_assembly(apart).model
+    with pytest.raises(ValueError, match="resists"):
+        block_frequencies(type(model)(model.groups), 0.01)
+
+
+def test_little_kinetic_energy_is_not_static():
+    """Damped as in the paper (α = 2 /s) a tube rings on: there are times under full load with
+    kinetic energy below 1 % of the internal energy (it swings through zero) and a force residual
+    above 1 %. The report says that the end is not static."""
+    deformable = tube()
+    times = recommended_times(explicit_assembly(deformable).model, damped=False)
+    assert times.ramp_time == pytest.approx(10.0 / times.frequency)
+    paper = Effects(rayleigh=RayleighDamping(2.0, 1e-8), bulk_viscosity=BulkViscosity())
+    ramp = 2.0 / times.frequency
+    statement = explicit_assembly(deformable, effects=paper, amplitude=SmoothStepAmplitude(ramp))
+    result = solve(
+        statement.model, end_time=3.0 * ramp, stop=StopCriterion(1e-12), sample_interval=10
+    )
+    table = {name: result.history.column(name) for name in COLUMNS}
+    held = table["time"] > ramp
+    internal = table["strain_energy"] + table["contact_energy"]
+    still = table["kinetic_energy"] < 0.01 * internal
+    assert (still & held).any()
+    assert (table["residual"][still & held] > 0.01).any()
+    report = quasi_static_report(result, ramp_time=ramp, frequency=times.frequency)
+    assert not report.is_static
+    assert "residual" in report.verdict
+    assert report.hold_time == pytest.approx(2.0 * ramp, rel=1e-2)
+    assert result.energy_balance < 1e-2
+
+
+def test_elastic_frames_reach_the_static_state():
+    """Frames that deform, held at their outer faces: explicit and static agree within 1e-3."""
+    deformable = tube(frames=Frames.DEFORMABLE)
+    times = recommended_times(explicit_assembly(deformable).model, damped=True)
+    statement = explicit_assembly(
+        deformable,
+        effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
+        amplitude=SmoothStepAmplitude(times.ramp_time),
+    )
+    result = solve(
+        statement.model, end_time=times.end_time, stop=StopCriterion(1e-5, times.ramp_time)
+    )
+    static = solve_static(deformable)
+    for a, b in zip(statement.expand(result.displacements), static.displacements, strict=True):
+        assert np.sqrt(np.mean((a - b) ** 2)) < 1e-3 * np.sqrt(np.mean(b**2))

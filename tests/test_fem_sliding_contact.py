@@ -1,0 +1,380 @@
+"""Contact with finite sliding: patch test, Hertz, far slides, balances."""
+
+import math
+
+import numpy as np
+import pytest
+
+from fem.central_difference import step
+from fem.contact_law import ExponentialLaw, LinearPenalty
+from fem.contact_state import contact_state
+from fem.damping import applied_forces
+from fem.deformable_assembly import Frames, deformable_assembly
+from fem.effects import AdaptiveMassDamping, Effects
+from fem.explicit import Output, StopCriterion, initial_state, prepare, solve
+from fem.explicit_model import explicit_assembly
+from fem.friction import CoulombFriction
+from fem.loads import RampAmplitude, pressure_forces
+from fem.material import Material
+from fem.model import Model, block_group, fixed_nodes, nodal_load
+from fem.sliding_contact import SlidingContact, sliding_state
+from fem.sliding_search import BlockSurface, closest_points
+from fem.state import world_vectors
+from fem.static import StaticError, solve_static
+from fem.symmetry import SymmetryError, cyclic_orbits
+from geometry.assembly import Assembly
+from geometry.block import box_block
+from geometry.brick_stack import brick
+from geometry.load_case import LoadCase, load_case
+from geometry.mesh import HexMesh
+from geometry.sine_block import SineBlockDivisions
+from geometry.tube import sine_tube
+from tests.conftest import tsb
+
+CONCRETE = Material(2.4e-9, 33e3, 0.2)
+DAMPED = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
+
+
+def surface(number, mesh, quads, *, group, at=(0.0, 0.0, 0.0)):
+    """Facets of one block as contact sees them."""
+    nodes, local = np.unique(quads, return_inverse=True)
+    return BlockSurface(
+        block=number,
+        group=group,
+        copy=0,
+        rotation=np.eye(3),
+        nodes=nodes,
+        reference=mesh.nodes[nodes] + at,
+        quads=local.reshape(quads.shape),
+    )
+
+
+def contact(surfaces, groups, law, **options):
+    return SlidingContact(
+        surfaces=tuple(surfaces),
+        n_nodes=tuple(g.n_nodes for g in groups),
+        law=law,
+        clearance=0.0,
+        counted_stiffness=law.constants.linear_stiffness,
+        **options,
+    )
+
+
+def two_boxes(upper, pressure, *, points_per_edge=2):
+    """A box of ``upper`` × ``upper`` facets pressed on one of 2 × 2; pressures at the points."""
+    lower_box = box_block((20.0, 20.0, 10.0), (2, 2, 1))
+    upper_box = box_block((20.0, 20.0, 10.0), (upper, upper, 1))
+    place = np.array([0.0, 0.0, 10.0])
+    groups = (
+        block_group(lower_box.mesh, CONCRETE, name="lower"),
+        block_group(upper_box.mesh, CONCRETE, translations=place[None], name="upper"),
+    )
+    law = ExponentialLaw()
+    bound = contact(
+        [
+            surface(0, lower_box.mesh, lower_box.faces["z+"], group=0),
+            surface(1, upper_box.mesh, upper_box.faces["z-"], group=1, at=place),
+        ],
+        groups,
+        law,
+        points_per_edge=points_per_edge,
+    )
+    load = pressure_forces(upper_box.mesh.nodes, upper_box.faces["z+"], pressure)
+    bottom = np.unique(lower_box.faces["z-"])
+    model = Model(
+        groups,
+        supports=(fixed_nodes(0, bottom, components=(2,)),),
+        loads=(nodal_load(1, load, amplitude=RampAmplitude(1e-4)),),
+        effects=DAMPED,
+        interactions=(bound,),
+    )
+    result = solve(model, end_time=5e-3, stop=StopCriterion(1e-10, 1e-4, settling=1e-9))
+    found = sliding_state(bound, result.displacements)
+    assert (found.block_m == 0).all()
+    assert (found.block_s == 1).all()
+    return result, found.point_pressures, found.point_areas
+
+
+def test_patch_test_across_nested_meshes():
+    """4 × 4 facets on 2 × 2: every fine facet lies in one coarse facet, so the quadrature is
+    exact and a uniform uniaxial stress passes: all pressures are the load's, up to the residual
+    1e-10 times the softness of contact, stiffness c0/p ~ 1e3 of the strain: 1e-7."""
+    result, pressures, areas = two_boxes(4, 0.1)
+    assert areas.sum() == pytest.approx(400.0, rel=1e-12)
+    assert pressures == pytest.approx(0.1, rel=1e-6)
+    strain = np.ptp(result.displacements[1][0, :, 2])
+    assert strain == pytest.approx(0.1 / 33e3 * 10.0, rel=1e-5)
+
+
+def test_crossing_meshes_pass_the_patch_test_in_the_limit():
+    """3 × 3 on 2 × 2 facets: where fine facets straddle a coarse edge the quadrature errs;
+    more points make it vanish, at least by half for twice the points."""
+    errors = [np.ptp(two_boxes(3, 0.1, points_per_edge=n)[1]) / 0.1 for n in (2, 4, 8)]
+    assert errors[0] < 0.5
+    assert errors[1] < 0.5 * errors[0]
+    assert errors[2] < 0.5 * errors[1]
+
+
+def hertz(cells, radius=1000.0, load=4000.0, size=150.0):
+    """Half of a cylinder (symmetry at x = 0) pressed on a rigid plane with ``load`` N/mm.
+
+    A block with a cylindrical bottom, cells graded towards the contact, one through the
+    thickness of 1 mm, plane strain with nu = 0. Largest point pressure and width found.
+    """
+    grading = (np.linspace(0.0, 1.0, cells + 1) ** 1.8) * size
+    box = box_block((size, 1.0, size), (cells, 1, cells))
+    nodes = box.mesh.nodes.copy()
+    step = size / cells
+    x = grading[np.rint(nodes[:, 0] / step).astype(int)]
+    depth = grading[np.rint(nodes[:, 2] / step).astype(int)]
+    bottom = radius - np.sqrt(radius**2 - x**2)
+    nodes[:, 0] = x
+    nodes[:, 2] = bottom + depth * (1.0 - bottom / size)
+    mesh = HexMesh(nodes, box.mesh.elements)
+    material = Material(2.4e-9, 33e3, 0.0)
+    groups = (block_group(mesh, material),)
+    floor = box_block((3.0 * size, 3.0, 5.0), (1, 1, 1))
+    law = LinearPenalty(1e5)
+    statement = contact(
+        [
+            surface(0, mesh, box.faces["z-"], group=0),
+            surface(1, floor.mesh, floor.faces["z+"], group=-1, at=(-size, -1.0, -5.0)),
+        ],
+        groups,
+        law,
+    )
+    force = pressure_forces(mesh.nodes, box.faces["z+"], 0.5 * load / size)
+    model = Model(
+        groups,
+        supports=(
+            fixed_nodes(0, np.flatnonzero(mesh.nodes[:, 0] == 0.0), components=(0,)),
+            fixed_nodes(0, np.arange(mesh.n_nodes), components=(1,)),
+        ),
+        loads=(nodal_load(0, force, amplitude=RampAmplitude(1e-4)),),
+        effects=DAMPED,
+        interactions=(statement,),
+    )
+    result = solve(model, end_time=4e-3, stop=StopCriterion(1e-4, 1e-4))
+    assert str(result.status) == "converged"
+    found = sliding_state(statement, result.displacements)
+    assert found.areas @ found.pressures == pytest.approx(0.5 * load, rel=1e-3)
+    return found.positions[:, :, 0].ravel(), found.point_pressures.ravel()
+
+
+@pytest.mark.slow
+def test_hertz_cylinder():
+    """Line contact: p(x) = p0 √(1 - x²/a²), p0 = √(P E / (π R)), a = √(4 P R / (π E)), nu = 0.
+
+    P = 4000 N/mm, R = 1000 mm: p0 = 205 MPa, a = 12.4 mm. What differs is the size of the block
+    (150 mm: (a/size)² ~ 7e-3) and the penalty (205 MPa / 1e5 = 2 µm against an indentation
+    a²/2R of 77 µm: 3 %). The mesh limits the width, known to a point: its error falls by a
+    third and more when facets are halved.
+    """
+    peak = math.sqrt(4000.0 * 33e3 / (math.pi * 1000.0))
+    width = math.sqrt(4.0 * 4000.0 * 1000.0 / (math.pi * 33e3))
+    widths = []
+    for cells in (8, 16, 32):
+        x, pressure = hertz(cells)
+        expected = peak * np.sqrt(np.maximum(1.0 - (x / width) ** 2, 0.0))
+        error = np.sqrt(np.mean((pressure - expected) ** 2) / np.mean(expected**2))
+        assert error < 0.04
+        assert pressure.max() == pytest.approx(peak, rel=0.03)
+        widths.append(abs(1.0 - x[pressure > 0.0].max() / width))
+    assert widths[1] < 0.67 * widths[0]
+    assert widths[2] < 0.67 * widths[1]
+
+
+def sliding_block(speed=1000.0, friction=None, law=None):
+    """A brick on a rigid floor with facets of 10 mm, pressed on it by gravity, moving along x."""
+    law = LinearPenalty(100.0) if law is None else law
+    brick = box_block((20.0, 20.0, 10.0), (3, 3, 1))
+    floor = box_block((100.0, 40.0, 10.0), (10, 4, 1))
+    sink = 2.4e-9 * 9810.0 * 10.0 / 100.0
+    place = np.array([5.0, 7.0, 10.0 - sink])
+    groups = (block_group(brick.mesh, CONCRETE, translations=place[None]),)
+    statement = contact(
+        [
+            surface(0, brick.mesh, brick.faces["z-"], group=0, at=place),
+            surface(1, floor.mesh, floor.faces["z+"], group=-1),
+        ],
+        groups,
+        law,
+        friction=friction,
+    )
+    model = Model(
+        groups,
+        effects=Effects(gravity=np.array([0.0, 0.0, -9810.0])),
+        interactions=(statement,),
+    )
+    velocity = np.zeros((1, brick.mesh.n_nodes, 3))
+    velocity[:, :, 0] = speed
+    return model, (velocity,)
+
+
+def test_a_block_slides_over_many_facets():
+    """Without friction on a flat floor it keeps its speed: normals are exactly vertical.
+
+    What is left is rounding: eps of the speed in each of 4e4 steps, and eps K u on a slide of
+    20 mm: 1e-8. The search runs only when the skin is used up, a tenth of the shortest edge,
+    with every block counted by its fastest node, twice.
+    """
+    model, velocities = sliding_block()
+    system = prepare(model, time_step=5e-7)
+    state = initial_state(system, velocities=velocities)
+    for _ in range(40_000):
+        step(system, state)
+    bound = system.interactions[0]
+    now = world_vectors(system.bodies[0], state.bodies[0].velocity)[0]
+    mass = model.groups[0].lumped_mass
+    assert mass @ now[:, 0] / mass.sum() == pytest.approx(1000.0, rel=1e-7)
+    moved = world_vectors(system.bodies[0], state.bodies[0].displacement)[0]
+    assert moved[:, 0].mean() == pytest.approx(20.0, rel=1e-6)
+    assert np.abs(moved[:, 2]).max() < 1e-4
+    skin = 0.1 * 20.0 / 3.0
+    assert bound.searches <= 2.0 * 20.0 / skin * 1.05 + 2
+
+
+def test_friction_stops_a_sliding_block():
+    """Deceleration μ g: v - μ g t, and the energy lost is what the motion lost (2 % for the
+    vibration that the start leaves)."""
+    model, velocities = sliding_block(300.0, CoulombFriction(0.3))
+    result = solve(model, end_time=4e-3, velocities=velocities)
+    mass = model.groups[0].lumped_mass
+    speed = mass @ result.velocities[0][0, :, 0] / mass.sum()
+    assert 300.0 - speed == pytest.approx(0.3 * 9810.0 * 4e-3, rel=0.02)
+    lost = 0.5 * mass.sum() * (300.0**2 - speed**2)
+    assert result.energies.frictional_dissipation == pytest.approx(lost, rel=0.03)
+    assert result.energy_balance < 1e-3
+
+
+def test_resumed_slide_gives_the_same_bits(tmp_path):
+    model, velocities = sliding_block(3000.0, CoulombFriction(0.3))
+    path = tmp_path / "checkpoint.npz"
+    seen = []
+
+    def stop_midway(progress):
+        seen.append(progress.step)
+        if len(seen) == 9:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        solve(
+            model,
+            end_time=1e-3,
+            velocities=velocities,
+            output=Output(checkpoint=path, checkpoint_seconds=0.0, progress=stop_midway),
+        )
+    whole = solve(model, end_time=1e-3, velocities=velocities)
+    resumed = solve(model, end_time=1e-3, velocities=velocities, resume=path)
+    assert np.array_equal(resumed.displacements[0], whole.displacements[0])
+
+
+def tube(**options):
+    found = sine_tube(tsb(), SineBlockDivisions(12, 2, 4), 1)
+    return deformable_assembly(found, load_case(found, "pipe", 0.01), CONCRETE, **options)
+
+
+def test_forces_and_moments_balance():
+    """Random displacements of a tube whose frames deform as well: closest points make the
+    forces the gradient of an energy that no rigid motion changes (rounding as for faces)."""
+    deformable = tube(frames=Frames.DEFORMABLE)
+    statement = explicit_assembly(deformable, finite_sliding=True)
+    system = prepare(statement.model, time_step=1e-9)
+    rng = np.random.default_rng(2)
+    groups = statement.model.groups
+    moved = tuple(5e-3 * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in groups)
+    for support in statement.model.supports:
+        moved[support.group][support.copies, support.nodes] = 0.0
+    state = initial_state(system, displacements=moved)
+    for now in state.bodies:
+        now.applied_force[:] = 0.0
+    system.interactions[0].add_force(system, state)
+    total, moment, size = np.zeros(3), np.zeros(3), 0.0
+    for g, body, now, u in zip(groups, system.bodies, state.bodies, moved, strict=True):
+        force = world_vectors(body, applied_forces(body, now))
+        total += force.sum(axis=(0, 1))
+        moment += np.cross(g.reference_positions() + u, force).sum(axis=(0, 1))
+        size += np.abs(force).sum()
+    assert size > 100.0
+    assert np.abs(total).max() < 1e-13 * size
+    assert np.abs(moment).max() < 1e-12 * 400.0 * size
+
+
+def test_agrees_with_matched_facets_where_nothing_slides():
+    """The same tube: normals of one side instead of the mean of both change the gap of points
+    d apart by d times the turn of the normals, 3e-3 mm · 1e-4: the pressures agree to 1e-3."""
+    deformable = tube()
+    pressures = []
+    for finite_sliding in (False, True):
+        statement = explicit_assembly(
+            deformable,
+            finite_sliding=finite_sliding,
+            effects=DAMPED,
+            amplitude=RampAmplitude(1e-3),
+        )
+        result = solve(statement.model, end_time=2e-2, stop=StopCriterion(1e-6, 1e-3))
+        pressures.append(contact_state(deformable, statement.expand(result.displacements))[0])
+    scale = np.sqrt(np.mean(pressures[0] ** 2))
+    assert np.sqrt(np.mean((pressures[1] - pressures[0]) ** 2)) < 1e-3 * scale
+
+
+def test_closest_points_of_a_warped_facet():
+    """The way from the closest point stands on both tangents, to the accuracy of Newton."""
+    rng = np.random.default_rng(4)
+    flat = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
+    corners = flat + 0.1 * rng.standard_normal((20, 3, 4, 3))
+    points = np.array([1.0, 1.0, 0.3]) + 0.3 * rng.standard_normal((20, 3))
+    xi, gap, normal = closest_points(corners, points)
+    inside = (np.abs(xi) < 1.9).all(axis=2)
+    assert inside.all()
+    r, s = xi[..., 0:1, None], xi[..., 1:2, None]
+    a, b, c, d = (corners[:, :, k, None] for k in range(4))
+    x = ((1 - r) * (1 - s) * a + (1 + r) * (1 - s) * b + (1 + r) * (1 + s) * c) / 4
+    x = (x + (1 - r) * (1 + s) * d / 4)[:, :, 0]
+    away = points[:, None] - x
+    assert np.abs(away - gap[..., None] * normal).max() < 1e-12
+
+
+def test_a_sector_cannot_slide():
+    deformable = tube()
+    with pytest.raises(SymmetryError, match="symmetry off"):
+        explicit_assembly(deformable, orbits=cyclic_orbits(deformable, 4), finite_sliding=True)
+
+
+def test_a_column_of_boxes_of_different_mesh_carries_its_weight():
+    """Three boxes that do not conform, under gravity: the force between two is the weight above
+    (equilibrium, to the residual 1e-5), and the static solver says that it cannot."""
+    shapes = tuple(brick((20.0, 20.0, 10.0), (n, n, 1)) for n in (2, 3, 5))
+    assembly = Assembly(
+        name="column",
+        shapes=shapes,
+        shape_of=np.arange(3),
+        rotations=np.tile(np.eye(3), (3, 1, 1)),
+        translations=np.array([[0.0, 0.0, 10.0 * k] for k in range(3)]),
+        layer=np.arange(3),
+        fixed=np.array([True, False, False]),
+    )
+    none = np.empty((0, 3))
+    load = LoadCase(
+        "weight",
+        np.empty(0, np.int64),
+        np.empty((0, 4), np.int64),
+        none,
+        none,
+        None,
+        0.0,
+        assembly.fixed,
+    )
+    deformable = deformable_assembly(assembly, load, CONCRETE, finite_sliding=True)
+    effects = Effects(
+        gravity=np.array([0.0, 0.0, -9810.0]),
+        adaptive_mass_damping=AdaptiveMassDamping(interval=50),
+    )
+    statement = explicit_assembly(deformable, effects=effects)
+    result = solve(statement.model, end_time=0.05, stop=StopCriterion(1e-6))
+    found = sliding_state(statement.model.interactions[0], statement.expand(result.displacements))
+    force = [found.areas[found.block_m == k] @ found.pressures[found.block_m == k] for k in (0, 1)]
+    weight = 2.4e-9 * 9810.0 * 4000.0
+    assert force == pytest.approx([2.0 * weight, weight], rel=1e-4)
+    with pytest.raises(StaticError, match="explicit"):
+        solve_static(deformable)

@@ -1,0 +1,358 @@
+"""Work and precision: the laws of fronts, orders and caches, and the command."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fem.hexahedron import ElementType
+from mbd import Norm
+from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from validation import cost
+from validation.build import build_assembly
+from validation.cost_analysis import (
+    Point,
+    cheapest,
+    fitted_order,
+    observed_order,
+    pareto_front,
+    richardson,
+)
+from validation.cost_cache import CostCache, content_key
+from validation.cost_measure import overlap, partition_pressures
+from validation.cost_settings import (
+    CostPlan,
+    base_mesh,
+    full_plan,
+    quick_plan,
+    rigid_setting,
+    static_setting,
+    with_setting,
+)
+from validation.errors import InputError
+from validation.scene import TubeScene, load_scene
+
+SETTINGS = ("--set", "assembly.layers=1")
+
+
+def tube(*settings: str) -> TubeScene:
+    scene = load_scene("tsb1-pipe", ["assembly.layers=1", *settings]).scene
+    assert isinstance(scene, TubeScene)
+    return scene
+
+
+# ---------------------------------------------------------------------------------------------
+# Extrapolation and orders on numbers whose limit is known
+
+
+@pytest.mark.parametrize("order", [0.5, 1.0, 2.0, 3.7])
+@pytest.mark.parametrize("levels", [(1, 2, 4), (3, 4, 6, 7)])
+def test_extrapolation_is_exact_for_one_power(order: float, levels: tuple[int, ...]) -> None:
+    limit, slope = np.array([2.0, -1.0]), np.array([0.3, 0.8])
+    values = [limit + slope * k**-order for k in levels]
+    found = richardson(levels, values)
+    # The order solves one equation with differences of 1e-3 and more: round-off 1e-16 / 1e-3.
+    assert found.order == pytest.approx(order, rel=1e-10)
+    np.testing.assert_allclose(found.value, limit, atol=1e-11)
+
+
+@pytest.mark.parametrize("second", [-0.3, 0.3])
+def test_estimated_error_covers_a_second_power(second: float) -> None:
+    # v = 1 + h² + c h³: fitting one power leaves a third-order rest, which drops by (4/7)³ and
+    # more from the extrapolation of (3, 4, 6) to that of (4, 6, 7): their difference covers it.
+    levels = (3, 4, 6, 7)
+    values = [np.array([1.0 + k**-2 + second * k**-3]) for k in levels]
+    found = richardson(levels, values)
+    assert abs(found.value[0] - 1.0) <= found.error < abs(values[-1][0] - 1.0)
+
+
+@pytest.mark.parametrize("values", [(1.0, 2.0, 1.5), (1.0, 1.1, 1.3), (1.0, 2.0, 2.0)])
+def test_levels_without_an_order_are_not_extrapolated(values: tuple[float, ...]) -> None:
+    found = richardson((1, 2, 4), [np.array([v]) for v in values])
+    assert found.order is None
+    assert found.value[0] == values[-1]
+    assert found.error == max(abs(v - values[-1]) for v in values)
+
+
+def test_order_does_not_depend_on_units() -> None:
+    values = [np.array([1.0 + 0.7 * k**-1.5]) for k in (2, 3, 5)]
+    weights = np.ones(1)
+    one = observed_order((2, 3, 5), values, weights)
+    other = observed_order((2, 3, 5), [1e6 * v for v in values], 1e3 * weights)
+    assert one == pytest.approx(1.5, rel=1e-10)
+    assert other == pytest.approx(1.5, rel=1e-10)
+
+
+def test_levels_must_ascend_and_be_three() -> None:
+    with pytest.raises(ValueError, match="three or more"):
+        richardson((1, 2), [np.ones(1)] * 2)
+    with pytest.raises(ValueError, match="ascending"):
+        richardson((1, 3, 2), [np.ones(1)] * 3)
+
+
+def test_fitted_order_is_the_slope_above_the_floor() -> None:
+    levels = (1, 2, 4, 8)
+    errors = [0.5 * k**-2 for k in levels]
+    assert fitted_order(levels, errors, floor=0.0) == pytest.approx(2.0, rel=1e-12)
+    # What the reference cannot resolve does not bend the slope.
+    flat = [*errors[:3], errors[2]]
+    assert fitted_order(levels, flat, floor=0.6 * errors[2]) == pytest.approx(2.0, rel=1e-12)
+    assert fitted_order(levels, errors, floor=0.1) is None
+
+
+# ---------------------------------------------------------------------------------------------
+# Fronts
+
+
+def beats(a: Point, b: Point) -> bool:
+    no_worse = a.cost <= b.cost and a.error <= b.error
+    return no_worse and (a.cost < b.cost or a.error < b.error)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_pareto_front_laws(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    # Few distinct values, so that ties occur.
+    points = [Point(float(a), float(b)) for a, b in rng.integers(1, 9, (40, 2))]
+    front = pareto_front(points)
+    assert not any(beats(p, points[i]) for p in points for i in front)
+    chosen = {points[i] for i in front}
+    left = [p for p in points if p not in chosen]
+    assert all(any(beats(points[i], p) for i in front) for p in left)
+    assert all(
+        points[a].cost < points[b].cost and points[a].error > points[b].error
+        for a, b in pairwise(front)
+    )
+    order = rng.permutation(len(points))
+    again = pareto_front([points[i] for i in order])
+    assert [points[order[i]] for i in again] == [points[i] for i in front]
+    assert [left[i] for i in pareto_front(left)] != [points[i] for i in front]
+
+
+def test_a_small_error_by_luck_is_not_an_answer() -> None:
+    # The first family passes through zero error at its second mesh.
+    points = [Point(1, 0.3), Point(2, 0.001), Point(4, 0.05), Point(9, 0.004), Point(20, 0.005)]
+    families = [[0, 1, 2], [3, 4]]
+    assert cheapest(points, families, 0.01, reference_error=0.0) == 3
+    assert cheapest(points, families, 0.06, reference_error=0.0) == 1
+    assert cheapest(points, families, 0.01, reference_error=0.0055) is None
+
+
+# ---------------------------------------------------------------------------------------------
+# The common partition
+
+
+@pytest.mark.parametrize(("n_from", "n_to"), [(3, 2), (2, 3), (4, 4), (12, 24), (36, 24)])
+def test_every_interval_is_shared_out_whole(n_from: int, n_to: int) -> None:
+    # Each entry is a difference of quotients below 1, times n ≤ 36: round-off 36 · 1e-16.
+    np.testing.assert_allclose(overlap(n_from, n_to).sum(axis=0), 1.0, rtol=1e-13)
+    np.testing.assert_allclose(overlap(n_from, n_to).sum(axis=1), n_from / n_to, rtol=1e-13)
+
+
+@pytest.mark.parametrize("level", [1, 2, 3])
+def test_partition_keeps_forces_and_uniform_pressures(level: int) -> None:
+    scene = tube()
+    base = base_mesh(scene)
+    assembly = build_assembly(with_setting(scene, base, rigid_setting(Norm.FORCE, level)))
+    found = assembly.interfaces
+    # Contacts of two frame blocks are left out.
+    free = ~(assembly.fixed[found.block_m] & assembly.fixed[found.block_s])
+    contacts = np.flatnonzero(free)
+    pressures = np.random.default_rng(level).uniform(0, 1, len(contacts))
+    mesh, cells = base.at(level), base.at(2)
+    p, area = partition_pressures(assembly, contacts, pressures, mesh=mesh, cells=cells)
+    assert p @ area == pytest.approx(pressures @ found.areas[contacts], rel=1e-12)
+    assert area.sum() == pytest.approx(found.areas[contacts].sum(), rel=1e-12)
+    ones, _ = partition_pressures(
+        assembly, contacts, np.ones(len(contacts)), mesh=mesh, cells=cells
+    )
+    np.testing.assert_allclose(ones, 1.0, rtol=1e-12)
+    # Four blocks: two wavy layers of interfaces and the sides, 2 × 24 cells and 2 × 4 each.
+    assert len(p) == 4 * (2 * 48 + 8)
+
+
+@pytest.mark.parametrize("frequency", [1.0, 1.5, 2.0, 2.5])
+@pytest.mark.parametrize("blocks", [2, 4, 9])
+def test_every_level_of_the_base_mesh_conforms(frequency: float, blocks: int) -> None:
+    scene = tube(f"block.frequency={frequency}", f"block.blocks_per_layer={blocks}")
+    for level in (1, 2):
+        setting = rigid_setting(Norm.FORCE, level)
+        assembly = build_assembly(with_setting(scene, base_mesh(scene), setting))
+        assert assembly.interfaces.n_contacts > 0
+
+
+# ---------------------------------------------------------------------------------------------
+# Cache
+
+
+def small_plan(scene: TubeScene) -> CostPlan:
+    settings = (
+        rigid_setting(Norm.PRESSURE, 1),
+        static_setting(ElementType.INCOMPATIBLE, 1),
+        static_setting(ElementType.INCOMPATIBLE, 2),
+    )
+    return CostPlan(base_mesh(scene), settings, (1, 2, 3))
+
+
+def test_hit_gives_the_same_bits_and_no_new_run(tmp_path, monkeypatch) -> None:
+    scene, cache = tube(), CostCache(tmp_path)
+    plan = small_plan(scene)
+    first = cost.run_cost("a", scene, plan, cache)
+    # Two of the three reference meshes are among the settings: five wanted, four run.
+    assert len(list(tmp_path.iterdir())) == 4
+
+    def no_run(*arguments: object) -> None:
+        raise AssertionError("a new run")
+
+    monkeypatch.setattr(cost, "measure", no_run)
+    monkeypatch.setattr(cost, "warm_up", no_run)
+    second = cost.run_cost("a", scene, plan, cache)
+    assert second.rows == first.rows
+    assert second.reference_errors == first.reference_errors
+    for quantity in cost.QUANTITIES:
+        one, other = first.reference[quantity].value, second.reference[quantity].value
+        assert one.tobytes() == other.tobytes()
+    # What the study says follows from it: rigid blocks err by their model, meshes converge.
+    finest = first.families()["static C3D8I"]
+    assert finest[1].errors["displacement"] < finest[0].errors["displacement"]
+    assert first.best("pressure_l2").setting.method == "static"
+    # A scene that cost has measured is answered without any run.
+    quantity, target = (
+        "displacement",
+        1.01 * (finest[1].errors["displacement"] + first.reference_errors["displacement"]),
+    )
+    chosen = first.choose(quantity, target, deformable=True)
+    assert chosen is not None
+    assert chosen.errors[quantity] <= target
+
+
+def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch) -> None:
+    scene, cache = tube(), CostCache(tmp_path)
+    plan = small_plan(scene)
+    done: list[str] = []
+    real = cost.measure
+
+    def counted(name, scene, base, setting):
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(setting.name)
+        return real(name, scene, base, setting)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(cost, "measure", counted)
+        with pytest.raises(KeyboardInterrupt):
+            cost.run_cost("a", scene, plan, cache)
+    assert len(list(tmp_path.iterdir())) == 2
+    again: list[str] = []
+
+    def told(number: int, total: int, what: str) -> None:
+        again.append(what)
+
+    cost.run_cost("a", scene, plan, cache, progress=told)
+    assert len(again) == 2
+    assert not set(again) & set(done)
+
+
+def test_a_setting_without_an_answer_is_told_and_the_rest_stands(tmp_path, monkeypatch) -> None:
+    scene, cache = tube(), CostCache(tmp_path)
+    plan = small_plan(scene)
+    real = cost.measure
+
+    def broken(name, scene, base, setting):
+        if setting.method == "rigid":
+            raise InputError("went unstable")
+        return real(name, scene, base, setting)
+
+    monkeypatch.setattr(cost, "measure", broken)
+    found = cost.run_cost("a", scene, plan, cache)
+    assert found.failures == {plan.settings[0].name: "went unstable"}
+    assert [row.setting for row in found.rows] == list(plan.settings[1:])
+
+
+def test_key_is_the_content(tmp_path) -> None:
+    scene = tube()
+    setting = static_setting(ElementType.FULL, 2)
+    base = base_mesh(scene)
+    key = content_key(scene, base, setting)
+    # The mesh of the scene is what cost varies; a family's name is only a name.
+    same = [
+        content_key(tube("mesh.around=24"), base, setting),
+        content_key(scene, base, replace(setting, family="another name")),
+    ]
+    other = [
+        content_key(tube("load.pressure=0.02"), base, setting),
+        content_key(tube("material.poisson_ratio=0.3"), base, setting),
+        content_key(tube("contact.initial_clearance=0.01"), base, setting),
+        content_key(scene, base, replace(setting, level=3)),
+        content_key(scene, base, static_setting(ElementType.B_BAR, 2)),
+        content_key(scene, base, replace(setting, ramp_factor=2.0)),
+    ]
+    assert set(same) == {key}
+    assert len({key, *other}) == 1 + len(other)
+    for plan in (full_plan(scene), quick_plan(scene)):
+        runs = {*plan.settings, *plan.references}
+        assert len({content_key(scene, base, s) for s in runs}) == len(runs)
+
+
+def test_file_that_is_no_measurement_is_named(tmp_path) -> None:
+    cache = CostCache(tmp_path)
+    assert cache.load("abc") is None
+    cache.path("abc").write_text("{}")
+    with pytest.raises(InputError, match=r"abc\.json: is not a measurement"):
+        cache.load("abc")
+
+
+# ---------------------------------------------------------------------------------------------
+# Command
+
+
+@pytest.mark.slow
+def test_quick_command_and_the_accuracy_it_offers(tubelock) -> None:  # noqa: F811
+    status, out, _ = tubelock(
+        "cost", "tsb1-pipe", *SETTINGS, "--quick", "-o", "run", "--json", "cost.json"
+    )
+    assert status == 0
+    assert "10 % in displacement: static C3D8I, mesh ×1" in out
+    assert Path("run/cost.png").stat().st_size > 10_000
+    data = json.loads(Path("cost.json").read_text())
+    assert len(data["settings"]) == 10
+    assert all(s["cpu_seconds"][0] > 0 for s in data["settings"])
+    # Which of two elements is cheaper on one mesh is noise; that this one is on the front is not.
+    assert "static C3D8I, mesh ×1" in data["pareto"]["displacement"]
+    accuracy = ("--accuracy", "displacement=10%")
+    status, out, _ = tubelock("fem", "tsb1-pipe", *SETTINGS, *accuracy, "--json", "fem.json")
+    assert status == 0
+    assert "accuracy  displacement=10%: static C3D8I, mesh ×1" in out
+    answered = json.loads(Path("fem.json").read_text())["max_displacement"]
+    setting = next(s for s in data["settings"] if s["name"] == "static C3D8I, mesh ×1")
+    assert answered == setting["values"]["displacement"]
+    status, _, err = tubelock("fem", "tsb1-pipe", *SETTINGS, "--accuracy", "0.01%")
+    assert status == 2
+    assert "no measured setting keeps it; best is" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["cost", "thb0-pipe"], "Sine Blocks"),
+        (["cost", "cantilever"], "Sine Blocks"),
+        (["cost", "tsb1-pipe", "--set", "effects.friction.coefficient=0.1"], "remove friction"),
+        (["cost", "tsb1-pipe", "--set", "effects.elastic_frame=true"], "elastic_frame"),
+        (["fem", "tsb1-pipe", "--accuracy", "1%"], "run `tubelock cost tsb1-pipe` first"),
+        (["fem", "tsb1-pipe", "--accuracy", "little"], "expected a share"),
+        (["fem", "tsb1-pipe", "--accuracy", "weight=1%"], "expected a share"),
+        (["fem", "tsb1-pipe", "--accuracy", "120%"], "expected a share"),
+    ],
+)
+def test_bad_input_gives_one_line(tubelock, arguments, message) -> None:  # noqa: F811
+    status, out, err = tubelock(*arguments)
+    assert status == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert message in err
+    assert not list(Path().iterdir())

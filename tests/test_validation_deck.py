@@ -1,0 +1,278 @@
+"""`tubelock export` and `tubelock import` as a person uses them."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fem.decks.cards import read_cards
+from fem.decks.model import deck_assembly, deck_model
+from fem.decks.statement import CircumferentialLoad, Flavour, NodalForceLoad, Procedure
+from fem.decks.write import deck_lines
+from fem.hexahedron import ElementType
+from validation.box import build_box
+from validation.cli import main
+from validation.deck_command import export_deck, import_deck
+from validation.errors import InputError
+from validation.scene import builtin_names, load_scene
+from validation.scene_deck import build_deck
+from validation.tube_fem import build_deformable
+
+COARSE = ["mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2"]
+SMALL = [word for setting in COARSE for word in ("--set", setting)]
+
+
+@pytest.fixture
+def tubelock(monkeypatch, capsys, tmp_path):
+    """Run the command in an empty folder: (exit status, standard output, standard error)."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["tubelock", *arguments])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        out, err = capsys.readouterr()
+        return int(stop.value.code or 0), out, err
+
+    return run
+
+
+def heading(path: str) -> str:
+    return Path(path).read_text().split("**")[0]
+
+
+@pytest.mark.parametrize("flavour", ["general", "pairs"])
+def test_export_import_export_gives_the_same_bytes(tubelock, flavour) -> None:
+    status, out, _ = tubelock("export", "tsb1-pipe", *SMALL, "-o", "a.inp", "--flavour", flavour)
+    assert status == 0
+    assert "*Surface Interaction (1)" in out
+    status, out, _ = tubelock("import", "a.inp", "-o", "b.inp", "--json", "a.json")
+    assert status == 0
+    assert Path("a.inp").read_bytes() == Path("b.inp").read_bytes()
+    data = json.loads(Path("a.json").read_text())
+    assert data["blocks"] == {"bottom-frame": 4, "sine-block": 8, "top-frame": 4}
+    assert data["scene"] == "tsb1-pipe"
+    assert {p.name for p in Path().iterdir()} == {"a.inp", "b.inp", "a.json"}
+
+
+def test_hexagon_tubes_too(tmp_path: Path) -> None:
+    settings = ["assembly.layers=1", "mesh.edge=4", "mesh.radial=2", "fem.method=static"]
+    settings += ["material={density=2.4e-9, young_modulus=33000.0, poisson_ratio=0.2}"]
+    file = load_scene("thb0-pipe", [*settings, "contact.law=exponential"])
+    for flavour in (Flavour.GENERAL, Flavour.PAIRS):
+        written = export_deck(file, flavour, tmp_path / "a.inp")
+        assert list(deck_lines(import_deck(written.path))) == written.path.read_text().splitlines()
+
+
+def test_the_same_scene_gives_the_same_bytes(tubelock) -> None:
+    for flavour in Flavour:
+        for name in ("a.inp", "b.inp"):
+            tubelock("export", "tsb2-shaft", *SMALL, "-o", name, "--flavour", flavour)
+        assert Path("a.inp").read_bytes() == Path("b.inp").read_bytes()
+
+
+def test_twelve_layers_are_written_in_time(tmp_path: Path) -> None:
+    """698 880 elements in 56 instances of three parts: 20 s are promised, one is needed."""
+    written = export_deck(load_scene("tsb1-pipe"), Flavour.GENERAL, tmp_path / "case.inp")
+    assert written.cpu_seconds < 20.0
+    assert written.n_bytes < 5e6
+    assert written.keywords["*Instance"] == 56
+    assert written.keywords["*Part"] == 3
+
+
+def test_every_tube_scene_can_be_exported(tmp_path: Path) -> None:
+    for name in builtin_names():
+        if not name.startswith("tsb"):
+            continue
+        file = load_scene(name, COARSE)
+        for flavour in Flavour:
+            export_deck(file, flavour, tmp_path / f"{name}-{flavour}.inp")
+        general = import_deck(tmp_path / f"{name}-general.inp")
+        ours = build_deformable(file.scene, name)  # type: ignore[arg-type]
+        imported = deck_assembly(general)
+        assert imported.model.n_elements == ours.model.n_elements
+        assert imported.surfaces.n_facets == ours.surfaces.n_facets
+        total = sum(load.forces.sum(axis=0) for load in ours.model.loads)
+        found = sum(load.forces.sum(axis=0) for load in imported.model.loads)
+        scale = sum(np.abs(load.forces).sum() for load in ours.model.loads)
+        assert np.abs(found - total).max() < 1e-9 * scale
+
+
+def test_shaft_is_a_traction_for_abaqus_and_nodal_forces_for_converters() -> None:
+    file = load_scene("tsb1-shaft", COARSE)
+    assert isinstance(build_deck(file, Flavour.GENERAL).loads[0], CircumferentialLoad)
+    assert isinstance(build_deck(file, Flavour.PAIRS).loads[0], NodalForceLoad)
+
+
+def test_static_scene_becomes_damped_dynamics_with_the_papers_damping() -> None:
+    deck = build_deck(load_scene("tsb1-pipe", COARSE), Flavour.GENERAL)
+    assert deck.step.procedure is Procedure.EXPLICIT
+    assert deck.effects.rayleigh is not None
+    assert deck.effects.rayleigh.mass_proportional == 2.0
+    assert deck.effects.bulk_viscosity is not None
+    assert any("its static state" in note for note in deck.notes)
+    named = load_scene("tsb1-pipe", [*COARSE, "effects.rayleigh.mass_proportional=7.0"])
+    effects = build_deck(named, Flavour.GENERAL).effects
+    assert effects.rayleigh is not None
+    assert effects.rayleigh.mass_proportional == 7.0
+    assert effects.rayleigh.stiffness_proportional is None
+
+
+def test_scene_sections_reach_the_deck(tubelock) -> None:
+    settings = ["contact.initial_clearance=0.03", "effects.friction.coefficient=0.01"]
+    settings += ["fem.element=reduced", "effects.gravity=[0.0, 0.0, -9810.0]", "fem.frames=11"]
+    words = [word for setting in settings for word in ("--set", setting)]
+    status, _, _ = tubelock("export", "tsb1-pipe", *SMALL, *words, "-o", "a.inp")
+    assert status == 0
+    cards = {c.keyword: c for c in read_cards(Path("a.inp").read_text().splitlines())}
+    assert cards["FRICTION"].data == ["0.01,"]
+    assert cards["ELEMENT"].parameters["TYPE"] == "C3D8R"
+    assert cards["SECTION CONTROLS"].parameters["HOURGLASS"] == "STIFFNESS"
+    assert cards["DLOAD"].data[0] == "BLOCK-000.ALL, GRAV, -9810.0, 0.0, 0.0, 1.0"
+    assert "number interval=10" in Path("a.inp").read_text()
+    assert "initial clearance: 0.03" in heading("a.inp")
+    deck = import_deck(Path("a.inp"))
+    assert deck.initial_clearance == 0.03
+    assert deck.spacing.any()
+
+
+def test_elastic_frame_is_held_at_its_outer_faces() -> None:
+    deck = build_deck(
+        load_scene("tsb1-pipe", [*COARSE, "effects.elastic_frame=true"]), Flavour.PAIRS
+    )
+    assert {hold.face for hold in deck.holds} == {"bottom", "top"}
+    assert len(deck.held_blocks) == 0
+
+
+@pytest.mark.parametrize("name", ["cantilever", "spinning-block"])
+def test_boxes_give_the_model_of_the_scene(name, tmp_path: Path) -> None:
+    """The imported deck states what `tubelock fem` computes."""
+    file = load_scene(name, ["fem.method=explicit", "fem.end_time=0.001"])
+    export_deck(file, Flavour.GENERAL, tmp_path / "box.inp")
+    deck = import_deck(tmp_path / "box.inp")
+    model, _, _ = deck_model(deck)
+    ours = build_box(file.scene)  # type: ignore[arg-type]
+    assert model.n_elements == ours.model.n_elements
+    assert model.groups[0].element is ours.model.groups[0].element
+    forces = [
+        np.sum([load.forces.sum(axis=0) for load in m.loads], axis=0) for m in (model, ours.model)
+    ]
+    assert np.allclose(*forces, rtol=1e-12)
+    assert sum(len(s.nodes) for s in model.supports) == sum(
+        len(s.nodes) for s in ours.model.supports
+    )
+    assert (deck.motion is None) == (ours.velocities is None)
+
+
+def test_explicit_box_for_calculix_gets_a_stable_time_step() -> None:
+    settings = ["fem.element=full", "fem.end_time=0.001", "fem.method=explicit"]
+    deck = build_deck(load_scene("cantilever", settings), Flavour.CALCULIX)
+    assert deck.element is ElementType.FULL
+    assert deck.step.time_step is not None
+    assert 0 < deck.step.time_step < 1e-5
+
+
+def test_header_lists_every_difference(tubelock) -> None:
+    tubelock("export", "tsb1-shaft", *SMALL, "-o", "c.inp", "--flavour", "calculix")
+    text = heading("c.inp")
+    for words in ("table of 200 points", "NODE TO SURFACE", "sampled", "nodal forces", "flat:"):
+        assert words in text
+    assert all(len(line) <= 132 for line in text.splitlines())
+
+
+# ---------------------------------------------------------------------------------------------
+# Meshes
+
+
+def test_import_reads_plain_meshes(tubelock) -> None:
+    tubelock("export", "tsb1-pipe", *SMALL, "-o", "a.inp")
+    assert tubelock("import", "a.inp", "-o", "mesh.vtu")[0] == 0
+    status, out, _ = tubelock("import", "mesh.vtu", "--json", "-")
+    assert status == 0
+    deck = import_deck(Path("a.inp"))
+    data = json.loads(out)
+    assert data["n_elements"] == deck_model(deck)[0].n_elements + 8 * 24
+    assert data["volume"] == pytest.approx(deck.assembly.volumes.sum(), rel=1e-12)
+    tubelock("import", "mesh.vtu", "-o", "flat.inp")
+    status, out, _ = tubelock("import", "flat.inp", "--json", "-")
+    assert json.loads(out) == data
+
+
+# ---------------------------------------------------------------------------------------------
+# Bad input
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["export", "tsb1-pipe", "-o", "a.txt"], "ends in .inp"),
+        (["export", "tsb1-pipe", "-o", "/proc/nowhere/a.inp", *SMALL], "cannot be written"),
+        (
+            ["export", "tsb1-pipe", "-o", "a.inp", "--flavour", "nastran"],
+            "general, pairs, calculix",
+        ),
+        (["export", "brick-stack", "-o", "a.inp"], "deformable"),
+        (["export", "tsb1-pipe", "-o", "a.inp", "--set", "fem.element=full"], "fem.element"),
+        (
+            [
+                *("export", "tsb1-pipe", "-o", "a.inp"),
+                *("--set", "fem.method=explicit", "--set", "fem.damping=paper"),
+            ],
+            "fem.end_time is missing",
+        ),
+        (
+            [
+                *("export", "tsb1-pipe", *SMALL, "-o", "a.inp", "--flavour", "calculix"),
+                *("--set", "effects.friction.coefficient=0.1"),
+            ],
+            "stick_stiffness",
+        ),
+        (["import", "nothing.inp"], "no such file"),
+        (["import", "/proc"], "no such file"),
+    ],
+)
+def test_bad_input_gives_one_line_and_status_2(tubelock, arguments, message) -> None:
+    status, out, err = tubelock(*arguments)
+    assert status == 2
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert message in err
+    assert not list(Path().iterdir())
+
+
+def test_a_truncated_deck_leaves_nothing_behind(tubelock) -> None:
+    tubelock("export", "tsb1-pipe", *SMALL, "-o", "a.inp")
+    text = Path("a.inp").read_text()
+    Path("a.inp").write_text(text[: len(text) // 3])
+    Path("b.inp").write_text("an earlier file")
+    status, out, err = tubelock("import", "a.inp", "-o", "b.inp", "--json", "b.json")
+    assert status == 2
+    assert out == ""
+    assert re.search(r"a\.inp: line \d+: ", err)
+    assert Path("b.inp").read_text() == "an earlier file"
+    assert {p.name for p in Path().iterdir()} == {"a.inp", "b.inp"}
+
+
+def test_flat_decks_with_more_than_a_mesh_are_refused_by_line(tubelock) -> None:
+    Path("a.inp").write_text("*Node\n1, 0., 0., 0.\n** a comment\n*Material, name=A\n")
+    status, _, err = tubelock("import", "a.inp")
+    assert status == 2
+    assert "line 4: *Material is not supported" in err
+    Path("b.inp").write_bytes(b"*Heading\ntubelock 0, scene \xff\xfe\n")
+    assert tubelock("import", "b.inp")[0] == 2
+    tubelock("export", "tsb1-pipe", *SMALL, "-o", "c.inp", "--flavour", "calculix")
+    status, _, err = tubelock("import", "c.inp")
+    assert status == 2
+    assert "flavour calculix" in err
+
+
+def test_initial_motion_needs_an_explicit_step() -> None:
+    file = load_scene("spinning-block", ["fem.method=static"])
+    with pytest.raises(InputError, match="initial motion"):
+        build_deck(file, Flavour.PAIRS)

@@ -1,0 +1,39 @@
+"""What is off is absent: no compiled form of its own is left, and the bits are the same."""
+
+from __future__ import annotations
+
+import pytest
+
+from validation.cli import app
+from validation.effect_costs import bare, effect_costs
+from validation.errors import InputError
+from validation.scene import load_scene
+
+TINY = ["assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
+
+
+def test_base_has_no_effect() -> None:
+    file = load_scene("tsb1-pipe", [*TINY, "effects.friction.coefficient=0.3"])
+    effects = bare(file.scene).effects
+    assert not any(getattr(effects, name) for name in type(effects).model_fields)
+
+
+def test_effects_leave_no_trace_when_off() -> None:
+    # The base runs before and after each effect: bit for bit the same, nothing compiled anew.
+    file = load_scene("tsb1-pipe", TINY)
+    report = effect_costs(file.scene, file.name, answers=False)
+    assert len(report.costs) == 9
+    for cost in report.costs:
+        assert cost.off_compiles == 0
+        assert cost.same_bits
+    found = {cost.effect.name: cost for cost in report.costs}
+    assert all(cost.available for cost in report.costs)
+    # Damping and viscosity shrink the critical step; arrays of their own take memory.
+    for name in ("Rayleigh stiffness", "bulk viscosity"):
+        assert found[name].time_step < 1.0
+        assert found[name].memory > 1.0
+
+
+def test_scenes_without_contact_are_refused() -> None:
+    with pytest.raises(InputError, match="no deformable blocks in contact"):
+        app(["effects", "cantilever", "--json", "-"], standalone_mode=False)

@@ -1,0 +1,293 @@
+"""Deformable blocks that make no Sine tube: columns, walls, hexagons and your own blocks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from fem.decks.statement import Flavour
+from fem.loads import wrench_forces
+from geometry.block import box_block
+from geometry.block_files import step_hexahedra
+from geometry.box_column import ColumnBox, box_column, check_joints
+from geometry.hexahedral_solids import connected_solids, six_sided_hexahedra
+from geometry.mesh import FloatArray, HexMesh, MeshError, mass_properties
+from geometry.mesh_io import write_hex_mesh
+from geometry.polyhedron import Polyhedron, polyhedron_from_quads
+from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from validation.compare import compare
+from validation.errors import InputError
+from validation.scene import DeformableScene, SceneFile, check_scene, load_scene
+from validation.scene_deck import build_deck
+from validation.tube_explicit import run_tube_explicit
+from validation.tube_fem import build_deformable
+from validation.tube_static import run_tube_static
+
+SECTIONS = """
+[material]
+density = 2.4e-9
+young_modulus = 33000.0
+poisson_ratio = 0.0
+[contact]
+clearance_at_zero_pressure = 1.0e-3
+pressure_at_zero_clearance = 1.0e-4
+[fem]
+method = "static"
+damping = "static"
+"""
+QUADS = np.array(
+    [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+)
+
+
+def deformable(name: str, *settings: str) -> DeformableScene:
+    scene = load_scene(name, settings).scene
+    assert isinstance(scene, DeformableScene)
+    return scene
+
+
+# ---------------------------------------------------------------------------------------------
+# A column of boxes
+
+
+def column(pressure: float) -> DeformableScene:
+    box = {"size": [100.0, 80.0, 50.0], "divisions": [3, 2, 2]}
+    other = {"size": [100.0, 80.0, 60.0], "divisions": [3, 2, 1]}
+    scene = check_scene(
+        {
+            "block": {"type": "boxes", "boxes": [box, other, box]},
+            "load": {"pressure": pressure},
+            "material": {"density": 2.4e-9, "young_modulus": 33e3, "poisson_ratio": 0.0},
+            "contact": {"clearance_at_zero_pressure": 1e-3, "pressure_at_zero_clearance": 1e-4},
+            "fem": {"method": "static", "damping": "static"},
+        }
+    )
+    assert isinstance(scene, DeformableScene)
+    return scene
+
+
+def overclosure(pressure: float) -> float:
+    """Invert p0 / (e - 1) (x/c + 1) (exp(x/c + 1) - 1), the law as Abaqus states it."""
+
+    def excess(x: float) -> float:
+        y = x / 1e-3 + 1.0
+        return float(1e-4 / np.expm1(1.0) * y * np.expm1(y) - pressure)
+
+    return float(brentq(excess, -1e-3, 0.1, xtol=1e-16, rtol=1e-14))
+
+
+def test_a_column_of_boxes_under_pressure() -> None:
+    pressure = 0.5
+    # Without lateral strain every joint closes by the law's inverse, every box by p h / E.
+    top = 2 * overclosure(pressure) + pressure * 160.0 / 33e3
+    static = run_tube_static("column", column(pressure))
+    # The static residual is 1e-8 of the load; a joint is as stiff as the boxes within tenfold.
+    assert static.largest_displacement == pytest.approx(top, rel=1e-7)
+    np.testing.assert_allclose(static.point_pressures, pressure, rtol=1e-7)
+    explicit, _ = run_tube_explicit("column", column(pressure))
+    # Damped until the residual is 1e-4 of the load.
+    assert explicit.largest_displacement == pytest.approx(top, rel=1e-3)
+    np.testing.assert_allclose(explicit.point_pressures, pressure, rtol=1e-3)
+
+
+def test_joints_of_a_column_must_match() -> None:
+    small = ColumnBox((50.0, 40.0, 50.0), (2, 2, 1))
+    wide = ColumnBox((100.0, 80.0, 50.0), (4, 4, 1))
+    matching = box_column([wide, small, wide])
+    check_joints(matching)
+    # Two joints of 50 × 40 mm², on facets of 25 × 20 mm².
+    assert matching.interfaces.areas.sum() == pytest.approx(4000.0, rel=1e-12)
+    scene = column(0.5).model_dump(mode="json")
+    scene["block"]["boxes"][1]["divisions"] = [4, 2, 1]
+    with pytest.raises(InputError, match="boxes 0 and 1 do not match"):
+        build_deformable(check_scene(scene), "column")  # type: ignore[arg-type]
+
+
+def test_the_deck_of_a_column_holds_its_bottom_face() -> None:
+    deck = build_deck(SceneFile(name="column", scene=column(0.5)), Flavour.CALCULIX)
+    assert [(hold.block, hold.face) for hold in deck.holds] == [(0, "z-")]
+
+
+# ---------------------------------------------------------------------------------------------
+# Families
+
+
+def test_one_sector_of_a_hexagon_tube_gives_the_whole() -> None:
+    small = ("assembly.layers=1", "mesh.edge=4", "mesh.radial=2")
+    whole = run_tube_static("whole", deformable("thb0-tunnel", *small, "fem.symmetry='none'"))
+    sector = run_tube_static("sector", deformable("thb0-tunnel", *small, "fem.symmetry='sector'"))
+    assert sector.solver["symmetry"] == 4
+    # Both stop at a residual of 1e-8 of the load; the tube's softest motion amplifies it tenfold.
+    for a, b in zip(whole.displacements, sector.displacements, strict=True):
+        np.testing.assert_allclose(b, a, atol=1e-6 * np.abs(a).max())
+
+
+@pytest.mark.parametrize(
+    ("name", "divisions", "area"),
+    [("planar-sine", "[12,2,2]", 190.0 * 200.0), ("osteomorphic", "[8,2,2]", 200.0 * 80.0)],
+)
+def test_the_frame_of_a_wall_carries_the_load(name: str, divisions: str, area: float) -> None:
+    small = ("assembly.layers=1", "assembly.columns=1", f"mesh.divisions={divisions}")
+    run = run_tube_static(name, deformable(name, *small))
+    found = run.deformable.surfaces
+    # One free block: what its facets push the frame with, towards +y, is pressure times area.
+    sign = np.where(run.deformable.group_of[found.block_m] >= 0, 1.0, -1.0)
+    forces = np.einsum("fp,fp,fpi->fi", found.weights, run.point_pressures, found.normals)
+    total = (sign[:, None] * forces).sum(axis=0)
+    # Reference normals stand for current ones: they turn by |u| over a facet's size.
+    turned = run.largest_displacement / np.sqrt(found.areas.min())
+    assert total[1] == pytest.approx(0.01 * area, rel=turned)
+    assert np.abs(total[[0, 2]]).max() < turned * 0.01 * area * len(found.areas)
+
+
+@pytest.mark.slow
+def test_a_wall_is_compared_and_drawn(tubelock, tmp_path: Path) -> None:  # noqa: F811
+    small = [
+        f"--set={s}" for s in ("assembly.layers=1", "assembly.columns=1", "mesh.divisions=[8,2,2]")
+    ]
+    folder = tmp_path / "wall"
+    status, out, _ = tubelock("compare", "osteomorphic", *small, "--no-explicit", "-o", str(folder))
+    assert status == 0
+    assert "all joints" in out
+    assert (folder / "comparison.png").stat().st_size > 10_000
+    status, out, _ = tubelock("fem", "osteomorphic", *small, "-o", str(folder))
+    assert status == 0
+    assert {p.name for p in folder.glob("*.png")} >= {"stresses.png", "contact_pressures.png"}
+
+
+# ---------------------------------------------------------------------------------------------
+# Your own blocks
+
+
+def brick_corners() -> FloatArray:
+    base = np.array([[0, 0, 0], [100, 0, 0], [100, 80, 0], [0, 80, 0]], dtype=np.float64)
+    return np.concatenate([base, base + np.array([0.0, 0.0, 50.0])])
+
+
+def wedge() -> Polyhedron:
+    """Voussoir of 60° between radii 400 and 500 mm, 100 mm deep."""
+    angles = np.radians([60, 0, 0, 60])
+    radius = np.array([400, 400, 500, 500])
+    section = np.column_stack([radius * np.cos(angles), np.zeros(4), radius * np.sin(angles)])
+    corners = np.concatenate([section, section + np.array([0.0, 100.0, 0.0])])
+    return polyhedron_from_quads("wedge", corners, QUADS)
+
+
+def write_stl(path: Path, solid: Polyhedron) -> None:
+    meshio.write(path, meshio.Mesh(solid.points, [("triangle", solid.triangles)]))
+
+
+def own_scene(folder: Path, parts: str) -> DeformableScene:
+    path = folder / "own.toml"
+    path.write_text(
+        f'[block]\ntype = "mesh"\n{parts}\n[load]\ngravity = [0, 0, -9810]\n{SECTIONS}', "utf-8"
+    )
+    return deformable(str(path))
+
+
+def test_a_stack_of_stl_bricks_weighs_on_its_joints(tmp_path: Path) -> None:
+    write_stl(tmp_path / "brick.stl", polyhedron_from_quads("brick", brick_corners(), QUADS))
+    # The file's own hexahedra, as many as edges of STL bricks are divided into by default.
+    write_hex_mesh(tmp_path / "brick.inp", box_block((100.0, 80.0, 50.0), (4, 4, 4)).mesh)
+    parts = """
+[[parts]]
+file = "brick.stl"
+places = [{at = [0, 0, 0], fixed = true}, {at = [0, 0, 50]}]
+[[parts]]
+file = "brick.inp"
+places = [{at = [0, 0, 100]}]
+"""
+    run = run_tube_static("own", own_scene(tmp_path, parts))
+    weight = 2.4e-9 * 400_000.0 * 9810.0
+    # Two bricks on the lower joint, one on the upper; the residual is 1e-8 of the load.
+    assert run.contact.force == pytest.approx(3 * weight, rel=1e-7)
+
+
+def test_an_arch_of_own_wedges(tmp_path: Path) -> None:
+    write_stl(tmp_path / "wedge.stl", wedge())
+    parts = """
+[[parts]]
+file = "wedge.stl"
+places = [{axis = [0, 1, 0], angle = 0, fixed = true}, {axis = [0, 1, 0], angle = -60},
+          {axis = [0, 1, 0], angle = -120, fixed = true}]
+"""
+    found = compare("arch", own_scene(tmp_path, parts), explicit=False)
+    weight = 2.4e-9 * wedge().mass_properties.volume * 9810.0
+    # Each joint leans by 60°, so its normal force is W / (2 cos 60°). The normals turn by the
+    # displacement over a facet's size, 25 mm.
+    turned = found.static.largest_displacement / 25.0
+    assert found.static.contact.force == pytest.approx(2 * weight, rel=turned)
+    areas = found.static.deformable.assembly.interfaces.areas
+    for answer in found.answers:
+        if answer.method.startswith("rigid"):
+            assert answer.pressures @ areas == pytest.approx(2 * weight, rel=1e-6)
+
+
+def test_blocks_that_cannot_deform_say_why(tmp_path: Path) -> None:
+    write_stl(tmp_path / "brick.stl", polyhedron_from_quads("brick", brick_corners(), QUADS))
+    write_hex_mesh(tmp_path / "fine.vtu", box_block((100.0, 80.0, 50.0), (6, 4, 4)).mesh)
+    p = brick_corners()[[0, 1, 3, 4, 5, 7]]
+    faces = [[0, 2, 1], [3, 4, 5], [0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [2, 0, 3], [2, 3, 5]]
+    write_stl(tmp_path / "prism.stl", Polyhedron("prism", p, np.array(faces)))
+    parts = '[[parts]]\nfile = "brick.stl"\nfixed = true\n[[parts]]\nfile = "{}"\n'
+    parts += "places = [{{at = [0, 0, 50]}}]\n"
+    finer = own_scene(tmp_path, parts.format("fine.vtu"))
+    with pytest.raises(InputError, match=r"blocks 0 .* and 1 .* looks along \[0.0, 0.0, 1.0\]"):
+        build_deformable(finer, "own")
+    prism = own_scene(tmp_path, parts.format("prism.stl"))
+    with pytest.raises(InputError, match=r"stays rigid.*prism.stl.*5 flat sides"):
+        build_deformable(prism, "own")
+
+
+def test_six_flat_sides_become_hexahedra() -> None:
+    solid = wedge()
+    mesh = six_sided_hexahedra(solid, 3)
+    # Flat sides: the grid fills the solid up to rounding.
+    volume = solid.mass_properties.volume
+    assert mesh.n_elements == 27
+    assert mass_properties(mesh).volume == pytest.approx(volume, rel=1e-12)
+    # A corner cut off leaves seven sides.
+    cut = Polyhedron("tetra", np.eye(4, 3), np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]]))
+    with pytest.raises(MeshError, match="4 flat sides"):
+        six_sided_hexahedra(cut, 3)
+
+
+def test_solids_of_one_file_are_told_apart() -> None:
+    box = box_block((1.0, 1.0, 1.0), (2, 1, 1)).mesh
+    both = HexMesh(
+        np.concatenate([box.nodes, box.nodes + np.array([0.0, 0.0, 5.0])]),
+        np.concatenate([box.elements, box.elements + box.n_nodes]),
+    )
+    first, second = connected_solids(both)
+    np.testing.assert_array_equal(first.nodes, box.nodes)
+    np.testing.assert_array_equal(second.elements, box.elements)
+
+
+def test_step_solids_are_meshed_each(tmp_path: Path) -> None:
+    gmsh = pytest.importorskip("gmsh", exc_type=(ImportError, OSError))
+    gmsh.initialize(interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.occ.addBox(0, 0, 0, 10, 20, 30)
+    gmsh.model.occ.addBox(50, 0, 0, 10, 20, 60)
+    gmsh.model.occ.synchronize()
+    gmsh.write(str(tmp_path / "two.step"))
+    gmsh.finalize()
+    meshes = step_hexahedra(tmp_path / "two.step", divisions=2)
+    assert [m.n_elements for m in meshes] == [8, 8]
+    # STEP keeps about 15 digits.
+    assert [mass_properties(m).volume for m in meshes] == pytest.approx([6e3, 12e3], rel=1e-9)
+
+
+def test_a_wrench_is_spread_without_changing_it() -> None:
+    rng = np.random.default_rng(3)
+    points, shares = rng.standard_normal((20, 3)), rng.uniform(0.5, 1.0, 20)
+    force, moment = rng.standard_normal(3), rng.standard_normal(3)
+    forces = wrench_forces(points, shares, force, moment)
+    centre = shares @ points / shares.sum()
+    # Sums of twenty numbers of order one.
+    np.testing.assert_allclose(forces.sum(axis=0), force, atol=1e-13)
+    np.testing.assert_allclose(np.cross(points - centre, forces).sum(axis=0), moment, atol=1e-12)

@@ -1,0 +1,64 @@
+"""The hard cases: none is red; the suite itself tells a broken law from one that holds."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from validation.errors import InputError
+from validation.stability.case import Case, Check, Finding, Verdict, refusal, run_case
+from validation.stability.suite import cases, chosen
+
+
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(c, id=c.name, marks=[pytest.mark.slow] if c.slow else []) for c in cases()],
+)
+def test_hard_case_holds_or_is_refused(case: Case) -> None:
+    # Each law and the derivation of its bounds stand beside the case.
+    outcome = run_case(case)
+    assert outcome.verdict is not Verdict.RED, outcome.proof
+    assert outcome.proof
+
+
+def test_at_least_thirty_distinct_cases() -> None:
+    names = [case.name for case in cases()]
+    assert len(set(names)) == len(names) >= 30
+
+
+def test_verdicts_follow_from_the_numbers() -> None:
+    assert Finding((Check("a", 1.0, most=2.0),)).verdict is Verdict.GREEN
+    assert Finding((Check("a", 3.0, most=2.0),)).verdict is Verdict.RED
+    assert Finding((Check("a", float("nan"), most=2.0),)).verdict is Verdict.RED
+    assert Finding(()).verdict is Verdict.RED
+    assert Finding((Check("a", 3.0, most=2.0),), "no").verdict is Verdict.RED
+    assert Finding((), "no").verdict is Verdict.REFUSED
+
+
+def test_a_failure_or_a_missing_refusal_is_red() -> None:
+    def broken() -> Finding:
+        raise KeyError("lost")
+
+    outcome = run_case(Case("x", "y", "z", broken))
+    assert outcome.verdict is Verdict.RED
+    assert "lost" in outcome.proof
+    assert refusal(lambda: None, ValueError).verdict is Verdict.RED
+    assert refusal(lambda: int("x"), ValueError, "absent words").verdict is Verdict.RED
+
+
+def test_command_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from validation.cli import app
+
+    file = tmp_path / "s.json"
+    app(["stability", "--only", "layers-1", "--json", str(file)], standalone_mode=False)
+    data = json.loads(file.read_text())
+    assert data["counts"] == {"green": 1, "refused": 0, "red": 0}
+    assert data["cases"][0]["name"] == "layers-1"
+    assert "layers-1" in capsys.readouterr().out
+
+
+def test_unknown_case_is_refused() -> None:
+    with pytest.raises(InputError, match="--only: got 'nonsense'"):
+        chosen(["nonsense"])

@@ -1,0 +1,275 @@
+"""Explicit contact: rate of the whole step, share of contact, cost of runs to the static state.
+
+``python -m validation.benchmarks.contact [--json FILE|-] [--large]``
+
+TSB1 under the pipe load, 0.01 MPa. Rates are millions of element updates per CPU second of one
+core, each the best of several short batches in a state with contact. Runs stop when the force
+residual and the settling say so; their end is compared with the static solution of the same
+mesh. ``--large`` adds 15 360 elements per block (many minutes).
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from fem.central_difference import System, step
+from fem.contact_state import contact_state
+from fem.deformable_assembly import DeformableAssembly, deformable_assembly
+from fem.effects import AdaptiveMassDamping, Effects
+from fem.explicit import (
+    ExplicitResult,
+    StopCriterion,
+    displacements_of,
+    initial_state,
+    prepare,
+    solve,
+)
+from fem.explicit_model import ExplicitAssembly, explicit_assembly
+from fem.loads import SmoothStepAmplitude
+from fem.material import Material
+from fem.quasi_static import RecommendedTimes, recommended_times
+from fem.state import State
+from fem.static import solve_static
+from fem.symmetry import cyclic_orbits
+from fem.time_step import critical_time_step
+from geometry.load_case import load_case
+from geometry.mesh import FloatArray
+from geometry.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.tube import sine_tube
+from validation.benchmarks.stopwatch import best_cpu_seconds
+from validation.files import prepare_json, write_json
+
+CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
+TSB1 = SineBlockParameters(200.0, 20.0, 1.5, 0.0, 4, 120.0, 40.0)
+
+#: Elements round, through and along one block.
+MESHES = {960: (24, 4, 10), 3888: (36, 6, 18), 15360: (60, 8, 32)}
+
+#: Layers, elements per block, order of the sector, CPU seconds to stay below.
+RUNS = ((1, 960, 1, 10.0), (12, 960, 1, 40.0), (12, 960, 4, None), (12, 3888, 4, None))
+LARGE_RUNS = ((12, 3888, 1, 240.0), (12, 15360, 4, None), (12, 15360, 1, 1200.0))
+
+
+@dataclass(frozen=True)
+class RateRow:
+    """Cost of a step with contact."""
+
+    layers: int
+    elements_per_block: int
+    symmetry: int
+    """Order of the sector that is computed; 1: all blocks."""
+    elements: int
+    """Hexahedra computed."""
+    contact_facets: int
+    """Facet pairs computed."""
+    million_updates_per_second: float
+    """Element updates of the whole step per CPU second, millions."""
+    contact_percent: float
+    """Share of contact in the step [%]."""
+    pressing_percent: float
+    """Contact points that press at the time [%]."""
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """One run to the static state."""
+
+    layers: int
+    elements_per_block: int
+    symmetry: int
+    steps: int
+    cpu_seconds: float
+    """From the model to the end state, compilation left out."""
+    target_seconds: float | None
+    """What the run was to stay below."""
+    static_cpu_seconds: float
+    """Of the static solver for the same model."""
+    residual: float
+    settling: float
+    displacement_error: float
+    """Root mean square against the static solution, relative."""
+    pressure_error: float
+    """The same of the point pressures."""
+    largest_pressure_error: float
+    """Of the largest point pressure, relative."""
+    energy_balance: float
+    peak_memory_mb: float
+    """Of the process so far, static solution of the row not yet included [MB]."""
+
+
+def pipe(layers: int, elements: int) -> DeformableAssembly:
+    """TSB1 under the pipe load."""
+    tube = sine_tube(TSB1, SineBlockDivisions(*MESHES[elements]), layers)
+    return deformable_assembly(tube, load_case(tube, "pipe", 0.01), CONCRETE)
+
+
+def statement(
+    deformable: DeformableAssembly, symmetry: int
+) -> tuple[ExplicitAssembly, RecommendedTimes]:
+    """Explicit model with adaptive damping, ramped as recommended."""
+    orbits = cyclic_orbits(deformable, symmetry)
+    times = recommended_times(explicit_assembly(deformable, orbits=orbits).model, damped=True)
+    model = explicit_assembly(
+        deformable,
+        orbits=orbits,
+        effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
+        amplitude=SmoothStepAmplitude(times.ramp_time),
+    )
+    return model, times
+
+
+def rate(layers: int, elements: int, symmetry: int, *, warm_up: int = 3000) -> RateRow:
+    """Measure steps in a state with contact."""
+    deformable = pipe(layers, elements)
+    found, _ = statement(deformable, symmetry)
+    system, state = _warm(found, warm_up)
+    contact = system.interactions[0]
+    whole = best_cpu_seconds(lambda: step(system, state), repeats=20)
+    alone = best_cpu_seconds(lambda: contact.add_force(system, state), repeats=20)
+    pairs = deformable.surfaces.subset(found.orbits.facets)
+    pressures, _ = contact_state(deformable, found.expand(displacements_of(system, state)))
+    return RateRow(
+        layers=layers,
+        elements_per_block=elements,
+        symmetry=symmetry,
+        elements=found.model.n_elements,
+        contact_facets=pairs.n_facets,
+        million_updates_per_second=found.model.n_elements / whole / 1e6,
+        contact_percent=100.0 * alone / whole,
+        pressing_percent=100.0 * float((pressures > 0.0).mean()),
+    )
+
+
+def _warm(found: ExplicitAssembly, count: int) -> tuple[System, State]:
+    dt = 0.9 * critical_time_step(found.model).critical_time_step
+    system = prepare(found.model, time_step=dt)
+    state = initial_state(system)
+    state.mass_damping = 2000.0
+    for _ in range(count):
+        step(system, state)
+    return system, state
+
+
+def run(layers: int, elements: int, symmetry: int, target: float | None) -> RunRow:
+    """Run to the static state and compare with the static solution."""
+    deformable = pipe(layers, elements)
+    compile_kernels(deformable, symmetry)
+    start = time.process_time()
+    found, times = statement(deformable, symmetry)
+    result = to_static(found, times)
+    displacements = found.expand(result.displacements)
+    pressures, _ = contact_state(deformable, displacements)
+    seconds = time.process_time() - start
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    start = time.process_time()
+    static = solve_static(deformable)
+    static_seconds = time.process_time() - start
+    largest = float(static.pressures.max())
+    return RunRow(
+        layers=layers,
+        elements_per_block=elements,
+        symmetry=symmetry,
+        steps=result.n_steps,
+        cpu_seconds=seconds,
+        target_seconds=target,
+        static_cpu_seconds=static_seconds,
+        residual=float("nan") if result.residual is None else result.residual,
+        settling=float("nan") if result.settling is None else result.settling,
+        displacement_error=_relative(displacements[0], static.displacements[0]),
+        pressure_error=_relative(pressures, static.pressures),
+        largest_pressure_error=abs(float(pressures.max()) - largest) / largest,
+        energy_balance=result.energy_balance,
+        peak_memory_mb=memory,
+    )
+
+
+def to_static(found: ExplicitAssembly, times: RecommendedTimes) -> ExplicitResult:
+    """Run until force residual and settling are below their bounds."""
+    return solve(
+        found.model,
+        end_time=times.end_time,
+        stop=StopCriterion(1e-4, times.ramp_time),
+        sample_interval=100,
+    )
+
+
+def compile_kernels(deformable: DeformableAssembly, symmetry: int) -> None:
+    """Run a few steps, so that compiled code is loaded before the clock starts."""
+    found, times = statement(deformable, symmetry)
+    solve(found.model, end_time=1e-4 * times.end_time, stop=StopCriterion(0.0), sample_interval=5)
+
+
+def _relative(a: FloatArray, b: FloatArray) -> float:
+    return float(np.sqrt(np.mean((a - b) ** 2) / np.mean(b**2)))
+
+
+def print_rows(rates: list[RateRow], runs: list[RunRow], console: Console) -> None:
+    """Print both tables."""
+    table = Table(title="Step with contact, one thread", title_justify="left")
+    for head in ("layers", "elements/block", "sector 1/", "M updates/s", "contact %", "pressing %"):
+        table.add_column(head, justify="right")
+    for row in rates:
+        table.add_row(
+            str(row.layers),
+            str(row.elements_per_block),
+            str(row.symmetry),
+            f"{row.million_updates_per_second:.1f}",
+            f"{row.contact_percent:.0f}",
+            f"{row.pressing_percent:.0f}",
+        )
+    console.print(table)
+    table = Table(title="Explicit runs to the static state, CPU seconds", title_justify="left")
+    for head in (
+        "layers",
+        "elements/block",
+        "sector 1/",
+        "steps",
+        "CPU s",
+        "target",
+        "static CPU s",
+        "u error",
+        "p error",
+        "p_max error",
+        "peak MB",
+    ):
+        table.add_column(head, justify="right")
+    for found in runs:
+        table.add_row(
+            str(found.layers),
+            str(found.elements_per_block),
+            str(found.symmetry),
+            str(found.steps),
+            f"{found.cpu_seconds:.2f}",
+            "" if found.target_seconds is None else f"{found.target_seconds:.0f}",
+            f"{found.static_cpu_seconds:.2f}",
+            f"{found.displacement_error:.1e}",
+            f"{found.pressure_error:.1e}",
+            f"{found.largest_pressure_error:.1e}",
+            f"{found.peak_memory_mb:.0f}",
+        )
+    console.print(table)
+
+
+def main() -> None:
+    """Run the benchmark from the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", metavar="FILE|-")
+    parser.add_argument("--large", action="store_true", help="15 360 elements per block too")
+    arguments = parser.parse_args()
+    prepare_json(arguments.json)
+    rates = [rate(1, 960, 1), rate(12, 960, 1), rate(12, 960, 4), rate(12, 3888, 4, warm_up=500)]
+    runs = [run(*case) for case in (*RUNS, *(LARGE_RUNS if arguments.large else ()))]
+    print_rows(rates, runs, Console(stderr=arguments.json == "-", width=130))
+    found = {"rates": [asdict(r) for r in rates], "runs": [asdict(r) for r in runs]}
+    write_json(arguments.json, found)
+
+
+if __name__ == "__main__":
+    main()

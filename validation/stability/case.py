@@ -1,0 +1,150 @@
+"""What a hard case is, and how its verdict follows from numbers that were computed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Verdict(StrEnum):
+    """What became of a case."""
+
+    GREEN = "green"
+    """The law held."""
+    REFUSED = "refused"
+    """The program said, as it should, that it has no answer, why, and what to do."""
+    RED = "red"
+    """The law did not hold, or the program failed otherwise."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One computed number and the bounds that the law sets."""
+
+    quantity: str
+    """What it is, with unit."""
+    value: float
+    """As computed."""
+    most: float = float("inf")
+    """Upper bound, included."""
+    least: float = float("-inf")
+    """Lower bound, included."""
+
+    @property
+    def holds(self) -> bool:
+        """Whether the value lies within the bounds; never for nan."""
+        return self.least <= self.value <= self.most
+
+    @property
+    def words(self) -> str:
+        """The number and its bounds."""
+        parts = [f"{self.quantity} {self.value:.3g}"]
+        if self.most == self.least:
+            parts.append(f"= {self.most:.3g}")
+        else:
+            if self.most < float("inf"):
+                parts.append(f"≤ {self.most:.2g}")
+            if self.least > float("-inf"):
+                parts.append(f"≥ {self.least:.2g}")
+        text = " ".join(parts)
+        return text if self.holds else f"VIOLATED: {text}"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a case found."""
+
+    checks: tuple[Check, ...] = ()
+    """Numbers that prove the law."""
+    refusal: str | None = None
+    """The message, where the honest answer is a refusal."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """What follows from the numbers."""
+        if not all(check.holds for check in self.checks):
+            return Verdict.RED
+        if self.refusal is not None:
+            return Verdict.REFUSED
+        return Verdict.GREEN if self.checks else Verdict.RED
+
+    @property
+    def proof(self) -> str:
+        """All numbers, and the message of a refusal."""
+        parts = [check.words for check in self.checks]
+        if self.refusal is not None:
+            parts.append(f"“{self.refusal}”")
+        return "; ".join(parts)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A hard case."""
+
+    name: str
+    """What `tubelock stability --only` takes."""
+    subject: str
+    """Module it belongs to."""
+    law: str
+    """What is done and what must hold."""
+    run: Callable[[], Finding]
+    """Computes it."""
+    slow: bool = False
+    """Whether it takes more than three CPU seconds once everything is compiled."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A case that was run."""
+
+    case: Case
+    verdict: Verdict
+    proof: str
+    cpu_seconds: float
+    """CPU time [s]."""
+
+
+def run_case(case: Case) -> Outcome:
+    """Run one case; whatever it raises makes it red, never the suite."""
+    start = time.process_time()
+    try:
+        finding = case.run()
+    except Exception as error:
+        words = f"{type(error).__name__}: {error}"
+        return Outcome(case, Verdict.RED, words, time.process_time() - start)
+    seconds = time.process_time() - start
+    return Outcome(case, finding.verdict, finding.proof, seconds)
+
+
+def refusal(
+    call: Callable[[], object], error: type[Exception] | tuple[type[Exception], ...], *words: str
+) -> Finding:
+    """Expect ``call`` to refuse its input with a message that contains ``words``."""
+    try:
+        call()
+    except error as refused:
+        text = str(refused)
+        missing = [word for word in words if word not in text]
+        return Finding((Check("words missing from the message", len(missing), most=0),), text)
+    return Finding((Check("refusals", 0, least=1),))
+
+
+class Cases:
+    """Cases of one subject, collected by a decorator."""
+
+    def __init__(self, subject: str) -> None:
+        self.subject = subject
+        self.found: list[Case] = []
+
+    def add(
+        self, name: str, law: str, *, slow: bool = False
+    ) -> Callable[[Callable[[], Finding]], Callable[[], Finding]]:
+        """Add the decorated function as a case."""
+
+        def register(run: Callable[[], Finding]) -> Callable[[], Finding]:
+            self.found.append(Case(name, self.subject, law, run, slow))
+            return run
+
+        return register

@@ -1,0 +1,135 @@
+"""Tiny problems that the hard cases share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fem.contact import ContactNormals
+from fem.contact_law import ContactLaw
+from fem.deformable_assembly import DeformableAssembly, deformable_assembly
+from fem.hexahedron import ElementType
+from fem.material import Material
+from fem.model import block_group
+from geometry.assembly import Assembly
+from geometry.brick_stack import brick_stack
+from geometry.load_case import LoadCase
+from geometry.mesh import FloatArray
+from geometry.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.tube import sine_tube
+
+CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
+#: Without lateral contraction a pressed stack is one-dimensional: closed forms are exact.
+COLUMN = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.0)
+#: The paper's TSB1.
+TSB1 = SineBlockParameters(
+    height=200.0,
+    amplitude=20.0,
+    frequency=1.5,
+    shift=0.0,
+    blocks_per_layer=4,
+    inner_radius=120.0,
+    thickness=40.0,
+)
+COARSE = SineBlockDivisions(24, 3, 6)
+#: Brick of the stack [mm].
+BRICK = (40.0, 40.0, 20.0)
+
+
+def tube(layers: int = 2, divisions: SineBlockDivisions = COARSE, **changes: float) -> Assembly:
+    """TSB1 with changed parameters, coarse."""
+    return sine_tube(replace(TSB1, **changes), divisions, layers)  # type: ignore[arg-type]
+
+
+def stack(layers: int = 2, *, top_fixed: bool = False) -> Assembly:
+    """Column of bricks on a fixed one; the row above is free unless ``top_fixed``."""
+    built = brick_stack(BRICK, (2, 2, 2), columns=1, layers=layers)
+    if top_fixed:
+        return built
+    fixed = built.fixed.copy()
+    fixed[-1] = False
+    return replace(built, fixed=fixed)
+
+
+def pressed(assembly: Assembly, pressure: float, *, face: str = "top") -> LoadCase:
+    """Pressure on one face of the last block of a stack [MPa]; positive pushes inward."""
+    block = assembly.n_blocks - 1
+    shape = assembly.shape(block)
+    surface = shape.surface(face)
+    return LoadCase(
+        name=f"pressure on {face}",
+        block=np.full(surface.n_facets, block),
+        quads=surface.quads,
+        centroids=surface.centroids + assembly.translations[block],
+        area_vectors=surface.area_vectors,
+        tractions=None,
+        pressure=pressure,
+        fixed=assembly.fixed.copy(),
+    )
+
+
+def deformable(
+    assembly: Assembly,
+    load: LoadCase,
+    *,
+    material: Material = COLUMN,
+    element: ElementType = ElementType.INCOMPATIBLE,
+    law: ContactLaw | None = None,
+    initial_clearance: float = 0.0,
+) -> DeformableAssembly:
+    """Deformable blocks with reference normals, whose closed forms are exact."""
+    return deformable_assembly(
+        assembly,
+        load,
+        material,
+        element=element,
+        law=law,
+        normals=ContactNormals.REFERENCE,
+        initial_clearance=initial_clearance,
+    )
+
+
+def with_last_material(stated: DeformableAssembly, material: Material) -> DeformableAssembly:
+    """Give the last block of a column a material of its own.
+
+    Blocks of one shape share a group, so the last block becomes a group by itself.
+    """
+    last = stated.assembly.n_blocks - 1
+    (group,) = stated.model.groups
+    (load,) = stated.model.loads
+    first = replace(group, rotations=group.rotations[:-1], translations=group.translations[:-1])
+    own = block_group(
+        group.mesh,
+        material,
+        element=group.element,
+        rotations=group.rotations[-1:],
+        translations=group.translations[-1:],
+        name=f"{group.name} above",
+    )
+    moved = replace(load, group=1, copies=np.zeros_like(load.copies))
+    group_of, copy_of = stated.group_of.copy(), stated.copy_of.copy()
+    group_of[last], copy_of[last] = 1, 0
+    model = replace(stated.model, groups=(first, own), loads=(moved,))
+    return replace(stated, model=model, group_of=group_of, copy_of=copy_of)
+
+
+def scaled(assembly: Assembly, factor: float) -> Assembly:
+    """Return the same assembly in another unit of length."""
+    shapes = tuple(
+        replace(shape, mesh=replace(shape.mesh, nodes=shape.mesh.nodes * factor))
+        for shape in assembly.shapes
+    )
+    return replace(
+        assembly,
+        shapes=shapes,
+        translations=assembly.translations * factor,
+        origin=assembly.origin * factor,
+    )
+
+
+def relative(value: FloatArray | float, expected: FloatArray | float) -> float:
+    """Largest difference over the largest expected value."""
+    size = float(np.abs(expected).max())
+    difference = float(np.abs(np.asarray(value) - np.asarray(expected)).max())
+    return difference / size if size > 0.0 else difference

@@ -1,0 +1,362 @@
+"""Hard cases of rigid blocks: equilibrium, classes and their certificates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from geometry.assembly import Assembly, AssemblyError, moved
+from geometry.load_case import LoadCase, load_case
+from geometry.mesh import FloatArray
+from geometry.sine_block import SineBlockDivisions
+from mbd import (
+    Classification,
+    MatrixJacobian,
+    Norm,
+    PairJacobian,
+    SelfStress,
+    analyse,
+    column_weights,
+    contact_jacobian,
+    generalized_force,
+    newton_equilibrium,
+)
+from validation.stability.case import Cases, Check, Finding, refusal
+from validation.stability.problems import pressed, relative, scaled, stack, tube
+
+CASES = Cases("rigid")
+
+#: Pressure of the paper's load cases [MPa].
+PRESSURE = 0.01
+
+
+def certified(assembly: Assembly, load: LoadCase) -> tuple[Check, ...]:
+    """Check class and equilibrium of an assembly by multiplying out G, written as a matrix."""
+    contacts = contact_jacobian(assembly, load.fixed)
+    matrix = contacts.jacobian.to_matrix()
+    force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
+    result = analyse(assembly, load)
+    size = float(np.linalg.norm(force))
+    checks = list(_class_checks(result.supported_classification, matrix))
+    balance = result.equilibrium
+    if balance.holds:
+        left = float(np.linalg.norm(matrix @ balance.forces + force))
+        checks.append(Check("equilibrium ‖Gλ+f‖/‖f‖", left / size if size else left, 1e-9))
+        checks.append(Check("least λ [N]", float(balance.forces.min()), least=0.0))
+    else:
+        checks += _driven(matrix, force, balance.mechanism)
+    return tuple(checks)
+
+
+def _class_checks(classified: Classification, matrix: sp.csc_array) -> tuple[Check, ...]:
+    found, certificate = classified.mechanism, classified.certificate
+    if certificate is None:
+        return (Check(f"{found}: certificates", 0, least=1),)
+    if isinstance(certificate, SelfStress):
+        stress = certificate.forces
+        left = float(np.linalg.norm(matrix @ stress) / np.linalg.norm(stress))
+        rank = certificate.smallest_singular_value
+        return (
+            Check(f"{found}: self-stress ‖Gλ‖/‖λ‖", left, 1e-9),
+            Check("σ_min/σ_max", rank, least=1e-10),
+        )
+    motion = certificate.virtual_displacement.ravel()
+    return (Check(f"{found}: mechanism min Gᵀδq", float((matrix.T @ motion).min()), least=-1e-8),)
+
+
+def _driven(
+    matrix: sp.csc_array, force: FloatArray, motion: FloatArray | None
+) -> tuple[Check, ...]:
+    if motion is None:
+        return (Check("load-activated mechanisms", 0, least=1),)
+    work = float(force @ motion) / float(np.linalg.norm(force))
+    return (
+        Check("no equilibrium: fᵀd/‖f‖", work, least=1e-7),
+        Check("closing −min Gᵀd / work", -float((matrix.T @ motion).min()) / work, 1e-6),
+    )
+
+
+def _piped(assembly: Assembly) -> Finding:
+    return Finding(certified(assembly, load_case(assembly, "pipe", PRESSURE)))
+
+
+CERTIFIED = "class and equilibrium under pipe pressure multiply out with G"
+
+
+@CASES.add("amplitude-0.01-mm", f"Waves of 0.01 mm on blocks of 200 mm: {CERTIFIED}")
+def _small_amplitude() -> Finding:
+    return _piped(tube(amplitude=0.01))
+
+
+@CASES.add("amplitude-60-mm", f"Waves of 60 mm on blocks of 200 mm: {CERTIFIED}")
+def _large_amplitude() -> Finding:
+    return _piped(tube(amplitude=60.0))
+
+
+@CASES.add("thickness-0.02", f"Wall of 2 % of the inner radius: {CERTIFIED}")
+def _thin() -> Finding:
+    return _piped(tube(thickness=2.4))
+
+
+@CASES.add("thickness-2", f"Wall of twice the inner radius: {CERTIFIED}")
+def _thick() -> Finding:
+    return _piped(tube(thickness=240.0))
+
+
+@CASES.add("blocks-2", f"Two blocks in a layer: {CERTIFIED}")
+def _two_blocks() -> Finding:
+    return _piped(tube(blocks_per_layer=2))
+
+
+@CASES.add("blocks-64", f"64 blocks in a layer: {CERTIFIED}")
+def _many_blocks() -> Finding:
+    return _piped(tube(1, SineBlockDivisions(12, 2, 4), blocks_per_layer=64, amplitude=2.0))
+
+
+@CASES.add("layers-1", f"One free layer: {CERTIFIED}")
+def _one_layer() -> Finding:
+    return _piped(tube(1))
+
+
+@CASES.add("layers-200", f"200 free layers, 4 800 unknowns: {CERTIFIED}")
+def _many_layers() -> Finding:
+    return _piped(tube(200, SineBlockDivisions(12, 2, 3)))
+
+
+@CASES.add("mechanism-driven", "A column pushed sideways: no equilibrium, and the ray proves it")
+def _driven_column() -> Finding:
+    assembly = stack(2)
+    load = pressed(assembly, PRESSURE, face="inner")
+    return Finding(certified(assembly, load), analyse(assembly, load).equilibrium.status)
+
+
+@CASES.add("zero-load-rigid", "No load: equilibrium with λ = 0 exactly")
+def _no_load() -> Finding:
+    assembly = tube()
+    result = analyse(assembly, load_case(assembly, "pipe", 0.0))
+    largest = float(np.abs(result.contact_forces).max())
+    return Finding((Check("holds", result.equilibrium.holds, 1, 1), Check("largest λ", largest, 0)))
+
+
+def _scale_law(pressure: float) -> Finding:
+    assembly = tube()
+    unit = analyse(assembly, load_case(assembly, "pipe", 1.0))
+    other = analyse(assembly, load_case(assembly, "pipe", pressure))
+    difference = relative(other.contact_forces / pressure, unit.contact_forces)
+    # λ is determined to the residual target 1e-12 times the condition of the pressing columns.
+    return Finding(
+        (
+            Check("‖Gλ+f‖/‖f‖", other.equilibrium.residual, 1e-9),
+            Check("λ/p against p = 1 MPa", difference, 1e-9),
+        )
+    )
+
+
+@CASES.add("load-1e-12-rigid", "Load of 1e-12 MPa: forces scale with the load")
+def _tiny_load() -> Finding:
+    return _scale_law(1e-12)
+
+
+@CASES.add("load-1e9-rigid", "Load of 1e9 MPa: forces scale with the load")
+def _huge_load() -> Finding:
+    return _scale_law(1e9)
+
+
+def _unit_law(factor: float) -> Finding:
+    assembly = tube()
+    mine = analyse(assembly, load_case(assembly, "pipe", PRESSURE))
+    other_assembly = scaled(assembly, factor)
+    # The pressure in the other unit of area, so that forces stay in N.
+    load = load_case(other_assembly, "pipe", PRESSURE / factor**2)
+    other = analyse(other_assembly, load)
+    return Finding(
+        (
+            Check(f"class as in mm ({mine.mechanism})", mine.mechanism == other.mechanism, 1, 1),
+            Check("λ against λ in mm", relative(other.contact_forces, mine.contact_forces), 1e-9),
+        )
+    )
+
+
+@CASES.add("units-metre-rigid", "The same tube in metres: same class, same forces")
+def _metre() -> Finding:
+    return _unit_law(1e-3)
+
+
+@CASES.add("units-inch-rigid", "The same tube in inches: same class, same forces")
+def _inch() -> Finding:
+    return _unit_law(1.0 / 25.4)
+
+
+@CASES.add("offset-1e6-mm-rigid", "The tube 1e6 mm from the origin: same class, same forces")
+def _offset() -> Finding:
+    assembly = tube()
+    away = moved(assembly, np.eye(3), np.array([1e6, -1e6, 1e6]))
+    mine = analyse(assembly, load_case(assembly, "pipe", PRESSURE))
+    other = analyse(away, load_case(away, "pipe", PRESSURE))
+    # Coordinates lose eps · 1e6 mm = 2e-10 mm of facets of 10 mm: 2e-11, times the condition.
+    return Finding(
+        (
+            Check(f"class unchanged ({mine.mechanism})", mine.mechanism == other.mechanism, 1, 1),
+            Check(
+                "λ against λ at the origin",
+                relative(other.contact_forces, mine.contact_forces),
+                1e-6,
+            ),
+        )
+    )
+
+
+def _repeated(jacobian: PairJacobian, times: int) -> PairJacobian:
+    return replace(
+        jacobian,
+        wrenches=np.repeat(jacobian.wrenches, times, axis=0),
+        pair_start=jacobian.pair_start * times,
+    )
+
+
+def _repetition_law(times: int, least: int = 0) -> Finding:
+    assembly = tube()
+    load = load_case(assembly, "pipe", PRESSURE)
+    contacts = contact_jacobian(assembly, load.fixed)
+    force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
+    once = newton_equilibrium(contacts.jacobian, force)
+    many = newton_equilibrium(_repeated(contacts.jacobian, times), force)
+    # Minimum norm spreads a force evenly over copies of a contact.
+    expected = np.repeat(once.forces, times) / times
+    return Finding(
+        (
+            Check("contacts", len(many.forces), least=least),
+            Check("‖Gλ+f‖/‖f‖", many.residual, 1e-9),
+            Check("λ against λ₁/k", relative(many.forces, expected), 1e-9),
+        )
+    )
+
+
+@CASES.add("duplicated-contacts", "Every contact twice: each copy carries half")
+def _duplicated() -> Finding:
+    return _repetition_law(2)
+
+
+@CASES.add("contacts-5e5", "Every contact many times, 5e5 in all: copies share evenly")
+def _redundant() -> Finding:
+    return _repetition_law(500, 500_000)
+
+
+@CASES.add("zero-area-contacts", "Contacts of zero area carry nothing; the rest balance, finite")
+def _zero_area() -> Finding:
+    assembly = tube()
+    load = load_case(assembly, "pipe", PRESSURE)
+    contacts = contact_jacobian(assembly, load.fixed)
+    force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
+    areas = contacts.areas.copy()
+    areas[::7] = 0.0
+    found = newton_equilibrium(
+        contacts.jacobian, force, weights=column_weights(Norm.PRESSURE, areas)
+    )
+    carried = float(np.abs(found.forces[::7]).max())
+    return Finding((Check("‖Gλ+f‖/‖f‖", found.residual, 1e-9), Check("λ there", carried, 0.0)))
+
+
+@CASES.add("parallel-normals", "Normals 2e-7 rad apart: the two forces of the closed form")
+def _parallel() -> Finding:
+    angle = 1e-7
+    columns = np.array([[np.cos(angle), np.cos(angle)], [np.sin(angle), -np.sin(angle)]])
+    expected = np.array([0.75, 0.25])
+    found = newton_equilibrium(MatrixJacobian(sp.csc_array(columns)), -columns @ expected)
+    # Forces are the residual (1e-12) over the smallest singular value (1.4e-7).
+    return Finding(
+        (
+            Check("‖Gλ+f‖/‖f‖", found.residual, 1e-9),
+            Check("λ against (¾, ¼)", relative(found.forces, expected), 1e-5),
+        )
+    )
+
+
+@CASES.add("rank-deficient", "24 contacts of rank 1 in six rows: even forces; across: a ray")
+def _rank_deficient() -> Finding:
+    column = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    jacobian = MatrixJacobian(sp.csc_array(np.column_stack([column] * 12 + [-column] * 12)))
+    held = newton_equilibrium(jacobian, -6.0 * column)
+    across = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    free = newton_equilibrium(jacobian, across)
+    checks = (
+        Check("‖Gλ+f‖/‖f‖", held.residual, 1e-9),
+        Check("λ against ½", relative(held.forces[:12], np.full(12, 0.5)), 1e-9),
+    )
+    return Finding(checks + _driven(jacobian.to_matrix(), across, free.mechanism))
+
+
+def _cone() -> tuple[FloatArray, FloatArray]:
+    """Six independent contacts, and a load that five of them carry exactly."""
+    matrix = np.eye(6) + 0.3 * np.random.default_rng(4).standard_normal((6, 6))
+    matrix /= np.linalg.norm(matrix, axis=0)
+    return matrix, -matrix[:, :5].sum(axis=1)
+
+
+@CASES.add("cone-inside-1e-9", "Load 1e-9 inside the feasible cone: carried by the exact forces")
+def _inside() -> Finding:
+    matrix, load = _cone()
+    load = load - 1e-9 * matrix[:, 5]
+    found = newton_equilibrium(MatrixJacobian(sp.csc_array(matrix)), load)
+    exact = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1e-9])
+    return Finding(
+        (
+            Check("‖Gλ+f‖/‖f‖", found.residual, 1e-11),
+            Check("λ against the exact forces", relative(found.forces, exact), 1e-10),
+        )
+    )
+
+
+@CASES.add(
+    "cone-outside-1e-9",
+    "Load 1e-9 outside the cone, within the tolerance of 1e-6: carried, the residual names it",
+)
+def _just_outside() -> Finding:
+    matrix, load = _cone()
+    load = load + 1e-9 * matrix[:, 5]
+    found = newton_equilibrium(MatrixJacobian(sp.csc_array(matrix)), load)
+    # Distance to the cone: the part of the overshoot orthogonal to the five others.
+    basis, _ = np.linalg.qr(matrix[:, :5])
+    rest = matrix[:, 5] - basis @ (basis.T @ matrix[:, 5])
+    distance = 1e-9 * float(np.linalg.norm(rest)) / float(np.linalg.norm(load))
+    return Finding(
+        (
+            Check("holds", found.holds, 1, 1),
+            Check("residual over distance", found.residual / distance, 1.01, 0.99),
+        )
+    )
+
+
+@CASES.add("cone-outside-1e-5", "Load 1e-5 outside the cone: no equilibrium, and the ray proves it")
+def _outside() -> Finding:
+    matrix, load = _cone()
+    load = load + 1e-5 * matrix[:, 5]
+    sparse = sp.csc_array(matrix)
+    found = newton_equilibrium(MatrixJacobian(sparse), load)
+    return Finding(_driven(sparse, load, found.mechanism), found.status)
+
+
+def _without_top_block(assembly: Assembly, *, unmatched_allowed: bool) -> Assembly:
+    keep = np.arange(assembly.n_blocks - 1)
+    return replace(
+        assembly,
+        shape_of=assembly.shape_of[keep],
+        rotations=assembly.rotations[keep],
+        translations=assembly.translations[keep],
+        layer=assembly.layer[keep],
+        fixed=assembly.fixed[keep],
+        unmatched_allowed=unmatched_allowed,
+    )
+
+
+@CASES.add("frame-incomplete", "A frame without one block: refused, naming the block left open")
+def _incomplete_frame() -> Finding:
+    broken = _without_top_block(tube(), unmatched_allowed=False)
+    return refusal(lambda: broken.interfaces, AssemblyError, "meet no partner", "expected")
+
+
+@CASES.add("frame-open", "The same with open faces allowed: its class and forces multiply out")
+def _open_frame() -> Finding:
+    return _piped(_without_top_block(tube(), unmatched_allowed=True))

@@ -1,0 +1,142 @@
+"""Hard cases of statics: contrasts, loads and mechanisms between deformable blocks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fem.contact_law import ExponentialLaw
+from fem.hexahedron import ElementType
+from fem.material import Material
+from fem.static import StaticError, StaticOptions, solve_static
+from geometry.assembly import moved
+from geometry.load_case import load_case
+from validation.stability.case import Cases, Check, Finding, refusal
+from validation.stability.contact_law import COLUMN_LAW, TOLERANCE, column_checks, solved_column
+from validation.stability.problems import (
+    BRICK,
+    COLUMN,
+    CONCRETE,
+    deformable,
+    pressed,
+    relative,
+    stack,
+    tube,
+    with_last_material,
+)
+
+CASES = Cases("static")
+
+
+@CASES.add("stiffness-contrast-1000", "A block 1 000 times stiffer than its neighbour: closed form")
+def _contrast() -> Finding:
+    pressure, law = 0.01, ExponentialLaw()
+    assembly = stack(1)
+    stiff = replace(COLUMN, young_modulus=1000.0 * COLUMN.young_modulus)
+    stated = with_last_material(deformable(assembly, pressed(assembly, pressure)), stiff)
+    result = solve_static(stated, StaticOptions(tolerance=TOLERANCE, symmetry=1))
+    share = pressure * BRICK[2]
+    sunk = share / COLUMN.young_modulus + share / stiff.young_modulus
+    sunk += 2 * float(law.overclosure(pressure))
+    top = -float(result.displacements[1][0, :, 2].min())
+    return Finding(
+        (
+            Check("residual", result.residual, TOLERANCE),
+            Check("joint pressures", relative(result.pressures, np.array(pressure)), 1e-6),
+            Check("top against the closed form", relative(top, sunk), 1e-6),
+        )
+    )
+
+
+def _loaded_column(pressure: float) -> Finding:
+    result = solved_column(pressure)
+    return Finding(column_checks(result, pressure, ExponentialLaw()))
+
+
+@CASES.add("load-1e-12-static", f"Load of 1e-12 MPa: {COLUMN_LAW}")
+def _tiny() -> Finding:
+    return _loaded_column(1e-12)
+
+
+@CASES.add("load-1e4-static", f"Load of 1e4 MPa on linear blocks: {COLUMN_LAW}")
+def _large() -> Finding:
+    return _loaded_column(1e4)
+
+
+@CASES.add("load-1e9-static", "Load of 1e9 MPa, a strain of 33 000: refused, the motion named")
+def _huge() -> Finding:
+    return refusal(lambda: solved_column(1e9), StaticError, "block lengths", "expected")
+
+
+@CASES.add("zero-load-static", "No load between fixed rows: equilibrium of touching surfaces")
+def _no_load() -> Finding:
+    assembly = stack(2, top_fixed=True)
+    load = replace(pressed(assembly, 0.0), block=np.zeros(0, dtype=np.int64))
+    empty = replace(
+        load,
+        quads=load.quads[:0],
+        centroids=load.centroids[:0],
+        area_vectors=load.area_vectors[:0],
+    )
+    result = solve_static(deformable(assembly, empty), StaticOptions(symmetry=1))
+    # Surfaces press a little where they just touch; nothing can press more than that.
+    touching = float(ExponentialLaw().pressure(0.0))
+    return Finding(
+        (
+            Check("residual", result.residual, 1e-8),
+            Check("largest pressure [MPa]", float(result.pressures.max()), touching * 1.000001),
+        )
+    )
+
+
+@CASES.add(
+    "mechanism-driven-static",
+    "A column pushed sideways, nothing resists: refused, or its blocks are named as loose",
+)
+def _driven() -> Finding:
+    assembly = stack(2)
+    stated = deformable(assembly, pressed(assembly, 0.01, face="inner"))
+    try:
+        result = solve_static(stated, StaticOptions(symmetry=1))
+    except StaticError as error:
+        said = "expected" in str(error)
+        return Finding((Check("says what is expected", said, 1, 1),), str(error))
+    return Finding((Check("called converged", result.converged, 0),), result.status)
+
+
+@CASES.add("offset-1e6-mm-static", "The tube 1e6 mm from the origin: same pressures")
+def _offset() -> Finding:
+    assembly = tube(1)
+    away = moved(assembly, np.eye(3), np.array([1e6, -1e6, 1e6]))
+    mine, other = (
+        solve_static(deformable(a, load_case(a, "pipe", 0.01), material=CONCRETE))
+        for a in (assembly, away)
+    )
+    # Coordinates lose 2e-10 mm; at 0.5 MPa the law has 570 MPa/mm: 1e-7 MPa of 0.5 MPa.
+    return Finding(
+        (
+            Check("residual there", other.residual, 1e-8),
+            Check("pressures", relative(other.pressures, mine.pressures), 1e-5),
+        )
+    )
+
+
+@CASES.add("incompressible-contact", "ν = 0.4999 with B-bar in a pressed column: equilibrium")
+def _incompressible() -> Finding:
+    assembly = stack(2)
+    rubber = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.4999)
+    stated = deformable(
+        assembly, pressed(assembly, 0.01), material=rubber, element=ElementType.B_BAR
+    )
+    result = solve_static(stated, StaticOptions(symmetry=1))
+    surfaces = stated.surfaces
+    force = float((surfaces.weights * result.pressures).sum())
+    n_joints = assembly.n_blocks - 1
+    carried = n_joints * 0.01 * BRICK[0] * BRICK[1]
+    return Finding(
+        (
+            Check("residual", result.residual, 1e-8),
+            Check("joint forces against the load", relative(force, carried), 1e-7),
+        )
+    )
