@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.chromium import BROWSER, Page
-from tests.test_validation_paper import coarse_evidence
+from tests.test_validation_paper import coarse_evidence, picture_is_drawn
 
 pytestmark = pytest.mark.slow
 
@@ -44,6 +44,21 @@ def test_the_page_stands_alone(report) -> None:
         "errata.json",
         "cost.json",
     }
+
+
+def test_its_figures_are_drawn(report) -> None:
+    folder = report.parent / "figures"
+    assert {p.stem for p in folder.glob("*.png")} == {
+        "parameter-study-sine",
+        "parameter-study-cosine",
+        "pressures-pipe",
+        "pressures-pillar",
+        "pressures-tunnel",
+        "cost",
+    }
+    assert all(picture_is_drawn(path) for path in folder.glob("*.png"))
+    # A header and 3 f × 4 t × 5 n × 4 a.
+    assert len((folder / "parameter-study-sine.csv").read_text().splitlines()) == 241
 
 
 def open_pixels(png: bytes) -> np.ndarray:

@@ -135,7 +135,13 @@ def report(
         raise InputError("--quick and --full: choose one of the two, or none")
     extent = Extent.QUICK if quick else Extent.FULL if full else Extent.NORMAL
     console = text_console(None)
-    page = write_report(output, console, extent=extent, workers=workers)
+    try:
+        page = write_report(output, console, extent=extent, workers=workers)
+    except OSError as error:
+        raise InputError(
+            f"{output}: the report could not be written ({error.strerror or error}); make room and "
+            "run the same command again: the parameter study in it is kept"
+        ) from None
     console.print(f"{'report':9} {page}")
 
 

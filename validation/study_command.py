@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from validation.errors import InputError
 from validation.files import prepare_file, prepare_json, write_json
 from validation.study import Row, Study, load_study
 from validation.study_run import DaskRunner, LocalRunner, Runner, Tally, sweep
@@ -106,9 +107,16 @@ def _export(results: ResultFile, csv: Path | None, parquet: Path | None, console
         ("Parquet", parquet, write_parquet),
     ]
     for words, target, write in writers:
-        if target is not None:
+        if target is None:
+            continue
+        try:
             write(results, target)
-            console.print(f"{words:9} {target}")
+        except OSError as error:
+            raise InputError(
+                f"{target}: cannot be written ({error.strerror or error}); all rows are in "
+                f"{results.path}: make room and run the same command again"
+            ) from None
+        console.print(f"{words:9} {target}")
 
 
 def _summary(results: ResultFile, tally: Tally, wall_seconds: float) -> dict[str, Any]:
