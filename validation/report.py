@@ -51,7 +51,7 @@ class Extent(StrEnum):
     NORMAL = "normal"
     """And deformable blocks on a coarse mesh: some minutes."""
     FULL = "full"
-    """Everything on fine meshes: an hour or so."""
+    """Everything on fine meshes: about a quarter of an hour of CPU time."""
 
 
 @dataclass(frozen=True)
