@@ -215,5 +215,5 @@ def draw_displacements(evidence: Evidence, path: Path) -> None:
     figure.suptitle(
         "Displacements at 0.01 MPa, static state, no initial gaps", fontsize=13, x=0.03, ha="left"
     )
-    figure.subplots_adjust(left=0.01, right=0.99, top=0.94, bottom=0.02, wspace=0.05, hspace=0.08)
+    figure.subplots_adjust(left=0.01, right=0.99, top=0.92, bottom=0.02, wspace=0.05, hspace=0.14)
     save_figure(figure, path)
