@@ -112,10 +112,10 @@ class Page:
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
-    async def wait(self, condition: str, seconds: float = 60) -> None:
+    async def wait(self, condition: str, seconds: float = 120) -> None:
         """Wait until a JavaScript condition holds."""
         end = time.monotonic() + seconds
-        while not await self.evaluate(condition):
+        while not await self.evaluate(f"Boolean({condition})"):
             assert time.monotonic() < end, f"never became true: {condition}"
             await asyncio.sleep(0.2)
 

@@ -322,7 +322,8 @@ def test_quick_command_and_the_accuracy_it_offers(tubelock) -> None:  # noqa: F8
     data = json.loads(Path("cost.json").read_text())
     assert len(data["settings"]) == 10
     assert all(s["cpu_seconds"][0] > 0 for s in data["settings"])
-    assert data["pareto"]["displacement"][0] == "static C3D8I, mesh ×1"
+    # Which of two elements is cheaper on one mesh is noise; that this one is on the front is not.
+    assert "static C3D8I, mesh ×1" in data["pareto"]["displacement"]
     accuracy = ("--accuracy", "displacement=10%")
     status, out, _ = tubelock("fem", "tsb1-pipe", *SETTINGS, *accuracy, "--json", "fem.json")
     assert status == 0

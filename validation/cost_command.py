@@ -279,6 +279,7 @@ def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
         if shown:
             _draw_family(axes, family, shown, quantity, bottom)
     axes.set_ylim(bottom, 1.6 * max(errors))
+    axes.margins(x=0.08)
     axes.set_title(_TITLES[quantity], fontsize=11, loc="left")
     axes.grid(which="major", alpha=0.3)
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:g}"))

@@ -7,6 +7,7 @@ are CPU times of the same number of steps, in turns with the base, the least of 
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -14,10 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from fem import kernels
 from fem.central_difference import System, step
 from fem.checkpoint import state_arrays
-from fem.contact_kernels import collect_forces, contact_forces
 from fem.explicit import initial_state, prepare
 from fem.state import State
 from fem.time_step import critical_time_step
@@ -165,7 +164,7 @@ def effects_of(scene: DeformableScene, mass_damping: float) -> tuple[Effect, ...
             _with(bulk_viscosity=viscosity),
         ),
         Effect("finite rotation", "on", _with(finite_rotation=True)),
-        Effect("finite sliding", "–", None, "not available"),
+        Effect("finite sliding", "on", _with(finite_sliding=True)),
         Effect("frame elasticity", "on", _with(elastic_frame=True)),
         Effect("initial clearance", f"{clearance:g} mm", _with_clearance(clearance)),
         Effect("gravity", f"{abs(gravity[2]):g} mm/s² down", _with(gravity=gravity)),
@@ -173,12 +172,14 @@ def effects_of(scene: DeformableScene, mass_damping: float) -> tuple[Effect, ...
 
 
 def compiled_forms() -> frozenset[tuple[str, str]]:
-    """Kernels of the serial loop and the signatures they have been compiled for so far."""
-    loops = [getattr(kernels.SERIAL, name) for name in kernels.SERIAL.__dataclass_fields__]
-    loops += [contact_forces, collect_forces]
-    return frozenset(
-        (loop.__name__, str(form)) for loop in loops for form in loop.nopython_signatures
-    )
+    """Compiled functions of the solver and the signatures they have been compiled for so far."""
+    found = set()
+    for name, module in list(sys.modules.items()):
+        if name.startswith("fem."):
+            for value in list(vars(module).values()):
+                for form in getattr(value, "nopython_signatures", ()):
+                    found.add((value.__name__, str(form)))
+    return frozenset(found)
 
 
 def ready(scene: DeformableScene, name: str) -> tuple[System, State]:

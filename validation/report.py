@@ -96,7 +96,6 @@ def write_report(
         When the folder cannot be written.
     """
     prepare_folder(folder)
-    figures = prepare_folder(folder / "figures")
     evidence = Evidence(
         prepare_folder(folder / "data"),
         console,
@@ -104,6 +103,28 @@ def write_report(
         full=extent is Extent.FULL,
         workers=workers,
     )
+    return report_evidence(evidence, folder, extent=extent)
+
+
+def report_evidence(evidence: Evidence, folder: Path, *, extent: Extent) -> Path:
+    """Judge, draw and write what the evidence allows.
+
+    Parameters
+    ----------
+    evidence
+        Computed where it has not been yet.
+    folder
+        Of the report.
+    extent
+        What the page says about how much was computed.
+
+    Returns
+    -------
+    Path
+        The page to open.
+    """
+    console = evidence.console
+    figures, data = prepare_folder(folder / "figures"), prepare_folder(folder / "data")
     start = time.process_time()
     _say(console, "parameter study")
     study = evidence.study
@@ -127,7 +148,7 @@ def write_report(
         views=views,
         cpu_seconds=time.process_time() - start + study.cpu_seconds,
     )
-    _write_data(report, folder / "data")
+    _write_data(report, data)
     page = folder / "index.html"
     write_whole(page, lambda path: path.write_text(page_text(report), "utf-8"))
     return page

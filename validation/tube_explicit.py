@@ -64,7 +64,10 @@ def explicit_statement(
     fem = fem_section(scene, name)
     damped = fem.damping is Damping.STATIC
     try:
-        orbits = None if fem.symmetry == "none" else largest_cyclic_orbits(deformable)
+        sliding = scene.effects.finite_sliding
+        # Blocks that may slide far may leave their sector: the whole tube is computed.
+        whole = fem.symmetry == "none" or (sliding and fem.symmetry == "auto")
+        orbits = None if whole else largest_cyclic_orbits(deformable)
         if fem.symmetry == "sector" and orbits is not None and orbits.order == 1:
             raise InputError(f"{name}: {NO_SECTOR}")
         effects = build_effects(scene.effects, fem)
@@ -79,6 +82,7 @@ def explicit_statement(
             effects=effects,
             amplitude=SmoothStepAmplitude(ramp) if ramp > 0 else None,
             friction=deformable.contact.friction,
+            finite_sliding=sliding,
         )
     except (SymmetryError, ModelError, FrictionError) as error:
         raise InputError(f"{name}: {error}") from None

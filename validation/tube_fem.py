@@ -149,11 +149,6 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
     fem = fem_section(scene, name)
     assert scene.material is not None
     assert scene.contact is not None
-    if scene.effects.finite_sliding:
-        raise InputError(
-            f"{name}: effects.finite_sliding is not built yet: contact follows the conforming "
-            "facets; leave it out where blocks slide by less than a facet"
-        )
     assembly, load = build_hexahedra(scene, name)
     friction = build_friction(scene.effects)
     try:

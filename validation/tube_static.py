@@ -34,6 +34,11 @@ def run_tube_static(
     """
     start = time.process_time()
     fem = fem_section(scene, name)
+    if scene.effects.finite_sliding:
+        raise InputError(
+            f'{name}: effects.finite_sliding needs an explicit run: set fem.method = "explicit", '
+            "or leave it out where blocks slide by less than a facet"
+        )
     deformable = build_deformable(scene, name) if deformable is None else deformable
     built = time.process_time()
     try:

@@ -201,29 +201,30 @@ def _under_the_waves(evidence: Evidence) -> Verdict:
 
 
 def _peaks(run: TubeRun, side: str) -> tuple[FloatArray, FloatArray]:
-    """Largest σ₁ near one wavy face in each wave of a block, and how far from its notch.
+    """Largest σ₁ near each notch of one wavy face of a block of layer 7, and how far from it.
 
-    A notch (the paper's valley) is where the wave cuts deepest into the block. Returns peaks
-    [MPa] and distances in wave lengths, one per notch; waves are counted around the ring.
+    A notch (the paper's valley) is where the wave cuts deepest into the block. Notches on the
+    block's edge are left out: half of them belongs to the neighbour.
+
+    Returns
+    -------
+    tuple
+        Peaks [MPa] and distances in wave lengths, from left to right.
     """
-    assert isinstance(run.scene, TubeScene)
-    block = block_parameters(run.scene)
-    field = _sigma(run, _LAYER)
+    block = block_parameters(_tube(run))
+    field, waves = _sigma(run, _LAYER), block.waves_per_block
     near = field[:, :, -3:] if side == "top" else field[:, :, :3]
     along = near.max(axis=(0, 2))
     u = np.linspace(0.0, 1.0, len(along))
     # z = sin(2π w u + π s): notches of the top face at phase 3/4, of the bottom face at 1/4.
-    phase = (block.waves_per_block * u + block.shift / 2 - (0.75 if side == "top" else 0.25)) % 1.0
-    wave = np.floor(block.waves_per_block * u + block.shift / 2 - (0.25 if side == "top" else 0.75))
-    distance = np.minimum(phase, 1 - phase)
+    phase = 0.75 if side == "top" else 0.25
+    notches = (np.arange(-2, waves + 3) + phase - block.shift / 2) / waves
     peaks, distances = [], []
-    for number in np.unique(wave):
-        mine = np.flatnonzero(wave == number)
-        if len(mine) < 0.75 * len(u) / block.waves_per_block:
-            continue  # the rest of this wave belongs to the neighbour
+    for notch in notches[(notches > 0.02) & (notches < 0.98)]:
+        mine = np.flatnonzero(np.abs(u - notch) <= 0.5 / waves + 1e-12)
         top = mine[int(np.argmax(along[mine]))]
         peaks.append(along[top])
-        distances.append(distance[top])
+        distances.append(abs(u[top] - notch) * waves)
     return np.array(peaks), np.array(distances)
 
 

@@ -218,7 +218,8 @@ def _example_of_fewer(evidence: Evidence) -> Verdict:
     )
     return judged(
         everywhere,
-        f"{p[few]:.3f} against {p[many]:.3f} MPa (a = 20, t = 40), and so for every a and t",
+        f"{p[few]:.3f} against {p[many]:.3f} MPa (a = 20, t = 40), "
+        + ("and so for every a and t" if everywhere else "but not for every a and t"),
         few=p[few],
         many=p[many],
     )

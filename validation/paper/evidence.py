@@ -182,6 +182,11 @@ class Evidence:
         """All deformable results computed so far."""
         return list(self._fem.values())
 
+    def fem_mesh(self, case: str, /) -> tuple[int, int, int]:
+        """Elements of one deformable block: around, radial, axial."""
+        # A beam has no symmetry to use: it stays at the coarser mesh.
+        return (48, 8, 20) if self.full and case != "beam" else (24, 4, 10)
+
     def whole_tube(self, block: str, case: str, layers: int) -> TubeRun:
         """Deformable result of a shorter tube, solved without using its symmetry."""
         settings = [f"assembly.layers={layers}", "fem.symmetry=none"]
@@ -194,10 +199,8 @@ class Evidence:
         from validation.scene import DeformableScene
         from validation.tube_static import run_tube_static
 
-        # A beam has no symmetry to use: it stays at the coarser mesh.
-        cyclic = case != "beam"
-        around, radial, axial = (48, 8, 20) if self.full and cyclic else (24, 4, 10)
-        symmetry = "sector" if cyclic else "none"
+        around, radial, axial = self.fem_mesh(case)
+        symmetry = "none" if case == "beam" else "sector"
         name = f"{block.lower()}-{case}"
         file = load_scene(
             name,

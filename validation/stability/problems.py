@@ -9,6 +9,7 @@ import numpy as np
 from fem.contact import ContactNormals
 from fem.contact_law import ContactLaw
 from fem.deformable_assembly import DeformableAssembly, deformable_assembly
+from fem.hexahedron import ElementType
 from fem.material import Material
 from fem.model import block_group
 from geometry.assembly import Assembly
@@ -73,6 +74,7 @@ def deformable(
     load: LoadCase,
     *,
     material: Material = COLUMN,
+    element: ElementType = ElementType.INCOMPATIBLE,
     law: ContactLaw | None = None,
     initial_clearance: float = 0.0,
 ) -> DeformableAssembly:
@@ -81,6 +83,7 @@ def deformable(
         assembly,
         load,
         material,
+        element=element,
         law=law,
         normals=ContactNormals.REFERENCE,
         initial_clearance=initial_clearance,

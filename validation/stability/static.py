@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from fem.contact_law import ExponentialLaw
+from fem.hexahedron import ElementType
 from fem.material import Material
 from fem.static import StaticError, StaticOptions, solve_static
 from geometry.assembly import moved
@@ -125,7 +126,9 @@ def _offset() -> Finding:
 def _incompressible() -> Finding:
     assembly = stack(2)
     rubber = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.4999)
-    stated = deformable(assembly, pressed(assembly, 0.01), material=rubber)
+    stated = deformable(
+        assembly, pressed(assembly, 0.01), material=rubber, element=ElementType.B_BAR
+    )
     result = solve_static(stated, StaticOptions(symmetry=1))
     surfaces = stated.surfaces
     force = float((surfaces.weights * result.pressures).sum())

@@ -1,0 +1,272 @@
+"""The paper's study, figures, claims and errata: the judging, the data, the pictures."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from validation.errors import InputError
+from validation.paper.claims import Truth, claims, judge_claims
+from validation.paper.errata import errata, show_errata
+from validation.paper.evidence import Evidence, StudyTable
+from validation.rigid import RigidRun
+
+AXES = ((0.0, 0.5), (1.0, 1.5, 2.0), (2, 3, 4, 5, 6), (30.0, 40.0, 50.0, 60.0))
+AMPLITUDES = (10.0, 15.0, 20.0, 25.0)
+
+
+def synthetic_study(**changes: float) -> StudyTable:
+    """480 designs in which p_max = (1 + s/100) n / (f a t) exactly, some values replaced."""
+    rows = {}
+    for s, f, n, t, a in itertools.product(*AXES, AMPLITUDES):
+        p = (1 - s / 100) * n / (f * a * t)
+        rows[s, f, n, t, a] = {
+            "p_max": p * changes.get(f"f{f:g}n{n}t{t:g}a{a:g}", 1.0),
+            "mechanism": "locked",
+            "n_contacts": 1000 * n,
+            "cpu_seconds": 0.05,
+            "status": "ok",
+        }
+    return StudyTable(rows, (*AXES, AMPLITUDES), "24 × 4 × 6")
+
+
+class CoarseEvidence(Evidence):
+    """Evidence on meshes small enough for tests, with the parameter study given."""
+
+    def rigid(self, scene: str, *settings: str) -> RigidRun:
+        coarse = {"mesh.around": 24, "mesh.radial": 3, "mesh.axial": 6}
+        if scene.startswith("thb"):
+            coarse = {"mesh.edge": 8, "mesh.radial": 3}
+        named = {setting.partition("=")[0] for setting in settings}
+        mesh = [f"{key}={value}" for key, value in coarse.items() if key not in named]
+        return super().rigid(scene, *settings, *mesh)
+
+    def fem_mesh(self, _: str, /) -> tuple[int, int, int]:
+        return 12, 2, 4
+
+
+def coarse_evidence(
+    folder: Path, study: StudyTable | None = None, *, deformable: bool = False
+) -> CoarseEvidence:
+    """Evidence whose parameter study is the synthetic one."""
+    evidence = CoarseEvidence(folder, Console(quiet=True), deformable=deformable)
+    evidence.__dict__["study"] = synthetic_study() if study is None else study
+    return evidence
+
+
+# ---------------------------------------------------------------------------------------------
+# Parameter study
+
+
+def test_steps_of_one_parameter_are_counted_once() -> None:
+    """4 values of a: 3 steps in each of 120 curves; 5 of n: 4 in 96; 2 of s: 1 in 240."""
+    study = synthetic_study()
+    assert [len(study.pairs(axis)) for axis in range(5)] == [240, 320, 384, 360, 360]
+    assert all(before[4] < after[4] and before[:4] == after[:4] for before, after in study.pairs(4))
+
+
+@pytest.mark.parametrize(
+    ("name", "spoiled", "number"),
+    [
+        ("falls-with-amplitude", {"f1n2t30a15": 2.0}, "358 of 360"),
+        ("falls-with-thickness", {"f1n2t40a10": 2.0}, "358 of 360"),
+        ("flattens", {"f1n2t30a20": 0.6}, "of 240 pairs"),
+        ("fewer-larger-example", {"f2n2t30a10": 9.0}, "not for every a and t"),
+        ("fewer-larger", {"f2n2t30a10": 9.0}, "of 160 pairs"),
+        ("thick-depends-less", {"f1n6t60a10": 99.0}, "t = 60"),
+    ],
+)
+def test_claims_of_the_study_follow_the_numbers(tmp_path, name, spoiled, number) -> None:
+    """True of p = n/(f a t); one changed value (in both s) makes each claim false."""
+    right = judge_claims(coarse_evidence(tmp_path), [name])[0].verdict
+    wrong = judge_claims(coarse_evidence(tmp_path, synthetic_study(**spoiled)), [name])[0].verdict
+    assert (right.truth, wrong.truth) == (Truth.TRUE, Truth.FALSE)
+    assert number in wrong.number
+
+
+def test_s_a_half_lower_is_judged_by_count(tmp_path) -> None:
+    verdict = judge_claims(coarse_evidence(tmp_path), ["cosine-lower"])[0].verdict
+    assert verdict.truth is Truth.TRUE
+    assert verdict.values["lower"] == 240
+    assert verdict.values["mean_ratio"] == pytest.approx(0.995, rel=1e-12)
+
+
+# ---------------------------------------------------------------------------------------------
+# Claims
+
+
+def test_there_are_enough_claims_and_every_one_says_where_it_stands() -> None:
+    found = claims()
+    assert len(found) >= 20
+    assert len({claim.name for claim in found}) == len(found)
+    assert all(claim.statement and claim.place for claim in found)
+    with pytest.raises(InputError, match="expected one of locked"):
+        judge_claims(Evidence(Path(), Console(quiet=True)), ["lockd"])
+
+
+def test_claims_of_rigid_blocks_are_decided(tmp_path) -> None:
+    """What does not depend on the mesh must come out as it does on the fine one."""
+    evidence = coarse_evidence(tmp_path)
+    found = {item.claim.name: item.verdict for item in judge_claims(evidence)}
+    for name in (
+        "length",
+        "tsb2-preferable",
+        "blocks-alike",
+        "no-explosion",
+        "axially-open",
+        "hexagon-classes",
+        "speed-up-printed",
+    ):
+        assert found[name].truth is Truth.TRUE, (name, found[name].number)
+    for name in ("saturates", "thickness-minor", "area-pipe-true"):
+        assert found[name].truth is Truth.FALSE, (name, found[name].number)
+    needing = {claim.name for claim in claims() if claim.deformable}
+    assert all(found[name].truth is Truth.UNDECIDABLE for name in needing)
+    assert all("--fem" in found[name].number for name in needing)
+
+
+@pytest.fixture(scope="module")
+def deformable_evidence(tmp_path_factory) -> CoarseEvidence:
+    """Deformable runs on 12 × 2 × 4 elements per block, kept for all tests."""
+    return coarse_evidence(tmp_path_factory.mktemp("fem"), deformable=True)
+
+
+@pytest.mark.slow
+def test_symmetries_of_deformable_tubes_hold_on_any_mesh(deformable_evidence) -> None:
+    names = ["half-turn", "mirror", "four-alike", "layers-repeat", "peaks-found", "speed-up"]
+    found = {i.claim.name: i.verdict for i in judge_claims(deformable_evidence, names)}
+    # The mesh of a TSB1 block is mapped onto itself by the half turn, that of a TSB2 block by the
+    # mirror: the solution has the symmetry up to the ends of the tube, five layers away.
+    assert found["half-turn"].truth is Truth.TRUE, found["half-turn"].number
+    assert found["mirror"].truth is Truth.TRUE, found["mirror"].number
+    assert found["half-turn"].values["mirrored"] > 0.5
+    assert found["mirror"].values["turned"] > 0.5
+    assert found["four-alike"].values["difference"] < 1e-6
+    assert len(found["peaks-found"].values["share"]) == 12
+    assert found["speed-up"].truth is Truth.FALSE
+
+
+@pytest.mark.slow
+def test_notches_are_found_where_the_wave_is_deepest(deformable_evidence) -> None:
+    names = ["valleys-tsb1", "valleys-tsb2", "one-of-three", "displacement-pipe"]
+    found = {i.claim.name: i.verdict for i in judge_claims(deformable_evidence, names)}
+    assert len(found["valleys-tsb1"].values["top"]) == 3
+    assert len(found["valleys-tsb1"].values["bottom"]) == 3
+    assert found["displacement-pipe"].truth is Truth.TRUE
+
+
+# ---------------------------------------------------------------------------------------------
+# Errata
+
+
+def test_every_erratum_is_shown_by_its_own_command(tmp_path) -> None:
+    shown = {item.erratum.name: item for item in show_errata(coarse_evidence(tmp_path))}
+    assert set(shown) == {erratum.name for erratum in errata()}
+    assert all(i.erratum.command.endswith(i.erratum.name) for i in shown.values())
+    program = shown["degenerate-program"].shown.values
+    assert program["z"] == program["6 N_b"] == 48
+    assert program["largest_motion"] < 1e-9
+    assert abs(program["corrected"]) < 1e-9
+    # A half turn of a block is 1.5 waves: crest meets valley, 2 a apart; whole waves meet exactly.
+    assert shown["layer-shift"].shown.values["half_block"] == pytest.approx(40.0, rel=1e-9)
+    assert shown["layer-shift"].shown.values["whole_waves"] < 1e-9
+    assert shown["half-block"].shown.values["valleys"] == 3
+    # t/mm³ against kg/mm³ is a factor of 1000 in mass, √1000 in wave speed.
+    density = shown["density-unit"].shown.values
+    mass = density["block_mass_kg"]
+    assert mass["t/mm³"] / mass["kg/mm³"] == pytest.approx(1000, rel=1e-12)
+    ratio = density["wave_speed_km_s"]["kg/mm³"] / density["wave_speed_km_s"]["t/mm³"]
+    assert ratio == pytest.approx(math.sqrt(1000), rel=1e-12)
+    assert shown["rotation-variation"].shown.values["spatial"] < 1e-12
+    assert shown["rotation-variation"].shown.values["printed"] > 0.1
+    assert shown["pillar-frames"].shown.values["TSB1"]["released"] == "suppressed"
+    with pytest.raises(InputError, match="expected one of degenerate-program"):
+        show_errata(coarse_evidence(tmp_path), ["typo"])
+
+
+# ---------------------------------------------------------------------------------------------
+# Figures, by their data
+
+
+def test_curves_of_the_parameter_study_are_all_there() -> None:
+    from validation.paper.figures import parameter_curves
+
+    study = synthetic_study()
+    for shift in (0.0, 0.5):
+        curves = parameter_curves(study, shift)
+        assert len(curves) == 3 * 5 * 4
+        for c in curves:
+            expected = (1 - shift / 100) * c.blocks_per_layer / (c.frequency * c.thickness)
+            assert np.allclose(np.array(c.p_max) * c.amplitudes, expected, rtol=1e-14)
+
+
+def test_ring_pressures_carry_the_load_to_the_frames(tmp_path) -> None:
+    """Pillar: the axial load p A passes through every interface, frames included."""
+    from validation.paper.figures import ring_pressures
+
+    run = coarse_evidence(tmp_path).case("TSB1", "pillar")
+    load = np.linalg.norm(run.load.facet_forces.sum(axis=0))
+    interfaces = run.assembly.interfaces
+    rings = ring_pressures(run)
+    assert [ring.title.split(" and")[0] for ring in rings] == [
+        "layer 12",
+        "layers 6",
+        "the bottom frame",
+    ]
+    for ring in rings:
+        index = run.result.contact_index[ring.contacts]
+        force = ring.pressures * interfaces.areas[index]
+        axial = force @ interfaces.normals[index, 2]
+        # Equilibrium holds to a relative residual of 1e-6 per block, twelve layers deep.
+        assert abs(axial) == pytest.approx(load, rel=1e-4)
+
+
+def picture_is_drawn(path: Path) -> bool:
+    """Whether a PNG has more than a blank background."""
+    import matplotlib.image
+
+    pixels = matplotlib.image.imread(path)[..., :3]
+    return bool(pixels.shape[0] > 400 and (pixels < 0.9).any(axis=2).mean() > 0.01)
+
+
+@pytest.mark.slow
+def test_figures_are_drawn(tmp_path) -> None:
+    from validation.paper.figures import cost_rows, draw_figures
+
+    evidence = coarse_evidence(tmp_path)
+    found = draw_figures(evidence, tmp_path)
+    assert [f.name for f in found] == [
+        "parameter-study-sine",
+        "parameter-study-cosine",
+        "pressures-pipe",
+        "pressures-pillar",
+        "pressures-tunnel",
+        "cost",
+    ]
+    assert all(picture_is_drawn(f.path) for f in found)
+    assert len((tmp_path / "parameter-study-sine.csv").read_text().splitlines()) == 241
+    rows = cost_rows(evidence)
+    assert rows[1].configurations == 480
+    assert rows[1].cpu_hours == pytest.approx(480 * 0.05 / 3600)
+    assert rows[2].cpu_hours == 758.0
+
+
+@pytest.mark.slow
+def test_figures_of_deformable_blocks_are_drawn(deformable_evidence, tmp_path) -> None:
+    from validation.paper.figures_fem import (
+        draw_displacements,
+        draw_layer_comparison,
+        draw_principal,
+    )
+
+    pairs = draw_layer_comparison(deformable_evidence, tmp_path / "layer.png")
+    assert len(pairs) == 12
+    draw_principal(deformable_evidence, 0, tmp_path / "sigma.png")
+    draw_displacements(deformable_evidence, tmp_path / "disp.png")
+    for name in ("layer", "sigma", "disp"):
+        assert picture_is_drawn(tmp_path / f"{name}.png")

@@ -1,0 +1,94 @@
+"""The report in a real browser: no error, no network, nothing to scroll sideways, 3D drawn."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.chromium import BROWSER, Page
+from tests.test_validation_paper import coarse_evidence
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory) -> Path:
+    """A report of rigid blocks on coarse meshes."""
+    from validation.report import Extent, report_evidence
+
+    folder = tmp_path_factory.mktemp("report")
+    return report_evidence(coarse_evidence(folder), folder, extent=Extent.QUICK)
+
+
+def test_the_page_stands_alone(report) -> None:
+    text = report.read_text("utf-8")
+    # What a browser would fetch: nothing but data in the page and the folder's own pictures.
+    page = re.sub(r'<script type="text/plain".*?</script>', "", text, flags=re.S)
+    sources = re.findall(r'(?:src|href)="([^"#][^"]*)"', page)
+    assert sources
+    assert all(s.startswith(("data:image/webp;base64,", "figures/")) for s in sources)
+    for source in sources:
+        if source.startswith("figures/"):
+            assert (report.parent / source).exists()
+    for heading in ("Claims", "Tables", "Figures", "Cost", "Errata", "Repeat"):
+        assert f"<h2>{heading}</h2>" in page
+    assert page.count("tubelock reproduce claims ") >= 40
+    assert {p.name for p in (report.parent / "data").iterdir()} == {
+        "tables.json",
+        "claims.json",
+        "errata.json",
+        "cost.json",
+    }
+
+
+def open_pixels(png: bytes) -> np.ndarray:
+    """(height, width, 3), 0 … 1."""
+    import matplotlib.image
+
+    pixels: np.ndarray = matplotlib.image.imread(io.BytesIO(png))[..., :3]
+    return pixels
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
+@pytest.mark.parametrize("width", [390, 1200])
+def test_the_page_in_a_browser(report, tmp_path, width) -> None:
+    pytest.importorskip("tornado")
+    pytest.importorskip("trame_vtk")
+
+    async def visit() -> np.ndarray:
+        async with Page(tmp_path / "browser", width, 844) as page:
+            await page.open(report)
+            assert await page.evaluate("document.documentElement.scrollWidth") <= width
+            assert await page.evaluate("document.querySelectorAll('section table').length") >= 8
+            await page.evaluate("document.getElementById('views').scrollIntoView()")
+            await page.evaluate("document.querySelector('.view button').click()")
+            await page.wait(
+                "document.querySelector('.view iframe')?.contentDocument?.querySelector('canvas')"
+            )
+            await asyncio.sleep(2)  # the scene is unzipped and drawn after the canvas is there
+            picture = await page.screenshot()
+            await page.evaluate("1")
+            assert page.errors == []
+            outside = [
+                url
+                for url in page.requests
+                if not url.startswith(("file:", "data:", "blob:", "about:"))
+            ]
+            assert outside == []
+            box = await page.evaluate(
+                "(r => [r.left, r.top, r.right, r.bottom])"
+                "(document.querySelector('.view iframe').getBoundingClientRect())"
+            )
+            left, top, right, bottom = (int(v) for v in box)
+            return open_pixels(picture)[max(top, 0) + 2 : bottom - 2, left + 2 : right - 2]
+
+    stage = asyncio.run(visit())
+    drawn = (stage < 0.95).any(axis=2)
+    # The canvas is white but for the tube: coloured facets and dark edges, and not all of it.
+    assert 0.02 < drawn.mean() < 0.9
+    assert (stage.max(axis=2) - stage.min(axis=2) > 0.2).mean() > 0.005
