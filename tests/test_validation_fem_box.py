@@ -69,6 +69,16 @@ def test_slowly_loaded_explicit_run_ends_at_the_static_answer() -> None:
     assert b == pytest.approx(a, rel=1e-4)
 
 
+def test_rate_form_of_a_scene_agrees_with_the_shared_stiffness() -> None:
+    settings = ("mesh.divisions=[10,2,2]", "fem.element=reduced", "fem.frames=0")
+    settings += ("fem.end_time=2e-3", "fem.ramp_time=1e-3", "effects.finite_rotation=true")
+    shared = run_box("shared", box("cantilever", *settings))
+    rate = run_box("rate", box("cantilever", *settings, 'fem.formulation="rate form"'))
+    # The same linear element twice; what differs is geometry, of the order of the rotation (1e-3).
+    size = np.abs(shared.displacements).max()
+    np.testing.assert_allclose(rate.displacements, shared.displacements, atol=5e-3 * size)
+
+
 def test_json_has_the_promised_keys(tubelock) -> None:  # noqa: F811
     status, out, _ = tubelock(
         "fem",
@@ -197,6 +207,7 @@ def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypat
         (['load={"x+"={}}'], "either pressure or traction"),
         (['load={"top"={pressure=1}}'], "load"),
         (["fem.element=tetrahedron"], "fem.element"),
+        (['fem.formulation="rate form"'], "expects 'reduced'"),
         (["effects.gravity=[0,0]"], "effects.gravity"),
     ],
 )

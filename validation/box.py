@@ -9,7 +9,16 @@ import numpy as np
 
 from fem.loads import SmoothStepAmplitude, pressure_forces, traction_forces
 from fem.material import Material, MaterialError
-from fem.model import BlockGroup, Model, NodalLoad, Support, block_group, fixed_nodes, nodal_load
+from fem.model import (
+    BlockGroup,
+    Model,
+    ModelError,
+    NodalLoad,
+    Support,
+    block_group,
+    fixed_nodes,
+    nodal_load,
+)
 from geometry.block import Block, box_block
 from geometry.mesh import FloatArray, MeshError
 from validation.effects import build_effects
@@ -116,11 +125,15 @@ def build_box(scene: BoxScene) -> BoxModel:
     except MeshError as error:
         raise InputError(str(error)) from None
     copies = range(scene.assembly.copies)
-    model = Model(
-        groups=(group,),
-        supports=tuple(_supports(scene, block, copies)),
-        loads=tuple(_loads(scene, block, copies)),
-        effects=build_effects(scene.effects, scene.fem),
-    )
+    try:
+        model = Model(
+            groups=(group,),
+            supports=tuple(_supports(scene, block, copies)),
+            loads=tuple(_loads(scene, block, copies)),
+            effects=build_effects(scene.effects, scene.fem),
+            formulation=scene.fem.formulation,
+        )
+    except ModelError as error:
+        raise InputError(str(error)) from None
     seconds = time.process_time() - start
     return BoxModel(block, model, _velocities(scene, group), ramp_time(scene), seconds)

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from fem.hexahedron import ElementType
+from fem.model import Formulation
 from validation.scene_sections import Finite, NonNegative, Positive, Section
 
 Vector = tuple[Finite, Finite, Finite]
@@ -109,6 +110,8 @@ class FemSection(Section):
 
     method: Method = Method.EXPLICIT
     element: ElementType = ElementType.INCOMPATIBLE
+    formulation: Formulation = Formulation.SHARED_STIFFNESS
+    """Of an explicit run on boxes: "shared stiffness", or "rate form", the slow C3D8R reference."""
     end_time: Positive | None = None
     """End of an explicit run [s]; with damping = "static" the latest end."""
     ramp_time: NonNegative | None = None

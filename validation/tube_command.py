@@ -200,6 +200,8 @@ def print_tube(run: TubeRun, console: Console) -> None:
     stress = data["principal_stress"]
     table.add_row("principal stress", f"{stress['max']:.5g} … {stress['min']:.5g} MPa")
     contact = data["contact"]
+    if run.scene.effects.finite_sliding:
+        table.add_row("contact pressures", "of the facets that matched before any slide")
     table.add_row("p_eff", f"{contact['p_eff']:.5g} MPa")
     table.add_row(
         "p_max",

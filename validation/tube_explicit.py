@@ -21,11 +21,10 @@ from fem.explicit import (
     solve,
 )
 from fem.explicit_model import ExplicitAssembly, explicit_assembly
-from fem.friction import FrictionError
 from fem.loads import SmoothStepAmplitude
 from fem.model import ModelError
 from fem.quasi_static import RecommendedTimes, quasi_static_report, recommended_times
-from fem.symmetry import SymmetryError, largest_cyclic_orbits
+from fem.symmetry import largest_cyclic_orbits
 from fem.time_step import TimeStepError
 from geometry.mesh import FloatArray
 from validation.effects import build_effects
@@ -71,9 +70,8 @@ def explicit_statement(
         if fem.symmetry == "sector" and orbits is not None and orbits.order == 1:
             raise InputError(f"{name}: {NO_SECTOR}")
         effects = build_effects(scene.effects, fem)
-        plain = explicit_assembly(
-            deformable, orbits=orbits, effects=effects, friction=deformable.contact.friction
-        )
+        # Frequencies are those of the matched facets, whether blocks may slide on from them or not.
+        plain = explicit_assembly(deformable, orbits=orbits, effects=effects, finite_sliding=False)
         times = recommended_times(plain.model, damped=damped)
         ramp = times.ramp_time if fem.ramp_time is None else fem.ramp_time
         stated = explicit_assembly(
@@ -84,7 +82,9 @@ def explicit_statement(
             friction=deformable.contact.friction,
             finite_sliding=sliding,
         )
-    except (SymmetryError, ModelError, FrictionError) as error:
+    except InputError:
+        raise
+    except ValueError as error:
         raise InputError(f"{name}: {error}") from None
     hold = times.end_time - times.ramp_time
     end = ramp + hold if fem.end_time is None else fem.end_time

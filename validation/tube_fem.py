@@ -18,6 +18,7 @@ from fem.deformable_assembly import (
     deformable_assembly,
 )
 from fem.friction import CoulombFriction, FrictionError
+from fem.model import Formulation
 from fem.recovery import recover
 from geometry.assembly import Assembly, AssemblyError
 from geometry.box_column import check_joints
@@ -77,6 +78,11 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
                 "(`tubelock scenes tsb1-pipe` shows one)"
             )
     assert scene.fem is not None
+    if scene.fem.formulation is Formulation.RATE_FORM:
+        raise InputError(
+            f'{name}: fem.formulation: got "rate form", which has no contact; expected "shared '
+            'stiffness" (boxes take both)'
+        )
     return scene.fem
 
 
