@@ -84,6 +84,8 @@ class DeformableAssembly:
     """Facet pairs of which at least one block deforms."""
     contact: Contact
     """Law and normals."""
+    gravity: FloatArray | None = None
+    """Uniform acceleration of all that deforms, world axes, (3,) [mm/s²]; None: absent."""
 
     @property
     def deformable_blocks(self) -> IntArray:
@@ -108,6 +110,7 @@ def deformable_assembly(
     frames: Frames = Frames.RIGID,
     friction: CoulombFriction | None = None,
     finite_sliding: bool = False,
+    gravity: FloatArray | None = None,
 ) -> DeformableAssembly:
     """Make deformable blocks of an assembly under a load case.
 
@@ -136,6 +139,9 @@ def deformable_assembly(
     finite_sliding
         Whether explicit runs search for the facets that face each other. Surfaces then need not
         conform, so blocks that nothing holds are not looked for.
+    gravity
+        Uniform acceleration, (3,) [mm/s²], a load of the static solver and a direction that a
+        symmetry must respect; explicit runs take it from `fem.effects.Effects`. None: absent.
 
     Raises
     ------
@@ -175,6 +181,7 @@ def deformable_assembly(
         spacing=spacing,
         surfaces=surfaces,
         contact=Contact(law, normals, friction, finite_sliding),
+        gravity=gravity,
     )
 
 

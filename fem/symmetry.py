@@ -133,9 +133,12 @@ def _check_loads(deformable: DeformableAssembly, image: IntArray, order: int) ->
 
 
 def local_forces(deformable: DeformableAssembly) -> list[FloatArray]:
-    """Nodal loads of each group in block frames, each (n_copies, n_nodes, 3) [N]."""
+    """Nodal loads of each group in block frames, weight too, each (n_copies, n_nodes, 3) [N]."""
     model = deformable.model
     forces = [np.zeros((g.n_copies, g.n_nodes, 3)) for g in model.groups]
+    if deformable.gravity is not None:
+        for group, force in zip(model.groups, forces, strict=True):
+            force += group.lumped_mass[:, None] * (deformable.gravity @ group.rotations)[:, None]
     for load in model.loads:
         rotation = model.groups[load.group].rotations[load.copies]
         local = np.einsum("nij,ni->nj", rotation, load.forces)

@@ -171,6 +171,7 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
             frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
             friction=friction,
             finite_sliding=scene.effects.finite_sliding,
+            gravity=None if scene.effects.gravity is None else np.array(scene.effects.gravity),
         )
     except (ContactError, DeformableAssemblyError, FrictionError, AssemblyError) as error:
         raise InputError(f"{name}: {error}") from None
