@@ -137,8 +137,9 @@ def local_forces(deformable: DeformableAssembly) -> list[FloatArray]:
     model = deformable.model
     forces = [np.zeros((g.n_copies, g.n_nodes, 3)) for g in model.groups]
     if deformable.gravity is not None:
-        for group, force in zip(model.groups, forces, strict=True):
-            force += group.lumped_mass[:, None] * (deformable.gravity @ group.rotations)[:, None]
+        for number, group in enumerate(model.groups):
+            local = deformable.gravity @ group.rotations
+            forces[number] += group.lumped_mass[:, None] * local[:, None]
     for load in model.loads:
         rotation = model.groups[load.group].rotations[load.copies]
         local = np.einsum("nij,ni->nj", rotation, load.forces)

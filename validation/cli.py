@@ -11,7 +11,14 @@ import typer.core
 from rich.console import Console
 
 from validation import stability_cli, study_cli
-from validation.cli_options import CostCacheOption, JsonOption, SceneArgument, SetOption
+from validation.cli_options import (
+    AutoOption,
+    CostCacheOption,
+    JsonOption,
+    KeepOption,
+    SceneArgument,
+    SetOption,
+)
 from validation.cli_options import text_console as _console
 from validation.errors import InputError
 
@@ -179,13 +186,15 @@ def fem(
         str | None,
         typer.Option(metavar="1%", help="Cheapest setting that `cost` found for it (in p_max)."),
     ] = None,
+    auto: AutoOption = None,
+    keep: KeepOption = None,
     cache: CostCacheOption = Path("out/cost-cache"),
 ) -> None:
     """Deformable blocks: displacements, principal stresses, energies."""
     from validation.fem_command import run_fem
-    from validation.scene import load_scene
+    from validation.scene import load_scene, with_auto
 
-    file = load_scene(scene, settings or ())
+    file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
     if accuracy is not None:
         from validation.cost_command import with_accuracy
 
@@ -196,6 +205,7 @@ def fem(
 @app.command()
 def compare(
     scene: SceneArgument,
+    *,
     settings: SetOption = None,
     json: JsonOption = None,
     output: Annotated[
@@ -207,12 +217,14 @@ def compare(
     explicit: Annotated[
         bool, typer.Option(help="Run explicit dynamics to the static state too.")
     ] = True,
+    auto: AutoOption = None,
+    keep: KeepOption = None,
 ) -> None:
     """Rigid, static and explicit answers on the same mesh, side by side."""
     from validation.compare_command import run_compare
-    from validation.scene import load_scene
+    from validation.scene import load_scene, with_auto
 
-    file = load_scene(scene, settings or ())
+    file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
     run_compare(file, json=json, output=output, explicit=explicit, console=_console(json))
 
 

@@ -22,6 +22,20 @@ SetOption = Annotated[
 CostCacheOption = Annotated[
     Path, typer.Option("--cache", metavar="DIR", help="Folder of the measurements of `cost`.")
 ]
+AutoOption = Annotated[
+    str | None,
+    typer.Option(
+        "--auto",
+        metavar="1%",
+        help="Leave out effects that change p_max, p_eff and displacement by less.",
+    ),
+]
+KeepOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--keep", metavar="EFFECT", help="Effect that --auto leaves as it is; repeatable."
+    ),
+]
 JsonOption = Annotated[
     str | None,
     typer.Option("--json", metavar="FILE|-", help="Write the result as JSON (- : to the screen)."),

@@ -25,6 +25,7 @@ from validation.files import output_folder, prepare_json, write_json
 from validation.pictures import between_layers, coloured_facets
 from validation.rendering import PRESSURE_MAP, place, render, save_figure
 from validation.scene import DeformableScene, SceneFile
+from validation.tube_command import decided
 from validation.tube_fem import build_deformable
 
 
@@ -44,6 +45,7 @@ def run_compare(
             f"{name}: block.type {scene.block.type!r} cannot be compared; expected blocks with "
             "hexahedra, such as tsb1-pipe"
         )
+    scene, decision = decided(scene, name, console)
     build_deformable(scene, name)
     prepare_json(json)
     folder = Path("out") / f"{name}-compare" if output is None and json is None else output
@@ -55,7 +57,10 @@ def run_compare(
             picture = folder / "comparison.png"
             draw_comparison(found, picture)
             console.print(f"picture   {picture}")
-        write_json(json, comparison_json(found))
+        data = comparison_json(found)
+        if decision is not None:
+            data["effects_decision"] = decision.as_json()
+        write_json(json, data)
 
 
 def comparison_json(found: Comparison) -> dict[str, Any]:

@@ -23,7 +23,14 @@ from validation.scene_families import (
     OsteomorphicScene,
     PlanarSineScene,
 )
-from validation.scene_fem import BoxScene, DeformableSections, DivisionsSection
+from validation.scene_fem import (
+    AutoSection,
+    BoxScene,
+    DeformableSections,
+    DivisionsSection,
+    EffectName,
+    parse_share,
+)
 from validation.scene_polyhedra import POLYHEDRAL_TYPES, MeshScene, PolyhedralScene
 from validation.scene_sections import (
     Finite,
@@ -231,6 +238,50 @@ def load_scene(source: str, overrides: Iterable[str] = ()) -> SceneFile:
     if isinstance(scene, MeshScene):
         scene = scene.located(Path(source).parent)
     return SceneFile(name=name, scene=scene, folder=Path(source).parent)
+
+
+def with_auto(file: SceneFile, tolerance: str | None, keep: Iterable[str] = ()) -> SceneFile:
+    """Scene whose effects are decided before a run, as ``[effects.auto]`` would say.
+
+    Parameters
+    ----------
+    file
+        A scene; what its ``[effects.auto]`` says besides stays.
+    tolerance
+        Such as ``1%``; None: the scene's.
+    keep
+        Names of effects that are not decided.
+
+    Raises
+    ------
+    InputError
+        A tolerance that is none, names of no effect, or a scene without contact.
+    """
+    names = tuple(keep)
+    if tolerance is None and not names:
+        return file
+    if not isinstance(file.scene, DeformableSections):
+        raise InputError(
+            f"{file.name}: --auto compares contact pressures of deformable blocks; expected a "
+            "scene with contact, such as tsb1-pipe"
+        )
+    effects = file.scene.effects
+    if tolerance is None and effects.auto is None:
+        raise InputError("--keep: nothing is decided without --auto; expected --auto 1% beside it")
+    unknown = [name for name in names if name not in set(EffectName)]
+    if unknown:
+        raise InputError(f"--keep {unknown[0]}: expected one of {', '.join(EffectName)}")
+    share = None if tolerance is None else parse_share(tolerance)
+    if tolerance is not None and share is None:
+        raise InputError(f"--auto {tolerance}: expected a share between 0 and 100 %, such as 1%")
+    given = effects.auto or AutoSection()
+    kept = tuple(dict.fromkeys((*given.keep, *(EffectName(name) for name in names))))
+    decide = None if given.decide is None else tuple(e for e in given.decide if e not in kept)
+    auto = AutoSection(
+        tolerance=given.tolerance if share is None else share, decide=decide, keep=kept
+    )
+    changed = effects.model_copy(update={"auto": auto})
+    return file.model_copy(update={"scene": file.scene.model_copy(update={"effects": changed})})
 
 
 def scene_data(source: str) -> tuple[str, dict[str, Any]]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from fem.hexahedron import ElementType
 from fem.model import Formulation
@@ -74,8 +74,62 @@ class FrictionSection(Section):
     """Tangential slope while sticking [MPa/mm]; None: the solver's default."""
 
 
+class EffectName(StrEnum):
+    """Effects that can be decided, by the names that scenes use."""
+
+    FRICTION = "friction"
+    GRAVITY = "gravity"
+    INITIAL_CLEARANCE = "initial_clearance"
+    """``contact.initial_clearance``"""
+    ELASTIC_FRAME = "elastic_frame"
+    FINITE_ROTATION = "finite_rotation"
+    FINITE_SLIDING = "finite_sliding"
+    RAYLEIGH = "rayleigh"
+    BULK_VISCOSITY = "bulk_viscosity"
+
+
+def parse_share(value: object) -> float | None:
+    """Read ``1%``, ``"0.01"`` or 0.01 as a share between 0 and 1; None for anything else."""
+    text = str(value).strip()
+    try:
+        share = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+    except ValueError:
+        return None
+    return share if 0.0 < share < 1.0 and not isinstance(value, bool) else None
+
+
+class AutoSection(Section):
+    """``[effects.auto]``: leave out what changes the answer by less than a tolerance."""
+
+    tolerance: Annotated[float, Field(gt=0, lt=1)] = 0.01
+    """Of p_max, p_eff and the largest displacement, relative [-]; also "1%"."""
+    decide: tuple[EffectName, ...] | None = None
+    """What is decided; None: every effect with a value, and those that need none and are not
+    written in the scene."""
+    keep: tuple[EffectName, ...] = ()
+    """What stays as the scene says, whatever a probe finds."""
+
+    @field_validator("tolerance", mode="before")
+    @classmethod
+    def _share(cls, value: object) -> object:
+        share = parse_share(value)
+        return value if share is None else share
+
+    @model_validator(mode="after")
+    def _either_or(self) -> AutoSection:
+        both = set(self.decide or ()) & set(self.keep)
+        if both:
+            raise ValueError(
+                f"effects.auto: {', '.join(sorted(both))} is in decide and in keep; expected one"
+            )
+        return self
+
+
 class EffectsSection(Section):
     """``[effects]``: each absent unless named here."""
+
+    auto: AutoSection | None = None
+    """Decide which effects matter before the run; ``auto = 0.01`` is short for a tolerance."""
 
     rayleigh: RayleighSection | None = None
     bulk_viscosity: BulkViscositySection | None = None
@@ -87,6 +141,13 @@ class EffectsSection(Section):
     """Blocks may slide by more than a facet: a search finds opposing faces."""
     elastic_frame: bool = False
     """Frame blocks deform and are held at their outer faces; else they are rigid."""
+
+    @field_validator("auto", mode="before")
+    @classmethod
+    def _short_form(cls, value: Any) -> Any:
+        if isinstance(value, bool):
+            return {} if value else None
+        return {"tolerance": value} if isinstance(value, int | float | str) else value
 
 
 class Method(StrEnum):
@@ -204,3 +265,12 @@ class BoxScene(Section):
     initial: InitialSection | None = None
     effects: EffectsSection = EffectsSection()
     fem: FemSection
+
+    @model_validator(mode="after")
+    def _nothing_to_decide(self) -> BoxScene:
+        if self.effects.auto is not None:
+            raise ValueError(
+                "effects.auto compares contact pressures, and a single box has no contact; remove "
+                "it"
+            )
+        return self

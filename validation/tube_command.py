@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -12,6 +13,7 @@ from fem.deformable_assembly import DeformableAssembly
 from fem.explicit import ExplicitResult, Frame, Status
 from geometry.mesh import FloatArray
 from geometry.mesh_io import interface_surface, write_hex_mesh, write_surface
+from validation.auto_effects import EffectsDecision, decide_effects, decision_table
 from validation.fem_box import peak_memory_mb
 from validation.fem_command import CHECKPOINT, progress_bar
 from validation.fem_files import (
@@ -46,6 +48,7 @@ def run_fem_tube(
     KeyboardInterrupt
         After an interrupted run has said how to go on.
     """
+    scene, decision = decided(scene, name, console)
     fem = fem_section(scene, name)
     deformable = build_deformable(scene, name)
     if fem.method is Method.EXPLICIT:
@@ -54,12 +57,34 @@ def run_fem_tube(
     folder = Path("out") / f"{name}-fem" if output is None and json is None else output
     with output_folder(folder):
         run, result = _solve(name, scene, deformable, folder=folder, resume=resume, console=console)
+        if decision is not None:
+            run = replace(run, solver=run.solver | {"effects_decision": decision.as_json()})
         print_tube(run, console)
         if folder is not None:
             for words, path in write_tube_files(run, result, folder):
                 console.print(f"{words:9} {path}")
             (folder / CHECKPOINT).unlink(missing_ok=True)
         write_json(json, tube_json(run, peak_memory_mb()))
+
+
+def decided(
+    scene: DeformableScene, name: str, console: Console
+) -> tuple[DeformableScene, EffectsDecision | None]:
+    """Scene with the effects that matter, and the decision, where it asks for one; printed.
+
+    Raises
+    ------
+    InputError
+        A probe that has no solution.
+    """
+    if scene.effects.auto is None:
+        return scene, None
+    with console.status(f"{name}: which effects matter") as status:
+        scene, decision = decide_effects(
+            scene, name, told=lambda what: status.update(f"{name}: {what}")
+        )
+    console.print(decision_table(name, decision))
+    return scene, decision
 
 
 def _solve(

@@ -78,6 +78,11 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
                 "(`tubelock scenes tsb1-pipe` shows one)"
             )
     assert scene.fem is not None
+    if scene.effects.auto is not None:
+        raise InputError(
+            f"{name}: effects.auto is decided by `tubelock fem` and `compare`; here, write the "
+            "effects that it names and remove effects.auto"
+        )
     if scene.fem.formulation is Formulation.RATE_FORM:
         raise InputError(
             f'{name}: fem.formulation: got "rate form", which has no contact; expected "shared '

@@ -1,0 +1,232 @@
+"""Which effects matter: the probe's decisions are those of the full runs, and nothing is silent."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fem.contact_measures import contact_measures
+from fem.static import StaticOptions, solve_static
+from fem.static_result import pair_resultants
+from validation.auto_effects import EffectsDecision, decide_effects, without_effect
+from validation.cli import app
+from validation.effect_probe import Answer, Change, answer_of_run, change
+from validation.errors import InputError
+from validation.scene import DeformableScene, load_scene, with_auto
+from validation.scene_fem import EffectName
+from validation.tube_explicit import run_tube_explicit
+from validation.tube_static import run_tube_static
+
+#: Finer than the probe's 12 × 2 × 4 elements, and still quick.
+MESH = ["assembly.layers=3", "mesh.around=24", "mesh.radial=2", "mesh.axial=6"]
+COARSE = ["assembly.layers=2", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
+FRICTION, CLEARANCE = EffectName.FRICTION, EffectName.INITIAL_CLEARANCE
+
+
+def scene_of(*settings: str, case: str = "tsb1-pipe") -> DeformableScene:
+    scene = load_scene(case, settings).scene
+    assert isinstance(scene, DeformableScene)
+    return scene
+
+
+def of(found: EffectsDecision, effect: EffectName) -> tuple[bool, Change | None]:
+    return next((d.simulated, d.change) for d in found.decisions if d.effect is effect)
+
+
+def test_decisions_are_those_of_the_full_runs() -> None:
+    # The probe is coarser by 2 × 1.5 and finds a change to a factor of two, which its margin of
+    # two allows for: what it leaves out changes the full run by less than the tolerance, what it
+    # keeps by more than a quarter of it.
+    effects = ["effects.friction.coefficient=1e-4", "effects.gravity=[0,0,-9806.65]"]
+    scene = scene_of(*MESH, *effects, "contact.initial_clearance=1e-5", "effects.auto=0.05")
+    decided, found = decide_effects(scene, "tube")
+    names = {d.effect for d in found.decisions}
+    assert names == {
+        FRICTION,
+        EffectName.GRAVITY,
+        CLEARANCE,
+        EffectName.ELASTIC_FRAME,
+        EffectName.FINITE_ROTATION,
+    }
+    everything = scene.model_copy(
+        update={"effects": scene.effects.model_copy(update={"auto": None, "elastic_frame": True})}
+    )
+    reference = answer_of_run(run_tube_static("tube", everything))
+    for decision in found.decisions:
+        if decision.effect is EffectName.FINITE_ROTATION:
+            continue
+        without = run_tube_static("tube", without_effect(everything, decision.effect))
+        true = change(reference, answer_of_run(without))
+        assert decision.change is not None
+        assert 0.5 < decision.change.largest / true.largest < 2.0
+        if decision.simulated:
+            assert true.largest > 0.05 / 4
+        else:
+            assert true.largest < 0.05
+    assert {FRICTION, CLEARANCE} <= set(found.left_out)
+    assert EffectName.GRAVITY not in found.left_out
+    left = change(reference, answer_of_run(run_tube_static("tube", decided)))
+    assert left.largest < 0.05
+
+
+def test_finite_rotation_is_estimated_as_explicit_runs_find_it() -> None:
+    # At 300 times the load blocks turn by 2 mrad. The probe, here on the mesh of the run, is exact
+    # to first order in a change of 0.4 %, whose next order is about 4 % of it; the explicit runs
+    # end with a residual of 1e-6. So both agree to a tenth.
+    explicit = ["fem.method='explicit'", "fem.residual=1e-6"]
+    settings = [*COARSE, "load.pressure=3.0", *explicit]
+    scene = scene_of(*settings, "effects.auto.decide=['finite_rotation']", case="tsb1-beam")
+    _, found = decide_effects(scene, "tube")
+    _, estimated = of(found, EffectName.FINITE_ROTATION)
+    answers = []
+    for finite in (True, False):
+        effects = scene.effects.model_copy(update={"auto": None, "finite_rotation": finite})
+        run, _ = run_tube_explicit("tube", scene.model_copy(update={"effects": effects}))
+        answers.append(answer_of_run(run))
+    true = change(*answers)
+    assert estimated is not None
+    assert true.largest > 0.003
+    for name in ("p_max", "p_eff", "displacement"):
+        assert getattr(estimated, name) == pytest.approx(getattr(true, name), rel=0.1)
+
+
+def test_damping_does_not_change_the_state_at_rest() -> None:
+    # Both forces are proportional to rates, so they are zero at rest; the explicit end state is
+    # static to 1e-3, the bound of its settling.
+    plain = [*COARSE, "fem.method='explicit'", "fem.damping='static'"]
+    damped = ["effects.bulk_viscosity={}", "effects.rayleigh.stiffness_proportional=1e-7"]
+    scene = scene_of(*plain, *damped, "effects.auto.decide=['rayleigh','bulk_viscosity']")
+    decided, found = decide_effects(scene, "tube")
+    assert set(found.left_out) == {EffectName.RAYLEIGH, EffectName.BULK_VISCOSITY}
+    assert found.cpu_seconds < 1.0
+    with_damping = run_tube_explicit("tube", scene_of(*plain, *damped))[0]
+    without, bare = (run_tube_explicit("tube", s)[0] for s in (decided, scene_of(*plain)))
+    assert change(answer_of_run(with_damping), answer_of_run(without)).largest < 2e-3
+    # What is left out gives the bits of a scene that does not name it.
+    for a, b in zip(without.displacements, bare.displacements, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_damping_stays_in_a_run_that_is_not_driven_to_rest() -> None:
+    settings = [*COARSE, "fem.method='explicit'", "fem.damping='paper'", "fem.end_time=1e-3"]
+    scene = scene_of(*settings, "effects.bulk_viscosity={}", "effects.auto.decide=['rayleigh']")
+    with pytest.raises(InputError, match="names rayleigh, which has no value"):
+        decide_effects(scene, "tube")
+    scene = scene_of(
+        *settings, "effects.bulk_viscosity={}", "effects.auto.decide=['bulk_viscosity']"
+    )
+    assert of(decide_effects(scene, "tube")[1], EffectName.BULK_VISCOSITY) == (True, None)
+
+
+def test_what_is_kept_stays_and_what_is_left_out_leaves_no_bit() -> None:
+    small = ["effects.friction.coefficient=1e-4", "effects.elastic_frame=false"]
+    file = load_scene("tsb1-pipe", [*COARSE, *small])
+    auto = with_auto(file, "5%").scene
+    kept = with_auto(file, "5%", ["friction"]).scene
+    assert isinstance(auto, DeformableScene)
+    assert isinstance(kept, DeformableScene)
+    decided, found = decide_effects(auto, "tube")
+    # Written off stays off, and is not even a candidate.
+    assert EffectName.ELASTIC_FRAME not in {d.effect for d in found.decisions}
+    assert of(found, FRICTION)[0] is False
+    overruled, also = decide_effects(kept, "tube")
+    assert overruled.effects.friction == kept.effects.friction
+    assert also.as_written == (FRICTION,)
+    bare = run_tube_static("tube", scene_of(*COARSE))
+    again = run_tube_static("tube", decided)
+    for a, b in zip(bare.displacements, again.displacements, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_effects_that_are_small_alone_but_not_together_are_put_back() -> None:
+    # The frame's and the gap's changes at a tolerance just above the larger one: half of it is
+    # exceeded by one of them, or by both together, so not both may go.
+    settings = [*COARSE, "contact.initial_clearance=1e-4", "effects.auto.tolerance="]
+    names = "effects.auto.decide=['initial_clearance','elastic_frame']"
+    _, wide = decide_effects(scene_of(*settings[:-1], settings[-1] + "0.9", names), "tube")
+    sizes = [d.change.largest for d in wide.decisions if d.change is not None]
+    assert wide.together is not None
+    tolerance = 2.0 * max(*sizes, 0.999 * wide.together.largest)
+    assert tolerance < 0.9
+    _, found = decide_effects(scene_of(*settings[:-1], f"{settings[-1]}{tolerance}", names), "tube")
+    if wide.together.largest > max(sizes):
+        assert len(found.left_out) == 1
+        assert found.together is not None
+        assert found.together.largest <= tolerance / 2
+
+
+def test_motion_that_a_static_run_lacks_is_refused() -> None:
+    settings = [*COARSE, "load.pressure=3.0", "effects.auto='0.5%'"]
+    with pytest.raises(InputError, match=r"finite_rotation changes .* fem.method = \"explicit\""):
+        decide_effects(scene_of(*settings, case="tsb1-beam"), "tube")
+
+
+def test_command_line_prints_and_writes_the_decision(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "run.json"
+    settings = [f"--set={s}" for s in [*COARSE, "effects.friction.coefficient=0.5"]]
+    command = ["fem", "tsb1-pipe", *settings, "--auto", "2%", "--json", str(path)]
+    app(command, standalone_mode=False)
+    data = json.loads(path.read_text())["effects_decision"]
+    assert data["tolerance"] == 0.02
+    row = next(d for d in data["decisions"] if d["effect"] == "friction")
+    assert row["simulated"]
+    assert abs(row["change"]["displacement"]) > 0.02
+    assert "friction" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["tsb1-pipe", "--auto", "200%"], "between 0 and 100 %"),
+        (["tsb1-pipe", "--keep", "friction"], "expected --auto"),
+        (["tsb1-pipe", "--auto", "1%", "--keep", "luck"], "expected one of friction"),
+        (["cantilever", "--auto", "1%"], "expected a scene with contact"),
+        (["tsb1-pipe", "--set", "effects.auto=2"], "less than 1"),
+        (["cantilever", "--set", "effects.auto=0.01"], "has no contact"),
+    ],
+)
+def test_bad_input_is_refused(arguments: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        app(["fem", *arguments, "--json", "-"], standalone_mode=False)
+
+
+# ---------------------------------------------------------------------------------------------
+# Weight in static runs
+
+
+def test_static_tube_carries_its_weight() -> None:
+    # The frame carries load and weight: the z forces of all pairs with a fixed block add up to
+    # the weight of the free blocks (pipe pressure has no axial part), to the residual, 1e-8 of
+    # the loads.
+    run = run_tube_static("tube", scene_of(*COARSE, "effects.gravity=[0,0,-9806.65]"))
+    found = run.deformable
+    weight = sum(float(g.lumped_mass.sum()) * g.n_copies * -9806.65 for g in found.model.groups)
+    surfaces, fixed = found.surfaces, found.assembly.fixed
+    first = surfaces.pair_start[:-1]
+    m, s = surfaces.block_m[first], surfaces.block_s[first]
+    result = solve_static(found, StaticOptions(tolerance=1e-10))
+    force, _ = pair_resultants(result)
+    on_free = force[fixed[m] & ~fixed[s]].sum(axis=0) - force[fixed[s] & ~fixed[m]].sum(axis=0)
+    assert on_free[2] == pytest.approx(-weight, rel=1e-6)
+    assert contact_measures(found, result.pressures, result.overclosures).p_max_face > 0
+
+
+def test_sideways_weight_breaks_the_sector() -> None:
+    # Static and explicit agree, which they can only with the whole ring: to the explicit run's
+    # settling bound, 1e-3.
+    sideways = [*COARSE, "effects.gravity=[9806.65,0,0]"]
+    static = run_tube_static("tube", scene_of(*sideways))
+    explicit, _ = run_tube_explicit("tube", scene_of(*sideways, "fem.method='explicit'"))
+    assert static.solver["symmetry"] == 1
+    assert change(answer_of_run(static), answer_of_run(explicit)).largest < 2e-3
+
+
+def test_change_of_nothing_is_no_change() -> None:
+    zero = Answer(0.0, 0.0, 0.0)
+    assert change(zero, zero).largest == 0.0
+    assert change(zero, Answer(1.0, 0.0, 0.0)).largest == np.inf

@@ -1,0 +1,243 @@
+"""Cheap versions of a scene that tell what an effect changes: static, on a coarse mesh."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fem.contact_measures import contact_measures
+from fem.deformable_assembly import DeformableAssembly
+from fem.model import ModelError
+from fem.recovery import best_rotations
+from fem.rotation_load import finite_rotation_loads
+from fem.sparse_solver import SparseSolverError
+from fem.static import StaticError, StaticOptions, solve_static
+from fem.static_result import StaticResult, corner_displacements
+from fem.symmetry import SymmetryError
+from geometry.mesh import FloatArray
+from validation.errors import InputError
+from validation.scene import DeformableScene, TubeScene
+from validation.scene_families import BoxesScene, HexagonTubeScene
+from validation.scene_fem import Method
+from validation.scene_polyhedra import MeshScene
+from validation.tube_fem import TubeRun, build_deformable
+
+#: Residual at which a probe stops: three digits beyond what it has to tell.
+_TOLERANCE = 1e-5
+#: Most elements of a block in the probe: four a wave (or an edge), two through the wall, four in
+#: the remaining direction.
+_PER_WAVE, _THROUGH, _OTHER = 4, 2, 4
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The quantities by which effects are judged."""
+
+    p_max: float
+    """Mean of the block maxima of the contact pressure [MPa]."""
+    p_eff: float
+    """Effective mean contact pressure [MPa]."""
+    displacement: float
+    """Largest displacement [mm]."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """Relative change of each quantity [-]."""
+
+    p_max: float
+    p_eff: float
+    displacement: float
+
+    @property
+    def largest(self) -> float:
+        """Largest of the three, in size."""
+        return max(abs(self.p_max), abs(self.p_eff), abs(self.displacement))
+
+
+def change(before: Answer, after: Answer) -> Change:
+    """Relative change from one answer to another; without limit where before is zero."""
+
+    def relative(a: float, b: float) -> float:
+        if a == b:
+            return 0.0
+        return b / a - 1.0 if a else float("inf")
+
+    return Change(
+        relative(before.p_max, after.p_max),
+        relative(before.p_eff, after.p_eff),
+        relative(before.displacement, after.displacement),
+    )
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A probe and its static state."""
+
+    deformable: DeformableAssembly
+    result: StaticResult
+    cpu_seconds: float
+    """[s]"""
+
+    @cached_property
+    def answer(self) -> Answer:
+        """The quantities."""
+        found = contact_measures(self.deformable, self.result.pressures, self.result.overclosures)
+        return Answer(found.p_max_face, found.p_eff, self.result.max_displacement)
+
+
+def solve_probe(scene: DeformableScene, name: str) -> Solved:
+    """Static state of a probe.
+
+    Raises
+    ------
+    InputError
+        When it has none.
+    """
+    start = time.process_time()
+    deformable = build_deformable(without_motion(scene), name)
+    assert scene.fem is not None
+    result = _static_state(deformable, name, whole=scene.fem.symmetry == "none")
+    return Solved(deformable, result, time.process_time() - start)
+
+
+def _static_state(
+    deformable: DeformableAssembly, name: str, *, whole: bool, start: StaticResult | None = None
+) -> StaticResult:
+    options = StaticOptions(symmetry=1 if whole else None, tolerance=_TOLERANCE)
+    try:
+        result = solve_static(deformable, options, start=start)
+    except (StaticError, SymmetryError, SparseSolverError, ModelError) as error:
+        raise InputError(f"{name}: effects.auto: the probe has no static state ({error})") from None
+    if not result.converged:
+        raise InputError(f"{name}: effects.auto: the probe has no static state ({result.status})")
+    return result
+
+
+def probe_scene(scene: DeformableScene, name: str) -> DeformableScene:
+    """Return the scene as a static problem on a mesh that is as coarse as its blocks allow.
+
+    Layers, loads and contact stay: what an effect does to a tall tube shows only in a tall tube.
+    """
+    assert scene.fem is not None
+    fem = scene.fem.model_copy(update={"method": Method.STATIC, "frames": 0})
+    still = {"rayleigh": None, "bulk_viscosity": None, "auto": None}
+    effects = scene.effects.model_copy(update=still)
+    static = scene.model_copy(update={"fem": fem, "effects": effects})
+    coarse = _coarse_mesh(scene)
+    if not coarse:
+        return static
+    mesh = scene.mesh.model_copy(update=coarse)  # type: ignore[union-attr]
+    probe = static.model_copy(update={"mesh": mesh})
+    try:
+        build_deformable(without_motion(probe), name)
+    except InputError:
+        return static
+    return probe
+
+
+def without_motion(scene: DeformableScene) -> DeformableScene:
+    """Scene without the effects that no static problem has."""
+    absent = {"finite_rotation": False, "finite_sliding": False}
+    return scene.model_copy(update={"effects": scene.effects.model_copy(update=absent)})
+
+
+def _coarse_mesh(scene: DeformableScene) -> dict[str, Any]:
+    """Values of ``[mesh]`` that are lower in the probe; none where the mesh is given."""
+    if isinstance(scene, BoxesScene | MeshScene):
+        return {}
+    mesh = scene.mesh
+    if isinstance(scene, TubeScene):
+        waves = round(2 * scene.block.frequency)
+        found = {
+            "around": min(scene.mesh.around, _PER_WAVE * waves),
+            "radial": min(scene.mesh.radial, _THROUGH),
+            "axial": min(scene.mesh.axial, _OTHER),
+        }
+    elif isinstance(scene, HexagonTubeScene):
+        found = {
+            "edge": min(scene.mesh.edge, _PER_WAVE),
+            "radial": min(scene.mesh.radial, _THROUGH),
+        }
+    else:
+        along, depth, height = scene.mesh.divisions
+        coarse = (min(along, 2 * _PER_WAVE), min(depth, _THROUGH), min(height, _OTHER))
+        return {} if coarse == (along, depth, height) else {"divisions": coarse}
+    return {key: value for key, value in found.items() if value != getattr(mesh, key)}
+
+
+def refinement(scene: DeformableScene, probe: DeformableScene) -> float:
+    """How many times as many elements the scene has along an edge of a block, at most."""
+    if isinstance(scene, BoxesScene | MeshScene):
+        return 1.0
+    fine, coarse = scene.mesh.model_dump(), probe.mesh.model_dump()  # type: ignore[union-attr]
+    ratios = [np.max(np.divide(fine[key], coarse[key])) for key in fine]
+    return float(max(ratios))
+
+
+def mesh_words(scene: DeformableScene) -> str:
+    """Elements of a block."""
+    if isinstance(scene, BoxesScene | MeshScene):
+        return "its own mesh"
+    values = scene.mesh.model_dump()
+    flat = np.concatenate([np.atleast_1d(v) for v in values.values()]).tolist()
+    return " × ".join(str(v) for v in flat) + f" elements per block ({', '.join(values)})"
+
+
+# ---------------------------------------------------------------------------------------------
+# What has no switch in a static solver
+
+
+def without_finite_rotation(solved: Solved, name: str) -> Change:
+    """Change of a static answer when blocks stop turning freely.
+
+    The probe itself treats rotations as small. With the forces that finite rotations add to its
+    solution (`fem.rotation_load`) it is solved again: exact to first order in the change, so a
+    large change means only that it is large.
+
+    Raises
+    ------
+    InputError
+        When that problem has no solution.
+    """
+    deformable, result = solved.deformable, solved.result
+    model = deformable.model
+    added = finite_rotation_loads(model, result.displacements)
+    turning = replace(deformable, model=replace(model, loads=(*model.loads, *added)))
+    again = _static_state(turning, name, whole=result.symmetry == 1, start=result)
+    return change(Solved(turning, again, 0.0).answer, solved.answer)
+
+
+def largest_rotation(solved: Solved) -> float:
+    """Largest rotation of any block [rad]."""
+    largest = 0.0
+    for group, u in zip(solved.deformable.model.groups, solved.result.displacements, strict=True):
+        turn = best_rotations(group, u)
+        # |R - 1| = 2 √2 sin(angle / 2): exact for small angles too, unlike the trace.
+        size = np.linalg.norm(turn - np.eye(3), axis=(1, 2)) / np.sqrt(8.0)
+        largest = max(largest, float(2.0 * np.arcsin(np.minimum(size, 1.0)).max()))
+    return largest
+
+
+def largest_slip(solved: Solved) -> tuple[float, float]:
+    """Largest slip between facets that press on each other, and the size of its facet [mm]."""
+    surfaces = solved.deformable.surfaces
+    corners = corner_displacements(solved.deformable, solved.result.displacements)
+    jump: FloatArray = corners[:, 4:] - corners[:, :4]
+    normal = surfaces.normals.mean(axis=1)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    along = np.einsum("fai,fi->fa", jump, normal)
+    slip = np.linalg.norm(jump - along[:, :, None] * normal[:, None], axis=2).max(axis=1)
+    size = np.sqrt(surfaces.areas)
+    pressing = (solved.result.pressures > 0.0).any(axis=1)
+    worst = int(np.argmax(np.where(pressing, slip / size, 0.0)))
+    return float(slip[worst]) if pressing.any() else 0.0, float(size[worst])
+
+
+def answer_of_run(run: TubeRun) -> Answer:
+    """Quantities of a run."""
+    return Answer(run.contact.p_max_face, run.contact.p_eff, run.largest_displacement)
