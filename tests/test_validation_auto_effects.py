@@ -142,20 +142,21 @@ def test_what_is_kept_stays_and_what_is_left_out_leaves_no_bit() -> None:
 
 
 def test_effects_that_are_small_alone_but_not_together_are_put_back() -> None:
-    # The frame's and the gap's changes at a tolerance just above the larger one: half of it is
-    # exceeded by one of them, or by both together, so not both may go.
-    settings = [*COARSE, "contact.initial_clearance=1e-4", "effects.auto.tolerance="]
+    # A gap and the elastic frame both take from the displacement when they go. Half the tolerance
+    # is put between the larger change and that of both together: the larger comes back.
+    settings = [*COARSE, "contact.initial_clearance=1e-4"]
     names = "effects.auto.decide=['initial_clearance','elastic_frame']"
-    _, wide = decide_effects(scene_of(*settings[:-1], settings[-1] + "0.9", names), "tube")
+    _, wide = decide_effects(scene_of(*settings, "effects.auto.tolerance=0.9", names), "tube")
     sizes = [d.change.largest for d in wide.decisions if d.change is not None]
+    assert len(wide.left_out) == 2
     assert wide.together is not None
-    tolerance = 2.0 * max(*sizes, 0.999 * wide.together.largest)
-    assert tolerance < 0.9
-    _, found = decide_effects(scene_of(*settings[:-1], f"{settings[-1]}{tolerance}", names), "tube")
-    if wide.together.largest > max(sizes):
-        assert len(found.left_out) == 1
-        assert found.together is not None
-        assert found.together.largest <= tolerance / 2
+    assert wide.together.largest > 1.05 * max(sizes)
+    tolerance = max(sizes) + wide.together.largest
+    narrow = scene_of(*settings, f"effects.auto.tolerance={tolerance}", names)
+    _, found = decide_effects(narrow, "tube")
+    assert found.left_out == (CLEARANCE,)
+    assert found.together is not None
+    assert found.together.largest <= tolerance / 2
 
 
 def test_motion_that_a_static_run_lacks_is_refused() -> None:

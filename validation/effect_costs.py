@@ -82,6 +82,11 @@ class EffectCost:
     same_bits: bool = True
     """Whether the base then gave the bits that it gave before any effect was used."""
 
+    def matters(self, tolerance: float) -> bool | None:
+        """Whether it changes any quantity by more than a share; None where none was measured."""
+        changes = [c for c in (self.p_max, self.p_eff, self.displacement) if c is not None]
+        return max(map(abs, changes)) > 100.0 * tolerance if changes else None
+
 
 @dataclass(frozen=True)
 class EffectReport:

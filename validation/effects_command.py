@@ -13,12 +13,33 @@ from validation.effect_costs import EffectCost, EffectReport, effect_costs
 from validation.errors import InputError
 from validation.files import output_folder, prepare_json, write_json, write_whole
 from validation.scene import DeformableScene, SceneFile
+from validation.scene_fem import parse_share
+
+#: Change beyond which an effect matters, where nothing else is said.
+TOLERANCE = 0.01
 
 
 def run_effects(
-    file: SceneFile, *, folder: Path | None, json: str | None, console: Console
+    file: SceneFile,
+    *,
+    folder: Path | None,
+    json: str | None,
+    console: Console,
+    tolerance: str | None = None,
 ) -> EffectReport:
     """Measure, print and write the effects of a scene.
+
+    Parameters
+    ----------
+    file
+        A deformable tube.
+    folder, json
+        Where figure and data go; None: nowhere.
+    console
+        Where the table goes.
+    tolerance
+        Change beyond which an effect matters, such as ``1%``; None: as ``effects.auto`` says, or
+        1 %.
 
     Raises
     ------
@@ -29,20 +50,38 @@ def run_effects(
         raise InputError(
             f"{file.name}: has no deformable blocks in contact; expected a tube such as tsb1-pipe"
         )
+    bound = _bound(file.scene, tolerance)
+    plain = file.scene.effects.model_copy(update={"auto": None})
     prepare_json(json)
     with output_folder(folder):
         report = effect_costs(
-            file.scene,
+            file.scene.model_copy(update={"effects": plain}),
             file.name,
             told=lambda name: console.print(f"… {name}") if console.is_terminal else None,
         )
-        console.print(effects_table(report))
+        console.print(effects_table(report, bound))
         if folder is not None:
             picture = folder / "effects.png"
             write_whole(picture, lambda path: draw_effects(report, path))
             console.print(f"picture   {picture}")
-        write_json(json, effects_json(report))
+        write_json(json, effects_json(report, bound))
     return report
+
+
+def _bound(scene: DeformableScene, tolerance: str | None) -> float:
+    if tolerance is None:
+        return TOLERANCE if scene.effects.auto is None else scene.effects.auto.tolerance
+    share = parse_share(tolerance)
+    if share is None:
+        raise InputError(
+            f"--tolerance {tolerance}: expected a share between 0 and 100 %, such as 1%"
+        )
+    return share
+
+
+def _verdict(cost: EffectCost, tolerance: float) -> str:
+    matters = cost.matters(tolerance)
+    return "–" if matters is None else ("yes" if matters else "no")
 
 
 def _percent(value: float | None) -> str:
@@ -61,8 +100,8 @@ def _proof(cost: EffectCost) -> str:
     return f"{cost.new_forms} own compiled forms; off: none, same bits"
 
 
-def effects_table(report: EffectReport) -> Table:
-    """Return one row for each effect."""
+def effects_table(report: EffectReport, tolerance: float = TOLERANCE) -> Table:
+    """Return one row for each effect; it matters where it changes more than the tolerance."""
     answer = ""
     if report.p_max is not None:
         answer = f"p_max {report.p_max:.4g} MPa, p_eff {report.p_eff:.4g} MPa, "
@@ -75,7 +114,9 @@ def effects_table(report: EffectReport) -> Table:
         ),
         title_justify="left",
     )
-    for heading in ("effect", "on", "p_max", "p_eff", "u", "step", "memory", "Δt", "proof"):
+    matters = f"matters > {100 * tolerance:.3g} %"
+    names = ("effect", "on", "p_max", "p_eff", "u", matters, "step", "memory", "Δt", "proof")
+    for heading in names:
         table.add_column(heading)
     for cost in report.costs:
         words = _proof(cost) if cost.available else cost.effect.note
@@ -83,16 +124,18 @@ def effects_table(report: EffectReport) -> Table:
             cost.effect.name,
             cost.effect.setting,
             *(_percent(v) for v in (cost.p_max, cost.p_eff, cost.displacement)),
+            _verdict(cost, tolerance),
             *(_factor(v) for v in (cost.step, cost.memory, cost.time_step)),
             words,
         )
     return table
 
 
-def effects_json(report: EffectReport) -> dict[str, Any]:
+def effects_json(report: EffectReport, tolerance: float = TOLERANCE) -> dict[str, Any]:
     """Return the report as plain data."""
-    data = asdict(report)
-    for cost in data["costs"]:
+    data = asdict(report) | {"tolerance": tolerance}
+    for cost, found in zip(data["costs"], report.costs, strict=True):
+        cost["matters"] = found.matters(tolerance)
         effect = cost.pop("effect")
         cost |= {key: effect[key] for key in ("name", "setting", "note")}
     return data

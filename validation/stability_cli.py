@@ -41,6 +41,10 @@ def effects(
     scene: SceneArgument,
     *,
     settings: SetOption = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(metavar="1%", help="Change beyond which an effect matters; 1% by default."),
+    ] = None,
     json: JsonOption = None,
     output: Annotated[
         Path | None,
@@ -60,4 +64,4 @@ def effects(
     folder = output
     if folder is None and json is None:
         folder = Path("out") / file.name
-    run_effects(file, folder=folder, json=json, console=text_console(json))
+    run_effects(file, folder=folder, json=json, console=text_console(json), tolerance=tolerance)
