@@ -49,7 +49,8 @@ def contact_measures(
     surfaces, assembly = deformable.surfaces, deformable.assembly
     blocks = assembly.free_blocks
     facets = facet_pressures(surfaces, point_pressures)
-    per_block = block_measures(blocks, surfaces.block_m, surfaces.block_s, facets, surfaces.areas)
+    m, s = (assembly.originals[b] for b in (surfaces.block_m, surfaces.block_s))
+    per_block = block_measures(blocks, m, s, facets, surfaces.areas)
     overall = measures(
         per_block, assembly.eligible_facets()[blocks], assembly.eligible_areas()[blocks]
     )

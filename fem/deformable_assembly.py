@@ -75,7 +75,8 @@ class DeformableAssembly:
     model: Model
     """Groups of congruent blocks with loads and supports; rigid blocks are not in it."""
     group_of: IntArray
-    """Group of each block of the assembly, -1 for rigid ones, (n_blocks,)."""
+    """Group of each block of the assembly, of its original for images, -1 for rigid ones,
+    (n_blocks,)."""
     copy_of: IntArray
     """Copy of that group, -1 for rigid ones, (n_blocks,)."""
     spacing: FloatArray
@@ -89,8 +90,9 @@ class DeformableAssembly:
 
     @property
     def deformable_blocks(self) -> IntArray:
-        """Blocks that deform, (n,)."""
-        return np.flatnonzero(self.group_of >= 0)
+        """Blocks that deform, images of others left out, (n,)."""
+        original = self.assembly.originals == np.arange(self.assembly.n_blocks)
+        return np.flatnonzero((self.group_of >= 0) & original)
 
     def group(self, block: int) -> BlockGroup:
         """Return the group of a deformable block."""
@@ -154,6 +156,8 @@ def deformable_assembly(
     """
     law = ExponentialLaw() if law is None else law
     deformable = np.ones(assembly.n_blocks, dtype=np.bool_)
+    if assembly.image_of is not None:
+        _check_cell(assembly, frames, finite_sliding=finite_sliding)
     if frames is Frames.RIGID:
         deformable &= ~load.fixed
     if not deformable.any():
@@ -176,13 +180,26 @@ def deformable_assembly(
     return DeformableAssembly(
         assembly=assembly,
         model=Model(groups, supports=supports, loads=loads),
-        group_of=group_of,
-        copy_of=copy_of,
+        group_of=group_of[assembly.originals],
+        copy_of=copy_of[assembly.originals],
         spacing=spacing,
         surfaces=surfaces,
         contact=Contact(law, normals, friction, finite_sliding),
         gravity=gravity,
     )
+
+
+def _check_cell(assembly: Assembly, frames: Frames, *, finite_sliding: bool) -> None:
+    """Refuse what a periodic cell does not have."""
+    if frames is Frames.DEFORMABLE:
+        raise DeformableAssemblyError(
+            f"{assembly.name}: a periodic cell has no frame to deform; expected rigid frames"
+        )
+    if finite_sliding:
+        raise DeformableAssemblyError(
+            f"{assembly.name}: blocks of a periodic cell cannot slide on to other images; expected "
+            "finite sliding off"
+        )
 
 
 def _check_held(assembly: Assembly, load: LoadCase) -> None:

@@ -167,7 +167,7 @@ def loose_blocks(
         rows = []
         sides = ((surfaces.block_m, surfaces.quads_m), (surfaces.block_s, surfaces.quads_s))
         for side, (blocks, quads) in enumerate(sides):
-            mine = np.flatnonzero(blocks == block)
+            mine = np.flatnonzero(assembly.originals[blocks] == block)
             force = gradient[mine, :, 4 * side : 4 * side + 4]
             moment = np.cross(arms[quads[mine]][:, None], force).sum(axis=2)
             wrench = np.concatenate(

@@ -41,11 +41,10 @@ class Orbits:
 
 
 def no_symmetry(deformable: DeformableAssembly) -> Orbits:
-    """Every block stands for itself."""
+    """Every block stands for itself (and for its periodic images)."""
     n = deformable.surfaces.n_facets
-    return Orbits(
-        1, np.arange(deformable.assembly.n_blocks), np.arange(n), np.arange(4 * n).reshape(n, 4)
-    )
+    blocks = deformable.assembly.originals
+    return Orbits(1, blocks, np.arange(n), np.arange(4 * n).reshape(n, 4))
 
 
 def cyclic_orbits(deformable: DeformableAssembly, order: int) -> Orbits:
@@ -65,6 +64,8 @@ def cyclic_orbits(deformable: DeformableAssembly, order: int) -> Orbits:
     representative = np.arange(len(image), dtype=np.int64)
     for _ in range(order):
         np.minimum(representative, representative[image], out=representative)
+    # A turn and a shift along the axis commute: an image is equal to its original.
+    representative = representative[deformable.assembly.originals]
     facets, point_of = _facet_orbits(deformable, representative)
     return Orbits(order, representative, facets, point_of)
 

@@ -36,13 +36,21 @@ class Assembly:
     layer: IntArray
     """Layer of each block: 0 the bottom frame, L + 1 the top frame; (n_blocks,)."""
     fixed: BoolArray
-    """Whether the block belongs to the frame, (n_blocks,)."""
+    """Whether the block belongs to the frame or is the image of another one, (n_blocks,)."""
     axis: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     """Unit axis of the tube (through `origin`), (3,)."""
     origin: FloatArray = field(default_factory=lambda: np.zeros(3))
     """A point on the tube axis, (3,) [mm]."""
     unmatched_allowed: bool = False
     """Whether contact facets of free blocks may face nothing (planar stacks with open sides)."""
+    image_of: IntArray | None = None
+    """Block whose translated image each block is, itself where it is none, (n_blocks,): what a
+    periodic cell meets at its end. None: no images."""
+
+    @cached_property
+    def originals(self) -> IntArray:
+        """Block that each block is or is the image of, (n_blocks,)."""
+        return np.arange(self.n_blocks) if self.image_of is None else self.image_of
 
     @property
     def n_blocks(self) -> int:
@@ -129,8 +137,9 @@ class Assembly:
         return eligible
 
     def _check_partners(self, found: Interfaces) -> None:
-        met = np.bincount(found.block_m, minlength=self.n_blocks)
-        met += np.bincount(found.block_s, minlength=self.n_blocks)
+        apart = ~(self.fixed[found.block_m] & self.fixed[found.block_s])
+        met = np.bincount(self.originals[found.block_m[apart]], minlength=self.n_blocks)
+        met += np.bincount(self.originals[found.block_s[apart]], minlength=self.n_blocks)
         missing = np.where(self.fixed, 0, self.eligible_facets() - met)
         if missing.any():
             block = int(np.argmax(missing))
@@ -154,11 +163,13 @@ def moved(assembly: Assembly, rotation: FloatArray, translation: FloatArray) -> 
         axis=rotation @ assembly.axis,
         origin=rotation @ assembly.origin + translation,
         unmatched_allowed=assembly.unmatched_allowed,
+        image_of=assembly.image_of,
     )
 
 
 def renumbered(assembly: Assembly, order: IntArray) -> Assembly:
     """Return the same assembly with block ``order[i]`` renamed i."""
+    number = np.argsort(order)
     return Assembly(
         name=assembly.name,
         shapes=assembly.shapes,
@@ -170,4 +181,5 @@ def renumbered(assembly: Assembly, order: IntArray) -> Assembly:
         axis=assembly.axis,
         origin=assembly.origin,
         unmatched_allowed=assembly.unmatched_allowed,
+        image_of=None if assembly.image_of is None else number[assembly.image_of[order]],
     )

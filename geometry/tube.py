@@ -1,4 +1,7 @@
-"""Tubes: L free layers of blocks between two flat-trimmed, fixed frame layers."""
+"""Tubes: L free layers of blocks between two flat-trimmed, fixed frame layers.
+
+And what a long tube repeats: a periodic cell of two layers.
+"""
 
 from __future__ import annotations
 
@@ -93,6 +96,35 @@ def hexagon_tube(
     return _tube("hexagon-tube", shapes, n, block.block_angle / 2, elevation)
 
 
+def sine_cell(block: SineBlockParameters, divisions: SineBlockDivisions) -> Assembly:
+    """Two layers that a long tube of Sine Blocks repeats, and the images that they meet.
+
+    Layers 1 and 2 are those of `sine_tube`; layer 3 is the image of layer 1, two heights up.
+
+    Raises
+    ------
+    AssemblyError, BlockParameterError
+        When no such tube exists.
+    """
+    shape = sine_block(block, divisions)
+    elevation = block.height * np.arange(3, dtype=np.float64)
+    return _cell("sine-cell", shape, block.blocks_per_layer, block.layer_turn, elevation)
+
+
+def hexagon_cell(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> Assembly:
+    """Two layers that a long tube of hexagon-based blocks repeats; see `sine_cell`.
+
+    Raises
+    ------
+    AssemblyError, BlockParameterError
+        When no such tube exists.
+    """
+    elevation = block.layer_pitch * np.arange(1, 4, dtype=np.float64)
+    shape = hexagon_block(block, divisions)
+    n = block.blocks_per_layer
+    return _cell("hexagon-cell", shape, n, block.block_angle / 2, elevation)
+
+
 def _check_layers(layers: int) -> None:
     if layers < 1:
         raise AssemblyError(f"assembly.layers: got {layers}, expected at least 1 free layer")
@@ -114,4 +146,20 @@ def _tube(
         translations=np.column_stack([np.zeros((len(layer), 2)), elevation[layer]]),
         layer=layer,
         fixed=(layer == 0) | (layer == last),
+    )
+
+
+def _cell(name: str, shape: Block, n: int, turn: float, elevation: FloatArray) -> Assembly:
+    """Place n blocks in layers 1, 2 and 3, the last the image of the first."""
+    layer = np.repeat([1, 2, 3], n)
+    angle = np.tile(np.arange(n) * (2 * np.pi / n), 3) + np.where(layer % 2 == 1, turn, 0.0)
+    return Assembly(
+        name=name,
+        shapes=(shape,),
+        shape_of=np.zeros(3 * n, dtype=np.int64),
+        rotations=axial_rotations(angle),
+        translations=np.column_stack([np.zeros((3 * n, 2)), elevation[layer - 1]]),
+        layer=layer,
+        fixed=layer == 3,
+        image_of=np.concatenate([np.arange(2 * n), np.arange(n)]),
     )

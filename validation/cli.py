@@ -38,6 +38,7 @@ _CONTENTS = (
     "import",
     "cost",
     "effects",
+    "cell",
     "stability",
     "convergence",
     "reproduce",

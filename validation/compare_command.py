@@ -22,6 +22,7 @@ from validation.compare import (
 from validation.errors import InputError
 from validation.fem_command import progress_bar
 from validation.files import output_folder, prepare_json, write_json
+from validation.periodic_cell import refuse_cell
 from validation.pictures import between_layers, coloured_facets
 from validation.rendering import PRESSURE_MAP, place, render, save_figure
 from validation.scene import DeformableScene, SceneFile
@@ -46,6 +47,7 @@ def run_compare(
             "hexahedra, such as tsb1-pipe"
         )
     scene, decision = decided(scene, name, console)
+    refuse_cell(scene, name, "compare")
     build_deformable(scene, name)
     prepare_json(json)
     folder = Path("out") / f"{name}-compare" if output is None and json is None else output

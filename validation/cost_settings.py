@@ -14,6 +14,7 @@ from typing import Any
 from fem.hexahedron import ElementType
 from mbd import Norm
 from validation.errors import InputError
+from validation.periodic_cell import refuse_cell
 from validation.scene import TubeScene
 from validation.scene_fem import Damping, Method, RayleighSection
 from validation.tube_fem import fem_section
@@ -98,6 +99,7 @@ def require_cost_scene(scene: Any, name: str) -> TubeScene:
             'meshes of Sine Blocks; expected block.type = "sine", such as tsb1-pipe'
         )
     fem_section(scene, name)
+    refuse_cell(scene, name, "cost")
     if scene.effects.friction is not None:
         raise InputError(
             f"{name}: effects.friction: errors are measured against a static solution, which "

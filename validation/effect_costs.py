@@ -22,6 +22,7 @@ from fem.state import State
 from fem.time_step import critical_time_step
 from validation.effects import PAPER_RAYLEIGH
 from validation.errors import InputError
+from validation.periodic_cell import refuse_cell
 from validation.scene import DeformableScene
 from validation.scene_fem import (
     BulkViscositySection,
@@ -255,6 +256,7 @@ def effect_costs(
         For a scene that cannot be run, or a base that does not arrive at its static state.
     """
     fem_section(scene, name)
+    refuse_cell(scene, name, "effects")
     base = bare(scene)
     say = told or (lambda _: None)
     say("no effect")

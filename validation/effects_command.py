@@ -97,7 +97,7 @@ def _factor(value: float | None) -> str:
 def _proof(cost: EffectCost) -> str:
     if cost.off_compiles or not cost.same_bits:
         return f"NOT ABSENT: {cost.off_compiles} forms, same bits {cost.same_bits}"
-    return f"{cost.new_forms} own compiled forms; off: none, same bits"
+    return f"{cost.new_forms} forms; off: none, same bits"
 
 
 def effects_table(report: EffectReport, tolerance: float = TOLERANCE) -> Table:

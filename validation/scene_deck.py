@@ -41,6 +41,7 @@ from geometry.mesh import MeshError
 from validation.box import build_material, copy_placements
 from validation.effects import build_effects
 from validation.errors import InputError
+from validation.periodic_cell import refuse_cell
 from validation.scene import DeformableScene, SceneFile
 from validation.scene_fem import BoxScene, Damping, EffectsSection, FemSection, Method
 from validation.tube_fem import (
@@ -98,6 +99,7 @@ def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     fem, effects = fem_section(scene, name), scene.effects
     assert scene.material is not None
     assert scene.contact is not None
+    refuse_cell(scene, name, "export")
     assembly = canonical(build_hexahedra(scene, name)[0])
     case = scene_load(scene, name, assembly)
     static = flavour is Flavour.CALCULIX or (

@@ -186,8 +186,9 @@ class FemSection(Section):
     safety_factor: Annotated[float, Field(gt=0, le=1)] = 0.9
     precision: Literal["float64", "float32"] = "float64"
     threads: Annotated[int, Field(ge=1)] = 1
-    symmetry: Literal["auto", "none", "sector"] = "auto"
-    """Sector: one block of each layer stands for all; exact for cyclic loads. Auto: where exact."""
+    symmetry: Literal["auto", "none", "sector", "periodic cell"] = "auto"
+    """Sector: one block of each layer stands for all; exact for cyclic loads. Auto: where exact.
+    Periodic cell: two layers stand for the middle of a long tube."""
     frames: Annotated[int, Field(ge=0)] = 0
     """Frames written for ParaView, the first and the last included."""
     sample_interval: Annotated[int, Field(ge=1)] = 50

@@ -1,4 +1,4 @@
-"""Commands that say how far answers can be believed at the edge: hard cases and effects."""
+"""Commands that say how far answers can be believed: hard cases, effects, the periodic cell."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands to the command line."""
     app.command()(stability)
     app.command()(effects)
+    app.command()(cell)
 
 
 def stability(
@@ -65,3 +66,11 @@ def effects(
     if folder is None and json is None:
         folder = Path("out") / file.name
     run_effects(file, folder=folder, json=json, console=text_console(json), tolerance=tolerance)
+
+
+def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption = None) -> None:
+    """Measure the error of the two-layer periodic cell against the whole tube."""
+    from validation.cell_command import run_cell
+    from validation.scene import load_scene
+
+    run_cell(load_scene(scene, settings or ()), json=json, console=text_console(json))

@@ -14,6 +14,7 @@ from fem.explicit import ExplicitResult, Frame, Status
 from geometry.mesh import FloatArray
 from geometry.mesh_io import interface_surface, write_hex_mesh, write_surface
 from validation.auto_effects import EffectsDecision, decide_effects, decision_table
+from validation.cell_error import cell_table, probed_cell_error
 from validation.fem_box import peak_memory_mb
 from validation.fem_command import CHECKPOINT, progress_bar
 from validation.fem_files import (
@@ -24,6 +25,7 @@ from validation.fem_files import (
     point_data,
 )
 from validation.files import output_folder, prepare_json, write_json, write_whole
+from validation.periodic_cell import is_cell
 from validation.scene import DeformableScene
 from validation.scene_fem import Method
 from validation.tube_explicit import explicit_statement, run_tube_explicit
@@ -53,12 +55,18 @@ def run_fem_tube(
     deformable = build_deformable(scene, name)
     if fem.method is Method.EXPLICIT:
         explicit_statement(scene, name, deformable)
+    error = None
+    if is_cell(scene):
+        error = probed_cell_error(scene, name)
+        console.print(cell_table(name, error))
     prepare_json(json)
     folder = Path("out") / f"{name}-fem" if output is None and json is None else output
     with output_folder(folder):
         run, result = _solve(name, scene, deformable, folder=folder, resume=resume, console=console)
         if decision is not None:
             run = replace(run, solver=run.solver | {"effects_decision": decision.as_json()})
+        if error is not None:
+            run = replace(run, solver=run.solver | {"periodic_cell": error.as_json()})
         print_tube(run, console)
         if folder is not None:
             for words, path in write_tube_files(run, result, folder):

@@ -27,6 +27,7 @@ from geometry.mesh import FloatArray, IntArray
 from validation.box import build_material
 from validation.build import build_assembly, build_load
 from validation.errors import InputError
+from validation.periodic_cell import build_cell, is_cell
 from validation.scene import DeformableScene, TubeScene
 from validation.scene_families import BoxesScene, HexagonTubeScene
 from validation.scene_fem import ContactSection, EffectsSection, FemSection, Method
@@ -118,6 +119,9 @@ def build_hexahedra(scene: DeformableScene, name: str) -> tuple[Assembly, LoadCa
     InputError
         When it describes nothing that can be built, or blocks without hexahedra.
     """
+    if is_cell(scene):
+        cell = build_cell(scene, name)
+        return cell, scene_load(scene, name, cell)
     if isinstance(scene, MeshScene):
         from validation.own_blocks import build_own_blocks
 
@@ -283,10 +287,10 @@ class TubeRun:
             )
         layers = self.deformable.assembly.n_layers
         elements = self.deformable.model.groups[0].mesh.n_elements
-        return (
-            f"{self.name}, {layers} layer{'s' if layers > 1 else ''}: {self.method} FEM, "
-            f"{elements} elements per block{gap}"
-        )
+        part = f"{layers} layer{'s' if layers > 1 else ''}"
+        if self.deformable.assembly.image_of is not None:
+            part = "periodic cell"
+        return f"{self.name}, {part}: {self.method} FEM, {elements} elements per block{gap}"
 
     @property
     def is_tube(self) -> bool:

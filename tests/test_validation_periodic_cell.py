@@ -1,0 +1,205 @@
+"""The periodic cell is what the middle of a long tube tends to, and says how far off it is."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fem.contact import corner_forces, point_kinematics
+from fem.static import StaticOptions, solve_static
+from fem.static_result import corner_displacements, pair_resultants
+from fem.symmetry import local_forces
+from geometry.mesh import FloatArray
+from validation.cell_error import middle_answer
+from validation.cli import app
+from validation.errors import InputError
+from validation.scene import DeformableScene, load_scene
+from validation.tube_explicit import run_tube_explicit
+from validation.tube_fem import TubeRun, build_deformable
+from validation.tube_static import run_tube_static
+
+COARSE = ["mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
+CELL = [*COARSE, "fem.symmetry='periodic cell'"]
+
+
+def scene_of(*settings: str, case: str = "tsb1-pipe") -> DeformableScene:
+    scene = load_scene(case, settings).scene
+    assert isinstance(scene, DeformableScene)
+    return scene
+
+
+@pytest.fixture(scope="module")
+def cell() -> TubeRun:
+    return run_tube_static("cell", scene_of(*CELL))
+
+
+def unbalanced_forces(run_of: DeformableScene, tiles: dict[int, FloatArray]) -> dict[int, float]:
+    """Norm of loads, contact and internal forces of every layer of a tube, displaced by tiles."""
+    deformable = build_deformable(run_of, "tube")
+    assembly = deformable.assembly
+    place = np.zeros(assembly.n_blocks, dtype=np.int64)
+    for layer in np.unique(assembly.layer):
+        place[assembly.layer == layer] = np.arange((assembly.layer == layer).sum())
+    group = deformable.model.groups[0]
+    u = np.zeros((group.n_copies, group.n_nodes, 3))
+    for block in deformable.deformable_blocks:
+        tile = tiles[int(assembly.layer[block]) % 2]
+        u[deformable.copy_of[block]] = tile[place[block]]
+    surfaces, contact = deformable.surfaces, deformable.contact
+    found = point_kinematics(surfaces, corner_displacements(deformable, (u,)), contact.normals)
+    corners = corner_forces(found, surfaces.weights * contact.law.pressure(found.overclosure))
+    total = np.zeros_like(u)
+    for half, blocks, quads in (
+        (slice(0, 4), surfaces.block_m, surfaces.quads_m),
+        (slice(4, 8), surfaces.block_s, surfaces.quads_s),
+    ):
+        mine = np.flatnonzero(deformable.group_of[blocks] == 0)
+        copies = deformable.copy_of[blocks[mine]]
+        np.add.at(total, (copies[:, None], quads[mine]), corners[mine, half])
+    loads = local_forces(deformable)[0]
+    norms = {}
+    for block in deformable.deformable_blocks:
+        copy, turn = int(deformable.copy_of[block]), assembly.rotations[block]
+        inner = (group.stiffness @ (u[copy] @ turn).ravel()).reshape(-1, 3)
+        left = total[copy] + (loads[copy] - inner) @ turn.T
+        layer = int(assembly.layer[block])
+        norms[layer] = max(norms.get(layer, 0.0), float(np.linalg.norm(left)))
+    return norms
+
+
+def test_cells_on_top_of_each_other_are_an_equilibrium_of_a_tube(cell: TubeRun) -> None:
+    # Displacements of the cell, repeated over six layers, balance in every layer that does not
+    # touch the frame: to the residual of the cell, 1e-8 of its loads. In the outer layers, which
+    # the cell knows nothing of, they do not.
+    u, n = cell.displacements[0], 4
+    norms = unbalanced_forces(scene_of(*COARSE, "assembly.layers=6"), {1: u[:n], 0: u[n:]})
+    size = float(np.linalg.norm(local_forces(cell.deformable)[0]))
+    assert max(norms[k] for k in (2, 3, 4, 5)) < 1e-7 * size
+    assert min(norms[1], norms[6]) > 0.1 * size
+
+
+def test_middle_of_longer_tubes_tends_to_the_cell(cell: TubeRun) -> None:
+    # The ends act on the middle through the mean axial strain, which frames that do not move
+    # share out over all layers: an error c/L. Twice as many layers have half of it, to the next
+    # order in 1/L: a tenth at sixteen layers, within a quarter here; and what extrapolation
+    # leaves is a fraction of it.
+    limit = middle_answer(cell)
+    found = {
+        n: middle_answer(run_tube_static("tube", scene_of(*COARSE, f"assembly.layers={n}")))
+        for n in (4, 16, 32)
+    }
+    for name in ("p_max", "p_eff", "displacement"):
+        few, more, many = (getattr(found[n], name) / getattr(limit, name) - 1 for n in (4, 16, 32))
+        assert abs(many) < abs(more) < abs(few)
+        assert many / more == pytest.approx(0.5, rel=0.25)
+        assert abs(2 * many - more) < 0.25 * abs(more)
+
+
+def test_cell_is_in_balance(cell: TubeRun) -> None:
+    # Nothing pushes the cell along its axis, so both interfaces carry the same axial force, and
+    # the sector gives the digits of the whole ring: to the residuals.
+    deformable = cell.deformable
+    exact = StaticOptions(tolerance=1e-11)
+    result = solve_static(deformable, exact)
+    force, _ = pair_resultants(result)
+    surfaces, layer = deformable.surfaces, deformable.assembly.layer
+    first = surfaces.pair_start[:-1]
+    m, s = layer[surfaces.block_m[first]], layer[surfaces.block_s[first]]
+    inside, closing = force[(m == 1) & (s == 2)].sum(0), force[(m == 2) & (s == 3)].sum(0)
+    assert inside[2] > 1.0
+    np.testing.assert_allclose(inside, closing, atol=1e-7 * inside[2])
+    ring = solve_static(deformable, replace(exact, symmetry=1))
+    assert (result.symmetry, ring.symmetry) == (4, 1)
+    size = np.abs(ring.displacements[0]).max()
+    np.testing.assert_allclose(
+        result.displacements[0], ring.displacements[0], rtol=0, atol=1e-6 * size
+    )
+    # No motion of the cell as a whole creeps in, though nothing resists one.
+    mean = ring.displacements[0].mean(axis=(0, 1))
+    assert np.abs(mean).max() < 1e-6 * size
+
+
+def test_explicit_cell_ends_at_the_static_one(cell: TubeRun) -> None:
+    # Residual 1e-6; the tube's stiffness to its softest motion is that of its contacts, so
+    # displacements agree to a few times that over the ratio of the two, 1e-4.
+    settings = [*CELL, "fem.method='explicit'", "fem.residual=1e-6"]
+    run, _ = run_tube_explicit("cell", scene_of(*settings))
+    size = np.abs(cell.displacements[0]).max()
+    np.testing.assert_allclose(
+        run.displacements[0], cell.displacements[0], rtol=0, atol=1e-4 * size
+    )
+    assert run.contact.p_max_face == pytest.approx(cell.contact.p_max_face, rel=1e-4)
+    assert run.contact.p_eff == pytest.approx(cell.contact.p_eff, rel=1e-4)
+
+
+def test_friction_and_clearance_close_the_cell_too() -> None:
+    # The same limit, with an error that falls with the number of layers.
+    more = ["effects.friction.coefficient=0.05", "contact.initial_clearance=1e-3"]
+    limit = middle_answer(run_tube_static("cell", scene_of(*CELL, *more)))
+    errors = []
+    for n in (4, 16):
+        tube = run_tube_static("tube", scene_of(*COARSE, *more, f"assembly.layers={n}"))
+        errors.append(abs(middle_answer(tube).p_eff / limit.p_eff - 1.0))
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_hexagon_blocks_have_a_cell() -> None:
+    # Explicit: without frames its layers turn against each other with hardly any resistance,
+    # which Newton does not take. The middle of a longer tube is nearer to the cell.
+    mesh = ["mesh.edge=4", "mesh.radial=2"]
+    explicit = ["fem.symmetry='periodic cell'", "fem.method='explicit'"]
+    run, _ = run_tube_explicit("cell", scene_of(*mesh, *explicit, case="thb0-tunnel"))
+    assert run.solver["status"] == "converged"
+    errors = []
+    for n in (2, 12):
+        tube = scene_of(*mesh, f"assembly.layers={n}", case="thb0-tunnel")
+        middle = middle_answer(run_tube_static("tube", tube))
+        errors.append(abs(run.contact.p_eff / middle.p_eff - 1.0))
+    assert errors[1] < 0.8 * errors[0]
+
+
+def test_command_line_reports_the_measured_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # The cell's own answer is that of a run of the cell, and a run says what it is worth.
+    path = tmp_path / "cell.json"
+    settings = [f"--set={s}" for s in (*COARSE, "assembly.layers=4")]
+    app(["cell", "tsb1-pipe", *settings, "--json", str(path)], standalone_mode=False)
+    found = json.loads(path.read_text())
+    assert found["layers"] == 4
+    assert abs(found["error_of_middle_layers"]["p_eff"]) > 0.01
+    cell = [*settings, "--set", "fem.symmetry=periodic cell"]
+    app(["fem", "tsb1-pipe", *cell, "--json", str(path)], standalone_mode=False)
+    run = json.loads(path.read_text())
+    assert run["periodic_cell"]["error_of_middle_layers"] == found["error_of_middle_layers"]
+    assert run["contact"]["p_eff"] == found["cell"]["p_eff"]
+    assert run["n_blocks"] == 8
+    assert "error of the middle layers" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("case", "setting", "message"),
+    [
+        ("tsb1-pillar", "load.pressure=0.01", "differs from layer to layer"),
+        ("tsb1-beam", "load.pressure=0.01", "differs from layer to layer"),
+        ("tsb1-pipe", "effects.gravity=[0,0,-9806.65]", "the weight adds up"),
+        ("tsb1-pipe", "effects.elastic_frame=true", "the cell has no frame"),
+        ("tsb1-pipe", "effects.finite_sliding=true", "slide on to other images"),
+        ("tsb1-pipe", "assembly.layers=1", "nothing repeats"),
+        ("brick-stack", "load.pressure=0.01", "not those of a tube"),
+    ],
+)
+def test_layers_that_do_not_repeat_are_refused(case: str, setting: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        build_deformable(scene_of("fem.symmetry='periodic cell'", setting, case=case), "tube")
+
+
+@pytest.mark.parametrize("command", ["compare", "effects", "cost"])
+def test_commands_that_need_the_whole_tube_refuse_a_cell(command: str) -> None:
+    settings = [f"--set={s}" for s in CELL]
+    with pytest.raises(InputError, match="needs the whole tube"):
+        app([command, "tsb1-pipe", *settings, "--json", "-"], standalone_mode=False)
