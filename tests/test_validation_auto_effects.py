@@ -21,7 +21,7 @@ from validation.tube_explicit import run_tube_explicit
 from validation.tube_static import run_tube_static
 
 #: Finer than the probe's 12 × 2 × 4 elements, and still quick.
-MESH = ["assembly.layers=3", "mesh.around=24", "mesh.radial=2", "mesh.axial=6"]
+MESH = ["assembly.layers=2", "mesh.around=24", "mesh.radial=2", "mesh.axial=6"]
 COARSE = ["assembly.layers=2", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
 FRICTION, CLEARANCE = EffectName.FRICTION, EffectName.INITIAL_CLEARANCE
 

@@ -115,6 +115,14 @@ def bare(scene: DeformableScene) -> DeformableScene:
     return scene.model_copy(update={"fem": fem, "contact": contact, "effects": EffectsSection()})
 
 
+def undamped(scene: DeformableScene) -> DeformableScene:
+    """Return the scene without any effect, adaptive damping included."""
+    plain = bare(scene)
+    assert plain.fem is not None
+    fem = plain.fem.model_copy(update={"damping": None})
+    return plain.model_copy(update={"fem": fem})
+
+
 def _with(**values: Any) -> Callable[[DeformableScene], DeformableScene]:
     def add(scene: DeformableScene) -> DeformableScene:
         return scene.model_copy(update={"effects": scene.effects.model_copy(update=values)})

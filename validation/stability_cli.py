@@ -46,6 +46,12 @@ def effects(
         str | None,
         typer.Option(metavar="1%", help="Change beyond which an effect matters; 1% by default."),
     ] = None,
+    proof: Annotated[
+        bool,
+        typer.Option(
+            "--proof", help="Also build the loop without effects: bits and instructions, 35 CPU s."
+        ),
+    ] = False,
     json: JsonOption = None,
     output: Annotated[
         Path | None,
@@ -65,7 +71,14 @@ def effects(
     folder = output
     if folder is None and json is None:
         folder = Path("out") / file.name
-    run_effects(file, folder=folder, json=json, console=text_console(json), tolerance=tolerance)
+    run_effects(
+        file,
+        folder=folder,
+        json=json,
+        console=text_console(json),
+        tolerance=tolerance,
+        proof=proof,
+    )
 
 
 def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption = None) -> None:

@@ -1,0 +1,87 @@
+"""What is off is absent: the solver beside a loop that was built without any effect."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from fem.central_difference import System
+from fem.kernels import motion
+from validation import bare_build
+from validation.bare_build import (
+    bare_run,
+    prove_absent,
+    shared_kernels,
+    solver_run,
+    stripped_source,
+)
+from validation.effect_costs import ready, undamped
+from validation.scene import DeformableScene, load_scene
+
+TINY = ["assembly.layers=1", "mesh.around=6", "mesh.radial=1", "mesh.axial=2"]
+
+#: Forms of a process that has run the separate loop, then those that the solver adds.
+FORMS = """
+from tests.test_validation_bare_build import tiny_system
+from validation.bare_build import bare_run, shared_kernels, solver_run
+from validation.effect_costs import compiled_forms
+system = tiny_system()
+bare_run(system, 3, shared_kernels())
+before = compiled_forms()
+solver_run(system, 3)
+print(",".join(sorted(name for name, _ in compiled_forms() - before)))
+"""
+
+
+def tiny_system() -> System:
+    file = load_scene("tsb1-pipe", TINY)
+    assert isinstance(file.scene, DeformableScene)
+    return ready(undamped(file.scene), file.name)[0]
+
+
+def test_source_without_effects_mentions_none() -> None:
+    text = stripped_source(motion)
+    code = text.partition('"""Central')[2].partition('"""')[2]
+    lines = [line for line in code.splitlines() if "=" in line and "None" in line]
+    # One test is left: whether anything is ever applied, which is no effect.
+    assert not [line for line in lines if "applied" not in line]
+    assert "after = before + impulse * force" in text
+
+
+def test_a_forgotten_mention_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(bare_build._EFFECTS, motion, ({"impulse"}, set()))
+    with pytest.raises(ValueError, match="impulse is still in the source"):
+        stripped_source(motion)
+
+
+def test_separate_loop_gives_the_bits_of_the_solver() -> None:
+    system = tiny_system()
+    ours, solver = bare_run(system, 500, shared_kernels()), solver_run(system, 500)
+    assert abs(solver.displacement[0]).max() > 1e-6
+    assert ours.bits() == solver.bits()
+
+
+def test_solver_uses_no_compiled_form_that_the_loop_does_not_need() -> None:
+    # Beside the forms of the separate loop the solver calls one sum: the work of its loads.
+    found = subprocess.run(
+        [sys.executable, "-c", FORMS], capture_output=True, text=True, check=True, timeout=120
+    )
+    assert found.stdout.strip() == "dot_at"
+
+
+@pytest.mark.slow
+def test_solver_has_the_instructions_and_bits_of_a_build_without_effects() -> None:
+    # Every kind of instruction as often, in every kernel that takes effects.
+    proof = prove_absent(tiny_system(), 100)
+    assert proof.same_bits
+    assert {count.kernel for count in proof.kernels} == {
+        "stiffness_product",
+        "contact_forces",
+        "update",
+    }
+    for count in proof.kernels:
+        assert count.same
+        assert count.off > 1000
+    assert proof.holds
