@@ -10,6 +10,7 @@ from rich.table import Table
 
 from geometry.mesh import FloatArray
 from validation.effect_probe import Answer, Change, change, mesh_words, probe_scene
+from validation.errors import InputError
 from validation.periodic_cell import check_cell
 from validation.scene import DeformableScene
 from validation.scene_fem import Method
@@ -62,29 +63,50 @@ def cell_error(scene: DeformableScene, name: str) -> CellError:
     InputError
         Where the layers do not repeat, or one of the two cannot be solved.
     """
-    tube_scene = check_cell(scene, name)
-    runs = []
-    for symmetry in ("periodic cell", "auto"):
-        assert scene.fem is not None
-        fem = scene.fem.model_copy(update={"symmetry": symmetry, "method": Method.STATIC})
-        runs.append(run_tube_static(name, scene.model_copy(update={"fem": fem})))
-    cell, tube = runs
+    check_cell(scene, name)
+    return _beside(_static(scene, "periodic cell"), _static(scene, "auto"), name)
+
+
+def probed_cell_error(scene: DeformableScene, name: str) -> CellError:
+    """Error of the cell on a coarse mesh: a second or so, whatever the scene's mesh."""
+    return cell_error(probe_scene(_static(scene, "auto"), name), name)
+
+
+def offered_cell(scene: DeformableScene, name: str) -> CellError | None:
+    """Error of the cell that could stand for a tube, on a coarse mesh; None where none could.
+
+    An elastic frame is part of the tube and not of the cell.
+    """
+    tube = _static(scene, "auto")
+    framed = tube.effects.model_copy(update={"elastic_frame": False})
+    cell = tube.model_copy(update={"effects": framed})
+    if scene.fem is None or scene.fem.symmetry != "auto":
+        return None
+    try:
+        check_cell(cell, name)
+        probe = _static(probe_scene(cell, name), "periodic cell")
+        return _beside(probe, probe_scene(tube, name), name)
+    except InputError:
+        return None
+
+
+def _static(scene: DeformableScene, symmetry: str) -> DeformableScene:
+    assert scene.fem is not None
+    fem = scene.fem.model_copy(update={"symmetry": symmetry, "method": Method.STATIC})
+    return scene.model_copy(update={"fem": fem})
+
+
+def _beside(cell_scene: DeformableScene, tube_scene: DeformableScene, name: str) -> CellError:
+    cell, tube = run_tube_static(name, cell_scene), run_tube_static(name, tube_scene)
     return CellError(
-        layers=tube_scene.assembly.layers,
-        mesh=mesh_words(scene),
+        layers=tube.deformable.assembly.n_layers,
+        mesh=mesh_words(cell_scene),
         cell=middle_answer(cell),
         middle=middle_answer(tube),
         tube=Answer(tube.contact.p_max_face, tube.contact.p_eff, tube.largest_displacement),
         cell_seconds=cell.cpu_seconds["total"],
         tube_seconds=tube.cpu_seconds["total"],
     )
-
-
-def probed_cell_error(scene: DeformableScene, name: str) -> CellError:
-    """Error of the cell on a coarse mesh: a second or so, whatever the scene's mesh."""
-    assert scene.fem is not None
-    fem = scene.fem.model_copy(update={"symmetry": "auto"})
-    return cell_error(probe_scene(scene.model_copy(update={"fem": fem}), name), name)
 
 
 def middle_answer(run: TubeRun) -> Answer:
@@ -120,6 +142,17 @@ def _own_displacement(run: TubeRun, blocks: list[int]) -> float:
     gram = np.einsum("kni,n,lni->kl", motions, mass, motions)
     mean = np.linalg.solve(gram, np.einsum("kni,n,ni->k", motions, mass, u))
     return float(np.linalg.norm(u - np.einsum("k,kni->ni", mean, motions), axis=1).max())
+
+
+def offer_words(found: CellError) -> str:
+    """Say in one line what the cell could do."""
+    error = found.against_middle
+    return (
+        'offer     fem.symmetry = "periodic cell": two layers for the middle of these '
+        f"{found.layers}; off by p_max {100 * error.p_max:+.2g} %, p_eff "
+        f"{100 * error.p_eff:+.2g} %, u {100 * error.displacement:+.2g} % "
+        f"(measured on {found.mesh})"
+    )
 
 
 def cell_table(name: str, found: CellError) -> Table:

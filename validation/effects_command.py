@@ -185,7 +185,9 @@ def draw_effects(report: EffectReport, path: Path) -> None:
         for k, (key, label) in enumerate(series):
             places = [row + (k - 0.5 * (len(series) - 1)) * height for row in rows]
             values = [getattr(cost, key) or 0.0 for cost in costs]
-            axes.barh(places, values, height=height, label=label)
+            start = 0.0 if axes is left else 1.0
+            widths = [value - start for value in values]
+            axes.barh(places, widths, left=start, height=height, label=label)
         axes.legend(fontsize=8)
         axes.grid(axis="x", alpha=0.3)
     left.set_xscale("symlog", linthresh=0.01)
@@ -194,6 +196,7 @@ def draw_effects(report: EffectReport, path: Path) -> None:
     left.set_yticks(list(rows), [f"{cost.effect.name}\n{cost.effect.setting}" for cost in costs])
     left.tick_params(axis="both", labelsize=8)
     left.invert_yaxis()
+    right.set_xscale("log")
     right.set_xlabel("over the run without effects [–]")
     right.axvline(1.0, color="black", linewidth=0.8)
     figure.suptitle(f"{report.scene}: effects, each added to none")

@@ -14,7 +14,7 @@ from fem.explicit import ExplicitResult, Frame, Status
 from geometry.mesh import FloatArray
 from geometry.mesh_io import interface_surface, write_hex_mesh, write_surface
 from validation.auto_effects import EffectsDecision, decide_effects, decision_table
-from validation.cell_error import cell_table, probed_cell_error
+from validation.cell_error import cell_table, offer_words, offered_cell, probed_cell_error
 from validation.fem_box import peak_memory_mb
 from validation.fem_command import CHECKPOINT, progress_bar
 from validation.fem_files import (
@@ -92,6 +92,9 @@ def decided(
             scene, name, told=lambda what: status.update(f"{name}: {what}")
         )
     console.print(decision_table(name, decision))
+    offer = offered_cell(scene, name)
+    if offer is not None:
+        console.print(offer_words(offer))
     return scene, decision
 
 
