@@ -17,6 +17,10 @@ from validation.scene_fem import Method
 from validation.tube_fem import TubeRun
 from validation.tube_static import run_tube_static
 
+#: Fineness of the mesh on which a run measures the error of its cell: with the coarsest mesh it
+#: would find a fraction of it.
+_FINENESS = 2
+
 
 @dataclass(frozen=True)
 class CellError:
@@ -68,8 +72,8 @@ def cell_error(scene: DeformableScene, name: str) -> CellError:
 
 
 def probed_cell_error(scene: DeformableScene, name: str) -> CellError:
-    """Error of the cell on a coarse mesh: a second or so, whatever the scene's mesh."""
-    return cell_error(probe_scene(_static(scene, "auto"), name), name)
+    """Error of the cell on a mesh that is coarse enough to take seconds, whatever the scene's."""
+    return cell_error(probe_scene(_static(scene, "auto"), name, fineness=_FINENESS), name)
 
 
 def offered_cell(scene: DeformableScene, name: str) -> CellError | None:
@@ -84,8 +88,8 @@ def offered_cell(scene: DeformableScene, name: str) -> CellError | None:
         return None
     try:
         check_cell(cell, name)
-        probe = _static(probe_scene(cell, name), "periodic cell")
-        return _beside(probe, probe_scene(tube, name), name)
+        probe = _static(probe_scene(cell, name, fineness=_FINENESS), "periodic cell")
+        return _beside(probe, probe_scene(tube, name, fineness=_FINENESS), name)
     except InputError:
         return None
 

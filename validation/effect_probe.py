@@ -118,17 +118,24 @@ def _static_state(
     return result
 
 
-def probe_scene(scene: DeformableScene, name: str) -> DeformableScene:
+def probe_scene(scene: DeformableScene, name: str, *, fineness: int = 1) -> DeformableScene:
     """Return the scene as a static problem on a mesh that is as coarse as its blocks allow.
 
     Layers, loads and contact stay: what an effect does to a tall tube shows only in a tall tube.
+
+    Parameters
+    ----------
+    scene, name
+        The scene.
+    fineness
+        Times as many elements along each edge as the coarsest mesh has.
     """
     assert scene.fem is not None
     fem = scene.fem.model_copy(update={"method": Method.STATIC, "frames": 0})
     still = {"rayleigh": None, "bulk_viscosity": None, "auto": None}
     effects = scene.effects.model_copy(update=still)
     static = scene.model_copy(update={"fem": fem, "effects": effects})
-    coarse = _coarse_mesh(scene)
+    coarse = _coarse_mesh(scene, fineness)
     if not coarse:
         return static
     mesh = scene.mesh.model_copy(update=coarse)  # type: ignore[union-attr]
@@ -146,26 +153,27 @@ def without_motion(scene: DeformableScene) -> DeformableScene:
     return scene.model_copy(update={"effects": scene.effects.model_copy(update=absent)})
 
 
-def _coarse_mesh(scene: DeformableScene) -> dict[str, Any]:
+def _coarse_mesh(scene: DeformableScene, fineness: int) -> dict[str, Any]:
     """Values of ``[mesh]`` that are lower in the probe; none where the mesh is given."""
     if isinstance(scene, BoxesScene | MeshScene):
         return {}
     mesh = scene.mesh
+    wave, through, other = (fineness * n for n in (_PER_WAVE, _THROUGH, _OTHER))
     if isinstance(scene, TubeScene):
         waves = round(2 * scene.block.frequency)
         found = {
-            "around": min(scene.mesh.around, _PER_WAVE * waves),
-            "radial": min(scene.mesh.radial, _THROUGH),
-            "axial": min(scene.mesh.axial, _OTHER),
+            "around": min(scene.mesh.around, wave * waves),
+            "radial": min(scene.mesh.radial, through),
+            "axial": min(scene.mesh.axial, other),
         }
     elif isinstance(scene, HexagonTubeScene):
         found = {
-            "edge": min(scene.mesh.edge, _PER_WAVE),
-            "radial": min(scene.mesh.radial, _THROUGH),
+            "edge": min(scene.mesh.edge, wave),
+            "radial": min(scene.mesh.radial, through),
         }
     else:
         along, depth, height = scene.mesh.divisions
-        coarse = (min(along, 2 * _PER_WAVE), min(depth, _THROUGH), min(height, _OTHER))
+        coarse = (min(along, 2 * wave), min(depth, through), min(height, other))
         return {} if coarse == (along, depth, height) else {"divisions": coarse}
     return {key: value for key, value in found.items() if value != getattr(mesh, key)}
 
