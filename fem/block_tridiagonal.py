@@ -94,15 +94,15 @@ class ChainFactor:
             shared = forces[level.first_shared :]
             change = level.next_flexibility.T @ shared, -level.next_motions.T @ shared
         result: list[Side] = []
-        for level, eliminated, (force, motion) in zip(
+        for level, eliminated, side in zip(
             reversed(self.levels), reversed(self.eliminated), reversed(done), strict=True
         ):
+            force = side[0].copy()
             if result:
                 after = result[-1]
-                force = force.copy()
                 shared = level.next_motions @ after[1] - level.next_flexibility @ after[0]
                 force[level.first_shared :] += shared
-            result.append(_solve(eliminated, force, motion))
+            result.append(_solve(eliminated, force, side[1]))
         return result[::-1]
 
 

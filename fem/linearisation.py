@@ -13,7 +13,6 @@ from fem.local_system import LocalSystem, constraint_transform
 from fem.sparse_solver import SparseSolver, SparseSolverError, factorize
 from geometry.mesh import FloatArray, IntArray
 
-
 #: Displacements that nodal forces cause: (n_nodes, 3) [N] to (n_nodes, 3) [mm].
 NodalInverse = Callable[[FloatArray], FloatArray]
 
