@@ -47,7 +47,7 @@ class ClearanceKind(StrEnum):
 
 
 #: Outer face of a held block in the first and in the last layer, the first that exists.
-_OUTER_FACES = {"first": ("bottom", "z-"), "last": ("top", "z+")}
+OUTER_FACES = {"first": ("bottom", "z-"), "last": ("top", "z+")}
 
 
 @dataclass(frozen=True)
@@ -281,11 +281,11 @@ def _supports(
         for number in np.unique(group_of[held]):
             blocks = held[group_of[held] == number]
             shape = assembly.shape(int(blocks[0]))
-            names = [name for name in _OUTER_FACES[end] if name in shape.faces]
+            names = [name for name in OUTER_FACES[end] if name in shape.faces]
             if not names:
                 raise DeformableAssemblyError(
                     f"{assembly.name}: block {int(blocks[0])} ({shape.name}) has no outer face to "
-                    f"hold; expected one named {' or '.join(_OUTER_FACES[end])}, or rigid frames"
+                    f"hold; expected one named {' or '.join(OUTER_FACES[end])}, or rigid frames"
                 )
             nodes = np.unique(shape.faces[names[0]])
             supports.append(fixed_nodes(int(number), nodes, copies=copy_of[blocks]))

@@ -55,7 +55,7 @@ def ramp_time(scene: BoxScene) -> float:
     return 0.0 if fem.end_time is None else 0.5 * fem.end_time
 
 
-def _placements(scene: BoxScene) -> FloatArray:
+def copy_placements(scene: BoxScene) -> FloatArray:
     """Copies side by side along y, half a box apart, (n_copies, 3) [mm]."""
     offsets = np.zeros((scene.assembly.copies, 3))
     offsets[:, 1] = 1.5 * scene.block.size[1] * np.arange(scene.assembly.copies)
@@ -110,7 +110,7 @@ def build_box(scene: BoxScene) -> BoxModel:
             block.mesh,
             build_material(scene.material),
             element=scene.fem.element,
-            translations=_placements(scene),
+            translations=copy_placements(scene),
             name="box",
         )
     except MeshError as error:

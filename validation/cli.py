@@ -9,6 +9,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from validation import study_cli
+from validation.cli_options import JsonOption, SceneArgument, SetOption
+from validation.cli_options import text_console as _console
 from validation.errors import InputError
 
 app = typer.Typer(
@@ -23,31 +26,7 @@ reproduce_app = typer.Typer(
     help="Reproduce the paper: its tables beside ours.", no_args_is_help=True
 )
 app.add_typer(reproduce_app, name="reproduce")
-
-SceneArgument = Annotated[
-    str, typer.Argument(metavar="SCENE", help="A built-in scene (see `scenes`) or a TOML file.")
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="SECTION.KEY=VALUE",
-        help="Replace or add a value of the scene; repeatable.",
-    ),
-]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE|-", help="Write the result as JSON (- : to the screen)."),
-]
-
-
-def _console(json: str | None) -> Console:
-    """Text for people; moves aside when JSON takes standard output."""
-    console = Console(stderr=json == "-", highlight=False, soft_wrap=True)
-    if not console.is_terminal:
-        # A pipe or a log has no width of its own; tables need more than the default 80 columns.
-        console = Console(stderr=json == "-", highlight=False, soft_wrap=True, width=118)
-    return console
+study_cli.register(app, reproduce_app)
 
 
 @app.command()
@@ -195,6 +174,29 @@ def compare(
 
 
 @app.command()
+def clearance(
+    scene: SceneArgument,
+    gap: Annotated[
+        list[float] | None,
+        typer.Option("--gap", metavar="MM", help="Initial clearance; repeatable."),
+    ] = None,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder; out/SCENE-clearance."),
+    ] = None,
+) -> None:
+    """What the initial gap between the blocks does to displacements and pressures."""
+    from validation.clearance import GAPS, run_clearance
+    from validation.scene import load_scene
+
+    file = load_scene(scene, settings or ())
+    gaps = tuple(gap) if gap else GAPS
+    run_clearance(file, gaps=gaps, json=json, output=output, console=_console(json))
+
+
+@app.command()
 def convergence(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="FILE.png", help="Picture to write.")
@@ -218,6 +220,49 @@ def reproduce_tables(json: JsonOption = None) -> None:
     rows = compute_tables(console)
     print_tables(rows, console)
     write_json(json, tables_json(rows))
+
+
+@app.command("export")
+def export_scene(
+    scene: SceneArgument,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE.inp", help="Deck to write.")
+    ],
+    flavour: Annotated[
+        str,
+        typer.Option(
+            metavar="general|pairs|calculix",
+            help="Abaqus/Explicit; Abaqus with contact pairs; flat for CalculiX.",
+        ),
+    ] = "general",
+    settings: SetOption = None,
+) -> None:
+    """Write a scene as an input deck for Abaqus or CalculiX."""
+    from fem.deck import Flavour
+    from validation.deck_command import run_export
+    from validation.scene import load_scene
+
+    if flavour not in set(Flavour):
+        raise InputError(f"--flavour {flavour}: expected one of {', '.join(Flavour)}")
+    file = load_scene(scene, settings or ())
+    run_export(file, flavour=Flavour(flavour), output=output, console=_console(None))
+
+
+@app.command("import")
+def import_file(
+    deck: Annotated[Path, typer.Argument(metavar="FILE", help="Deck (.inp) or mesh to read.")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="Write it again: a deck (.inp) or a mesh (.vtu)."
+        ),
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Read a deck that `export` wrote, or a mesh of hexahedra, and say what is in it."""
+    from validation.deck_command import run_import
+
+    run_import(deck, output=output, json=json, console=_console(json))
 
 
 @app.command()

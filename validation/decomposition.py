@@ -16,7 +16,8 @@ from fem.contact_measures import contact_measures
 from fem.deformable_assembly import Contact, DeformableAssembly
 from fem.model import BlockGroup
 from fem.sparse_solver import SparseSolverError
-from fem.static import StaticError, StaticOptions, StaticResult, solve_static
+from fem.static import StaticError, StaticOptions, solve_static
+from fem.static_result import StaticResult
 from fem.symmetry import SymmetryError
 from validation.tube_fem import DeformableScene, TubeRun, build_deformable
 

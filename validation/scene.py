@@ -229,13 +229,24 @@ def load_scene(source: str, overrides: Iterable[str] = ()) -> SceneFile:
     InputError
         One line: what was got, what is expected, what to do.
     """
-    name, text = _read(source)
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{source}: is not TOML: {error}") from None
+    name, data = scene_data(source)
     scene = check_scene(apply_overrides(data, overrides), source)
     return SceneFile(name=name, scene=scene, folder=Path(source).parent)
+
+
+def scene_data(source: str) -> tuple[str, dict[str, Any]]:
+    """Name and unchecked data of a built-in scene or a TOML file.
+
+    Raises
+    ------
+    InputError
+        When there is none, or it is not TOML.
+    """
+    name, text = _read(source)
+    try:
+        return name, tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{source}: is not TOML: {error}") from None
 
 
 def check_scene(data: Mapping[str, Any], source: str = "scene") -> Scene:

@@ -16,7 +16,7 @@ from validation.fem_command import CHECKPOINT, progress_bar
 from validation.fem_files import FrameWriter, draw_energies, field_data, groups_mesh
 from validation.files import output_folder, prepare_json, write_json, write_whole
 from validation.scene_fem import Method
-from validation.tube_explicit import end_time, explicit_statement, run_tube_explicit
+from validation.tube_explicit import explicit_statement, run_tube_explicit
 from validation.tube_fem import DeformableScene, TubeRun, build_deformable, fem_section, tube_json
 
 
@@ -41,7 +41,6 @@ def run_fem_tube(
     fem = fem_section(scene, name)
     deformable = build_deformable(scene, name)
     if fem.method is Method.EXPLICIT:
-        end_time(fem)
         explicit_statement(scene, name, deformable)
     prepare_json(json)
     folder = Path("out") / f"{name}-fem" if output is None and json is None else output
@@ -106,7 +105,12 @@ def write_tube_files(
     run: TubeRun, result: ExplicitResult | None, folder: Path
 ) -> list[tuple[str, Path]]:
     """Write fields, contact pressures, history and pictures; returns what each file is."""
-    from validation.tube_pictures import draw_contact, draw_sections, draw_stresses
+    from validation.tube_pictures import (
+        draw_contact,
+        draw_displacement,
+        draw_sections,
+        draw_stresses,
+    )
 
     groups = run.deformable.model.groups
     fields = folder / "fields.vtu"
@@ -123,6 +127,7 @@ def write_tube_files(
         ("contact_pressures.png", draw_contact),
         ("stresses.png", draw_stresses),
         ("sections.png", draw_sections),
+        ("displacement.png", draw_displacement),
     ):
         draw(run, folder / file)
         written.append(("picture", folder / file))
@@ -156,12 +161,21 @@ def print_tube(run: TubeRun, console: Console) -> None:
             f"{data['time_step']:.4g} s (critical {data['critical_time_step']:.4g} s)",
         )
         table.add_row("element updates", f"{rate:.3g} million per CPU second")
-        ratio = data["kinetic_over_internal_energy"]
-        if ratio is not None:
-            table.add_row(
-                "kinetic / internal energy",
-                f"{ratio:.2e} (below 1 % does not mean static: read the force residual)",
-            )
+        state = data["quasi_static"]
+        table.add_row(
+            "ramp, hold",
+            f"{1e3 * state['ramp_time']:.4g} ms, {1e3 * state['hold_time']:.4g} ms "
+            f"(lowest excited frequency {data['recommended']['frequency']:.3g} Hz)",
+        )
+        table.add_row(
+            "kinetic / internal energy",
+            f"{state['kinetic_over_internal_energy']:.2e} (small is necessary, not sufficient)",
+        )
+        table.add_row(
+            "velocity (rms), way to go",
+            f"{state['velocity_norm']:.3g} mm/s, {100 * state['settling']:.2g} %",
+        )
+        table.add_row("verdict", state["verdict"])
         table.add_row("energy balance", f"{data['energy_balance']:.2e}")
     else:
         table.add_row("Newton iterations", f"{data['newton_iterations']}")

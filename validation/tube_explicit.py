@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +23,13 @@ from fem.explicit import (
 from fem.explicit_model import ExplicitAssembly, explicit_assembly
 from fem.loads import SmoothStepAmplitude
 from fem.model import ModelError
+from fem.quasi_static import RecommendedTimes, quasi_static_report, recommended_times
 from fem.symmetry import SymmetryError, largest_cyclic_orbits
 from fem.time_step import TimeStepError
 from geometry.mesh import FloatArray
 from validation.effects import build_effects
 from validation.errors import InputError
-from validation.scene_fem import Damping, FemSection, Method
+from validation.scene_fem import Damping, Method
 from validation.tube_fem import (
     NO_SECTOR,
     DeformableScene,
@@ -37,38 +38,27 @@ from validation.tube_fem import (
     fem_section,
 )
 
-#: Smooth step of a run to the static state where the scene names none [s] …
-DEFAULT_RAMP = 5.0e-3
-#: … and the latest end of such a run [s].
-DEFAULT_END = 0.2
 
+@dataclass(frozen=True)
+class ExplicitStatement:
+    """The explicit problem of a scene and the times of its run."""
 
-def ramp_time(fem: FemSection) -> float:
-    """Duration of the smooth step [s]."""
-    return DEFAULT_RAMP if fem.ramp_time is None else fem.ramp_time
-
-
-def end_time(fem: FemSection) -> float:
-    """Latest end of the run [s].
-
-    Raises
-    ------
-    InputError
-        When the run has no natural end and the scene gives none.
-    """
-    if fem.end_time is not None:
-        return fem.end_time
-    if fem.damping is Damping.STATIC:
-        return DEFAULT_END
-    raise InputError(
-        'fem.end_time is missing: an explicit run without damping = "static" needs its end [s]'
-    )
+    assembly: ExplicitAssembly
+    """Representative blocks with loads, effects and contact."""
+    recommended: RecommendedTimes
+    """What the lowest frequency that the load excites recommends."""
+    ramp_time: float
+    """Duration of the smooth step of the loads [s]."""
+    end_time: float
+    """Latest end of the run [s]."""
 
 
 def explicit_statement(
     scene: DeformableScene, name: str, deformable: DeformableAssembly
-) -> ExplicitAssembly:
+) -> ExplicitStatement:
     """State the explicit problem of a scene.
+
+    Times that the scene does not give are those that its lowest excited frequency recommends.
 
     Raises
     ------
@@ -76,19 +66,26 @@ def explicit_statement(
         When its effects or its symmetry do not fit.
     """
     fem = fem_section(scene, name)
-    duration = ramp_time(fem)
+    damped = fem.damping is Damping.STATIC
     try:
         orbits = None if fem.symmetry == "none" else largest_cyclic_orbits(deformable)
         if fem.symmetry == "sector" and orbits is not None and orbits.order == 1:
             raise InputError(f"{name}: {NO_SECTOR}")
-        return explicit_assembly(
+        effects = build_effects(scene.effects, fem)
+        plain = explicit_assembly(deformable, orbits=orbits, effects=effects)
+        times = recommended_times(plain.model, damped=damped)
+        ramp = times.ramp_time if fem.ramp_time is None else fem.ramp_time
+        stated = explicit_assembly(
             deformable,
             orbits=orbits,
-            effects=build_effects(scene.effects, fem),
-            amplitude=SmoothStepAmplitude(duration) if duration > 0 else None,
+            effects=effects,
+            amplitude=SmoothStepAmplitude(ramp) if ramp > 0 else None,
         )
     except (SymmetryError, ModelError) as error:
         raise InputError(f"{name}: {error}") from None
+    hold = times.end_time - times.ramp_time
+    end = ramp + hold if fem.end_time is None else fem.end_time
+    return ExplicitStatement(stated, times, ramp, end)
 
 
 def run_tube_explicit(
@@ -125,19 +122,20 @@ def run_tube_explicit(
     fem = fem_section(scene, name)
     deformable = build_deformable(scene, name) if deformable is None else deformable
     statement = explicit_statement(scene, name, deformable)
+    whole = statement.assembly
     built = time.process_time()
-    stop = None
-    if fem.damping is Damping.STATIC:
-        stop = StopCriterion(residual=fem.residual, not_before=ramp_time(fem))
+    # A run that is not damped to the static state watches the residual and goes on.
+    bound = fem.residual if fem.damping is Damping.STATIC else 0.0
+    stop = StopCriterion(residual=bound, not_before=statement.ramp_time)
 
     def frame(found: Frame) -> None:
         if on_frame is not None:
-            on_frame(found.time, found.number, statement.expand(found.displacements))
+            on_frame(found.time, found.number, whole.expand(found.displacements))
 
-    last = end_time(fem)
+    last = statement.end_time
     try:
         result = solve(
-            statement.model,
+            whole.model,
             end_time=last,
             time_step=fem.time_step,
             safety_factor=fem.safety_factor,
@@ -156,7 +154,7 @@ def run_tube_explicit(
     except (ModelError, TimeStepError, CheckpointError, UnstableRun) as error:
         raise InputError(f"{name}: {error}") from None
     solved = time.process_time()
-    displacements = statement.expand(result.displacements)
+    displacements = whole.expand(result.displacements)
     pressures, overclosures = contact_state(deformable, displacements)
     seconds = {
         "build": built - start,
@@ -172,19 +170,18 @@ def run_tube_explicit(
         displacements=displacements,
         point_pressures=pressures,
         point_overclosures=overclosures,
-        solver=explicit_numbers(result),
+        solver=explicit_numbers(result, statement),
         cpu_seconds=seconds,
     )
     return run, result
 
 
-def explicit_numbers(result: ExplicitResult) -> dict[str, Any]:
+def explicit_numbers(result: ExplicitResult, statement: ExplicitStatement) -> dict[str, Any]:
     """Numbers of an explicit run for its JSON."""
     energies = result.energies
-    ratio = None
-    if energies is not None:
-        internal = energies.strain_energy + energies.contact_energy
-        ratio = energies.kinetic_energy / internal if internal > 0 else None
+    report = quasi_static_report(
+        result, ramp_time=statement.ramp_time, frequency=statement.recommended.frequency
+    )
     return {
         "status": str(result.status),
         "n_steps": result.n_steps,
@@ -197,6 +194,7 @@ def explicit_numbers(result: ExplicitResult) -> dict[str, Any]:
         if energies is None
         else asdict(energies) | {"viscous_dissipation": energies.viscous_dissipation},
         "energy_balance": result.energy_balance,
-        "kinetic_over_internal_energy": ratio,
+        "quasi_static": asdict(report),
+        "recommended": asdict(statement.recommended),
         "element_updates_per_cpu_second": result.element_updates_per_cpu_second,
     }

@@ -106,6 +106,34 @@ def draw_stresses(run: TubeRun, path: Path) -> None:
     save_figure(figure, path)
 
 
+def draw_displacement(run: TubeRun, path: Path) -> None:
+    """Draw the displacement in the zy-plane, with the paper's scale factor for the load case."""
+    import matplotlib.pyplot as plt
+
+    from validation.paper.reference import reference
+
+    scale = float(reference()["figures"]["displacement_scale"][str(run.scene.load.case)])
+    blocks = run.deformable.deformable_blocks.tolist()
+    moved = {b: np.linalg.norm(run.displacement(b), axis=1) for b in blocks}
+    limits = (0.0, max(float(v.max()) for v in moved.values()) or 1e-300)
+    shell = ("outer", "inner", "left", "right", "top", "bottom")
+    panels = [
+        _Panel(title, moved, "viridis", limits, "|u| [mm]", shell, factor)
+        for title, factor in (
+            (f"× {scale:g} (the paper's)", scale),
+            (f"× {run.drawing_scale:g}", run.drawing_scale),
+        )
+    ]
+    figure, axes = plt.subplots(1, 2, figsize=(7.5, 9.5))
+    for column, panel in zip(axes, panels, strict=True):
+        place(column, render(_coloured_blocks(run, panel), (1.0, 0.0, 0.0)), panel.title)
+    figure.suptitle(f"{run.title}\ndisplacement in the zy-plane", fontsize=11, x=0.03, ha="left")
+    figure.subplots_adjust(left=0.03, right=0.85, top=0.88, bottom=0.03)
+    bar = figure.add_axes((0.89, 0.25, 0.025, 0.5))
+    _colour_bar(figure, bar, limits, "viridis", "|u| [mm]")
+    save_figure(figure, path)
+
+
 def section_heights(run: TubeRun) -> tuple[float, ...]:
     """Heights of the paper's sections through the middle layer: 10 and 20 mm from its ends."""
     assembly = run.deformable.assembly

@@ -8,7 +8,8 @@ from typing import Any
 from fem.deformable_assembly import DeformableAssembly
 from fem.model import ModelError
 from fem.sparse_solver import SparseSolverError
-from fem.static import StaticError, StaticOptions, StaticResult, solve_static
+from fem.static import StaticError, StaticOptions, solve_static
+from fem.static_result import StaticResult
 from fem.symmetry import SymmetryError
 from validation.errors import InputError
 from validation.scene_fem import FemSection, Method

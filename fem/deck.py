@@ -1,0 +1,251 @@
+"""What an input deck says: blocks, material, joints, supports, loads and one step.
+
+The statement of a problem for another program, independent of how that program spells it:
+`fem.abaqus_write` and `fem.calculix_write` turn it into text, `fem.abaqus_read` reads it back,
+`fem.deck_model` makes a model for the solvers of this package of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+
+from fem.abaqus_keywords import DeckError
+from fem.contact_law import ContactLaw
+from fem.effects import Effects
+from fem.hexahedron import ElementType
+from fem.material import Material
+from geometry.assembly import Assembly
+from geometry.load_case import LoadCase
+from geometry.mesh import FloatArray, IntArray
+from geometry.spacing import clearance_offsets
+
+
+class Flavour(StrEnum):
+    """For which program a deck is written."""
+
+    GENERAL = "general"
+    """Abaqus/Explicit: parts, instances, general contact."""
+    PAIRS = "pairs"
+    """Abaqus with contact pairs, one for each joint; what abq2ccx converts."""
+    CALCULIX = "calculix"
+    """CalculiX: flat, what its input has no word for written otherwise."""
+
+
+class Procedure(StrEnum):
+    """What the one step computes."""
+
+    EXPLICIT = "explicit"
+    """Explicit dynamics."""
+    STATIC = "static"
+    """Static equilibrium."""
+
+
+@dataclass(frozen=True)
+class PressureLoad:
+    """Pressure on the same face of some blocks."""
+
+    blocks: IntArray
+    """(n,)"""
+    face: str
+    """Name of the face."""
+    pressure: float
+    """Positive pushes inward [MPa]."""
+
+
+@dataclass(frozen=True)
+class TractionLoad:
+    """Dead traction of one direction on the same face of some blocks."""
+
+    blocks: IntArray
+    """(n,)"""
+    face: str
+    """Name of the face."""
+    traction: FloatArray
+    """World axes, (3,) [MPa]."""
+
+
+@dataclass(frozen=True)
+class CircumferentialLoad:
+    """Dead traction around the axis of the assembly, towards larger angle."""
+
+    blocks: IntArray
+    """(n,)"""
+    face: str
+    """Name of the face."""
+    traction: float
+    """[MPa]"""
+
+
+@dataclass(frozen=True)
+class BodyForceLoad:
+    """Uniform force per volume on some blocks: its resultant acts at the mass centroid."""
+
+    blocks: IntArray
+    """(n,)"""
+    force_density: FloatArray
+    """World axes, (n, 3) [N/mm³]."""
+
+
+DeckLoad: TypeAlias = PressureLoad | TractionLoad | CircumferentialLoad | BodyForceLoad
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Nodes of one block that do not move in some world directions."""
+
+    block: int
+    """Held block."""
+    face: str | None = None
+    """Face whose nodes are held; None: all nodes."""
+    components: tuple[int, ...] = (0, 1, 2)
+    """Held world components, consecutive."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """How faces that meet act on each other."""
+
+    law: ContactLaw
+    """Pressure as a function of overclosure."""
+    friction: float | None = None
+    """Coulomb coefficient; None: frictionless."""
+    stick_stiffness: float | None = None
+    """Tangential slope while sticking [MPa/mm]; None: the program's default."""
+    finite_sliding: bool = False
+    """Whether contact pairs follow blocks that slide by more than a facet."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Rigid motion of every block at time 0."""
+
+    velocity: FloatArray
+    """(3,) [mm/s]"""
+    angular_velocity: FloatArray
+    """About the mean of the block's nodes, (3,) [rad/s]."""
+
+
+@dataclass(frozen=True)
+class DeckStep:
+    """The one step of a deck."""
+
+    procedure: Procedure
+    """What is computed."""
+    end_time: float
+    """Duration [s]; of a static step only the unit of its amplitude."""
+    ramp_time: float = 0.0
+    """Duration of the smooth step of the loads [s]; 0: at once."""
+    time_step: float | None = None
+    """Fixed time step of an explicit step [s]; None: chosen by the program."""
+    safety_factor: float | None = None
+    """Fraction of the critical time step that the program takes; None: its default."""
+    large_rotations: bool = True
+    """Whether forces and strains are taken in the deformed position (NLGEOM)."""
+    field_intervals: int = 20
+    """Fields written over the step."""
+    history_intervals: int = 200
+    """Samples of the energies over the step."""
+
+
+@dataclass(frozen=True)
+class Deck:
+    """A complete problem."""
+
+    name: str
+    """Of the scene."""
+    flavour: Flavour
+    """For which program."""
+    assembly: Assembly
+    """Blocks in their conforming places."""
+    material: Material
+    """Of all blocks."""
+    element: ElementType
+    """Of all blocks."""
+    step: DeckStep
+    """What is computed."""
+    holds: tuple[Hold, ...] = ()
+    """Supports."""
+    loads: tuple[DeckLoad, ...] = ()
+    """Loads, all with the amplitude of the step."""
+    joint: Joint | None = None
+    """Contact; None where blocks do not meet."""
+    effects: Effects = field(default_factory=Effects)
+    """Rayleigh damping, bulk viscosity and gravity."""
+    motion: Motion | None = None
+    """Initial motion; None: at rest."""
+    initial_clearance: float = 0.0
+    """Blocks are spaced by it [mm]."""
+    notes: tuple[str, ...] = ()
+    """Where the deck differs from the scene, one line each."""
+
+    @cached_property
+    def spacing(self) -> FloatArray:
+        """Translation of each block from its conforming place, (n_blocks, 3) [mm]."""
+        return clearance_offsets(self.assembly, self.initial_clearance)
+
+    @property
+    def held_blocks(self) -> IntArray:
+        """Blocks of which every node is held in all directions, (n,)."""
+        held = {h.block for h in self.holds if h.face is None and h.components == (0, 1, 2)}
+        return np.array(sorted(held), dtype=np.int64)
+
+
+def loads_of_case(assembly: Assembly, case: LoadCase) -> tuple[DeckLoad, ...]:
+    """Express a load case by loads on named faces.
+
+    Raises
+    ------
+    DeckError
+        A load that no deck can carry: facets that are no face of their block, tractions that
+        vary otherwise than around the axis, moments.
+    """
+    if case.body_wrenches is not None:
+        raise DeckError(
+            f"load {case.name!r}: got forces and moments on whole blocks; expected loads on faces "
+            "(a deck has gravity and body forces, no moment on a solid block)"
+        )
+    if case.without_couple:
+        return (_body_force(assembly, case),)
+    blocks, face = _loaded_faces(assembly, case)
+    if case.tractions is None:
+        return (PressureLoad(blocks, face, case.pressure),)
+    if (case.tractions == case.tractions[0]).all():
+        return (TractionLoad(blocks, face, case.tractions[0]),)
+    arm = case.centroids - assembly.origin
+    around = np.cross(assembly.axis, arm)
+    around *= case.pressure / np.linalg.norm(around, axis=1, keepdims=True)
+    if not np.allclose(case.tractions, around, rtol=0.0, atol=1e-9 * abs(case.pressure)):
+        raise DeckError(
+            f"load {case.name!r}: its tractions vary from facet to facet; expected a pressure, a "
+            "constant traction or one around the axis, which are what a deck has words for"
+        )
+    return (CircumferentialLoad(blocks, face, case.pressure),)
+
+
+def _body_force(assembly: Assembly, case: LoadCase) -> BodyForceLoad:
+    blocks = np.unique(case.block)
+    forces = np.zeros((assembly.n_blocks, 3))
+    np.add.at(forces, case.block, case.facet_forces)
+    return BodyForceLoad(blocks, forces[blocks] / assembly.volumes[blocks, None])
+
+
+def _loaded_faces(assembly: Assembly, case: LoadCase) -> tuple[IntArray, str]:
+    """Loaded blocks and the one face that is loaded on all of them."""
+    blocks = np.unique(case.block)
+    names = set()
+    for block in blocks:
+        quads = case.quads[case.block == block]
+        faces = assembly.shape(int(block)).faces
+        names.add(next((n for n, q in faces.items() if np.array_equal(q, quads)), None))
+    name = names.pop() if len(names) == 1 else None
+    if name is None:
+        raise DeckError(
+            f"load {case.name!r}: the loaded facets are not one and the same face of each loaded "
+            "block; expected a load on a named face"
+        )
+    return blocks, name

@@ -1,0 +1,164 @@
+"""Faces of blocks as element faces, and the patches on which two blocks meet.
+
+Deck programs name a facet by its element and one of six face labels. Abaqus, CalculiX and this
+package number the corners of a hexahedron alike; `HEX_FACES` lists the faces in the order S1 to
+S6 of Abaqus' C3D8.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fem.abaqus_keywords import DeckError, label
+from fem.deck import Deck
+from geometry.assembly import Assembly
+from geometry.block import Block
+from geometry.mesh import HEX_FACES, IntArray
+
+
+@dataclass(frozen=True)
+class ElementFaces:
+    """Facets as element faces."""
+
+    elements: IntArray
+    """Element of each facet, from 0, (n,)."""
+    sides: IntArray
+    """Row of `HEX_FACES`, side S1 being 0, (n,)."""
+
+    def select(self, positions: IntArray) -> ElementFaces:
+        """Keep some facets."""
+        return ElementFaces(self.elements[positions], self.sides[positions])
+
+
+def element_faces(block: Block, quads: IntArray) -> ElementFaces:
+    """Find the element and side of boundary facets.
+
+    Raises
+    ------
+    DeckError
+        A facet that is no element face, or that looks inward.
+    """
+    elements = block.mesh.elements
+    every = elements[:, HEX_FACES].reshape(-1, 4)
+    joined = np.sort(np.concatenate([every, quads]), axis=1)
+    _, key = np.unique(joined, axis=0, return_inverse=True)
+    key = key.ravel()
+    place = np.full(int(key.max()) + 1, -1, dtype=np.int64)
+    place[key[: len(every)]] = np.arange(len(every))
+    found = place[key[len(every) :]]
+    if (found < 0).any():
+        bad = int(np.flatnonzero(found < 0)[0])
+        raise DeckError(f"{block.name}: facet {quads[bad].tolist()} is no face of an element")
+    # Counter-clockwise from outside: the facet's second corner follows its first on the face.
+    corners = every[found]
+    first = (corners == quads[:, :1]).argmax(axis=1)
+    follows = corners[np.arange(len(found)), (first + 1) % 4] == quads[:, 1]
+    if not follows.all():
+        bad = int(np.flatnonzero(~follows)[0])
+        raise DeckError(f"{block.name}: facet {quads[bad].tolist()} looks inward")
+    return ElementFaces(found // 6, found % 6)
+
+
+@dataclass(frozen=True)
+class Patch:
+    """Part of a face that meets one face of one neighbour."""
+
+    label: str
+    """Name of its surface: that of the face where the patch is all of it."""
+    face: str
+    """Face it lies on."""
+    positions: IntArray
+    """Facets of the face, ascending, (n,)."""
+
+
+@dataclass(frozen=True)
+class PatchPair:
+    """Two patches that meet."""
+
+    block_m: int
+    """Master block."""
+    patch_m: str
+    """Label of its patch."""
+    block_s: int
+    """Opposing (slave) block."""
+    patch_s: str
+    """Label of its patch."""
+
+
+@dataclass(frozen=True)
+class Patches:
+    """All patches of an assembly."""
+
+    of_shape: tuple[tuple[Patch, ...], ...]
+    """Patches of each shape that are not whole faces, in the order of their labels."""
+    pairs: tuple[PatchPair, ...]
+    """Pairs in the order of the interfaces."""
+
+
+def contact_patches(deck: Deck) -> Patches:
+    """Patches on which blocks of a deck meet; pairs of which both blocks are held are left out.
+
+    Congruent blocks meet their neighbours alike, so a shape has few distinct patches.
+    """
+    assembly = deck.assembly
+    found = assembly.interfaces
+    offsets = [_face_offsets(shape) for shape in assembly.shapes]
+    face_m = _face_numbers(assembly, offsets, found.block_m, found.facet_m)
+    face_s = _face_numbers(assembly, offsets, found.block_s, found.facet_s)
+    held = np.zeros(assembly.n_blocks, dtype=np.bool_)
+    held[deck.held_blocks] = True
+    key = np.column_stack([found.block_m, found.block_s, face_m, face_s])
+    keep = np.flatnonzero(~(held[found.block_m] & held[found.block_s]))
+    groups, which = np.unique(key[keep], axis=0, return_inverse=True)
+    register = _PatchRegister(assembly, offsets)
+    pairs = []
+    for number, (m, s, f_m, f_s) in enumerate(groups.tolist()):
+        mine = keep[which.ravel() == number]
+        patch_m = register.label(m, f_m, found.facet_m[mine])
+        patch_s = register.label(s, f_s, found.facet_s[mine])
+        pairs.append(PatchPair(m, patch_m, s, patch_s))
+    return Patches(register.of_shape(), tuple(pairs))
+
+
+def _face_offsets(shape: Block) -> IntArray:
+    """First position of each contact face in `Block.contact_quads`, and the total."""
+    sizes = [len(shape.faces[name]) for name in shape.contact_faces]
+    return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+
+
+def _face_numbers(
+    assembly: Assembly, offsets: list[IntArray], blocks: IntArray, facets: IntArray
+) -> IntArray:
+    number = np.empty(len(blocks), dtype=np.int64)
+    for shape, start in enumerate(offsets):
+        mine = assembly.shape_of[blocks] == shape
+        number[mine] = np.searchsorted(start, facets[mine], side="right") - 1
+    return number
+
+
+class _PatchRegister:
+    """Labels of patches: the same facets of the same shape get the same label."""
+
+    def __init__(self, assembly: Assembly, offsets: list[IntArray]) -> None:
+        self._assembly = assembly
+        self._offsets = offsets
+        self._known: list[dict[tuple[str, bytes], Patch]] = [{} for _ in offsets]
+
+    def label(self, block: int, face: int, facets: IntArray) -> str:
+        number = int(self._assembly.shape_of[block])
+        shape, start = self._assembly.shapes[number], self._offsets[number]
+        name = shape.contact_faces[face]
+        positions = np.sort(facets - start[face])
+        if len(positions) == start[face + 1] - start[face]:
+            return label(name)
+        known = self._known[number]
+        key = (name, positions.tobytes())
+        if key not in known:
+            count = 1 + sum(patch.face == name for patch in known.values())
+            known[key] = Patch(f"{label(name)}-PATCH-{count}", name, positions)
+        return known[key].label
+
+    def of_shape(self) -> tuple[tuple[Patch, ...], ...]:
+        return tuple(tuple(known.values()) for known in self._known)

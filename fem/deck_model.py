@@ -1,0 +1,147 @@
+"""From a deck to a model of this package's solvers: what an imported deck is worth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fem.contact import ContactNormals, check_initial_overlap, contact_surfaces
+from fem.deck import (
+    BodyForceLoad,
+    CircumferentialLoad,
+    Deck,
+    DeckLoad,
+    PressureLoad,
+    Procedure,
+)
+from fem.deformable_assembly import Contact, DeformableAssembly, DeformableAssemblyError
+from fem.hexahedron import block_lumped_mass
+from fem.loads import SmoothStepAmplitude, pressure_forces, traction_forces
+from fem.model import BlockGroup, Model, NodalLoad, Support, block_group, fixed_nodes
+from geometry.mesh import FloatArray, IntArray
+
+
+def block_nodes(deck: Deck, block: int) -> FloatArray:
+    """World coordinates of a block's nodes, spacing included, (n_nodes, 3) [mm]."""
+    nodes: FloatArray = deck.assembly.nodes(block) + deck.spacing[block]
+    return nodes
+
+
+def nodal_forces(deck: Deck, load: DeckLoad, block: int) -> FloatArray:
+    """Consistent nodal forces of one load on one of its blocks, world axes, (n_nodes, 3) [N]."""
+    assembly = deck.assembly
+    shape = assembly.shape(block)
+    if isinstance(load, BodyForceLoad):
+        density = load.force_density[load.blocks == block][0]
+        return np.outer(block_lumped_mass(shape.mesh, 1.0), density)
+    nodes, quads = block_nodes(deck, block), shape.faces[load.face]
+    if isinstance(load, PressureLoad):
+        return pressure_forces(nodes, quads, load.pressure)
+    if isinstance(load, CircumferentialLoad):
+        around = np.cross(assembly.axis, nodes[quads].mean(axis=1) - assembly.origin)
+        around *= load.traction / np.linalg.norm(around, axis=1, keepdims=True)
+        return traction_forces(nodes, quads, around)
+    return traction_forces(nodes, quads, load.traction)
+
+
+def deck_model(deck: Deck) -> tuple[Model, IntArray, IntArray]:
+    """Model of the blocks that are not held altogether, without contact.
+
+    Returns
+    -------
+    tuple[Model, IntArray, IntArray]
+        The model; group and copy of each block, -1 for held ones, (n_blocks,).
+    """
+    assembly = deck.assembly
+    moving = np.ones(assembly.n_blocks, dtype=np.bool_)
+    moving[deck.held_blocks] = False
+    group_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
+    copy_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
+    groups: list[BlockGroup] = []
+    for number, shape in enumerate(assembly.shapes):
+        blocks = np.flatnonzero(moving & (assembly.shape_of == number))
+        if not len(blocks):
+            continue
+        group_of[blocks] = len(groups)
+        copy_of[blocks] = np.arange(len(blocks))
+        groups.append(
+            block_group(
+                shape.mesh,
+                deck.material,
+                element=deck.element,
+                rotations=assembly.rotations[blocks],
+                translations=assembly.translations[blocks] + deck.spacing[blocks],
+                name=shape.name,
+            )
+        )
+    model = Model(
+        groups=tuple(groups),
+        supports=_supports(deck, group_of, copy_of),
+        loads=_loads(deck, group_of, copy_of),
+        effects=replace(deck.effects, finite_rotation=deck.step.large_rotations),
+    )
+    return model, group_of, copy_of
+
+
+def _supports(deck: Deck, group_of: IntArray, copy_of: IntArray) -> tuple[Support, ...]:
+    supports = []
+    for hold in deck.holds:
+        group = int(group_of[hold.block])
+        if group < 0:
+            continue
+        shape = deck.assembly.shape(hold.block)
+        every = np.arange(shape.mesh.n_nodes)
+        nodes = every if hold.face is None else np.unique(shape.faces[hold.face])
+        copies = [int(copy_of[hold.block])]
+        supports.append(fixed_nodes(group, nodes, copies=copies, components=hold.components))
+    return tuple(supports)
+
+
+def _loads(deck: Deck, group_of: IntArray, copy_of: IntArray) -> tuple[NodalLoad, ...]:
+    step = deck.step
+    smooth = step.procedure is Procedure.EXPLICIT and step.ramp_time > 0.0
+    amplitude = SmoothStepAmplitude(step.ramp_time) if smooth else None
+    loads = []
+    for load in deck.loads:
+        for block in load.blocks.tolist():
+            if group_of[block] < 0:
+                continue
+            forces = nodal_forces(deck, load, block)
+            nodes = np.flatnonzero(forces.any(axis=1))
+            copies = np.full(len(nodes), copy_of[block])
+            loads.append(NodalLoad(int(group_of[block]), copies, nodes, forces[nodes], amplitude))
+    return tuple(loads)
+
+
+def deck_assembly(
+    deck: Deck, *, normals: ContactNormals = ContactNormals.CURRENT
+) -> DeformableAssembly:
+    """Deformable blocks in contact, for the static and the explicit solver.
+
+    Friction is not part of it.
+
+    Raises
+    ------
+    DeformableAssemblyError
+        A deck without contact.
+    ContactError, AssemblyError
+        Blocks that overlap or do not meet.
+    """
+    if deck.joint is None:
+        raise DeformableAssemblyError(f"{deck.name}: the deck has no contact; use its model alone")
+    model, group_of, copy_of = deck_model(deck)
+    surfaces = contact_surfaces(deck.assembly, deck.spacing)
+    moving = group_of >= 0
+    touching = moving[surfaces.block_m] | moving[surfaces.block_s]
+    surfaces = surfaces.subset(np.flatnonzero(touching))
+    check_initial_overlap(surfaces, deck.joint.law)
+    return DeformableAssembly(
+        assembly=deck.assembly,
+        model=model,
+        group_of=group_of,
+        copy_of=copy_of,
+        spacing=deck.spacing,
+        surfaces=surfaces,
+        contact=Contact(deck.joint.law, normals),
+    )

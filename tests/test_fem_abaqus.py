@@ -1,0 +1,532 @@
+"""Input decks for Abaqus: grammar, what they say, and reading back without loss."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fem.abaqus_keywords import NUMBER_LENGTH, DeckError, label, name_of, read_cards, real
+from fem.abaqus_placement import canonical, canonical_axis_angle, rotation_matrix
+from fem.abaqus_read import read_deck
+from fem.abaqus_write import abaqus_lines
+from fem.contact_law import ExponentialLaw, LinearPenalty
+from fem.deck import (
+    Deck,
+    DeckStep,
+    Flavour,
+    Hold,
+    Joint,
+    Motion,
+    PressureLoad,
+    Procedure,
+    TractionLoad,
+    loads_of_case,
+)
+from fem.deck_model import deck_assembly, deck_model, nodal_forces
+from fem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
+from fem.hexahedron import ElementType
+from fem.material import Material
+from fem.static import solve_static
+from geometry.assembly import Assembly
+from geometry.block import box_block
+from geometry.load_case import load_case
+from geometry.mesh import HEX_FACES
+from geometry.sine_block import SineBlockDivisions
+from geometry.tube import sine_tube
+from tests.conftest import random_rotation, tsb
+
+CONCRETE = Material(2.4e-9, 33_000.0, 0.2)
+EXPLICIT = DeckStep(Procedure.EXPLICIT, 0.5, 0.1, safety_factor=0.9)
+STATIC = DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=False)
+
+
+@pytest.fixture(scope="module")
+def tube() -> Assembly:
+    return canonical(sine_tube(tsb(), SineBlockDivisions(12, 2, 2), 2))
+
+
+def tube_deck(
+    tube: Assembly,
+    case: str = "pipe",
+    *,
+    as_printed: bool = False,
+    flavour: Flavour = Flavour.GENERAL,
+    **changes,
+) -> Deck:
+    load = load_case(tube, case, 0.01, as_printed=as_printed)
+    deck = Deck(
+        name="a scene",
+        flavour=flavour,
+        assembly=tube,
+        material=CONCRETE,
+        element=ElementType.INCOMPATIBLE,
+        step=EXPLICIT,
+        holds=tuple(Hold(b) for b in np.flatnonzero(load.fixed).tolist()),
+        loads=loads_of_case(tube, load),
+        joint=Joint(ExponentialLaw()),
+    )
+    return replace(deck, **changes)
+
+
+def box_deck(**changes) -> Deck:
+    boxes = Assembly(
+        name="boxes",
+        shapes=(box_block((30.0, 20.0, 10.0), (3, 2, 1)),),
+        shape_of=np.zeros(2, dtype=np.int64),
+        rotations=np.array([np.eye(3), random_rotation(4)]),
+        translations=np.array([[0.0, 0.0, 0.0], [0.1, 100.0 / 3.0, -2e-7]]),
+        layer=np.zeros(2, dtype=np.int64),
+        fixed=np.zeros(2, dtype=np.bool_),
+        unmatched_allowed=True,
+    )
+    deck = Deck(
+        name="boxes",
+        flavour=Flavour.GENERAL,
+        assembly=canonical(boxes),
+        material=CONCRETE,
+        element=ElementType.REDUCED,
+        step=DeckStep(Procedure.EXPLICIT, 1e-3, time_step=1e-6, large_rotations=False),
+        holds=(Hold(0, "x-"), Hold(1, "z+", (1, 2))),
+        loads=(
+            PressureLoad(np.array([0, 1]), "x+", -0.3),
+            TractionLoad(np.array([1]), "y+", np.array([0.0, 1.0 / 3.0, -2e-5])),
+        ),
+        effects=Effects(
+            rayleigh=RayleighDamping(3.0),
+            bulk_viscosity=BulkViscosity(0.06, 1.2),
+            gravity=np.array([0.0, 1e-3, -9810.0]),
+        ),
+        motion=Motion(np.array([1.0, 0.0, -2.5]), np.zeros(3)),
+        notes=("one, with a comma", "two: with a colon"),
+    )
+    return replace(deck, **changes)
+
+
+def text_of(deck: Deck) -> list[str]:
+    return list(abaqus_lines(deck))
+
+
+# ---------------------------------------------------------------------------------------------
+# Numbers, labels, placements
+
+
+@given(st.floats(min_value=-1e300, max_value=1e300))
+def test_numbers_fit_keep_their_value_and_are_stable(value: float) -> None:
+    """20 characters hold 13 digits besides sign, point and exponent: 5e-14 off at most."""
+    text = real(value)
+    assert len(text) <= NUMBER_LENGTH
+    assert "." in text
+    assert float(text) == pytest.approx(value, rel=5e-13, abs=0.0)
+    assert real(float(text)) == text
+    if len(repr(value)) <= NUMBER_LENGTH - 1:
+        assert float(text) == value
+
+
+def test_numbers_that_are_none_are_refused() -> None:
+    for value in (float("nan"), float("inf"), -float("inf")):
+        with pytest.raises(DeckError, match="finite"):
+            real(value)
+
+
+def test_labels_are_labels_and_read_back() -> None:
+    for name in ("inner", "sine-block", "x-", "x+", "z+", "edge_0"):
+        assert re.fullmatch(r"[A-Z][A-Z0-9_-]*", label(name))
+        assert name_of(label(name).lower()) == name
+    for name in ("", "2d", "a b", "Inner", "ä", "a" * 81):
+        with pytest.raises(DeckError, match="expected lower-case"):
+            label(name)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_rotations_survive_writing_and_reading(seed: int) -> None:
+    """14 digits of axis and angle: 1e-13 in the matrix; then nothing changes any more."""
+    rotation = random_rotation(seed)
+    axis, degrees = canonical_axis_angle(rotation)
+    matrix = rotation_matrix(axis, degrees)
+    assert np.abs(matrix - rotation).max() < 1e-13
+    again, degrees_again = canonical_axis_angle(matrix)
+    assert (again == axis).all()
+    assert degrees_again == degrees
+
+
+def test_right_angles_are_exact() -> None:
+    quarter = rotation_matrix(np.array([0.0, 0.0, 1.0]), 90.0)
+    assert (quarter == np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])).all()
+    assert canonical_axis_angle(quarter)[1] == 90.0
+
+
+# ---------------------------------------------------------------------------------------------
+# Grammar
+
+
+def decks(tube: Assembly) -> dict[str, Deck]:
+    return {
+        "pipe": tube_deck(tube),
+        "pairs": tube_deck(tube, flavour=Flavour.PAIRS, step=STATIC),
+        "explicit pairs": tube_deck(tube, flavour=Flavour.PAIRS),
+        "friction": tube_deck(tube, joint=Joint(ExponentialLaw(), 0.01, 500.0)),
+        "shaft": tube_deck(tube, "shaft"),
+        "shaft as printed": tube_deck(tube, "shaft", as_printed=True),
+        "beam": tube_deck(tube, "beam"),
+        "beam as printed": tube_deck(tube, "beam", as_printed=True),
+        "pillar": tube_deck(tube, "pillar", joint=Joint(LinearPenalty(123.4))),
+        "clearance": tube_deck(tube, initial_clearance=0.03),
+        "pairs, clearance": tube_deck(
+            tube, flavour=Flavour.PAIRS, step=STATIC, initial_clearance=0.03
+        ),
+        "elastic frame": tube_deck(
+            tube,
+            holds=tuple(
+                Hold(b, "bottom" if tube.layer[b] == 0 else "top")
+                for b in np.flatnonzero(tube.fixed).tolist()
+            ),
+        ),
+        "boxes": box_deck(),
+        "spinning boxes": box_deck(motion=Motion(np.ones(3), np.array([10.0, 0.1, -3.0]))),
+        "static boxes": box_deck(
+            flavour=Flavour.PAIRS,
+            step=STATIC,
+            motion=None,
+            effects=Effects(),
+            element=ElementType.B_BAR,
+        ),
+    }
+
+
+DECK_NAMES = (
+    *("pipe", "pairs", "explicit pairs", "friction", "shaft", "shaft as printed", "beam"),
+    *("beam as printed", "pillar", "clearance", "pairs, clearance", "elastic frame", "boxes"),
+    *("spinning boxes", "static boxes"),
+)
+
+
+@pytest.mark.parametrize("name", DECK_NAMES)
+def test_export_import_export_is_the_identity(tube, name) -> None:
+    deck = decks(tube)[name]
+    lines = text_of(deck)
+    again = read_deck(lines)
+    assert text_of(again) == lines
+    assert again.holds == deck.holds
+    assert again.material == deck.material
+    assert again.step == deck.step
+    assert again.joint == deck.joint
+    assert again.notes == deck.notes
+    for b in range(deck.assembly.n_blocks):
+        # The axis has 14 digits; the tube is smaller than 1000 mm.
+        assert np.abs(again.assembly.nodes(b) - deck.assembly.nodes(b)).max() < 1e-10
+    assert (again.assembly.layer == deck.assembly.layer).all()
+    assert (again.assembly.fixed == deck.assembly.fixed).all()
+    assert [s.contact_faces for s in again.assembly.shapes] == [
+        s.contact_faces for s in deck.assembly.shapes
+    ]
+
+
+@pytest.mark.parametrize("name", DECK_NAMES)
+def test_grammar(tube, name) -> None:
+    """Lines, labels and lists keep the input rules; every name that is used is defined once."""
+    lines = text_of(decks(tube)[name])
+    assert all(len(line) <= 132 and line.isascii() for line in lines)
+    cards = read_cards(lines)
+    assert cards[-1].keyword == "END STEP"
+    defined: dict[str, set[str]] = {}
+    used: list[tuple[str, str]] = []
+    instances: dict[str, str] = {}
+    part = ""
+
+    def define(kind: str, name: str) -> None:
+        assert name not in defined.setdefault(kind, set()), f"{kind} {name} is defined twice"
+        assert len(name) <= 80
+        assert re.fullmatch(r"[A-Z][A-Z0-9_-]*", name.split(":")[-1])
+        defined[kind].add(name)
+
+    for card in cards:
+        p = card.parameters
+        if card.keyword == "PART":
+            part = p["NAME"]
+            define("part", part)
+        elif card.keyword == "END PART":
+            part = ""
+        elif card.keyword == "INSTANCE":
+            define("instance", p["NAME"])
+            instances[p["NAME"]] = p["PART"]
+        elif card.keyword == "NSET":
+            define("nset", f"{part}:{p['NSET']}")
+        elif card.keyword == "ELSET":
+            define("elset", f"{part}:{p['ELSET']}")
+        elif card.keyword == "SURFACE":
+            define("surface", f"{part}:{p['NAME']}")
+            used += [("elset", f"{part}:{row[0]}") for _, row in card.rows()]
+        elif card.keyword in {"MATERIAL", "AMPLITUDE", "SURFACE INTERACTION", "ORIENTATION"}:
+            define(card.keyword, p["NAME"])
+        elif card.keyword == "SECTION CONTROLS":
+            define("controls", p["NAME"])
+        for key, kind in (
+            ("MATERIAL", "MATERIAL"),
+            ("AMPLITUDE", "AMPLITUDE"),
+            ("INTERACTION", "SURFACE INTERACTION"),
+            ("ORIENTATION", "ORIENTATION"),
+            ("CONTROLS", "controls"),
+        ):
+            if key in p:
+                used.append((kind, p[key]))
+        if card.keyword in {"NODE", "ELEMENT"}:
+            numbers = [int(row[0]) for _, row in card.rows()]
+            assert numbers == list(range(1, len(numbers) + 1))
+        if card.keyword in {"NSET", "ELSET"}:
+            assert all(len(row) <= 16 for _, row in card.rows())
+        if card.keyword == "CONTACT PROPERTY ASSIGNMENT":
+            used.append(("SURFACE INTERACTION", next(card.rows())[1][2]))
+    for card in cards:
+        kind = {
+            "ELSET": "elset",
+            "BOUNDARY": "nset",
+            "INITIAL CONDITIONS": "nset",
+            "DLOAD": "elset",
+            "DSLOAD": "surface",
+            "CONTACT PAIR": "surface",
+        }.get(card.keyword)
+        for _, row in card.rows() if kind else ():
+            for entry in row:
+                if "." in entry and entry.split(".")[0] in instances:
+                    instance, _, rest = entry.partition(".")
+                    used.append((kind, f"{instances[instance]}:{rest}"))
+    for kind, wanted in used:
+        assert wanted in defined.get(kind, set()), f"{kind} {wanted} is not defined"
+    loaded = [c for c in cards if c.keyword in {"DSLOAD", "BOUNDARY", "CONTACT PAIR"}]
+    assert loaded
+
+
+def deck_faces(lines: list[str]) -> dict[str, np.ndarray]:
+    """Corners of the facets of every surface of every part, by Abaqus' own face numbering."""
+    sides = {f"S{k + 1}": face for k, face in enumerate(HEX_FACES)}
+    surfaces: dict[str, np.ndarray] = {}
+    sets: dict[str, np.ndarray] = {}
+    for card in read_cards(lines):
+        if card.keyword == "PART":
+            part, sets = card.parameters["NAME"], {}
+        elif card.keyword == "NODE":
+            nodes = card.table(4)[:, 1:]
+        elif card.keyword == "ELEMENT":
+            elements = card.table(9)[:, 1:].astype(int) - 1
+        elif card.keyword == "ELSET" and "GENERATE" not in card.parameters:
+            entries = [e for _, row in card.rows() for e in row]
+            if "." not in entries[0]:
+                sets[card.parameters["ELSET"]] = np.array(entries, dtype=int) - 1
+        elif card.keyword == "SURFACE":
+            corners = [nodes[elements[sets[r[0]]][:, sides[r[1]]]] for _, r in card.rows()]
+            surfaces[f"{part}:{card.parameters['NAME']}"] = np.concatenate(corners)
+    return surfaces
+
+
+def test_abaqus_numbers_the_sides_as_we_do() -> None:
+    """S1 to S6 of C3D8 by corner numbers, from the element library of the Abaqus manual."""
+    manual = ["1234", "5876", "1562", "2673", "3784", "4851"]
+    for corners, face in zip(manual, HEX_FACES, strict=True):
+        assert {int(c) - 1 for c in corners} == set(face.tolist())
+
+
+def test_surfaces_look_outward(tube) -> None:
+    """The radial component of the normals tells inner from outer, the axial one top from bottom."""
+    faces = deck_faces(text_of(decks(tube)["pairs"]))
+    for name, corners in faces.items():
+        vector = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+        centre = corners.mean(axis=1)
+        radial = (vector * centre)[:, :2].sum(axis=1)
+        face = name.split(":")[1]
+        if face == "INNER":
+            assert (radial < 0).all()
+        elif face == "OUTER":
+            assert (radial > 0).all()
+        elif face.startswith("TOP"):
+            assert (vector[:, 2] > 0).all()
+        elif face.startswith("BOTTOM"):
+            assert (vector[:, 2] < 0).all()
+    assert sum("PATCH" in name for name in faces) >= 4
+
+
+@pytest.mark.parametrize("case", ["pipe", "tunnel", "beam", "pillar"])
+def test_pressure_force_of_the_deck_is_that_of_the_scene(tube, case) -> None:
+    """Sum over the deck's own faces of each instance, turned by the deck's own rotations."""
+    lines = text_of(tube_deck(tube, case))
+    faces = deck_faces(lines)
+    part, turn = {}, {}
+    cards = read_cards(lines)
+    for card in cards:
+        if card.keyword == "INSTANCE":
+            rows = [[float(x) for x in row] for _, row in card.rows()]
+            name = card.parameters["NAME"]
+            part[name] = card.parameters["PART"]
+            angle = rows[1][6] if len(rows) > 1 else 0.0
+            turn[name] = rotation_matrix(np.array([0.0, 0.0, 1.0]), angle)
+    force = {}
+    for card in cards:
+        for _, row in card.rows() if card.keyword == "DSLOAD" else ():
+            instance, _, face = row[0].partition(".")
+            corners = faces[f"{part[instance]}:{face}"]
+            area = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+            force[instance] = -float(row[2]) * turn[instance] @ area.sum(axis=0)
+    load = load_case(tube, case, 0.01)
+    assert len(force) == len(np.unique(load.block))
+    for block in np.unique(load.block).tolist():
+        wanted = load.facet_forces[load.block == block].sum(axis=0)
+        # Coordinates are written to the last digit: rounding of the sums is all that is left.
+        assert np.abs(force[f"BLOCK-{block:03d}"] - wanted).max() < 1e-10 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("as_printed", [False, True])
+@pytest.mark.parametrize("case", ["shaft", "beam", "pipe"])
+def test_nodal_forces_of_the_deck_have_the_resultant_of_the_scene(tube, case, as_printed) -> None:
+    """The patches are bilinear: their 2 × 2 area differs from the vector area by the warp."""
+    deck = tube_deck(tube, case, as_printed=as_printed)
+    case_ = load_case(tube, case, 0.01, as_printed=as_printed)
+    for block in np.unique(case_.block).tolist():
+        found = nodal_forces(deck, deck.loads[0], block).sum(axis=0)
+        wanted = case_.facet_forces[case_.block == block].sum(axis=0)
+        assert np.abs(found - wanted).max() < 1e-9 * np.linalg.norm(wanted)
+
+
+def test_the_same_problem_gives_the_same_text() -> None:
+    texts = {
+        "\n".join(text_of(tube_deck(canonical(sine_tube(tsb(), SineBlockDivisions(12, 2, 2), 1)))))
+        for _ in range(2)
+    }
+    assert len(texts) == 1
+
+
+def test_explicit_deck_says_the_physics(tube) -> None:
+    effects = Effects(rayleigh=RayleighDamping(2.0, 1e-8), bulk_viscosity=BulkViscosity())
+    cards = read_cards(text_of(tube_deck(tube, effects=effects)))
+    found = {card.keyword: card for card in cards}
+    assert found["DAMPING"].parameters == {"ALPHA": "2.0", "BETA": "1.e-08"}
+    assert found["SURFACE BEHAVIOR"].parameters == {"PRESSURE-OVERCLOSURE": "EXPONENTIAL"}
+    assert found["SURFACE BEHAVIOR"].data == ["0.001, 0.0001, 1000.0"]
+    assert found["AMPLITUDE"].parameters["DEFINITION"] == "SMOOTH STEP"
+    assert found["BULK VISCOSITY"].data == ["0.06, 1.2"]
+    assert found["CONTACT INCLUSIONS"].parameters == {"ALL EXTERIOR": ""}
+    assert found["DYNAMIC"].parameters == {"EXPLICIT": "", "SCALE FACTOR": "0.9"}
+    assert "FRICTION" not in found
+    # Abaqus turns bulk viscosity on by itself: a scene without it says so.
+    off = {card.keyword: card for card in read_cards(text_of(tube_deck(tube)))}
+    assert off["BULK VISCOSITY"].data == ["0.0, 0.0"]
+    assert "DAMPING" not in off
+
+
+# ---------------------------------------------------------------------------------------------
+# Models of imported decks
+
+
+def test_an_imported_deck_gives_the_same_static_state(tube) -> None:
+    """Coordinates differ by rounding (1e-13), the law is stiff: 1e-6 of the displacement."""
+    deck = tube_deck(tube, flavour=Flavour.PAIRS, step=STATIC)
+    again = read_deck(text_of(deck))
+    ours = solve_static(deck_assembly(deck))
+    theirs = solve_static(deck_assembly(again))
+    assert theirs.converged
+    a, b = ours.displacements[0], theirs.displacements[0]
+    assert np.abs(a - b).max() < 1e-6 * np.abs(a).max()
+
+
+def test_an_imported_deck_gives_the_same_explicit_model() -> None:
+    deck = box_deck(motion=None)
+    model, _, _ = deck_model(deck)
+    again, _, _ = deck_model(read_deck(text_of(deck)))
+    assert again.groups[0].n_copies == 2
+    assert len(again.supports) == 2
+    for a, b in zip(model.loads, again.loads, strict=True):
+        assert np.abs(a.forces - b.forces).max() < 1e-12 * np.abs(a.forces).max()
+    assert again.effects.rayleigh == model.effects.rayleigh
+    assert (again.effects.gravity == model.effects.gravity).all()
+
+
+# ---------------------------------------------------------------------------------------------
+# Bad input
+
+
+def test_every_truncation_is_noticed(tube) -> None:
+    """Cut anywhere, the error names a line of the file; nothing is returned."""
+    lines = text_of(tube_deck(tube, flavour=Flavour.PAIRS, step=STATIC))
+    for end in range(3, len(lines) - 1, 37):
+        with pytest.raises(DeckError, match=r"^line \d+: "):
+            read_deck(lines[:end])
+    cut = [*lines[:20], lines[20][: len(lines[20]) // 2]]
+    with pytest.raises(DeckError, match=r"^line \d+: .*(truncated|entries|number)"):
+        read_deck(cut)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("*Material, name=", "*Tie, name=A\nS, T\n*Material, name=", r"\*Tie is not supported"),
+        ("*Boundary", "*Elset, elset=MINE, generate\n1, 2, 1\n*Boundary", r"Elset is not supp"),
+        ("type=C3D8I", "type=C3D10", "element C3D10"),
+        ("pressure-overclosure=EXPONENTIAL", "pressure-overclosure=HARD", "got HARD"),
+        ("*Solid Section, elset=ALL,", "*Solid Section, elset=INNER-S6,", "would keep"),
+        ("definition=SMOOTH STEP", "definition=PERIODIC", "smooth step"),
+        (", P, 0.01", ", PNU, 0.01", "got load 'PNU'"),
+        (", P, 0.01", ", P, much", "expected 1 numbers"),
+        ("BLOCK-000.ALL, 1, 3", "BLOCK-999.ALL, 1, 3", "names no instance"),
+        ("INNER-S6, S6", "INNER-S6, S9", "S1 … S6"),
+        ("*Density\n2.4e-09,", "*Density\n-1.0,", "positive"),
+        ("part=TOP-FRAME", "part=ROOF", "not defined"),
+        ("*End Part", "*End Parts", "not supported"),
+    ],
+)
+def test_what_cannot_be_kept_is_refused_with_its_line(tube, old, new, message) -> None:
+    text = "\n".join(text_of(tube_deck(tube)))
+    assert old in text
+    with pytest.raises(DeckError, match=message):
+        read_deck(text.replace(old, new, 1).splitlines())
+
+
+def test_an_edited_value_is_read_and_kept(tube) -> None:
+    text = "\n".join(text_of(tube_deck(tube))).replace(", P, 0.01", ", P, 0.02")
+    load = read_deck(text.lower().replace("tubelock 0", "tubelock 0").splitlines()).loads[0]
+    assert isinstance(load, PressureLoad)
+    assert load.pressure == 0.02
+
+
+def test_a_removed_contact_pair_is_refused(tube) -> None:
+    lines = text_of(tube_deck(tube, flavour=Flavour.PAIRS, step=STATIC))
+    first = next(k for k, line in enumerate(lines) if line.startswith("*Contact Pair"))
+    with pytest.raises(DeckError, match=rf"^line {first + 2}: "):
+        read_deck(lines[:first] + lines[first + 2 :])
+
+
+def test_foreign_and_calculix_decks_are_refused(tube) -> None:
+    lines = text_of(tube_deck(tube))
+    with pytest.raises(DeckError, match="not written by `export`"):
+        read_deck(["*Heading", "somebody else", *lines[2:]])
+    with pytest.raises(DeckError, match="flavour calculix"):
+        read_deck([line.replace("flavour: general", "flavour: calculix") for line in lines])
+    with pytest.raises(DeckError, match="line 1: "):
+        read_deck([])
+
+
+def test_what_abaqus_has_no_words_for_is_refused_by_name(tube) -> None:
+    with pytest.raises(DeckError, match=r"fem.element: got 'full'"):
+        text_of(tube_deck(tube, element=ElementType.FULL))
+    adaptive = Effects(adaptive_mass_damping=AdaptiveMassDamping())
+    with pytest.raises(DeckError, match=r"fem.damping"):
+        text_of(tube_deck(tube, effects=adaptive))
+    case = load_case(tube, "pipe", 0.01)
+    moments = replace(case, body_wrenches=np.ones((tube.n_blocks, 6)))
+    with pytest.raises(DeckError, match="moments"):
+        loads_of_case(tube, moments)
+    varying = replace(case, tractions=case.area_vectors)
+    with pytest.raises(DeckError, match="vary from facet to facet"):
+        loads_of_case(tube, varying)
+    part = np.arange(5)
+    partial = replace(
+        case,
+        block=case.block[part],
+        quads=case.quads[part],
+        centroids=case.centroids[part],
+        area_vectors=case.area_vectors[part],
+    )
+    with pytest.raises(DeckError, match="named face"):
+        loads_of_case(tube, partial)

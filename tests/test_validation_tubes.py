@@ -1,0 +1,179 @@
+"""Deformable tubes from the command line: three methods, one answer where they must agree."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from validation.compare import agreement, compare, effective_region, explicit_errors
+from validation.scene import load_scene
+from validation.tube_explicit import run_tube_explicit
+from validation.tube_fem import DeformableScene
+from validation.tube_static import run_tube_static
+
+COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
+SETTINGS = [a for s in COARSE for a in ("--set", s)]
+
+
+def tube(name: str, *settings: str) -> DeformableScene:
+    scene = load_scene(name, [*COARSE, *settings]).scene
+    assert isinstance(scene, DeformableScene)
+    return scene
+
+
+def test_three_answers_to_one_scene() -> None:
+    found = compare("tsb1-pipe", tube("tsb1-pipe"))
+    errors = explicit_errors(found)
+    assert errors is not None
+    # What the project promises of an explicit run to the static state.
+    assert errors["displacement_rms"] < 2e-3
+    assert errors["pressure_rms"] < 2e-3
+    assert errors["p_max"] < 5e-3
+    # Stiff blocks on linear springs are the rigid limit of a uniform foundation; 2 × 2 points in
+    # place of one per facet let a facet carry a moment, with two facets per half wave.
+    rigid = next(a for a in found.answers if a.method == "rigid (pressure)")
+    assert found.steps[0].p_max == pytest.approx(rigid.p_max, rel=0.15)
+    assert found.steps[-1].p_max == pytest.approx(found.static.contact.p_max_face, rel=1e-3)
+
+
+def test_sector_and_whole_tube_give_the_same_digits() -> None:
+    whole = run_tube_static("whole", tube("tsb1-shaft", "fem.symmetry='none'"))
+    sector = run_tube_static("sector", tube("tsb1-shaft", "fem.symmetry='sector'"))
+    assert sector.solver["symmetry"] == 4
+    # Both stop at a residual of 1e-8 of the load; the tube's softest motion amplifies it tenfold.
+    for a, b in zip(whole.displacements, sector.displacements, strict=True):
+        np.testing.assert_allclose(b, a, atol=1e-6 * np.abs(a).max())
+
+
+def test_sector_is_refused_where_the_load_breaks_it(tubelock) -> None:  # noqa: F811
+    status, _, err = tubelock("fem", "tsb1-beam", *SETTINGS, "--set", "fem.symmetry=sector")
+    assert status == 2
+    assert "not the same on every block" in err
+
+
+@pytest.mark.parametrize("case", ["tunnel", "pillar", "beam"])
+def test_every_load_case_has_a_static_answer(case: str) -> None:
+    run = run_tube_static(case, tube(f"tsb1-{case}"))
+    assert run.solver["residual"] < 1e-8
+    assert run.contact.p_max_face > 0
+
+
+def test_json_and_files_of_a_static_tube(tubelock) -> None:  # noqa: F811
+    status, _, _ = tubelock("fem", "tsb1-pipe", *SETTINGS, "-o", "run", "--json", "run.json")
+    assert status == 0
+    data = json.loads(Path("run.json").read_text())
+    assert {
+        "p_eff",
+        "p_max_face",
+        "p_max_point",
+        "effective_count_percent",
+        "mean_overclosure",
+        "force",
+    } <= set(data["contact"])
+    assert data["newton_iterations"] <= 18
+    assert data["residual"] < 1e-8
+    assert {p.name for p in Path("run").iterdir()} == {
+        "fields.vtu",
+        "contact_pressures.vtu",
+        "contact_pressures.png",
+        "stresses.png",
+        "sections.png",
+        "displacement.png",
+    }
+
+
+def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> None:  # noqa: F811
+    import validation.tube_command as command
+
+    arguments = ["fem", "tsb1-pipe", *SETTINGS, "--set", "fem.method=explicit"]
+    arguments += ["--set", "fem.sample_interval=20"]
+    assert tubelock(*arguments, "-o", "whole")[0] == 0
+
+    @contextmanager
+    def impatient():
+        def show(sample) -> None:
+            if sample.step > 150:
+                os.kill(os.getpid(), signal.SIGINT)
+
+        yield show
+
+    with monkeypatch.context() as patch:
+        patch.setattr(command, "progress_bar", impatient)
+        status, said, _ = tubelock(*arguments, "-o", "cut")
+    assert status == 130
+    assert "continue with --resume cut/checkpoint.npz" in said
+    assert tubelock(*arguments, "-o", "cut", "--resume", "cut/checkpoint.npz")[0] == 0
+    for name in ("history.csv", "fields.vtu"):
+        assert Path("whole", name).read_bytes() == Path("cut", name).read_bytes()
+
+
+def test_larger_clearance_means_larger_displacement_and_pressure(tubelock) -> None:  # noqa: F811
+    status, out, _ = tubelock(
+        "clearance", "tsb1-pipe", *SETTINGS, "--gap", "0", "--gap", "0.03", "--json", "-"
+    )
+    assert status == 0
+    closed, open_ = json.loads(out)
+    assert open_["max_displacement"] > closed["max_displacement"] + 0.03
+    assert open_["p_eff"] > closed["p_eff"]
+
+
+def test_paper_damping_rings_where_adaptive_damping_settles() -> None:
+    # α = 2 /s damps over half a second: after a few milliseconds the tube still moves.
+    scene = tube("tsb1-pipe", "fem.damping='paper'", "fem.end_time=2e-3", "fem.ramp_time=1e-4")
+    _, ringing = run_tube_explicit("paper", scene)
+    calm = tube("tsb1-pipe", "fem.damping='static'")
+    _, settled = run_tube_explicit("static", calm)
+    assert settled.residual is not None
+    assert ringing.residual is not None
+    assert settled.residual < 1e-4 < ringing.residual
+    assert ringing.energy_balance < 1e-3
+
+
+def test_agreement_of_a_field_with_itself_is_perfect() -> None:
+    rng = np.random.default_rng(0)
+    pressure, areas = rng.uniform(0, 1, 50), rng.uniform(1, 2, 50)
+    centroids, block = rng.uniform(0, 100, (50, 3)), np.repeat([0, 1], 25)
+    same = agreement("all", pressure, 2 * pressure, centroids=centroids, areas=areas, block=block)
+    assert same.correlation == pytest.approx(1.0)
+    assert same.overlap == same.peaks_found == 1.0
+    assert same.force_ratio == pytest.approx(2.0)
+    assert effective_region(np.array([0.0, 5.0, 0.0])).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("command", "settings", "message"),
+    [
+        ("fem", ["contact.law=linear"], "contact.stiffness is missing"),
+        ("fem", ["contact.stiffness=5"], "belongs to law"),
+        ("fem", ["contact.clearance_at_zero_pressure=0"], "contact.clearance_at_zero_pressure"),
+        ("fem", ["contact.initial_clearance=-1"], "contact.initial_clearance"),
+        ("compare", ["block.amplitude=0"], "no equilibrium"),
+        ("clearance", ["block.type=cube"], "block.type"),
+    ],
+)
+def test_bad_input_gives_one_line(tubelock, command, settings, message) -> None:  # noqa: F811
+    extra = [a for s in settings for a in ("--set", s)]
+    status, out, err = tubelock(command, "tsb1-pipe", *SETTINGS, *extra)
+    assert status == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert message in err
+    assert not list(Path().iterdir())
+
+
+def test_missing_section_is_named(tubelock) -> None:  # noqa: F811
+    from validation.scene import builtin_text
+
+    text = builtin_text("tsb1-pipe")
+    start, end = text.index("[material]"), text.index("[contact]")
+    Path("a.toml").write_text(text[:start] + text[end:])
+    status, _, err = tubelock("fem", "a.toml", *SETTINGS)
+    assert status == 2
+    assert "[material] is missing" in err

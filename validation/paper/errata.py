@@ -1,0 +1,393 @@
+"""What the paper prints and cannot mean, each with a computation that shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.optimize
+import scipy.sparse as sp
+from rich.console import Console
+from rich.table import Table
+
+from geometry.load_case import load_case
+from geometry.sine_block import SineBlockParameters, wave
+from mbd import contact_jacobian, generalized_force, solve_linear_programs
+from validation.build import block_parameters
+from validation.errors import InputError
+from validation.paper.evidence import Evidence
+from validation.paper.reference import reference
+from validation.rigid import build_scene
+from validation.scene import TubeScene, load_scene
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a demonstration computed."""
+
+    words: str
+    """The numbers, in words."""
+    values: dict[str, Any]
+    """The same as data."""
+
+
+@dataclass(frozen=True)
+class Erratum:
+    """A slip of the paper."""
+
+    name: str
+    """Short, for the command line."""
+    printed: str
+    """What the paper prints."""
+    meant: str
+    """What it can only mean, and what tubelock does."""
+    show: Callable[[Evidence], Shown]
+    """Computes the demonstration."""
+
+    @property
+    def command(self) -> str:
+        """Shell command that shows it."""
+        return f"tubelock reproduce errata {self.name}"
+
+
+@dataclass(frozen=True)
+class ShownErratum:
+    """An erratum with its demonstration."""
+
+    erratum: Erratum
+    shown: Shown
+
+
+# ---------------------------------------------------------------------------------------------
+# Demonstrations
+
+
+def solve_printed_program(transpose: sp.csr_array) -> tuple[float, float]:
+    """Solve eq. kinematic-feasibility-lp exactly as printed, in HiGHS.
+
+    max 1ᵀs s.t. Gᵀδq ≥ 0, -s ≤ δq ≤ s, 0 ≤ s ≤ 1.
+
+    Parameters
+    ----------
+    transpose
+        Gᵀ, (n_contacts, 6 N_b).
+
+    Returns
+    -------
+    tuple
+        z* and the largest |δq| of the optimum found.
+    """
+    n_contacts, n = transpose.shape
+    one = sp.eye_array(n, format="csr")
+    above = sp.vstack(
+        [
+            sp.hstack([-transpose, sp.csr_array((n_contacts, n))]),
+            sp.hstack([one, -one]),
+            sp.hstack([-one, -one]),
+        ]
+    )
+    constraints: dict[str, Any] = {
+        "A_ub": sp.csc_array(above),
+        "b_ub": np.zeros(above.shape[0]),
+        "bounds": [(None, None)] * n + [(0.0, 1.0)] * n,
+    }
+    result: Any = scipy.optimize.linprog(
+        np.concatenate([np.zeros(n), -np.ones(n)]), method="highs", **constraints
+    )
+    if not result.success:
+        raise RuntimeError(f"HiGHS could not solve the printed program: {result.message}")
+    return -float(result.fun), float(np.abs(result.x[:n]).max())
+
+
+def _degenerate_program(_: Evidence) -> Shown:
+    settings = ["assembly.layers=2", "mesh.around=24", "mesh.radial=3", "mesh.axial=6"]
+    built = build_scene(load_scene("tsb1-pipe", settings))
+    contacts = contact_jacobian(built.assembly)
+    n = 6 * len(contacts.free_blocks)
+    transpose = sp.csr_array(contacts.jacobian.to_matrix().T)
+    optimum, motion = solve_printed_program(transpose)
+    force = generalized_force(
+        built.assembly,
+        load_case(built.assembly, "pipe", 0.01),
+        contacts.free_blocks,
+        contacts.length,
+    )
+    right = solve_linear_programs(contacts.jacobian, force)
+    return Shown(
+        f"TSB1, two layers, N_b = {n // 6}: HiGHS finds z* = {optimum:g} = 6 N_b with "
+        f"max |δq| = {motion:.1e}; the corrected program gives {abs(right.opening):.1e}: "
+        f"{right.mechanism}",
+        {"z": optimum, "6 N_b": n, "largest_motion": motion, "corrected": right.opening},
+    )
+
+
+def _count_against_area(evidence: Evidence) -> Shown:
+    words, values = [], {}
+    for case in ("pipe", "tunnel", "pillar"):
+        measures = evidence.case("TSB1", case).result.measures
+        assert measures is not None
+        printed = reference()["table"]["TSB1"][case]["effective"]
+        count, area = measures.effective_count_percent, measures.effective_area_percent
+        words.append(f"{case}: printed {printed:g}, count {count:.1f}, area {area:.1f} %")
+        values[case] = {"printed": printed, "count": count, "area": area}
+    return Shown("TSB1, " + "; ".join(words), values)
+
+
+def _both_readings(evidence: Evidence, case: str) -> Shown:
+    words, values = [], {}
+    for block in ("TSB1", "TSB2"):
+        found = {}
+        for name, flag in (("as_printed", "true"), ("physical", "false")):
+            run = evidence.rigid(f"{block.lower()}-{case}", f"load.as_printed={flag}")
+            assert run.result.measures is not None
+            found[name] = (run.result.measures.p_eff, run.result.measures.p_max)
+        row = reference()["table"][block][case]
+        words.append(
+            f"{block} p_eff, p_max: printed {row['p_eff']:g}, {row['p_max']:g}; so read "
+            f"{found['as_printed'][0]:.3f}, {found['as_printed'][1]:.3f}; as physics says "
+            f"{found['physical'][0]:.3f}, {found['physical'][1]:.3f}"
+        )
+        values[block] = found
+    return Shown("; ".join(words) + " MPa", values)
+
+
+def _tsb1() -> SineBlockParameters:
+    scene = load_scene("tsb1-pipe").scene
+    assert isinstance(scene, TubeScene)
+    return block_parameters(scene)
+
+
+def _density(evidence: Evidence) -> Shown:
+    fem = reference()["fem"]
+    run = evidence.case("TSB1", "pipe")
+    volume = float(run.assembly.volumes[run.assembly.free_blocks[0]])
+    kilograms = {"kg/mm³": fem["density"] * volume, "t/mm³": 1e3 * fem["density"] * volume}
+    speed = {
+        "kg/mm³": np.sqrt(fem["young_modulus"] / (1e-3 * fem["density"])) / 1e6,
+        "t/mm³": np.sqrt(fem["young_modulus"] / fem["density"]) / 1e6,
+    }
+    return Shown(
+        f"a block of {volume / 1e6:.2f} dm³ would weigh {kilograms['kg/mm³']:.4f} kg as printed, "
+        f"{kilograms['t/mm³']:.1f} kg with t/mm³; waves would run at {speed['kg/mm³']:.0f} km/s as "
+        f"printed, {speed['t/mm³']:.1f} km/s with t/mm³ (concrete: 3 to 4)",
+        {"block_mass_kg": kilograms, "wave_speed_km_s": {k: float(v) for k, v in speed.items()}},
+    )
+
+
+def _friction(evidence: Evidence) -> Shown:
+    run = evidence.case("TSB1", "pipe")
+    coefficient = reference()["fem"]["friction_coefficient"]
+    block = int(run.assembly.free_blocks[len(run.assembly.free_blocks) // 2])
+    interfaces, index = run.assembly.interfaces, run.result.contact_index
+    touches = (interfaces.block_m[index] == block) | (interfaces.block_s[index] == block)
+    normal = float(run.result.contact_forces[touches].sum())
+    load = float(np.linalg.norm(run.load.facet_forces[run.load.block == block].sum(axis=0)))
+    share = coefficient * normal / load
+    return Shown(
+        f"one block of TSB1, pipe: contact forces {normal:.0f} N for a load of {load:.0f} N; "
+        f"friction of {coefficient:g} can carry at most {100 * share:.1f} % of the load: small, "
+        "not zero",
+        {"coefficient": coefficient, "contact_force": normal, "load": load, "share": share},
+    )
+
+
+def _half_block(_: Evidence) -> Shown:
+    block = _tsb1()
+    half = block.inner_radius * np.sqrt(2 * (1 - np.cos(np.pi / block.blocks_per_layer)))
+    whole = 2 * block.inner_radius * np.sin(np.pi / block.blocks_per_layer)
+    across = np.linspace(0.0, 1.0, 3001)
+    z = wave(block, across, np.full_like(across, block.outer_radius))
+    valleys = int(((z[1:-1] < z[:-2]) & (z[1:-1] < z[2:])).sum())
+    try:
+        build_scene(load_scene("tsb1-pipe", ["block.frequency=0.75"]))
+        refusal = "none"
+    except InputError as error:
+        refusal = str(error).split(";")[0]
+    return Shown(
+        f"printed ℓ = {half:.1f} mm, a block's chord is {whole:.1f} mm; f = 1.5 on ℓ gives the "
+        f"{valleys} valleys per block that the paper counts; f = 1.5 on the whole block would be "
+        f"f = 0.75 on ℓ: {refusal}",
+        {"half_chord": float(half), "chord": float(whole), "valleys": valleys, "refusal": refusal},
+    )
+
+
+def _layer_shift(_: Evidence) -> Shown:
+    block = _tsb1()
+    across = np.linspace(0.0, 1.0, 3001)
+    outer = np.full_like(across, block.outer_radius)
+
+    def misfit(turn: float) -> float:
+        below, above = wave(block, across + turn, outer), wave(block, across, outer)
+        return float(np.abs(above - below).max())
+
+    third = block.layer_turn / block.block_angle
+    return Shown(
+        f"TSB1: turned by half a block the faces miss each other by up to {misfit(0.5):.1f} mm; "
+        f"turned by {third:.3f} of a block (one wave) by {misfit(third):.1e} mm",
+        {"half_block": misfit(0.5), "whole_waves": misfit(third), "turn": third},
+    )
+
+
+def _pillar_frames(evidence: Evidence) -> Shown:
+    words, values = [], {}
+    for block in ("TSB1", "TSB2", "THB0"):
+        result = evidence.case(block, "pillar").result
+        held, free = str(result.mechanism), str(result.supported_classification.mechanism)
+        words.append(f"{block}: {held} with both frames held, {free} with the top frame free")
+        values[block] = {"held": held, "released": free}
+    return Shown("; ".join(words), values)
+
+
+def _rotation_variation(_: Evidence) -> Shown:
+    rng = np.random.default_rng(0)
+    axis = rng.standard_normal(3)
+    skew = np.cross(np.eye(3), axis / np.linalg.norm(axis))
+    rotation = np.eye(3) + np.sin(1.0) * skew + (1 - np.cos(1.0)) * skew @ skew
+    turn, arm = rng.standard_normal(3), rng.standard_normal(3)
+    body = rotation @ np.cross(turn, arm)
+    printed = np.cross(turn, rotation @ arm)
+    spatial = np.cross(rotation @ turn, rotation @ arm)
+    size = float(np.linalg.norm(body))
+    wrong = float(np.linalg.norm(body - printed)) / size
+    right = float(np.linalg.norm(body - spatial)) / size
+    return Shown(
+        f"a turn of 1 rad, random vectors: R [δθ]ₓ s differs from δθ × R s by {100 * wrong:.0f} %, "
+        f"from (R δθ) × R s by {right:.0e}; at R = I, where everything is evaluated, both agree",
+        {"printed": wrong, "spatial": right},
+    )
+
+
+def _captions(_: Evidence) -> Shown:
+    principal = np.linalg.eigvalsh(np.diag([2.0, -1.0, 0.5]))[::-1]
+    return Shown(
+        f"σ₁, σ₂, σ₃ of diag(2, -1, 0.5) = {', '.join(f'{v:g}' for v in principal)}: the smallest "
+        "is σ₃; ten planes are announced, four heights are printed",
+        {"principal": principal.tolist()},
+    )
+
+
+def errata() -> list[Erratum]:
+    """Return all errata."""
+    return [
+        Erratum(
+            "degenerate-program",
+            "eq. kinematic-feasibility-lp: max 1ᵀs decides whether a mechanism exists",
+            "δq = 0, s = 1 is always optimal, z* = 6 N_b also for a locked tube. It means to ask "
+            "whether Gᵀδq ≥ 0 has a nonzero solution; tubelock asks for rank and a positive "
+            "self-stress, and solves the corrected program as a check",
+            _degenerate_program,
+        ),
+        Erratum(
+            "count-against-area",
+            "“Effective contact area [%]”, “summing the areas of the surface elements”",
+            "the printed percentages are counts of surface elements; the true area stands beside "
+            "them",
+            _count_against_area,
+        ),
+        Erratum(
+            "shaft-couple",
+            "shaft: tangential surface loads on the outer faces of layer 7",
+            "the printed numbers come out only if the couple of the traction about each block's "
+            "centroid is left out; load.as_printed = true does so",
+            lambda evidence: _both_readings(evidence, "shaft"),
+        ),
+        Erratum(
+            "beam-direction",
+            "beam: a constant surface load on the outer surface of one block",
+            "p_eff comes out with one constant direction, p_max better with a true normal "
+            "pressure; load.as_printed = true takes the constant direction",
+            lambda evidence: _both_readings(evidence, "beam"),
+        ),
+        Erratum(
+            "density-unit",
+            "ρ = 2400 · 10⁻¹² kg/mm³; α and β without units",
+            "with N, mm and s the number is in t/mm³; α is in 1/s and β in s",
+            _density,
+        ),
+        Erratum(
+            "friction",
+            "table FEM simulation parameters: friction coefficient 0.01; conclusions: “All "
+            "investigations in this study were conducted under frictionless contact assumptions”",
+            "one of the two; friction is off unless a scene names it",
+            _friction,
+        ),
+        Erratum(
+            "half-block",
+            "ℓ = r_i √(2 (1 - cos(π/n))) is the length of a block",
+            "it is the chord of π/n, half a block: a block carries 2 f waves",
+            _half_block,
+        ),
+        Erratum(
+            "layer-shift",
+            "shift each second layer by the half of the block",
+            "faces meet only after whole waves: ⌊f⌋ waves, a third of a block at f = 1.5",
+            _layer_shift,
+        ),
+        Erratum(
+            "pillar-frames",
+            "pillar: axial load on the top frame; the frame is fixed when classes are computed",
+            "classes hold with both frames fixed, equilibrium needs the top frame free; both "
+            "classes are given",
+            _pillar_frames,
+        ),
+        Erratum(
+            "rotation-variation",
+            "eq. position-variation: δR = R [δθ]ₓ and R δθ = δθ",
+            "the second holds only about the axis of R; with the spatial δθ the result δθ × p is "
+            "right",
+            _rotation_variation,
+        ),
+        Erratum(
+            "captions",
+            "“four layers L = 5”; “minimal principal stress σ₂”; “five equally spaced planes … "
+            "z = 1210, 1220, 1380, and 1390”",
+            "five layers; σ₃; two planes at each end",
+            _captions,
+        ),
+    ]
+
+
+def show_errata(evidence: Evidence, names: list[str] | None = None) -> list[ShownErratum]:
+    """Demonstrate all errata, or some by name.
+
+    Raises
+    ------
+    InputError
+        For a name that no erratum has.
+    """
+    known = {erratum.name: erratum for erratum in errata()}
+    for name in names or ():
+        if name not in known:
+            raise InputError(f"erratum {name!r}: expected one of {', '.join(known)}")
+    chosen = [known[name] for name in names] if names else list(known.values())
+    return [ShownErratum(erratum, erratum.show(evidence)) for erratum in chosen]
+
+
+def errata_json(found: list[ShownErratum]) -> list[dict[str, Any]]:
+    """Errata as plain data."""
+    return [
+        {
+            "name": item.erratum.name,
+            "printed": item.erratum.printed,
+            "meant": item.erratum.meant,
+            "shown": item.shown.words,
+            "values": item.shown.values,
+            "command": item.erratum.command,
+        }
+        for item in found
+    ]
+
+
+def print_errata(found: list[ShownErratum], console: Console) -> None:
+    """Print each erratum with what shows it."""
+    for item in found:
+        table = Table(title=item.erratum.name, show_header=False, title_justify="left")
+        table.add_column()
+        table.add_column()
+        table.add_row("printed", item.erratum.printed)
+        table.add_row("meant", item.erratum.meant)
+        table.add_row("shown", item.shown.words)
+        table.add_row("command", item.erratum.command)
+        console.print(table)

@@ -1,0 +1,221 @@
+"""What the paper's figures and claims are judged by: computed when first asked for, then kept.
+
+The parameter study lives in a result file, so it is computed once and goes on where it was
+stopped. Deformable runs cost minutes; without them the claims that need them stay undecided.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from validation.errors import InputError
+from validation.paper.reference import reference
+from validation.rigid import RigidRun, run_rigid
+from validation.scene import load_scene
+from validation.study import Study, load_study
+from validation.study_run import LocalRunner, sweep
+from validation.study_store import ResultFile
+
+if TYPE_CHECKING:
+    from validation.tube_fem import TubeRun
+
+#: shift, frequency, blocks per layer, thickness [mm], amplitude [mm].
+Design = tuple[float, float, int, float, float]
+STUDY = "paper-480"
+_PATHS = (
+    "block.shift",
+    "block.frequency",
+    "block.blocks_per_layer",
+    "block.thickness",
+    "block.amplitude",
+)
+
+
+@dataclass(frozen=True)
+class StudyTable:
+    """The parameter study by design."""
+
+    rows: dict[Design, dict[str, Any]]
+    """All columns of the result file."""
+    axes: tuple[tuple[float, ...], ...]
+    """Values of shift, frequency, blocks per layer, thickness and amplitude."""
+    mesh: str
+    """Elements of one block, in words."""
+
+    @cached_property
+    def p_max(self) -> dict[Design, float]:
+        """Max–mean contact pressure of each design [MPa]."""
+        return {key: float(row["p_max"]) for key, row in self.rows.items()}
+
+    @property
+    def cpu_seconds(self) -> float:
+        """CPU time of all designs [s]."""
+        return float(sum(row["cpu_seconds"] for row in self.rows.values()))
+
+    def pairs(self, axis: int) -> list[tuple[Design, Design]]:
+        """All pairs of designs that differ by one step of one parameter.
+
+        Parameters
+        ----------
+        axis
+            0 shift, 1 frequency, 2 blocks per layer, 3 thickness, 4 amplitude.
+        """
+        found = []
+        values = self.axes[axis]
+        for key in product(*self.axes):
+            place = values.index(key[axis])
+            if place + 1 < len(values):
+                after = (*key[:axis], values[place + 1], *key[axis + 1 :])
+                found.append((_design(key), _design(after)))
+        return found
+
+
+def _design(key: Iterable[float]) -> Design:
+    shift, frequency, n, thickness, amplitude = key
+    return (shift, frequency, int(n), thickness, amplitude)
+
+
+def read_table(results: ResultFile) -> StudyTable:
+    """Read a finished parameter study.
+
+    Raises
+    ------
+    InputError
+        When a design failed.
+    """
+    rows = {_design(row[path] for path in _PATHS): row for row in results.rows()}
+    failed = next((row for row in rows.values() if row["status"] != "ok"), None)
+    if failed is not None:
+        raise InputError(
+            f"{results.path}: design {failed['number']} failed: {failed['message']}; "
+            "remove the file or use `tubelock sweep --retry-failed`"
+        )
+    values = dict(results.study.parameters)
+    mesh = results.study.scene_file(0).scene.model_dump()["mesh"]
+    words = f"{mesh['around']} × {mesh['radial']} × {mesh['axial']}"
+    return StudyTable(rows, tuple(tuple(values[path]) for path in _PATHS), words)
+
+
+@dataclass
+class Evidence:
+    """Everything computed for the paper, once."""
+
+    folder: Path
+    """Where the parameter study's result file lies."""
+    console: Console
+    """Progress and notes."""
+    deformable: bool = False
+    """Whether deformable runs may be computed."""
+    full: bool = False
+    """The resolution of the tables, 84 × 8 × 20, in the parameter study as well; finer FEM."""
+    workers: int | None = None
+    """Processes of the parameter study; None: one per core."""
+    cpu_seconds: dict[str, float] = field(default_factory=dict)
+    """CPU time of what was computed, by its name [s]."""
+    _rigid: dict[tuple[str, tuple[str, ...]], RigidRun] = field(default_factory=dict)
+    _fem: dict[tuple[str, str], TubeRun] = field(default_factory=dict)
+
+    @property
+    def study_settings(self) -> list[str]:
+        """Overrides of the built-in study."""
+        return ["mesh.around=84", "mesh.radial=8", "mesh.axial=20"] if self.full else []
+
+    @cached_property
+    def study(self) -> StudyTable:
+        """The 480 designs."""
+        from validation.study_command import sweep_progress
+
+        study: Study = load_study(STUDY, self.study_settings)
+        name = f"{STUDY}{'-full' if self.full else ''}.sqlite"
+        with ResultFile(self.folder / name, study) as results:
+            with sweep_progress(results) as show:
+                sweep(results, LocalRunner(study, self.workers), on_row=show)
+            table = read_table(results)
+        self.cpu_seconds["parameter study"] = table.cpu_seconds
+        return table
+
+    def rigid(self, scene: str, *settings: str) -> RigidRun:
+        """Rigid-block result of a built-in scene with overrides, computed once."""
+        key = (scene, settings)
+        if key not in self._rigid:
+            start = time.process_time()
+            self._rigid[key] = run_rigid(load_scene(scene, settings))
+            spent = time.process_time() - start
+            self.cpu_seconds["rigid"] = self.cpu_seconds.get("rigid", 0.0) + spent
+        return self._rigid[key]
+
+    def case(self, block: str, case: str) -> RigidRun:
+        """A row of the paper's tables, as printed, at 84 × 8 × 20."""
+        return self.rigid(f"{block.lower()}-{case}", "load.as_printed=true")
+
+    def tsb(self, scene: str, design: Design, *settings: str) -> RigidRun:
+        """Rigid-block result of a design at the resolution of the tables."""
+        values = [f"{path}={value}" for path, value in zip(_PATHS, design, strict=True)]
+        return self.rigid(scene, *values, *settings)
+
+    def fem(self, block: str, case: str) -> TubeRun | None:
+        """Deformable result of a load case; None where it may not be computed."""
+        if not self.deformable:
+            return None
+        key = (block, case)
+        if key not in self._fem:
+            self._fem[key] = self._run_fem(block, case)
+        return self._fem[key]
+
+    def rigid_runs(self) -> list[RigidRun]:
+        """All rigid-block results computed so far."""
+        return list(self._rigid.values())
+
+    def fem_runs(self) -> list[TubeRun]:
+        """All deformable results computed so far."""
+        return list(self._fem.values())
+
+    def whole_tube(self, block: str, case: str, layers: int) -> TubeRun:
+        """Deformable result of a shorter tube, solved without using its symmetry."""
+        settings = [f"assembly.layers={layers}", "fem.symmetry=none"]
+        return self._run_fem(block, case, settings, f"{layers} layers, no symmetry")
+
+    def _run_fem(
+        self, block: str, case: str, settings: Iterable[str] = (), words: str = ""
+    ) -> TubeRun:
+        """Static state on a mesh of its own; one sector where the load is cyclic."""
+        from validation.tube_fem import DeformableScene
+        from validation.tube_static import run_tube_static
+
+        around, radial, axial = (36, 6, 16) if self.full else (24, 4, 10)
+        symmetry = "none" if case == "beam" else "sector"
+        name = f"{block.lower()}-{case}"
+        file = load_scene(
+            name,
+            [
+                "fem.method=static",
+                f"mesh.around={around}",
+                f"mesh.radial={radial}",
+                f"mesh.axial={axial}",
+                f"fem.symmetry={symmetry}",
+                *settings,
+            ],
+        )
+        assert isinstance(file.scene, DeformableScene)
+        with self.console.status(f"deformable blocks: {name} {words}"):
+            run = run_tube_static(name, file.scene)
+        label = f"fem {name} {around} × {radial} × {axial} {words}".strip()
+        self.cpu_seconds[label] = run.cpu_seconds["total"]
+        return run
+
+
+def printed(block: str, case: str) -> dict[str, Any]:
+    """Row of the paper's tables."""
+    row: dict[str, Any] = reference()["table"][block][case]
+    return row
+
+
+Reporter = Callable[[str], None]

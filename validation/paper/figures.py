@@ -1,0 +1,475 @@
+"""The paper's figures from our own results: data first, pictures from the data."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from geometry.mesh import FloatArray, IntArray
+from validation.files import write_whole
+from validation.paper.evidence import Evidence, StudyTable
+from validation.paper.reference import reference
+from validation.pictures import EYE, between_layers, beyond_axis, coloured_facets
+from validation.rendering import PRESSURE_MAP, place, render, save_figure
+
+if TYPE_CHECKING:
+    from validation.rigid import RigidRun
+
+#: Okabe–Ito, dark enough on white, and a mark each: readable without colour.
+_LINES = (
+    ("#0072B2", "o"),
+    ("#D55E00", "s"),
+    ("#009E73", "^"),
+    ("#CC79A7", "D"),
+    ("#555555", "v"),
+)
+#: Seen from above, the tube's axis upward.
+_FROM_ABOVE = (1.2, -0.8, 1.6)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """p_max over the amplitude for one choice of the other parameters."""
+
+    shift: float
+    frequency: float
+    blocks_per_layer: int
+    thickness: float
+    """[mm]"""
+    amplitudes: tuple[float, ...]
+    """[mm]"""
+    p_max: tuple[float, ...]
+    """[MPa]"""
+
+
+def parameter_curves(table: StudyTable, shift: float) -> list[Curve]:
+    """Curves of figures mbd_anal_sinus (shift 0) and mbd_anal_cosinus (0.5)."""
+    _, frequencies, numbers, thicknesses, amplitudes = table.axes
+    return [
+        Curve(
+            shift,
+            f,
+            int(n),
+            t,
+            amplitudes,
+            tuple(table.p_max[shift, f, int(n), t, a] for a in amplitudes),
+        )
+        for f in frequencies
+        for t in thicknesses
+        for n in numbers
+    ]
+
+
+def write_curves(curves: list[Curve], path: Path) -> None:
+    """Write the points of curves as CSV."""
+
+    def write(partial: Path) -> None:
+        with partial.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(["s", "f", "n", "t_mm", "a_mm", "p_max_MPa"])
+            for c in curves:
+                for a, p in zip(c.amplitudes, c.p_max, strict=True):
+                    writer.writerow([c.shift, c.frequency, c.blocks_per_layer, c.thickness, a, p])
+
+    write_whole(path, write)
+
+
+def draw_parameter_study(curves: list[Curve], mesh: str, path: Path) -> None:
+    """Draw p_max over a: a row for each frequency, a column for each thickness, a line for each n.
+
+    Parameters
+    ----------
+    curves
+        Of one shift.
+    mesh
+        Elements of one block, in words.
+    path
+        PNG to write.
+    """
+    import matplotlib.pyplot as plt
+
+    frequencies = sorted({c.frequency for c in curves})
+    thicknesses = sorted({c.thickness for c in curves})
+    numbers = sorted({c.blocks_per_layer for c in curves})
+    figure, axes = plt.subplots(
+        len(frequencies),
+        len(thicknesses),
+        figsize=(12, 9.5),
+        sharex=True,
+        sharey=True,
+        squeeze=False,
+    )
+    best = min(curves, key=lambda c: min(c.p_max))
+    for c in curves:
+        panel = axes[frequencies.index(c.frequency), thicknesses.index(c.thickness)]
+        colour, mark = _LINES[numbers.index(c.blocks_per_layer) % len(_LINES)]
+        panel.plot(
+            c.amplitudes,
+            c.p_max,
+            color=colour,
+            marker=mark,
+            markersize=5,
+            linewidth=1.4,
+            label=f"n = {c.blocks_per_layer}",
+        )
+        if c is best:
+            at = int(np.argmin(c.p_max))
+            panel.annotate(
+                f"lowest: {c.p_max[at]:.3f} MPa",
+                (c.amplitudes[at], c.p_max[at]),
+                (-150, -3),
+                textcoords="offset points",
+                fontsize=9,
+                arrowprops={"arrowstyle": "->", "color": "black"},
+            )
+    for row, f in enumerate(frequencies):
+        axes[row, 0].set_ylabel("p_max [MPa]")
+        for column, t in enumerate(thicknesses):
+            panel = axes[row, column]
+            panel.set_yscale("log")
+            panel.set_yticks([0.1, 0.2, 0.5, 1.0, 2.0], ["0.1", "0.2", "0.5", "1", "2"])
+            panel.minorticks_off()
+            panel.set_xticks(curves[0].amplitudes)
+            panel.grid(color="#DDDDDD", linewidth=0.6)
+            panel.set_title(f"f = {f:g}, t = {t:g} mm", fontsize=10, loc="left")
+            if row == len(frequencies) - 1:
+                panel.set_xlabel("amplitude a [mm]")
+    name = "Sine Block, s = 0" if curves[0].shift == 0 else f"Cosine Block, s = {curves[0].shift:g}"
+    figure.suptitle(
+        f"{name}: max–mean contact pressure under internal pressure "
+        f"(rigid blocks, {mesh} elements per block)",
+        fontsize=13,
+        x=0.05,
+        ha="left",
+    )
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="lower center", ncols=len(labels), frameon=False, fontsize=10
+    )
+    figure.subplots_adjust(left=0.07, right=0.98, top=0.91, bottom=0.1, wspace=0.06, hspace=0.18)
+    save_figure(figure, path)
+
+
+# ---------------------------------------------------------------------------------------------
+# Pressure distributions
+
+
+@dataclass(frozen=True)
+class RingPressures:
+    """Contact pressures between two layers."""
+
+    title: str
+    contacts: IntArray
+    """Rows of the result, (n,)."""
+    pressures: FloatArray
+    """(n,) [MPa]."""
+
+
+def ring_pressures(run: RigidRun) -> list[RingPressures]:
+    """Pressures on the top frame, between the middle layers and on the bottom frame."""
+    layers = run.assembly.n_layers
+    middle = layers // 2
+    names = {
+        layers: f"layer {layers} and the top frame",
+        middle: f"layers {middle} and {middle + 1}",
+        0: "the bottom frame and layer 1",
+    }
+    found = []
+    for lower, title in names.items():
+        rows = between_layers(run.assembly, run.result.contact_index, lower)
+        found.append(RingPressures(title, rows, run.result.contact_pressures[rows]))
+    return found
+
+
+def draw_pressure_comparison(left: RigidRun, right: RigidRun, path: Path, *, title: str) -> None:
+    """Draw two pressure distributions in the same colours: whole tubes outside, rings inside.
+
+    Parameters
+    ----------
+    left, right
+        Rigid results in equilibrium.
+    path
+        PNG to write.
+    title
+        One line at the top.
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    highest = max(float(run.result.contact_pressures.max()) for run in (left, right))
+    figure = plt.figure(figsize=(15, 10))
+    grid = figure.add_gridspec(
+        3, 4, width_ratios=[0.62, 1, 1, 0.62], left=0.02, right=0.91, bottom=0.03, top=0.88
+    )
+    for run, tube_column, ring_column in ((left, 0, 1), (right, 3, 2)):
+        tube = _facets(run, _far_half(run), highest)
+        place(figure.add_subplot(grid[:, tube_column]), render(tube, EYE), f"{run.name}, cut open")
+        for row, ring in enumerate(ring_pressures(run)):
+            image = render(_facets(run, ring.contacts, highest), _FROM_ABOVE, height=900)
+            place(figure.add_subplot(grid[row, ring_column]), image, f"{run.name}: {ring.title}")
+    bar = figure.add_axes((0.94, 0.2, 0.014, 0.6))
+    colours = ScalarMappable(Normalize(0.0, highest), PRESSURE_MAP)
+    figure.colorbar(colours, cax=bar, label="contact pressure [MPa]")
+    figure.suptitle(title, fontsize=14, x=0.02, ha="left")
+    save_figure(figure, path)
+
+
+def _far_half(run: RigidRun) -> IntArray:
+    points = run.assembly.interfaces.centroids[run.result.contact_index]
+    return np.flatnonzero(beyond_axis(run.assembly, points))
+
+
+def _facets(run: RigidRun, rows: IntArray, highest: float) -> Callable[[Any], None]:
+    nothing = np.zeros(0, dtype=np.int64)
+    return coloured_facets(
+        run.assembly,
+        run.result.contact_index[rows],
+        run.result.contact_pressures[rows],
+        nothing,
+        highest,
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Cost
+
+
+@dataclass(frozen=True)
+class CostRow:
+    """A row of table cpu-times."""
+
+    method: str
+    configurations: int
+    cpu_hours: float
+    remark: str
+
+
+def cost_rows(evidence: Evidence) -> list[CostRow]:
+    """Return the printed rows, and ours as far as computed."""
+    printed = reference()["cost"]
+    study = evidence.study
+    rows = [
+        CostRow(
+            "rigid blocks, printed",
+            printed["mbd_configurations"],
+            printed["mbd_cpu_hours"],
+            "AMD Ryzen 7 PRO 4750U",
+        ),
+        CostRow(
+            "rigid blocks, tubelock",
+            len(study.rows),
+            study.cpu_seconds / 3600,
+            f"{study.mesh} elements per block, class, equilibrium and measures",
+        ),
+        CostRow(
+            "finite elements, printed",
+            printed["fem_configurations"],
+            printed["fem_cpu_hours"],
+            "Abaqus/Explicit, Intel Xeon Platinum 8160",
+        ),
+    ]
+    return rows + [
+        CostRow("finite elements, tubelock", 1, seconds / 3600, name)
+        for name, seconds in evidence.cpu_seconds.items()
+        if name.startswith("fem ")
+    ]
+
+
+def draw_cost(evidence: Evidence, path: Path) -> None:
+    """Draw CPU seconds per tube over its size: ours computed, the paper's as lines."""
+    import matplotlib.pyplot as plt
+
+    printed = reference()["cost"]
+    rows = list(evidence.study.rows.values())
+    figure, panel = plt.subplots(figsize=(8.5, 5.5))
+    panel.loglog(
+        [row["n_contacts"] for row in rows],
+        [row["cpu_seconds"] for row in rows],
+        "o",
+        markersize=3,
+        color="#0072B2",
+        label="rigid blocks, tubelock: the 480 designs",
+    )
+    fine = [run for run in evidence.rigid_runs() if run.result.n_contacts > 20_000]
+    if fine:
+        panel.loglog(
+            [run.result.n_contacts for run in fine],
+            [run.cpu_seconds["total"] for run in fine],
+            "s",
+            markersize=4,
+            color="#009E73",
+            label="rigid blocks, tubelock: 84 × 8 × 20 elements per block",
+        )
+    deformable = evidence.fem_runs()
+    if deformable:
+        panel.loglog(
+            [run.deformable.surfaces.n_facets for run in deformable],
+            [run.cpu_seconds["total"] for run in deformable],
+            "^",
+            markersize=6,
+            color="#D55E00",
+            label="deformable blocks, tubelock: static state, one sector or (beam) whole",
+        )
+    for hours, name, colour in (
+        (printed["mbd_cpu_hours"] / printed["mbd_configurations"], "rigid blocks", "#0072B2"),
+        (printed["fem_cpu_hours"] / printed["fem_configurations"], "finite elements", "#D55E00"),
+    ):
+        seconds = 3600 * hours
+        panel.axhline(seconds, color=colour, linestyle="--", linewidth=1)
+        panel.text(
+            0.01,
+            seconds * 1.15,
+            f"printed, {name}: {seconds:,.0f} s a tube",
+            color=colour,
+            transform=panel.get_yaxis_transform(),
+            fontsize=9,
+        )
+    panel.set_ylim(1e-2, 1e7)
+    panel.set_xlabel("contact facets of the tube")
+    panel.set_ylabel("CPU seconds per tube")
+    panel.grid(color="#DDDDDD", linewidth=0.6)
+    panel.legend(loc="upper left", bbox_to_anchor=(0.0, 0.72), fontsize=9, frameon=False)
+    panel.set_title("Cost of one tube, one core", fontsize=12, loc="left")
+    figure.tight_layout()
+    save_figure(figure, path)
+
+
+# ---------------------------------------------------------------------------------------------
+# All of them
+
+
+@dataclass(frozen=True)
+class FigureFile:
+    """A written figure."""
+
+    name: str
+    """Stem of the file."""
+    caption: str
+    path: Path
+    command: str
+    """Shell command that makes it."""
+
+
+def draw_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
+    """Draw every figure that the evidence allows into a folder.
+
+    Parameters
+    ----------
+    evidence
+        Computed where it has not been yet.
+    folder
+        Existing.
+    """
+    found = [*_parameter_figures(evidence, folder), *_pressure_figures(evidence, folder)]
+    if evidence.deformable:
+        found += _deformable_figures(evidence, folder)
+    return [*found, _cost_figure(evidence, folder)]
+
+
+def _parameter_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
+    found = []
+    for shift, name, words in ((0.0, "sine", "Sine Block"), (0.5, "cosine", "Cosine Block")):
+        curves = parameter_curves(evidence.study, shift)
+        path = folder / f"parameter-study-{name}.png"
+        draw_parameter_study(curves, evidence.study.mesh, path)
+        write_curves(curves, path.with_suffix(".csv"))
+        found.append(
+            FigureFile(
+                path.stem,
+                f"{words}: max–mean contact pressure over the amplitude for every f, n and t, "
+                "internal pressure 0.01 MPa.",
+                path,
+                "tubelock reproduce figures",
+            )
+        )
+    return found
+
+
+_COMPARISONS = (
+    ("pipe", "TSB1", "TSB2", "internal pressure"),
+    ("pillar", "TSB1", "TSB2", "axial pressure"),
+    ("tunnel", "THB0", "TSB2", "external pressure"),
+)
+
+
+def _pressure_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
+    found = []
+    for case, left, right, load in _COMPARISONS:
+        path = folder / f"pressures-{case}.png"
+        title = f"{left} against {right}, {load} 0.01 MPa: contact pressures of rigid blocks"
+        draw_pressure_comparison(
+            evidence.case(left, case), evidence.case(right, case), path, title=title
+        )
+        found.append(
+            FigureFile(
+                path.stem,
+                f"Contact pressures of {left} (left) and {right} (right) under {load}: how the "
+                "load reaches the frames (top, bottom) and passes between the middle layers.",
+                path,
+                "tubelock reproduce figures",
+            )
+        )
+    return found
+
+
+def _cost_figure(evidence: Evidence, folder: Path) -> FigureFile:
+    path = folder / "cost.png"
+    draw_cost(evidence, path)
+    return FigureFile(
+        path.stem,
+        "CPU seconds of one tube over its number of contact facets; dashed, what the paper prints "
+        "for its own machines.",
+        path,
+        "tubelock reproduce figures",
+    )
+
+
+def _deformable_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
+    from validation.paper.figures_fem import (
+        draw_displacements,
+        draw_layer_comparison,
+        draw_principal,
+    )
+    from validation.tube_pictures import draw_sections
+
+    command = "tubelock reproduce figures --fem"
+    written = []
+
+    def add(name: str, caption: str, draw: Callable[[Path], object]) -> None:
+        path = folder / f"{name}.png"
+        draw(path)
+        written.append(FigureFile(name, caption, path, command))
+
+    add(
+        "layer-7",
+        "Contact pressures of rigid and of deformable blocks on the sinusoidal faces of layer 7, "
+        "each in units of its own largest.",
+        lambda path: draw_layer_comparison(evidence, path),
+    )
+    for component, name, words in ((0, "sigma-1", "Maximum"), (2, "sigma-3", "Minimum")):
+        add(
+            name,
+            f"{words} principal stress on the unrolled outer surface, five load cases.",
+            lambda path, component=component: draw_principal(evidence, component, path),  # type: ignore[misc]
+        )
+    for block in ("TSB1", "TSB2"):
+        run = evidence.fem(block, "pipe")
+        assert run is not None
+        add(
+            f"sections-{block.lower()}",
+            f"Principal stresses of {block} under internal pressure in sections near the ends of "
+            "layer 7.",
+            lambda path, run=run: draw_sections(run, path),  # type: ignore[misc]
+        )
+    add(
+        "displacements",
+        "Displacements of the five load cases, exaggerated.",
+        lambda path: draw_displacements(evidence, path),
+    )
+    return written
