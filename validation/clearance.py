@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from validation.errors import InputError
@@ -111,7 +112,7 @@ def print_rows(name: str, rows: list[ClearanceRow], console: Console) -> None:
         "iterations",
         "CPU s",
     ):
-        table.add_column(head, justify="right")
+        table.add_column(escape(head), justify="right")
     for row in rows:
         table.add_row(
             f"{row.initial_clearance:g}",

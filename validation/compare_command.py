@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from validation.block_pictures import eye
@@ -92,7 +93,7 @@ def print_comparison(found: Comparison, console: Console) -> None:
     table = Table(title=f"{found.name}: the same mesh, three ways", title_justify="left")
     heads = ("answer", "p_eff [MPa]", "p_max [MPa]", "effective elements", "|u| max [mm]", "CPU s")
     for head in heads:
-        table.add_column(head, justify="left" if head == "answer" else "right")
+        table.add_column(escape(head), justify="left" if head == "answer" else "right")
     moved = {
         str(run.method): f"{run.largest_displacement:.5g}"
         for run in (found.static, found.explicit)
