@@ -19,10 +19,13 @@ at convergence it does nothing.
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
+import numpy.typing as npt
 import scipy.linalg
 from scipy.sparse import csc_array, csr_array
 
@@ -90,11 +93,43 @@ def _pseudo_inverse(stiffness: FloatArray, rigid: FloatArray) -> FloatArray:
     return full
 
 
+class FlexibilityStore:
+    """Keeps the flexibilities of one problem for the next one on the same blocks.
+
+    Loads, contact laws and gaps may differ; what the next problem does not need is let go before
+    anything new is made.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[bytes, Flexibility] = {}
+
+    def keep(self, keys: set[bytes]) -> None:
+        """Let go of all others."""
+        self._kept = {key: found for key, found in self._kept.items() if key in keys}
+
+    def get(self, key: bytes, make: Callable[[], Flexibility]) -> Flexibility:
+        """Return the flexibility of a key, made if there is none."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
+
+
+def _content(group: BlockGroup) -> bytes:
+    """Digest of all of a block that its flexibility depends on."""
+    digest = hashlib.sha256()
+    for array in (group.mesh.nodes, group.mesh.elements, group.lumped_mass):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    material = group.material
+    digest.update(repr((group.element, material.young_modulus, material.poisson_ratio)).encode())
+    return digest.digest()
+
+
 class CondensedStep:
     """Solves the linear problem in contact forces, with one flexibility per kind of block."""
 
-    def __init__(self, system: LocalSystem) -> None:
+    def __init__(self, system: LocalSystem, store: FlexibilityStore | None = None) -> None:
         self._system = system
+        self._store = FlexibilityStore() if store is None else store
         self._transform, free, self._value = constraint_transform(system)
         self._is_free = np.zeros(3 * system.n_nodes, dtype=np.bool_)
         self._is_free[free] = True
@@ -109,29 +144,38 @@ class CondensedStep:
     def _make_kinds(self) -> tuple[list[int], list[Flexibility]]:
         """One flexibility for each group and way of being held."""
         system = self._system
-        signatures: dict[tuple[object, ...], int] = {}
-        kind_of: list[int] = []
-        kinds: list[Flexibility] = []
+        contents: dict[int, bytes] = {}
+        first_slot: dict[bytes, int] = {}
+        keys: list[bytes] = []
         for slot in range(system.n_slots):
             group = system.group(slot)
-            first, last = system.node_start[slot], system.node_start[slot + 1]
-            mine = (system.held.nodes >= first) & (system.held.nodes < last)
-            held = system.held.nodes[mine] - first
-            key = (
-                id(group),
-                held.tobytes(),
-                np.round(system.held.axes[mine], 9).tobytes(),
-                system.held.held[mine].tobytes(),
-            )
-            if key not in signatures:
-                signatures[key] = len(kinds)
-                kinds.append(self._make_flexibility(slot, held))
-            kind_of.append(signatures[key])
-        return kind_of, kinds
+            mine = self._held_rows(slot)
+            key = contents.setdefault(id(group), _content(group))
+            for array in (
+                system.held.nodes[mine] - system.node_start[slot],
+                np.round(system.held.axes[mine], 9),
+                system.held.held[mine],
+            ):
+                key += hashlib.sha256(np.ascontiguousarray(array).tobytes()).digest()
+            first_slot.setdefault(key, slot)
+            keys.append(key)
+        self._store.keep(set(keys))
+        order = list(first_slot)
+        kinds = [
+            self._store.get(key, partial(self._make_flexibility, first_slot[key])) for key in order
+        ]
+        return [order.index(key) for key in keys], kinds
 
-    def _make_flexibility(self, slot: int, held: IntArray) -> Flexibility:
+    def _held_rows(self, slot: int) -> npt.NDArray[np.bool_]:
+        """Which held nodes are of a slot, (n_held,)."""
+        nodes, start = self._system.held.nodes, self._system.node_start
+        rows: npt.NDArray[np.bool_] = (nodes >= start[slot]) & (nodes < start[slot + 1])
+        return rows
+
+    def _make_flexibility(self, slot: int) -> Flexibility:
         system = self._system
         group = system.group(slot)
+        held = system.held.nodes[self._held_rows(slot)] - system.node_start[slot]
         quads = system.deformable.assembly.shape(int(system.blocks[slot])).contact_quads
         retained = np.union1d(np.unique(quads), held).astype(np.int64)
         condensed = condense(group, retained)

@@ -35,7 +35,7 @@ import numpy as np
 from fem.contact import ContactNormals, PointKinematics
 from fem.deformable_assembly import DeformableAssembly
 from fem.energy_descent import minimise_energy
-from fem.flexibility import CondensedStep
+from fem.flexibility import CondensedStep, FlexibilityStore
 from fem.friction import friction_tractions
 from fem.linearisation import (
     Linearisation,
@@ -121,6 +121,7 @@ def solve_static(
     options: StaticOptions | None = None,
     *,
     start: StaticResult | None = None,
+    store: FlexibilityStore | None = None,
 ) -> StaticResult:
     """Find the static state of an assembly under its loads.
 
@@ -132,6 +133,8 @@ def solve_static(
         Method, symmetry and tolerance.
     start
         A state of the same model to start from, for instance under another load.
+    store
+        Of one call for the next: blocks that are the same are condensed once.
 
     Returns
     -------
@@ -156,7 +159,7 @@ def solve_static(
     clock = time.process_time()
     orbits = _orbits(deformable, options.symmetry)
     system = local_system(deformable, orbits)
-    step = _linear_step(system, options)
+    step = _linear_step(system, options, store)
     ready = time.process_time()
     friction = deformable.contact.friction
     rows = None if friction is None else friction_rows(system, friction)
@@ -176,10 +179,12 @@ def _orbits(deformable: DeformableAssembly, symmetry: int | None) -> Orbits:
     return no_symmetry(deformable) if symmetry == 1 else cyclic_orbits(deformable, symmetry)
 
 
-def _linear_step(system: LocalSystem, options: StaticOptions) -> LinearStep:
+def _linear_step(
+    system: LocalSystem, options: StaticOptions, store: FlexibilityStore | None
+) -> LinearStep:
     if options.method is StaticMethod.SPARSE:
         return SparseStep(system, options.sparse_solver)
-    return CondensedStep(system)
+    return CondensedStep(system, store)
 
 
 # ---------------------------------------------------------------------------------------------
