@@ -36,6 +36,7 @@ from fem.contact import ContactNormals, PointKinematics
 from fem.deformable_assembly import DeformableAssembly
 from fem.energy_descent import minimise_energy
 from fem.flexibility import CondensedStep, FlexibilityStore
+from fem.free_motions import FreeMotions, free_motions
 from fem.friction import friction_tractions
 from fem.linearisation import (
     Linearisation,
@@ -163,10 +164,17 @@ def solve_static(
     ready = time.process_time()
     friction = deformable.contact.friction
     rows = None if friction is None else friction_rows(system, friction)
-    problem = _Problem(system, step, options, rows, deformable.contact.normals)
+    kept = np.ones(system.n_nodes, dtype=np.bool_)
+    if options.method is StaticMethod.CONDENSED:
+        kept = np.isin(np.arange(system.n_nodes), system.corner_nodes)
+    free = free_motions(system, kept)
+    problem = _Problem(system, step, options, rows, deformable.contact.normals, free)
     state = _load_up(problem, _start_state(system, start), options.load_steps)
     solved = time.process_time()
     displacement = step.complete(state.displacement)
+    whole = free_motions(system, np.ones(system.n_nodes, dtype=np.bool_))
+    if whole is not None:
+        displacement = whole.without(displacement)
     seconds = {"setup": ready - clock, "newton": solved - ready}
     seconds["recovery"] = time.process_time() - solved
     seconds["total"] = time.process_time() - clock
@@ -200,6 +208,7 @@ class _Problem:
     options: StaticOptions
     friction: FrictionRows | None
     normals: ContactNormals
+    free: FreeMotions | None
 
     def kinematics(self, displacement: FloatArray) -> PointKinematics:
         """Overclosures and gradients at a displacement."""
@@ -405,6 +414,9 @@ def _solve(problem: _Problem, linear: Linearisation, state: _State) -> tuple[Flo
     while True:
         try:
             trial = problem.step(linear, state.displacement, state.holding)
+            if problem.free is not None:
+                inverse = problem.step.inverse(linear, state.holding)
+                trial = problem.free.constrained(trial, inverse)
             if np.abs(trial).max() <= farthest:
                 return trial, state
             raise UnheldBlocksError(
@@ -502,6 +514,8 @@ def _relative(problem: _Problem, unbalanced: FloatArray, contact_forces: FloatAr
         float(np.linalg.norm(problem.system.external_force)),
         _CONTACT_SHARE * float(np.linalg.norm(contact_forces)),
     )
+    if problem.free is not None:
+        unbalanced = problem.free.without(unbalanced)
     left = float(np.linalg.norm(unbalanced))
     return left / size if size > 0.0 else left
 

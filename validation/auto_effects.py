@@ -16,6 +16,7 @@ from typing import Any
 
 from rich.table import Table
 
+from fem.flexibility import FlexibilityStore
 from validation.effect_probe import (
     Answer,
     Change,
@@ -248,6 +249,7 @@ class _Probe:
         self._names, self._told = names, told
         self.scene = probe_scene(scene, name)
         self.together: Change | None = None
+        self._store = FlexibilityStore()
 
     def decide(self) -> tuple[Decision, ...]:
         """Decide about all candidates."""
@@ -259,7 +261,7 @@ class _Probe:
         if not solved and not motions:
             return self._in_order([*by_law, *refused])
         self._told("all effects")
-        everything = solve_probe(full, self._name)
+        everything = solve_probe(full, self._name, self._store)
         decisions = [self._solved(e, full, everything.answer) for e in solved]
         estimated = [self._motion(e, everything) for e in motions]
         decisions = self._jointly(full, everything.answer, decisions, estimated)
@@ -291,7 +293,7 @@ class _Probe:
         self._told(f"without {effect}")
         start = time.process_time()
         try:
-            without = solve_probe(without_effect(full, effect), self._name)
+            without = solve_probe(without_effect(full, effect), self._name, self._store)
         except InputError:
             setting, cpu = setting_words(self._whole, effect), time.process_time() - start
             words = "without it the probe has no static state"
@@ -318,7 +320,7 @@ class _Probe:
         if effect is EffectName.FINITE_ROTATION:
             self._told(f"without {effect}")
             angle = largest_rotation(run)
-            moved = without_finite_rotation(run, self._name)
+            moved = without_finite_rotation(run, self._name, self._store)
             words = f"probe with its forces; blocks turn by {angle:.2g} rad at most"
         else:
             slip, size = largest_slip(run)
@@ -352,7 +354,7 @@ class _Probe:
                 scene = full
                 for decision in gone:
                     scene = without_effect(scene, decision.effect)
-                moved = change(reference, solve_probe(scene, self._name).answer)
+                moved = change(reference, solve_probe(scene, self._name, self._store).answer)
             if moved.largest + further <= self._bound:
                 self.together = moved
                 return decisions

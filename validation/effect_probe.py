@@ -11,6 +11,7 @@ import numpy as np
 
 from fem.contact_measures import contact_measures
 from fem.deformable_assembly import DeformableAssembly
+from fem.flexibility import FlexibilityStore
 from fem.model import ModelError
 from fem.recovery import best_rotations
 from fem.rotation_load import finite_rotation_loads
@@ -90,8 +91,8 @@ class Solved:
         return Answer(found.p_max_face, found.p_eff, self.result.max_displacement)
 
 
-def solve_probe(scene: DeformableScene, name: str) -> Solved:
-    """Static state of a probe.
+def solve_probe(scene: DeformableScene, name: str, store: FlexibilityStore | None = None) -> Solved:
+    """Static state of a probe; probes that share a store condense the same blocks once.
 
     Raises
     ------
@@ -101,16 +102,21 @@ def solve_probe(scene: DeformableScene, name: str) -> Solved:
     start = time.process_time()
     deformable = build_deformable(without_motion(scene), name)
     assert scene.fem is not None
-    result = _static_state(deformable, name, whole=scene.fem.symmetry == "none")
+    result = _static_state(deformable, name, whole=scene.fem.symmetry == "none", store=store)
     return Solved(deformable, result, time.process_time() - start)
 
 
 def _static_state(
-    deformable: DeformableAssembly, name: str, *, whole: bool, start: StaticResult | None = None
+    deformable: DeformableAssembly,
+    name: str,
+    *,
+    whole: bool,
+    start: StaticResult | None = None,
+    store: FlexibilityStore | None = None,
 ) -> StaticResult:
     options = StaticOptions(symmetry=1 if whole else None, tolerance=_TOLERANCE)
     try:
-        result = solve_static(deformable, options, start=start)
+        result = solve_static(deformable, options, start=start, store=store)
     except (StaticError, SymmetryError, SparseSolverError, ModelError) as error:
         raise InputError(f"{name}: effects.auto: the probe has no static state ({error})") from None
     if not result.converged:
@@ -200,7 +206,9 @@ def mesh_words(scene: DeformableScene) -> str:
 # What has no switch in a static solver
 
 
-def without_finite_rotation(solved: Solved, name: str) -> Change:
+def without_finite_rotation(
+    solved: Solved, name: str, store: FlexibilityStore | None = None
+) -> Change:
     """Change of a static answer when blocks stop turning freely.
 
     The probe itself treats rotations as small. With the forces that finite rotations add to its
@@ -216,7 +224,7 @@ def without_finite_rotation(solved: Solved, name: str) -> Change:
     model = deformable.model
     added = finite_rotation_loads(model, result.displacements)
     turning = replace(deformable, model=replace(model, loads=(*model.loads, *added)))
-    again = _static_state(turning, name, whole=result.symmetry == 1, start=result)
+    again = _static_state(turning, name, whole=result.symmetry == 1, start=result, store=store)
     return change(Solved(turning, again, 0.0).answer, solved.answer)
 
 
