@@ -13,6 +13,7 @@ from fem.static import StaticOptions, solve_static
 from fem.static_result import pair_resultants
 from validation.auto_effects import EffectsDecision, decide_effects, without_effect
 from validation.cli import app
+from validation.compare import compare
 from validation.effect_probe import Answer, Change, answer_of_run, change
 from validation.errors import InputError
 from validation.scene import DeformableScene, load_scene, with_auto
@@ -141,6 +142,26 @@ def test_what_is_kept_stays_and_what_is_left_out_leaves_no_bit() -> None:
         np.testing.assert_array_equal(a, b)
 
 
+def test_effects_can_be_written_as_auto() -> None:
+    # Only what is written so is decided; its value stays where it is.
+    friction = "effects.friction={coefficient=0.2,when='auto'}"
+    effects = scene_of("effects.elastic_frame='auto'", friction).effects
+    assert effects.auto is not None
+    assert set(effects.auto.decide or ()) == {EffectName.ELASTIC_FRAME, FRICTION}
+    assert effects.auto.tolerance == 0.01
+    assert effects.friction is not None
+    assert effects.friction.coefficient == 0.2
+    assert not effects.elastic_frame
+    both = scene_of("effects.finite_rotation='auto'", "effects.auto='3%'").effects.auto
+    assert both is not None
+    assert (both.tolerance, both.decide) == (0.03, (EffectName.FINITE_ROTATION,))
+    assert scene_of("effects.auto=false").effects.auto is None
+    with pytest.raises(InputError, match='expected "auto"'):
+        scene_of("effects.friction={coefficient=0.2,when='maybe'}")
+    with pytest.raises(InputError, match="in decide and in keep"):
+        scene_of("effects.elastic_frame='auto'", "effects.auto.keep=['elastic_frame']")
+
+
 def test_effects_that_are_small_alone_but_not_together_are_put_back() -> None:
     # A gap and the elastic frame both take from the displacement when they go. Half the tolerance
     # is put between the larger change and that of both together: the larger comes back.
@@ -225,6 +246,23 @@ def test_sideways_weight_breaks_the_sector() -> None:
     explicit, _ = run_tube_explicit("tube", scene_of(*sideways, "fem.method='explicit'"))
     assert static.solver["symmetry"] == 1
     assert change(answer_of_run(static), answer_of_run(explicit)).largest < 2e-3
+
+
+def test_rigid_blocks_of_a_comparison_weigh_as_much() -> None:
+    # The frame carries the weight in every answer. Rigid ones to their residuals; forces of the
+    # static one are taken along undeformed normals, off by the rotation of the blocks, 1e-4.
+    scene = scene_of(*COARSE, "effects.gravity=[0,0,-9806.65]")
+    found = compare("tube", scene, explicit=False)
+    assembly = found.static.deformable.assembly
+    weight = 2.4e-9 * 9806.65 * assembly.volumes[assembly.free_blocks].sum()
+    interfaces, fixed = assembly.interfaces, assembly.fixed
+    pair = np.searchsorted(interfaces.pair_start, found.contacts, side="right") - 1
+    first = interfaces.pair_start[np.unique(pair)]
+    m, s = fixed[interfaces.block_m[first]], fixed[interfaces.block_s[first]]
+    for method, forces in found.interface_forces.items():
+        on_frame = forces[s & ~m].sum(axis=0) - forces[m & ~s].sum(axis=0)
+        exact = 1e-3 if method == "static" else 1e-6
+        assert on_frame[2] == pytest.approx(-weight, rel=exact)
 
 
 def test_change_of_nothing_is_no_change() -> None:

@@ -7,12 +7,13 @@ whole tube; p_eff, p_max; force resultants per interface; time of each.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from geometry.assembly import BoolArray
+from geometry.assembly import Assembly, BoolArray
+from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from mbd import Norm
 from validation.decomposition import Step, decompose
@@ -161,7 +162,8 @@ def compare(
     """
     fem = fem_section(scene, name)
     deformable = build_deformable(scene, name)
-    assembly, load = deformable.assembly, scene_load(scene, name, deformable.assembly)
+    assembly = deformable.assembly
+    load = with_weight(scene_load(scene, name, assembly), scene, assembly)
     rigid: dict[Norm, RigidRun] = {}
     for norm in Norm:
         chosen = scene.model_copy(update={"rigid": scene.rigid.model_copy(update={"norm": norm})})
@@ -179,6 +181,18 @@ def compare(
         )
     steps = decompose(name, scene, static)
     return _collect(name, rigid, static, dynamic, steps)
+
+
+def with_weight(load: LoadCase, scene: DeformableScene, assembly: Assembly) -> LoadCase:
+    """Load of rigid blocks that weigh what the deformable ones do under ``effects.gravity``."""
+    if scene.effects.gravity is None:
+        return load
+    assert scene.material is not None
+    wrenches = np.zeros((assembly.n_blocks, 6))
+    wrenches[:, :3] = np.outer(scene.material.density * assembly.volumes, scene.effects.gravity)
+    if load.body_wrenches is not None:
+        wrenches += load.body_wrenches
+    return replace(load, body_wrenches=wrenches)
 
 
 def _with_fem(scene: DeformableScene, **changes: Any) -> DeformableScene:

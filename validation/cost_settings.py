@@ -121,6 +121,10 @@ def require_cost_scene(scene: Any, name: str) -> TubeScene:
             f"{name}: effects.friction: errors are measured against a static solution, which "
             "depends on no history; remove friction"
         )
+    if scene.effects.gravity is not None:
+        raise InputError(
+            f"{name}: effects.gravity: rigid answers are measured too, of the load alone; remove it"
+        )
     if scene.effects.elastic_frame:
         raise InputError(
             f"{name}: effects.elastic_frame: expected rigid frame blocks, which rigid and "

@@ -142,12 +142,34 @@ class EffectsSection(Section):
     elastic_frame: bool = False
     """Frame blocks deform and are held at their outer faces; else they are rigid."""
 
-    @field_validator("auto", mode="before")
+    @model_validator(mode="before")
     @classmethod
-    def _short_form(cls, value: Any) -> Any:
-        if isinstance(value, bool):
-            return {} if value else None
-        return {"tolerance": value} if isinstance(value, int | float | str) else value
+    def _written_as_auto(cls, data: Any) -> Any:
+        """Read ``auto = 0.01``, ``elastic_frame = "auto"`` and ``when = "auto"`` beside values."""
+        if not isinstance(data, dict):
+            return data
+        data = dict(data)
+        given = data.get("auto")
+        if isinstance(given, bool):
+            given = {} if given else None
+        elif isinstance(given, int | float | str):
+            given = {"tolerance": given}
+        named = []
+        for key, value in list(data.items()):
+            if key in set(EffectName) and value == "auto":
+                named.append(key)
+                del data[key]
+            elif key in set(EffectName) and isinstance(value, dict) and "when" in value:
+                if value["when"] != "auto":
+                    raise ValueError(f'{key}.when: got {value["when"]!r}; expected "auto"')
+                named.append(key)
+                data[key] = {k: v for k, v in value.items() if k != "when"}
+        if named:
+            given = dict(given or {}) if isinstance(given, dict | None) else given
+            if isinstance(given, dict):
+                given["decide"] = [*(given.get("decide") or ()), *named]
+        data["auto"] = given
+        return data
 
 
 class Method(StrEnum):
