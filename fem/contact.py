@@ -149,8 +149,8 @@ def contact_surfaces(
         Facets of free blocks without partner where that is not allowed.
     """
     found = assembly.interfaces
-    corners_m = _corners(assembly, found.block_m, found.quads_m)
-    corners_s = _corners(assembly, found.block_s, found.quads_s)
+    corners_m = facet_corners(assembly, found.block_m, found.quads_m)
+    corners_s = facet_corners(assembly, found.block_s, found.quads_s)
     offsets = np.einsum("pa,fai->fpi", FACET_VALUES, corners_s - corners_m)
     if spacing is not None:
         offsets += (spacing[found.block_s] - spacing[found.block_m])[:, None]
@@ -167,7 +167,7 @@ def contact_surfaces(
     )
 
 
-def _corners(assembly: Assembly, blocks: IntArray, quads: IntArray) -> FloatArray:
+def facet_corners(assembly: Assembly, blocks: IntArray, quads: IntArray) -> FloatArray:
     """World positions of facet corners, (n, 4, 3) [mm]."""
     corners = np.empty((len(blocks), 4, 3))
     for block in np.unique(blocks):
@@ -278,6 +278,18 @@ def _current_frame(
     gap = np.einsum("fpi,fpi->fp", normal, d)
     slip = (d - gap[:, :, None] * normal) / area[:, :, None]
     return _CurrentFrame(tangents, normal, area, gap, slip)
+
+
+def point_normals(
+    surfaces: ContactSurfaces,
+    corner_displacements: FloatArray,
+    normals: ContactNormals = ContactNormals.CURRENT,
+) -> FloatArray:
+    """Normals from m to s that measure the gaps at displaced corners, (n, 4 points, 3)."""
+    if normals is ContactNormals.REFERENCE:
+        return surfaces.normals
+    d = surfaces.offsets + np.einsum("pa,fai->fpi", _DIFFERENCE, corner_displacements)
+    return _current_frame(surfaces, corner_displacements, d).normal
 
 
 def _cross_matrix(vector: FloatArray) -> FloatArray:
