@@ -153,7 +153,7 @@ def _add_sliding(
     stiffness: FloatArray, model: Model, contact: SlidingContact, pressure: float, first: IntArray
 ) -> None:
     """Add w k g gᵀ of all points that face a facet at the start, block pair by block pair."""
-    state = sliding_state(contact, tuple(_at_rest(g) for g in model.groups))
+    state = sliding_state(contact)
     tangent = _tangent(contact.law, pressure)
     surfaces = {surface.block: surface for surface in contact.surfaces}
     pairs, which = np.unique(
@@ -174,10 +174,6 @@ def _add_sliding(
         gap, where = np.concatenate(gaps, axis=1), np.concatenate(rows)
         weights = tangent * state.point_areas[points]
         stiffness[np.ix_(where, where)] += gap.T @ (weights[:, None] * gap)
-
-
-def _at_rest(group: BlockGroup) -> FloatArray:
-    return np.zeros((group.n_copies, group.n_nodes, 3))
 
 
 def _free_rows(model: Model, first: IntArray, size: int) -> IntArray:

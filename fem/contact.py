@@ -186,16 +186,37 @@ def check_initial_overlap(surfaces: ContactSurfaces, law: ContactLaw) -> None:
     ContactError
         Naming the deepest block pair, its depth and the law's range.
     """
-    overclosure = -surfaces.initial_gaps
+    deepest = (-surfaces.initial_gaps).max(axis=1, initial=-np.inf)
+    refuse_overlap(surfaces.block_m, surfaces.block_s, deepest, law)
+
+
+def refuse_overlap(
+    block_m: IntArray, block_s: IntArray, deepest: FloatArray, law: ContactLaw
+) -> None:
+    """Refuse facets whose largest overclosure is beyond the law's range.
+
+    Parameters
+    ----------
+    block_m, block_s
+        Blocks of each facet, (n_facets,).
+    deepest
+        Largest overclosure of each, (n_facets,) [mm].
+    law
+        Contact law.
+
+    Raises
+    ------
+    ContactError
+        Naming the deepest block pair, its depth and the law's range.
+    """
     range_end = law.largest_initial_overclosure
-    if not len(overclosure) or overclosure.max() <= range_end:
+    if not len(deepest) or deepest.max() <= range_end:
         return
-    deep = overclosure.max(axis=1)
-    worst = int(np.argmax(deep))
+    worst = int(np.argmax(deepest))
     raise ContactError(
-        f"contact: {int((deep > range_end).sum())} facets overlap at the start by more than "
-        f"{range_end:.3g} mm, where the contact law ends; deepest {deep[worst]:.3g} mm between "
-        f"blocks {int(surfaces.block_m[worst])} and {int(surfaces.block_s[worst])}; expected "
+        f"contact: {int((deepest > range_end).sum())} facets overlap at the start by more than "
+        f"{range_end:.3g} mm, where the contact law ends; deepest {deepest[worst]:.3g} mm between "
+        f"blocks {int(block_m[worst])} and {int(block_s[worst])}; expected "
         "blocks that touch: correct the placement or raise contact.initial_clearance"
     )
 

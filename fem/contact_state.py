@@ -49,7 +49,8 @@ class ContactState:
     @cached_property
     def areas(self) -> FloatArray:
         """Of the facets, as far as they face the master, (n_facets,) [mm²]."""
-        return np.bincount(self.facet, self.point_areas, minlength=self.n_facets)
+        areas = np.bincount(self.facet, self.point_areas, minlength=self.n_facets)
+        return areas.astype(np.float64)
 
     @cached_property
     def pressures(self) -> FloatArray:
@@ -63,6 +64,13 @@ class ContactState:
         """Normal force of each point on block s, (n_points, 3) [N]."""
         forces: FloatArray = (self.point_areas * self.point_pressures)[:, None] * self.normals
         return forces
+
+    @cached_property
+    def deepest(self) -> FloatArray:
+        """Largest overclosure of each facet, (n_facets,) [mm]."""
+        deepest = np.full(self.n_facets, -np.inf)
+        np.maximum.at(deepest, self.facet, self.point_overclosures)
+        return deepest
 
     @cached_property
     def centroids(self) -> FloatArray:

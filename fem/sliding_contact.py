@@ -219,7 +219,9 @@ def _points(statement: SlidingContact) -> SlidingPoints:
     )
 
 
-def sliding_state(statement: SlidingContact, displacements: tuple[FloatArray, ...]) -> ContactState:
+def sliding_state(
+    statement: SlidingContact, displacements: tuple[FloatArray, ...] | None = None
+) -> ContactState:
     """Contact of all facets that face another block at given displacements.
 
     Facets are those of the finer of two surfaces, one entry for each block that a facet faces,
@@ -230,11 +232,11 @@ def sliding_state(statement: SlidingContact, displacements: tuple[FloatArray, ..
     statement
         Surfaces and law.
     displacements
-        Of each group, world axes, (n_copies, n_nodes, 3) [mm].
+        Of each group, world axes, (n_copies, n_nodes, 3) [mm]; None: before any displacement.
     """
     points = _points(statement)
     for k, surface in enumerate(points.surfaces):
-        if surface.group >= 0:
+        if displacements is not None and surface.group >= 0:
             where = slice(int(points.node_start[k]), int(points.node_start[k + 1]))
             points.position[where] += displacements[surface.group][surface.copy, surface.nodes]
     points.search()

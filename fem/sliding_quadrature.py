@@ -1,10 +1,10 @@
 """Where the points of sliding contact lie on the facets of a surface.
 
-A facet inside one facet of the other surface carries 2 × 2 Gauss points: both sides' shape functions
-are smooth there, so a uniform pressure gives exact nodal forces. A facet that crosses edges of the
-other surface, or hangs over its rim, is cut along those edges into convex pieces with points of
-their own: the patch test then holds for meshes that do not match. Cuts are those of the surfaces
-at the start; a piece that has slid over another edge is integrated as a whole.
+A facet inside one facet of the other surface carries 2 × 2 Gauss points: the shape functions of
+both are smooth there, so a uniform pressure gives exact nodal forces. A facet that crosses edges
+of the other surface, or hangs over its rim, is cut along those edges into convex pieces with
+points of their own: the patch test then holds for meshes that do not match. Cuts are those of the
+surfaces at the start; a piece that has slid over another edge is integrated as a whole.
 """
 
 from __future__ import annotations

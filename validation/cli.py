@@ -128,7 +128,7 @@ def mbd(
 ) -> None:
     """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
     from validation.files import output_folder, prepare_json, write_json
-    from validation.rigid import analyse_rigid, build_scene, rigid_json
+    from validation.rigid import analyse_rigid, build_matching, rigid_json
     from validation.scene import load_scene
     from validation.scene_polyhedra import PolyhedralScene
     from validation.text import print_rigid
@@ -142,7 +142,7 @@ def mbd(
 
         mbd_polyhedra(file, file.scene, console=_console(json), json=json, folder=folder)
         return
-    built = build_scene(file)
+    built = build_matching(file)
     prepare_json(json)
     with output_folder(folder):
         run = analyse_rigid(built)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from rich.table import Table
 from validation.block_pictures import eye
 from validation.compare import (
     Comparison,
+    build_comparable,
     compare,
     explanations,
     explicit_errors,
@@ -22,10 +22,9 @@ from validation.compare import (
 from validation.errors import InputError
 from validation.fem_command import progress_bar
 from validation.files import output_folder, prepare_json, write_json
-from validation.pictures import between_layers, coloured_facets
+from validation.pictures import between_layers, coloured_facets, interface_facets
 from validation.rendering import PRESSURE_MAP, place, render, save_figure
 from validation.scene import DeformableScene, SceneFile
-from validation.tube_fem import build_deformable
 
 
 def run_compare(
@@ -44,7 +43,7 @@ def run_compare(
             f"{name}: block.type {scene.block.type!r} cannot be compared; expected blocks with "
             "hexahedra, such as tsb1-pipe"
         )
-    build_deformable(scene, name)
+    build_comparable(scene, name)
     prepare_json(json)
     folder = Path("out") / f"{name}-compare" if output is None and json is None else output
     with output_folder(folder):
@@ -160,9 +159,8 @@ def draw_comparison(found: Comparison, path: Path) -> None:
     figure, axes = plt.subplots(len(rows), columns, figsize=size, squeeze=False)
     for line, (words, (facets, direction)) in enumerate(rows.items()):
         for column, answer in enumerate(found.answers):
-            draw: Callable[[Any], None] = coloured_facets(
-                assembly, found.contacts[facets], answer.pressures[facets], shown_blocks, highest
-            )
+            pressed = interface_facets(assembly, found.contacts[facets], answer.pressures[facets])
+            draw = coloured_facets(pressed, np.arange(len(facets)), shown_blocks, highest)
             title = f"{answer.method}: {words}" if column == 0 else answer.method
             place(axes[line, column], render(draw, direction, height=1000), title)
     figure.suptitle(

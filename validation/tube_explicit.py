@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fem.checkpoint import CheckpointError
-from fem.contact_state import contact_state
+from fem.contact import refuse_overlap
 from fem.deformable_assembly import DeformableAssembly
 from fem.explicit import (
     ExplicitResult,
@@ -24,6 +24,7 @@ from fem.explicit_model import ExplicitAssembly, explicit_assembly
 from fem.loads import SmoothStepAmplitude
 from fem.model import ModelError
 from fem.quasi_static import RecommendedTimes, quasi_static_report, recommended_times
+from fem.sliding_contact import sliding_state
 from fem.symmetry import largest_cyclic_orbits
 from fem.time_step import TimeStepError
 from geometry.mesh import FloatArray
@@ -63,15 +64,14 @@ def explicit_statement(
     fem = fem_section(scene, name)
     damped = fem.damping is Damping.STATIC
     try:
-        sliding = scene.effects.finite_sliding
+        sliding = deformable.contact.finite_sliding
         # Blocks that may slide far may leave their sector: the whole tube is computed.
         whole = fem.symmetry == "none" or (sliding and fem.symmetry == "auto")
         orbits = None if whole else largest_cyclic_orbits(deformable)
         if fem.symmetry == "sector" and orbits is not None and orbits.order == 1:
             raise InputError(f"{name}: {NO_SECTOR}")
         effects = build_effects(scene.effects, fem)
-        # Frequencies are those of the matched facets, whether blocks may slide on from them or not.
-        plain = explicit_assembly(deformable, orbits=orbits, effects=effects, finite_sliding=False)
+        plain = explicit_assembly(deformable, orbits=orbits, effects=effects)
         times = recommended_times(plain.model, damped=damped)
         ramp = times.ramp_time if fem.ramp_time is None else fem.ramp_time
         stated = explicit_assembly(
@@ -80,8 +80,10 @@ def explicit_statement(
             effects=effects,
             amplitude=SmoothStepAmplitude(ramp) if ramp > 0 else None,
             friction=deformable.contact.friction,
-            finite_sliding=sliding,
         )
+        if stated.sliding is not None:
+            start = sliding_state(stated.sliding)
+            refuse_overlap(start.block_m, start.block_s, start.deepest, deformable.contact.law)
     except InputError:
         raise
     except ValueError as error:
@@ -158,7 +160,7 @@ def run_tube_explicit(
         raise InputError(f"{name}: {error}") from None
     solved = time.process_time()
     displacements = whole.expand(result.displacements)
-    pressures, overclosures = contact_state(deformable, displacements)
+    contacts = whole.contact_state(result.displacements)
     seconds = {
         "build": built - start,
         "solve": solved - built,
@@ -171,8 +173,7 @@ def run_tube_explicit(
         method=Method.EXPLICIT,
         deformable=deformable,
         displacements=displacements,
-        point_pressures=pressures,
-        point_overclosures=overclosures,
+        contacts=contacts,
         solver=explicit_numbers(result, statement),
         cpu_seconds=seconds,
     )
