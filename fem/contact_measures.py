@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem.contact_state import ContactState
+from fem.sliding_quadrature import gauss_points
 from geometry.assembly import Assembly
 from geometry.measures import BlockMeasures, block_measures, measures
 from geometry.mesh import FloatArray
@@ -51,10 +52,7 @@ def contact_measures(assembly: Assembly, state: ContactState) -> ContactMeasures
     per_block = block_measures(blocks, state.block_m, state.block_s, state.pressures, state.areas)
     eligible: FloatArray = assembly.eligible_facets().astype(np.float64)
     if state.interface is None:
-        ends = np.concatenate([state.block_m, state.block_s])
-        met = np.bincount(ends, minlength=assembly.n_blocks)
-        covered = np.bincount(ends, np.tile(state.areas, 2), minlength=assembly.n_blocks)
-        eligible = np.where(met > 0, met * areas / np.maximum(covered, 1e-300), eligible)
+        eligible = _facets_that_fit(assembly, state)
     overall = measures(per_block, eligible[blocks], areas[blocks])
     pressing = np.where(state.point_pressures > 0.0, state.point_areas, 0.0)
     area = float(pressing.sum())
@@ -68,3 +66,14 @@ def contact_measures(assembly: Assembly, state: ContactState) -> ContactMeasures
         force=float(state.point_areas @ state.point_pressures),
         per_block=per_block,
     )
+
+
+def _facets_that_fit(assembly: Assembly, state: ContactState) -> FloatArray:
+    """How many of the facets that a search found cover the contact faces of each block."""
+    whole = np.array(
+        [gauss_points(s.mesh.nodes[s.contact_quads]).weights.sum() for s in assembly.shapes]
+    )[assembly.shape_of]
+    ends = np.concatenate([state.block_m, state.block_s])
+    met = np.bincount(ends, minlength=assembly.n_blocks)
+    covered = np.bincount(ends, np.tile(state.areas, 2), minlength=assembly.n_blocks)
+    return np.where(met > 0, met * whole / np.maximum(covered, 1e-300), assembly.eligible_facets())

@@ -35,7 +35,10 @@ def eye(run: TubeRun) -> tuple[float, float, float]:
 
 
 def draw_block_stresses(run: TubeRun, path: Path) -> None:
-    """Draw σ₁, σ₃ and the displacement on the surfaces of all deformable blocks."""
+    """Draw σ₁, σ₃ and the displacement on the surfaces of all deformable blocks.
+
+    Stresses are drawn where the blocks are, the displacement enlarged.
+    """
     import matplotlib.pyplot as plt
 
     blocks = run.deformable.deformable_blocks.tolist()
@@ -47,8 +50,8 @@ def draw_block_stresses(run: TubeRun, path: Path) -> None:
     scale = run.drawing_scale
     one, three = symmetric_limits(list(sigma_1.values())), symmetric_limits(list(sigma_3.values()))
     panels = (
-        Panel("σ₁", sigma_1, STRESS_MAP, one, "σ₁ [MPa]", faces, 0.0),
-        Panel("σ₃", sigma_3, STRESS_MAP, three, "σ₃ [MPa]", faces, 0.0),
+        Panel("σ₁", sigma_1, STRESS_MAP, one, "σ₁ [MPa]", faces, 1.0),
+        Panel("σ₃", sigma_3, STRESS_MAP, three, "σ₃ [MPa]", faces, 1.0),
         Panel(
             f"displacement, drawn × {scale:g}", moved, "viridis", limits_u, "|u| [mm]", faces, scale
         ),

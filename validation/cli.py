@@ -75,9 +75,11 @@ def scenes(
         sys.stdout.write(builtin_text(name))
         return
     console = _console(None)
-    for scene in builtin_names():
+    names = builtin_names()
+    width = max(len(scene) for scene in names)
+    for scene in names:
         first = builtin_text(scene).splitlines()[0].lstrip("# ")
-        console.print(f"{scene:14} {first}")
+        console.print(f"{scene:{width}} {first}")
 
 
 @app.command()

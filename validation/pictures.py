@@ -139,7 +139,7 @@ def _add_load(assembly: Assembly, load: LoadCase, plotter: Any) -> None:
     plotter.add_mesh(glyph, color=VERMILION, lighting=False)
 
 
-_LOAD_WORDS = {
+_LOAD_WORDS: dict[str, str] = {
     LoadCaseName.PIPE: "internal pressure",
     LoadCaseName.TUNNEL: "external pressure",
     LoadCaseName.PILLAR: "axial pressure",
@@ -207,7 +207,7 @@ def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str)
     )
     place(axes[0], images[0], "from outside")
     place(axes[1], images[1], "from the other side" if wall else "near side removed")
-    words = _LOAD_WORDS.get(LoadCaseName(load.name), load.name)
+    words = _LOAD_WORDS.get(load.name, load.name)
     figure.suptitle(title, fontsize=14, x=0.03, ha="left")
     figure.legend(
         handles=[

@@ -105,8 +105,8 @@ def draw_stresses(run: TubeRun, path: Path) -> None:
     scale, outer = run.drawing_scale, ("outer",)
     shell = ("outer", "inner", "left", "right", *EDGE_NAMES)
     panels = (
-        Panel("σ₁, outer surface", sigma_1, STRESS_MAP, limits_1, "σ₁ [MPa]", outer, 0.0),
-        Panel("σ₃, outer surface", sigma_3, STRESS_MAP, limits_3, "σ₃ [MPa]", outer, 0.0),
+        Panel("σ₁, outer surface", sigma_1, STRESS_MAP, limits_1, "σ₁ [MPa]", outer, 1.0),
+        Panel("σ₃, outer surface", sigma_3, STRESS_MAP, limits_3, "σ₃ [MPa]", outer, 1.0),
         Panel(
             f"displacement, drawn × {scale:g}", moved, "viridis", limits_u, "|u| [mm]", shell, scale
         ),
