@@ -19,7 +19,7 @@ from fem.contact_law import ContactLaw
 from fem.explicit_contact import FaceContact
 from fem.loads import FACET_VALUES
 from fem.model import BlockGroup, Model
-from fem.sliding_contact import SlidingContact, sliding_state
+from fem.sliding_contact import SlidingContact
 from geometry.mesh import FloatArray, IntArray
 
 #: Modes below this share of the highest frequency are taken for motions nothing resists.
@@ -153,7 +153,7 @@ def _add_sliding(
     stiffness: FloatArray, model: Model, contact: SlidingContact, pressure: float, first: IntArray
 ) -> None:
     """Add w k g gᵀ of all points that face a facet at the start, block pair by block pair."""
-    state = sliding_state(contact)
+    state = contact.at_start
     tangent = _tangent(contact.law, pressure)
     surfaces = {surface.block: surface for surface in contact.surfaces}
     pairs, which = np.unique(

@@ -8,6 +8,7 @@ force.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -61,6 +62,11 @@ class SlidingContact:
             np.add.at(total, surface.nodes[surface.quads], 0.25 * area[:, None])
             largest = np.maximum(largest, total)
         return moving * self.counted_stiffness * largest
+
+    @cached_property
+    def at_start(self) -> ContactState:
+        """Contact before any displacement."""
+        return sliding_state(self, None)
 
     def bind(self, bodies: tuple[Body, ...]) -> Interaction:
         """Prepare the force for the loop."""
@@ -220,7 +226,7 @@ def _points(statement: SlidingContact) -> SlidingPoints:
 
 
 def sliding_state(
-    statement: SlidingContact, displacements: tuple[FloatArray, ...] | None = None
+    statement: SlidingContact, displacements: tuple[FloatArray, ...] | None
 ) -> ContactState:
     """Contact of all facets that face another block at given displacements.
 
@@ -235,11 +241,12 @@ def sliding_state(
         Of each group, world axes, (n_copies, n_nodes, 3) [mm]; None: before any displacement.
     """
     points = _points(statement)
-    for k, surface in enumerate(points.surfaces):
-        if displacements is not None and surface.group >= 0:
-            where = slice(int(points.node_start[k]), int(points.node_start[k + 1]))
-            points.position[where] += displacements[surface.group][surface.copy, surface.nodes]
-    points.search()
+    if displacements is not None:
+        for k, surface in enumerate(points.surfaces):
+            if surface.group >= 0:
+                where = slice(int(points.node_start[k]), int(points.node_start[k + 1]))
+                points.position[where] += displacements[surface.group][surface.copy, surface.nodes]
+        points.search()
     facing = np.flatnonzero(points.facet >= 0)
     master, slave = points.facet[facing], points.slave[facing]
     position = points.place()[facing]

@@ -28,6 +28,9 @@ _RIM = 1e-6
 #: A facet whose corners lie this far outside another, in natural coordinates, is still inside it.
 _NESTED = 1e-3
 
+#: Facets that look at each other: least cosine between one normal and the other's opposite.
+_OPPOSITE = 0.5
+
 
 @dataclass(frozen=True)
 class BlockSurface:
@@ -65,7 +68,7 @@ class SlidingPoints:
     """Points on all surfaces, and which facet each faces at present."""
 
     def __init__(self, surfaces: tuple[BlockSurface, ...], *, reach: float) -> None:
-        """Place the points.
+        """Place the points and search the facets that they face at the start.
 
         Parameters
         ----------
@@ -90,9 +93,10 @@ class SlidingPoints:
         points = gauss_points(corners)
         self._take(points)
         self.search()
-        crossed = self._crossed()
-        if crossed:
-            self._take(cut_points(points, corners, crossed))
+        cut = cut_points(points, corners, self._crossed())
+        if cut is not points:
+            self._take(cut)
+            self.search()
 
     def _take(self, points: FacetPoints) -> None:
         """Replace the points; none has a facet yet."""
@@ -139,7 +143,8 @@ class SlidingPoints:
         vectors = facet_area_vectors(others)
         normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
         away = np.einsum("kai,ki->ka", own.mean(axis=0) - others, normals).mean(axis=1)
-        against = normals @ facet_area_vectors(own[None])[0] < 0.0
+        looks = facet_area_vectors(own[None])[0]
+        against = normals @ looks < -_OPPOSITE * np.linalg.norm(looks)
         near: FloatArray = others[against & (np.abs(away) <= self._reach + self.skin)]
         return near
 
@@ -221,6 +226,11 @@ class SlidingPoints:
         self.xi[points] = xi[row, choice]
 
 
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    product: FloatArray = np.einsum("nki,nki->nk", a, b)
+    return product
+
+
 def closest_points(
     corners: FloatArray, points: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -246,13 +256,12 @@ def closest_points(
     for _ in range(12):
         values, slopes = bilinear(xi)
         d = points[:, None] - np.einsum("nka,nkai->nki", values, corners)
-        tangents = np.einsum("nkac,nkai->nkci", slopes, corners)
-        matrix = np.einsum("nkci,nkdi->nkcd", tangents, tangents)
-        twist = np.einsum("nki,nki->nk", d, mixed)
-        matrix[..., 0, 1] -= twist
-        matrix[..., 1, 0] -= twist
-        right = np.einsum("nkci,nki->nkc", tangents, d)
-        xi = np.clip(xi + np.linalg.solve(matrix, right[..., None])[..., 0], -2.0, 2.0)
+        first, second = np.einsum("nkac,nkai->cnki", slopes, corners)
+        a, b, c = (_dot(u, v) for u, v in ((first, first), (first, second), (second, second)))
+        b -= _dot(d, mixed)
+        p, q = _dot(d, first), _dot(d, second)
+        way = np.stack([c * p - b * q, a * q - b * p], axis=2) / (a * c - b * b)[..., None]
+        xi = np.clip(xi + way, -2.0, 2.0)
     values, slopes = bilinear(xi)
     d = points[:, None] - np.einsum("nka,nkai->nki", values, corners)
     tangents = np.einsum("nkac,nkai->nkci", slopes, corners)

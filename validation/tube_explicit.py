@@ -24,7 +24,6 @@ from fem.explicit_model import ExplicitAssembly, explicit_assembly
 from fem.loads import SmoothStepAmplitude
 from fem.model import ModelError
 from fem.quasi_static import RecommendedTimes, quasi_static_report, recommended_times
-from fem.sliding_contact import sliding_state
 from fem.symmetry import largest_cyclic_orbits
 from fem.time_step import TimeStepError
 from geometry.mesh import FloatArray
@@ -72,6 +71,9 @@ def explicit_statement(
             raise InputError(f"{name}: {NO_SECTOR}")
         effects = build_effects(scene.effects, fem)
         plain = explicit_assembly(deformable, orbits=orbits, effects=effects)
+        if plain.sliding is not None:
+            start = plain.sliding.at_start
+            refuse_overlap(start.block_m, start.block_s, start.deepest, deformable.contact.law)
         times = recommended_times(plain.model, damped=damped)
         ramp = times.ramp_time if fem.ramp_time is None else fem.ramp_time
         stated = explicit_assembly(
@@ -81,9 +83,6 @@ def explicit_statement(
             amplitude=SmoothStepAmplitude(ramp) if ramp > 0 else None,
             friction=deformable.contact.friction,
         )
-        if stated.sliding is not None:
-            start = sliding_state(stated.sliding)
-            refuse_overlap(start.block_m, start.block_s, start.deepest, deformable.contact.law)
     except InputError:
         raise
     except ValueError as error:
