@@ -17,7 +17,7 @@ from fem.central_difference import Interaction, System
 from fem.contact_kernels import add_travel
 from fem.contact_law import ContactLaw
 from fem.contact_state import ContactState
-from fem.explicit_contact import shifted
+from fem.explicit_contact import check_stick, shifted
 from fem.friction import CoulombFriction
 from fem.layout import LaneArray
 from fem.sliding_kernel import apply_surface, place_surface, sliding_forces
@@ -43,6 +43,10 @@ class SlidingContact:
     """Stiffness of the law that the critical time step counts in [MPa/mm]."""
     friction: CoulombFriction | None = None
     """None: absent."""
+
+    def __post_init__(self) -> None:
+        if self.friction is not None:
+            check_stick(self.friction, self.counted_stiffness)
 
     def touched_nodes(self, group: int) -> IntArray:
         """Mesh nodes of the group on which contact may act, (n,)."""

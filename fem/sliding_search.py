@@ -29,7 +29,7 @@ _RIM = 1e-6
 _NESTED = 1e-3
 
 #: Facets that look at each other: least cosine between one normal and the other's opposite.
-_OPPOSITE = 0.5
+_OPPOSITE = 0.3
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,9 @@ class SlidingPoints:
         _, found = tree.query(x, k=count)
         candidate = np.asarray(found).reshape(len(points), count) + self.facets[m].start
         xi, gap, normal = closest_points(self.position[self.quads[candidate]], x)
-        against = np.einsum("pki,pi->pk", normal, facet_area_vectors(own)) < 0.0
+        looks = facet_area_vectors(own)
+        least = -_OPPOSITE * np.linalg.norm(looks, axis=1, keepdims=True)
+        against = np.einsum("pki,pi->pk", normal, looks) < least
         on_facet = (np.abs(xi) <= 1.0 + _RIM).all(axis=2) & against
         on_facet &= (gap <= self._reach + self.skin) & (gap >= -0.5 * self._edges[m])
         distance = np.where(on_facet, np.abs(gap), np.inf)

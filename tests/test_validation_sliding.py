@@ -259,6 +259,52 @@ def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
     assert run.contact.force == pytest.approx(2.4e-9 * 400_000.0 * 9810.0, rel=1e-3)
 
 
+def test_a_brick_on_two_others_and_one_that_hangs_over(tmp_path: Path) -> None:
+    """Facets that lie on two blocks or partly on none count with the area they have on each: two
+    halves of 40 cm², and 100 × 70 mm² of a brick moved aside by 10 mm; half of all weight and load
+    goes to each support by symmetry. The residual is 1e-6."""
+    write_hex_mesh(tmp_path / "coarse.vtu", box_block(WIDE, (4, 3, 2)).mesh)
+    write_hex_mesh(tmp_path / "fine.vtu", box_block(WIDE, (5, 4, 3)).mesh)
+    path = tmp_path / "own.toml"
+    path.write_text(
+        """
+[block]
+type = "mesh"
+[[parts]]
+file = "coarse.vtu"
+fixed = true
+places = [{at = [0, 0, 0]}, {at = [100, 0, 0]}]
+[[parts]]
+file = "fine.vtu"
+places = [{at = [50, 0, 50]}, {at = [50, 10, 100]}]
+[load]
+gravity = [0, 0, -9810]
+forces = [{block = 3, force = [0, 0, -4000]}]
+"""
+        + SECTIONS,
+        "utf-8",
+    )
+    scene = load_scene(str(path), ["fem.method='explicit'", "fem.residual=1e-6"]).scene
+    assert isinstance(scene, DeformableScene)
+    found = run_tube_explicit("own", scene)[0].contacts
+    weight = 2.4e-9 * 400_000.0 * 9810.0
+    for joint, area, force in (
+        ((0, 2), 4000.0, 2000.0 + weight),
+        ((1, 2), 4000.0, 2000.0 + weight),
+        ((2, 3), 7000.0, 4000.0 + weight),
+    ):
+        points = found.joint(*joint)
+        assert found.point_areas[points].sum() == pytest.approx(area, rel=1e-9)
+        assert np.abs(found.point_forces[points, 2]).sum() == pytest.approx(force, rel=1e-5)
+    assert not len(found.joint(0, 1)) or not found.point_pressures[found.joint(0, 1)].any()
+
+
+def test_a_stick_too_stiff_for_the_time_step_is_refused() -> None:
+    friction = {"coefficient": 0.3, "stick_stiffness": 1e6}
+    with pytest.raises(InputError, match="expected at most"):
+        run_tube_explicit("column", column(*CROSSING, effects={"friction": friction}))
+
+
 def test_an_overlap_that_no_facet_matches_is_refused() -> None:
     """Boxes 0.05 mm in each other, beyond the law's curve: named with their depth."""
     scene = column(*CROSSING, contact={"law": "exponential"})
