@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -118,23 +119,27 @@ def _cut_facet(number: int, own: FloatArray, others: FloatArray) -> FacetPoints 
     pieces = convex_pieces(facet, (others - centre) @ plane)
     if len(pieces) < 2:
         return None
-    shapes, weights, cells = [], [], []
-    for piece in pieces:
-        vertices = natural_coordinates(facet, piece)
-        fan = np.stack([piece[[0, k, k + 1]] for k in range(1, len(piece) - 1)])
-        area = 0.5 * np.abs(_cross(fan[:, 1] - fan[:, 0], fan[:, 2] - fan[:, 0]))
-        at = np.einsum("pv,tvi->tpi", _TRIANGLE, fan).reshape(-1, 2)
-        shapes.append(bilinear(natural_coordinates(facet, at))[0])
-        weights.append(np.repeat(area / 3.0, 3))
-        box = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
-        cells.append(np.tile(np.clip(box, -1.0, 1.0), (3 * len(fan), 1, 1)))
-    areas = np.concatenate(weights)
+    at, weights = zip(*(_piece_points(piece) for piece in pieces), strict=True)
+    sizes = [len(points) for points in at]
+    xi = natural_coordinates(facet, np.concatenate([*at, *pieces]))
+    corner = sum(sizes) + np.cumsum([0, *(len(piece) for piece in pieces)])
+    boxes = [
+        np.stack([xi[a:b].min(axis=0), xi[a:b].max(axis=0)]) for a, b in pairwise(corner.tolist())
+    ]
     return FacetPoints(
-        facet=np.full(len(areas), number, dtype=np.int64),
-        shapes=np.concatenate(shapes),
-        weights=areas,
-        cells=np.concatenate(cells),
+        facet=np.full(sum(sizes), number, dtype=np.int64),
+        shapes=bilinear(xi[: sum(sizes)])[0],
+        weights=np.concatenate(weights),
+        cells=np.repeat(np.clip(boxes, -1.0, 1.0), sizes, axis=0),
     )
+
+
+def _piece_points(piece: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points (n, 2) of a convex piece, three on each triangle of a fan, and their areas (n,)."""
+    fan = np.stack([piece[[0, k, k + 1]] for k in range(1, len(piece) - 1)])
+    area = 0.5 * _cross(fan[:, 1] - fan[:, 0], fan[:, 2] - fan[:, 0])
+    points = np.einsum("pv,tvi->tpi", _TRIANGLE, fan).reshape(-1, 2)
+    return points, np.repeat(area / 3.0, 3)
 
 
 def convex_pieces(facet: FloatArray, others: FloatArray) -> list[FloatArray]:
@@ -154,7 +159,9 @@ def convex_pieces(facet: FloatArray, others: FloatArray) -> list[FloatArray]:
     """
     size = float(np.sqrt(_area(facet)))
     rest, done = [facet], []
-    for other in others:
+    low, high = facet.min(axis=0), facet.max(axis=0)
+    near = ((others.max(axis=1) > low) & (others.min(axis=1) < high)).all(axis=1)
+    for other in others[near]:
         quad = other if _area(other) > 0.0 else other[::-1]
         left = []
         for piece in rest:
@@ -212,5 +219,8 @@ def natural_coordinates(facet: FloatArray, points: FloatArray) -> FloatArray:
     for _ in range(12):
         values, slopes = bilinear(xi)
         jacobian = np.einsum("pak,ai->pik", slopes, facet)
-        xi += np.linalg.solve(jacobian, (points - values @ facet)[..., None])[..., 0]
+        way = np.linalg.solve(jacobian, (points - values @ facet)[..., None])[..., 0]
+        xi += way
+        if float(np.abs(way).max(initial=0.0)) < 1e-14:
+            break
     return xi

@@ -13,7 +13,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fem.sliding_quadrature import FacetPoints, bilinear, cut_points, gauss_points
+from fem.sliding_kernel import closest_on_facets
+from fem.sliding_quadrature import FacetPoints, cut_points, gauss_points
 from geometry.mesh import FloatArray, IntArray
 
 #: Skin of the search over the shortest mean edge of a facet.
@@ -228,11 +229,6 @@ class SlidingPoints:
         self.xi[points] = xi[row, choice]
 
 
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    product: FloatArray = np.einsum("nki,nki->nk", a, b)
-    return product
-
-
 def closest_points(
     corners: FloatArray, points: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -251,22 +247,7 @@ def closest_points(
         Natural coordinates (n, k, 2), held within twice the facet, gaps (n, k) [mm], normals
         (n, k, 3).
     """
-    xi = np.zeros((*corners.shape[:2], 2))
-    mixed = 0.25 * (
-        corners[..., 0, :] - corners[..., 1, :] + corners[..., 2, :] - corners[..., 3, :]
-    )
-    for _ in range(12):
-        values, slopes = bilinear(xi)
-        d = points[:, None] - np.einsum("nka,nkai->nki", values, corners)
-        first, second = np.einsum("nkac,nkai->cnki", slopes, corners)
-        a, b, c = (_dot(u, v) for u, v in ((first, first), (first, second), (second, second)))
-        b -= _dot(d, mixed)
-        p, q = _dot(d, first), _dot(d, second)
-        way = np.stack([c * p - b * q, a * q - b * p], axis=2) / (a * c - b * b)[..., None]
-        xi = np.clip(xi + way, -2.0, 2.0)
-    values, slopes = bilinear(xi)
-    d = points[:, None] - np.einsum("nka,nkai->nki", values, corners)
-    tangents = np.einsum("nkac,nkai->nkci", slopes, corners)
-    normal = np.cross(tangents[..., 0, :], tangents[..., 1, :])
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    return xi, np.einsum("nki,nki->nk", d, normal), normal
+    shape = corners.shape[:2]
+    xi, gap, normal = np.empty((*shape, 2)), np.empty(shape), np.empty((*shape, 3))
+    closest_on_facets(corners, points, xi, gap, normal)
+    return xi, gap, normal
