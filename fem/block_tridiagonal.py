@@ -18,6 +18,9 @@ import scipy.linalg
 
 from geometry.mesh import FloatArray
 
+#: Forces and motions of a level, or their right-hand sides.
+Side = tuple[FloatArray, FloatArray]
+
 #: Smallest accepted ratio of the pivots of a level's motions: less is a motion nothing resists.
 _SMALLEST_PIVOT = 1e-10
 
@@ -35,7 +38,7 @@ class UnresistedMotionError(ValueError):
 
 @dataclass(frozen=True)
 class Level:
-    """One level and its coupling with the next; arrays are overwritten by `solve_chain`."""
+    """One level and its coupling with the next; arrays are overwritten by `factor_chain`."""
 
     flexibility: FloatArray
     """A, (n, n), Fortran order."""
@@ -49,30 +52,62 @@ class Level:
     """Coupling of the shared forces with the next level's forces, (n - first_shared, n_next)."""
     next_motions: FloatArray
     """Minus their coupling with its motions, like C; (n - first_shared, n_motions_next)."""
-    force_side: FloatArray
-    """d, (n,)."""
-    motion_side: FloatArray
-    """e, (n_motions,)."""
 
 
 @dataclass(frozen=True)
 class _Eliminated:
-    """Factors of one level, for the way back."""
+    """Factors of one level."""
 
     factor: FloatArray
     motions: FloatArray
     pivot: FloatArray
-    force_side: FloatArray
-    motion_side: FloatArray
 
 
-def solve_chain(levels: Sequence[Level]) -> list[tuple[FloatArray, FloatArray]]:
-    """Solve for the forces and motions of all levels.
+@dataclass(frozen=True)
+class ChainFactor:
+    """A chain with all its levels eliminated: solves for any right-hand sides."""
 
-    Returns
-    -------
-    list[tuple[FloatArray, FloatArray]]
-        (q, α) of each level.
+    levels: Sequence[Level]
+    eliminated: tuple[_Eliminated, ...]
+
+    def solve(self, sides: Sequence[Side]) -> list[Side]:
+        """Solve for the forces and motions of all levels.
+
+        Parameters
+        ----------
+        sides
+            (d, e) of each level, (n,) and (n_motions,).
+
+        Returns
+        -------
+        list[tuple[FloatArray, FloatArray]]
+            (q, α) of each level.
+        """
+        done: list[Side] = []
+        change: Side | None = None
+        for level, eliminated, (force, motion) in zip(
+            self.levels, self.eliminated, sides, strict=True
+        ):
+            side = (force, motion) if change is None else (force - change[0], motion - change[1])
+            done.append(side)
+            forces, _ = _solve(eliminated, *side)
+            shared = forces[level.first_shared :]
+            change = level.next_flexibility.T @ shared, -level.next_motions.T @ shared
+        result: list[Side] = []
+        for level, eliminated, side in zip(
+            reversed(self.levels), reversed(self.eliminated), reversed(done), strict=True
+        ):
+            force = side[0].copy()
+            if result:
+                after = result[-1]
+                shared = level.next_motions @ after[1] - level.next_flexibility @ after[0]
+                force[level.first_shared :] += shared
+            result.append(_solve(eliminated, force, side[1]))
+        return result[::-1]
+
+
+def factor_chain(levels: Sequence[Level]) -> ChainFactor:
+    """Eliminate the levels one after the other.
 
     Raises
     ------
@@ -87,17 +122,7 @@ def solve_chain(levels: Sequence[Level]) -> list[tuple[FloatArray, FloatArray]]:
         done.append(eliminated)
         if k + 1 < len(levels):
             _update(level, eliminated, levels[k + 1])
-    result: list[tuple[FloatArray, FloatArray]] = []
-    after: tuple[FloatArray, FloatArray] | None = None
-    for level, eliminated in zip(reversed(levels), reversed(done), strict=True):
-        force_side = eliminated.force_side
-        if after is not None:
-            force_side = force_side.copy()
-            shared = level.next_motions @ after[1] - level.next_flexibility @ after[0]
-            force_side[level.first_shared :] += shared
-        after = _solve(eliminated, force_side)
-        result.append(after)
-    return result[::-1]
+    return ChainFactor(levels, tuple(done))
 
 
 def _lower_solve(factor: FloatArray, right: FloatArray) -> FloatArray:
@@ -118,8 +143,6 @@ def _eliminate(number: int, level: Level) -> _Eliminated:
         factor=factor,
         motions=motions,
         pivot=scipy.linalg.cholesky(pivot, lower=True) if len(pivot) else pivot,
-        force_side=level.force_side,
-        motion_side=level.motion_side,
     )
 
 
@@ -135,13 +158,13 @@ def _check_resistance(number: int, pivot: FloatArray) -> None:
     raise UnresistedMotionError(number, (scale == 0.0).astype(np.float64))
 
 
-def _solve(eliminated: _Eliminated, force_side: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _solve(eliminated: _Eliminated, force_side: FloatArray, motion_side: FloatArray) -> Side:
     """(q, α) of one level for given right-hand sides."""
     right = _lower_solve(eliminated.factor, force_side)
-    alpha = np.zeros(len(eliminated.motion_side))
+    alpha = np.zeros(len(motion_side))
     if len(alpha):
         alpha = -scipy.linalg.cho_solve(
-            (eliminated.pivot, True), eliminated.motion_side + eliminated.motions.T @ right
+            (eliminated.pivot, True), motion_side + eliminated.motions.T @ right
         )
     forces = scipy.linalg.solve_triangular(
         eliminated.factor,
@@ -166,7 +189,3 @@ def _update(level: Level, eliminated: _Eliminated, after: Level) -> None:
     after.flexibility[...] -= update[:n, :n]
     after.motions[...] += update[:n, n:]
     after.holding[...] += update[n:, n:]
-    forces, _ = _solve(eliminated, eliminated.force_side)
-    change = coupling.T @ forces[first:]
-    after.force_side[...] -= change[:n]
-    after.motion_side[...] -= change[n:]

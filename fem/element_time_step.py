@@ -82,9 +82,9 @@ def uniform_strain_time_step(mesh: HexMesh, material: Material) -> float:
     return bound
 
 
-def element_eigenvalue_time_step(mesh: HexMesh, material: Material, element: ElementType) -> float:
-    """Bound of any element, 2 / omega_max over the free elements with their lumped masses [s]."""
-    highest = 0.0
+def element_frequencies(mesh: HexMesh, material: Material, element: ElementType) -> FloatArray:
+    """Highest frequency of each free element with its lumped mass, (n_elements,) [rad/s]."""
+    squares = np.empty(mesh.n_elements)
     for part in chunks(mesh.n_elements):
         coordinates = mesh.nodes[mesh.elements[part]]
         stiffness = element_stiffness(coordinates, material, element)
@@ -92,5 +92,10 @@ def element_eigenvalue_time_step(mesh: HexMesh, material: Material, element: Ele
             1.0 / np.sqrt(element_lumped_mass(coordinates, material.density)), 3, axis=1
         )
         scaled = stiffness * scale[:, :, None] * scale[:, None, :]
-        highest = max(highest, float(np.linalg.eigvalsh(scaled)[:, -1].max()))
-    return 2.0 / math.sqrt(highest)
+        squares[part] = np.linalg.eigvalsh(scaled)[:, -1]
+    return np.sqrt(squares)
+
+
+def element_eigenvalue_time_step(mesh: HexMesh, material: Material, element: ElementType) -> float:
+    """Bound of any element, 2 / omega_max over the free elements with their lumped masses [s]."""
+    return 2.0 / float(element_frequencies(mesh, material, element).max())

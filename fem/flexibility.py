@@ -19,16 +19,24 @@ at convergence it does nothing.
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
+import numpy.typing as npt
 import scipy.linalg
 from scipy.sparse import csc_array, csr_array
 
-from fem.block_tridiagonal import Level, UnresistedMotionError, solve_chain
+from fem.block_tridiagonal import ChainFactor, Level, UnresistedMotionError, factor_chain
 from fem.condensation import CondensedBlock, condense
-from fem.linearisation import Linearisation, UnheldBlocksError, gradient_matrix
+from fem.linearisation import (
+    Linearisation,
+    NodalInverse,
+    UnheldBlocksError,
+    gradient_matrix,
+)
 from fem.local_system import LocalSystem, constraint_transform
 from fem.model import BlockGroup
 from geometry.mesh import FloatArray, IntArray
@@ -85,11 +93,43 @@ def _pseudo_inverse(stiffness: FloatArray, rigid: FloatArray) -> FloatArray:
     return full
 
 
+class FlexibilityStore:
+    """Keeps the flexibilities of one problem for the next one on the same blocks.
+
+    Loads, contact laws and gaps may differ; what the next problem does not need is let go before
+    anything new is made.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[bytes, Flexibility] = {}
+
+    def keep(self, keys: set[bytes]) -> None:
+        """Let go of all others."""
+        self._kept = {key: found for key, found in self._kept.items() if key in keys}
+
+    def get(self, key: bytes, make: Callable[[], Flexibility]) -> Flexibility:
+        """Return the flexibility of a key, made if there is none."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
+
+
+def _content(group: BlockGroup) -> bytes:
+    """Digest of all of a block that its flexibility depends on."""
+    digest = hashlib.sha256()
+    for array in (group.mesh.nodes, group.mesh.elements, group.lumped_mass):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    material = group.material
+    digest.update(repr((group.element, material.young_modulus, material.poisson_ratio)).encode())
+    return digest.digest()
+
+
 class CondensedStep:
     """Solves the linear problem in contact forces, with one flexibility per kind of block."""
 
-    def __init__(self, system: LocalSystem) -> None:
+    def __init__(self, system: LocalSystem, store: FlexibilityStore | None = None) -> None:
         self._system = system
+        self._store = FlexibilityStore() if store is None else store
         self._transform, free, self._value = constraint_transform(system)
         self._is_free = np.zeros(3 * system.n_nodes, dtype=np.bool_)
         self._is_free[free] = True
@@ -104,29 +144,38 @@ class CondensedStep:
     def _make_kinds(self) -> tuple[list[int], list[Flexibility]]:
         """One flexibility for each group and way of being held."""
         system = self._system
-        signatures: dict[tuple[object, ...], int] = {}
-        kind_of: list[int] = []
-        kinds: list[Flexibility] = []
+        contents: dict[int, bytes] = {}
+        first_slot: dict[bytes, int] = {}
+        keys: list[bytes] = []
         for slot in range(system.n_slots):
             group = system.group(slot)
-            first, last = system.node_start[slot], system.node_start[slot + 1]
-            mine = (system.held.nodes >= first) & (system.held.nodes < last)
-            held = system.held.nodes[mine] - first
-            key = (
-                id(group),
-                held.tobytes(),
-                np.round(system.held.axes[mine], 9).tobytes(),
-                system.held.held[mine].tobytes(),
-            )
-            if key not in signatures:
-                signatures[key] = len(kinds)
-                kinds.append(self._make_flexibility(slot, held))
-            kind_of.append(signatures[key])
-        return kind_of, kinds
+            mine = self._held_rows(slot)
+            key = contents.setdefault(id(group), _content(group))
+            for array in (
+                system.held.nodes[mine] - system.node_start[slot],
+                np.round(system.held.axes[mine], 9),
+                system.held.held[mine],
+            ):
+                key += hashlib.sha256(np.ascontiguousarray(array).tobytes()).digest()
+            first_slot.setdefault(key, slot)
+            keys.append(key)
+        self._store.keep(set(keys))
+        order = list(first_slot)
+        kinds = [
+            self._store.get(key, partial(self._make_flexibility, first_slot[key])) for key in order
+        ]
+        return [order.index(key) for key in keys], kinds
 
-    def _make_flexibility(self, slot: int, held: IntArray) -> Flexibility:
+    def _held_rows(self, slot: int) -> npt.NDArray[np.bool_]:
+        """Which held nodes are of a slot, (n_held,)."""
+        nodes, start = self._system.held.nodes, self._system.node_start
+        rows: npt.NDArray[np.bool_] = (nodes >= start[slot]) & (nodes < start[slot + 1])
+        return rows
+
+    def _make_flexibility(self, slot: int) -> Flexibility:
         system = self._system
         group = system.group(slot)
+        held = system.held.nodes[self._held_rows(slot)] - system.node_start[slot]
         quads = system.deformable.assembly.shape(int(system.blocks[slot])).contact_quads
         retained = np.union1d(np.unique(quads), held).astype(np.int64)
         condensed = condense(group, retained)
@@ -207,27 +256,60 @@ class CondensedStep:
         UnheldBlocksError
             Blocks on which too few points press, when nothing else holds them.
         """
-        points = self._active_points(linear)
-        rows = self._rows(linear, points)
+        factored = self._factor(linear, holding)
         loads = self._free_forces(linear.load_factor)
         responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
-        right = self._force_side(linear, points, rows, responses)
-        levels, slots = self._chain(linear, points, right, holding)
-        column = np.zeros(points.n_levels, dtype=np.int64)
-        for slot in range(self._system.n_slots):
-            k = int(self._level_of[slot])
-            span = slice(int(column[k]), int(column[k]) + self._kind(slot).rigid.shape[1])
-            self._add_slot(levels, slot, span, points.start, rows[slot])
-            levels[k].motion_side[span] = -self._kind(slot).rigid.T @ loads[slot]
-            if holding:
-                levels[k].motion_side[span] -= holding * self._motion(slot, before)
-            column[k] = span.stop
+        forces = self._force_side(linear, factored, responses)
+        motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
+        if holding:
+            motions = [m - holding * self._motion(s, before) for s, m in enumerate(motions)]
+        solved = factored.solve(forces, motions)
+        return self._displacements(factored.rows, responses, *solved, self._value)
+
+    def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
+        """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ on the contact nodes, for many nodal forces.
+
+        Raises
+        ------
+        UnheldBlocksError
+            Blocks on which too few points press, when nothing else holds them.
+        """
+        factored = self._factor(linear, holding)
+        nothing = np.zeros_like(self._value)
+
+        def apply(force: FloatArray) -> FloatArray:
+            loads = []
+            for slot in range(self._system.n_slots):
+                on_retained = force.ravel()[self._retained(slot)]
+                loads.append(self._to_variables(slot, on_retained)[self._kind(slot).free])
+            responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
+            side = np.zeros(len(factored.points.number))
+            for (mine, gradient), response in zip(factored.rows, responses, strict=True):
+                side[mine] += gradient @ response
+            motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
+            solved = factored.solve(side, motions)
+            return self._displacements(factored.rows, responses, *solved, nothing)
+
+        return apply
+
+    def _factor(self, linear: Linearisation, holding: float) -> _Factored:
+        """Assemble and eliminate the chain of all levels."""
+        points = self._active_points(linear)
+        rows = self._rows(linear, points)
+        levels, slots = self._chain(linear, points, holding)
+        span: list[slice] = [slice(0)] * self._system.n_slots
+        for level in slots:
+            column = 0
+            for slot in level:
+                span[slot] = slice(column, column + self._kind(slot).rigid.shape[1])
+                column = span[slot].stop
+                self._add_slot(levels, slot, span[slot], points.start, rows[slot])
         try:
-            solved = solve_chain(levels)
+            factor = factor_chain(levels)
         except UnresistedMotionError as error:
             blocks = [int(self._system.blocks[s]) for s in slots[error.level]]
             raise UnheldBlocksError("too few contacts press", tuple(blocks)) from None
-        return self._displacements(rows, responses, solved, slots)
+        return _Factored(points, rows, factor, slots, span)
 
     def _active_points(self, linear: Linearisation) -> _Points:
         """Points that press, ordered by level, those shared with the next level last."""
@@ -266,7 +348,6 @@ class CondensedStep:
         self,
         linear: Linearisation,
         points: _Points,
-        right: FloatArray,
         holding: float,
     ) -> tuple[list[Level], list[list[int]]]:
         """Levels with the law's part only, and the slots of each."""
@@ -289,8 +370,6 @@ class CondensedStep:
                     first_shared=int(size[k]) - shared,
                     next_flexibility=np.zeros((shared, size[k + 1] if after else 0)),
                     next_motions=np.zeros((shared, width[k + 1] if after else 0)),
-                    force_side=right[points.start[k] : points.start[k + 1]].copy(),
-                    motion_side=np.zeros(width[k]),
                 )
             )
         return levels, slots
@@ -301,16 +380,15 @@ class CondensedStep:
     def _force_side(
         self,
         linear: Linearisation,
-        points: _Points,
-        rows: list[tuple[IntArray, csr_array]],
+        factored: _Factored,
         responses: list[FloatArray],
     ) -> FloatArray:
         """C - x̂ + p/k + N G f of the active points, (n,) [mm]."""
-        where = points.number
+        where = factored.points.number
         stiffness = linear.stiffness.ravel()[where]
         right = (linear.constant - linear.at).ravel()[where]
         right = right + linear.pressure.ravel()[where] / stiffness
-        for slot, (mine, gradient) in enumerate(rows):
+        for slot, (mine, gradient) in enumerate(factored.rows):
             right[mine] += gradient @ responses[slot]
         if len(self._system.held.nodes):
             full = gradient_matrix(self._system, linear.gradient, where)
@@ -355,21 +433,17 @@ class CondensedStep:
         self,
         rows: list[tuple[IntArray, csr_array]],
         responses: list[FloatArray],
-        solved: list[tuple[FloatArray, FloatArray]],
-        slots: list[list[int]],
+        forces: FloatArray,
+        motions: list[FloatArray],
+        prescribed: FloatArray,
     ) -> FloatArray:
         """Displacements of the contact nodes from forces and motions."""
-        forces = np.concatenate([q for q, _ in solved])
-        variables = self._value.copy()
-        for (_, alpha), level in zip(solved, slots, strict=True):
-            column = 0
-            for slot in level:
-                kind, (mine, gradient) = self._kind(slot), rows[slot]
-                n_motions = kind.rigid.shape[1]
-                motion = alpha[column : column + n_motions]
-                column += n_motions
-                pushed = responses[slot] - kind.inverse @ (gradient.T @ forces[mine])
-                variables[self._retained(slot)[kind.free]] = pushed + kind.rigid @ motion
+        variables = prescribed.copy()
+        for slot, (mine, gradient) in enumerate(rows):
+            kind = self._kind(slot)
+            pushed = responses[slot] - kind.inverse @ (gradient.T @ forces[mine])
+            moved = pushed + kind.rigid @ motions[slot]
+            variables[self._retained(slot)[kind.free]] = moved
         if len(self._system.held.nodes):
             variables = self._transform @ variables
         return variables.reshape(-1, 3)
@@ -423,6 +497,39 @@ class _Points:
     def n_levels(self) -> int:
         """Number of levels."""
         return len(self.first_shared)
+
+
+@dataclass(frozen=True)
+class _Factored:
+    """The chain of one linear problem, eliminated."""
+
+    points: _Points
+    rows: list[tuple[IntArray, csr_array]]
+    """Active points of each slot and their gradients on its free variables."""
+    factor: ChainFactor
+    slots: list[list[int]]
+    """Slots of each level."""
+    span: list[slice]
+    """Columns of each slot among the motions of its level."""
+
+    def solve(
+        self, force_side: FloatArray, motion_side: list[FloatArray]
+    ) -> tuple[FloatArray, list[FloatArray]]:
+        """Contact forces of all points, and motions of each slot."""
+        start = self.points.start
+        sides = [
+            (
+                force_side[start[k] : start[k + 1]],
+                np.concatenate([motion_side[s] for s in level]),
+            )
+            for k, level in enumerate(self.slots)
+        ]
+        solved = self.factor.solve(sides)
+        motions = [np.zeros(0)] * len(self.span)
+        for (_, alpha), level in zip(solved, self.slots, strict=True):
+            for slot in level:
+                motions[slot] = alpha[self.span[slot]]
+        return np.concatenate([q for q, _ in solved]), motions
 
 
 def _levels(system: LocalSystem) -> IntArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -11,6 +12,9 @@ from scipy.sparse import csr_array, diags_array
 from fem.local_system import LocalSystem, constraint_transform
 from fem.sparse_solver import SparseSolver, SparseSolverError, factorize
 from geometry.mesh import FloatArray, IntArray
+
+#: Displacements that nodal forces cause: (n_nodes, 3) [N] to (n_nodes, 3) [mm].
+NodalInverse = Callable[[FloatArray], FloatArray]
 
 
 class UnheldBlocksError(ValueError):
@@ -82,6 +86,9 @@ class LinearStep(Protocol):
         ``holding`` [N/mm] holds each block to where it was ``before``.
         """
 
+    def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
+        """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ, zero on prescribed components."""
+
     def internal_force(self, displacement: FloatArray) -> FloatArray:
         """K u, condensed where inner nodes are left out, (n_nodes, 3) [N]."""
 
@@ -147,25 +154,48 @@ class SparseStep:
         """
         system = self._system
         rows = gradient_matrix(system, linear.gradient) @ self._transform
-        weight = linear.weights.ravel()
-        stiff = (weight * linear.stiffness.ravel())[:, None]
-        matrix = csr_array(self._stiffness + rows.T @ rows.multiply(stiff).tocsr())
+        matrix = self._matrix(linear, rows, holding)
         constant = linear.pressure + linear.stiffness * (linear.constant - linear.at)
         right = linear.load_factor * (self._transform.T @ system.external_force.ravel())
-        right -= rows.T @ (weight * constant.ravel())
+        right -= rows.T @ (linear.weights * constant).ravel()
         if holding:
-            share = holding * self._shares()
-            matrix = csr_array(matrix + diags_array(share))
-            right += share * (self._transform.T @ before.ravel())
+            right += holding * self._shares() * (self._transform.T @ before.ravel())
         right -= matrix @ self._value
         solution = self._value.copy()
-        kept = csr_array(matrix[self._free][:, self._free])
-        try:
-            solution[self._free] = factorize(kept, self._solver)(right[self._free])
-        except SparseSolverError as error:
-            raise UnheldBlocksError(str(error), ()) from None
+        solution[self._free] = self._factor(matrix)(right[self._free])
         displacement: FloatArray = (self._transform @ solution).reshape(-1, 3)
         return displacement
+
+    def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
+        """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ, zero on prescribed components.
+
+        Raises
+        ------
+        UnheldBlocksError
+            A singular matrix.
+        """
+        rows = gradient_matrix(self._system, linear.gradient) @ self._transform
+        solve = self._factor(self._matrix(linear, rows, holding))
+
+        def apply(force: FloatArray) -> FloatArray:
+            solution = np.zeros_like(self._value)
+            solution[self._free] = solve((self._transform.T @ force.ravel())[self._free])
+            displacement: FloatArray = (self._transform @ solution).reshape(-1, 3)
+            return displacement
+
+        return apply
+
+    def _matrix(self, linear: Linearisation, rows: csr_array, holding: float) -> csr_array:
+        stiff = (linear.weights * linear.stiffness).ravel()[:, None]
+        matrix = csr_array(self._stiffness + rows.T @ rows.multiply(stiff).tocsr())
+        return csr_array(matrix + diags_array(holding * self._shares())) if holding else matrix
+
+    def _factor(self, matrix: csr_array) -> Callable[[FloatArray], FloatArray]:
+        kept = csr_array(matrix[self._free][:, self._free])
+        try:
+            return factorize(kept, self._solver)
+        except SparseSolverError as error:
+            raise UnheldBlocksError(str(error), ()) from None
 
     def _shares(self) -> FloatArray:
         """One over the number of nodes of its block, for every variable."""

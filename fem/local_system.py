@@ -127,7 +127,16 @@ class LocalSystem:
 
     def scatter(self, local_gradient: FloatArray, point_forces: FloatArray) -> FloatArray:
         """Nodal forces -Σ w p ∂(overclosure)/∂u, (n_nodes, 3) [N]."""
-        corner = -np.einsum("fp,fpai->fai", point_forces, local_gradient)
+        return self._gathered(-np.einsum("fp,fpai->fai", point_forces, local_gradient))
+
+    def scatter_corners(self, corner_forces: FloatArray) -> FloatArray:
+        """Nodal forces of forces on the corners in world axes, (n_nodes, 3) [N]."""
+        split = corner_forces.reshape(-1, 2, 4, 3)
+        local = np.einsum("fbij,fbai->fbaj", self.rotations, split)
+        return self._gathered(local.reshape(-1, 8, 3))
+
+    def _gathered(self, corner: FloatArray) -> FloatArray:
+        """Sum forces on corners in block frames at the nodes."""
         forces = np.empty((self.n_nodes, 3))
         where = self.corner_nodes.ravel()
         for i in range(3):

@@ -67,6 +67,8 @@ class BlockGroup:
     """(n_nodes,) [t]."""
     hourglass_stiffness: bsr_array | None = None
     """The part of `stiffness` that controls hourglass modes, for their energy."""
+    added_mass: float = 0.0
+    """Part of the lumped mass of one copy that mass scaling added [t]."""
 
     def __post_init__(self) -> None:
         _check_group(self)

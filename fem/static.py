@@ -14,6 +14,9 @@ they fade, and what is called equilibrium never contains them.
 
 The residual is that of the law itself: f - K u - Σ w p(x(u)) ∂x/∂u.
 
+Where current normals turn so much that this does not converge, the energy itself is followed down
+with the exact tangent (`fem.energy_descent`).
+
 Friction, where the model has it, adds rows of the same kind (`fem.static_friction`); its history
 advances from load step to load step.
 """
@@ -25,12 +28,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 
 import numpy as np
 
-from fem.contact import PointKinematics
+from fem.contact import ContactNormals, PointKinematics
 from fem.deformable_assembly import DeformableAssembly
-from fem.flexibility import CondensedStep
+from fem.energy_descent import minimise_energy
+from fem.flexibility import CondensedStep, FlexibilityStore
 from fem.friction import friction_tractions
 from fem.linearisation import (
     Linearisation,
@@ -65,6 +70,10 @@ _OVERSHOOT = 0.1
 _FARTHEST = 100.0
 #: Contact forces count this much in the size against which the residual is measured.
 _CONTACT_SHARE = 1e-2
+#: Iterations that may bring no better residual, before and after the best is below _NEAR.
+_PATIENCE = 40
+_PATIENCE_NEAR = 10
+_NEAR = 1e-2
 #: Parts in which the load is applied when all at once does not converge.
 _FALLBACK_LOAD_STEPS = 4
 
@@ -112,6 +121,7 @@ def solve_static(
     options: StaticOptions | None = None,
     *,
     start: StaticResult | None = None,
+    store: FlexibilityStore | None = None,
 ) -> StaticResult:
     """Find the static state of an assembly under its loads.
 
@@ -123,6 +133,8 @@ def solve_static(
         Method, symmetry and tolerance.
     start
         A state of the same model to start from, for instance under another load.
+    store
+        Of one call for the next: blocks that are the same are condensed once.
 
     Returns
     -------
@@ -147,11 +159,11 @@ def solve_static(
     clock = time.process_time()
     orbits = _orbits(deformable, options.symmetry)
     system = local_system(deformable, orbits)
-    step = _linear_step(system, options)
+    step = _linear_step(system, options, store)
     ready = time.process_time()
     friction = deformable.contact.friction
     rows = None if friction is None else friction_rows(system, friction)
-    problem = _Problem(system, step, options, rows)
+    problem = _Problem(system, step, options, rows, deformable.contact.normals)
     state = _load_up(problem, _start_state(system, start), options.load_steps)
     solved = time.process_time()
     displacement = step.complete(state.displacement)
@@ -167,10 +179,12 @@ def _orbits(deformable: DeformableAssembly, symmetry: int | None) -> Orbits:
     return no_symmetry(deformable) if symmetry == 1 else cyclic_orbits(deformable, symmetry)
 
 
-def _linear_step(system: LocalSystem, options: StaticOptions) -> LinearStep:
+def _linear_step(
+    system: LocalSystem, options: StaticOptions, store: FlexibilityStore | None
+) -> LinearStep:
     if options.method is StaticMethod.SPARSE:
         return SparseStep(system, options.sparse_solver)
-    return CondensedStep(system)
+    return CondensedStep(system, store)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -185,6 +199,11 @@ class _Problem:
     step: LinearStep
     options: StaticOptions
     friction: FrictionRows | None
+    normals: ContactNormals
+
+    def kinematics(self, displacement: FloatArray) -> PointKinematics:
+        """Overclosures and gradients at a displacement."""
+        return self.system.kinematics(displacement, self.normals)
 
 
 @dataclass(frozen=True)
@@ -203,6 +222,7 @@ class _State:
     dissipation: float = 0.0
     residuals: tuple[float, ...] = ()
     converged: bool = False
+    saddles: int = 0
 
 
 def _start_state(system: LocalSystem, start: StaticResult | None) -> _State:
@@ -252,7 +272,10 @@ def _load_up(problem: _Problem, state: _State, parts: int) -> _State:
     first = state
     for part in range(1, parts + 1):
         state = replace(state, load_factor=part / parts, converged=False)
-        state = _advance_friction(problem, _converge(problem, state))
+        reached = _converge(problem, state)
+        if not reached.converged and _has_potential(problem):
+            reached = _descend(problem, replace(state, residuals=reached.residuals))
+        state = _advance_friction(problem, reached)
     if not state.converged and parts < _FALLBACK_LOAD_STEPS:
         again = replace(first, residuals=state.residuals)
         return _load_up(problem, again, _FALLBACK_LOAD_STEPS)
@@ -284,28 +307,62 @@ def _anchor(state: _State) -> FloatArray:
 
 
 def _converge(problem: _Problem, state: _State) -> _State:
+    """Iterate to an equilibrium, or until nothing improves any more."""
+    least, since = math.inf, 0
     for _ in range(problem.options.max_iterations):
         state = _iterate(problem, state)
-        if state.converged:
+        since = 0 if state.residuals[-1] < 0.9 * least else since + 1
+        least = min(least, state.residuals[-1])
+        if state.converged or since > (_PATIENCE_NEAR if least < _NEAR else _PATIENCE):
             break
     return state
 
 
+def _has_potential(problem: _Problem) -> bool:
+    """Whether the energy can be followed: what the plain iteration leaves out then decides."""
+    return problem.friction is None and problem.normals is ContactNormals.CURRENT
+
+
+def _descend(problem: _Problem, state: _State) -> _State:
+    """Follow the energy from the equilibrium with reference normals."""
+    start = _converge(replace(problem, normals=ContactNormals.REFERENCE), state)
+    descent = minimise_energy(
+        problem.system,
+        problem.step,
+        start.displacement,
+        residual=partial(_relative, problem),
+        load_factor=state.load_factor,
+        holding=start.holding,
+        tolerance=problem.options.tolerance,
+        max_iterations=problem.options.max_iterations,
+    )
+    kinematics = problem.kinematics(descent.displacement)
+    return replace(
+        start,
+        displacement=descent.displacement,
+        kinematics=kinematics,
+        at=kinematics.overclosure,
+        residuals=(*start.residuals, *descent.residuals),
+        converged=descent.converged,
+        saddles=state.saddles + descent.saddles,
+    )
+
+
 def _iterate(problem: _Problem, state: _State) -> _State:
     """One linear problem, and what follows from it."""
-    system, contact = problem.system, problem.system.deformable.contact
+    system, law = problem.system, problem.system.deformable.contact.law
     linear = _linearise(system, state)
     trial, state = _solve(problem, _linear_problem(problem, linear, state), state)
     share = _step_share(problem, linear, state, trial)
     displacement = state.displacement + share * (trial - state.displacement)
     pressure = linear.linear_pressure(system, displacement)
-    kinematics = system.kinematics(displacement, contact.normals)
+    kinematics = problem.kinematics(displacement)
     same_pressure = (pressure > 0.0) & (share == 1.0)
     state = replace(
         state,
         displacement=displacement,
         kinematics=kinematics,
-        at=np.where(same_pressure, contact.law.overclosure(pressure), kinematics.overclosure),
+        at=np.where(same_pressure, law.overclosure(pressure), kinematics.overclosure),
         holding=max(_FADING * state.holding, _LEAST_HOLDING * state.first_holding),
         coarse_iterations=state.coarse_iterations - 1,
     )
@@ -437,11 +494,15 @@ def _residual(problem: _Problem, state: _State) -> float:
     unbalanced += system.scatter(state.kinematics.gradient, forces)
     if problem.friction is not None:
         unbalanced += problem.friction.forces(state.displacement, _anchor(state), pressure)
+    return _relative(problem, system.free_part(unbalanced), forces)
+
+
+def _relative(problem: _Problem, unbalanced: FloatArray, contact_forces: FloatArray) -> float:
     size = max(
-        float(np.linalg.norm(system.external_force)),
-        _CONTACT_SHARE * float(np.linalg.norm(forces)),
+        float(np.linalg.norm(problem.system.external_force)),
+        _CONTACT_SHARE * float(np.linalg.norm(contact_forces)),
     )
-    left = float(np.linalg.norm(system.free_part(unbalanced)))
+    left = float(np.linalg.norm(unbalanced))
     return left / size if size > 0.0 else left
 
 
@@ -501,6 +562,11 @@ def _status(state: _State, options: StaticOptions, loose: IntArray) -> str:
     count, residual = len(state.residuals), state.residuals[-1]
     names = ", ".join(str(b) for b in loose[:8]) + (", …" if len(loose) > 8 else "")
     unheld = f"; no contact holds blocks {names} in every direction" if len(loose) else ""
+    if state.saddles:
+        unheld = (
+            f"; left {state.saddles} stationary state{'s' if state.saddles > 1 else ''} from which "
+            f"the energy falls: other equilibria exist{unheld}"
+        )
     if state.converged:
         undetermined = ": their place is not determined" if len(loose) else ""
         return (

@@ -11,7 +11,7 @@ Source: section "Sine Block" of the paper. What the paper leaves open was settle
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -80,6 +80,22 @@ class SineBlockDivisions:
     around: int
     radial: int
     axial: int
+    radial_grading: float = 1.0
+    """Length of elements at the inner over that at the outer face, in the limit of many [-]."""
+
+    @property
+    def radial_positions(self) -> FloatArray:
+        """Places of the nodes across the wall, 0 inside to 1 outside, (radial + 1,).
+
+        One smooth map of equal steps, (1 - g⁻ˣ) / (1 - g⁻¹): twice as many elements nest.
+        """
+        equal = np.linspace(0.0, 1.0, self.radial + 1)
+        if self.radial_grading == 1.0:
+            return equal
+        rate = np.log(self.radial_grading)
+        graded: FloatArray = np.expm1(-rate * equal) / np.expm1(-rate)
+        graded[-1] = 1.0
+        return graded
 
     @property
     def frame_axial(self) -> int:
@@ -150,6 +166,12 @@ def check_divisions(block: SineBlockParameters, divisions: SineBlockDivisions) -
         value = getattr(divisions, name)
         if value < 1:
             raise BlockParameterError(f"mesh.{name}: got {value}, expected at least 1 element")
+    grading = divisions.radial_grading
+    if not (np.isfinite(grading) and grading > 0):
+        raise BlockParameterError(
+            f"mesh.radial_grading: got {grading}, expected a positive ratio: 1 for equal elements, "
+            "8 for elements eight times as short at the outer face"
+        )
     if divisions.around < 2 * block.waves_per_block and block.amplitude > 0:
         raise BlockParameterError(
             f"mesh.around: got {divisions.around} elements for {block.waves_per_block} waves; "
@@ -189,7 +211,7 @@ def _build(
 ) -> Block:
     """Mesh between z = bottom and z = top; ``wavy`` scales the wave at the two ends."""
     n_r, n_u, n_z = divisions.radial, divisions.around, divisions.axial
-    r1 = block.inner_radius + block.thickness * np.linspace(0.0, 1.0, n_r + 1)
+    r1 = block.inner_radius + block.thickness * divisions.radial_positions
     u1 = np.linspace(0.0, 1.0, n_u + 1)
     w1 = np.linspace(0.0, 1.0, n_z + 1)
     r, u, w = (grid.ravel() for grid in np.meshgrid(r1, u1, w1, indexing="ij"))
@@ -234,7 +256,7 @@ def sine_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Blo
 
 def bottom_frame_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Block:
     """Build the frame block below the first layer: flat at z = -h/2, wavy at z = 0."""
-    half = SineBlockDivisions(divisions.around, divisions.radial, divisions.frame_axial)
+    half = replace(divisions, axial=divisions.frame_axial)
     return _build(
         block,
         half,
@@ -248,7 +270,7 @@ def bottom_frame_block(block: SineBlockParameters, divisions: SineBlockDivisions
 
 def top_frame_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Block:
     """Build the frame block above the last layer: wavy at z = 0, flat at z = h/2."""
-    half = SineBlockDivisions(divisions.around, divisions.radial, divisions.frame_axial)
+    half = replace(divisions, axial=divisions.frame_axial)
     return _build(
         block,
         half,

@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csr_array
 
 from fem import condensation, sparse_solver
-from fem.block_tridiagonal import Level, UnresistedMotionError, solve_chain
+from fem.block_tridiagonal import Level, UnresistedMotionError, factor_chain
 from fem.condensation import condense
 from fem.flexibility import rigid_motions
 from fem.hexahedron import ElementType
@@ -74,7 +74,7 @@ def random_chain(sizes, motions, seed=2):
         wide = random.standard_normal((start[k + 1] - low, motions[k]))
         c[low : start[k + 1], first[k] : first[k + 1]] = wide
     d, e = random.standard_normal(n), random.standard_normal(m)
-    levels = []
+    levels, sides = [], []
     for k in range(len(sizes)):
         own, mine = slice(start[k], start[k + 1]), slice(first[k], first[k + 1])
         last = k + 1 == len(sizes)
@@ -89,23 +89,21 @@ def random_chain(sizes, motions, seed=2):
                 first_shared=sizes[k] - shared[k],
                 next_flexibility=a[cut : start[k + 1], after].copy(),
                 next_motions=c[cut : start[k + 1], moving].copy(),
-                force_side=d[own].copy(),
-                motion_side=e[mine].copy(),
             )
         )
+        sides.append((d[own], e[mine]))
     matrix = np.block([[a, -c], [-c.T, -0.1 * np.eye(m)]])
-    return levels, np.linalg.solve(matrix, np.concatenate([d, e])), n
+    return levels, sides, np.linalg.solve(matrix, np.concatenate([d, e]))
 
 
 def test_chain_is_the_dense_solution():
-    """Condition numbers below 1e5 lose five digits of sixteen at most."""
-    levels, expected, n = random_chain([6, 9, 4, 7], [3, 2, 0, 3])
-    solved = solve_chain(levels)
-    forces = np.concatenate([q for q, _ in solved])
-    motions = np.concatenate([alpha for _, alpha in solved])
-    scale = np.abs(expected).max()
-    assert np.abs(forces - expected[:n]).max() < 1e-10 * scale
-    assert np.abs(motions - expected[n:]).max() < 1e-10 * scale
+    """Condition numbers below 1e5 lose five digits of sixteen at most; factors serve again."""
+    levels, sides, expected = random_chain([6, 9, 4, 7], [3, 2, 0, 3])
+    factor = factor_chain(levels)
+    for share in (1.0, -2.0):
+        solved = factor.solve([(share * d, share * e) for d, e in sides])
+        found = np.concatenate([q for q, _ in solved] + [alpha for _, alpha in solved])
+        assert np.abs(found - share * expected).max() < 1e-10 * np.abs(share * expected).max()
 
 
 def test_a_motion_without_resistance_is_named():
@@ -114,7 +112,7 @@ def test_a_motion_without_resistance_is_named():
     levels[0].next_motions[:, 1] = 0.0
     levels[1].holding[1, 1] = 0.0
     with pytest.raises(UnresistedMotionError, match="level 1") as caught:
-        solve_chain(levels)
+        factor_chain(levels)
     assert np.abs(caught.value.motion).argmax() == 1
 
 

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from fem import flexibility
 from fem.contact import ContactNormals
 from fem.contact_law import ExponentialLaw, LinearPenalty
 from fem.contact_measures import contact_measures
@@ -13,6 +14,7 @@ from fem.deformable_assembly import (
     Frames,
     deformable_assembly,
 )
+from fem.flexibility import FlexibilityStore
 from fem.friction import CoulombFriction
 from fem.hexahedron import ElementType
 from fem.material import Material
@@ -528,3 +530,23 @@ def test_too_few_iterations_are_not_called_equilibrium():
     result = solve_static(pipe(), StaticOptions(max_iterations=2))
     assert not result.converged
     assert "no equilibrium" in result.status
+
+
+def test_blocks_that_are_the_same_are_condensed_once(monkeypatch):
+    """Another gap and load, the same blocks: the same bits without a second condensation."""
+    made = []
+    real = flexibility.condense
+    monkeypatch.setattr(flexibility, "condense", lambda *given: made.append(1) or real(*given))
+    store = FlexibilityStore()
+    solve_static(pipe(), store=store)
+    once = len(made)
+    shared = solve_static(pipe(initial_clearance=0.01), store=store)
+    assert len(made) == once
+    alone = solve_static(pipe(initial_clearance=0.01))
+    assert len(made) == 2 * once
+    for a, b in zip(shared.displacements, alone.displacements, strict=True):
+        assert a.tobytes() == b.tobytes()
+    # Other blocks replace what was kept.
+    solve_static(pipe(divisions=(12, 1, 4)), store=store)
+    solve_static(pipe(), store=store)
+    assert len(made) == 4 * once

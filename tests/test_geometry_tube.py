@@ -119,3 +119,21 @@ def test_no_layers_and_missing_layers_are_refused(small_tube: Assembly) -> None:
         load_case(small_tube, "shaft", 0.01, layer=4)
     with pytest.raises(LoadCaseError, match="expected one of pipe"):
         load_case(small_tube, "pipes", 0.01)
+
+
+@pytest.mark.parametrize("grading", [0.5, 1.0, 8.0])
+def test_graded_walls_conform_nest_and_keep_the_volume(grading: float) -> None:
+    coarse = SineBlockDivisions(12, 3, 4, radial_grading=grading)
+    fine = SineBlockDivisions(12, 6, 4, radial_grading=grading)
+    # One map of equal steps: every second place of the finer wall is one of the coarser.
+    np.testing.assert_allclose(fine.radial_positions[::2], coarse.radial_positions, atol=1e-15)
+    many = np.diff(SineBlockDivisions(12, 4000, 4, radial_grading=grading).radial_positions)
+    # Lengths of the first and last of n elements: half an element from the ends, 1/n off.
+    assert many[0] / many[-1] == pytest.approx(grading, rel=2e-3)
+    tube = sine_tube(tsb(0.0), coarse, 1)
+    assert tube.interfaces.n_contacts > 0
+
+
+def test_a_grading_that_is_no_ratio_is_refused() -> None:
+    with pytest.raises(BlockParameterError, match="radial_grading"):
+        sine_tube(tsb(0.0), SineBlockDivisions(12, 3, 4, radial_grading=0.0), 1)

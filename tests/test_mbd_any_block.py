@@ -458,3 +458,12 @@ def test_loads_of_body_scenes_are_weights_and_pushes(tmp_path: Path) -> None:
     np.testing.assert_allclose(loads.live[1], [3, 0, 0, 0, 6, 0], atol=1e-12)
     case: LoadCase = loads.load_case(assembly)
     np.testing.assert_allclose(block_wrenches(assembly, case), loads.dead + loads.live)
+
+
+def test_limits_shown_beside_closed_forms() -> None:
+    from validation.known_limits import ARCH_LIMIT, arch_limit, groove, incline, tilt_limit
+
+    assert tilt_limit(incline(), 0.3) == pytest.approx(np.arctan(0.3), abs=1e-7)
+    assert tilt_limit(groove(0.5), 0.0) == pytest.approx(0.5, abs=1e-6)
+    # Ten halvings of [0.09, 0.13] leave 2e-5; the closed form has four digits.
+    assert arch_limit(20, steps=10) == pytest.approx(ARCH_LIMIT, abs=1e-4)

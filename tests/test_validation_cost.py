@@ -29,6 +29,7 @@ from validation.cost_settings import (
     CostPlan,
     base_mesh,
     full_plan,
+    graded,
     quick_plan,
     rigid_setting,
     static_setting,
@@ -150,21 +151,23 @@ def test_a_small_error_by_luck_is_not_an_answer() -> None:
 @pytest.mark.parametrize(("n_from", "n_to"), [(3, 2), (2, 3), (4, 4), (12, 24), (36, 24)])
 def test_every_interval_is_shared_out_whole(n_from: int, n_to: int) -> None:
     # Each entry is a difference of quotients below 1, times n ≤ 36: round-off 36 · 1e-16.
-    np.testing.assert_allclose(overlap(n_from, n_to).sum(axis=0), 1.0, rtol=1e-13)
-    np.testing.assert_allclose(overlap(n_from, n_to).sum(axis=1), n_from / n_to, rtol=1e-13)
+    shares = overlap(np.linspace(0, 1, n_from + 1), np.linspace(0, 1, n_to + 1))
+    np.testing.assert_allclose(shares.sum(axis=0), 1.0, rtol=1e-13)
+    np.testing.assert_allclose(shares.sum(axis=1), n_from / n_to, rtol=1e-13)
 
 
-@pytest.mark.parametrize("level", [1, 2, 3])
-def test_partition_keeps_forces_and_uniform_pressures(level: int) -> None:
+@pytest.mark.parametrize(("level", "grading"), [(1, 1.0), (2, 1.0), (3, 1.0), (3, 8.0)])
+def test_partition_keeps_forces_and_uniform_pressures(level: int, grading: float) -> None:
     scene = tube()
     base = base_mesh(scene)
-    assembly = build_assembly(with_setting(scene, base, rigid_setting(Norm.FORCE, level)))
+    setting = replace(rigid_setting(Norm.FORCE, level), radial_grading=grading)
+    assembly = build_assembly(with_setting(scene, base, setting))
     found = assembly.interfaces
     # Contacts of two frame blocks are left out.
     free = ~(assembly.fixed[found.block_m] & assembly.fixed[found.block_s])
     contacts = np.flatnonzero(free)
     pressures = np.random.default_rng(level).uniform(0, 1, len(contacts))
-    mesh, cells = base.at(level), base.at(2)
+    mesh, cells = setting.mesh(base), base.at(2)
     p, area = partition_pressures(assembly, contacts, pressures, mesh=mesh, cells=cells)
     assert p @ area == pytest.approx(pressures @ found.areas[contacts], rel=1e-12)
     assert area.sum() == pytest.approx(found.areas[contacts].sum(), rel=1e-12)
@@ -203,8 +206,8 @@ def test_hit_gives_the_same_bits_and_no_new_run(tmp_path, monkeypatch) -> None:
     scene, cache = tube(), CostCache(tmp_path)
     plan = small_plan(scene)
     first = cost.run_cost("a", scene, plan, cache)
-    # Two of the three reference meshes are among the settings: five wanted, four run.
-    assert len(list(tmp_path.iterdir())) == 4
+    # Two of the three reference meshes are among the settings, the three graded ones are not.
+    assert len(list(tmp_path.iterdir())) == 7
 
     def no_run(*arguments: object) -> None:
         raise AssertionError("a new run")
@@ -254,7 +257,7 @@ def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch) -> None:
         again.append(what)
 
     cost.run_cost("a", scene, plan, cache, progress=told)
-    assert len(again) == 2
+    assert len(again) == 5
     assert not set(again) & set(done)
 
 
@@ -291,11 +294,12 @@ def test_key_is_the_content(tmp_path) -> None:
         content_key(scene, base, replace(setting, level=3)),
         content_key(scene, base, static_setting(ElementType.B_BAR, 2)),
         content_key(scene, base, replace(setting, ramp_factor=2.0)),
+        content_key(scene, base, graded(setting)),
     ]
     assert set(same) == {key}
     assert len({key, *other}) == 1 + len(other)
     for plan in (full_plan(scene), quick_plan(scene)):
-        runs = {*plan.settings, *plan.references}
+        runs = {*plan.settings, *plan.references, *plan.graded_references}
         assert len({content_key(scene, base, s) for s in runs}) == len(runs)
 
 

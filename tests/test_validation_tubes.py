@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -10,9 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.compare import agreement, compare, effective_region, explicit_errors
+from validation.compare_command import print_comparison
 from validation.scene import DeformableScene, load_scene
 from validation.tube_explicit import run_tube_explicit
 from validation.tube_static import run_tube_static
@@ -40,6 +43,10 @@ def test_three_answers_to_one_scene() -> None:
     rigid = next(a for a in found.answers if a.method == "rigid (pressure)")
     assert found.steps[0].p_max == pytest.approx(rigid.p_max, rel=0.15)
     assert found.steps[-1].p_max == pytest.approx(found.static.contact.p_max_face, rel=1e-3)
+    console = Console(file=io.StringIO(), width=140)
+    print_comparison(found, console)
+    # Units are text: what stands in square brackets is no markup.
+    assert "|u| max [mm]" in console.file.getvalue()
 
 
 def test_sector_and_whole_tube_give_the_same_digits() -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem.loads import SmoothStepAmplitude, pressure_forces, traction_forces
+from fem.mass_scaling import scale_masses
 from fem.material import Material, MaterialError
 from fem.model import (
     BlockGroup,
@@ -133,6 +134,8 @@ def build_box(scene: BoxScene) -> BoxModel:
             effects=build_effects(scene.effects, scene.fem),
             formulation=scene.fem.formulation,
         )
+        if scene.fem.mass_scaling is not None:
+            model = scale_masses(model, scene.fem.mass_scaling)
     except ModelError as error:
         raise InputError(str(error)) from None
     seconds = time.process_time() - start

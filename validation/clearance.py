@@ -12,8 +12,10 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
+from fem.flexibility import FlexibilityStore
 from validation.errors import InputError
 from validation.files import output_folder, prepare_json, write_json
 from validation.rendering import BLUE, ORANGE, VERMILION, save_figure
@@ -45,7 +47,9 @@ class ClearanceRow:
     cpu_seconds: float
 
 
-def clearance_row(name: str, scene: DeformableScene, gap: float) -> ClearanceRow:
+def clearance_row(
+    name: str, scene: DeformableScene, gap: float, store: FlexibilityStore | None = None
+) -> ClearanceRow:
     """Solve the scene with one initial clearance."""
     fem = fem_section(scene, name)
     assert scene.contact is not None
@@ -55,7 +59,7 @@ def clearance_row(name: str, scene: DeformableScene, gap: float) -> ClearanceRow
             "fem": fem.model_copy(update={"method": Method.STATIC}),
         }
     )
-    run = run_tube_static(f"{name}, clearance {gap:g} mm", spaced)
+    run = run_tube_static(f"{name}, clearance {gap:g} mm", spaced, store=store)
     blocks = run.deformable.deformable_blocks.tolist()
     return ClearanceRow(
         initial_clearance=gap,
@@ -87,10 +91,10 @@ def run_clearance(
     prepare_json(json)
     folder = Path("out") / f"{name}-clearance" if output is None and json is None else output
     with output_folder(folder):
-        rows = []
+        rows, store = [], FlexibilityStore()
         for gap in gaps:
             with console.status(f"clearance {gap:g} mm"):
-                rows.append(clearance_row(name, scene, gap))
+                rows.append(clearance_row(name, scene, gap, store))
         print_rows(name, rows, console)
         if folder is not None:
             draw_clearance(name, rows, folder / "clearance.png")
@@ -111,7 +115,7 @@ def print_rows(name: str, rows: list[ClearanceRow], console: Console) -> None:
         "iterations",
         "CPU s",
     ):
-        table.add_column(head, justify="right")
+        table.add_column(escape(head), justify="right")
     for row in rows:
         table.add_row(
             f"{row.initial_clearance:g}",

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from validation.block_pictures import eye
@@ -25,6 +26,9 @@ from validation.files import output_folder, prepare_json, write_json
 from validation.pictures import between_layers, coloured_facets, interface_facets
 from validation.rendering import PRESSURE_MAP, place, render, save_figure
 from validation.scene import DeformableScene, SceneFile
+
+#: Largest ratio of the answers' peaks that one colour scale is shared by.
+_COMMON_SCALE = 4.0
 
 
 def run_compare(
@@ -88,7 +92,7 @@ def print_comparison(found: Comparison, console: Console) -> None:
     table = Table(title=f"{found.name}: the same mesh, three ways", title_justify="left")
     heads = ("answer", "p_eff [MPa]", "p_max [MPa]", "effective elements", "|u| max [mm]", "CPU s")
     for head in heads:
-        table.add_column(head, justify="left" if head == "answer" else "right")
+        table.add_column(escape(head), justify="left" if head == "answer" else "right")
     moved = {
         str(run.method): f"{run.largest_displacement:.5g}"
         for run in (found.static, found.explicit)
@@ -128,7 +132,7 @@ def print_comparison(found: Comparison, console: Console) -> None:
 
 
 def draw_comparison(found: Comparison, path: Path) -> None:
-    """Draw the joints of each answer on one scale: rigid beside static (and explicit).
+    """Draw the joints of each answer: rigid beside static (and explicit).
 
     Of a tube top and bottom faces of the middle layer, of other assemblies all joints.
     """
@@ -151,26 +155,36 @@ def draw_comparison(found: Comparison, path: Path) -> None:
         rows = {"all joints": (everything, eye(found.static))}
         where = "in all joints"
     shown = np.concatenate([r for r, _ in rows.values()])
-    # One colour scale: the largest of any answer, so that differences in magnitude are seen too.
-    highest = max(float(a.pressures[shown].max(initial=0.0)) for a in found.answers) or 1e-300
+    highest = [float(a.pressures[shown].max(initial=0.0)) or 1e-300 for a in found.answers]
+    # One colour scale shows differences in magnitude; where they are too large for it, one each.
+    common = max(highest) <= _COMMON_SCALE * min(highest)
+    if common:
+        highest = [max(highest)] * len(highest)
     columns = len(found.answers)
-    height = 0.4 + 3.6 * len(rows)
-    size = (3.6 * columns + 1.2, height)
+    size = (3.6 * columns + 1.2, 0.9 + 3.6 * len(rows))
     figure, axes = plt.subplots(len(rows), columns, figsize=size, squeeze=False)
     for line, (words, (facets, direction)) in enumerate(rows.items()):
         for column, answer in enumerate(found.answers):
-            pressed = interface_facets(assembly, found.contacts[facets], answer.pressures[facets])
-            draw = coloured_facets(pressed, np.arange(len(facets)), shown_blocks, highest)
-            title = f"{answer.method}: {words}" if column == 0 else answer.method
+            pressures = answer.pressures[facets]
+            pressed = interface_facets(assembly, found.contacts[facets], pressures)
+            draw = coloured_facets(pressed, np.arange(len(facets)), shown_blocks, highest[column])
+            name = f"{answer.method}: {words}" if column == 0 else answer.method
+            title = f"{name}\nmax {pressures.max(initial=0.0):.3g} MPa"
             place(axes[line, column], render(draw, direction, height=1000), title)
+    scales = "" if common else "; each answer has its own colour scale"
     figure.suptitle(
-        f"{found.name}: contact pressure {where}, rigid blocks and finite elements",
+        f"{found.name}: contact pressure {where}, rigid blocks and finite elements{scales}",
         fontsize=13,
         x=0.02,
         ha="left",
     )
-    figure.subplots_adjust(left=0.02, right=0.9, top=0.88, bottom=0.03, wspace=0.08, hspace=0.18)
-    bar = figure.add_axes((0.925, 0.15, 0.012, 0.65))
-    colours = ScalarMappable(Normalize(0.0, highest), PRESSURE_MAP)
-    figure.colorbar(colours, cax=bar, label="contact pressure [MPa]")
+    figure.subplots_adjust(left=0.02, right=0.98, top=0.86, bottom=0.13, wspace=0.08, hspace=0.2)
+    for column in range(columns) if not common else (0,):
+        first, last = (axes[-1, k].get_position() for k in ((0, -1) if common else (column,) * 2))
+        width = 0.5 * (last.x1 - first.x0) if common else 0.8 * (last.x1 - first.x0)
+        middle = 0.5 * (first.x0 + last.x1)
+        bar = figure.add_axes((middle - 0.5 * width, 0.075, width, 0.016))
+        colours = ScalarMappable(Normalize(0.0, highest[column]), PRESSURE_MAP)
+        label = "contact pressure [MPa]"
+        figure.colorbar(colours, cax=bar, label=label, orientation="horizontal")
     save_figure(figure, path)

@@ -59,7 +59,7 @@ def content_key(scene: TubeScene, base: BaseMesh, setting: CostSetting) -> str:
         "scene": scene_content(scene),
         "solver": scene.rigid.solver,
         "fem": scene.fem.model_dump(mode="json"),
-        "mesh": base.at(setting.level),
+        "mesh": setting.mesh(base),
         "base": base.at(1),
         "method": setting.method,
         "changes": sorted(setting.changes),

@@ -18,6 +18,7 @@ import numpy as np
 from fem.explicit import Status
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray, IntArray
+from geometry.sine_block import SineBlockDivisions
 from validation.cost_settings import (
     BaseMesh,
     CostSetting,
@@ -87,13 +88,24 @@ class Measurement:
 # Pressures on the common partition
 
 
-def overlap(n_from: int, n_to: int) -> FloatArray:
-    """Share of each of n_from equal intervals that lies in each of n_to, (n_to, n_from)."""
-    a, b = np.arange(n_from) / n_from, np.arange(n_to) / n_to
-    low = np.maximum(a[None, :], b[:, None])
-    high = np.minimum(a[None, :] + 1 / n_from, b[:, None] + 1 / n_to)
-    shares: FloatArray = np.clip(high - low, 0.0, None) * n_from
+def overlap(edges_from: FloatArray, edges_to: FloatArray) -> FloatArray:
+    """Share of each interval between edges in each of others, (n_to, n_from)."""
+    a, b = edges_from, edges_to
+    low = np.maximum(a[None, :-1], b[:-1, None])
+    high = np.minimum(a[None, 1:], b[1:, None])
+    shares: FloatArray = np.clip(high - low, 0.0, None) / np.diff(a)
     return shares
+
+
+def _edges(mesh: Mapping[str, float]) -> dict[str, FloatArray]:
+    """Places of the nodes of a block in each direction, 0 to 1."""
+    around, radial, axial = (int(mesh[key]) for key in ("around", "radial", "axial"))
+    divisions = SineBlockDivisions(around, radial, axial, mesh["radial_grading"])
+    return {
+        "around": np.linspace(0.0, 1.0, around + 1),
+        "radial": divisions.radial_positions,
+        "axial": np.linspace(0.0, 1.0, axial + 1),
+    }
 
 
 def partition_pressures(
@@ -101,8 +113,8 @@ def partition_pressures(
     contacts: IntArray,
     pressures: FloatArray,
     *,
-    mesh: Mapping[str, int],
-    cells: Mapping[str, int],
+    mesh: Mapping[str, float],
+    cells: Mapping[str, float],
 ) -> tuple[FloatArray, FloatArray]:
     """Mean pressure and area of the cells of all contact faces of a tube of Sine Blocks.
 
@@ -115,7 +127,7 @@ def partition_pressures(
     pressures
         (n,) [MPa]
     mesh
-        Elements of a block: ``around``, ``radial``, ``axial``.
+        ``[mesh]``: ``around``, ``radial``, ``axial``, ``radial_grading``.
     cells
         The same of the partition.
 
@@ -129,6 +141,7 @@ def partition_pressures(
     contacts, pressures = contacts[free], pressures[free]
     block, facet = found.block_m[contacts], found.facet_m[contacts]
     areas = found.areas[contacts]
+    own, common = _edges(mesh), _edges(cells)
     all_pressures, all_areas = [], []
     for number in np.unique(block):
         mine = block == number
@@ -141,9 +154,9 @@ def partition_pressures(
                 np.add.at(area, facet[inside] - first, areas[inside])
                 np.add.at(force, facet[inside] - first, (areas * pressures)[inside])
                 other = "axial" if name in ("left", "right") else "around"
-                rows = overlap(mesh["radial"], cells["radial"])
-                columns = overlap(mesh[other], cells[other])
-                grid = (mesh["radial"], mesh[other])
+                rows = overlap(own["radial"], common["radial"])
+                columns = overlap(own[other], common[other])
+                grid = (rows.shape[1], columns.shape[1])
                 area = rows @ area.reshape(grid) @ columns.T
                 force = rows @ force.reshape(grid) @ columns.T
                 all_areas.append(area.ravel())
@@ -237,7 +250,7 @@ def _run(
         assembly = tube.deformable.assembly
         contacts, pressures = tube.contact_index, tube.facet_pressures
     cell_pressures, areas = partition_pressures(
-        assembly, contacts, pressures, mesh=base.at(setting.level), cells=base.at(PARTITION_LEVEL)
+        assembly, contacts, pressures, mesh=setting.mesh(base), cells=base.at(PARTITION_LEVEL)
     )
     found = {
         "scalars": scalars,

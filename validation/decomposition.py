@@ -14,6 +14,7 @@ import numpy as np
 from fem.contact_law import LinearPenalty
 from fem.contact_measures import contact_measures
 from fem.deformable_assembly import Contact, DeformableAssembly
+from fem.flexibility import FlexibilityStore
 from fem.model import BlockGroup
 from fem.sparse_solver import SparseSolverError
 from fem.static import StaticError, StaticOptions, solve_static
@@ -24,6 +25,8 @@ from validation.tube_fem import TubeRun, build_deformable
 
 #: Stiffer by this factor, blocks deform a thousandth of what the contact springs do.
 STIFFENING = 1.0e4
+
+_ELASTICITY = "with the scene's elasticity"
 
 
 @dataclass(frozen=True)
@@ -77,10 +80,10 @@ def decompose(name: str, scene: DeformableScene, static: TubeRun) -> list[Step]:
     """
     assert scene.contact is not None
     clearance = scene.contact.initial_clearance
-    unspaced = scene.model_copy(
-        update={"contact": scene.contact.model_copy(update={"initial_clearance": 0.0})}
-    )
-    closed = build_deformable(unspaced, name)
+    closed = static.deformable
+    if clearance > 0:
+        contact = scene.contact.model_copy(update={"initial_clearance": 0.0})
+        closed = build_deformable(scene.model_copy(update={"contact": contact}), name)
     law = closed.contact.law
     mean = np.array([static.contact.mean_overclosure])
     springs = LinearPenalty(max(float(law.stiffness(mean)[0]), 1.0))
@@ -91,24 +94,17 @@ def decompose(name: str, scene: DeformableScene, static: TubeRun) -> list[Step]:
             replace(stiff, contact=Contact(springs, closed.contact.normals)),
         ),
         ("with the scene's contact law", stiff),
-        ("with the scene's elasticity", closed),
     ]
-    steps = []
+    if clearance > 0:
+        tasks.append((_ELASTICITY, closed))
+    steps, store = [], FlexibilityStore()
     for words, problem in tasks:
         try:
-            result = solve_static(problem, StaticOptions(tolerance=1e-4))
+            result = solve_static(problem, StaticOptions(tolerance=1e-4), store=store)
         except (StaticError, SymmetryError, SparseSolverError):
             continue
         if result.converged:
             steps.append(_step(words, result))
-    if clearance > 0:
-        found = static.contact
-        steps.append(
-            Step(
-                f"with the initial clearance of {clearance:g} mm",
-                found.p_eff,
-                found.p_max_face,
-                found.effective_count_percent,
-            )
-        )
-    return steps
+    last = f"with the initial clearance of {clearance:g} mm" if clearance > 0 else _ELASTICITY
+    found = static.contact
+    return [*steps, Step(last, found.p_eff, found.p_max_face, found.effective_count_percent)]

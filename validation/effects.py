@@ -38,6 +38,11 @@ def build_effects(section: EffectsSection, fem: FemSection) -> Effects:
     InputError
         For effects that exclude each other.
     """
+    if fem.mass_scaling is not None and section.gravity is not None:
+        raise InputError(
+            f"fem.mass_scaling: got {fem.mass_scaling:g} beside effects.gravity; added mass would "
+            "weigh: expected one of the two"
+        )
     rayleigh, viscosity = _rayleigh(section), _bulk_viscosity(section)
     if fem.damping is Damping.PAPER:
         rayleigh, viscosity = rayleigh or PAPER_RAYLEIGH, viscosity or BulkViscosity()

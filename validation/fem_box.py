@@ -23,6 +23,7 @@ from fem.explicit import (
     solve,
 )
 from fem.linear_static import LinearStaticResult, solve_linear_static
+from fem.mass_scaling import added_mass_share
 from fem.model import ModelError
 from fem.recovery import Recovered, recover
 from fem.time_step import TimeStepError
@@ -192,6 +193,7 @@ def box_json(run: BoxRun) -> dict[str, Any]:
             "energy_balance": explicit.energy_balance,
             "residual": explicit.residual,
             "element_updates_per_cpu_second": explicit.element_updates_per_cpu_second,
+            "added_mass": added_mass_share(model),
             "bytes_per_node": (explicit.state_bytes + explicit.constant_bytes) / model.n_nodes,
         }
     if static is not None:

@@ -62,6 +62,8 @@ class TubeMeshSection(Section):
     around: Annotated[int, Field(ge=1)]
     radial: Annotated[int, Field(ge=1)]
     axial: Annotated[int, Field(ge=1)]
+    radial_grading: Positive = 1.0
+    """Length of elements at the inner over that at the outer face; 1: equal."""
 
 
 class TubeScene(DeformableSections):

@@ -124,6 +124,8 @@ class FemSection(Section):
     time_step: Positive | None = None
     """[s]; None: safety_factor times the critical time step."""
     safety_factor: Annotated[float, Field(gt=0, le=1)] = 0.9
+    mass_scaling: Annotated[float, Field(ge=1, allow_inf_nan=False)] | None = None
+    """Of an explicit run: step that every element is to allow, over the shortest; None: absent."""
     precision: Literal["float64", "float32"] = "float64"
     threads: Annotated[int, Field(ge=1)] = 1
     symmetry: Literal["auto", "none", "sector"] = "auto"

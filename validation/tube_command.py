@@ -176,6 +176,9 @@ def print_tube(run: TubeRun, console: Console) -> None:
             f"{data['n_steps']} to {1e3 * data['time']:.4g} ms ({data['status']}), "
             f"{data['time_step']:.4g} s (critical {data['critical_time_step']:.4g} s)",
         )
+        if run.scene.fem is not None and run.scene.fem.mass_scaling is not None:
+            share = 100 * data["added_mass"]
+            table.add_row("mass scaling", f"{share:.3g} % more mass; it does not change the end")
         table.add_row("element updates", f"{rate:.3g} million per CPU second")
         state = data["quasi_static"]
         table.add_row(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from fem.explicit import (
 )
 from fem.explicit_model import ExplicitAssembly, explicit_assembly
 from fem.loads import SmoothStepAmplitude
+from fem.mass_scaling import added_mass_share, scale_masses
 from fem.model import ModelError
 from fem.quasi_static import RecommendedTimes, quasi_static_report, recommended_times
 from fem.symmetry import largest_cyclic_orbits
@@ -63,6 +64,9 @@ def explicit_statement(
     fem = fem_section(scene, name)
     damped = fem.damping is Damping.STATIC
     try:
+        if fem.mass_scaling is not None:
+            model = scale_masses(deformable.model, fem.mass_scaling)
+            deformable = replace(deformable, model=model)
         sliding = deformable.contact.finite_sliding
         # Blocks that may slide far may leave their sector: the whole tube is computed.
         whole = fem.symmetry == "none" or (sliding and fem.symmetry == "auto")
@@ -200,4 +204,5 @@ def explicit_numbers(result: ExplicitResult, statement: ExplicitStatement) -> di
         "quasi_static": asdict(report),
         "recommended": asdict(statement.recommended),
         "element_updates_per_cpu_second": result.element_updates_per_cpu_second,
+        "added_mass": added_mass_share(statement.assembly.model),
     }

@@ -137,19 +137,21 @@ def draw_displacement(run: TubeRun, path: Path) -> None:
     moved = {b: np.linalg.norm(run.displacement(b), axis=1) for b in blocks}
     limits = (0.0, max(float(v.max()) for v in moved.values()) or 1e-300)
     shell = ("outer", "inner", "left", "right", "top", "bottom", *EDGE_NAMES)
+    factors = {f"drawn × {scale:g}, as in the paper": scale}
+    # Ours only where the paper's factor shows too little or too much of this tube.
+    if not 0.5 < scale / run.drawing_scale < 2.0:
+        factors[f"drawn × {run.drawing_scale:g}"] = run.drawing_scale
     panels = [
         Panel(title, moved, "viridis", limits, "|u| [mm]", shell, factor)
-        for title, factor in (
-            (f"× {scale:g} (the paper's)", scale),
-            (f"× {run.drawing_scale:g}", run.drawing_scale),
-        )
+        for title, factor in factors.items()
     ]
-    figure, axes = plt.subplots(1, 2, figsize=(7.5, 9.5))
-    for column, panel in zip(axes, panels, strict=True):
+    size = (3.4 * len(panels) + 1.4, 9.5)
+    figure, axes = plt.subplots(1, len(panels), figsize=size, squeeze=False)
+    for column, panel in zip(axes[0], panels, strict=True):
         place(column, render(coloured_blocks(run, panel), (1.0, 0.0, 0.0)), panel.title)
     figure.suptitle(f"{run.title}\ndisplacement in the zy-plane", fontsize=11, x=0.03, ha="left")
-    figure.subplots_adjust(left=0.03, right=0.85, top=0.88, bottom=0.03)
-    bar = figure.add_axes((0.89, 0.25, 0.025, 0.5))
+    figure.subplots_adjust(left=0.03, right=1.0 - 1.4 / size[0], top=0.88, bottom=0.03)
+    bar = figure.add_axes((1.0 - 1.2 / size[0], 0.25, 0.2 / size[0], 0.5))
     colour_bar(figure, bar, limits, "viridis", "|u| [mm]")
     save_figure(figure, path)
 

@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 from fem.deformable_assembly import DeformableAssembly
+from fem.flexibility import FlexibilityStore
 from fem.model import ModelError
 from fem.sparse_solver import SparseSolverError
 from fem.static import StaticError, StaticOptions, solve_static
@@ -23,9 +24,15 @@ def static_options(fem: FemSection) -> StaticOptions:
 
 
 def run_tube_static(
-    name: str, scene: DeformableScene, *, deformable: DeformableAssembly | None = None
+    name: str,
+    scene: DeformableScene,
+    *,
+    deformable: DeformableAssembly | None = None,
+    store: FlexibilityStore | None = None,
 ) -> TubeRun:
     """Solve a tube for its static state by Newton's method.
+
+    Runs that share a ``store`` condense the same blocks once.
 
     Raises
     ------
@@ -37,7 +44,7 @@ def run_tube_static(
     deformable = build_deformable(scene, name) if deformable is None else deformable
     built = time.process_time()
     try:
-        result = solve_static(deformable, static_options(fem))
+        result = solve_static(deformable, static_options(fem), store=store)
     except (StaticError, SymmetryError, SparseSolverError, ModelError) as error:
         raise InputError(f"{name}: {error}") from None
     if fem.symmetry == "sector" and result.symmetry == 1:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from fem.contact_law import ExponentialLaw
@@ -313,7 +314,7 @@ def print_rows(rows: list[CheckRow], console: Console) -> None:
     for row in rows:
         table.add_row(
             row.case,
-            row.quantity,
+            escape(row.quantity),
             f"{row.calculix:.7g}",
             f"{row.ours:.7g}",
             f"{row.relative_difference:.1e}",

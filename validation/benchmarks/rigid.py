@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from geometry.load_case import load_case
@@ -116,7 +117,7 @@ def print_rows(rows: list[BenchmarkRow], console: Console) -> None:
     """Print the rows as a table."""
     table = Table(title="Rigid blocks, one thread: CPU seconds", title_justify="left")
     for head in ("problem", "contacts", "ours [s]", "other", "other [s]", "ratio", "peak [MB]"):
-        table.add_column(head, justify="left" if head in ("problem", "other") else "right")
+        table.add_column(escape(head), justify="left" if head in ("problem", "other") else "right")
     for row in rows:
         other = "" if row.other_cpu_seconds is None else f"{row.other_cpu_seconds:.3f}"
         ratio = "" if row.ratio is None else f"{row.ratio:.1f}"

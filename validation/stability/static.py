@@ -7,11 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from fem.contact_law import ExponentialLaw
+from fem.contact_state import matched_pressures
+from fem.deformable_assembly import DeformableAssembly, deformable_assembly
 from fem.hexahedron import ElementType
 from fem.material import Material
 from fem.static import StaticError, StaticOptions, solve_static
 from geometry.assembly import moved
 from geometry.load_case import load_case
+from geometry.mesh import FloatArray
+from geometry.sine_block import SineBlockDivisions
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.contact_law import COLUMN_LAW, TOLERANCE, column_checks, solved_column
 from validation.stability.problems import (
@@ -138,5 +142,48 @@ def _incompressible() -> Finding:
         (
             Check("residual", result.residual, 1e-8),
             Check("joint forces against the load", relative(force, carried), 1e-7),
+        )
+    )
+
+
+def _energy(stated: DeformableAssembly, displacements: tuple[FloatArray, ...]) -> float:
+    """Strain and contact energy minus the work of the loads, all blocks [N mm]."""
+    _, overclosure = matched_pressures(stated, displacements)
+    law, weights = stated.contact.law, stated.surfaces.weights
+    energy = float(np.vdot(weights, law.stored_energy(overclosure)))
+    for group, world in zip(stated.model.groups, displacements, strict=True):
+        for moved_by, rotation in zip(world, group.rotations, strict=True):
+            own = (moved_by @ rotation).ravel()
+            energy += 0.5 * float(own @ (group.stiffness @ own))
+    for load in stated.model.loads:
+        energy -= float(np.vdot(load.forces, displacements[load.group][load.copies, load.nodes]))
+    return energy
+
+
+@CASES.add(
+    "turning-normals", "Blocks that turn 0.1 mm before they press: a minimum, all blocks free to go"
+)
+def _turning() -> Finding:
+    assembly = tube(2, SineBlockDivisions(12, 2, 4))
+    stated = deformable_assembly(
+        assembly, load_case(assembly, "tunnel", 0.01), CONCRETE, initial_clearance=0.1
+    )
+    result = solve_static(stated)
+    least = _energy(stated, result.displacements)
+    random = np.random.default_rng(0)
+    rises = []
+    for size in (1e-3, 1e-4, 1e-5):
+        for _ in range(8):
+            tried = []
+            for group, world in zip(stated.model.groups, result.displacements, strict=True):
+                arm = group.mesh.nodes - group.mesh.nodes.mean(axis=0)
+                shift, turn = random.normal(scale=size, size=(2, group.n_copies, 1, 3))
+                spin = np.cross(turn / assembly.characteristic_length, arm)
+                tried.append(world + shift + np.einsum("cij,cnj->cni", group.rotations, spin))
+            rises.append(_energy(stated, tuple(tried)) - least)
+    return Finding(
+        (
+            Check("residual", result.residual, 1e-8),
+            Check("energy lost along 24 random motions [N mm]", -min(rises), 0.0),
         )
     )

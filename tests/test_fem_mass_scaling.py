@@ -1,0 +1,68 @@
+"""Mass scaling: the step it promises, on the elements that need it, and nothing else."""
+
+import numpy as np
+import pytest
+
+from fem.effects import Effects
+from fem.element_time_step import element_frequencies
+from fem.hexahedron import ElementType
+from fem.mass_scaling import added_mass_share, scale_masses
+from fem.material import Material
+from fem.model import Model, ModelError, block_group
+from fem.time_step import critical_time_step
+from geometry.block import box_block
+from geometry.mesh import HexMesh
+
+CONCRETE = Material(2.4e-9, 33e3, 0.2)
+
+
+def bar(thin=0.2, element=ElementType.INCOMPATIBLE):
+    """Ten cubes in a row, the last one thinner."""
+    mesh = box_block((10.0, 1.0, 1.0), (10, 1, 1)).mesh
+    nodes = mesh.nodes.copy()
+    nodes[:, 0] = np.interp(nodes[:, 0], [0.0, 9.0, 10.0], [0.0, 9.0, 9.0 + thin])
+    return Model(groups=(block_group(HexMesh(nodes, mesh.elements), CONCRETE, element=element),))
+
+
+@pytest.mark.parametrize("element", list(ElementType))
+@pytest.mark.parametrize("factor", [1.0, 2.0, 4.0])
+def test_the_step_is_at_least_the_factor_times_the_bound(element, factor):
+    """Every element keeps the bound, so the assembled block does (Irons and Treharne 1971)."""
+    model = bar(element=element)
+    group = model.groups[0]
+    bound = 2.0 / element_frequencies(group.mesh, group.material, element).max()
+    scaled = scale_masses(model, factor)
+    assert critical_time_step(scaled).critical_time_step >= factor * bound * (1.0 - 1e-9)
+
+
+def test_only_elements_below_the_step_get_mass():
+    """A cube is 5 times as long as the thin one: a factor of 2 concerns the thin one alone."""
+    model = bar()
+    scaled = scale_masses(model, 2.0)
+    heavier = scaled.groups[0].lumped_mass > model.groups[0].lumped_mass
+    assert heavier.tolist() == (model.groups[0].mesh.nodes[:, 0] >= 9.0).tolist()
+    added = scaled.groups[0].lumped_mass.sum() - model.groups[0].lumped_mass.sum()
+    assert scaled.groups[0].added_mass == pytest.approx(added, rel=1e-12)
+    assert added_mass_share(scaled) == pytest.approx(
+        added / model.groups[0].lumped_mass.sum(), rel=1e-12
+    )
+    assert scaled.groups[0].stiffness is model.groups[0].stiffness
+
+
+def test_one_adds_nothing():
+    model = bar()
+    same = scale_masses(model, 1.0)
+    assert np.array_equal(same.groups[0].lumped_mass, model.groups[0].lumped_mass)
+    assert added_mass_share(same) == 0.0
+
+
+@pytest.mark.parametrize("factor", [0.5, np.inf, np.nan])
+def test_factors_that_make_no_sense_are_refused(factor):
+    with pytest.raises(ModelError, match="at least 1"):
+        scale_masses(bar(), factor)
+
+
+def test_added_mass_must_not_weigh():
+    model = Model(groups=bar().groups, effects=Effects(gravity=np.array([0.0, 0.0, -9810.0])))
+    with pytest.raises(ModelError, match="weigh"):
+        scale_masses(model, 2.0)
