@@ -65,7 +65,7 @@ class StaticResult:
         return facet_pressures(self.deformable.surfaces, self.pressures)
 
     @cached_property
-    def contact(self) -> ContactState:
+    def contact_state(self) -> ContactState:
         """Contact facet by facet."""
         return matched_state(self.deformable, self.displacements, self.pressures, self.overclosures)
 

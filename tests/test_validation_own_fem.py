@@ -87,11 +87,11 @@ def test_a_column_of_boxes_under_pressure() -> None:
     static = run_tube_static("column", column(pressure))
     # The static residual is 1e-8 of the load; a joint is as stiff as the boxes within tenfold.
     assert static.largest_displacement == pytest.approx(top, rel=1e-7)
-    np.testing.assert_allclose(static.contacts.point_pressures, pressure, rtol=1e-7)
+    np.testing.assert_allclose(static.contact_state.point_pressures, pressure, rtol=1e-7)
     explicit, _ = run_tube_explicit("column", column(pressure))
     # Damped until the residual is 1e-4 of the load.
     assert explicit.largest_displacement == pytest.approx(top, rel=1e-3)
-    np.testing.assert_allclose(explicit.contacts.point_pressures, pressure, rtol=1e-3)
+    np.testing.assert_allclose(explicit.contact_state.point_pressures, pressure, rtol=1e-3)
 
 
 def test_joints_of_a_static_column_must_match() -> None:
@@ -133,7 +133,7 @@ def test_one_sector_of_a_hexagon_tube_gives_the_whole() -> None:
 def test_the_frame_of_a_wall_carries_the_load(name: str, divisions: str, area: float) -> None:
     small = ("assembly.layers=1", "assembly.columns=1", f"mesh.divisions={divisions}")
     run = run_tube_static(name, deformable(name, *small))
-    found = run.contacts
+    found = run.contact_state
     # One free block: what its facets push the frame with, towards +y, is pressure times area.
     sign = np.where(run.deformable.group_of[found.block_m] >= 0, 1.0, -1.0)
     total = (sign[found.facet][:, None] * found.point_forces).sum(axis=0)

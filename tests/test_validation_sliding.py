@@ -51,7 +51,7 @@ def test_patch_test_of_a_column_that_does_not_match() -> None:
     1e-8 of the load; a joint is as stiff as the boxes within tenfold."""
     run, _ = run_tube_explicit("column", column(*CROSSING))
     assert str(run.solver["status"]) == "converged"
-    found = run.contacts
+    found = run.contact_state
     np.testing.assert_allclose(found.point_pressures, 0.5, rtol=1e-6)
     np.testing.assert_allclose(found.pressures, 0.5, rtol=1e-6)
     top = 2 * overclosure(0.5) + 0.5 * 150.0 / 33e3
@@ -75,7 +75,7 @@ def test_forces_and_moments_of_a_smaller_box_that_crosses_facets() -> None:
     centred, the upper joint on the area of the box alone, to the residual of 1e-8."""
     boxes = ((WIDE, (4, 4, 2)), (WIDE, (3, 3, 2)), ((60.0, 40.0, 50.0), (5, 3, 2)))
     run, _ = run_tube_explicit("column", column(*boxes, poisson=0.2))
-    found = run.contacts
+    found = run.contact_state
     load = 0.5 * 2400.0
     for joint, area in (((0, 1), 8000.0), ((1, 2), 2400.0)):
         points = found.joint(*joint)
@@ -153,7 +153,7 @@ def test_matching_joints_have_no_search_unless_asked() -> None:
         run, _ = run_tube_explicit("column", column(*matching, effects={"finite_sliding": asked}))
         data = tube_json(run, 0.0)
         assert data["contact_search"] == words
-        assert (run.contacts.interface is None) == asked
+        assert (run.contact_state.interface is None) == asked
         assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
         assert data["n_contacts"] == 16
         assert data["contact"]["effective_count_percent"] == pytest.approx(50.0, rel=1e-9)
@@ -199,10 +199,12 @@ def test_measures_of_a_small_slide_are_those_of_matched_facets() -> None:
     for key in ("p_eff", "p_max"):
         a, b = (getattr(run.contact.per_block, key) for run in (searched, matched))
         np.testing.assert_allclose(a, b, rtol=1e-3)
-    assert searched.contacts.n_facets == matched.contacts.n_facets
+    assert searched.contact_state.n_facets == matched.contact_state.n_facets
     # The same facets in whatever order, drawn on the one side or the other of the joint.
-    order = [np.lexsort(np.round(run.contacts.centroids, 1).T) for run in (searched, matched)]
-    a, b = (run.contacts.centroids[o] for run, o in zip((searched, matched), order, strict=True))
+    order = [np.lexsort(np.round(run.contact_state.centroids, 1).T) for run in (searched, matched)]
+    a, b = (
+        run.contact_state.centroids[o] for run, o in zip((searched, matched), order, strict=True)
+    )
     assert np.abs(a - b).max() < 2.0 * matched.largest_displacement
 
 
@@ -226,7 +228,7 @@ def test_a_pushed_box_presses_where_it_ended() -> None:
     run, _ = run_tube_explicit("push", scene)
     slide = 2e3 * (0.03 - (1.0 - np.exp(-30.0)) / 1e3)
     assert run.displacement(1)[:, 0].mean() == pytest.approx(slide, rel=1e-3)
-    found = run.contacts
+    found = run.contact_state
     forces = found.point_forces
     assert forces.sum(axis=0) == pytest.approx([0.0, 0.0, 200.0], abs=0.2)
     centre = forces[:, 2] @ found.positions / forces[:, 2].sum()
@@ -286,7 +288,7 @@ forces = [{block = 3, force = [0, 0, -4000]}]
     )
     scene = load_scene(str(path), ["fem.method='explicit'", "fem.residual=1e-6"]).scene
     assert isinstance(scene, DeformableScene)
-    found = run_tube_explicit("own", scene)[0].contacts
+    found = run_tube_explicit("own", scene)[0].contact_state
     weight = 2.4e-9 * 400_000.0 * 9810.0
     for joint, area, force in (
         ((0, 2), 4000.0, 2000.0 + weight),

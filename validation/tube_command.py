@@ -114,7 +114,7 @@ def write_tube_files(
     points = point_data(groups, run.displacements, finite_rotation=finite)
     write_hex_mesh(fields, groups_mesh(groups), point_data=data, cell_data=points)
     contact = folder / "contact_pressures.vtu"
-    found = run.contacts
+    found = run.contact_state
     quads = np.arange(4 * found.n_facets).reshape(-1, 4)
     write_surface(
         contact,

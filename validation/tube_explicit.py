@@ -163,7 +163,7 @@ def run_tube_explicit(
         raise InputError(f"{name}: {error}") from None
     solved = time.process_time()
     displacements = whole.expand(result.displacements)
-    contacts = whole.contact_state(result.displacements)
+    contact_state = whole.contact_state(result.displacements)
     seconds = {
         "build": built - start,
         "solve": solved - built,
@@ -176,7 +176,7 @@ def run_tube_explicit(
         method=Method.EXPLICIT,
         deformable=deformable,
         displacements=displacements,
-        contacts=contacts,
+        contact_state=contact_state,
         solver=explicit_numbers(result, statement),
         cpu_seconds=seconds,
     )

@@ -223,7 +223,7 @@ class TubeRun:
     deformable: DeformableAssembly
     displacements: tuple[FloatArray, ...]
     """Of each group, (n_copies, n_nodes, 3) [mm], world axes."""
-    contacts: ContactState
+    contact_state: ContactState
     """Facets in contact at the end, with pressures and overclosures."""
     solver: dict[str, Any]
     """Numbers of the solver: residual, iterations or steps, energies, …"""
@@ -273,7 +273,7 @@ class TubeRun:
         ValueError
             For a run with finite sliding, whose facets are no interfaces.
         """
-        index = self.contacts.interface
+        index = self.contact_state.interface
         if index is None:
             raise ValueError(f"{self.name}: facets that a search found are no interfaces")
         return index
@@ -281,12 +281,12 @@ class TubeRun:
     @property
     def facet_pressures(self) -> FloatArray:
         """Mean contact pressure of each facet, (n_facets,) [MPa]."""
-        return self.contacts.pressures
+        return self.contact_state.pressures
 
     @cached_property
     def contact(self) -> ContactMeasures:
         """The paper's measures of the contact pressures, and more."""
-        return contact_measures(self.deformable.assembly, self.contacts)
+        return contact_measures(self.deformable.assembly, self.contact_state)
 
     @property
     def largest_displacement(self) -> float:
@@ -373,7 +373,7 @@ def tube_json(run: TubeRun, peak_memory_mb: float) -> dict[str, Any]:
         "n_elements": model.n_elements,
         "n_nodes": model.n_nodes,
         "contact_search": str(run.contact_search),
-        "n_contacts": run.contacts.n_facets,
+        "n_contacts": run.contact_state.n_facets,
         "max_displacement": run.largest_displacement,
         "principal_stress": {
             "max": max(float(p[:, 0].max()) for p in principal),

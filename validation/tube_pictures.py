@@ -221,7 +221,7 @@ def run_facets(run: TubeRun) -> PressedFacets:
         placed = run.positions(block)
         return placed + run.displacement(block) if group_of[block] >= 0 else placed
 
-    found = run.contacts
+    found = run.contact_state
     return PressedFacets(
         assembly=run.deformable.assembly,
         block_m=found.block_m,

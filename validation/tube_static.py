@@ -63,7 +63,7 @@ def run_tube_static(
         method=Method.STATIC,
         deformable=deformable,
         displacements=result.displacements,
-        contacts=result.contact,
+        contact_state=result.contact_state,
         solver=static_numbers(result),
         cpu_seconds=seconds,
     )
