@@ -118,7 +118,7 @@ class SlidingPoints:
         own = self.position[self.quads[one]]
         master = np.repeat(faced[one, 0], 4)
         xi, _, _ = closest_points(self.position[self.quads[master]][:, None], own.reshape(-1, 3))
-        inside = (np.abs(xi).reshape(len(one), -1) <= 1.0 + _NESTED).all(axis=1)
+        inside = (np.abs(xi).reshape(len(one), 8) <= 1.0 + _NESTED).all(axis=1)
         nested = np.zeros(len(self.quads), dtype=np.bool_)
         nested[one[inside]] = True
         found: dict[int, list[FloatArray]] = {}

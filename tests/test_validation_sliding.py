@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import meshio
@@ -11,9 +11,16 @@ import numpy as np
 import pytest
 
 from fem.block_frequency import block_frequencies
-from fem.explicit import initial_state, prepare
+from fem.deformable_assembly import Frames, deformable_assembly
+from fem.effects import AdaptiveMassDamping, Effects
+from fem.explicit import StopCriterion, initial_state, prepare, solve
 from fem.explicit_model import explicit_assembly
+from fem.loads import SmoothStepAmplitude
+from fem.material import Material
 from geometry.block import box_block
+from geometry.box_column import ColumnBox, box_column
+from geometry.load_case import face_pressure
+from geometry.mesh import FloatArray
 from geometry.mesh_io import write_hex_mesh
 from geometry.polyhedron import polyhedron_from_quads
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
@@ -68,6 +75,18 @@ def test_patch_test_of_a_column_that_does_not_match() -> None:
     # Two boxes are free: the middle one is pressed on both faces, the upper one on one of two.
     assert data["contact"]["effective_count_percent"] == pytest.approx(75.0, rel=1e-6)
     assert data["contact"]["effective_area_percent"] == pytest.approx(75.0, rel=1e-6)
+
+
+def test_one_facet_in_the_middle_of_four() -> None:
+    """No facet lies inside another: the only one is cut in four equal parts, on which the load
+    presses alike by symmetry, to the residual."""
+    scene = column((WIDE, (2, 2, 1)), ((50.0, 40.0, 50.0), (1, 1, 1)))
+    found = run_tube_explicit("column", scene)[0].contact_state
+    assert found.n_facets == 1
+    quarter = np.sign(found.positions[:, :2]) @ [2.0, 1.0]
+    areas = [found.point_areas[quarter == k].sum() for k in (-3.0, -1.0, 1.0, 3.0)]
+    assert areas == pytest.approx([500.0] * 4, rel=1e-12)
+    assert found.point_forces.sum(axis=0) == pytest.approx([0.0, 0.0, 1000.0], abs=1e-3)
 
 
 def test_forces_and_moments_of_a_smaller_box_that_crosses_facets() -> None:
@@ -237,6 +256,52 @@ def test_a_pushed_box_presses_where_it_ended() -> None:
     corners = found.corners.reshape(-1, 3)
     assert corners[:, 0].min() == pytest.approx(slide - 25.0, abs=0.01)
     assert corners[:, 0].max() == pytest.approx(slide + 25.0, abs=0.01)
+
+
+def settled_box(built: float, slid: float) -> tuple[FloatArray, FloatArray]:
+    """Pressures and places of a box on a plank of 20 mm facets, x from the box's own place.
+
+    ``built``: where the box stands in the assembly; ``slid``: its initial displacement [mm].
+    """
+    assembly = box_column(
+        [ColumnBox((300.0, 80.0, 50.0), (15, 4, 2)), ColumnBox((50.0, 40.0, 50.0), (3, 3, 2))]
+    )
+    moved = np.array([[0.0, 0.0, 0.0], [built, 0.0, 0.0]])
+    assembly = replace(assembly, translations=assembly.translations + moved)
+    deformable = deformable_assembly(
+        assembly,
+        face_pressure(assembly, np.array([1]), "z+", 0.1),
+        Material(2.4e-9, 33e3, 0.2),
+        frames=Frames.DEFORMABLE,
+        finite_sliding=True,
+    )
+    stated = explicit_assembly(
+        deformable,
+        effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
+        amplitude=SmoothStepAmplitude(1e-3),
+    )
+    start = tuple(np.zeros((1, group.n_nodes, 3)) for group in stated.model.groups)
+    start[1][:, :, 0] = slid
+    stop = StopCriterion(1e-7, 1e-3)
+    result = solve(stated.model, end_time=0.1, displacements=start, stop=stop)
+    assert str(result.status) == "converged"
+    found = stated.contact_state(result.displacements)
+    return found.point_pressures, found.positions - [built + slid, 0.0, 0.0]
+
+
+def test_a_box_that_slid_presses_as_one_built_there() -> None:
+    """Slid by three facets it meets the plank as one that was built there: the same points with
+    the same pressures, to the residual of 1e-7 times the softness of contact, tenfold. Slid by
+    half a facet the cuts are those of its first place: the pressures are those of another
+    quadrature, within the 2 % that joints without cuts err by."""
+    here, at = settled_box(0.0, 60.0)
+    there, to = settled_box(60.0, 0.0)
+    np.testing.assert_allclose(at, to, atol=1e-5)
+    np.testing.assert_allclose(here, there, rtol=1e-5)
+    here, _ = settled_box(0.0, 10.0)
+    there, _ = settled_box(10.0, 0.0)
+    assert here.max() == pytest.approx(there.max(), rel=0.02)
+    assert here.min() == pytest.approx(there.min(), rel=0.02)
 
 
 def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
