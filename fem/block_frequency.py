@@ -3,7 +3,8 @@
 Blocks are much stiffer than the contact between them, so the slow motions of a tube are rigid
 motions of its blocks. Restricted to them (Rayleigh and Ritz), stiffness and mass are small
 matrices, 6 rows for each block, and the frequencies are upper bounds of the true ones. Contact
-is linearised as if it pressed everywhere with one pressure.
+is linearised as if it pressed everywhere with one pressure: on the matched facets, or, where a
+search finds facets, on all that face each other at the start.
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ import numpy as np
 import scipy.linalg
 
 from fem.contact_lanes import AlikePairs
+from fem.contact_law import ContactLaw
 from fem.explicit_contact import FaceContact
 from fem.loads import FACET_VALUES
 from fem.model import BlockGroup, Model
+from fem.sliding_contact import SlidingContact
 from geometry.mesh import FloatArray, IntArray
 
 #: Modes below this share of the highest frequency are taken for motions nothing resists.
@@ -62,7 +65,8 @@ def block_frequencies(model: Model, pressure: float) -> BlockFrequencies:
     Parameters
     ----------
     model
-        Blocks with `FaceContact`; blocks with supports count as held.
+        Blocks with `FaceContact`, or `SlidingContact` as it stands before any displacement;
+        blocks with supports count as held.
     pressure
         Contact pressure that decides the stiffness of the law [MPa].
 
@@ -83,10 +87,11 @@ def block_frequencies(model: Model, pressure: float) -> BlockFrequencies:
         load += _generalised_load(model, number, motions, int(first[number]), size)
     for interaction in model.interactions:
         if isinstance(interaction, FaceContact):
-            law = interaction.law
-            tangent = float(law.stiffness(law.overclosure(pressure)))
+            tangent = _tangent(interaction.law, pressure)
             for pairs in interaction.pairs:
                 _add_contact(stiffness, model, pairs, tangent, first)
+        if isinstance(interaction, SlidingContact):
+            _add_sliding(stiffness, model, interaction, pressure, first)
     free = _free_rows(model, first, size)
     squares, modes = scipy.linalg.eigh(stiffness[np.ix_(free, free)], mass[np.ix_(free, free)])
     resisted = squares > _FREE_MOTION**2 * squares[-1]
@@ -138,6 +143,37 @@ def _add_contact(
             for j, column in enumerate(where):
                 part = block[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
                 stiffness[row : row + 6, column : column + 6] += part
+
+
+def _tangent(law: ContactLaw, pressure: float) -> float:
+    return float(law.stiffness(law.overclosure(pressure)))
+
+
+def _add_sliding(
+    stiffness: FloatArray, model: Model, contact: SlidingContact, pressure: float, first: IntArray
+) -> None:
+    """Add w k g gᵀ of all points that face a facet at the start, block pair by block pair."""
+    state = contact.at_start
+    tangent = _tangent(contact.law, pressure)
+    surfaces = {surface.block: surface for surface in contact.surfaces}
+    pairs, which = np.unique(
+        np.column_stack([state.block_m, state.block_s]), axis=0, return_inverse=True
+    )
+    for number, (m, s) in enumerate(pairs.tolist()):
+        points = np.flatnonzero(which.ravel()[state.facet] == number)
+        rows, gaps = [], []
+        for block, sign in ((m, -1.0), (s, 1.0)):
+            surface = surfaces[block]
+            if surface.group < 0:
+                continue
+            group = model.groups[surface.group]
+            turn, shift = group.rotations[surface.copy], group.translations[surface.copy]
+            motions = rigid_motions(group, (state.positions[points] - shift) @ turn)
+            gaps.append(sign * np.einsum("pi,pij->pj", state.normals[points] @ turn, motions))
+            rows.append(6 * (first[surface.group] + surface.copy) + np.arange(6))
+        gap, where = np.concatenate(gaps, axis=1), np.concatenate(rows)
+        weights = tangent * state.point_areas[points]
+        stiffness[np.ix_(where, where)] += gap.T @ (weights[:, None] * gap)
 
 
 def _free_rows(model: Model, first: IntArray, size: int) -> IntArray:

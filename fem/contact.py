@@ -149,8 +149,8 @@ def contact_surfaces(
         Facets of free blocks without partner where that is not allowed.
     """
     found = assembly.interfaces
-    corners_m = _corners(assembly, found.block_m, found.quads_m)
-    corners_s = _corners(assembly, found.block_s, found.quads_s)
+    corners_m = facet_corners(assembly, found.block_m, found.quads_m)
+    corners_s = facet_corners(assembly, found.block_s, found.quads_s)
     offsets = np.einsum("pa,fai->fpi", FACET_VALUES, corners_s - corners_m)
     if spacing is not None:
         offsets += (spacing[found.block_s] - spacing[found.block_m])[:, None]
@@ -167,7 +167,7 @@ def contact_surfaces(
     )
 
 
-def _corners(assembly: Assembly, blocks: IntArray, quads: IntArray) -> FloatArray:
+def facet_corners(assembly: Assembly, blocks: IntArray, quads: IntArray) -> FloatArray:
     """World positions of facet corners, (n, 4, 3) [mm]."""
     corners = np.empty((len(blocks), 4, 3))
     for block in np.unique(blocks):
@@ -186,16 +186,37 @@ def check_initial_overlap(surfaces: ContactSurfaces, law: ContactLaw) -> None:
     ContactError
         Naming the deepest block pair, its depth and the law's range.
     """
-    overclosure = -surfaces.initial_gaps
+    deepest = (-surfaces.initial_gaps).max(axis=1, initial=-np.inf)
+    refuse_overlap(surfaces.block_m, surfaces.block_s, deepest, law)
+
+
+def refuse_overlap(
+    block_m: IntArray, block_s: IntArray, deepest: FloatArray, law: ContactLaw
+) -> None:
+    """Refuse facets whose largest overclosure is beyond the law's range.
+
+    Parameters
+    ----------
+    block_m, block_s
+        Blocks of each facet, (n_facets,).
+    deepest
+        Largest overclosure of each, (n_facets,) [mm].
+    law
+        Contact law.
+
+    Raises
+    ------
+    ContactError
+        Naming the deepest block pair, its depth and the law's range.
+    """
     range_end = law.largest_initial_overclosure
-    if not len(overclosure) or overclosure.max() <= range_end:
+    if not len(deepest) or deepest.max() <= range_end:
         return
-    deep = overclosure.max(axis=1)
-    worst = int(np.argmax(deep))
+    worst = int(np.argmax(deepest))
     raise ContactError(
-        f"contact: {int((deep > range_end).sum())} facets overlap at the start by more than "
-        f"{range_end:.3g} mm, where the contact law ends; deepest {deep[worst]:.3g} mm between "
-        f"blocks {int(surfaces.block_m[worst])} and {int(surfaces.block_s[worst])}; expected "
+        f"contact: {int((deepest > range_end).sum())} facets overlap at the start by more than "
+        f"{range_end:.3g} mm, where the contact law ends; deepest {deepest[worst]:.3g} mm between "
+        f"blocks {int(block_m[worst])} and {int(block_s[worst])}; expected "
         "blocks that touch: correct the placement or raise contact.initial_clearance"
     )
 
@@ -278,6 +299,18 @@ def _current_frame(
     gap = np.einsum("fpi,fpi->fp", normal, d)
     slip = (d - gap[:, :, None] * normal) / area[:, :, None]
     return _CurrentFrame(tangents, normal, area, gap, slip)
+
+
+def point_normals(
+    surfaces: ContactSurfaces,
+    corner_displacements: FloatArray,
+    normals: ContactNormals = ContactNormals.CURRENT,
+) -> FloatArray:
+    """Normals from m to s that measure the gaps at displaced corners, (n, 4 points, 3)."""
+    if normals is ContactNormals.REFERENCE:
+        return surfaces.normals
+    d = surfaces.offsets + np.einsum("pa,fai->fpi", _DIFFERENCE, corner_displacements)
+    return _current_frame(surfaces, corner_displacements, d).normal
 
 
 def _cross_matrix(vector: FloatArray) -> FloatArray:

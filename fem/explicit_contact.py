@@ -61,12 +61,7 @@ class FaceContact:
             raise FrictionError(
                 "effects.friction: got contact with reference normals, expected current normals"
             )
-        if self.friction.stick_stiffness > self.counted_stiffness:
-            raise FrictionError(
-                f"effects.friction: got a stick stiffness of {self.friction.stick_stiffness} "
-                f"MPa/mm, expected at most {self.counted_stiffness:.4g}, the contact stiffness "
-                "that the critical time step counts in"
-            )
+        check_stick(self.friction, self.counted_stiffness)
 
     def touched_nodes(self, group: int) -> IntArray:
         """Mesh nodes of the group on which contact may act, (n,)."""
@@ -108,6 +103,22 @@ class FaceContact:
     def bind(self, bodies: tuple[Body, ...]) -> Interaction:
         """Prepare the force for the loop."""
         return _BoundContact(self, bodies)
+
+
+def check_stick(friction: CoulombFriction, counted_stiffness: float) -> None:
+    """Refuse a stick that is stiffer than what the critical time step counts in [MPa/mm].
+
+    Raises
+    ------
+    FrictionError
+        With the largest stick stiffness.
+    """
+    if friction.stick_stiffness > counted_stiffness:
+        raise FrictionError(
+            f"effects.friction: got a stick stiffness of {friction.stick_stiffness} "
+            f"MPa/mm, expected at most {counted_stiffness:.4g}, the contact stiffness "
+            "that the critical time step counts in"
+        )
 
 
 class _BoundContact:

@@ -8,12 +8,13 @@ import numpy as np
 
 from fem.contact_lanes import alike_pairs
 from fem.contact_law import ContactLaw
+from fem.contact_state import ContactState, matched_pressures, matched_state
 from fem.deformable_assembly import DeformableAssembly
 from fem.effects import Effects
 from fem.explicit_contact import FaceContact
 from fem.friction import CoulombFriction
 from fem.model import Amplitude, BlockGroup, InteractionModel, Model, NodalLoad, Support
-from fem.sliding_contact import SlidingContact
+from fem.sliding_contact import SlidingContact, sliding_state
 from fem.sliding_search import BlockSurface
 from fem.symmetry import Orbits, SymmetryError, no_symmetry
 from geometry.mesh import FloatArray, IntArray
@@ -34,6 +35,16 @@ class ExplicitAssembly:
     """Copy of the model that stands for each block, -1 for rigid ones, (n_blocks,)."""
     model: Model
     """Representative blocks with contact."""
+    sliding: SlidingContact | None = None
+    """Contact of the model where a search finds facets; None: matched facets stay matched."""
+
+    def contact_state(self, displacements: tuple[FloatArray, ...]) -> ContactState:
+        """Contact of the whole assembly at displacements of the model's groups, world axes."""
+        if self.sliding is not None:
+            return sliding_state(self.sliding, displacements)
+        whole = self.expand(displacements)
+        pressures, overclosures = matched_pressures(self.deformable, whole)
+        return matched_state(self.deformable, whole, pressures, overclosures)
 
     def expand(self, displacements: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
         """World displacements of every block from those of the representatives.
@@ -105,11 +116,8 @@ def explicit_assembly(
     kept = [deformable.copy_of[blocks] for blocks in chosen]
     friction = deformable.contact.friction if friction is None else friction
     sliding = deformable.contact.finite_sliding if finite_sliding is None else finite_sliding
-    contact: InteractionModel
-    if sliding:
-        contact = _sliding_contact(deformable, orbits, copy_of, friction)
-    else:
-        contact = _face_contact(deformable, orbits, copy_of, friction)
+    searched = _sliding_contact(deformable, orbits, copy_of, friction) if sliding else None
+    contact: InteractionModel = searched or _face_contact(deformable, orbits, copy_of, friction)
     return ExplicitAssembly(
         deformable=deformable,
         orbits=orbits,
@@ -121,6 +129,7 @@ def explicit_assembly(
             effects=Effects() if effects is None else effects,
             interactions=(contact,),
         ),
+        sliding=searched,
     )
 
 

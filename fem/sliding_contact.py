@@ -8,6 +8,7 @@ force.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -15,11 +16,13 @@ from fem.body import Body
 from fem.central_difference import Interaction, System
 from fem.contact_kernels import add_travel
 from fem.contact_law import ContactLaw
-from fem.explicit_contact import shifted
+from fem.contact_state import ContactState
+from fem.explicit_contact import check_stick, shifted
 from fem.friction import CoulombFriction
 from fem.layout import LaneArray
 from fem.sliding_kernel import apply_surface, place_surface, sliding_forces
-from fem.sliding_search import BlockSurface, SlidingPoints, facet_area_vectors
+from fem.sliding_quadrature import bilinear
+from fem.sliding_search import BlockSurface, SlidingPoints, closest_points, facet_area_vectors
 from fem.state import State
 from geometry.mesh import FloatArray, IntArray
 
@@ -40,9 +43,10 @@ class SlidingContact:
     """Stiffness of the law that the critical time step counts in [MPa/mm]."""
     friction: CoulombFriction | None = None
     """None: absent."""
-    points_per_edge: int = 2
-    """Gauss points along each edge of a facet. Two are exact where facets of the finer surface
-    lie inside those of the coarser one; more lower the error where they cross."""
+
+    def __post_init__(self) -> None:
+        if self.friction is not None:
+            check_stick(self.friction, self.counted_stiffness)
 
     def touched_nodes(self, group: int) -> IntArray:
         """Mesh nodes of the group on which contact may act, (n,)."""
@@ -62,6 +66,11 @@ class SlidingContact:
             np.add.at(total, surface.nodes[surface.quads], 0.25 * area[:, None])
             largest = np.maximum(largest, total)
         return moving * self.counted_stiffness * largest
+
+    @cached_property
+    def at_start(self) -> ContactState:
+        """Contact before any displacement."""
+        return sliding_state(self, None)
 
     def bind(self, bodies: tuple[Body, ...]) -> Interaction:
         """Prepare the force for the loop."""
@@ -217,82 +226,65 @@ def _points(statement: SlidingContact) -> SlidingPoints:
     return SlidingPoints(
         tuple(sorted(statement.surfaces, key=lambda s: s.group)),
         reach=-law.start,
-        points_per_edge=statement.points_per_edge,
     )
 
 
-@dataclass(frozen=True)
-class SlidingState:
-    """Contact of a finished run, facet by facet of the finer surfaces."""
-
-    block_m: IntArray
-    """Block that each facet presses on (the one that takes most of its force), (n,)."""
-    block_s: IntArray
-    """Block of the facet, (n,)."""
-    areas: FloatArray
-    """Areas of the facets, (n,) [mm²]."""
-    pressures: FloatArray
-    """Force over area of each facet, (n,) [MPa]."""
-    positions: FloatArray
-    """Positions of the points, world axes, (n, points, 3) [mm]."""
-    point_areas: FloatArray
-    """Areas of the points, (n, points) [mm²]."""
-    point_pressures: FloatArray
-    """(n, points) [MPa]."""
-    point_overclosures: FloatArray
-    """(n, points) [mm]; far below zero where no facet is near."""
-
-
-def sliding_state(statement: SlidingContact, displacements: tuple[FloatArray, ...]) -> SlidingState:
+def sliding_state(
+    statement: SlidingContact, displacements: tuple[FloatArray, ...] | None
+) -> ContactState:
     """Contact of all facets that face another block at given displacements.
+
+    Facets are those of the finer of two surfaces, one entry for each block that a facet faces,
+    with the part of its area that faces it.
 
     Parameters
     ----------
     statement
         Surfaces and law.
     displacements
-        Of each group, world axes, (n_copies, n_nodes, 3) [mm].
+        Of each group, world axes, (n_copies, n_nodes, 3) [mm]; None: before any displacement.
     """
     points = _points(statement)
-    for k, surface in enumerate(points.surfaces):
-        if surface.group >= 0:
-            where = slice(int(points.node_start[k]), int(points.node_start[k + 1]))
-            points.position[where] += displacements[surface.group][surface.copy, surface.nodes]
-    points.search()
-    gap, force = np.empty(len(points.slave)), np.empty_like(points.position)
-    sliding_forces(
-        points.position,
-        points.quads,
-        points.slave,
-        points.shapes,
-        points.weights,
-        points.facet,
-        points.xi,
-        shifted(statement.law.constants, statement.clearance),
-        None,
-        None,
-        None,
-        gap,
-        force,
+    if displacements is not None:
+        for k, surface in enumerate(points.surfaces):
+            if surface.group >= 0:
+                where = slice(int(points.node_start[k]), int(points.node_start[k + 1]))
+                points.position[where] += displacements[surface.group][surface.copy, surface.nodes]
+        points.search()
+    facing = np.flatnonzero(points.facet >= 0)
+    master, slave = points.facet[facing], points.slave[facing]
+    position = points.place()[facing]
+    _, gap, normal = closest_points(points.position[points.quads[master]][:, None], position)
+    overclosure = -gap[:, 0] - statement.clearance
+    key = np.column_stack([points.facet_block[master], points.facet_block[slave], slave])
+    entries, which = np.unique(key, axis=0, return_inverse=True)
+    which = which.ravel()
+    return ContactState(
+        block_m=entries[:, 0],
+        block_s=entries[:, 1],
+        interface=None,
+        corners=_faced_parts(points, entries[:, 2], which, points.cells[facing]),
+        facet=which,
+        positions=position,
+        normals=normal[:, 0],
+        point_areas=points.weights[facing],
+        point_pressures=statement.law.pressure(overclosure),
+        point_overclosures=overclosure,
     )
-    overclosure = -_finite(gap, statement.clearance)
-    per_facet = (len(points.quads), -1)
-    facing = (points.facet.reshape(per_facet) >= 0).any(axis=1)
-    weights = points.weights.reshape(per_facet)[facing]
-    pressures = statement.law.pressure(overclosure).reshape(per_facet)[facing]
-    main = (weights * pressures).argmax(axis=1)
-    master = points.facet.reshape(per_facet)[facing]
-    chosen = np.where(pressures.any(axis=1), main, master.argmax(axis=1))
-    return SlidingState(
-        block_m=points.facet_block[master[np.arange(len(master)), chosen]],
-        block_s=points.facet_block[facing],
-        areas=weights.sum(axis=1),
-        pressures=(weights * pressures).sum(axis=1) / weights.sum(axis=1),
-        positions=points.place().reshape(*per_facet, 3)[facing],
-        point_areas=weights,
-        point_pressures=pressures,
-        point_overclosures=overclosure.reshape(per_facet)[facing],
-    )
+
+
+def _faced_parts(
+    points: SlidingPoints, facets: IntArray, which: IntArray, cells: FloatArray
+) -> FloatArray:
+    """Corners of the part of each facet on which its points lie, (n_facets, 4, 3) [mm]."""
+    low, high = np.full((len(facets), 2), 1.0), np.full((len(facets), 2), -1.0)
+    np.minimum.at(low, which, cells[:, 0])
+    np.maximum.at(high, which, cells[:, 1])
+    xi = np.stack([low, np.stack([high[:, 0], low[:, 1]], 1), high], axis=1)
+    xi = np.concatenate([xi, np.stack([low[:, 0], high[:, 1]], 1)[:, None]], axis=1)
+    corners = points.position[points.quads[facets]]
+    parts: FloatArray = np.einsum("fpa,fai->fpi", bilinear(xi)[0], corners)
+    return parts
 
 
 def _group(points: SlidingPoints, number: int, body: Body) -> _Group:

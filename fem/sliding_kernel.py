@@ -22,6 +22,9 @@ _OPTIONS = {"error_model": "numpy", "nogil": True}
 #: Newton iterations on the closest point; a step moves it by far less than a facet.
 _PROJECTIONS = 6
 
+#: The same from the centre of a facet that may be another.
+_SEARCH_STEPS = 12
+
 
 @njit(**_OPTIONS)
 def _shapes(xi, values):
@@ -81,6 +84,54 @@ def _closest(position, quad, point, xi, values, x, first, second, d):
     _frame(position, quad, xi, values, x, first, second)
     for i in range(3):
         d[i] = point[i] - x[i]
+
+
+@njit(cache=True, **_OPTIONS)
+def closest_on_facets(corners, points, xi, gap, normal):
+    """Closest points of facets to points, by Newton from the centres.
+
+    Parameters
+    ----------
+    corners
+        Facets for each point, (n, k, 4, 3) [mm].
+    points
+        (n, 3) [mm].
+    xi
+        Out: natural coordinates, held within twice the facet, (n, k, 2).
+    gap
+        Out: (point - closest point) · normal, (n, k) [mm].
+    normal
+        Out: of the facets there, (n, k, 3).
+    """
+    values, whole = np.empty((4, 3)), np.arange(4)
+    x, first, second, d = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for n in range(corners.shape[0]):
+        for k in range(corners.shape[1]):
+            facet, at, out = corners[n, k], xi[n, k], normal[n, k]
+            at[0], at[1] = 0.0, 0.0
+            for _ in range(_SEARCH_STEPS):
+                _frame(facet, whole, at, values, x, first, second)
+                for i in range(3):
+                    d[i] = points[n, i] - x[i]
+                a, b, c = _dot(first, first), _dot(first, second), _dot(second, second)
+                b -= _twist(facet, whole, d)
+                p, q = _dot(d, first), _dot(d, second)
+                scale = a * c - b * b
+                r = min(max(at[0] + (c * p - b * q) / scale, -2.0), 2.0)
+                s = min(max(at[1] + (a * q - b * p) / scale, -2.0), 2.0)
+                way = abs(r - at[0]) + abs(s - at[1])
+                at[0], at[1] = r, s
+                if way < 1e-14:
+                    break
+            _frame(facet, whole, at, values, x, first, second)
+            out[0] = first[1] * second[2] - first[2] * second[1]
+            out[1] = first[2] * second[0] - first[0] * second[2]
+            out[2] = first[0] * second[1] - first[1] * second[0]
+            size = math.sqrt(_dot(out, out))
+            gap[n, k] = 0.0
+            for i in range(3):
+                out[i] /= size
+                gap[n, k] += (points[n, i] - x[i]) * out[i]
 
 
 @njit(**_OPTIONS)

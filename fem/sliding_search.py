@@ -1,8 +1,8 @@
 """Points of surfaces and the search for the facets they face.
 
-Points lie on every facet of every block; of two blocks that come near, those of the finer one
-look for facets of the other. Spatial trees find candidates, the closest point on each is found
-by Newton, and of those that hold it the nearest is taken.
+Points lie on every facet of every block (`fem.sliding_quadrature`); of two blocks that come near,
+those of the finer one look for facets of the other. Spatial trees find candidates, the closest
+point on each is found by Newton, and of those that hold it the nearest is taken.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import cKDTree
 
+from fem.sliding_kernel import closest_on_facets
+from fem.sliding_quadrature import FacetPoints, cut_points, gauss_points
 from geometry.mesh import FloatArray, IntArray
 
 #: Skin of the search over the shortest mean edge of a facet.
@@ -23,6 +25,12 @@ _CANDIDATES = 12
 
 #: A point this far outside a facet, in natural coordinates, still belongs to it.
 _RIM = 1e-6
+
+#: A facet whose corners lie this far outside another, in natural coordinates, is still inside it.
+_NESTED = 1e-3
+
+#: Facets that look at each other: least cosine between one normal and the other's opposite.
+_OPPOSITE = 0.3
 
 
 @dataclass(frozen=True)
@@ -57,21 +65,11 @@ def facet_area_vectors(corners: FloatArray) -> FloatArray:
     return areas
 
 
-def _shapes(xi: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Bilinear shape functions (..., 4) and slopes (..., 4, 2) at natural coordinates (..., 2)."""
-    signs = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    factor = 1.0 + xi[..., None, :] * signs
-    slopes = 0.25 * signs * factor[..., ::-1]
-    return 0.25 * factor.prod(axis=-1), slopes
-
-
 class SlidingPoints:
     """Points on all surfaces, and which facet each faces at present."""
 
-    def __init__(
-        self, surfaces: tuple[BlockSurface, ...], *, reach: float, points_per_edge: int
-    ) -> None:
-        """Place the points.
+    def __init__(self, surfaces: tuple[BlockSurface, ...], *, reach: float) -> None:
+        """Place the points and search the facets that they face at the start.
 
         Parameters
         ----------
@@ -79,8 +77,6 @@ class SlidingPoints:
             Of all blocks; those of one group follow each other.
         reach
             Distance below which contact acts [mm].
-        points_per_edge
-            Gauss points along each edge of a facet.
         """
         sizes = np.cumsum([0, *(len(s.nodes) for s in surfaces)])
         facets = np.cumsum([0, *(len(s.quads) for s in surfaces)])
@@ -94,23 +90,64 @@ class SlidingPoints:
         self._reach = max(reach, 0.0)
         self._edges = np.array([s.edge for s in surfaces])
         self.skin = _SKIN * float(self._edges.min())
-        self._make_points(points_per_edge)
+        corners = self.position[self.quads]
+        points = gauss_points(corners)
+        self._take(points)
+        self.search()
+        cut = cut_points(points, corners, self._crossed())
+        if cut is not points:
+            self._take(cut)
+            self.search()
+
+    def _take(self, points: FacetPoints) -> None:
+        """Replace the points; none has a facet yet."""
+        self.slave, self.shapes = points.facet, points.shapes
+        self.weights, self.cells = points.weights, points.cells
+        self._first = np.searchsorted(self.slave, np.arange(len(self.quads) + 1))
         n = len(self.slave)
         self.facet = np.full(n, -1, dtype=np.int64)
         self.xi = np.zeros((n, 2))
 
-    def _make_points(self, per_edge: int) -> None:
-        line, weight = np.polynomial.legendre.leggauss(per_edge)
-        xi = np.stack([g.ravel() for g in np.meshgrid(line, line, indexing="ij")], axis=1)
-        area = np.outer(weight, weight).ravel()
-        values, slopes = _shapes(xi)
-        corners = self.position[self.quads]
-        tangents = np.einsum("pak,fai->fpki", slopes, corners)
-        measure = np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2)
-        self.slave = np.repeat(np.arange(len(self.quads)), len(xi))
-        self.shapes = np.tile(values, (len(self.quads), 1))
-        self.weights = (measure * area).ravel()
-        self._per_facet = len(xi)
+    def _crossed(self) -> dict[int, FloatArray]:
+        """Facets that lie neither inside one facet of another block nor away from all.
+
+        Each with the corners of the facets that its edges may cross.
+        """
+        faced = self.facet.reshape(len(self.quads), -1)
+        one = np.flatnonzero((faced == faced[:, :1]).all(axis=1) & (faced[:, 0] >= 0))
+        own = self.position[self.quads[one]]
+        master = np.repeat(faced[one, 0], 4)
+        xi, _, _ = closest_points(self.position[self.quads[master]][:, None], own.reshape(-1, 3))
+        inside = (np.abs(xi).reshape(len(one), 8) <= 1.0 + _NESTED).all(axis=1)
+        nested = np.zeros(len(self.quads), dtype=np.bool_)
+        nested[one[inside]] = True
+        found: dict[int, list[FloatArray]] = {}
+        low, high = self._bounds()
+        for m, s in self._near_blocks(low, high):
+            corners = self.position[self.quads[self.facets[m]]]
+            tree = cKDTree(corners.mean(axis=1))
+            facets = np.arange(self.facets[s].start, self.facets[s].stop)
+            facets = facets[~nested[facets]]
+            placed = self.position[self.quads[facets]]
+            near = ((placed.max(axis=1) >= low[m]) & (placed.min(axis=1) <= high[m])).all(axis=1)
+            for facet, mine in zip(facets[near].tolist(), placed[near], strict=True):
+                others = self._opposite(mine, corners, tree)
+                if len(others):
+                    found.setdefault(facet, []).append(others)
+        return {facet: np.concatenate(others) for facet, others in sorted(found.items())}
+
+    def _opposite(self, own: FloatArray, corners: FloatArray, tree: cKDTree) -> FloatArray:
+        """Facets of another block, (k, 4, 3), that look at one facet from near."""
+        looked = np.concatenate([own, own.mean(axis=0, keepdims=True)])
+        _, found = tree.query(looked, k=min(_CANDIDATES, tree.n))
+        others = corners[np.unique(found)]
+        vectors = facet_area_vectors(others)
+        normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+        away = np.einsum("kai,ki->ka", own.mean(axis=0) - others, normals).mean(axis=1)
+        looks = facet_area_vectors(own[None])[0]
+        against = normals @ looks < -_OPPOSITE * np.linalg.norm(looks)
+        near: FloatArray = others[against & (np.abs(away) <= self._reach + self.skin)]
+        return near
 
     @property
     def block(self) -> IntArray:
@@ -166,7 +203,7 @@ class SlidingPoints:
         self, m: int, s: int, tree: cKDTree, box: tuple[FloatArray, FloatArray], best: FloatArray
     ) -> None:
         facets = self.facets[s]
-        points = np.arange(facets.start * self._per_facet, facets.stop * self._per_facet)
+        points = np.arange(self._first[facets.start], self._first[facets.stop])
         own = self.position[self.quads[self.slave[points]]]
         x = np.einsum("pa,pai->pi", self.shapes[points], own)
         inside = ((x >= box[0]) & (x <= box[1])).all(axis=1)
@@ -177,7 +214,9 @@ class SlidingPoints:
         _, found = tree.query(x, k=count)
         candidate = np.asarray(found).reshape(len(points), count) + self.facets[m].start
         xi, gap, normal = closest_points(self.position[self.quads[candidate]], x)
-        against = np.einsum("pki,pi->pk", normal, facet_area_vectors(own)) < 0.0
+        looks = facet_area_vectors(own)
+        least = -_OPPOSITE * np.linalg.norm(looks, axis=1, keepdims=True)
+        against = np.einsum("pki,pi->pk", normal, looks) < least
         on_facet = (np.abs(xi) <= 1.0 + _RIM).all(axis=2) & against
         on_facet &= (gap <= self._reach + self.skin) & (gap >= -0.5 * self._edges[m])
         distance = np.where(on_facet, np.abs(gap), np.inf)
@@ -208,23 +247,7 @@ def closest_points(
         Natural coordinates (n, k, 2), held within twice the facet, gaps (n, k) [mm], normals
         (n, k, 3).
     """
-    xi = np.zeros((*corners.shape[:2], 2))
-    mixed = 0.25 * (
-        corners[..., 0, :] - corners[..., 1, :] + corners[..., 2, :] - corners[..., 3, :]
-    )
-    for _ in range(12):
-        values, slopes = _shapes(xi)
-        d = points[:, None] - np.einsum("nka,nkai->nki", values, corners)
-        tangents = np.einsum("nkac,nkai->nkci", slopes, corners)
-        matrix = np.einsum("nkci,nkdi->nkcd", tangents, tangents)
-        twist = np.einsum("nki,nki->nk", d, mixed)
-        matrix[..., 0, 1] -= twist
-        matrix[..., 1, 0] -= twist
-        right = np.einsum("nkci,nki->nkc", tangents, d)
-        xi = np.clip(xi + np.linalg.solve(matrix, right[..., None])[..., 0], -2.0, 2.0)
-    values, slopes = _shapes(xi)
-    d = points[:, None] - np.einsum("nka,nkai->nki", values, corners)
-    tangents = np.einsum("nkac,nkai->nkci", slopes, corners)
-    normal = np.cross(tangents[..., 0, :], tangents[..., 1, :])
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    return xi, np.einsum("nki,nki->nk", d, normal), normal
+    shape = corners.shape[:2]
+    xi, gap, normal = np.empty((*shape, 2)), np.empty(shape), np.empty((*shape, 3))
+    closest_on_facets(corners, points, xi, gap, normal)
+    return xi, gap, normal

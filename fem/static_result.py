@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from fem.contact import corner_forces, facet_pressures, point_kinematics
+from fem.contact_state import ContactState, matched_state
 from fem.deformable_assembly import DeformableAssembly
 from geometry.mesh import FloatArray, IntArray
 
@@ -61,6 +63,11 @@ class StaticResult:
     def facet_pressures(self) -> FloatArray:
         """Force over area of every facet, (n_facets,) [MPa]."""
         return facet_pressures(self.deformable.surfaces, self.pressures)
+
+    @cached_property
+    def contact_state(self) -> ContactState:
+        """Contact facet by facet."""
+        return matched_state(self.deformable, self.displacements, self.pressures, self.overclosures)
 
     @property
     def max_displacement(self) -> float:

@@ -1,7 +1,7 @@
 """A column of boxes of their own sizes and meshes: the simplest contact problem.
 
 Under a pressure on its top every joint that is covered wholly carries the same pressure, and the
-overclosure of the joint follows from the contact law alone.
+overclosure of the joint follows from the contact law alone, whether or not the meshes match there.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 
 from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block, box_block
+from geometry.joints import UnmatchedJoint, matched_area
 
 #: Part of a joint's area that may be missing from its matched facets: rounding.
 _AREA_TOLERANCE = 1e-9
@@ -77,25 +78,13 @@ def _shape(box: ColumnBox, number: int) -> Block:
     return box_block(box.size, box.divisions, name=f"box-{number}", contact_faces=("z-", "z+"))
 
 
-def check_joints(column: Assembly) -> None:
-    """Refuse joints whose meshes do not match where the boxes meet.
-
-    Raises
-    ------
-    AssemblyError
-        Naming the joint, its area, and how much of it has matching facets.
-    """
-    found = column.interfaces
+def unmatched_joints(column: Assembly) -> tuple[UnmatchedJoint, ...]:
+    """Joints where the facets of the two boxes do not match, from the bottom up."""
+    found = []
     for below in range(column.n_blocks - 1):
-        rows = (found.block_m == below) & (found.block_s == below + 1)
-        matched = float(found.areas[rows].sum())
         pair = (below, below + 1)
         width, depth = np.min([np.ptp(column.nodes(b), axis=0)[:2] for b in pair], axis=0)
-        joint = float(width * depth)
+        joint, matched = float(width * depth), matched_area(column, *pair)
         if matched < (1.0 - _AREA_TOLERANCE) * joint:
-            raise AssemblyError(
-                f"{column.name}: the meshes of boxes {below} and {below + 1} do not match on "
-                f"their common face: facets meet corner on corner on {matched:.6g} of "
-                f"{joint:.6g} mm²; expected facets of equal size there: choose other divisions "
-                "(contact between meshes that do not match is not available)"
-            )
+            found.append(UnmatchedJoint(*pair, joint, matched, np.array([0.0, 0.0, 1.0])))
+    return tuple(found)

@@ -92,7 +92,7 @@ def block_measures(
 
 
 def measures(
-    per_block: BlockMeasures, eligible_facets: IntArray, eligible_areas: FloatArray
+    per_block: BlockMeasures, eligible_facets: IntArray | FloatArray, eligible_areas: FloatArray
 ) -> Measures:
     """Average over blocks.
 

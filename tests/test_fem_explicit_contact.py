@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fem.contact import ContactNormals, corner_forces, point_kinematics
-from fem.contact_state import contact_state, corner_displacements
+from fem.contact_state import corner_displacements, matched_pressures
 from fem.damping import applied_forces
 from fem.deformable_assembly import ClearanceKind, Frames, deformable_assembly
 from fem.effects import AdaptiveMassDamping, Effects
@@ -162,8 +162,8 @@ def test_friction_agrees_with_the_plain_law():
         a + b for a, b in zip(before, random_displacements(deformable, 3e-5, seed=1), strict=True)
     )
     (s0, _), (s1, basis) = slips(deformable, before), slips(deformable, after)
-    touched = contact_state(deformable, before)[0] > 0.0
-    pressure = contact_state(deformable, after)[0]
+    touched = matched_pressures(deformable, before)[0] > 0.0
+    pressure = matched_pressures(deformable, after)[0]
     anchor = np.where(touched[:, :, None], s0, s1)
     traction, _ = friction_tractions(friction, s1, anchor, pressure)
     slides = np.linalg.norm(traction, axis=2) > 0.999 * friction.coefficient * pressure
@@ -243,7 +243,7 @@ def test_explicit_end_state_is_the_static_one(coarse_run):
     deformable, statement, times, result = coarse_run
     static = solve_static(deformable)
     displacements = statement.expand(result.displacements)
-    pressures, _ = contact_state(deformable, displacements)
+    pressures, _ = matched_pressures(deformable, displacements)
     assert rms(displacements[0] - static.displacements[0]) < 1e-3 * rms(static.displacements[0])
     assert rms(pressures - static.pressures) < 1e-3 * rms(static.pressures)
     assert pressures.max() == pytest.approx(static.pressures.max(), rel=1e-3)

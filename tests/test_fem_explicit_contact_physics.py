@@ -8,7 +8,7 @@ import pytest
 from fem.central_difference import step
 from fem.contact import ContactNormals
 from fem.contact_law import ExponentialLaw, LinearPenalty
-from fem.contact_state import contact_state
+from fem.contact_state import matched_pressures
 from fem.deformable_assembly import deformable_assembly
 from fem.effects import AdaptiveMassDamping, Effects
 from fem.explicit import Output, UnstableRun, displacements_of, initial_state, prepare, solve
@@ -278,7 +278,7 @@ def test_column_under_its_weight_sinks_by_the_inverse_of_the_law():
     )
     result = solve(explicit_assembly(deformable, effects=effects).model, end_time=4e-3)
     pressure = CONCRETE.density * 1e3 * GRAVITY * 20.0
-    found, overclosure = contact_state(deformable, result.displacements)
+    found, overclosure = matched_pressures(deformable, result.displacements)
     assert float((deformable.surfaces.weights * found).sum()) / 1200.0 == pytest.approx(
         pressure, rel=1e-6
     )

@@ -198,7 +198,7 @@ def test_values_of_the_tube_with_960_elements_a_block():
     assert result.converged
     assert result.newton_iterations <= 18
     assert result.max_displacement == pytest.approx(0.0115, abs=5.1e-5)
-    measured = contact_measures(result.deformable, result.pressures, result.overclosures)
+    measured = contact_measures(result.deformable.assembly, result.contact_state)
     assert measured.p_max_point == pytest.approx(0.464, abs=1.1e-3)
 
 
@@ -208,7 +208,7 @@ def test_values_of_twelve_layers():
     result = solve_static(pipe(12, (24, 4, 10)))
     assert result.newton_iterations <= 18
     assert result.max_displacement == pytest.approx(0.0269, abs=5.1e-5)
-    measured = contact_measures(result.deformable, result.pressures, result.overclosures)
+    measured = contact_measures(result.deformable.assembly, result.contact_state)
     assert measured.p_eff == pytest.approx(0.347, abs=5.1e-4)
     assert measured.p_max_face == pytest.approx(0.586, abs=5.1e-4)
 
@@ -320,8 +320,8 @@ def test_a_moved_and_renumbered_tube_gives_the_same(coarse):
     assert result.symmetry == 4
     # Coordinates of 4e3 mm carry 5e-13 mm, times 1000 MPa/mm against 0.5 MPa: 1e-9; the rest is
     # the residual, as above.
-    there = contact_measures(model, result.pressures, result.overclosures)
-    here = contact_measures(coarse.deformable, coarse.pressures, coarse.overclosures)
+    there = contact_measures(model.assembly, result.contact_state)
+    here = contact_measures(coarse.deformable.assembly, coarse.contact_state)
     assert there.p_eff == pytest.approx(here.p_eff, rel=1e-6)
     assert there.p_max_point == pytest.approx(here.p_max_point, rel=1e-6)
     assert result.max_displacement == pytest.approx(coarse.max_displacement, rel=1e-6)
@@ -337,7 +337,7 @@ def test_upper_and_lower_half_are_images_of_each_other():
     equal pressures. Four blocks of a layer are equal by the quarter turn. (Solved without using
     either; residual of 1e-8, stiffness ratio of ten.)"""
     result = solve_static(pipe(4), StaticOptions(symmetry=1))
-    measured = contact_measures(result.deformable, result.pressures, result.overclosures)
+    measured = contact_measures(result.deformable.assembly, result.contact_state)
     for values in (measured.per_block.p_max, measured.per_block.p_eff):
         layers = values.reshape(4, 4)
         assert layers == pytest.approx(layers[::-1], rel=1e-6)
@@ -359,7 +359,7 @@ def rigid_limit(divisions):
     result = solve_static(model)
     assert result.converged
     rigid = analyse(assembly, load, norm=Norm.PRESSURE)
-    ours = contact_measures(model, result.pressures, result.overclosures)
+    ours = contact_measures(model.assembly, result.contact_state)
     where = np.searchsorted(model.surfaces.facet, rigid.contact_index)
     correlation = np.corrcoef(result.facet_pressures[where], rigid.contact_pressures)[0, 1]
     assert rigid.measures is not None

@@ -235,7 +235,7 @@ def test_static_tube_carries_its_weight() -> None:
     force, _ = pair_resultants(result)
     on_free = force[fixed[m] & ~fixed[s]].sum(axis=0) - force[fixed[s] & ~fixed[m]].sum(axis=0)
     assert on_free[2] == pytest.approx(-weight, rel=1e-6)
-    assert contact_measures(found, result.pressures, result.overclosures).p_max_face > 0
+    assert contact_measures(found.assembly, result.contact_state).p_max_face > 0
 
 
 def test_sideways_weight_breaks_the_sector() -> None:

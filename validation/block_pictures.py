@@ -10,7 +10,13 @@ import numpy as np
 from geometry.mesh import FloatArray
 from validation.pictures import EYE, coloured_facets
 from validation.rendering import PRESSURE_MAP, STRESS_MAP, place, render, save_figure
-from validation.tube_pictures import Panel, colour_bar, coloured_blocks, symmetric_limits
+from validation.tube_pictures import (
+    Panel,
+    colour_bar,
+    coloured_blocks,
+    run_facets,
+    symmetric_limits,
+)
 
 if TYPE_CHECKING:
     from validation.tube_fem import TubeRun
@@ -29,7 +35,10 @@ def eye(run: TubeRun) -> tuple[float, float, float]:
 
 
 def draw_block_stresses(run: TubeRun, path: Path) -> None:
-    """Draw σ₁, σ₃ and the displacement on the surfaces of all deformable blocks."""
+    """Draw σ₁, σ₃ and the displacement on the surfaces of all deformable blocks.
+
+    Stresses are drawn where the blocks are, the displacement enlarged.
+    """
     import matplotlib.pyplot as plt
 
     blocks = run.deformable.deformable_blocks.tolist()
@@ -41,8 +50,8 @@ def draw_block_stresses(run: TubeRun, path: Path) -> None:
     scale = run.drawing_scale
     one, three = symmetric_limits(list(sigma_1.values())), symmetric_limits(list(sigma_3.values()))
     panels = (
-        Panel("σ₁", sigma_1, STRESS_MAP, one, "σ₁ [MPa]", faces, 0.0),
-        Panel("σ₃", sigma_3, STRESS_MAP, three, "σ₃ [MPa]", faces, 0.0),
+        Panel("σ₁", sigma_1, STRESS_MAP, one, "σ₁ [MPa]", faces, 1.0),
+        Panel("σ₃", sigma_3, STRESS_MAP, three, "σ₃ [MPa]", faces, 1.0),
         Panel(
             f"displacement, drawn × {scale:g}", moved, "viridis", limits_u, "|u| [mm]", faces, scale
         ),
@@ -61,11 +70,10 @@ def draw_block_contact(run: TubeRun, path: Path) -> None:
     """Draw the pressure on every contact facet, with the outlines of all blocks."""
     import matplotlib.pyplot as plt
 
-    assembly = run.deformable.assembly
-    highest = max(float(run.facet_pressures.max(initial=0.0)), 1e-300)
-    draw = coloured_facets(
-        assembly, run.contact_index, run.facet_pressures, np.arange(assembly.n_blocks), highest
-    )
+    facets = run_facets(run)
+    everything = np.arange(len(facets.pressures))
+    blocks = np.arange(run.deformable.assembly.n_blocks)
+    draw = coloured_facets(facets, everything, blocks, facets.highest)
     x, y, z = eye(run)
     figure, axes = plt.subplots(1, 2, figsize=(13, 6.2))
     place(axes[0], render(draw, (x, y, z)), "from above")
@@ -73,5 +81,5 @@ def draw_block_contact(run: TubeRun, path: Path) -> None:
     figure.suptitle(f"{run.title}: contact pressure", fontsize=13, x=0.02, ha="left")
     figure.subplots_adjust(left=0.02, right=0.89, top=0.88, bottom=0.03, wspace=0.06)
     bar = figure.add_axes((0.92, 0.15, 0.014, 0.65))
-    colour_bar(figure, bar, (0.0, highest), PRESSURE_MAP, "contact pressure [MPa]")
+    colour_bar(figure, bar, (0.0, facets.highest), PRESSURE_MAP, "contact pressure [MPa]")
     save_figure(figure, path)

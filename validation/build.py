@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from geometry.assembly import Assembly, AssemblyError
-from geometry.box_column import ColumnBox, box_column
+from geometry.box_column import ColumnBox, box_column, unmatched_joints
 from geometry.brick_stack import brick_stack
 from geometry.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
+from geometry.joints import UnmatchedJoint
 from geometry.load_case import LoadCase, LoadCaseError, face_pressure, load_case
 from geometry.mesh import MeshError
 from geometry.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
@@ -23,6 +26,30 @@ from validation.scene_families import (
     PlanarSineScene,
 )
 from validation.scene_polyhedra import PolyhedralScene
+
+
+@dataclass(frozen=True)
+class HexahedralBlocks:
+    """Blocks of a scene, every one with hexahedra, and their load."""
+
+    assembly: Assembly
+    load: LoadCase
+    unmatched: tuple[UnmatchedJoint, ...]
+    """Joints where facets do not match corner on corner."""
+
+
+def require_matching(name: str, unmatched: tuple[UnmatchedJoint, ...], remedy: str) -> None:
+    """Refuse joints that do not match.
+
+    Raises
+    ------
+    InputError
+        Naming the first one, and what to do.
+    """
+    if unmatched:
+        more = len(unmatched) - 1
+        others = f" (and {more} more joint{'s' if more > 1 else ''})" if more else ""
+        raise InputError(f"{name}: {unmatched[0]}{others}; {remedy}")
 
 
 def block_parameters(scene: TubeScene) -> SineBlockParameters:
@@ -128,3 +155,17 @@ def build_load(scene: AssemblyScene, assembly: Assembly) -> LoadCase:
         )
     except LoadCaseError as error:
         raise InputError(str(error)) from None
+
+
+def build_blocks(scene: AssemblyScene) -> HexahedralBlocks:
+    """Build blocks and load of a scene.
+
+    Raises
+    ------
+    InputError
+        When the parameters describe no assembly, or it cannot take the load.
+    """
+    assembly = build_assembly(scene)
+    # Blocks of all other families match by construction, or are refused by their shape.
+    unmatched = unmatched_joints(assembly) if isinstance(scene, BoxesScene) else ()
+    return HexahedralBlocks(assembly, build_load(scene, assembly), unmatched)

@@ -83,9 +83,11 @@ def scenes(
         sys.stdout.write(builtin_text(name))
         return
     console = _console(None)
-    for scene in builtin_names():
+    names = builtin_names()
+    width = max(len(scene) for scene in names)
+    for scene in names:
         first = builtin_text(scene).splitlines()[0].lstrip("# ")
-        console.print(f"{scene:14} {first}")
+        console.print(f"{scene:{width}} {first}")
 
 
 @app.command()
@@ -136,7 +138,7 @@ def mbd(
 ) -> None:
     """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
     from validation.files import output_folder, prepare_json, write_json
-    from validation.rigid import analyse_rigid, build_scene, rigid_json
+    from validation.rigid import analyse_rigid, build_matching, rigid_json
     from validation.scene import load_scene
     from validation.scene_polyhedra import PolyhedralScene
     from validation.text import print_rigid
@@ -150,7 +152,7 @@ def mbd(
 
         mbd_polyhedra(file, file.scene, console=_console(json), json=json, folder=folder)
         return
-    built = build_scene(file)
+    built = build_matching(file)
     prepare_json(json)
     with output_folder(folder):
         run = analyse_rigid(built)

@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from fem.deformable_assembly import DeformableAssembly
 from geometry.assembly import Assembly, BoolArray
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from mbd import Norm
+from validation.build import require_matching
 from validation.decomposition import Step, decompose
 from validation.errors import InputError
 from validation.pictures import between_layers
@@ -23,7 +25,13 @@ from validation.rigid import BuiltScene, RigidRun, analyse_rigid
 from validation.scene import DeformableScene
 from validation.scene_fem import Damping, Method
 from validation.tube_explicit import run_tube_explicit
-from validation.tube_fem import TubeRun, build_deformable, fem_section, scene_load
+from validation.tube_fem import (
+    TubeRun,
+    build_deformable,
+    build_hexahedra,
+    fem_section,
+    scene_load,
+)
 from validation.tube_static import run_tube_static
 
 
@@ -161,7 +169,7 @@ def compare(
         Input that cannot be solved, or a load that rigid blocks do not carry.
     """
     fem = fem_section(scene, name)
-    deformable = build_deformable(scene, name)
+    deformable = build_comparable(scene, name)
     assembly = deformable.assembly
     load = with_weight(scene_load(scene, name, assembly), scene, assembly)
     rigid: dict[Norm, RigidRun] = {}
@@ -193,6 +201,33 @@ def with_weight(load: LoadCase, scene: DeformableScene, assembly: Assembly) -> L
     if load.body_wrenches is not None:
         wrenches += load.body_wrenches
     return replace(load, body_wrenches=wrenches)
+
+
+def build_comparable(scene: DeformableScene, name: str) -> DeformableAssembly:
+    """Build the blocks that all answers share.
+
+    Raises
+    ------
+    InputError
+        When they cannot be solved, or contact is to be searched: rigid and static blocks meet on
+        matched facets alone.
+    """
+    fem_section(scene, name)
+    if scene.effects.finite_sliding:
+        raise InputError(
+            f"{name}: effects.finite_sliding: rigid and static answers keep matched facets "
+            "matched; expected it off: compare the scene without, or run it alone by `tubelock fem`"
+        )
+    # The method is not the scene's to choose here: a search shows that joints do not match.
+    deformable = build_deformable(_with_fem(scene, method=Method.EXPLICIT), name)
+    if deformable.contact.finite_sliding:
+        require_matching(
+            name,
+            build_hexahedra(scene, name).unmatched,
+            "rigid and static answers need matching facets: mesh both alike there, or run the "
+            "explicit answer alone by `tubelock fem --set fem.method=explicit`",
+        )
+    return deformable
 
 
 def _with_fem(scene: DeformableScene, **changes: Any) -> DeformableScene:

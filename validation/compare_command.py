@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from rich.table import Table
 from validation.block_pictures import eye
 from validation.compare import (
     Comparison,
+    build_comparable,
     compare,
     explanations,
     explicit_errors,
@@ -24,11 +24,10 @@ from validation.errors import InputError
 from validation.fem_command import progress_bar
 from validation.files import output_folder, prepare_json, write_json
 from validation.periodic_cell import refuse_cell
-from validation.pictures import between_layers, coloured_facets
+from validation.pictures import between_layers, coloured_facets, interface_facets
 from validation.rendering import PRESSURE_MAP, place, render, save_figure
 from validation.scene import DeformableScene, SceneFile
 from validation.tube_command import decided
-from validation.tube_fem import build_deformable
 
 #: Largest ratio of the answers' peaks that one colour scale is shared by.
 _COMMON_SCALE = 4.0
@@ -52,7 +51,7 @@ def run_compare(
         )
     scene, decision = decided(scene, name, console)
     refuse_cell(scene, name, "compare")
-    build_deformable(scene, name)
+    build_comparable(scene, name)
     prepare_json(json)
     folder = Path("out") / f"{name}-compare" if output is None and json is None else output
     with output_folder(folder):
@@ -174,9 +173,8 @@ def draw_comparison(found: Comparison, path: Path) -> None:
     for line, (words, (facets, direction)) in enumerate(rows.items()):
         for column, answer in enumerate(found.answers):
             pressures = answer.pressures[facets]
-            draw: Callable[[Any], None] = coloured_facets(
-                assembly, found.contacts[facets], pressures, shown_blocks, highest[column]
-            )
+            pressed = interface_facets(assembly, found.contacts[facets], pressures)
+            draw = coloured_facets(pressed, np.arange(len(facets)), shown_blocks, highest[column])
             name = f"{answer.method}: {words}" if column == 0 else answer.method
             title = f"{name}\nmax {pressures.max(initial=0.0):.3g} MPa"
             place(axes[line, column], render(draw, direction, height=1000), title)

@@ -296,13 +296,16 @@ def _minor(value: float, _: object) -> str:
 
 def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom: float) -> None:
     method = rows[0].setting.method
-    variant = "," in family and method != "rigid"
+    graded = family.endswith(", graded")
+    variant = "," in family and method != "rigid" and not graded
     element = family.split(" ")[1].rstrip(",")
     marker, colour = _MARKERS.get(element, "v"), _COLOURS[method]
     if variant:
         marker, colour = _variant_style(family)
     elif "pressure" in family:
         marker, colour = "P", GREEN
+    elif graded:
+        marker = "p"
     x = [row.found.cost for row in rows]
     y = [max(row.errors[quantity], bottom) for row in rows]
     more = [max(row.found.cpu_seconds) - row.found.cost for row in rows]
@@ -313,13 +316,13 @@ def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom
         marker=marker,
         color=colour,
         markerfacecolor="none" if variant or element not in ("C3D8I", "force") else colour,
-        linestyle="none" if variant else "-",
+        linestyle="none" if variant else "--" if graded else "-",
         lw=1.2,
         markersize=7 if variant else 6,
         capsize=2,
         label=family,
     )
-    if not variant and element == "C3D8I":
+    if not (variant or graded) and element == "C3D8I":
         for row, a, b in zip(rows, x, y, strict=True):
             axes.annotate(
                 f"×{row.setting.level}",
@@ -334,6 +337,7 @@ def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom
 def _variant_style(family: str) -> tuple[str, str]:
     styles = {
         "float32": ("*", "black"),
+        "mass scaling 2": ("H", GREY),
         "residual 1e-2": (">", ORANGE),
         "residual 1e-6": ("<", ORANGE),
         "ramp × 0.1": ("1", "black"),

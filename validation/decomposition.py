@@ -61,7 +61,7 @@ def stiffened(deformable: DeformableAssembly, factor: float) -> DeformableAssemb
 
 
 def _step(words: str, result: StaticResult) -> Step:
-    found = contact_measures(result.deformable, result.pressures, result.overclosures)
+    found = contact_measures(result.deformable.assembly, result.contact_state)
     return Step(words, found.p_eff, found.p_max_face, found.effective_count_percent)
 
 

@@ -87,7 +87,7 @@ class Solved:
     @cached_property
     def answer(self) -> Answer:
         """The quantities."""
-        found = contact_measures(self.deformable, self.result.pressures, self.result.overclosures)
+        found = contact_measures(self.deformable.assembly, self.result.contact_state)
         return Answer(found.p_max_face, found.p_eff, self.result.max_displacement)
 
 

@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from fem.explicit import ExplicitResult, Status
 from fem.explicit import Progress as Sample
-from fem.explicit import Status
 from validation.box import BoxModel, build_box
 from validation.errors import InputError
 from validation.fem_box import BoxRun, box_json, check_end_time, run_box
@@ -60,6 +60,25 @@ def progress_bar() -> Iterator[Callable[[Sample], None]]:
             bar.update(task, total=sample.n_steps, completed=sample.step, state=state)
 
         yield show
+
+
+def check_finished(result: ExplicitResult, checkpoint: Path | None, console: Console) -> None:
+    """Say how to go on with a run that was interrupted.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        After having said it.
+    """
+    if result.status is not Status.INTERRUPTED:
+        return
+    remedy = (
+        f"continue with --resume {checkpoint}"
+        if checkpoint is not None
+        else "nothing was kept: give a folder with -o to keep a checkpoint"
+    )
+    console.print(f"stopped at step {result.n_steps}: {remedy}")
+    raise KeyboardInterrupt
 
 
 def run_fem(
@@ -146,14 +165,8 @@ def _solve_box(
             checkpoint=checkpoint,
             resume=resume,
         )
-    if run.status is Status.INTERRUPTED:
-        remedy = (
-            f"continue with --resume {checkpoint}"
-            if checkpoint is not None
-            else "nothing was kept: give a folder with -o to keep a checkpoint"
-        )
-        console.print(f"stopped at step {run.explicit.n_steps if run.explicit else 0}: {remedy}")
-        raise KeyboardInterrupt
+    if run.explicit is not None:
+        check_finished(run.explicit, checkpoint, console)
     return run
 
 

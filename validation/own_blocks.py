@@ -1,4 +1,4 @@
-"""Your own blocks as deformable ones: hexahedra, conforming joints, loads on whole blocks."""
+"""Your own blocks as deformable ones: hexahedra, joints that match or not, body loads."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ from geometry.assembly_checks import check_assembly
 from geometry.block import Block
 from geometry.block_files import read_blocks
 from geometry.hexahedral_solids import file_hexahedra, hexahedral_block
+from geometry.joints import UnmatchedJoint, matched_area
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray, MeshError
 from geometry.options import DetectionOptions
 from geometry.polyhedral_assembly import PolyhedralAssembly, as_polyhedral
 from geometry.units import check_size
+from validation.build import HexahedralBlocks
 from validation.build_polyhedra import build_body_loads, held_blocks, motion
 from validation.errors import InputError
 from validation.scene_polyhedra import MeshScene
@@ -29,14 +31,14 @@ from validation.scene_polyhedra import MeshScene
 _UNMATCHED = 1e-2
 
 
-def build_own_blocks(scene: MeshScene, name: str) -> tuple[Assembly, LoadCase]:
-    """Build blocks from files with hexahedra whose facets match where blocks touch.
+def build_own_blocks(scene: MeshScene, name: str) -> HexahedralBlocks:
+    """Build blocks from files with hexahedra.
 
     Raises
     ------
     InputError
         For input that describes no assembly, and for one that stays rigid: which block has no
-        hexahedra, or which two do not match on which face.
+        hexahedra.
     """
     try:
         assembly = _assembly(scene, name)
@@ -46,11 +48,11 @@ def build_own_blocks(scene: MeshScene, name: str) -> tuple[Assembly, LoadCase]:
             assembly, DetectionOptions(detection.tolerance, detection.angle, detection.points)
         )
         check_assembly(surfaces)
-        check_matching(assembly, surfaces)
     except (AssemblyError, MeshError) as error:
         raise InputError(f"{name}: {error}") from None
-    assembly = replace(assembly, layer=contact_distance(assembly))
-    return assembly, own_load(scene, name, assembly)
+    assembly = replace(assembly, layer=contact_distance(surfaces))
+    unmatched = unmatched_joints(assembly, surfaces)
+    return HexahedralBlocks(assembly, own_load(scene, name, assembly), unmatched)
 
 
 def _assembly(scene: MeshScene, name: str) -> Assembly:
@@ -96,8 +98,10 @@ def _part_blocks(path: Path, scene: MeshScene) -> Sequence[Block]:
     return [hexahedral_block(s.name, m) for s, m in zip(solids, meshes, strict=True)]
 
 
-def check_matching(assembly: Assembly, surfaces: PolyhedralAssembly) -> None:
-    """Refuse blocks that touch where their facets do not match corner on corner.
+def unmatched_joints(
+    assembly: Assembly, surfaces: PolyhedralAssembly
+) -> tuple[UnmatchedJoint, ...]:
+    """Joints where the facets of two blocks that touch do not match corner on corner.
 
     Parameters
     ----------
@@ -105,39 +109,27 @@ def check_matching(assembly: Assembly, surfaces: PolyhedralAssembly) -> None:
         Hexahedra.
     surfaces
         The same blocks, contacts found without matching facets.
-
-    Raises
-    ------
-    AssemblyError
-        Naming the two blocks, the face, and how much of it matches.
     """
-    matched, patches = assembly.interfaces, surfaces.interfaces.patches
+    patches = surfaces.interfaces.patches
     pairs = np.unique(np.column_stack([patches.block_m, patches.block_s]), axis=0)
+    found = []
     for m, s in pairs.tolist():
         rows = np.flatnonzero((patches.block_m == m) & (patches.block_s == s))
-        touching = float(patches.areas[rows].sum())
-        meets = (matched.block_m == m) & (matched.block_s == s)
-        area = float(matched.areas[meets].sum())
-        if area < (1.0 - _UNMATCHED) * touching:
+        touching, matched = float(patches.areas[rows].sum()), matched_area(assembly, m, s)
+        if matched < (1.0 - _UNMATCHED) * touching:
             toward = patches.normals[rows[np.argmax(patches.areas[rows])]]
-            raise AssemblyError(
-                f"stays rigid, `tubelock mbd` gives the answer: blocks {m} "
-                f"({assembly.shape(m).name}) and {s} ({assembly.shape(s).name}) touch on "
-                f"{touching:.4g} mm², but facets match corner on corner on {area:.4g} mm² of it; "
-                f"expected equal facets on the face of block {m} that looks along "
-                f"{np.round(toward, 3).tolist()}: mesh both alike there"
-            )
+            found.append(UnmatchedJoint(m, s, touching, matched, toward))
+    return tuple(found)
 
 
-def contact_distance(assembly: Assembly) -> IntArray:
+def contact_distance(assembly: PolyhedralAssembly) -> IntArray:
     """Least number of joints between each block and a held one, (n_blocks,).
 
     Blocks that no chain of joints connects to a held one get the number after the largest.
     """
-    found, n = assembly.interfaces, assembly.n_blocks
-    first = found.pair_start[:-1]
-    ends = (found.block_m[first], found.block_s[first])
-    graph = coo_array((np.ones(len(first)), ends), shape=(n, n)).tocsr()
+    patches, n = assembly.interfaces.patches, assembly.n_blocks
+    ends = np.unique(np.column_stack([patches.block_m, patches.block_s]), axis=0).T
+    graph = coo_array((np.ones(len(ends[0])), (ends[0], ends[1])), shape=(n, n)).tocsr()
     distance = dijkstra(
         graph,
         directed=False,

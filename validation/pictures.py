@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,9 +30,65 @@ if TYPE_CHECKING:
     from validation.rigid import RigidRun
 
 
-def _block_surface(assembly: Assembly, block: int) -> Any:
+@dataclass(frozen=True)
+class PressedFacets:
+    """Contact facets and the pressures on them, of rigid or deformable blocks."""
+
+    assembly: Assembly
+    """The blocks."""
+    block_m: IntArray
+    """One block of each facet, (n,)."""
+    block_s: IntArray
+    """The other, (n,)."""
+    corners: FloatArray
+    """(n, 4, 3) [mm]"""
+    pressures: FloatArray
+    """(n,) [MPa]"""
+    nodes: Callable[[int], FloatArray]
+    """Nodes of a block where these facets are, (n_nodes, 3) [mm]."""
+    is_tube: bool
+    """Whether the blocks stand round the axis, so that one side hides the other."""
+
+    @property
+    def highest(self) -> float:
+        """Largest pressure, never zero [MPa]."""
+        return max(float(self.pressures.max(initial=0.0)), 1e-300)
+
+    def between(self, lower: int) -> IntArray:
+        """Facets between a layer and the next one, (n,)."""
+        return _between(self.assembly.layer, self.block_m, self.block_s, lower)
+
+
+def interface_facets(
+    assembly: Assembly, contacts: IntArray, pressures: FloatArray
+) -> PressedFacets:
+    """Facets of an assembly that match, before any displacement.
+
+    Parameters
+    ----------
+    assembly
+        Blocks and interfaces.
+    contacts
+        Positions in the assembly's interfaces, (n,).
+    pressures
+        Their contact pressures, (n,) [MPa].
+    """
+    found = assembly.interfaces
+    return PressedFacets(
+        assembly=assembly,
+        block_m=found.block_m[contacts],
+        block_s=found.block_s[contacts],
+        corners=interface_surface(assembly, contacts).nodes.reshape(-1, 4, 3),
+        pressures=pressures,
+        nodes=assembly.nodes,
+        is_tube=not assembly.unmatched_allowed,
+    )
+
+
+def _block_surface(assembly: Assembly, block: int, nodes: FloatArray | None = None) -> Any:
     shape = assembly.shape(block)
-    return polydata(assembly.nodes(block), np.concatenate(list(shape.faces.values())))
+    placed = assembly.nodes(block) if nodes is None else nodes
+    return polydata(placed, np.concatenate(list(shape.faces.values())))
 
 
 def _block_colour(assembly: Assembly, block: int) -> str:
@@ -42,10 +99,18 @@ def _block_colour(assembly: Assembly, block: int) -> str:
     return (BLUE, SKY)[(position + int(assembly.layer[block])) % 2]
 
 
-def outline(assembly: Assembly, plotter: Any, blocks: IntArray, **style: Any) -> None:
-    """Draw the edges of some blocks."""
+def outline(
+    assembly: Assembly,
+    plotter: Any,
+    blocks: IntArray,
+    *,
+    nodes: Callable[[int], FloatArray] | None = None,
+    **style: Any,
+) -> None:
+    """Draw the edges of some blocks, as assembled or with the nodes given."""
     for block in blocks.tolist():
-        edges = _block_surface(assembly, block).extract_feature_edges(
+        placed = None if nodes is None else nodes(block)
+        edges = _block_surface(assembly, block, placed).extract_feature_edges(
             feature_angle=40, boundary_edges=False, non_manifold_edges=False
         )
         plotter.add_mesh(edges, color="#303030", line_width=1.2, **style)
@@ -74,7 +139,7 @@ def _add_load(assembly: Assembly, load: LoadCase, plotter: Any) -> None:
     plotter.add_mesh(glyph, color=VERMILION, lighting=False)
 
 
-_LOAD_WORDS = {
+_LOAD_WORDS: dict[str, str] = {
     LoadCaseName.PIPE: "internal pressure",
     LoadCaseName.TUNNEL: "external pressure",
     LoadCaseName.PILLAR: "axial pressure",
@@ -89,7 +154,11 @@ EYE = (2.4, -1.6, 0.9)
 
 def beyond_axis(assembly: Assembly, points: FloatArray) -> npt.NDArray[np.bool_]:
     """Whether points lie on the far side of the tube axis, seen from `EYE`; all do in a wall."""
-    if assembly.unmatched_allowed:
+    return _far_side(assembly, points, is_tube=not assembly.unmatched_allowed)
+
+
+def _far_side(assembly: Assembly, points: FloatArray, *, is_tube: bool) -> npt.NDArray[np.bool_]:
+    if not is_tube:
         return np.ones(len(points), dtype=bool)
     arm = points - assembly.origin
     far: npt.NDArray[np.bool_] = arm[:, :2] @ np.array(EYE[:2]) < (
@@ -138,7 +207,7 @@ def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str)
     )
     place(axes[0], images[0], "from outside")
     place(axes[1], images[1], "from the other side" if wall else "near side removed")
-    words = _LOAD_WORDS.get(LoadCaseName(load.name), load.name)
+    words = _LOAD_WORDS.get(load.name, load.name)
     figure.suptitle(title, fontsize=14, x=0.03, ha="left")
     figure.legend(
         handles=[
@@ -156,22 +225,16 @@ def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str)
 
 
 def coloured_facets(
-    assembly: Assembly,
-    contacts: IntArray,
-    pressures: FloatArray,
-    outlined: IntArray,
-    highest: float,
+    facets: PressedFacets, rows: IntArray, outlined: IntArray, highest: float
 ) -> Callable[[Any], None]:
     """Contact facets coloured by pressure, with the edges of some blocks.
 
     Parameters
     ----------
-    assembly
-        Blocks and interfaces.
-    contacts
-        Positions in the assembly's interfaces, (n,).
-    pressures
-        Their contact pressures, (n,) [MPa].
+    facets
+        All facets.
+    rows
+        Those that are drawn, (n,).
     outlined
         Blocks whose edges are drawn.
     highest
@@ -179,26 +242,31 @@ def coloured_facets(
     """
 
     def add(plotter: Any) -> None:
-        surface = interface_surface(assembly, contacts)
-        mesh = polydata(surface.nodes, surface.quads)
-        mesh.cell_data["pressure"] = pressures
-        plotter.add_mesh(
-            mesh,
-            scalars="pressure",
-            cmap=PRESSURE_MAP,
-            clim=(0.0, highest),
-            lighting=False,
-            show_scalar_bar=False,
-        )
-        outline(assembly, plotter, outlined, opacity=0.5)
+        if len(rows):
+            quads = np.arange(4 * len(rows)).reshape(-1, 4)
+            mesh = polydata(facets.corners[rows].reshape(-1, 3), quads)
+            mesh.cell_data["pressure"] = facets.pressures[rows]
+            plotter.add_mesh(
+                mesh,
+                scalars="pressure",
+                cmap=PRESSURE_MAP,
+                clim=(0.0, highest),
+                lighting=False,
+                show_scalar_bar=False,
+            )
+        outline(facets.assembly, plotter, outlined, nodes=facets.nodes, opacity=0.5)
 
     return add
 
 
 def between_layers(assembly: Assembly, contacts: IntArray, lower: int) -> IntArray:
     """Rows of ``contacts`` that lie between a layer and the next one."""
-    interfaces, layer = assembly.interfaces, assembly.layer
-    m, s = layer[interfaces.block_m[contacts]], layer[interfaces.block_s[contacts]]
+    found = assembly.interfaces
+    return _between(assembly.layer, found.block_m[contacts], found.block_s[contacts], lower)
+
+
+def _between(layer: IntArray, block_m: IntArray, block_s: IntArray, lower: int) -> IntArray:
+    m, s = layer[block_m], layer[block_s]
     return np.flatnonzero((np.minimum(m, s) == lower) & (np.maximum(m, s) == lower + 1))
 
 
@@ -215,37 +283,44 @@ def _pressure_title(run: RigidRun) -> str:
 
 
 def draw_pressures(run: RigidRun, path: Path) -> None:
-    """Draw the contact pressures: the tube cut open, and the middle layer's wavy faces.
+    """Draw the contact pressures of a rigid result in equilibrium."""
+    result = run.result
+    facets = interface_facets(run.assembly, result.contact_index, result.contact_pressures)
+    draw_pressed_facets(facets, path, title=_pressure_title(run))
+
+
+def draw_pressed_facets(facets: PressedFacets, path: Path, *, title: str) -> None:
+    """Draw contact pressures: the tube cut open, and the middle layer's wavy faces.
 
     Only faces that can meet another block are shown, as in the paper's figures.
 
     Parameters
     ----------
-    run
-        A rigid result in equilibrium.
+    facets
+        Contact facets of all blocks.
     path
         PNG to write.
+    title
+        One line at the top.
     """
     import matplotlib.pyplot as plt
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    assembly, result = run.assembly, run.result
-    index, pressures = result.contact_index, result.contact_pressures
-    points = assembly.interfaces.centroids[index]
-    highest = max(float(pressures.max(initial=0.0)), 1e-300)
-    far_blocks = np.flatnonzero(beyond_axis(assembly, assembly.centroids))
+    assembly, highest = facets.assembly, facets.highest
+
+    def far(points: FloatArray) -> IntArray:
+        return np.flatnonzero(_far_side(assembly, points, is_tube=facets.is_tube))
+
     layer = assembly.n_layers // 2 + 1
     in_layer = np.flatnonzero(assembly.layer == layer)
+    tube = coloured_facets(
+        facets, far(facets.corners.mean(axis=1)), far(assembly.centroids), highest
+    )
+    top = coloured_facets(facets, facets.between(layer), in_layer, highest)
+    bottom = coloured_facets(facets, facets.between(layer - 1), in_layer, highest)
 
-    def facets(rows: IntArray, blocks: IntArray) -> Callable[[Any], None]:
-        return coloured_facets(assembly, index[rows], pressures[rows], blocks, highest)
-
-    tube = facets(np.flatnonzero(beyond_axis(assembly, points)), far_blocks)
-    top = facets(between_layers(assembly, index, layer), in_layer)
-    bottom = facets(between_layers(assembly, index, layer - 1), in_layer)
-
-    cut = "joints of the wall" if assembly.unmatched_allowed else "tube cut open"
+    cut = "tube cut open" if facets.is_tube else "joints of the wall"
     figure = plt.figure(figsize=(10.5, 10))
     grid = figure.add_gridspec(2, 2, width_ratios=[0.5, 1], left=0.03, right=0.86, bottom=0.03)
     place(figure.add_subplot(grid[:, 0]), render(tube, EYE), cut)
@@ -259,7 +334,7 @@ def draw_pressures(run: RigidRun, path: Path) -> None:
         render(bottom, (1.2, -0.8, -1.6)),
         f"layer {layer}: bottom faces, seen from below",
     )
-    figure.suptitle(_pressure_title(run), fontsize=12, x=0.03, ha="left")
+    figure.suptitle(title, fontsize=12, x=0.03, ha="left")
     bar = figure.add_axes((0.89, 0.15, 0.02, 0.7))
     colours = ScalarMappable(Normalize(0.0, highest), PRESSURE_MAP)
     figure.colorbar(colours, cax=bar, label="contact pressure [MPa]")

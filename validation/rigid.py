@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from geometry.assembly import Assembly
+from geometry.joints import UnmatchedJoint
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray
 from geometry.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
 from mbd import Mechanism, RigidResult, SelfStress, analyse, block_wrenches
-from validation.build import build_assembly, build_load, require_assembly
+from validation.build import build_blocks, require_assembly, require_matching
 from validation.further import Further, further_answers, further_json
 from validation.scene import DeformableScene, SceneFile
 
@@ -44,6 +45,8 @@ class BuiltScene:
     assembly: Assembly
     load: LoadCase
     cpu_seconds: float
+    unmatched: tuple[UnmatchedJoint, ...] = ()
+    """Joints where facets do not match: no contact of the rigid analysis lies there."""
 
 
 def build_scene(file: SceneFile) -> BuiltScene:
@@ -56,14 +59,32 @@ def build_scene(file: SceneFile) -> BuiltScene:
     """
     start = time.process_time()
     scene = require_assembly(file.scene, file.name, "mbd")
-    assembly = build_assembly(scene)
-    load = build_load(scene, assembly)
-    return BuiltScene(file.name, scene, assembly, load, time.process_time() - start)
+    blocks = build_blocks(scene)
+    seconds = time.process_time() - start
+    return BuiltScene(file.name, scene, blocks.assembly, blocks.load, seconds, blocks.unmatched)
 
 
 def run_rigid(file: SceneFile) -> RigidRun:
     """Build and analyse a scene."""
-    return analyse_rigid(build_scene(file))
+    return analyse_rigid(build_matching(file))
+
+
+def build_matching(file: SceneFile) -> BuiltScene:
+    """Build a scene whose contacts are matched facets.
+
+    Raises
+    ------
+    InputError
+        When it describes nothing that can be built, or facets do not match where blocks touch.
+    """
+    built = build_scene(file)
+    require_matching(
+        file.name,
+        built.unmatched,
+        "the contacts of rigid blocks are matched facets: mesh both alike there, or give the "
+        'blocks as files in a scene of type "mesh", whose contacts need no matching facets',
+    )
+    return built
 
 
 def analyse_rigid(built: BuiltScene) -> RigidRun:

@@ -39,6 +39,7 @@ from geometry.block import box_block
 from geometry.load_case import LoadCase
 from geometry.mesh import MeshError
 from validation.box import build_material, copy_placements
+from validation.build import require_matching
 from validation.effects import build_effects
 from validation.errors import InputError
 from validation.periodic_cell import refuse_cell
@@ -100,7 +101,15 @@ def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     assert scene.material is not None
     assert scene.contact is not None
     refuse_cell(scene, name, "export")
-    assembly = canonical(build_hexahedra(scene, name)[0])
+    blocks = build_hexahedra(scene, name)
+    if flavour is not Flavour.GENERAL:
+        require_matching(
+            name,
+            blocks.unmatched,
+            f"flavour {flavour} writes pairs of matching facets: mesh both alike there, or export "
+            f"with --flavour {Flavour.GENERAL}",
+        )
+    assembly = canonical(blocks.assembly)
     case = scene_load(scene, name, assembly)
     static = flavour is Flavour.CALCULIX or (
         flavour is Flavour.PAIRS and fem.method is Method.STATIC

@@ -6,17 +6,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from fem.deformable_assembly import DeformableAssembly
-from fem.explicit import ExplicitResult, Frame, Status
-from geometry.mesh import FloatArray
-from geometry.mesh_io import interface_surface, write_hex_mesh, write_surface
+from fem.explicit import ExplicitResult, Frame
+from geometry.mesh import FloatArray, QuadSurface
+from geometry.mesh_io import write_hex_mesh, write_surface
 from validation.auto_effects import EffectsDecision, decide_effects, decision_table
 from validation.cell_error import cell_table, offer_words, offered_cell, probed_cell_error
 from validation.fem_box import peak_memory_mb
-from validation.fem_command import CHECKPOINT, progress_bar
+from validation.fem_command import CHECKPOINT, check_finished, progress_bar
 from validation.fem_files import (
     FrameWriter,
     draw_energies,
@@ -134,14 +135,7 @@ def _solve(
             checkpoint=checkpoint,
             resume=resume,
         )
-    if result.status is Status.INTERRUPTED:
-        remedy = (
-            f"continue with --resume {checkpoint}"
-            if checkpoint is not None
-            else "nothing was kept: give a folder with -o to keep a checkpoint"
-        )
-        console.print(f"stopped at step {result.n_steps}: {remedy}")
-        raise KeyboardInterrupt
+    check_finished(result, checkpoint, console)
     return run, result
 
 
@@ -156,10 +150,17 @@ def write_tube_files(
     points = point_data(groups, run.displacements, finite_rotation=finite)
     write_hex_mesh(fields, groups_mesh(groups), point_data=data, cell_data=points)
     contact = folder / "contact_pressures.vtu"
+    found = run.contact_state
+    quads = np.arange(4 * found.n_facets).reshape(-1, 4)
     write_surface(
         contact,
-        interface_surface(run.deformable.assembly, run.contact_index),
-        {"contact_pressure": run.facet_pressures, "area": run.deformable.surfaces.areas},
+        QuadSurface(found.corners.reshape(-1, 3), quads),
+        {
+            "contact_pressure": found.pressures,
+            "area": found.areas,
+            "block_m": found.block_m.astype(np.int32),
+            "block_s": found.block_s.astype(np.int32),
+        },
     )
     written = [("fields", fields), ("pressures", contact)]
     for file, draw in _pictures(run).items():
@@ -239,8 +240,7 @@ def print_tube(run: TubeRun, console: Console) -> None:
     stress = data["principal_stress"]
     table.add_row("principal stress", f"{stress['max']:.5g} … {stress['min']:.5g} MPa")
     contact = data["contact"]
-    if run.scene.effects.finite_sliding:
-        table.add_row("contact pressures", "of the facets that matched before any slide")
+    table.add_row("contact search", data["contact_search"])
     table.add_row("p_eff", f"{contact['p_eff']:.5g} MPa")
     table.add_row(
         "p_max",

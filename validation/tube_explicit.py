@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fem.checkpoint import CheckpointError
-from fem.contact_state import contact_state
+from fem.contact import refuse_overlap
 from fem.deformable_assembly import DeformableAssembly
 from fem.explicit import (
     ExplicitResult,
@@ -67,15 +67,17 @@ def explicit_statement(
         if fem.mass_scaling is not None:
             model = scale_masses(deformable.model, fem.mass_scaling)
             deformable = replace(deformable, model=model)
-        sliding = scene.effects.finite_sliding
+        sliding = deformable.contact.finite_sliding
         # Blocks that may slide far may leave their sector: the whole tube is computed.
         whole = fem.symmetry == "none" or (sliding and fem.symmetry == "auto")
         orbits = None if whole else largest_cyclic_orbits(deformable)
         if fem.symmetry == "sector" and orbits is not None and orbits.order == 1:
             raise InputError(f"{name}: {NO_SECTOR}")
         effects = build_effects(scene.effects, fem)
-        # Frequencies are those of the matched facets, whether blocks may slide on from them or not.
-        plain = explicit_assembly(deformable, orbits=orbits, effects=effects, finite_sliding=False)
+        plain = explicit_assembly(deformable, orbits=orbits, effects=effects)
+        if plain.sliding is not None:
+            start = plain.sliding.at_start
+            refuse_overlap(start.block_m, start.block_s, start.deepest, deformable.contact.law)
         times = recommended_times(plain.model, damped=damped)
         ramp = times.ramp_time if fem.ramp_time is None else fem.ramp_time
         stated = explicit_assembly(
@@ -84,7 +86,6 @@ def explicit_statement(
             effects=effects,
             amplitude=SmoothStepAmplitude(ramp) if ramp > 0 else None,
             friction=deformable.contact.friction,
-            finite_sliding=sliding,
         )
     except InputError:
         raise
@@ -162,7 +163,7 @@ def run_tube_explicit(
         raise InputError(f"{name}: {error}") from None
     solved = time.process_time()
     displacements = whole.expand(result.displacements)
-    pressures, overclosures = contact_state(deformable, displacements)
+    contact_state = whole.contact_state(result.displacements)
     seconds = {
         "build": built - start,
         "solve": solved - built,
@@ -175,8 +176,7 @@ def run_tube_explicit(
         method=Method.EXPLICIT,
         deformable=deformable,
         displacements=displacements,
-        point_pressures=pressures,
-        point_overclosures=overclosures,
+        contact_state=contact_state,
         solver=explicit_numbers(result, statement),
         cpu_seconds=seconds,
     )

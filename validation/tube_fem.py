@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from enum import StrEnum
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from fem.contact import ContactError, ContactNormals, facet_pressures
+from fem.contact import ContactError, ContactNormals
 from fem.contact_law import ContactLaw, ContactLawError, ExponentialLaw, LinearPenalty
 from fem.contact_measures import ContactMeasures, contact_measures
+from fem.contact_state import ContactState
 from fem.deformable_assembly import (
     DeformableAssembly,
     DeformableAssemblyError,
@@ -21,11 +23,10 @@ from fem.friction import CoulombFriction, FrictionError
 from fem.model import Formulation
 from fem.recovery import recover
 from geometry.assembly import Assembly, AssemblyError
-from geometry.box_column import check_joints
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from validation.box import build_material
-from validation.build import build_assembly, build_load
+from validation.build import HexahedralBlocks, build_blocks, build_load, require_matching
 from validation.errors import InputError
 from validation.periodic_cell import build_cell, is_cell
 from validation.scene import DeformableScene, TubeScene
@@ -111,7 +112,7 @@ def build_friction(effects: EffectsSection) -> CoulombFriction | None:
         raise InputError(str(error)) from None
 
 
-def build_hexahedra(scene: DeformableScene, name: str) -> tuple[Assembly, LoadCase]:
+def build_hexahedra(scene: DeformableScene, name: str) -> HexahedralBlocks:
     """Build the blocks and the load of a scene, every block with hexahedra.
 
     Raises
@@ -121,13 +122,12 @@ def build_hexahedra(scene: DeformableScene, name: str) -> tuple[Assembly, LoadCa
     """
     if is_cell(scene):
         cell = build_cell(scene, name)
-        return cell, scene_load(scene, name, cell)
+        return HexahedralBlocks(cell, scene_load(scene, name, cell), ())
     if isinstance(scene, MeshScene):
         from validation.own_blocks import build_own_blocks
 
         return build_own_blocks(scene, name)
-    assembly = build_assembly(scene)
-    return assembly, build_load(scene, assembly)
+    return build_blocks(scene)
 
 
 def held_at_faces(scene: DeformableScene) -> bool:
@@ -156,6 +156,9 @@ def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCas
 def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
     """Build the deformable blocks of a scene.
 
+    Where facets do not match, or the scene asks for it, contact searches facets that face each
+    other (`Contact.finite_sliding`): explicit runs only.
+
     Raises
     ------
     InputError
@@ -164,14 +167,14 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
     fem = fem_section(scene, name)
     assert scene.material is not None
     assert scene.contact is not None
-    assembly, load = build_hexahedra(scene, name)
+    blocks = build_hexahedra(scene, name)
+    if fem.method is Method.STATIC:
+        _check_static(scene, name, blocks)
     friction = build_friction(scene.effects)
     try:
-        if isinstance(scene, BoxesScene):
-            check_joints(assembly)
         return deformable_assembly(
-            assembly,
-            load,
+            blocks.assembly,
+            blocks.load,
             build_material(scene.material),
             element=fem.element,
             law=contact_law(scene.contact),
@@ -179,11 +182,33 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
             initial_clearance=scene.contact.initial_clearance,
             frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
             friction=friction,
-            finite_sliding=scene.effects.finite_sliding,
+            finite_sliding=scene.effects.finite_sliding or bool(blocks.unmatched),
             gravity=None if scene.effects.gravity is None else np.array(scene.effects.gravity),
         )
     except (ContactError, DeformableAssemblyError, FrictionError, AssemblyError) as error:
         raise InputError(f"{name}: {error}") from None
+
+
+def _check_static(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -> None:
+    """Refuse a static run of blocks whose contact has to be searched."""
+    if scene.effects.finite_sliding:
+        raise InputError(
+            f'{name}: effects.finite_sliding needs an explicit run: set fem.method = "explicit", '
+            "or leave it out where blocks slide by less than a facet"
+        )
+    require_matching(
+        name,
+        blocks.unmatched,
+        'a static run needs matching facets: mesh both alike there, or set fem.method = "explicit"',
+    )
+
+
+class ContactSearch(StrEnum):
+    """Whether and why a run searches the facets that face each other."""
+
+    NONE = "none (facets match and stay matched)"
+    ASKED = "finite sliding"
+    NEEDED = "finite sliding (joints do not match)"
 
 
 @dataclass(frozen=True)
@@ -208,10 +233,8 @@ class TubeRun:
     deformable: DeformableAssembly
     displacements: tuple[FloatArray, ...]
     """Of each group, (n_copies, n_nodes, 3) [mm], world axes."""
-    point_pressures: FloatArray
-    """At the Gauss points of `deformable.surfaces`, (n_facets, 4) [MPa]."""
-    point_overclosures: FloatArray
-    """(n_facets, 4) [mm]"""
+    contact_state: ContactState
+    """Facets in contact at the end, with pressures and overclosures."""
     solver: dict[str, Any]
     """Numbers of the solver: residual, iterations or steps, energies, …"""
     cpu_seconds: dict[str, float]
@@ -244,19 +267,36 @@ class TubeRun:
         return placed
 
     @property
-    def contact_index(self) -> IntArray:
-        """Position of each contact facet in the assembly's interfaces, (n_facets,)."""
-        return self.deformable.surfaces.facet
+    def contact_search(self) -> ContactSearch:
+        """Whether and why facets that face each other were searched."""
+        if not self.deformable.contact.finite_sliding:
+            return ContactSearch.NONE
+        asked = self.scene.effects.finite_sliding
+        return ContactSearch.ASKED if asked else ContactSearch.NEEDED
 
-    @cached_property
+    @property
+    def contact_index(self) -> IntArray:
+        """Position of each contact facet in the assembly's interfaces, (n_facets,).
+
+        Raises
+        ------
+        ValueError
+            For a run with finite sliding, whose facets are no interfaces.
+        """
+        index = self.contact_state.interface
+        if index is None:
+            raise ValueError(f"{self.name}: facets that a search found are no interfaces")
+        return index
+
+    @property
     def facet_pressures(self) -> FloatArray:
         """Mean contact pressure of each facet, (n_facets,) [MPa]."""
-        return facet_pressures(self.deformable.surfaces, self.point_pressures)
+        return self.contact_state.pressures
 
     @cached_property
     def contact(self) -> ContactMeasures:
         """The paper's measures of the contact pressures, and more."""
-        return contact_measures(self.deformable, self.point_pressures, self.point_overclosures)
+        return contact_measures(self.deformable.assembly, self.contact_state)
 
     @property
     def largest_displacement(self) -> float:
@@ -342,7 +382,8 @@ def tube_json(run: TubeRun, peak_memory_mb: float) -> dict[str, Any]:
         "n_blocks": len(run.deformable.deformable_blocks),
         "n_elements": model.n_elements,
         "n_nodes": model.n_nodes,
-        "n_contacts": run.deformable.surfaces.n_facets,
+        "contact_search": str(run.contact_search),
+        "n_contacts": run.contact_state.n_facets,
         "max_displacement": run.largest_displacement,
         "principal_stress": {
             "max": max(float(p[:, 0].max()) for p in principal),

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from geometry.hexagon_block import EDGE_NAMES
-from geometry.mesh import FloatArray, IntArray
-from validation.pictures import EYE, between_layers, beyond_axis, coloured_facets, outline
-from validation.rendering import PRESSURE_MAP, STRESS_MAP, place, polydata, render, save_figure
+from geometry.mesh import FloatArray
+from validation.pictures import EYE, PressedFacets, draw_pressed_facets, outline
+from validation.rendering import STRESS_MAP, place, polydata, render, save_figure
 from validation.scene import TubeScene
 from validation.scene_families import HexagonTubeScene
 
@@ -105,8 +105,8 @@ def draw_stresses(run: TubeRun, path: Path) -> None:
     scale, outer = run.drawing_scale, ("outer",)
     shell = ("outer", "inner", "left", "right", *EDGE_NAMES)
     panels = (
-        Panel("σ₁, outer surface", sigma_1, STRESS_MAP, limits_1, "σ₁ [MPa]", outer, 0.0),
-        Panel("σ₃, outer surface", sigma_3, STRESS_MAP, limits_3, "σ₃ [MPa]", outer, 0.0),
+        Panel("σ₁, outer surface", sigma_1, STRESS_MAP, limits_1, "σ₁ [MPa]", outer, 1.0),
+        Panel("σ₃, outer surface", sigma_3, STRESS_MAP, limits_3, "σ₃ [MPa]", outer, 1.0),
         Panel(
             f"displacement, drawn × {scale:g}", moved, "viridis", limits_u, "|u| [mm]", shell, scale
         ),
@@ -213,38 +213,26 @@ def draw_sections(run: TubeRun, path: Path) -> None:
     save_figure(figure, path)
 
 
+def run_facets(run: TubeRun) -> PressedFacets:
+    """Contact facets of a run where they ended."""
+    group_of = run.deformable.group_of
+
+    def nodes(block: int) -> FloatArray:
+        placed = run.positions(block)
+        return placed + run.displacement(block) if group_of[block] >= 0 else placed
+
+    found = run.contact_state
+    return PressedFacets(
+        assembly=run.deformable.assembly,
+        block_m=found.block_m,
+        block_s=found.block_s,
+        corners=found.corners,
+        pressures=found.pressures,
+        nodes=nodes,
+        is_tube=run.is_tube,
+    )
+
+
 def draw_contact(run: TubeRun, path: Path) -> None:
-    """Draw the contact pressures as `validation.pictures.draw_pressures` draws the rigid ones."""
-    import matplotlib.pyplot as plt
-
-    assembly = run.deformable.assembly
-    index, pressures = run.contact_index, run.facet_pressures
-    points = assembly.interfaces.centroids[index]
-    highest = max(float(pressures.max(initial=0.0)), 1e-300)
-    far = np.flatnonzero(beyond_axis(assembly, assembly.centroids))
-    layer = assembly.n_layers // 2 + 1
-    in_layer = np.flatnonzero(assembly.layer == layer)
-
-    def facets(rows: IntArray, blocks: IntArray) -> Callable[[Any], None]:
-        return coloured_facets(assembly, index[rows], pressures[rows], blocks, highest)
-
-    figure = plt.figure(figsize=(10.5, 10))
-    grid = figure.add_gridspec(2, 2, width_ratios=[0.5, 1], left=0.03, right=0.86, bottom=0.03)
-    tube = facets(np.flatnonzero(beyond_axis(assembly, points)), far)
-    top = facets(between_layers(assembly, index, layer), in_layer)
-    bottom = facets(between_layers(assembly, index, layer - 1), in_layer)
-    place(figure.add_subplot(grid[:, 0]), render(tube, EYE), "tube cut open")
-    place(
-        figure.add_subplot(grid[0, 1]),
-        render(top, (1.2, -0.8, 1.6)),
-        f"layer {layer}: top faces, seen from above",
-    )
-    place(
-        figure.add_subplot(grid[1, 1]),
-        render(bottom, (1.2, -0.8, -1.6)),
-        f"layer {layer}: bottom faces, seen from below",
-    )
-    figure.suptitle(run.title, fontsize=12, x=0.03, ha="left")
-    bar = figure.add_axes((0.89, 0.15, 0.02, 0.7))
-    colour_bar(figure, bar, (0.0, highest), PRESSURE_MAP, "contact pressure [MPa]")
-    save_figure(figure, path)
+    """Draw the contact pressures as those of rigid blocks are drawn."""
+    draw_pressed_facets(run_facets(run), path, title=run.title)

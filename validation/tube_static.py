@@ -41,11 +41,6 @@ def run_tube_static(
     """
     start = time.process_time()
     fem = fem_section(scene, name)
-    if scene.effects.finite_sliding:
-        raise InputError(
-            f'{name}: effects.finite_sliding needs an explicit run: set fem.method = "explicit", '
-            "or leave it out where blocks slide by less than a facet"
-        )
     deformable = build_deformable(scene, name) if deformable is None else deformable
     built = time.process_time()
     try:
@@ -68,8 +63,7 @@ def run_tube_static(
         method=Method.STATIC,
         deformable=deformable,
         displacements=result.displacements,
-        point_pressures=result.pressures,
-        point_overclosures=result.overclosures,
+        contact_state=result.contact_state,
         solver=static_numbers(result),
         cpu_seconds=seconds,
     )

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from fem.central_difference import System, step
-from fem.contact_state import contact_state
+from fem.contact_state import matched_pressures
 from fem.deformable_assembly import DeformableAssembly, deformable_assembly
 from fem.effects import AdaptiveMassDamping, Effects
 from fem.explicit import (
@@ -134,7 +134,7 @@ def rate(layers: int, elements: int, symmetry: int, *, warm_up: int = 3000) -> R
     whole = best_cpu_seconds(lambda: step(system, state), repeats=20)
     alone = best_cpu_seconds(lambda: contact.add_force(system, state), repeats=20)
     pairs = deformable.surfaces.subset(found.orbits.facets)
-    pressures, _ = contact_state(deformable, found.expand(displacements_of(system, state)))
+    pressures, _ = matched_pressures(deformable, found.expand(displacements_of(system, state)))
     return RateRow(
         layers=layers,
         elements_per_block=elements,
@@ -165,7 +165,7 @@ def run(layers: int, elements: int, symmetry: int, target: float | None) -> RunR
     found, times = statement(deformable, symmetry)
     result = to_static(found, times)
     displacements = found.expand(result.displacements)
-    pressures, _ = contact_state(deformable, displacements)
+    pressures, _ = matched_pressures(deformable, displacements)
     seconds = time.process_time() - start
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     start = time.process_time()

@@ -16,7 +16,7 @@ from geometry.mesh import FloatArray, IntArray
 from validation.files import write_whole
 from validation.paper.evidence import Evidence, StudyTable
 from validation.paper.reference import reference
-from validation.pictures import EYE, between_layers, beyond_axis, coloured_facets
+from validation.pictures import EYE, between_layers, beyond_axis, coloured_facets, interface_facets
 from validation.rendering import PRESSURE_MAP, place, render, save_figure
 
 if TYPE_CHECKING:
@@ -228,14 +228,9 @@ def _far_half(run: RigidRun) -> IntArray:
 
 
 def _facets(run: RigidRun, rows: IntArray, highest: float) -> Callable[[Any], None]:
-    nothing = np.zeros(0, dtype=np.int64)
-    return coloured_facets(
-        run.assembly,
-        run.result.contact_index[rows],
-        run.result.contact_pressures[rows],
-        nothing,
-        highest,
-    )
+    result, nothing = run.result, np.zeros(0, dtype=np.int64)
+    facets = interface_facets(run.assembly, result.contact_index, result.contact_pressures)
+    return coloured_facets(facets, rows, nothing, highest)
 
 
 # ---------------------------------------------------------------------------------------------

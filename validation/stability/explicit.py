@@ -8,7 +8,7 @@ import numpy as np
 
 from fem.central_difference import step as central_difference_step
 from fem.contact_law import ExponentialLaw, LinearPenalty
-from fem.contact_state import contact_state
+from fem.contact_state import matched_pressures
 from fem.deformable_assembly import DeformableAssembly
 from fem.effects import AdaptiveMassDamping, Effects
 from fem.energy import energies
@@ -65,7 +65,7 @@ def settled(
         end_time=end,
         stop=StopCriterion(residual=residual, not_before=ramp),
     )
-    return found, contact_state(stated, whole.expand(found.displacements))[0]
+    return found, matched_pressures(stated, whole.expand(found.displacements))[0]
 
 
 @CASES.add("time-step-0.99", "0.99 of the critical step, all modes excited: energy is kept")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from fem.contact_law import ExponentialLaw
-from fem.contact_state import contact_state
+from fem.contact_state import matched_pressures
 from fem.deformable_assembly import DeformableAssembly, deformable_assembly
 from fem.hexahedron import ElementType
 from fem.material import Material
@@ -148,7 +148,7 @@ def _incompressible() -> Finding:
 
 def _energy(stated: DeformableAssembly, displacements: tuple[FloatArray, ...]) -> float:
     """Strain and contact energy minus the work of the loads, all blocks [N mm]."""
-    _, overclosure = contact_state(stated, displacements)
+    _, overclosure = matched_pressures(stated, displacements)
     law, weights = stated.contact.law, stated.surfaces.weights
     energy = float(np.vdot(weights, law.stored_energy(overclosure)))
     for group, world in zip(stated.model.groups, displacements, strict=True):

@@ -1,0 +1,381 @@
+"""Scenes whose joints do not match, and the end of runs with finite sliding."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from fem.block_frequency import block_frequencies
+from fem.deformable_assembly import Frames, deformable_assembly
+from fem.effects import AdaptiveMassDamping, Effects
+from fem.explicit import StopCriterion, initial_state, prepare, solve
+from fem.explicit_model import explicit_assembly
+from fem.loads import SmoothStepAmplitude
+from fem.material import Material
+from geometry.block import box_block
+from geometry.box_column import ColumnBox, box_column
+from geometry.load_case import face_pressure
+from geometry.mesh import FloatArray
+from geometry.mesh_io import write_hex_mesh
+from geometry.polyhedron import polyhedron_from_quads
+from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from tests.test_validation_own_fem import QUADS, SECTIONS, brick_corners, overclosure, write_stl
+from validation.errors import InputError
+from validation.scene import DeformableScene, check_scene, load_scene
+from validation.tube_explicit import run_tube_explicit
+from validation.tube_fem import build_deformable, tube_json
+from validation.tube_static import run_tube_static
+
+Box = tuple[tuple[float, float, float], tuple[int, int, int]]
+
+WIDE = (100.0, 80.0, 50.0)
+
+
+def column(*boxes: Box, pressure: float = 0.5, poisson: float = 0.0, **sections) -> DeformableScene:
+    stated = {
+        "block": {"type": "boxes", "boxes": [{"size": s, "divisions": d} for s, d in boxes]},
+        "load": {"pressure": pressure},
+        "material": {"density": 2.4e-9, "young_modulus": 33e3, "poisson_ratio": poisson},
+        "contact": {"clearance_at_zero_pressure": 1e-3, "pressure_at_zero_clearance": 1e-4},
+        "fem": {"method": "explicit", "damping": "static", "residual": 1e-8},
+    }
+    scene = check_scene(stated | sections)
+    assert isinstance(scene, DeformableScene)
+    return scene
+
+
+CROSSING = ((WIDE, (4, 4, 2)), (WIDE, (3, 3, 2)), (WIDE, (5, 2, 2)))
+
+
+def test_patch_test_of_a_column_that_does_not_match() -> None:
+    """Uniform stress passes joints of 4 × 4 on 3 × 3 on 5 × 2 facets: every point carries the
+    load's pressure, every joint closes by the law's inverse, every box by p h / E. The residual is
+    1e-8 of the load; a joint is as stiff as the boxes within tenfold."""
+    run, _ = run_tube_explicit("column", column(*CROSSING))
+    assert str(run.solver["status"]) == "converged"
+    found = run.contact_state
+    np.testing.assert_allclose(found.point_pressures, 0.5, rtol=1e-6)
+    np.testing.assert_allclose(found.pressures, 0.5, rtol=1e-6)
+    top = 2 * overclosure(0.5) + 0.5 * 150.0 / 33e3
+    assert run.largest_displacement == pytest.approx(top, rel=1e-6)
+    for joint in ((0, 1), (1, 2)):
+        points = found.joint(*joint)
+        assert found.point_areas[points].sum() == pytest.approx(8000.0, rel=1e-12)
+    data = tube_json(run, 0.0)
+    assert data["contact_search"] == "finite sliding (joints do not match)"
+    assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
+    assert data["contact"]["p_max_face"] == pytest.approx(0.5, rel=1e-6)
+    assert data["contact"]["force"] == pytest.approx(2 * 0.5 * 8000.0, rel=1e-6)
+    assert data["contact"]["mean_overclosure"] == pytest.approx(overclosure(0.5), rel=1e-6)
+    # Two boxes are free: the middle one is pressed on both faces, the upper one on one of two.
+    assert data["contact"]["effective_count_percent"] == pytest.approx(75.0, rel=1e-6)
+    assert data["contact"]["effective_area_percent"] == pytest.approx(75.0, rel=1e-6)
+
+
+def test_one_facet_in_the_middle_of_four() -> None:
+    """No facet lies inside another: the only one is cut in four equal parts, on which the load
+    presses alike by symmetry, to the residual."""
+    scene = column((WIDE, (2, 2, 1)), ((50.0, 40.0, 50.0), (1, 1, 1)))
+    found = run_tube_explicit("column", scene)[0].contact_state
+    assert found.n_facets == 1
+    quarter = np.sign(found.positions[:, :2]) @ [2.0, 1.0]
+    areas = [found.point_areas[quarter == k].sum() for k in (-3.0, -1.0, 1.0, 3.0)]
+    assert areas == pytest.approx([500.0] * 4, rel=1e-12)
+    assert found.point_forces.sum(axis=0) == pytest.approx([0.0, 0.0, 1000.0], abs=1e-3)
+
+
+def test_forces_and_moments_of_a_smaller_box_that_crosses_facets() -> None:
+    """A box of 60 × 40 mm² over facets of 33 × 27 mm²: each joint passes on the load's force,
+    centred, the upper joint on the area of the box alone, to the residual of 1e-8."""
+    boxes = ((WIDE, (4, 4, 2)), (WIDE, (3, 3, 2)), ((60.0, 40.0, 50.0), (5, 3, 2)))
+    run, _ = run_tube_explicit("column", column(*boxes, poisson=0.2))
+    found = run.contact_state
+    load = 0.5 * 2400.0
+    for joint, area in (((0, 1), 8000.0), ((1, 2), 2400.0)):
+        points = found.joint(*joint)
+        # Whichever of the two is master: force on the upper one.
+        upward = np.where(found.block_s[found.facet[points]] == joint[1], 1.0, -1.0)
+        forces = upward[:, None] * found.point_forces[points]
+        moment = np.cross(found.positions[points], forces).sum(axis=0)
+        assert found.point_areas[points].sum() == pytest.approx(area, rel=1e-9)
+        assert forces.sum(axis=0) == pytest.approx([0.0, 0.0, load], abs=1e-6 * load)
+        assert moment == pytest.approx(0.0, abs=1e-6 * load * 50.0)
+
+
+def test_random_motions_of_boxes_that_do_not_match_balance() -> None:
+    """Action equals reaction and moments balance on cut facets too (rounding): the forces are the
+    gradient of an energy that no rigid motion changes."""
+    stated = explicit_assembly(build_deformable(column(*CROSSING), "column"))
+    assert stated.sliding is not None
+    rng = np.random.default_rng(5)
+    moved = tuple(5e-3 * rng.standard_normal((1, g.n_nodes, 3)) for g in stated.model.groups)
+    found = stated.contact_state(moved)
+    assert found.point_pressures.max() > 0.1
+    system = prepare(stated.model, time_step=1e-9)
+    for support in stated.model.supports:
+        moved[support.group][support.copies, support.nodes] = 0.0
+    state = initial_state(system, displacements=moved)
+    for now in state.bodies:
+        now.applied_force[:] = 0.0  # type: ignore[index]
+    system.interactions[0].add_force(system, state)
+    bound = system.interactions[0]
+    force, position = bound._force, bound.points.position  # type: ignore[attr-defined]
+    size = np.abs(force).sum()
+    assert size > 100.0
+    assert np.abs(force.sum(axis=0)).max() < 1e-13 * size
+    assert np.abs(np.cross(position, force).sum(axis=0)).max() < 1e-12 * 150.0 * size
+
+
+def test_a_static_run_and_others_refuse_joints_that_do_not_match(tubelock) -> None:  # noqa: F811
+    for arguments, remedy in (
+        (("fem", "--set", "fem.method=static"), 'set fem.method = "explicit"'),
+        (("compare",), "run the explicit answer alone"),
+        (("mbd",), 'a scene of type "mesh"'),
+        (("clearance",), 'set fem.method = "explicit"'),
+        (("export", "--flavour", "pairs", "-o", "deck.inp"), "--flavour general"),
+        (("export", "--flavour", "calculix", "-o", "deck.inp"), "--flavour general"),
+    ):
+        command, *rest = arguments
+        status, _, err = tubelock(command, "column-nonmatching", *rest)
+        assert status == 2, arguments
+        assert "the meshes of blocks 0 and 1 do not match" in err
+        assert "on 0 of the 8000 mm²" in err
+        assert remedy in err
+        assert not Path("out").exists()
+    assert tubelock("export", "column-nonmatching", "-o", "deck.inp")[0] == 0
+    assert tubelock("show", "column-nonmatching", "-o", "column.png")[0] == 0
+
+
+def test_the_built_in_column_from_the_command_line(tubelock) -> None:  # noqa: F811
+    status, out, _ = tubelock("fem", "column-nonmatching", "-o", "run", "--json", "run.json")
+    assert status == 0
+    assert "finite sliding (joints do not match)" in out
+    data = json.loads(Path("run.json").read_text())
+    surface = meshio.read("run/contact_pressures.vtu")
+    pressure, area = (surface.cell_data[key][0] for key in ("contact_pressure", "area"))
+    assert len(pressure) == data["n_contacts"]
+    # Two joints carry the load of 0.5 MPa on 60 × 40 mm²; the scene stops at a residual of 1e-4.
+    assert pressure @ area == pytest.approx(2 * 0.5 * 2400.0, rel=1e-3)
+    assert data["contact"]["force"] == pytest.approx(float(pressure @ area), rel=1e-12)
+    blocks = np.column_stack([surface.cell_data[f"block_{side}"][0] for side in "ms"])
+    assert {tuple(sorted(pair)) for pair in blocks.tolist()} == {(0, 1), (1, 2)}
+
+
+def test_matching_joints_have_no_search_unless_asked() -> None:
+    matching = ((WIDE, (4, 4, 2)), (WIDE, (4, 4, 1)))
+    for asked, words in ((False, "none (facets match and stay matched)"), (True, "finite sliding")):
+        run, _ = run_tube_explicit("column", column(*matching, effects={"finite_sliding": asked}))
+        data = tube_json(run, 0.0)
+        assert data["contact_search"] == words
+        assert (run.contact_state.interface is None) == asked
+        assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
+        assert data["n_contacts"] == 16
+        assert data["contact"]["effective_count_percent"] == pytest.approx(50.0, rel=1e-9)
+
+
+def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
+    """Points and normals of flat joints and of a tube's matched facets are the same, to rounding,
+    whether facets are matched or searched; a joint that does not match has as much area."""
+    small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
+    tube = load_scene("tsb1-pipe", small).scene
+    alike = column(*[(WIDE, (4, 4, 2))] * 3)
+    for scene in (alike, tube):
+        deformable = build_deformable(scene, "scene")  # type: ignore[arg-type]
+        matched, searched = (
+            block_frequencies(explicit_assembly(deformable, finite_sliding=s).model, 0.01)
+            for s in (False, True)
+        )
+        assert searched.excited == pytest.approx(matched.excited, rel=1e-9)
+        assert searched.lowest == pytest.approx(matched.lowest, rel=1e-9)
+    # Vertical motion is uniform on a joint: its frequency depends on the area alone.
+    crossing = explicit_assembly(build_deformable(column(*CROSSING), "column"))
+    found = block_frequencies(crossing.model, 0.01)
+    deformable = build_deformable(alike, "column")
+    expected = block_frequencies(explicit_assembly(deformable).model, 0.01)
+    assert found.excited == pytest.approx(expected.excited, rel=1e-9)
+
+
+def test_measures_of_a_small_slide_are_those_of_matched_facets() -> None:
+    """One layer under pipe pressure, searched and matched: normals of one side in place of the
+    mean of both change the gap of points d apart by d times the turn of the normals, 3e-3 mm · 1e-4
+    of some 3e-3 mm, and the exponential law at most tenfold: 1e-3 of every measure."""
+    small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
+    ways = (("fem.symmetry='none'",), ("effects.finite_sliding=true",))
+    found = []
+    for way in ways:
+        settings = (*small, "fem.method='explicit'", "fem.residual=1e-6", *way)
+        run, _ = run_tube_explicit("tube", load_scene("tsb1-pipe", settings).scene)  # type: ignore[arg-type]
+        found.append(run)
+    matched, searched = found
+    ours, theirs = (asdict(run.contact) for run in (searched, matched))
+    for key in theirs.keys() - {"per_block"}:
+        assert ours[key] == pytest.approx(theirs[key], rel=1e-3), key
+    for key in ("p_eff", "p_max"):
+        a, b = (getattr(run.contact.per_block, key) for run in (searched, matched))
+        np.testing.assert_allclose(a, b, rtol=1e-3)
+    assert searched.contact_state.n_facets == matched.contact_state.n_facets
+    # The same facets in whatever order, drawn on the one side or the other of the joint.
+    order = [np.lexsort(np.round(run.contact_state.centroids, 1).T) for run in (searched, matched)]
+    a, b = (
+        run.contact_state.centroids[o] for run, o in zip((searched, matched), order, strict=True)
+    )
+    assert np.abs(a - b).max() < 2.0 * matched.largest_displacement
+
+
+def test_a_pushed_box_presses_where_it_ended() -> None:
+    """A box on a plank of 20 mm facets, pushed by a = 2e6 mm/s² against damping α = 1000 /s, no
+    friction: it slides a/α (t - (1 - exp(-α t))/α) = 58 mm, three facets, in 0.03 s. Vertical
+    motion has decayed by exp(-15 · (1 - ramp/end)): force and place are the load's to 1e-3; the
+    plank lengthens by some 1e-3 of the slide."""
+    scene = column(
+        ((300.0, 80.0, 50.0), (15, 4, 2)),
+        ((50.0, 40.0, 50.0), (3, 3, 2)),
+        pressure=0.1,
+        poisson=0.2,
+        effects={
+            "gravity": [2.0e6, 0.0, 0.0],
+            "rayleigh": {"mass_proportional": 1000.0},
+            "finite_sliding": True,
+        },
+        fem={"method": "explicit", "ramp_time": 2e-3, "end_time": 0.03},
+    )
+    run, _ = run_tube_explicit("push", scene)
+    slide = 2e3 * (0.03 - (1.0 - np.exp(-30.0)) / 1e3)
+    assert run.displacement(1)[:, 0].mean() == pytest.approx(slide, rel=1e-3)
+    found = run.contact_state
+    forces = found.point_forces
+    assert forces.sum(axis=0) == pytest.approx([0.0, 0.0, 200.0], abs=0.2)
+    centre = forces[:, 2] @ found.positions / forces[:, 2].sum()
+    assert centre[:2] == pytest.approx([slide, 0.0], abs=1e-3 * slide)
+    assert found.areas.sum() == pytest.approx(2000.0, rel=1e-6)
+    corners = found.corners.reshape(-1, 3)
+    assert corners[:, 0].min() == pytest.approx(slide - 25.0, abs=0.01)
+    assert corners[:, 0].max() == pytest.approx(slide + 25.0, abs=0.01)
+
+
+def settled_box(built: float, slid: float) -> tuple[FloatArray, FloatArray]:
+    """Pressures and places of a box on a plank of 20 mm facets, x from the box's own place.
+
+    ``built``: where the box stands in the assembly; ``slid``: its initial displacement [mm].
+    """
+    assembly = box_column(
+        [ColumnBox((300.0, 80.0, 50.0), (15, 4, 2)), ColumnBox((50.0, 40.0, 50.0), (3, 3, 2))]
+    )
+    moved = np.array([[0.0, 0.0, 0.0], [built, 0.0, 0.0]])
+    assembly = replace(assembly, translations=assembly.translations + moved)
+    deformable = deformable_assembly(
+        assembly,
+        face_pressure(assembly, np.array([1]), "z+", 0.1),
+        Material(2.4e-9, 33e3, 0.2),
+        frames=Frames.DEFORMABLE,
+        finite_sliding=True,
+    )
+    stated = explicit_assembly(
+        deformable,
+        effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
+        amplitude=SmoothStepAmplitude(1e-3),
+    )
+    start = tuple(np.zeros((1, group.n_nodes, 3)) for group in stated.model.groups)
+    start[1][:, :, 0] = slid
+    stop = StopCriterion(1e-7, 1e-3)
+    result = solve(stated.model, end_time=0.1, displacements=start, stop=stop)
+    assert str(result.status) == "converged"
+    found = stated.contact_state(result.displacements)
+    return found.point_pressures, found.positions - [built + slid, 0.0, 0.0]
+
+
+def test_a_box_that_slid_presses_as_one_built_there() -> None:
+    """Slid by three facets it meets the plank as one that was built there: the same points with
+    the same pressures, to the residual of 1e-7 times the softness of contact, tenfold. Slid by
+    half a facet the cuts are those of its first place: the pressures are those of another
+    quadrature, within the 2 % that joints without cuts err by."""
+    here, at = settled_box(0.0, 60.0)
+    there, to = settled_box(60.0, 0.0)
+    np.testing.assert_allclose(at, to, atol=1e-5)
+    np.testing.assert_allclose(here, there, rtol=1e-5)
+    here, _ = settled_box(0.0, 10.0)
+    there, _ = settled_box(10.0, 0.0)
+    assert here.max() == pytest.approx(there.max(), rel=0.02)
+    assert here.min() == pytest.approx(there.min(), rel=0.02)
+
+
+def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
+    """A brick of 6 × 4 facets on one of 4 × 4: the joint carries the upper brick's weight, to the
+    residual of 1e-4; a static run is refused."""
+    write_stl(tmp_path / "brick.stl", polyhedron_from_quads("brick", brick_corners(), QUADS))
+    write_hex_mesh(tmp_path / "fine.vtu", box_block(WIDE, (6, 4, 4)).mesh)
+    parts = '[[parts]]\nfile = "brick.stl"\nfixed = true\n[[parts]]\nfile = "fine.vtu"\n'
+    parts += "places = [{at = [0, 0, 50]}]\n"
+    path = tmp_path / "own.toml"
+    path.write_text(
+        f'[block]\ntype = "mesh"\n{parts}\n[load]\ngravity = [0, 0, -9810]\n{SECTIONS}', "utf-8"
+    )
+    static = load_scene(str(path)).scene
+    assert isinstance(static, DeformableScene)
+    with pytest.raises(InputError, match=r"blocks 0 and 1 do not match.*a static run needs"):
+        run_tube_static("own", static)
+    explicit = load_scene(str(path), ["fem.method='explicit'"]).scene
+    assert isinstance(explicit, DeformableScene)
+    run, _ = run_tube_explicit("own", explicit)
+    assert str(run.contact_search) == "finite sliding (joints do not match)"
+    assert run.contact.force == pytest.approx(2.4e-9 * 400_000.0 * 9810.0, rel=1e-3)
+
+
+def test_a_brick_on_two_others_and_one_that_hangs_over(tmp_path: Path) -> None:
+    """Facets that lie on two blocks or partly on none count with the area they have on each: two
+    halves of 40 cm², and 100 × 70 mm² of a brick moved aside by 10 mm; half of all weight and load
+    goes to each support by symmetry. The residual is 1e-6."""
+    write_hex_mesh(tmp_path / "coarse.vtu", box_block(WIDE, (4, 3, 2)).mesh)
+    write_hex_mesh(tmp_path / "fine.vtu", box_block(WIDE, (5, 4, 3)).mesh)
+    path = tmp_path / "own.toml"
+    path.write_text(
+        """
+[block]
+type = "mesh"
+[[parts]]
+file = "coarse.vtu"
+fixed = true
+places = [{at = [0, 0, 0]}, {at = [100, 0, 0]}]
+[[parts]]
+file = "fine.vtu"
+places = [{at = [50, 0, 50]}, {at = [50, 10, 100]}]
+[load]
+gravity = [0, 0, -9810]
+forces = [{block = 3, force = [0, 0, -4000]}]
+"""
+        + SECTIONS,
+        "utf-8",
+    )
+    scene = load_scene(str(path), ["fem.method='explicit'", "fem.residual=1e-6"]).scene
+    assert isinstance(scene, DeformableScene)
+    found = run_tube_explicit("own", scene)[0].contact_state
+    weight = 2.4e-9 * 400_000.0 * 9810.0
+    for joint, area, force in (
+        ((0, 2), 4000.0, 2000.0 + weight),
+        ((1, 2), 4000.0, 2000.0 + weight),
+        ((2, 3), 7000.0, 4000.0 + weight),
+    ):
+        points = found.joint(*joint)
+        assert found.point_areas[points].sum() == pytest.approx(area, rel=1e-9)
+        assert np.abs(found.point_forces[points, 2]).sum() == pytest.approx(force, rel=1e-5)
+    assert not len(found.joint(0, 1)) or not found.point_pressures[found.joint(0, 1)].any()
+
+
+def test_a_stick_too_stiff_for_the_time_step_is_refused() -> None:
+    friction = {"coefficient": 0.3, "stick_stiffness": 1e6}
+    with pytest.raises(InputError, match="expected at most"):
+        run_tube_explicit("column", column(*CROSSING, effects={"friction": friction}))
+
+
+def test_an_overlap_that_no_facet_matches_is_refused() -> None:
+    """Boxes 0.05 mm in each other, beyond the law's curve: named with their depth."""
+    scene = column(*CROSSING, contact={"law": "exponential"})
+    deformable = build_deformable(scene, "column")
+    deformable.spacing[1:, 2] -= 0.05
+    with pytest.raises(InputError, match=r"deepest 0.05 mm between blocks"):
+        run_tube_explicit("column", scene, deformable=deformable)
