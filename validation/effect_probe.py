@@ -188,18 +188,23 @@ def refinement(scene: DeformableScene, probe: DeformableScene) -> float:
     """How many times as many elements the scene has along an edge of a block, at most."""
     if isinstance(scene, BoxesScene | MeshScene):
         return 1.0
-    fine, coarse = scene.mesh.model_dump(), probe.mesh.model_dump()  # type: ignore[union-attr]
-    ratios = [np.max(np.divide(fine[key], coarse[key])) for key in fine]
-    return float(max(ratios))
+    fine, coarse = _element_counts(scene), _element_counts(probe)
+    return max(float(np.max(np.divide(fine[key], coarse[key]))) for key in fine)
 
 
 def mesh_words(scene: DeformableScene) -> str:
     """Elements of a block."""
     if isinstance(scene, BoxesScene | MeshScene):
         return "its own mesh"
-    values = scene.mesh.model_dump()
-    flat = np.concatenate([np.atleast_1d(v) for v in values.values()]).tolist()
-    return " × ".join(str(v) for v in flat) + f" elements per block ({', '.join(values)})"
+    counts = _element_counts(scene)
+    flat = np.concatenate([np.atleast_1d(v) for v in counts.values()]).tolist()
+    return " × ".join(str(v) for v in flat) + f" elements per block ({', '.join(counts)})"
+
+
+def _element_counts(scene: DeformableScene) -> dict[str, Any]:
+    """Values of ``[mesh]`` that count elements."""
+    values = scene.mesh.model_dump()  # type: ignore[union-attr]
+    return {key: value for key, value in values.items() if not isinstance(value, float)}
 
 
 # ---------------------------------------------------------------------------------------------
