@@ -22,7 +22,7 @@ from fem.symmetry import SymmetryError
 from geometry.mesh import FloatArray
 from validation.errors import InputError
 from validation.scene import DeformableScene, TubeScene
-from validation.scene_families import BoxesScene, HexagonTubeScene
+from validation.scene_families import BoxesScene, HexagonTubeScene, PlanarSineScene
 from validation.scene_fem import Method
 from validation.scene_polyhedra import MeshScene
 from validation.tube_fem import TubeRun, build_deformable
@@ -118,10 +118,17 @@ def _static_state(
     try:
         result = solve_static(deformable, options, start=start, store=store)
     except (StaticError, SymmetryError, SparseSolverError, ModelError) as error:
-        raise InputError(f"{name}: effects.auto: the probe has no static state ({error})") from None
+        raise InputError(_unsolved(name, str(error))) from None
     if not result.converged:
-        raise InputError(f"{name}: effects.auto: the probe has no static state ({result.status})")
+        raise InputError(_unsolved(name, result.status))
     return result
+
+
+def _unsolved(name: str, why: str) -> str:
+    return (
+        f"{name}: effects.auto: the probe has no static state ({why}); expected one that can be "
+        "probed: remove effects.auto, and every effect acts as written"
+    )
 
 
 def probe_scene(scene: DeformableScene, name: str, *, fineness: int = 1) -> DeformableScene:
@@ -141,16 +148,18 @@ def probe_scene(scene: DeformableScene, name: str, *, fineness: int = 1) -> Defo
     still = {"rayleigh": None, "bulk_viscosity": None, "auto": None}
     effects = scene.effects.model_copy(update=still)
     static = scene.model_copy(update={"fem": fem, "effects": effects})
-    coarse = _coarse_mesh(scene, fineness)
-    if not coarse:
-        return static
-    mesh = scene.mesh.model_copy(update=coarse)  # type: ignore[union-attr]
-    probe = static.model_copy(update={"mesh": mesh})
-    try:
-        build_deformable(without_motion(probe), name)
-    except InputError:
-        return static
-    return probe
+    for factor in (fineness, 2 * fineness, 4 * fineness):
+        coarse = _coarse_mesh(scene, factor)
+        if not coarse:
+            break
+        mesh = scene.mesh.model_copy(update=coarse)  # type: ignore[union-attr]
+        probe = static.model_copy(update={"mesh": mesh})
+        try:
+            build_deformable(without_motion(probe), name)
+        except InputError:
+            continue
+        return probe
+    return static
 
 
 def without_motion(scene: DeformableScene) -> DeformableScene:
@@ -179,7 +188,8 @@ def _coarse_mesh(scene: DeformableScene, fineness: int) -> dict[str, Any]:
         }
     else:
         along, depth, height = scene.mesh.divisions
-        coarse = (min(along, 2 * wave), min(depth, through), min(height, other))
+        waves = round(2 * scene.block.frequency) if isinstance(scene, PlanarSineScene) else 2
+        coarse = (min(along, waves * wave), min(depth, through), min(height, other))
         return {} if coarse == (along, depth, height) else {"divisions": coarse}
     return {key: value for key, value in found.items() if value != getattr(mesh, key)}
 
