@@ -169,11 +169,17 @@ def gauss_points(order: int = 2) -> tuple[FloatArray, FloatArray]:
 def jacobians(mesh: HexMesh, natural: FloatArray) -> FloatArray:
     """Determinants of dx/d(r, s, t): (n_elements, n_points) [mm³]."""
     gradient = shape_gradients(natural)
-    corners = mesh.nodes[mesh.elements]
+    (a, b, c), (d, e, f), (g, h, k) = (_interpolated(mesh, gradient[:, :, j]) for j in range(3))
     # The determinant as a triple product is several times faster than n small factorisations.
-    d_r, d_s, d_t = (np.einsum("eai,pa->epi", corners, gradient[:, :, j]) for j in range(3))
-    determinant: FloatArray = np.einsum("epi,epi->ep", d_r, np.cross(d_s, d_t))
-    return determinant
+    determinant = a * (e * k - f * h) + b * (f * g - d * k) + c * (d * h - e * g)
+    return np.ascontiguousarray(determinant.T)
+
+
+def _interpolated(mesh: HexMesh, values: FloatArray) -> FloatArray:
+    """Sum of values (n_points, 8) times corners of every element: (3, n_points, n_elements)."""
+    corners = np.ascontiguousarray(mesh.nodes[mesh.elements].transpose(2, 1, 0))
+    result: FloatArray = np.matmul(values, corners)
+    return result
 
 
 def corner_jacobians(mesh: HexMesh) -> FloatArray:
@@ -229,14 +235,13 @@ def mass_properties(mesh: HexMesh, density: float = 1.0) -> MassProperties:
         [t/mm³]; 1.0 gives the geometric properties.
     """
     points, weights = gauss_points(3)
-    values = shape_values(points)
-    dv = jacobians(mesh, points) * weights
+    x = _interpolated(mesh, shape_values(points)).reshape(3, -1)
+    dv = (jacobians(mesh, points) * weights).T.ravel()
     volume = float(dv.sum())
-    x = np.einsum("pa,eai->epi", values, mesh.nodes[mesh.elements])
-    centroid = np.einsum("ep,epi->i", dv, x) / volume
+    centroid = x @ dv / volume
     # Second moments about the centroid, not about the origin: no cancellation far away from it.
-    x -= centroid
-    second = np.einsum("ep,epi,epj->ij", dv, x, x)
+    x -= centroid[:, None]
+    second = (x * dv) @ x.T
     inertia = density * (np.trace(second) * np.eye(3) - second)
     return MassProperties(density * volume, volume, centroid, inertia)
 

@@ -70,7 +70,7 @@ def _surface_scene(scene: TubeScene | HexagonTubeScene) -> TubeScene | HexagonTu
         most = {"around": 12 * waves, "radial": 6, "axial": 8}
     else:
         most = {"edge": 12, "radial": 6}
-    coarser = {key: min(value, most[key]) for key, value in mesh.items()}
+    coarser = {key: min(mesh[key], limit) for key, limit in most.items()}
     layers = scene.assembly.model_copy(update={"layers": min(scene.assembly.layers, 3)})
     mesh_section = scene.mesh.model_copy(update=coarser)
     return scene.model_copy(update={"mesh": mesh_section, "assembly": layers})
