@@ -61,12 +61,12 @@ class Change:
 
 
 def change(before: Answer, after: Answer) -> Change:
-    """Relative change from one answer to another; without limit where before is zero."""
+    """Relative change from one answer to another; one, a hundred per cent, where it was zero."""
 
     def relative(a: float, b: float) -> float:
         if a == b:
             return 0.0
-        return b / a - 1.0 if a else float("inf")
+        return b / a - 1.0 if a else 1.0
 
     return Change(
         relative(before.p_max, after.p_max),
