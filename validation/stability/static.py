@@ -11,11 +11,13 @@ from fem.contact_state import matched_pressures
 from fem.deformable_assembly import DeformableAssembly, deformable_assembly
 from fem.hexahedron import ElementType
 from fem.material import Material
-from fem.static import StaticError, StaticOptions, solve_static
+from fem.static import StaticError, StaticMethod, StaticOptions, solve_static
 from geometry.assembly import moved
+from geometry.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.load_case import load_case
 from geometry.mesh import FloatArray
 from geometry.sine_block import SineBlockDivisions
+from geometry.tube import hexagon_cell
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.contact_law import COLUMN_LAW, TOLERANCE, column_checks, solved_column
 from validation.stability.problems import (
@@ -185,5 +187,29 @@ def _turning() -> Finding:
         (
             Check("residual", result.residual, 1e-8),
             Check("energy lost along 24 random motions [N mm]", -min(rises), 0.0),
+        )
+    )
+
+
+@CASES.add(
+    "cell-that-nothing-holds",
+    "A periodic cell floats: balance, the same by sector and ring, sparse and condensed",
+)
+def _floating() -> Finding:
+    assembly = hexagon_cell(HexagonBlockParameters(4, 120.0, 40.0), HexagonBlockDivisions(4, 2))
+    stated = deformable_assembly(assembly, load_case(assembly, "tunnel", 0.01), CONCRETE)
+    ring, sector, sparse = (
+        solve_static(stated, StaticOptions(symmetry=order, method=method))
+        for order, method in (
+            (1, StaticMethod.CONDENSED),
+            (None, StaticMethod.CONDENSED),
+            (None, StaticMethod.SPARSE),
+        )
+    )
+    return Finding(
+        (
+            Check("residual", ring.residual, 1e-8),
+            Check("sector against ring", relative(sector.pressures, ring.pressures), 1e-6),
+            Check("sparse against condensed", relative(sparse.pressures, sector.pressures), 1e-4),
         )
     )
