@@ -124,7 +124,7 @@ def _factor(value: float | None) -> str:
 def _proof(cost: EffectCost) -> str:
     if cost.off_compiles or not cost.same_bits:
         return f"NOT ABSENT: {cost.off_compiles} forms, same bits {cost.same_bits}"
-    return f"yes, {cost.new_forms} forms"
+    return f"yes ({cost.new_forms})"
 
 
 def effects_table(report: EffectReport, tolerance: float = TOLERANCE) -> Table:
@@ -141,10 +141,15 @@ def effects_table(report: EffectReport, tolerance: float = TOLERANCE) -> Table:
         ),
         title_justify="left",
     )
-    matters = f"matters > {100 * tolerance:.3g} %"
+    matters = f"> {100 * tolerance:.3g} %"
     names = ("effect", "on", "p_max", "p_eff", "u", matters, "step", "memory", "Δt", "absent off")
     for heading in names:
-        table.add_column(heading)
+        table.add_column(heading, no_wrap=heading in ("effect", "p_max", "p_eff", "u"))
+    table.caption = (
+        f"{matters}: it changes one of the three by more. Absent off: the base compiles nothing "
+        "new and gives the same bits after it (own compiled forms when on)."
+    )
+    table.caption_justify = "left"
     for cost in report.costs:
         words = _proof(cost) if cost.available else cost.effect.note
         table.add_row(
@@ -168,35 +173,53 @@ def effects_json(report: EffectReport, tolerance: float = TOLERANCE) -> dict[str
     return data
 
 
+def _factor_tick(value: float, _: object) -> str:
+    """Label halves, doubles and fives between the decades."""
+    return f"× {value:g}" if f"{value:e}"[0] in "25" else ""
+
+
 def draw_effects(report: EffectReport, path: Path) -> None:
     """Draw changes and costs, one group of bars for each effect."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter
+
+    from validation.rendering import BLUE, ORANGE, SKY, VERMILION
 
     costs = [cost for cost in report.costs if cost.available]
     figure = Figure(figsize=(10, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     rows = range(len(costs))
     columns = (
-        (left, [("p_max", "p_max"), ("p_eff", "p_eff"), ("displacement", "largest u")]),
-        (right, [("step", "CPU time of a step"), ("memory", "memory")]),
+        (
+            left,
+            [
+                ("p_max", "p_max", BLUE),
+                ("p_eff", "p_eff", SKY),
+                ("displacement", "largest u", VERMILION),
+            ],
+        ),
+        (right, [("step", "CPU time of a step", BLUE), ("memory", "memory", ORANGE)]),
     )
     for axes, series in columns:
         height = 0.8 / len(series)
-        for k, (key, label) in enumerate(series):
+        for k, (key, label, colour) in enumerate(series):
             places = [row + (k - 0.5 * (len(series) - 1)) * height for row in rows]
             values = [getattr(cost, key) or 0.0 for cost in costs]
             start = 0.0 if axes is left else 1.0
             widths = [value - start for value in values]
-            axes.barh(places, widths, left=start, height=height, label=label)
+            axes.barh(places, widths, left=start, height=height, label=label, color=colour)
         axes.legend(fontsize=8)
         axes.grid(axis="x", alpha=0.3)
     left.set_xscale("symlog", linthresh=0.01)
+    left.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     left.set_xlabel("change of the static answer [%] (linear within ±0.01 %)")
     left.axvline(0.0, color="black", linewidth=0.8)
     left.set_yticks(list(rows), [f"{cost.effect.name}\n{cost.effect.setting}" for cost in costs])
     left.tick_params(axis="both", labelsize=8)
     left.invert_yaxis()
     right.set_xscale("log")
+    right.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"× {value:g}"))
+    right.xaxis.set_minor_formatter(FuncFormatter(_factor_tick))
     right.set_xlabel("over the run without effects [–]")
     right.axvline(1.0, color="black", linewidth=0.8)
     figure.suptitle(f"{report.scene}: effects, each added to none")
