@@ -43,8 +43,8 @@ MARGIN = 2.0
 _SWITCHES = (EffectName.ELASTIC_FRAME, EffectName.FINITE_ROTATION, EffectName.FINITE_SLIDING)
 #: Effects that only a motion has.
 _DAMPING = (EffectName.RAYLEIGH, EffectName.BULK_VISCOSITY)
-#: Effects that only explicit runs have.
-_EXPLICIT = (EffectName.FINITE_ROTATION, EffectName.FINITE_SLIDING)
+#: Effects of large motions, which the probe leaves out and judges from its motion.
+_MOTIONS = (EffectName.FINITE_ROTATION, EffectName.FINITE_SLIDING)
 
 
 @dataclass(frozen=True)
@@ -221,9 +221,9 @@ def decide_effects(
 
 
 def _refuse_motion(name: str, decisions: Iterable[Decision], tolerance: float) -> None:
-    """Refuse a static run where an effect matters that only explicit runs have."""
+    """Refuse a static run where sliding matters, which only explicit runs have."""
     for decision in decisions:
-        if decision.simulated and decision.effect in _EXPLICIT:
+        if decision.simulated and decision.effect is EffectName.FINITE_SLIDING:
             assert decision.change is not None
             raise InputError(
                 f"{name}: effects.auto: {decision.effect} changes the answer by "
@@ -255,9 +255,9 @@ class _Probe:
         """Decide about all candidates."""
         by_law = [self._damping(e) for e in self._names if e in _DAMPING]
         full, refused = self._with_all()
-        solved = [e for e in self._names if e not in (*_DAMPING, *_EXPLICIT)]
+        solved = [e for e in self._names if e not in (*_DAMPING, *_MOTIONS)]
         solved = [e for e in solved if e not in {d.effect for d in refused}]
-        motions = [e for e in self._names if e in _EXPLICIT]
+        motions = [e for e in self._names if e in _MOTIONS]
         if not solved and not motions:
             return self._in_order([*by_law, *refused])
         self._told("all effects")

@@ -18,6 +18,7 @@ from fem.rotation_load import finite_rotation_loads
 from fem.sparse_solver import SparseSolverError
 from fem.static import StaticError, StaticOptions, solve_static
 from fem.static_result import StaticResult, corner_displacements
+from fem.static_rotation import solve_static_with_rotation
 from fem.symmetry import SymmetryError
 from geometry.mesh import FloatArray
 from validation.errors import InputError
@@ -226,21 +227,26 @@ def without_finite_rotation(
 ) -> Change:
     """Change of a static answer when blocks stop turning freely.
 
-    The probe itself treats rotations as small. With the forces that finite rotations add to its
-    solution (`fem.rotation_load`) it is solved again: exact to first order in the change, so a
-    large change means only that it is large.
+    The probe itself treats rotations as small; it is solved again with them. Where they are too
+    large for a static solver, the forces that they add to the first solution tell that the change
+    is large (`fem.rotation_load`).
 
     Raises
     ------
     InputError
-        When that problem has no solution.
+        When neither problem has a solution.
     """
     deformable, result = solved.deformable, solved.result
-    model = deformable.model
-    added = finite_rotation_loads(model, result.displacements)
-    turning = replace(deformable, model=replace(model, loads=(*model.loads, *added)))
-    again = _static_state(turning, name, whole=result.symmetry == 1, start=result, store=store)
-    return change(Solved(turning, again, 0.0).answer, solved.answer)
+    whole = result.symmetry == 1
+    options = StaticOptions(symmetry=1 if whole else None, tolerance=_TOLERANCE)
+    try:
+        again = solve_static_with_rotation(deformable, options, store=store)
+    except (StaticError, SymmetryError, SparseSolverError, ModelError):
+        model = deformable.model
+        added = finite_rotation_loads(model, result.displacements)
+        turning = replace(deformable, model=replace(model, loads=(*model.loads, *added)))
+        again = _static_state(turning, name, whole=whole, start=result, store=store)
+    return change(Solved(deformable, again, 0.0).answer, solved.answer)
 
 
 def largest_rotation(solved: Solved) -> float:

@@ -11,6 +11,7 @@ from fem.model import ModelError
 from fem.sparse_solver import SparseSolverError
 from fem.static import StaticError, StaticOptions, solve_static
 from fem.static_result import StaticResult
+from fem.static_rotation import solve_static_with_rotation
 from fem.symmetry import SymmetryError
 from validation.errors import InputError
 from validation.scene import DeformableScene
@@ -44,7 +45,11 @@ def run_tube_static(
     deformable = build_deformable(scene, name) if deformable is None else deformable
     built = time.process_time()
     try:
-        result = solve_static(deformable, static_options(fem), store=store)
+        options = static_options(fem)
+        if scene.effects.finite_rotation is True:
+            result = solve_static_with_rotation(deformable, options, store=store)
+        else:
+            result = solve_static(deformable, options, store=store)
     except (StaticError, SymmetryError, SparseSolverError, ModelError) as error:
         raise InputError(f"{name}: {error}") from None
     if fem.symmetry == "sector" and result.symmetry == 1:
