@@ -242,3 +242,10 @@ def test_rigid_command_refuses_a_single_box(tubelock) -> None:  # noqa: F811
     status, _, err = tubelock("mbd", "cantilever")
     assert status == 2
     assert "without contacts" in err
+
+
+def test_a_static_box_refuses_finite_rotation(tubelock) -> None:  # noqa: F811
+    settings = ("--set", "fem.method=static", "--set", "effects.finite_rotation=true")
+    status, _, err = tubelock("fem", "cantilever", *settings)
+    assert status == 2
+    assert "expected fem.method" in err

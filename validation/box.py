@@ -24,7 +24,7 @@ from geometry.block import Block, box_block
 from geometry.mesh import FloatArray, MeshError
 from validation.effects import build_effects
 from validation.errors import InputError
-from validation.scene_fem import BoxScene, MaterialSection
+from validation.scene_fem import BoxScene, MaterialSection, Method
 
 
 @dataclass(frozen=True)
@@ -114,6 +114,11 @@ def build_box(scene: BoxScene) -> BoxModel:
         When it describes nothing that can be solved.
     """
     start = time.process_time()
+    if scene.fem.method is Method.STATIC and scene.effects.finite_rotation:
+        raise InputError(
+            'effects.finite_rotation: got fem.method = "static", which is linear for one body; '
+            'expected fem.method = "explicit", or finite_rotation off'
+        )
     try:
         block = box_block(scene.block.size, scene.mesh.divisions)
         group = block_group(
