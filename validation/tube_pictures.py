@@ -74,13 +74,16 @@ def colour_bar(
     """Add a colour bar to a figure."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
+    from matplotlib.ticker import MaxNLocator
 
-    figure.colorbar(
+    bar = figure.colorbar(
         ScalarMappable(Normalize(*limits), colours),
         cax=axes,
         label=label,
         orientation="horizontal" if horizontal else "vertical",
     )
+    if horizontal:
+        bar.locator = MaxNLocator(5)
 
 
 def symmetric_limits(values: list[FloatArray]) -> tuple[float, float]:
@@ -107,20 +110,24 @@ def draw_stresses(run: TubeRun, path: Path) -> None:
     panels = (
         Panel("σ₁, outer surface", sigma_1, STRESS_MAP, limits_1, "σ₁ [MPa]", outer, 1.0),
         Panel("σ₃, outer surface", sigma_3, STRESS_MAP, limits_3, "σ₃ [MPa]", outer, 1.0),
-        Panel(
-            f"displacement, drawn × {scale:g}", moved, "viridis", limits_u, "|u| [mm]", shell, scale
-        ),
+        Panel(f"moved × {scale:g}", moved, "viridis", limits_u, "|u| [mm]", shell, scale),
     )
-    figure = plt.figure(figsize=(13, 9.5))
-    grid = figure.add_gridspec(
-        1, 6, width_ratios=[9, 1, 9, 1, 9, 1], left=0.02, right=0.93, top=0.88, wspace=0.45
+    images = [render(coloured_blocks(run, panel), EYE) for panel in panels]
+    tallest, widest = np.max([image.pixels.shape[:2] for image in images], axis=0)
+    # Short tubes fill the width, tall ones the height; bars below never meet the next panel.
+    height = min(7.5, 3.6 * tallest / widest)
+    width = float(np.clip(height * widest / tallest + 0.4, 2.9, 4.0))
+    size = (width * len(panels), height + 2.0)
+    figure, axes = plt.subplots(1, len(panels), figsize=size)
+    figure.subplots_adjust(
+        left=0.03, right=0.97, bottom=1.1 / size[1], top=1 - 0.8 / size[1], wspace=0.15
     )
-    for column, panel in enumerate(panels):
-        image = render(coloured_blocks(run, panel), EYE)
-        place(figure.add_subplot(grid[2 * column]), image, panel.title)
-        cell = grid[2 * column + 1].subgridspec(3, 1, height_ratios=[1, 3, 1])
-        bar = figure.add_subplot(cell[1])
-        colour_bar(figure, bar, panel.limits, panel.colours, panel.label)
+    for axis, panel, image in zip(axes, panels, images, strict=True):
+        place(axis, image, panel.title)
+        box = axis.get_position()
+        middle, reach = 0.5 * (box.x0 + box.x1), 0.38 * width / size[0]
+        bar = figure.add_axes((middle - reach, 0.62 / size[1], 2 * reach, 0.16 / size[1]))
+        colour_bar(figure, bar, panel.limits, panel.colours, panel.label, horizontal=True)
     figure.suptitle(run.title, fontsize=13, x=0.02, ha="left")
     save_figure(figure, path)
 
