@@ -118,6 +118,17 @@ def _undecided(residual: float) -> str:
     )
 
 
+def load_size(load: FloatArray) -> float:
+    """Return ‖f‖; the squares of the entries neither overflow nor vanish.
+
+    Raises
+    ------
+    ValueError
+        For a load with entries that are not finite.
+    """
+    return float(scipy.linalg.norm(load))
+
+
 def _trivial(jacobian: ContactJacobian) -> Equilibrium:
     n_rows, n_contacts = jacobian.shape
     return Equilibrium(
@@ -126,7 +137,7 @@ def _trivial(jacobian: ContactJacobian) -> Equilibrium:
 
 
 def _uncontacted(jacobian: ContactJacobian, load: FloatArray) -> Equilibrium:
-    norm = float(np.linalg.norm(load))
+    norm = load_size(load)
     return Equilibrium(
         False, np.zeros(0), 1.0, load / norm, 0, np.zeros(jacobian.shape[0]), _infeasible_status()
     )
@@ -278,7 +289,7 @@ def newton_equilibrium(
         Newton iterations before giving up undecided.
     """
     n_rows, n_contacts = jacobian.shape
-    size = float(np.linalg.norm(load))
+    size = load_size(load)
     if size == 0.0:
         return _trivial(jacobian)
     if n_contacts == 0:
@@ -345,7 +356,7 @@ def clarabel_equilibrium(
     import qpsolvers
 
     n_rows, n_contacts = jacobian.shape
-    size = float(np.linalg.norm(load))
+    size = load_size(load)
     if size == 0.0:
         return _trivial(jacobian)
     if n_contacts == 0:

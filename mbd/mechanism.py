@@ -25,7 +25,7 @@ import scipy.sparse as sp
 
 from geometry.mesh import FloatArray
 from mbd.contact_jacobian import ContactJacobian
-from mbd.equilibrium import EQUILIBRIUM_TOLERANCE, newton_equilibrium
+from mbd.equilibrium import EQUILIBRIUM_TOLERANCE, load_size, newton_equilibrium
 
 #: Singular values of G below this fraction of the largest count as zero.
 RANK_TOLERANCE = 1e-10
@@ -88,7 +88,7 @@ def as_mechanism(jacobian: ContactJacobian, direction: FloatArray, load: FloatAr
     """Package a direction as a certificate, measured against G and f."""
     unit = direction / np.linalg.norm(direction)
     rates = jacobian.gap_rates(unit)
-    size = float(np.linalg.norm(load))
+    size = load_size(load)
     return Mechanism(
         virtual_displacement=unit.reshape(-1, 6) if len(unit) % 6 == 0 else unit[None, :],
         smallest_gap_rate=float(rates.min(initial=0.0)) if len(rates) else 0.0,
@@ -208,7 +208,7 @@ def solve_linear_programs(
     """
     transpose = sp.csr_array(jacobian.to_matrix().T)
     n_contacts, n_rows = transpose.shape
-    size = float(np.linalg.norm(load))
+    size = load_size(load)
     unit_load = load / size if size > 0 else load
     unbounded = [(None, None)] * n_rows
     opening = _highs(

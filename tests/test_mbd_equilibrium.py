@@ -308,3 +308,24 @@ def test_refining_the_mesh_changes_the_force_norm_but_not_the_pressure_norm() ->
 def test_one_brick_between_two() -> None:
     wall = brick_stack((100.0, 50.0, 40.0), (2, 2, 2), columns=2, layers=1)
     assert not analyse(wall, load_case(wall, "pipe", 0.01)).equilibrium.holds
+
+
+@pytest.mark.parametrize("solver", [newton_equilibrium, clarabel_equilibrium])
+@pytest.mark.parametrize("size", [1e-290, 1e290])
+def test_forces_grow_with_the_load_however_large_or_small(solver, size: float) -> None:
+    """Equilibrium is homogeneous: s f needs s λ, also where s² is no number of the machine."""
+    rng = np.random.default_rng(3)
+    matrix = random_jacobian(rng, 6, 20)
+    load = -matrix @ rng.uniform(0.5, 1.0, 20)
+    one, other = solver(as_jacobian(matrix), load), solver(as_jacobian(matrix), size * load)
+    assert one.holds
+    assert other.holds
+    # Unit loads differ by the rounding of the scale; clarabel keeps 1e-6 of the forces (above).
+    np.testing.assert_allclose(other.forces / size, one.forces, rtol=0, atol=1e-5)
+
+
+def test_a_load_that_is_no_number_is_refused() -> None:
+    matrix = as_jacobian(np.eye(2))
+    for wrong in (np.inf, np.nan):
+        with pytest.raises(ValueError, match="infs or NaNs"):
+            newton_equilibrium(matrix, np.array([1.0, wrong]))

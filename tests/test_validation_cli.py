@@ -162,6 +162,21 @@ def test_tables_come_out_of_the_open_code(tubelock) -> None:
         (["mbd", "tsb1-pipe", "--json", "/proc/nowhere/x.json"], "cannot be written"),
         (["show", "tsb1-pipe", "-o", "tube.jpg"], "ends in .png"),
         (["scenes", "tsb9"], "built-in scene"),
+        # Truth is no number, though Python reads it as 1.
+        (["mbd", "tsb1-pipe", "--set", "block.amplitude=true"], "amplitude: got True; expected a"),
+        (["fem", "tsb1-pipe", "--set", "effects.gravity=[0,true,1]"], "expected a number"),
+        (["fem", "tsb1-pipe", "--set", "effects.gravity=[0,0]"], "a value is missing at the end"),
+        (["fem", "tsb1-pipe", "--set", "effects.gravity=9.81"], "list of values in brackets"),
+        (["fem", "tsb1-pipe", "--set", "effects.friction=0.1"], "a section with coefficient"),
+        # A check of a whole section names its keys and does not print the section.
+        (["fem", "tsb1-pipe", "--set", "contact.law=linear"], "pipe: contact.stiffness is missing"),
+        (["fem", "cantilever", "--set", "effects.auto=0.01"], "cantilever: effects.auto compares"),
+        # Facets so unequal that they cannot be told apart.
+        (["mbd", "tsb1-pipe", "--set", "mesh.radial_grading=1e9"], "or equal to 1000"),
+        # More memory than any machine has: 6.7e9 facets for a million layers.
+        (["mbd", "tsb1-pipe", "--set", "assembly.layers=1000000000"], "fewer layers"),
+        # A static run would ignore the checkpoint.
+        (["fem", "tsb1-pipe", "--resume", "x.npz"], "a static run keeps no checkpoint"),
     ],
 )
 def test_bad_input_gives_one_line_and_status_2(tubelock, arguments, message) -> None:

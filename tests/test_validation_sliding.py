@@ -168,7 +168,7 @@ def test_the_built_in_column_from_the_command_line(tubelock) -> None:  # noqa: F
 
 def test_matching_joints_have_no_search_unless_asked() -> None:
     matching = ((WIDE, (4, 4, 2)), (WIDE, (4, 4, 1)))
-    for asked, words in ((False, "none (facets match and stay matched)"), (True, "finite sliding")):
+    for asked, words in ((False, "none (facets match and stay paired)"), (True, "finite sliding")):
         run, _ = run_tube_explicit("column", column(*matching, effects={"finite_sliding": asked}))
         data = tube_json(run, 0.0)
         assert data["contact_search"] == words

@@ -23,7 +23,6 @@ from validation.effect_probe import (
     Solved,
     change,
     largest_rotation,
-    largest_slip,
     mesh_words,
     probe_scene,
     refinement,
@@ -34,6 +33,7 @@ from validation.errors import InputError
 from validation.scene import DeformableScene
 from validation.scene_families import BoxesScene
 from validation.scene_fem import AutoSection, Damping, EffectName, Method
+from validation.slip import largest_slip
 from validation.tube_fem import build_deformable, fem_section
 
 #: An effect is left out when the probe's change is below the tolerance over this.
@@ -323,7 +323,9 @@ class _Probe:
             moved = without_finite_rotation(run, self._name, self._store)
             words = f"probe with its forces; blocks turn by {angle:.2g} rad at most"
         else:
-            slip, size = largest_slip(run)
+            result = run.result
+            pressures = result.pressures.max(axis=1)
+            slip, size = largest_slip(run.deformable, result.displacements, pressures)
             size /= refinement(self._whole, self.scene)
             share = slip / size
             moved = Change(share, share, share)

@@ -406,6 +406,12 @@ def main() -> None:
     except InputError as error:
         Console(stderr=True, soft_wrap=True, highlight=False, markup=False).print(f"error: {error}")
         raise SystemExit(2) from None
+    except MemoryError as error:
+        Console(stderr=True, soft_wrap=True, highlight=False, markup=False).print(
+            f"error: this needs more memory than there is ({error}); "
+            "take fewer elements ([mesh]) or fewer layers (assembly.layers)"
+        )
+        raise SystemExit(2) from None
     except KeyboardInterrupt:
         Console(stderr=True).print("interrupted")
         raise SystemExit(130) from None

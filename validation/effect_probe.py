@@ -17,10 +17,9 @@ from fem.recovery import best_rotations
 from fem.rotation_load import finite_rotation_loads
 from fem.sparse_solver import SparseSolverError
 from fem.static import StaticError, StaticOptions, solve_static
-from fem.static_result import StaticResult, corner_displacements
+from fem.static_result import StaticResult
 from fem.static_rotation import solve_static_with_rotation
 from fem.symmetry import SymmetryError
-from geometry.mesh import FloatArray
 from validation.errors import InputError
 from validation.scene import DeformableScene, TubeScene
 from validation.scene_families import BoxesScene, HexagonTubeScene, PlanarSineScene
@@ -258,21 +257,6 @@ def largest_rotation(solved: Solved) -> float:
         size = np.linalg.norm(turn - np.eye(3), axis=(1, 2)) / np.sqrt(8.0)
         largest = max(largest, float(2.0 * np.arcsin(np.minimum(size, 1.0)).max()))
     return largest
-
-
-def largest_slip(solved: Solved) -> tuple[float, float]:
-    """Largest slip between facets that press on each other, and the size of its facet [mm]."""
-    surfaces = solved.deformable.surfaces
-    corners = corner_displacements(solved.deformable, solved.result.displacements)
-    jump: FloatArray = corners[:, 4:] - corners[:, :4]
-    normal = surfaces.normals.mean(axis=1)
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    along = np.einsum("fai,fi->fa", jump, normal)
-    slip = np.linalg.norm(jump - along[:, :, None] * normal[:, None], axis=2).max(axis=1)
-    size = np.sqrt(surfaces.areas)
-    pressing = (solved.result.pressures > 0.0).any(axis=1)
-    worst = int(np.argmax(np.where(pressing, slip / size, 0.0)))
-    return float(slip[worst]) if pressing.any() else 0.0, float(size[worst])
 
 
 def answer_of_run(run: TubeRun) -> Answer:

@@ -81,6 +81,21 @@ def check_finished(result: ExplicitResult, checkpoint: Path | None, console: Con
     raise KeyboardInterrupt
 
 
+def refuse_resume(resume: Path | None) -> None:
+    """Refuse a checkpoint for a run that keeps none.
+
+    Raises
+    ------
+    InputError
+        When one is given.
+    """
+    if resume is not None:
+        raise InputError(
+            f"--resume {resume}: a static run keeps no checkpoint; leave --resume out, or set "
+            'fem.method = "explicit" as in the run that was interrupted'
+        )
+
+
 def run_fem(
     file: SceneFile,
     *,
@@ -123,6 +138,8 @@ def run_fem_box(
     """`tubelock fem` on a box scene."""
     if scene.fem.method is Method.EXPLICIT:
         check_end_time(scene)
+    else:
+        refuse_resume(resume)
     box = build_box(scene)
     prepare_json(json)
     folder = Path("out") / name if output is None and json is None else output

@@ -12,7 +12,7 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -69,7 +69,7 @@ class TubeMeshSection(Section):
     around: Annotated[int, Field(ge=1)]
     radial: Annotated[int, Field(ge=1)]
     axial: Annotated[int, Field(ge=1)]
-    radial_grading: Positive = 1.0
+    radial_grading: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
     """Length of elements at the inner over that at the outer face; 1: equal."""
 
 
@@ -331,9 +331,14 @@ def _known_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str
     for key in path:
         field = model.model_fields.get(str(key))
         inner = None if field is None else field.annotation
-        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
+        sections = [
+            kind
+            for kind in (inner, *get_args(inner))
+            if isinstance(kind, type) and issubclass(kind, BaseModel)
+        ]
+        if not sections:
             return []
-        model = inner
+        model = sections[0]
     return list(model.model_fields)
 
 
@@ -346,10 +351,28 @@ def _one_line(error: ValidationError, model: type[BaseModel]) -> str:
         near = difflib.get_close_matches(str(first["loc"][-1]), known, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]!r}?" if near else f"expected one of {', '.join(known)}"
         line = f"unknown key {place}: {hint}"
-    elif first["type"] == "missing":
-        line = f"{place} is missing: add it to the scene"
     else:
-        message = first["msg"][0].lower() + first["msg"][1:]
-        line = f"{place}: got {first['input']!r}; {message}"
+        line = _wrong_value(first, place, model)
     more = len(problems) - 1
     return line + (f" (and {more} more)" if more else "")
+
+
+def _wrong_value(problem: Any, place: str, model: type[BaseModel]) -> str:
+    """Say what is wrong with a value that has a known place, in the words of scenes."""
+    kind, got, path = problem["type"], problem["input"], problem["loc"]
+    if kind == "missing" and isinstance(path[-1], int):
+        parent = ".".join(str(key) for key in path[:-1])
+        return f"{parent}: got {got!r}; a value is missing at the end of the list"
+    if kind == "missing":
+        return f"{place} is missing: add it to the scene"
+    if kind == "value_error":
+        # Checks of a whole section name their keys; the section itself, in braces, helps nobody.
+        words = str(problem["ctx"]["error"])
+        return words if isinstance(got, dict) else f"{place}: got {got!r}; {words}"
+    if kind in ("model_type", "dict_type"):
+        keys = ", ".join(_known_keys(model, path))
+        return f"{place}: got {got!r}; expected a section" + (f" with {keys}" if keys else "")
+    if kind in ("tuple_type", "list_type"):
+        return f"{place}: got {got!r}; expected a list of values in brackets, [ … ]"
+    message = problem["msg"]
+    return f"{place}: got {got!r}; {message[0].lower()}{message[1:]}"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from geometry.load_case import LoadCaseName
 from mbd import Norm, Solver
@@ -15,10 +15,26 @@ NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
+def _leaves(annotation: Any) -> set[Any]:
+    """Return the types that an annotation is made of: {float, None} for ``float | None``."""
+    inner = get_args(annotation)
+    return set().union(*(_leaves(part) for part in inner)) if inner else {annotation}
+
+
 class Section(BaseModel):
     """Base of all sections: frozen, and unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_truth_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse true and false where a number is meant; they would be read as 1 and 0."""
+        kinds = _leaves(cls.model_fields[str(info.field_name)].annotation)
+        given = value if isinstance(value, list | tuple) else (value,)
+        if kinds & {int, float} and bool not in kinds and any(isinstance(v, bool) for v in given):
+            raise ValueError("expected a number")
+        return value
 
 
 class TubeAssemblySection(Section):

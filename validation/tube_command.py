@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from geometry.mesh_io import write_hex_mesh, write_surface
 from validation.auto_effects import EffectsDecision, decide_effects, decision_table
 from validation.cell_error import cell_table, offer_words, offered_cell, probed_cell_error
 from validation.fem_box import peak_memory_mb
-from validation.fem_command import CHECKPOINT, check_finished, progress_bar
+from validation.fem_command import CHECKPOINT, check_finished, progress_bar, refuse_resume
 from validation.fem_files import (
     FrameWriter,
     draw_energies,
@@ -53,7 +54,11 @@ def run_fem_tube(
     """
     scene, decision = decided(scene, name, console)
     fem = fem_section(scene, name)
+    if fem.method is Method.STATIC:
+        refuse_resume(resume)
+    start = time.process_time()
     deformable = build_deformable(scene, name)
+    built = time.process_time() - start
     if fem.method is Method.EXPLICIT:
         explicit_statement(scene, name, deformable)
     error = None
@@ -64,6 +69,9 @@ def run_fem_tube(
     folder = Path("out") / f"{name}-fem" if output is None and json is None else output
     with output_folder(folder):
         run, result = _solve(name, scene, deformable, folder=folder, resume=resume, console=console)
+        seconds = run.cpu_seconds
+        added = {"build": seconds["build"] + built, "total": seconds["total"] + built}
+        run = replace(run, cpu_seconds=seconds | added)
         if decision is not None:
             run = replace(run, solver=run.solver | {"effects_decision": decision.as_json()})
         if error is not None:
@@ -97,6 +105,20 @@ def decided(
     if offer is not None:
         console.print(offer_words(offer))
     return scene, decision
+
+
+def _add_slip(table: Table, slip: dict[str, float] | None) -> None:
+    """Add the largest slip, with what to do where facets that stay paired have left each other."""
+    if slip is None:
+        return
+    share = slip["largest"] / slip["facet_size"]
+    words = f"{slip['largest']:.3g} mm, {share:.2g} of the size of its facet"
+    if share > 1.0:
+        words += (
+            "\nNOT VALID: facets stay paired as built, but blocks slide by more than one;\n"
+            'set effects.finite_sliding = true and fem.method = "explicit"'
+        )
+    table.add_row("largest slip", words)
 
 
 def _solve(
@@ -241,6 +263,7 @@ def print_tube(run: TubeRun, console: Console) -> None:
     table.add_row("principal stress", f"{stress['max']:.5g} … {stress['min']:.5g} MPa")
     contact = data["contact"]
     table.add_row("contact search", data["contact_search"])
+    _add_slip(table, data["slip"])
     table.add_row("p_eff", f"{contact['p_eff']:.5g} MPa")
     table.add_row(
         "p_max",

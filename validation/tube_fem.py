@@ -33,6 +33,7 @@ from validation.scene import DeformableScene, TubeScene
 from validation.scene_families import BoxesScene, HexagonTubeScene
 from validation.scene_fem import ContactSection, EffectsSection, FemSection, Method
 from validation.scene_polyhedra import MeshScene
+from validation.slip import largest_slip
 
 #: Why a sector asked for is refused.
 NO_SECTOR = (
@@ -206,7 +207,7 @@ def _check_static(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
 class ContactSearch(StrEnum):
     """Whether and why a run searches the facets that face each other."""
 
-    NONE = "none (facets match and stay matched)"
+    NONE = "none (facets match and stay paired)"
     ASKED = "finite sliding"
     NEEDED = "finite sliding (joints do not match)"
 
@@ -273,6 +274,17 @@ class TubeRun:
             return ContactSearch.NONE
         asked = self.scene.effects.finite_sliding
         return ContactSearch.ASKED if asked else ContactSearch.NEEDED
+
+    @property
+    def slip(self) -> dict[str, float] | None:
+        """Largest slip and the size of its facet [mm]; None where facets are searched.
+
+        Facets that stay paired as built give no answer beyond a slip of one facet.
+        """
+        if self.contact_search is not ContactSearch.NONE or not self.contact_state.n_facets:
+            return None
+        slip, size = largest_slip(self.deformable, self.displacements, self.contact_state.pressures)
+        return {"largest": slip, "facet_size": size}
 
     @property
     def contact_index(self) -> IntArray:
@@ -383,6 +395,7 @@ def tube_json(run: TubeRun, peak_memory_mb: float) -> dict[str, Any]:
         "n_elements": model.n_elements,
         "n_nodes": model.n_nodes,
         "contact_search": str(run.contact_search),
+        "slip": run.slip,
         "n_contacts": run.contact_state.n_facets,
         "max_displacement": run.largest_displacement,
         "principal_stress": {
