@@ -193,3 +193,18 @@ def test_friction_is_absent_unless_named_and_then_dissipates() -> None:
     assert rough.solver["energies"]["frictional_dissipation"] > 0.0
     # Friction only resists: with it the tube moves less.
     assert rough.largest_displacement < plain.largest_displacement
+
+
+def test_uniform_pressures_agree_whatever_their_round_off() -> None:
+    """A joint under uniform pressure carries round-off of 1e-8; it is no pattern to compare."""
+    rng = np.random.default_rng(1)
+    uniform = 0.2 * np.ones((2, 60)) * (1.0 + 1e-8 * rng.standard_normal((2, 60)))
+    centroids, areas = rng.uniform(0.0, 1.0, (60, 3)), np.ones(60)
+    block = np.repeat([0, 1], 30)
+    found = agreement("all", uniform[0], uniform[1], centroids=centroids, areas=areas, block=block)
+    assert found.correlation == 1.0
+    assert found.overlap == 1.0
+    assert effective_region(uniform[0]).all()
+    sloped = np.linspace(0.1, 0.3, 60)
+    found = agreement("all", uniform[0], sloped, centroids=centroids, areas=areas, block=block)
+    assert found.correlation == 0.0

@@ -113,7 +113,7 @@ def show(
         show_polyhedra(file, file.scene, output)
         _console(None).print(f"picture   {output}")
         return
-    built = build_scene(file)
+    built = build_scene(file, command="show")
     prepare_file(output)
     from validation.pictures import draw_assembly
 

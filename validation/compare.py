@@ -50,6 +50,10 @@ class Answer:
     """CPU time from the built scene to the pressures [s]."""
 
 
+#: Relative differences of pressures below this are round-off of the solvers (residual 1e-8).
+_UNIFORM = 1e-6
+
+
 @dataclass(frozen=True)
 class PressureAgreement:
     """How alike two pressure fields are on one set of facets."""
@@ -57,7 +61,7 @@ class PressureAgreement:
     faces: str
     """``all``, in a tube also ``top`` and ``bottom`` (of the middle layer)."""
     correlation: float
-    """Area-weighted Pearson correlation of the pressures."""
+    """Area-weighted Pearson correlation of the pressures; two uniform fields: 1, one: 0."""
     overlap: float
     """Shared area of the effective contact regions over their union."""
     peaks_found: float
@@ -92,17 +96,23 @@ def effective_region(pressure: FloatArray) -> BoolArray:
     total = float(pressure.sum())
     if total <= 0.0:
         return np.zeros(len(pressure), dtype=bool)
-    count = int(total**2 / float(pressure @ pressure))
+    # A uniform pressure has a whole participation ratio and no order: neither hangs on round-off.
+    count = int(total**2 / float(pressure @ pressure) * (1.0 + _UNIFORM))
+    alike = np.round(pressure / float(pressure.max()) / _UNIFORM)
     chosen = np.zeros(len(pressure), dtype=bool)
-    chosen[np.argsort(-pressure, kind="stable")[:count]] = True
+    chosen[np.argsort(-alike, kind="stable")[:count]] = True
     return chosen
 
 
 def _correlation(a: FloatArray, b: FloatArray, area: FloatArray) -> float:
     weight = area / area.sum()
     da, db = a - weight @ a, b - weight @ b
-    scale = np.sqrt((weight @ da**2) * (weight @ db**2))
-    return float(weight @ (da * db) / scale) if scale > 0 else 1.0
+    spread_a, spread_b = float(np.sqrt(weight @ da**2)), float(np.sqrt(weight @ db**2))
+    uniform_a = spread_a <= _UNIFORM * abs(float(weight @ a))
+    uniform_b = spread_b <= _UNIFORM * abs(float(weight @ b))
+    if uniform_a or uniform_b:
+        return 1.0 if uniform_a and uniform_b else 0.0
+    return float(weight @ (da * db)) / (spread_a * spread_b)
 
 
 def agreement(

@@ -168,7 +168,10 @@ def draw_comparison(found: Comparison, path: Path) -> None:
     if common:
         highest = [max(highest)] * len(highest)
     columns = len(found.answers)
-    size = (3.6 * columns + 1.2, 0.9 + 3.6 * len(rows))
+    # Titles and colour bars need the same room above and below one row as two [inch].
+    above_rows, below_rows = 1.13, 1.05
+    tall = above_rows + 2.96 * len(rows) + below_rows
+    size = (3.6 * columns + 1.2, tall)
     figure, axes = plt.subplots(len(rows), columns, figsize=size, squeeze=False)
     for line, (words, (facets, direction)) in enumerate(rows.items()):
         for column, answer in enumerate(found.answers):
@@ -185,13 +188,15 @@ def draw_comparison(found: Comparison, path: Path) -> None:
         x=0.02,
         ha="left",
     )
-    figure.subplots_adjust(left=0.02, right=0.98, top=0.86, bottom=0.13, wspace=0.08, hspace=0.2)
+    top, bottom = 1.0 - above_rows / tall, below_rows / tall
+    figure.subplots_adjust(left=0.02, right=0.98, top=top, bottom=bottom, wspace=0.08, hspace=0.2)
     for column in range(columns) if not common else (0,):
         first, last = (axes[-1, k].get_position() for k in ((0, -1) if common else (column,) * 2))
         width = 0.5 * (last.x1 - first.x0) if common else 0.8 * (last.x1 - first.x0)
         middle = 0.5 * (first.x0 + last.x1)
-        bar = figure.add_axes((middle - 0.5 * width, 0.075, width, 0.016))
+        bar = figure.add_axes((middle - 0.5 * width, 0.61 / tall, width, 0.13 / tall))
         colours = ScalarMappable(Normalize(0.0, highest[column]), PRESSURE_MAP)
         label = "contact pressure [MPa]"
         figure.colorbar(colours, cax=bar, label=label, orientation="horizontal")
+        bar.ticklabel_format(axis="x", scilimits=(-3, 4))
     save_figure(figure, path)

@@ -206,7 +206,10 @@ def _print_orders(study: CostStudy, console: Console) -> None:
     for family, rows in study.families().items():
         if len(rows) > 2:
             table.add_row(family, *(_order_cell(study, family, q) for q in QUANTITIES))
-    console.print(table)
+    if table.row_count:
+        console.print(table)
+    else:
+        console.print("Observed orders in mesh size: none, no method ran on three meshes")
 
 
 def _order_cell(study: CostStudy, family: str, quantity: str) -> str:
@@ -284,7 +287,10 @@ def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
     axes.grid(which="major", alpha=0.3)
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:g}"))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    # A quick study spans one decade or two, which one label in each would leave bare.
+    lowest, highest = axes.get_xlim()
+    seconds = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
+    axes.xaxis.set_minor_formatter(seconds if highest < 1e3 * lowest else NullFormatter())
     axes.yaxis.set_minor_formatter(FuncFormatter(_minor))
 
 

@@ -134,7 +134,8 @@ def _check_mesh_alone(path: Path) -> None:
 def run_import(path: Path, *, output: Path | None, json: str | None, console: Console) -> None:
     """Read a deck or a mesh, describe it, and write it again where asked."""
     if not path.is_file():
-        raise InputError(f"{path}: no such file; expected a deck or a mesh")
+        what = "is a folder" if path.is_dir() else "no such file"
+        raise InputError(f"{path}: {what}; expected a deck or a mesh")
     prepare_json(json)
     if output is not None:
         prepare_file(output)

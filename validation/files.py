@@ -29,7 +29,7 @@ def prepare_folder(folder: Path) -> Path:
     except OSError as error:
         raise InputError(
             f"{folder}: cannot be written ({error.strerror or error}); "
-            "give a folder you may write with -o"
+            "choose a folder you may write"
         ) from None
     return folder
 

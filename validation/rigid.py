@@ -49,8 +49,8 @@ class BuiltScene:
     """Joints where facets do not match: no contact of the rigid analysis lies there."""
 
 
-def build_scene(file: SceneFile) -> BuiltScene:
-    """Build what a scene describes.
+def build_scene(file: SceneFile, *, command: str = "mbd") -> BuiltScene:
+    """Build what a scene describes; ``command`` is named where that is not enough for it.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def build_scene(file: SceneFile) -> BuiltScene:
         When it describes nothing that can be built.
     """
     start = time.process_time()
-    scene = require_assembly(file.scene, file.name, "mbd")
+    scene = require_assembly(file.scene, file.name, command)
     blocks = build_blocks(scene)
     seconds = time.process_time() - start
     return BuiltScene(file.name, scene, blocks.assembly, blocks.load, seconds, blocks.unmatched)

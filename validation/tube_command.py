@@ -264,7 +264,7 @@ def print_tube(run: TubeRun, console: Console) -> None:
     contact = data["contact"]
     table.add_row("contact search", data["contact_search"])
     _add_slip(table, data["slip"])
-    table.add_row("p_eff", f"{contact['p_eff']:.5g} MPa")
+    table.add_row("p_eff", f"{contact['p_eff']:.5g} MPa mean of the effective elements")
     table.add_row(
         "p_max",
         f"{contact['p_max_face']:.5g} MPa mean of block maxima (facets), "

@@ -82,6 +82,8 @@ def colour_bar(
         label=label,
         orientation="horizontal" if horizontal else "vertical",
     )
+    # 0.00016 beside 0.00008 does not fit: the power of ten stands once, beside the bar.
+    bar.formatter.set_powerlimits((-3, 4))
     if horizontal:
         bar.locator = MaxNLocator(5)
 
