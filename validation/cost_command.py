@@ -241,7 +241,7 @@ def draw_study(study: CostStudy, path: Path) -> None:
     axes[-1].legend(known.values(), known.keys(), loc="upper left", frameon=False, fontsize=9)
     for panel in axes[2:5]:
         panel.set_xlabel("CPU time, scene to answer [s]")
-        panel.tick_params(labelbottom=True)
+        panel.tick_params(which="both", labelbottom=True)
     for panel in (axes[0], axes[3]):
         panel.set_ylabel("relative error [%]")
     base = study.plan.base
