@@ -46,16 +46,17 @@ class BlockMeasures:
 
 def _block_measures(pressure: FloatArray, area: FloatArray) -> tuple[int, float, float, float]:
     """K, effective area, p_eff and p_max of one block (eq. participation ratio)."""
-    total = float(pressure.sum())
-    if total <= 0.0:
+    largest = float(pressure.max(initial=0.0))
+    if largest <= 0.0:
         return 0, 0.0, 0.0, 0.0
-    ratio = total**2 / float(pressure @ pressure)
+    # Of shares of the largest: squares of the pressures may be no numbers of the machine.
+    share = pressure / largest
+    ratio = float(share.sum()) ** 2 / float(share @ share)
     # A uniform pressure has a whole participation ratio: the nudge keeps round-off from
     # taking the floor one lower.
     count = int(np.floor(ratio * (1 + 1e-9)))
-    largest = float(pressure.max())
     # Ties are ordered by area, so the result does not depend on the numbering.
-    order = np.lexsort((-area, -np.round(pressure / largest, 9)))[:count]
+    order = np.lexsort((-area, -np.round(share, 9)))[:count]
     return count, float(area[order].sum()), float(pressure[order].mean()), largest
 
 

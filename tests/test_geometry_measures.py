@@ -53,3 +53,14 @@ def test_contact_counts_for_both_blocks_and_averages_are_plain_means() -> None:
     assert overall.p_max == pytest.approx(7 / 3)
     assert overall.effective_count_percent == pytest.approx((50 + 50 + 25) / 3)
     assert overall.effective_area_percent == pytest.approx((50 + 50 + 50) / 3)
+
+
+@pytest.mark.parametrize("size", [1e-290, 1e290])
+def test_measures_grow_with_the_pressure_however_large_or_small(size: float) -> None:
+    """Counts are of shares, pressures proportional: also where squares are no numbers."""
+    one = one_block([1.0, 0.5, 0.25, 0.0])
+    other = one_block([size, 0.5 * size, 0.25 * size, 0.0])
+    np.testing.assert_array_equal(other.participation, one.participation)
+    # Halves and quarters are exact; the mean of a scaled sum rounds once more.
+    np.testing.assert_allclose(other.p_eff / size, one.p_eff, rtol=1e-15)
+    np.testing.assert_allclose(other.p_max / size, one.p_max, rtol=1e-15)

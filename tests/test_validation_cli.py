@@ -160,6 +160,8 @@ def test_tables_come_out_of_the_open_code(tubelock) -> None:
         (["mbd", "tsb1-pipe", "--set", "block.height=nan"], "block.height"),
         (["mbd", "tsb1-pipe", "-o", "/proc/nowhere"], "cannot be written"),
         (["mbd", "tsb1-pipe", "--json", "/proc/nowhere/x.json"], "cannot be written"),
+        # Written whole and renamed, a result would take the place of the device.
+        (["mbd", "tsb1-pipe", "--json", "/dev/null"], "no ordinary file"),
         (["show", "tsb1-pipe", "-o", "tube.jpg"], "ends in .png"),
         (["scenes", "tsb9"], "built-in scene"),
         # Truth is no number, though Python reads it as 1.
@@ -175,6 +177,7 @@ def test_tables_come_out_of_the_open_code(tubelock) -> None:
         (["mbd", "tsb1-pipe", "--set", "mesh.radial_grading=1e9"], "or equal to 1000"),
         # More memory than any machine has: 6.7e9 facets for a million layers.
         (["mbd", "tsb1-pipe", "--set", "assembly.layers=1000000000"], "fewer layers"),
+        (["fem", "tsb1-pipe", "--set", "load.pressure=1e300"], "more than material.young_modulus"),
         # A static run would ignore the checkpoint.
         (["fem", "tsb1-pipe", "--resume", "x.npz"], "a static run keeps no checkpoint"),
     ],
@@ -207,3 +210,14 @@ def test_an_earlier_result_survives_a_failing_run(tubelock) -> None:
     status, _, _ = tubelock("mbd", "tsb1-pipe", "--set", "mesh.around=85", "--json", "keep.json")
     assert status == 2
     assert Path("keep.json").read_text() == before
+
+
+def test_a_full_disk_is_one_line(tubelock, monkeypatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("validation.files.write_json", full)
+    status, _, err = tubelock("mbd", "tsb1-pipe", *SMALL, "--json", "x.json")
+    assert status == 2
+    assert "error: No space left on device" in err
+    assert "Traceback" not in err

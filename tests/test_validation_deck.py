@@ -233,7 +233,7 @@ def test_import_reads_plain_meshes(tubelock) -> None:
             "stick_stiffness",
         ),
         (["import", "nothing.inp"], "no such file"),
-        (["import", "/proc"], "no such file"),
+        (["import", "/proc"], "is a folder"),
     ],
 )
 def test_bad_input_gives_one_line_and_status_2(tubelock, arguments, message) -> None:

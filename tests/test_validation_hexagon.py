@@ -8,7 +8,9 @@ import pytest
 from mbd import Mechanism, contact_jacobian, generalized_force
 from validation.paper.reference import reference
 from validation.rigid import run_rigid
-from validation.scene import load_scene
+from validation.scene import DeformableScene, load_scene
+from validation.tube_pictures import section_heights
+from validation.tube_static import run_tube_static
 
 CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
 
@@ -40,3 +42,19 @@ def test_tunnel_reaches_the_printed_numbers() -> None:
     assert abs(measures.effective_count_percent - printed["effective"]) < 1.5
     assert measures.p_eff == pytest.approx(printed["p_eff"], rel=0.04)
     assert measures.p_max == pytest.approx(printed["p_max"], rel=0.04)
+
+
+def test_sections_lie_in_the_layer_that_they_name() -> None:
+    """Hexagon tubes: layers reach into each other, so layer k is not between (k-1)h and kh."""
+    small = ["mesh.edge=4", "mesh.radial=1", "assembly.layers=1"]
+    scene = load_scene("thb0-tunnel", small).scene
+    assert isinstance(scene, DeformableScene)
+    run = run_tube_static("thb0-tunnel", scene)
+    assembly = run.deformable.assembly
+    along = np.concatenate([assembly.nodes(b) for b in assembly.free_blocks]) @ assembly.axis
+    heights = section_heights(run)
+    assert along.min() < heights[0]
+    assert heights[-1] < along.max()
+    # One height above and below the middle each, by the symmetry of the hexagon.
+    assert heights[0] + heights[-1] == pytest.approx(along.min() + along.max(), abs=1e-3)
+    assert all(len(run.section(z).triangles) for z in heights)

@@ -412,6 +412,13 @@ def main() -> None:
             "take fewer elements ([mesh]) or fewer layers (assembly.layers)"
         )
         raise SystemExit(2) from None
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        Console(stderr=True, soft_wrap=True, highlight=False, markup=False).print(
+            f"error: {where}{error.strerror or error}; the output could not be written or a file "
+            "not be read: make room, or choose another place"
+        )
+        raise SystemExit(2) from None
     except KeyboardInterrupt:
         Console(stderr=True).print("interrupted")
         raise SystemExit(130) from None

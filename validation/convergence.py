@@ -164,7 +164,8 @@ def run_convergence(picture: Path, json: str | None, console: Console) -> None:
     for head in ("refinement", "sizes", "relative errors", "order"):
         table.add_column(head)
     for curve in [*mesh, time]:
-        sizes = ", ".join(f"{s:g}" for s in curve.sizes)
+        unit = "of the critical step" if curve is time else "mm"
+        sizes = f"{', '.join(f'{s:g}' for s in curve.sizes)} {unit}"
         errors = ", ".join(f"{e:.2e}" for e in curve.errors)
         table.add_row(curve.name, sizes, errors, f"{curve.order:.2f}")
     console.print(table)

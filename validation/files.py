@@ -63,6 +63,9 @@ def prepare_file(path: Path) -> Path:
     """
     if path.is_dir():
         raise InputError(f"{path}: is a folder; expected the name of a file to write")
+    if path.exists() and not path.is_file():
+        # A whole file is renamed into place, which would put it in the place of a device.
+        raise InputError(f"{path}: is no ordinary file; expected a file name, or --json - to pipe")
     prepare_folder(path.parent)
     if path.exists() and not os.access(path, os.W_OK):
         raise InputError(f"{path}: exists and cannot be overwritten; choose another name")

@@ -171,8 +171,8 @@ def _contact_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) ->
         )
     if flavour is Flavour.GENERAL:
         notes.append(
-            "contact: every outer face may meet every other and slide; tubelock pairs facets "
-            "that match, and searches where they do not"
+            "contact: all outer faces may meet and slide; tubelock pairs facets that match, else "
+            "searches"
         )
     if flavour is Flavour.CALCULIX:
         notes += [

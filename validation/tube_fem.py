@@ -169,6 +169,7 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
     assert scene.material is not None
     assert scene.contact is not None
     blocks = build_hexahedra(scene, name)
+    _check_load(name, blocks.load, scene.material.young_modulus)
     if fem.method is Method.STATIC:
         _check_static(scene, name, blocks)
     friction = build_friction(scene.effects)
@@ -188,6 +189,18 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
         )
     except (ContactError, DeformableAssemblyError, FrictionError, AssemblyError) as error:
         raise InputError(f"{name}: {error}") from None
+
+
+def _check_load(name: str, load: LoadCase, young_modulus: float) -> None:
+    """Refuse a load beyond the modulus: strains would be of the order of one."""
+    acting = np.abs(load.pressure if load.tractions is None else load.tractions)
+    largest = float(acting.max(initial=0.0)) if acting.ndim else float(acting)
+    if largest > young_modulus:
+        raise InputError(
+            f"{name}: load.pressure: got {largest:g} MPa, more than material.young_modulus = "
+            f"{young_modulus:g} MPa; expected less, for strains would be larger than one: "
+            "give both in MPa"
+        )
 
 
 def _check_static(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -> None:

@@ -169,7 +169,10 @@ def section_heights(run: TubeRun) -> tuple[float, ...]:
     """Heights of the paper's sections through the middle layer: 10 and 20 mm from its ends."""
     assembly = run.deformable.assembly
     layer = assembly.n_layers // 2 + 1
-    low, high = (layer - 1) * _pitch(assembly), layer * _pitch(assembly)
+    # Where a layer begins depends on the tube: layers of hexagons reach into each other.
+    centres = (assembly.centroids @ assembly.axis)[assembly.layer == layer]
+    middle = round(float(centres.mean()), 6)
+    low, high = middle - 0.5 * _pitch(assembly), middle + 0.5 * _pitch(assembly)
     return (low + 10.0, low + 20.0, high - 20.0, high - 10.0)
 
 
