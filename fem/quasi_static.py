@@ -128,7 +128,10 @@ def quasi_static_report(
     if hold < 0.0:
         faults.append("the load is not fully applied: raise fem.end_time")
     if result.residual is not None and not result.residual <= largest_residual:
-        faults.append(f"the force residual {result.residual:.1e} exceeds {largest_residual:.1e}")
+        faults.append(
+            f"the force residual {result.residual:.1e} exceeds {largest_residual:.1e}: raise "
+            'fem.end_time, or fem.residual with precision = "float32", whose round-off keeps one'
+        )
     if not settling <= largest_settling:
         faults.append(
             f"the motion still has {100 * settling:.2g} % of its way to go (bound "
