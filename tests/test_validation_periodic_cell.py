@@ -14,7 +14,7 @@ from fem.static import StaticMethod, StaticOptions, solve_static
 from fem.static_result import corner_displacements, pair_resultants
 from fem.symmetry import local_forces
 from geometry.mesh import FloatArray
-from validation.cell_error import middle_answer
+from validation.cell_error import middle_answer, offered_cell
 from validation.cli import app
 from validation.errors import InputError
 from validation.scene import DeformableScene, load_scene
@@ -208,3 +208,9 @@ def test_commands_that_need_the_whole_tube_refuse_a_cell(command: str) -> None:
     settings = [f"--set={s}" for s in CELL]
     with pytest.raises(InputError, match="needs the whole tube"):
         app([command, "tsb1-pipe", *settings, "--json", "-"], standalone_mode=False)
+
+
+@pytest.mark.parametrize(("layers", "offered"), [(2, False), (6, True)])
+def test_a_cell_is_offered_where_it_is_smaller_than_the_tube(layers: int, offered: bool) -> None:
+    scene = scene_of(*COARSE, f"assembly.layers={layers}")
+    assert (offered_cell(scene, "tube") is not None) == offered

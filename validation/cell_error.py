@@ -89,9 +89,11 @@ def offered_cell(scene: DeformableScene, name: str) -> CellError | None:
     try:
         check_cell(cell, name)
         probe = _static(probe_scene(cell, name, fineness=_FINENESS), "periodic cell")
-        return _beside(probe, probe_scene(tube, name, fineness=_FINENESS), name)
+        found = _beside(probe, probe_scene(tube, name, fineness=_FINENESS), name)
     except InputError:
         return None
+    # The cell has two layers itself: of a tube of two it saves nothing.
+    return found if found.layers > 2 else None
 
 
 def _static(scene: DeformableScene, symmetry: str) -> DeformableScene:
