@@ -46,6 +46,10 @@ class ContactSection(Section):
             raise ValueError('contact.stiffness is missing: the law "linear" needs it [MPa/mm]')
         if self.law == "exponential" and self.stiffness is not None:
             raise ValueError('contact.stiffness belongs to law = "linear"; remove one of the two')
+        if self.law == "linear" and self.maximum_stiffness is not None:
+            raise ValueError(
+                'contact.maximum_stiffness belongs to law = "exponential"; remove one of the two'
+            )
         return self
 
 
