@@ -21,6 +21,7 @@ from validation.compare import (
     interface_force_error,
 )
 from validation.errors import InputError
+from validation.fem_box import peak_memory_mb
 from validation.fem_command import progress_bar
 from validation.files import output_folder, prepare_json, write_json
 from validation.periodic_cell import refuse_cell
@@ -58,11 +59,13 @@ def run_compare(
         with progress_bar() as progress:
             found = compare(name, scene, explicit=explicit, progress=progress)
         print_comparison(found, console)
+        peak = peak_memory_mb()
+        console.print(f"peak memory {peak:.0f} MB")
         if folder is not None:
             picture = folder / "comparison.png"
             draw_comparison(found, picture)
             console.print(f"picture   {picture}")
-        data = comparison_json(found)
+        data = comparison_json(found) | {"peak_memory_mb": peak}
         if decision is not None:
             data["effects_decision"] = decision.as_json()
         write_json(json, data)

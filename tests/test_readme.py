@@ -1,0 +1,27 @@
+"""The README: what it points to is there, and the commands and scenes it names exist."""
+
+import re
+from pathlib import Path
+
+from validation.cli import app
+from validation.scene import builtin_names
+
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "README.md").read_text("utf-8")
+
+
+def test_every_picture_is_in_the_repository() -> None:
+    pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", TEXT)
+    assert pictures
+    assert [p for p in pictures if not (ROOT / p).is_file()] == []
+
+
+def test_every_command_and_scene_exists() -> None:
+    commands = {c.name or c.callback.__name__ for c in app.registered_commands if c.callback}
+    commands |= {group.name for group in app.registered_groups}
+    shell = "\n".join(re.findall(r"```sh\n(.*?)```", TEXT, flags=re.DOTALL))
+    lines = re.findall(r"^tubelock (\S+)(?: (\S+))?", shell, flags=re.MULTILINE)
+    assert lines
+    assert {command for command, _ in lines} - commands == set()
+    named = {word for _, word in lines if re.fullmatch(r"(tsb|thb)\d-[a-z]+", word)}
+    assert named - set(builtin_names()) == set()
