@@ -55,22 +55,25 @@ class _BoundHold:
         self._inverse = np.linalg.inv(work)
         # Rows of the applied force are numbered in the order of the body's rows.
         touched = [np.flatnonzero(_applied_row(body) >= 0) for body in bodies]
-        self._applied = [m[:, rows] for m, rows in zip(self._all, touched, strict=True)]
-        self._forces = [f[:, rows] for f, rows in zip(forces, touched, strict=True)]
+        n = len(work)
+        applied = [m[:, rows] for m, rows in zip(self._all, touched, strict=True)]
+        self._applied = [m.reshape(n, -1) for m in applied]
+        self._forces = [f[:, rows].reshape(n, -1) for f, rows in zip(forces, touched, strict=True)]
+        self._all = [m.reshape(n, -1) for m in self._all]
 
     def add_force(self, system: System, state: State) -> None:  # noqa: ARG002 - as of all
         """Take from the applied forces what moves the cell as a whole."""
         share = np.zeros(len(self._inverse))
         for k, now in enumerate(state.bodies):
             assert now.applied_force is not None
-            share += np.einsum("knil,nil->k", self._applied[k], now.applied_force)
+            share += self._applied[k] @ now.applied_force.ravel()
             # Without block frames K u balances about the reference positions to round-off.
             if now.frame is not None:
-                share -= np.einsum("knil,nil->k", self._all[k], now.internal_force)
+                share -= self._all[k] @ now.internal_force.ravel()
         size = self._inverse @ share
         for forces, now in zip(self._forces, state.bodies, strict=True):
             assert now.applied_force is not None
-            now.applied_force -= np.einsum("k,knil->nil", size, forces)
+            now.applied_force -= (size @ forces).reshape(now.applied_force.shape)
 
     def energy(self) -> float:
         """Nothing is stored."""
