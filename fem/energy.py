@@ -64,6 +64,10 @@ class Energies:
         lost = abs(self.viscous_dissipation) + abs(self.frictional_dissipation)
         return max(stored + lost, abs(self.external_work))
 
+    def times(self, copies: int) -> Energies:
+        """Energies of so many copies: of the whole where a sector was computed."""
+        return Energies(**{f.name: copies * getattr(self, f.name) for f in fields(self)})
+
 
 #: Names of the columns of the history.
 ENERGY_NAMES = tuple(f.name for f in fields(Energies))

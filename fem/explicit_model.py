@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from fem.cell_hold import cell_hold
 from fem.contact_lanes import alike_pairs
 from fem.contact_law import ContactLaw
 from fem.contact_state import ContactState, matched_pressures, matched_state
 from fem.deformable_assembly import DeformableAssembly
 from fem.effects import Effects
 from fem.explicit_contact import FaceContact
+from fem.free_motions import FreeMotions, free_motions
 from fem.friction import CoulombFriction
+from fem.local_system import LocalSystem, local_system
 from fem.model import Amplitude, BlockGroup, InteractionModel, Model, NodalLoad, Support
 from fem.sliding_contact import SlidingContact, sliding_state
 from fem.sliding_search import BlockSurface
@@ -57,7 +61,8 @@ class ExplicitAssembly:
         Returns
         -------
         tuple[FloatArray, ...]
-            Of the groups of `deformable`, all copies.
+            Of the groups of `deformable`, all copies; of a periodic cell without its motion as
+            a whole, as `fem.static` gives them.
         """
         whole = self.deformable
         turns = whole.assembly.rotations
@@ -68,7 +73,20 @@ class ExplicitAssembly:
             turn = turns[block] @ turns[source].T
             moved = displacements[group][self.copy_of[block]]
             result[group][whole.copy_of[block]] = moved if source == block else moved @ turn.T
-        return tuple(result)
+        if self._free is None:
+            return tuple(result)
+        system, free = self._free
+        return tuple(system.expand(free.without(system.localised(tuple(result)))))
+
+    @cached_property
+    def _free(self) -> tuple[LocalSystem, FreeMotions] | None:
+        """Motions of a periodic cell as a whole; None for what is held."""
+        if self.deformable.assembly.image_of is None:
+            return None
+        system = local_system(self.deformable, no_symmetry(self.deformable))
+        free = free_motions(system, np.ones(system.n_nodes, dtype=np.bool_))
+        assert free is not None
+        return system, free
 
 
 def explicit_assembly(
@@ -118,6 +136,7 @@ def explicit_assembly(
     sliding = deformable.contact.finite_sliding if finite_sliding is None else finite_sliding
     searched = _sliding_contact(deformable, orbits, copy_of, friction) if sliding else None
     contact: InteractionModel = searched or _face_contact(deformable, orbits, copy_of, friction)
+    hold = cell_hold(deformable, orbits, chosen)
     return ExplicitAssembly(
         deformable=deformable,
         orbits=orbits,
@@ -127,7 +146,7 @@ def explicit_assembly(
             supports=tuple(_some_support(s, kept[s.group]) for s in model.supports),
             loads=tuple(_some_load(f, kept[f.group], amplitude) for f in model.loads),
             effects=Effects() if effects is None else effects,
-            interactions=(contact,),
+            interactions=(contact,) if hold is None else (contact, hold),
         ),
         sliding=searched,
     )

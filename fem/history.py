@@ -49,6 +49,17 @@ class History:
         balance = self.balance(energies)
         self.rows.append((time, float(step), *values, balance, mass_damping, residual))
 
+    def times(self, copies: int) -> History:
+        """History of so many copies: of the whole where a sector was computed."""
+        energy = [name in ENERGY_NAMES for name in COLUMNS]
+        factors = [copies if scaled else 1 for scaled in energy]
+        return History(
+            rows=[tuple(f * v for f, v in zip(factors, row, strict=True)) for row in self.rows],
+            initial_total=None if self.initial_total is None else copies * self.initial_total,
+            turnover=copies * self.turnover,
+            put_in=copies * self.put_in,
+        )
+
     def table(self) -> FloatArray:
         """All samples, (n_samples, len(COLUMNS))."""
         return np.array(self.rows, dtype=np.float64).reshape(-1, len(COLUMNS))

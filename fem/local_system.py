@@ -168,6 +168,21 @@ class LocalSystem:
             free[held.nodes] = np.einsum("nij,nj->ni", held.axes, along)
         return free
 
+    def localised(self, displacements: tuple[FloatArray, ...]) -> FloatArray:
+        """Displacements of the representatives in block frames, (n_nodes, 3) [mm].
+
+        Parameters
+        ----------
+        displacements
+            Of each group in world axes, (n_copies, n_nodes, 3) [mm].
+        """
+        deformable = self.deformable
+        parts = []
+        for block in self.blocks:
+            world = displacements[deformable.group_of[block]][deformable.copy_of[block]]
+            parts.append(world @ deformable.assembly.rotations[block])
+        return np.concatenate(parts)
+
     def expand(self, displacement: FloatArray) -> list[FloatArray]:
         """World displacements of every copy of each group, (n_copies, n_nodes, 3) [mm]."""
         deformable = self.deformable

@@ -269,11 +269,7 @@ def _localised(system: LocalSystem, start: StaticResult) -> FloatArray:
             f"start: got displacements of shapes {[u.shape for u in start.displacements]}; "
             f"expected {expected}: start from a state of the same model"
         )
-    parts = []
-    for block in system.blocks:
-        world = start.displacements[deformable.group_of[block]][deformable.copy_of[block]]
-        parts.append(world @ deformable.assembly.rotations[block])
-    return np.concatenate(parts)
+    return system.localised(start.displacements)
 
 
 def _load_up(problem: _Problem, state: _State, parts: int) -> _State:

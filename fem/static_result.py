@@ -46,7 +46,8 @@ class StaticResult:
     external_work: float
     """Of the full loads along the displacements, as dead loads [N mm]."""
     frictional_dissipation: float
-    """Work lost in sliding, zero without friction [N mm]."""
+    """Work lost in sliding, zero without friction [N mm]. The slip of a load step counts with the
+    traction at its end: with few load steps several times too much."""
     symmetry: int
     """Order of the sector model that was used."""
     n_unknowns: int

@@ -21,6 +21,9 @@ from fem.static_result import StaticResult
 from fem.symmetry import local_forces
 from geometry.mesh import FloatArray
 
+#: Each round is solved to this share of the tolerance: what is left of it turns blocks, and the
+#: forces of soft motions' turns change by tenfold and more.
+_ROUND = 1e-2
 #: Rounds after which there is no hope.
 _MAX_ROUNDS = 40
 #: Two rounds must bring the residual below this share of what it was.
@@ -57,7 +60,8 @@ def solve_static_with_rotation(
     store = FlexibilityStore() if store is None else store
     model = deformable.model
     size = float(np.sqrt(sum((forces**2).sum() for forces in local_forces(deformable))))
-    result = solve_static(deformable, options, store=store)
+    exact = replace(options, tolerance=_ROUND * options.tolerance)
+    result = solve_static(deformable, exact, store=store)
     residuals = list(result.residuals)
     before: FloatArray | None = None
     added: tuple[NodalLoad, ...] = ()
@@ -78,7 +82,7 @@ def solve_static_with_rotation(
             )
         before, added = forces, found
         turned = replace(deformable, model=replace(model, loads=(*model.loads, *added)))
-        result = solve_static(turned, options, start=result, store=store)
+        result = solve_static(turned, exact, start=result, store=store)
         residuals += result.residuals
     rounds = f"; finite rotation in {len(history)} rounds" if history else ""
     return replace(

@@ -46,6 +46,10 @@ class ContactSection(Section):
             raise ValueError('contact.stiffness is missing: the law "linear" needs it [MPa/mm]')
         if self.law == "exponential" and self.stiffness is not None:
             raise ValueError('contact.stiffness belongs to law = "linear"; remove one of the two')
+        if self.law == "linear" and self.maximum_stiffness is not None:
+            raise ValueError(
+                'contact.maximum_stiffness belongs to law = "exponential"; remove one of the two'
+            )
         return self
 
 
@@ -293,10 +297,25 @@ class BoxScene(Section):
     fem: FemSection
 
     @model_validator(mode="after")
-    def _nothing_to_decide(self) -> BoxScene:
+    def _no_contact(self) -> BoxScene:
         if self.effects.auto is not None:
             raise ValueError(
                 "effects.auto compares contact pressures, and a single box has no contact; remove "
                 "it"
+            )
+        for name in ("friction", "finite_sliding", "elastic_frame"):
+            if getattr(self.effects, name):
+                raise ValueError(
+                    f"effects.{name} acts between blocks, and a single box touches none; remove it"
+                )
+        if self.fem.symmetry not in ("auto", "none"):
+            raise ValueError(
+                f'fem.symmetry: got "{self.fem.symmetry}", which is one of tubes; expected "auto" '
+                "or nothing"
+            )
+        if self.initial is not None and self.fem.method is Method.STATIC:
+            raise ValueError(
+                'initial: got a motion beside fem.method = "static", which has none; remove it or '
+                'set fem.method = "explicit"'
             )
         return self

@@ -131,6 +131,7 @@ def run_tube_explicit(
     deformable = build_deformable(scene, name) if deformable is None else deformable
     statement = explicit_statement(scene, name, deformable)
     whole = statement.assembly
+    copies = whole.orbits.order
     built = time.process_time()
     # A run that is not damped to the static state watches the residual and goes on.
     bound = fem.residual if fem.damping is Damping.STATIC else 0.0
@@ -139,6 +140,10 @@ def run_tube_explicit(
     def frame(found: Frame) -> None:
         if on_frame is not None:
             on_frame(found.time, found.number, whole.expand(found.displacements))
+
+    def tell(found: Progress) -> None:
+        if progress is not None:
+            progress(replace(found, energies=found.energies.times(copies)))
 
     last = statement.end_time
     try:
@@ -152,7 +157,7 @@ def run_tube_explicit(
             sample_interval=fem.sample_interval,
             stop=stop,
             output=Output(
-                progress=progress,
+                progress=None if progress is None else tell,
                 on_frame=frame if on_frame is not None and fem.frames > 0 else None,
                 frame_interval=last / max(fem.frames - 1, 1),
                 checkpoint=checkpoint,
@@ -161,6 +166,7 @@ def run_tube_explicit(
         )
     except (ModelError, TimeStepError, CheckpointError, UnstableRun) as error:
         raise InputError(f"{name}: {error}") from None
+    result = _of_all(result, copies)
     solved = time.process_time()
     displacements = whole.expand(result.displacements)
     contact_state = whole.contact_state(result.displacements)
@@ -181,6 +187,16 @@ def run_tube_explicit(
         cpu_seconds=seconds,
     )
     return run, result
+
+
+def _of_all(result: ExplicitResult, copies: int) -> ExplicitResult:
+    """Result with the energies of the whole tube where one of so many sectors was computed."""
+    energies = result.energies
+    return replace(
+        result,
+        energies=None if energies is None else energies.times(copies),
+        history=result.history.times(copies),
+    )
 
 
 def explicit_numbers(result: ExplicitResult, statement: ExplicitStatement) -> dict[str, Any]:
