@@ -87,3 +87,16 @@ def test_a_single_box_refuses_what_acts_between_blocks(setting: str) -> None:
 def test_a_static_box_refuses_an_initial_motion() -> None:
     with pytest.raises(InputError, match="initial: got a motion"):
         load_scene("spinning-block", ['fem.method="static"', "effects.finite_rotation=false"])
+
+
+def test_friction_that_closes_a_clearance_is_loaded_in_steps() -> None:
+    """One step counts slip before touch as stick, so friction holds where nothing pressed yet."""
+    pillar = ("contact.initial_clearance=0.05", "effects.friction.coefficient=0.3")
+    gap = run_tube_static("gap", scene_of(*pillar, case="tsb1-pillar"))
+    assert gap.solver["load_steps"] == 16
+    one = run_tube_static("one", scene_of(*pillar, "fem.load_steps=1", case="tsb1-pillar"))
+    # Slip that nothing resisted dissipates nothing: finer loading loses less.
+    lost = "frictional_dissipation"
+    assert gap.solver["energies"][lost] < 0.5 * one.solver["energies"][lost]
+    plain = run_tube_static("plain", scene_of("contact.initial_clearance=0.05"))
+    assert plain.solver["load_steps"] == 1

@@ -208,6 +208,9 @@ class FemSection(Section):
     """None: only the effects that ``[effects]`` names."""
     residual: Positive = 1.0e-4
     """Relative force residual at which a run with damping = "static" stops."""
+    load_steps: Annotated[int, Field(ge=1)] | None = None
+    """Equal parts in which a static run applies the load; None: one, or sixteen where blocks with
+    friction must first close a clearance. With friction the path matters, and its dissipation."""
     time_step: Positive | None = None
     """[s]; None: safety_factor times the critical time step."""
     safety_factor: Annotated[float, Field(gt=0, le=1)] = 0.9

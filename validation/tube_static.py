@@ -18,10 +18,23 @@ from validation.scene import DeformableScene
 from validation.scene_fem import FemSection, Method
 from validation.tube_fem import NO_SECTOR, TubeRun, build_deformable, fem_section
 
+#: Load steps of blocks with friction that close a clearance: slip before touch is no stick.
+_CLOSING_STEPS = 16
 
-def static_options(fem: FemSection) -> StaticOptions:
+
+def load_steps(scene: DeformableScene, fem: FemSection) -> int:
+    """Parts in which the load is applied."""
+    if fem.load_steps is not None:
+        return fem.load_steps
+    closing = scene.contact is not None and scene.contact.initial_clearance > 0.0
+    return _CLOSING_STEPS if closing and scene.effects.friction is not None else 1
+
+
+def static_options(scene: DeformableScene, fem: FemSection) -> StaticOptions:
     """Options of the static solver: the largest exact sector unless the scene forbids it."""
-    return StaticOptions(symmetry=1 if fem.symmetry == "none" else None)
+    return StaticOptions(
+        symmetry=1 if fem.symmetry == "none" else None, load_steps=load_steps(scene, fem)
+    )
 
 
 def run_tube_static(
@@ -45,7 +58,7 @@ def run_tube_static(
     deformable = build_deformable(scene, name) if deformable is None else deformable
     built = time.process_time()
     try:
-        options = static_options(fem)
+        options = static_options(scene, fem)
         if scene.effects.finite_rotation is True:
             result = solve_static_with_rotation(deformable, options, store=store)
         else:
@@ -69,7 +82,7 @@ def run_tube_static(
         deformable=deformable,
         displacements=result.displacements,
         contact_state=result.contact_state,
-        solver=static_numbers(result),
+        solver=static_numbers(result) | {"load_steps": load_steps(scene, fem)},
         cpu_seconds=seconds,
     )
 
