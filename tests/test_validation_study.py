@@ -466,3 +466,15 @@ def test_sweep_on_the_command_line(walls, reference, tmp_path, monkeypatch, caps
         assert err.count("\n") == 1
     assert "paper-480" in tubelock("studies")[1]
     assert tubelock("studies", "paper-480")[1].startswith("# The paper's parameter study")
+
+
+def test_a_sweep_of_which_nothing_came_is_an_error(tmp_path) -> None:
+    """Rows with messages are kept, and a script sees that none has an answer."""
+    text = 'scene = "tsb1-pipe"\n[parameters]\nblock.amplitude = [10, 20]\n'
+    (tmp_path / "bad.toml").write_text(text + "[settings]\nmesh.around = 23\n")
+    process = start_sweep("bad.toml", "-o", "bad.sqlite", "--workers", "1", cwd=tmp_path)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 2
+    assert "every design failed; the first: mesh.around: got 23" in err
+    with ResultFile(tmp_path / "bad.sqlite", load_study(str(tmp_path / "bad.toml"))) as results:
+        assert results.counts() == (2, 2)

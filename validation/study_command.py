@@ -99,6 +99,12 @@ def run_sweep(
         _export(results, csv, parquet, console)
         if json is not None:
             write_json(json, summary | {"rows": list(results.rows())})
+        if summary["n_failed"] == study.n_designs:
+            first = next(iter(results.rows()))["message"]
+            raise InputError(
+                f"{study.name}: every design failed; the first: {first}. All rows are in {path}; "
+                "mend the study or the scene, and give -o another file"
+            )
 
 
 def _export(results: ResultFile, csv: Path | None, parquet: Path | None, console: Console) -> None:
