@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import get_thread_id, njit, prange
+from numba import get_thread_id, prange
 
 from fem.lanes import (
     ROUNDING_SHIFT,
@@ -44,6 +44,7 @@ from fem.lanes import (
     where_below,
     with_entry,
 )
+from geometry.compilation import njit
 from geometry.mesh import FloatArray, IntArray
 
 _OPTIONS = {"error_model": "numpy", "nogil": True}

@@ -25,8 +25,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from geometry.compilation import njit
 from geometry.mesh import FloatArray
 
 #: Overclosures are taken as at most this: its square times any stiffness is still a float [mm].

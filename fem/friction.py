@@ -21,8 +21,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from geometry.compilation import njit
 from geometry.mesh import FloatArray
 
 

@@ -10,9 +10,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from fem.hexahedron import HOURGLASS_VECTORS
+from geometry.compilation import njit
 
 _GAMMA = HOURGLASS_VECTORS
 

@@ -13,9 +13,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from fem.contact_law import law_pressure
+from geometry.compilation import njit
 
 _OPTIONS = {"error_model": "numpy", "nogil": True}
 

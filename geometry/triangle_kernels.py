@@ -8,7 +8,8 @@ Their plain callers in `geometry.triangle_search` and `geometry.facet_contact` s
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from geometry.compilation import njit
 
 #: Two triangles overlap in at most six corners; two more cuts add one each.
 MOST_CORNERS = 8

@@ -8,10 +8,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from fem.kernels.options import OPTIONS
 from fem.lanes import add, lane_operations, multiply_add, scale, store, subtract
+from geometry.compilation import njit
 
 
 def _damping_lanes(width: int) -> Callable[..., Any]:

@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from fem.kernels.options import OPTIONS
+from geometry.compilation import njit
 
 
 @njit(**OPTIONS)

@@ -8,10 +8,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from fem.kernels.options import OPTIONS
 from fem.lanes import add, entry, lane_operations, multiply_add, store, subtract
+from geometry.compilation import njit
 
 
 def _row_product(width: int) -> Callable[..., Any]:
