@@ -212,8 +212,6 @@ def _box_deck(name: str, scene: BoxScene, flavour: Flavour) -> Deck:
     step = (
         _static_step(scene.effects) if static else _explicit_step(name, fem, large_rotations=finite)
     )
-    if scene.initial is not None and static:
-        raise InputError(f"{name}: initial: a static step has no initial motion; remove it")
     deck = Deck(
         name=name,
         flavour=flavour,
