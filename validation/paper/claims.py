@@ -14,8 +14,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from validation.errors import InputError
 from validation.paper.evidence import Evidence
+from validation.paper.naming import chosen_by_name
 
 
 class Truth(StrEnum):
@@ -77,19 +77,15 @@ def claims() -> list[Claim]:
     return [*RIGID_CLAIMS, *FEM_CLAIMS]
 
 
-def check_claims(names: list[str] | None = None) -> dict[str, Claim]:
-    """Return all claims by name, after refusing names that none has.
+def check_claims(names: list[str] | None = None) -> list[Claim]:
+    """Return the claims of some names, or all, after refusing names that none has.
 
     Raises
     ------
     InputError
         With the known names.
     """
-    known = {claim.name: claim for claim in claims()}
-    for name in names or ():
-        if name not in known:
-            raise InputError(f"claim {name!r}: expected one of {', '.join(known)}")
-    return known
+    return chosen_by_name(claims(), names, "claim")
 
 
 def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[JudgedClaim]:
@@ -100,14 +96,12 @@ def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[Jud
     InputError
         For a name that no claim has.
     """
-    known = check_claims(names)
-    chosen = [known[name] for name in names] if names else list(known.values())
     return [
         JudgedClaim(
             claim,
             NEEDS_FEM if claim.deformable and not evidence.deformable else claim.judge(evidence),
         )
-        for claim in chosen
+        for claim in check_claims(names)
     ]
 
 

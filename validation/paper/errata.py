@@ -18,6 +18,7 @@ from mbd import contact_jacobian, generalized_force, solve_linear_programs
 from validation.build import block_parameters
 from validation.errors import InputError
 from validation.paper.evidence import Evidence
+from validation.paper.naming import chosen_by_name
 from validation.paper.reference import reference
 from validation.rigid import build_scene
 from validation.scene import TubeScene, load_scene
@@ -349,19 +350,15 @@ def errata() -> list[Erratum]:
     ]
 
 
-def check_errata(names: list[str] | None = None) -> dict[str, Erratum]:
-    """Return all errata by name, after refusing names that none has.
+def check_errata(names: list[str] | None = None) -> list[Erratum]:
+    """Return the errata of some names, or all, after refusing names that none has.
 
     Raises
     ------
     InputError
         With the known names.
     """
-    known = {erratum.name: erratum for erratum in errata()}
-    for name in names or ():
-        if name not in known:
-            raise InputError(f"erratum {name!r}: expected one of {', '.join(known)}")
-    return known
+    return chosen_by_name(errata(), names, "erratum")
 
 
 def show_errata(evidence: Evidence, names: list[str] | None = None) -> list[ShownErratum]:
@@ -372,9 +369,7 @@ def show_errata(evidence: Evidence, names: list[str] | None = None) -> list[Show
     InputError
         For a name that no erratum has.
     """
-    known = check_errata(names)
-    chosen = [known[name] for name in names] if names else list(known.values())
-    return [ShownErratum(erratum, erratum.show(evidence)) for erratum in chosen]
+    return [ShownErratum(erratum, erratum.show(evidence)) for erratum in check_errata(names)]
 
 
 def errata_json(found: list[ShownErratum]) -> list[dict[str, Any]]:
