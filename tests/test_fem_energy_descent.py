@@ -36,20 +36,12 @@ def settled(gapped):
     return solve_static(gapped)
 
 
-def local_displacement(deformable, system, result):
-    parts = []
-    for block in system.blocks:
-        world = result.displacements[deformable.group_of[block]][deformable.copy_of[block]]
-        parts.append(world @ deformable.assembly.rotations[block])
-    return np.concatenate(parts)
-
-
 @pytest.fixture(scope="module")
 def energy(gapped, settled):
     """Energy of the sector and its state at the solution."""
     system = local_system(gapped, largest_cyclic_orbits(gapped))
     energy = _Energy(system, SparseStep(system), 1.0)
-    return energy, energy(local_displacement(gapped, system, settled))
+    return energy, energy(system.localised(settled.displacements))
 
 
 def test_the_tunnel_with_gaps_reaches_an_equilibrium(settled):
@@ -116,10 +108,10 @@ def test_without_gap_the_descent_ends_where_the_iteration_does():
     descent = minimise_energy(
         system,
         SparseStep(system),
-        local_displacement(deformable, system, reference),
+        system.localised(reference.displacements),
         residual=lambda force, _: float(np.linalg.norm(force) / size),
     )
     assert descent.converged
     assert descent.saddles == 0
-    expected = local_displacement(deformable, system, plain)
+    expected = system.localised(plain.displacements)
     assert np.abs(descent.displacement - expected).max() < 1e-6 * np.abs(expected).max()
