@@ -321,7 +321,7 @@ class _Probe:
             self._told(f"without {effect}")
             angle = largest_rotation(run)
             moved = without_finite_rotation(run, self._name, self._store)
-            words = f"probe with its forces; blocks turn by {angle:.2g} rad at most"
+            words = f"probe with and without it; blocks turn by {angle:.2g} rad at most"
         else:
             result = run.result
             pressures = result.pressures.max(axis=1)

@@ -56,9 +56,9 @@ def run_tube_static(
     start = time.process_time()
     fem = fem_section(scene, name)
     deformable = build_deformable(scene, name) if deformable is None else deformable
+    options = static_options(scene, fem)
     built = time.process_time()
     try:
-        options = static_options(scene, fem)
         if scene.effects.finite_rotation is True:
             result = solve_static_with_rotation(deformable, options, store=store)
         else:
@@ -82,7 +82,7 @@ def run_tube_static(
         deformable=deformable,
         displacements=result.displacements,
         contact_state=result.contact_state,
-        solver=static_numbers(result) | {"load_steps": load_steps(scene, fem)},
+        solver=static_numbers(result) | {"load_steps": options.load_steps},
         cpu_seconds=seconds,
     )
 
