@@ -30,7 +30,11 @@ from validation.files import output_folder, prepare_json, write_json, write_whol
 from validation.periodic_cell import is_cell
 from validation.scene import DeformableScene
 from validation.scene_fem import Method
-from validation.tube_explicit import explicit_statement, run_tube_explicit
+from validation.tube_explicit import (
+    ExplicitStatement,
+    explicit_statement,
+    run_tube_explicit,
+)
 from validation.tube_fem import TubeRun, build_deformable, fem_section, tube_json
 
 
@@ -58,9 +62,10 @@ def run_fem_tube(
         refuse_resume(resume)
     start = time.process_time()
     deformable = build_deformable(scene, name)
-    built = time.process_time() - start
+    statement = None
     if fem.method is Method.EXPLICIT:
-        explicit_statement(scene, name, deformable)
+        statement = explicit_statement(scene, name, deformable)
+    built = time.process_time() - start
     error = None
     if is_cell(scene):
         error = probed_cell_error(scene, name)
@@ -68,7 +73,9 @@ def run_fem_tube(
     prepare_json(json)
     folder = Path("out") / f"{name}-fem" if output is None and json is None else output
     with output_folder(folder):
-        run, result = _solve(name, scene, deformable, folder=folder, resume=resume, console=console)
+        run, result = _solve(
+            name, scene, deformable, statement, folder=folder, resume=resume, console=console
+        )
         seconds = run.cpu_seconds
         added = {"build": seconds["build"] + built, "total": seconds["total"] + built}
         run = replace(run, cpu_seconds=seconds | added)
@@ -125,6 +132,7 @@ def _solve(
     name: str,
     scene: DeformableScene,
     deformable: DeformableAssembly,
+    statement: ExplicitStatement | None,
     *,
     folder: Path | None,
     resume: Path | None,
@@ -152,6 +160,7 @@ def _solve(
             name,
             scene,
             deformable=deformable,
+            statement=statement,
             progress=progress,
             on_frame=None if writer is None else frame,
             checkpoint=checkpoint,

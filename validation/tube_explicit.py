@@ -101,6 +101,7 @@ def run_tube_explicit(
     scene: DeformableScene,
     *,
     deformable: DeformableAssembly | None = None,
+    statement: ExplicitStatement | None = None,
     progress: Callable[[Progress], None] | None = None,
     on_frame: Callable[[float, int, tuple[FloatArray, ...]], None] | None = None,
     checkpoint: Path | None = None,
@@ -114,6 +115,8 @@ def run_tube_explicit(
         The scene.
     deformable
         Already built; built anew by default.
+    statement
+        Of that, already stated (`explicit_statement`); stated anew by default.
     progress
         Called at every sample.
     on_frame
@@ -129,7 +132,8 @@ def run_tube_explicit(
     start = time.process_time()
     fem = fem_section(scene, name)
     deformable = build_deformable(scene, name) if deformable is None else deformable
-    statement = explicit_statement(scene, name, deformable)
+    if statement is None:
+        statement = explicit_statement(scene, name, deformable)
     whole = statement.assembly
     copies = whole.orbits.order
     built = time.process_time()
