@@ -9,14 +9,14 @@ OUT    ?= out/demo
 export OMP_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: setup demo test check lint types floors format benchmark clean
+.PHONY: setup demo test check lint types floors spelling format benchmark docs wheel clean
 
 setup: $(VENV)/.installed
 
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	$(BIN)/python -m pip install --quiet --editable . --group dev
 	touch $@
 
 demo: setup
@@ -38,12 +38,25 @@ types: setup
 floors: setup
 	$(BIN)/lint-imports
 
+spelling: setup
+	$(BIN)/codespell
+
 format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
 benchmark: setup
 	$(BIN)/python -m validation.benchmarks.rigid
+
+# The site, without network; the gallery runs what changed since the last time (out/gallery).
+docs: export GALLERY ?= run
+docs: export API ?= on
+docs: setup
+	$(BIN)/sphinx-build --fail-on-warning --quiet docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
+wheel: setup
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
 
 clean:
 	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.assembly import Assembly
-from geometry.mesh import FloatArray
+from geometry.mesh import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -40,3 +40,25 @@ def matched_area(assembly: Assembly, block_m: int, block_s: int) -> float:
     found = assembly.interfaces
     meets = (found.block_m == block_m) & (found.block_s == block_s)
     return float(found.areas[meets].sum())
+
+
+def between_layers(assembly: Assembly, contacts: IntArray, lower: int) -> IntArray:
+    """Rows of ``contacts``, places in the interfaces, between a layer and the next one, (n,)."""
+    found = assembly.interfaces
+    return facets_between(assembly.layer, found.block_m[contacts], found.block_s[contacts], lower)
+
+
+def facets_between(layer: IntArray, block_m: IntArray, block_s: IntArray, lower: int) -> IntArray:
+    """Facets that lie between a layer and the next one, (n,).
+
+    Parameters
+    ----------
+    layer
+        Of each block, (n_blocks,).
+    block_m, block_s
+        Both blocks of each facet, (n_facets,).
+    lower
+        The lower layer.
+    """
+    m, s = layer[block_m], layer[block_s]
+    return np.flatnonzero((np.minimum(m, s) == lower) & (np.maximum(m, s) == lower + 1))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from geometry.assembly import Assembly
-from geometry.brick_stack import brick_stack
-from geometry.sine_block import SineBlockDivisions, SineBlockParameters
-from geometry.tube import sine_tube
+from geometry.families.brick_stack import brick_stack
+from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.tube import sine_tube
 
 
 def tsb(shift: float = 0.0, **changes: float) -> SineBlockParameters:

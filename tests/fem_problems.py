@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse.linalg import spsolve
 
-from fem.hexahedron import ElementType, block_stiffness
-from fem.material import Material
+from fem.element.hexahedron import ElementType, block_stiffness
+from fem.element.material import Material
 from geometry.block import Block, box_block
 from geometry.mesh import HexMesh, boundary_quads
 

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fem.contact_law import ExponentialLaw, LinearPenalty
-from fem.decks.abaqus import abaqus_lines
-from fem.decks.cards import Card, read_cards
+from fem.contact.law import ExponentialLaw, LinearPenalty
+from fem.decks.abaqus.deck import abaqus_lines
 from fem.decks.keywords import NUMBER_LENGTH, DeckError, label, name_of, real
 from fem.decks.model import as_nodal_forces, deck_assembly, deck_model, nodal_forces
 from fem.decks.placement import canonical, canonical_axis_angle, rotation_matrix
-from fem.decks.read import read_deck
+from fem.decks.read.cards import Card, read_cards
+from fem.decks.read.deck import read_deck
 from fem.decks.statement import (
     Deck,
     DeckStep,
@@ -29,16 +29,16 @@ from fem.decks.statement import (
     TractionLoad,
     loads_of_case,
 )
-from fem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
-from fem.hexahedron import ElementType
-from fem.material import Material
-from fem.static import solve_static
+from fem.element.hexahedron import ElementType
+from fem.element.material import Material
+from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
+from fem.static.solve import solve_static
 from geometry.assembly import Assembly
 from geometry.block import box_block
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.families.tube import sine_tube
 from geometry.load_case import load_case
 from geometry.mesh import HEX_FACES
-from geometry.sine_block import SineBlockDivisions
-from geometry.tube import sine_tube
 from tests.conftest import random_rotation, tsb
 
 CONCRETE = Material(2.4e-9, 33_000.0, 0.2)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem import kernels
-from fem.effects import BulkViscosity, Effects, RayleighDamping
-from fem.explicit import initial_state, prepare, solve
-from fem.loads import SmoothStepAmplitude
-from fem.model import Model, ModelError, block_group, nodal_load
-from fem.time_step import critical_time_step
+from fem.explicit import kernels
+from fem.explicit.solve import initial_state, prepare, solve
+from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
+from fem.problem.loads import SmoothStepAmplitude
+from fem.problem.model import Model, ModelError, block_group, nodal_load
+from fem.problem.time_step import critical_time_step
 from tests.fem_problems import CONCRETE, distorted_box
 
 FINITE = Effects(finite_rotation=True)

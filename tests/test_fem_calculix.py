@@ -8,23 +8,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.contact_law import ExponentialLaw, LinearPenalty
-from fem.decks.calculix import TABLE_POINTS, law_table
-from fem.decks.cards import read_cards
+from fem.contact.law import ExponentialLaw, LinearPenalty
+from fem.decks.calculix.deck import TABLE_POINTS, law_table
 from fem.decks.faces import contact_patches
 from fem.decks.keywords import DeckError
 from fem.decks.model import as_nodal_forces, block_nodes, deck_assembly, nodal_forces
 from fem.decks.placement import canonical
+from fem.decks.read.cards import read_cards
 from fem.decks.statement import Deck, Flavour, Joint, Motion, Procedure, loads_of_case
 from fem.decks.write import deck_lines, write_deck
-from fem.effects import Effects, RayleighDamping
-from fem.hexahedron import ElementType
+from fem.element.hexahedron import ElementType
+from fem.problem.effects import Effects, RayleighDamping
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.families.tube import sine_tube
 from geometry.load_case import load_case
 from geometry.mesh import HexMesh, mass_properties
-from geometry.sine_block import SineBlockDivisions
-from geometry.tube import sine_tube
 from tests.conftest import tsb
-from validation.benchmarks.calculix import (
+from validation.compare.calculix import CalculixError, calculix_available, run_calculix
+from validation.compare.calculix_check import (
     bar_deck,
     bar_rows,
     calculix_of,
@@ -36,7 +37,6 @@ from validation.benchmarks.calculix import (
     tube_deck,
     tube_rows,
 )
-from validation.calculix import CalculixError, calculix_available, run_calculix
 
 needs_ccx = pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")
 needs_converter = pytest.mark.skipif(not converter_available(), reason="abq2ccx is not installed")

@@ -7,19 +7,19 @@ import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from fem import kernels
-from fem.central_difference import System, step
-from fem.effects import BulkViscosity, Effects, RayleighDamping
-from fem.energy import energies
-from fem.explicit import Frame, Output, UnstableRun, initial_state, prepare, solve, watch
-from fem.hexahedron import ElementType
-from fem.history import History
-from fem.layout import aligned_zeros, to_lanes
-from fem.loads import SmoothStepAmplitude
-from fem.material import Material
-from fem.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
-from fem.state import State
-from fem.time_step import critical_time_step
+from fem.element.hexahedron import ElementType
+from fem.element.material import Material
+from fem.explicit import kernels
+from fem.explicit.kernels.layout import aligned_zeros, to_lanes
+from fem.explicit.output.energy import energies
+from fem.explicit.output.history import History
+from fem.explicit.solve import Frame, Output, UnstableRun, initial_state, prepare, solve, watch
+from fem.explicit.state import State
+from fem.explicit.step import System, step
+from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
+from fem.problem.loads import SmoothStepAmplitude
+from fem.problem.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
+from fem.problem.time_step import critical_time_step
 from geometry.block import box_block
 from geometry.mesh import CORNERS, HexMesh
 from tests.fem_problems import CONCRETE, distorted_box

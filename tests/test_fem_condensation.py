@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from fem import condensation, sparse_solver
-from fem.block_tridiagonal import Level, UnresistedMotionError, factor_chain
-from fem.condensation import condense
-from fem.flexibility import rigid_motions
-from fem.hexahedron import ElementType
-from fem.material import Material
-from fem.model import block_group
-from fem.sparse_solver import SparseSolver, SparseSolverError, factorize
+from fem.element.hexahedron import ElementType
+from fem.element.material import Material
+from fem.problem.model import block_group
+from fem.static.linear_step import condensation
+from fem.static.linear_step import sparse as sparse_solver
+from fem.static.linear_step.block_tridiagonal import Level, UnresistedMotionError, factor_chain
+from fem.static.linear_step.condensation import condense
+from fem.static.linear_step.condensed import rigid_motions
+from fem.static.linear_step.sparse import SparseSolver, SparseSolverError, factorize
 from geometry.block import box_block
 from geometry.mesh import HexMesh
 

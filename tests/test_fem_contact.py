@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from fem.contact import (
+from fem.assembly.deformable import (
+    DeformableAssemblyError,
+    Frames,
+    block_load_forces,
+    deformable_assembly,
+)
+from fem.contact.law import ExponentialLaw, LinearPenalty
+from fem.contact.surfaces import (
     ContactError,
     ContactNormals,
     contact_surfaces,
@@ -12,20 +19,13 @@ from fem.contact import (
     facet_pressures,
     point_kinematics,
 )
-from fem.contact_law import ExponentialLaw, LinearPenalty
-from fem.deformable_assembly import (
-    DeformableAssemblyError,
-    Frames,
-    block_load_forces,
-    deformable_assembly,
-)
-from fem.material import Material
+from fem.element.material import Material
 from geometry.assembly import Assembly, moved
-from geometry.brick_stack import brick_stack
+from geometry.families.brick_stack import brick_stack
+from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.tube import sine_tube
 from geometry.load_case import load_case
-from geometry.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.spacing import clearance_offsets
-from geometry.tube import sine_tube
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)
 TSB1 = SineBlockParameters(200.0, 20.0, 1.5, 0.0, 4, 120.0, 40.0)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from fem.contact_law import ContactLawError, ExponentialLaw, LinearPenalty
+from fem.contact.law import ContactLawError, ExponentialLaw, LinearPenalty
 
 UNCAPPED = ExponentialLaw(maximum_stiffness=math.inf)
 LAWS = [

@@ -3,15 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem.element_time_step import (
+from fem.element.hexahedron import ElementType, block_lumped_mass, block_stiffness
+from fem.element.material import Material
+from fem.element.time_step import (
     characteristic_length,
     characteristic_time_step,
     damped_factor,
     element_eigenvalue_time_step,
     uniform_strain_time_step,
 )
-from fem.hexahedron import ElementType, block_lumped_mass, block_stiffness
-from fem.material import Material
 from geometry.block import box_block
 from tests.fem_problems import CONCRETE, distorted_box
 

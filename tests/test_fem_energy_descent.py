@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from fem.contact import ContactNormals
-from fem.deformable_assembly import deformable_assembly
-from fem.energy_descent import _conjugate_gradients, _Energy, minimise_energy
-from fem.linearisation import SparseStep
-from fem.local_system import local_system
-from fem.material import Material
-from fem.static import StaticMethod, StaticOptions, solve_static
-from fem.symmetry import largest_cyclic_orbits
+from fem.assembly.deformable import deformable_assembly
+from fem.assembly.local_system import local_system
+from fem.assembly.symmetry import largest_cyclic_orbits
+from fem.contact.surfaces import ContactNormals
+from fem.element.material import Material
+from fem.static.energy_descent import _conjugate_gradients, _Energy, minimise_energy
+from fem.static.linear_step.linearisation import SparseStep
+from fem.static.solve import StaticMethod, StaticOptions, solve_static
+from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.tube import sine_tube
 from geometry.load_case import load_case
-from geometry.sine_block import SineBlockDivisions, SineBlockParameters
-from geometry.tube import sine_tube
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)
 TSB1 = SineBlockParameters(200.0, 20.0, 1.5, 0.0, 4, 120.0, 40.0)

@@ -3,24 +3,24 @@
 import numpy as np
 import pytest
 
-from fem.contact import ContactNormals, corner_forces, point_kinematics
-from fem.contact_state import corner_displacements, matched_pressures
-from fem.damping import applied_forces
-from fem.deformable_assembly import ClearanceKind, Frames, deformable_assembly
-from fem.effects import AdaptiveMassDamping, Effects
-from fem.explicit import Output, StopCriterion, initial_state, prepare, solve
-from fem.explicit_model import explicit_assembly
-from fem.friction import CoulombFriction, friction_tractions
-from fem.loads import FACET_SLOPES, FACET_VALUES, SmoothStepAmplitude
-from fem.material import Material
-from fem.quasi_static import quasi_static_report, recommended_times
-from fem.state import world_vectors
-from fem.static import solve_static
-from fem.symmetry import cyclic_orbits, no_symmetry
+from fem.assembly.contact_state import corner_displacements, matched_pressures
+from fem.assembly.deformable import ClearanceKind, Frames, deformable_assembly
+from fem.assembly.symmetry import cyclic_orbits, no_symmetry
+from fem.contact.friction import CoulombFriction, friction_tractions
+from fem.contact.surfaces import ContactNormals, corner_forces, point_kinematics
+from fem.element.material import Material
+from fem.explicit.damping import applied_forces
+from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.setup.quasi_static import quasi_static_report, recommended_times
+from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
+from fem.explicit.state import world_vectors
+from fem.problem.effects import AdaptiveMassDamping, Effects
+from fem.problem.loads import FACET_SLOPES, FACET_VALUES, SmoothStepAmplitude
+from fem.static.solve import solve_static
 from geometry.assembly import moved
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.families.tube import sine_tube
 from geometry.load_case import load_case
-from geometry.sine_block import SineBlockDivisions
-from geometry.tube import sine_tube
 from tests.conftest import random_rotation, tsb
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)

@@ -5,19 +5,19 @@ import math
 import numpy as np
 import pytest
 
-from fem.central_difference import step
-from fem.contact import ContactNormals
-from fem.contact_law import ExponentialLaw, LinearPenalty
-from fem.contact_state import matched_pressures
-from fem.deformable_assembly import deformable_assembly
-from fem.effects import AdaptiveMassDamping, Effects
-from fem.explicit import Output, UnstableRun, displacements_of, initial_state, prepare, solve
-from fem.explicit_model import explicit_assembly
-from fem.friction import CoulombFriction, FrictionError
-from fem.material import Material
-from fem.time_step import critical_time_step
+from fem.assembly.contact_state import matched_pressures
+from fem.assembly.deformable import deformable_assembly
+from fem.contact.friction import CoulombFriction, FrictionError
+from fem.contact.law import ExponentialLaw, LinearPenalty
+from fem.contact.surfaces import ContactNormals
+from fem.element.material import Material
+from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.solve import Output, UnstableRun, displacements_of, initial_state, prepare, solve
+from fem.explicit.step import step
+from fem.problem.effects import AdaptiveMassDamping, Effects
+from fem.problem.time_step import critical_time_step
 from geometry.assembly import Assembly
-from geometry.brick_stack import brick
+from geometry.families.brick_stack import brick
 from geometry.load_case import LoadCase
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)

@@ -8,9 +8,9 @@ from scipy.linalg import eigh
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import eigsh
 
-from fem.hexahedron import ElementType
-from fem.material import Material
-from fem.model import BlockGroup, block_group
+from fem.element.hexahedron import ElementType
+from fem.element.material import Material
+from fem.problem.model import BlockGroup, block_group
 from geometry.block import box_block
 
 SOLID = Material(density=2e-9, young_modulus=1000.0, poisson_ratio=0.3)

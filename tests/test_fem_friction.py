@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fem.friction import CoulombFriction, FrictionError, friction_tractions
+from fem.contact.friction import CoulombFriction, FrictionError, friction_tractions
 
 LAW = CoulombFriction(0.3, 50.0)
 

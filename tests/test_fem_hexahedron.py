@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from skfem.helpers import ddot, div, dot, sym_grad
 from skfem.models.elasticity import linear_elasticity
 
-from fem.hexahedron import (
+from fem.element.hexahedron import (
     ElementType,
     block_hourglass_stiffness,
     block_lumped_mass,
@@ -23,8 +23,8 @@ from fem.hexahedron import (
     incompatible_gradients,
     mean_gradients,
 )
-from fem.material import Material
-from fem.stress import element_strain_operator, integration_point_stress
+from fem.element.material import Material
+from fem.element.stress import element_strain_operator, integration_point_stress
 from geometry.block import box_block
 from geometry.mesh import (
     CORNERS,

@@ -2,13 +2,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem import kernels, reference
-from fem.effects import BulkViscosity
-from fem.hexahedron import ElementType, block_stiffness
-from fem.layout import BlockRows, aligned_zeros, block_rows, from_lanes, padded_lanes, to_lanes
-from fem.material import Material
-from fem.model import block_group
-from fem.viscosity import element_viscosity
+from fem.element.hexahedron import ElementType, block_stiffness
+from fem.element.material import Material
+from fem.explicit import kernels
+from fem.explicit.kernels import reference
+from fem.explicit.kernels.layout import (
+    BlockRows,
+    aligned_zeros,
+    block_rows,
+    from_lanes,
+    padded_lanes,
+    to_lanes,
+)
+from fem.explicit.viscosity import element_viscosity
+from fem.problem.effects import BulkViscosity
+from fem.problem.model import block_group
 from tests.fem_problems import CONCRETE, distorted_box
 
 EPS = {np.float64: 2.0**-53, np.float32: 2.0**-24}

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fem.hexahedron import block_lumped_mass, gauss_gradients, mean_gradients
-from fem.loads import (
+from fem.element.hexahedron import block_lumped_mass, gauss_gradients, mean_gradients
+from fem.problem.loads import (
     ConstantAmplitude,
     LoadError,
     RampAmplitude,

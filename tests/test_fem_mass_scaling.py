@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from fem.effects import Effects
-from fem.element_time_step import element_frequencies
-from fem.hexahedron import ElementType
-from fem.mass_scaling import added_mass_share, scale_masses
-from fem.material import Material
-from fem.model import Model, ModelError, block_group
-from fem.time_step import critical_time_step
+from fem.element.hexahedron import ElementType
+from fem.element.material import Material
+from fem.element.time_step import element_frequencies
+from fem.problem.effects import Effects
+from fem.problem.mass_scaling import added_mass_share, scale_masses
+from fem.problem.model import Model, ModelError, block_group
+from fem.problem.time_step import critical_time_step
 from geometry.block import box_block
 from geometry.mesh import HexMesh
 

@@ -5,22 +5,22 @@ import math
 import numpy as np
 import pytest
 
-from fem.block_frequency import block_frequencies, rigid_motions
-from fem.contact_law import LinearPenalty
-from fem.deformable_assembly import Frames, deformable_assembly
-from fem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
-from fem.explicit import StopCriterion, solve
-from fem.explicit_model import explicit_assembly
-from fem.history import COLUMNS
-from fem.loads import SmoothStepAmplitude
-from fem.material import Material
-from fem.quasi_static import quasi_static_report, recommended_times
-from fem.static import solve_static
-from fem.symmetry import cyclic_orbits
-from geometry.brick_stack import brick_stack
+from fem.assembly.deformable import Frames, deformable_assembly
+from fem.assembly.symmetry import cyclic_orbits
+from fem.contact.law import LinearPenalty
+from fem.element.material import Material
+from fem.explicit.output.history import COLUMNS
+from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.setup.block_frequency import block_frequencies, rigid_motions
+from fem.explicit.setup.quasi_static import quasi_static_report, recommended_times
+from fem.explicit.solve import StopCriterion, solve
+from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
+from fem.problem.loads import SmoothStepAmplitude
+from fem.static.solve import solve_static
+from geometry.families.brick_stack import brick_stack
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.families.tube import sine_tube
 from geometry.load_case import LoadCase, load_case
-from geometry.sine_block import SineBlockDivisions
-from geometry.tube import sine_tube
 from tests.conftest import tsb
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem.element_time_step import uniform_strain_time_step
-from fem.hexahedron import (
+from fem.element.hexahedron import (
     ElementType,
     block_hourglass_stiffness,
     block_lumped_mass,
@@ -13,15 +12,16 @@ from fem.hexahedron import (
     gauss_gradients,
     mean_gradients,
 )
-from fem.material import Material
-from fem.rate_form import (
+from fem.element.material import Material
+from fem.element.time_step import uniform_strain_time_step
+from fem.explicit.kernels.rate_form import mean_gradient
+from fem.explicit.rate_form import (
     RateFormError,
     initial_state,
     internal_force,
     internal_force_reference,
     rate_form_model,
 )
-from fem.rate_form_kernel import mean_gradient
 from geometry.block import box_block
 from geometry.mesh import HexMesh
 from tests.fem_problems import CONCRETE, boundary_nodes, distorted_box

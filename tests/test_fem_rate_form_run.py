@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from fem.effects import BulkViscosity, Effects, RayleighDamping
-from fem.explicit import solve
-from fem.hexahedron import ElementType
-from fem.loads import SmoothStepAmplitude
-from fem.model import Formulation, Model, ModelError, block_group, fixed_nodes, nodal_load
-from fem.state import StateError
+from fem.element.hexahedron import ElementType
+from fem.explicit.solve import solve
+from fem.explicit.state import StateError
+from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
+from fem.problem.loads import SmoothStepAmplitude
+from fem.problem.model import Formulation, Model, ModelError, block_group, fixed_nodes, nodal_load
 from geometry.block import box_block
 from tests.fem_problems import CONCRETE
 

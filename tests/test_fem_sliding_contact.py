@@ -5,30 +5,30 @@ import math
 import numpy as np
 import pytest
 
-from fem.central_difference import step
-from fem.contact_law import ExponentialLaw, LinearPenalty
-from fem.contact_state import matched_pressures
-from fem.damping import applied_forces
-from fem.deformable_assembly import Frames, deformable_assembly
-from fem.effects import AdaptiveMassDamping, Effects
-from fem.explicit import Output, StopCriterion, initial_state, prepare, solve
-from fem.explicit_model import explicit_assembly
-from fem.friction import CoulombFriction
-from fem.loads import RampAmplitude, pressure_forces
-from fem.material import Material
-from fem.model import Model, block_group, fixed_nodes, nodal_load
-from fem.sliding_contact import SlidingContact, sliding_state
-from fem.sliding_search import BlockSurface, closest_points
-from fem.state import world_vectors
-from fem.static import StaticError, solve_static
-from fem.symmetry import SymmetryError, cyclic_orbits
+from fem.assembly.contact_state import matched_pressures
+from fem.assembly.deformable import Frames, deformable_assembly
+from fem.assembly.symmetry import SymmetryError, cyclic_orbits
+from fem.contact.friction import CoulombFriction
+from fem.contact.law import ExponentialLaw, LinearPenalty
+from fem.element.material import Material
+from fem.explicit.contact.search import BlockSurface, closest_points
+from fem.explicit.contact.sliding import SlidingContact, sliding_state
+from fem.explicit.damping import applied_forces
+from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
+from fem.explicit.state import world_vectors
+from fem.explicit.step import step
+from fem.problem.effects import AdaptiveMassDamping, Effects
+from fem.problem.loads import RampAmplitude, pressure_forces
+from fem.problem.model import Model, block_group, fixed_nodes, nodal_load
+from fem.static.solve import StaticError, solve_static
 from geometry.assembly import Assembly
 from geometry.block import box_block
-from geometry.brick_stack import brick
+from geometry.families.brick_stack import brick
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.families.tube import sine_tube
 from geometry.load_case import LoadCase, load_case
 from geometry.mesh import HexMesh
-from geometry.sine_block import SineBlockDivisions
-from geometry.tube import sine_tube
 from tests.conftest import tsb
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fem.sliding_quadrature import (
+from fem.explicit.contact.quadrature import (
     bilinear,
     convex_pieces,
     cut_points,

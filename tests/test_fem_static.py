@@ -5,33 +5,33 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fem import flexibility
-from fem.contact import ContactNormals
-from fem.contact_law import ExponentialLaw, LinearPenalty
-from fem.contact_measures import contact_measures
-from fem.deformable_assembly import (
+from fem.assembly.deformable import (
     ClearanceKind,
     Frames,
     deformable_assembly,
 )
-from fem.flexibility import FlexibilityStore
-from fem.friction import CoulombFriction
-from fem.hexahedron import ElementType
-from fem.material import Material
-from fem.static import (
+from fem.assembly.measures import contact_measures
+from fem.assembly.symmetry import SymmetryError
+from fem.contact.friction import CoulombFriction
+from fem.contact.law import ExponentialLaw, LinearPenalty
+from fem.contact.surfaces import ContactNormals
+from fem.element.hexahedron import ElementType
+from fem.element.material import Material
+from fem.static.linear_step import condensed as flexibility
+from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.result import contact_corner_forces, pair_resultants
+from fem.static.solve import (
     StaticError,
     StaticMethod,
     StaticOptions,
     solve_static,
 )
-from fem.static_result import contact_corner_forces, pair_resultants
-from fem.symmetry import SymmetryError
 from geometry.assembly import Assembly, moved, renumbered
 from geometry.block import Block, box_block
+from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.tube import sine_tube
 from geometry.load_case import LoadCase, load_case
 from geometry.mesh import HexMesh
-from geometry.sine_block import SineBlockDivisions, SineBlockParameters
-from geometry.tube import sine_tube
 from mbd import Norm, analyse
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)
@@ -170,7 +170,7 @@ def test_patch_test_across_a_conforming_interface(element):
 
 def held_tangentially(model, shape):
     """Hold one corner along the two tangents of the slope, and a neighbour across."""
-    from fem.model import Support
+    from fem.problem.model import Support
 
     slope = np.array([1.0, 0.0, 0.3]) / np.hypot(1.0, 0.3)
     across = np.array([0.0, 1.0, 0.0])

@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from fem.deformable_assembly import deformable_assembly
-from fem.effects import AdaptiveMassDamping, Effects
-from fem.explicit import StopCriterion, solve
-from fem.explicit_model import explicit_assembly
-from fem.loads import SmoothStepAmplitude
-from fem.material import Material
-from fem.quasi_static import recommended_times
-from fem.static import StaticError, solve_static
-from fem.static_rotation import solve_static_with_rotation
-from geometry.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
+from fem.assembly.deformable import deformable_assembly
+from fem.element.material import Material
+from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.setup.quasi_static import recommended_times
+from fem.explicit.solve import StopCriterion, solve
+from fem.problem.effects import AdaptiveMassDamping, Effects
+from fem.problem.loads import SmoothStepAmplitude
+from fem.static.rotation import solve_static_with_rotation
+from fem.static.solve import StaticError, solve_static
+from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
+from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.tube import hexagon_tube, sine_tube
 from geometry.load_case import load_case
-from geometry.sine_block import SineBlockDivisions, SineBlockParameters
-from geometry.tube import hexagon_tube, sine_tube
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)
 TSB1 = SineBlockParameters(200.0, 20.0, 1.5, 0.0, 4, 120.0, 40.0)

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from fem.hexahedron import ElementType, block_stiffness
-from fem.stress import (
+from fem.element.hexahedron import ElementType, block_stiffness
+from fem.element.stress import (
     DisplacementShapeError,
     integration_point_stress,
     integration_points,

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from fem.effects import BulkViscosity, Effects, RayleighDamping
-from fem.element_time_step import element_eigenvalue_time_step
-from fem.hexahedron import ElementType
-from fem.model import Model, block_group
-from fem.time_step import (
+from fem.element.hexahedron import ElementType
+from fem.element.time_step import element_eigenvalue_time_step
+from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
+from fem.problem.model import Model, block_group
+from fem.problem.time_step import (
     critical_time_step,
     damping_matrix,
     group_critical_time_step,

@@ -34,7 +34,7 @@ def test_processes_that_fill_one_cache_never_read_each_others_code(tmp_path: Pat
 
 
 def test_compiled_functions_use_the_lock() -> None:
-    from fem.kernels.stiffness import stiffness_product
+    from fem.explicit.kernels.stiffness import stiffness_product
 
     assert isinstance(stiffness_product._cache._cache_file, LockedCacheFile)
     assert njit()(lambda x: 2 * x)(3) == 6

@@ -8,9 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geometry.assembly import AssemblyError
-from geometry.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters, hexagon_block
-from geometry.sine_block import BlockParameterError
-from geometry.tube import hexagon_tube
+from geometry.families.hexagon_block import (
+    HexagonBlockDivisions,
+    HexagonBlockParameters,
+    hexagon_block,
+)
+from geometry.families.sine_block import BlockParameterError
+from geometry.families.tube import hexagon_tube
 
 THB0 = HexagonBlockParameters(blocks_per_layer=4, inner_radius=120.0, thickness=40.0)
 

@@ -8,6 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geometry.block import box_block
+from geometry.families.sine_block import SineBlockDivisions, sine_block
+from geometry.files.mesh_io import read_hex_mesh, write_hex_mesh
 from geometry.mesh import (
     HexMesh,
     MeshError,
@@ -17,8 +19,6 @@ from geometry.mesh import (
     corner_jacobians,
     mass_properties,
 )
-from geometry.mesh_io import read_hex_mesh, write_hex_mesh
-from geometry.sine_block import SineBlockDivisions, sine_block
 from tests.conftest import random_rotation, tsb
 
 EPS = np.finfo(float).eps

@@ -9,18 +9,22 @@ import numpy as np
 import pytest
 
 from geometry.assembly import AssemblyError
-from geometry.assembly_checks import check_assembly
-from geometry.block_files import read_blocks, read_hexahedra
-from geometry.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters, hexagon_block
-from geometry.masonry import box
+from geometry.families.hexagon_block import (
+    HexagonBlockDivisions,
+    HexagonBlockParameters,
+    hexagon_block,
+)
+from geometry.families.masonry import box
+from geometry.families.platonic_layers import cube, octahedron, tetrahedron
+from geometry.files.block_files import read_blocks, read_hexahedra
+from geometry.files.mesh_io import write_hex_mesh
 from geometry.mesh import FloatArray, IntArray, MeshError, boundary_quads
-from geometry.mesh_io import write_hex_mesh
-from geometry.options import DetectionOptions
-from geometry.overlap import find_overlaps
-from geometry.platonic_layers import cube, octahedron, tetrahedron
-from geometry.polyhedral_assembly import polyhedral_assembly
-from geometry.polyhedron import Polyhedron, polyhedron, polyhedron_from_block
-from geometry.triangle_search import overlapping_boxes
+from geometry.polyhedra.assembly import polyhedral_assembly
+from geometry.polyhedra.checks import check_assembly
+from geometry.polyhedra.options import DetectionOptions
+from geometry.polyhedra.overlap import find_overlaps
+from geometry.polyhedra.polyhedron import Polyhedron, polyhedron, polyhedron_from_block
+from geometry.polyhedra.triangle_search import overlapping_boxes
 from tests.conftest import random_rotation
 
 I = np.eye(3)  # noqa: E741

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geometry.assembly import Assembly, AssemblyError, moved
+from geometry.families.sine_block import BlockParameterError, SineBlockDivisions
+from geometry.families.tube import sine_tube
 from geometry.load_case import LoadCaseError, load_case
-from geometry.sine_block import BlockParameterError, SineBlockDivisions
-from geometry.tube import sine_tube
 from tests.conftest import random_rotation, tsb
 
 

@@ -10,22 +10,22 @@ import pytest
 
 from geometry.assembly import Assembly
 from geometry.contact_assembly import ContactAssembly
-from geometry.facet_contact import _at_vertices
-from geometry.load_case import LoadCase, load_case
-from geometry.masonry import box, circular_arch, running_bond_wall
-from geometry.mesh import FloatArray
-from geometry.options import ContactPlacement, CubeArrangement, DetectionOptions
-from geometry.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
-from geometry.platonic_layers import (
+from geometry.families.masonry import box, circular_arch, running_bond_wall
+from geometry.families.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
+from geometry.families.platonic_layers import (
     cubes_layer,
     octahedra_layer,
     tetrahedra_layer,
 )
-from geometry.polyhedral_assembly import PolyhedralAssembly, as_polyhedral, polyhedral_assembly
-from geometry.polyhedron import convex_polyhedron
-from geometry.sine_block import SineBlockDivisions
-from geometry.tube import sine_tube
-from geometry.voxels import voxel_assembly
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.families.tube import sine_tube
+from geometry.families.voxels import voxel_assembly
+from geometry.load_case import LoadCase, load_case
+from geometry.mesh import FloatArray
+from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral, polyhedral_assembly
+from geometry.polyhedra.facet_contact import _at_vertices
+from geometry.polyhedra.options import ContactPlacement, CubeArrangement, DetectionOptions
+from geometry.polyhedra.polyhedron import convex_polyhedron
 from mbd import (
     Classification,
     Contacts,
@@ -49,7 +49,7 @@ from mbd.friction import (
 )
 from mbd.margin import interlocking_margin
 from tests.conftest import random_rotation, tsb
-from validation.scene import load_scene
+from validation.scene.read import load_scene
 
 I = np.eye(3)  # noqa: E741
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -440,8 +440,8 @@ def test_puzzle_is_locked_with_its_key_and_any_neighbour_but_not_with_the_key_al
 
 
 def test_loads_of_body_scenes_are_weights_and_pushes(tmp_path: Path) -> None:
-    from validation.build_polyhedra import build_body_loads
-    from validation.scene_polyhedra import BodyLoadSection
+    from validation.build.polyhedra import build_body_loads
+    from validation.scene.polyhedra import BodyLoadSection
 
     assembly = _incline()
     section = BodyLoadSection.model_validate(
@@ -461,7 +461,7 @@ def test_loads_of_body_scenes_are_weights_and_pushes(tmp_path: Path) -> None:
 
 
 def test_limits_shown_beside_closed_forms() -> None:
-    from validation.known_limits import ARCH_LIMIT, arch_limit, groove, incline, tilt_limit
+    from validation.compare.closed_forms import ARCH_LIMIT, arch_limit, groove, incline, tilt_limit
 
     assert tilt_limit(incline(), 0.3) == pytest.approx(np.arctan(0.3), abs=1e-7)
     assert tilt_limit(groove(0.5), 0.0) == pytest.approx(0.5, abs=1e-6)

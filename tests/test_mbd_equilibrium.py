@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from geometry.assembly import Assembly
 from geometry.block import Block
-from geometry.brick_stack import brick_stack
+from geometry.families.brick_stack import brick_stack
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.families.tube import sine_tube
 from geometry.load_case import load_case
 from geometry.mesh import HexMesh, grid_faces, structured_hexahedra
-from geometry.sine_block import SineBlockDivisions
-from geometry.tube import sine_tube
 from mbd import (
     MatrixJacobian,
     Norm,

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geometry.assembly import Assembly, moved, renumbered
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.families.tube import sine_tube
 from geometry.load_case import load_case
-from geometry.sine_block import SineBlockDivisions
-from geometry.tube import sine_tube
 from mbd import (
     MatrixJacobian,
     Mechanism,

@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from validation.cli import app
-from validation.scene import builtin_names
+from validation.cli.app import app
+from validation.scene.builtin import builtin_names
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text("utf-8")

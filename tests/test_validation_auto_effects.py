@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.contact_measures import contact_measures
-from fem.static import StaticOptions, solve_static
-from fem.static_result import pair_resultants
-from validation.auto_effects import EffectsDecision, decide_effects, without_effect
-from validation.cli import app
-from validation.compare import compare
-from validation.effect_probe import Answer, Change, answer_of_run, change
+from fem.assembly.measures import contact_measures
+from fem.static.result import pair_resultants
+from fem.static.solve import StaticOptions, solve_static
+from validation.cli.app import app
+from validation.compare.answers import compare
+from validation.effects.auto import EffectsDecision, decide_effects, without_effect
+from validation.effects.probe import Answer, Change, answer_of_run, change
 from validation.errors import InputError
-from validation.scene import DeformableScene, load_scene, with_auto
-from validation.scene_fem import EffectName, EffectsSection
-from validation.tube_explicit import run_tube_explicit
-from validation.tube_static import run_tube_static
+from validation.run.explicit import run_tube_explicit
+from validation.run.static import run_tube_static
+from validation.scene.deformable import EffectName, EffectsSection
+from validation.scene.read import DeformableScene, load_scene, with_auto
 
 #: Finer than the probe's 12 × 2 × 4 elements, and still quick.
 MESH = ["assembly.layers=2", "mesh.around=24", "mesh.radial=2", "mesh.axial=6"]

@@ -7,26 +7,26 @@ import sys
 
 import pytest
 
-from fem.central_difference import System
-from fem.kernels import motion
-from validation import bare_build
-from validation.bare_build import (
+from fem.explicit.kernels import motion
+from fem.explicit.step import System
+from validation.effects import proof as bare_build
+from validation.effects.costs import ready, undamped
+from validation.effects.proof import (
     bare_run,
     prove_absent,
     shared_kernels,
     solver_run,
     stripped_source,
 )
-from validation.effect_costs import ready, undamped
-from validation.scene import DeformableScene, load_scene
+from validation.scene.read import DeformableScene, load_scene
 
 TINY = ["assembly.layers=1", "mesh.around=6", "mesh.radial=1", "mesh.axial=2"]
 
 #: Forms of a process that has run the separate loop, then those that the solver adds.
 FORMS = """
 from tests.test_validation_bare_build import tiny_system
-from validation.bare_build import bare_run, shared_kernels, solver_run
-from validation.effect_costs import compiled_forms
+from validation.effects.proof import bare_run, shared_kernels, solver_run
+from validation.effects.costs import compiled_forms
 system = tiny_system()
 bare_run(system, 3, shared_kernels())
 before = compiled_forms()

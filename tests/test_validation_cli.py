@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from validation.cli import main
-from validation.scene import builtin_names, load_scene
+from validation.cli.app import main
+from validation.scene.builtin import builtin_names
+from validation.scene.read import load_scene
 
 SMALL = ["--set", "assembly.layers=1", "--set", "mesh.around=24", "--set", "mesh.radial=2"]
 
@@ -162,7 +163,7 @@ def test_tables_come_out_of_the_open_code(tubelock) -> None:
         (["mbd", "tsb1-pipe", "--json", "/proc/nowhere/x.json"], "cannot be written"),
         # Written whole and renamed, a result would take the place of the device.
         (["mbd", "tsb1-pipe", "--json", "/dev/null"], "no ordinary file"),
-        (["show", "tsb1-pipe", "-o", "tube.jpg"], "ends in .png"),
+        (["show", "tsb1-pipe", "-o", "tube.jpg"], "ends in .png, .svg or .pdf"),
         (["scenes", "tsb9"], "built-in scene"),
         # Truth is no number, though Python reads it as 1.
         (["mbd", "tsb1-pipe", "--set", "block.amplitude=true"], "amplitude: got True; expected a"),
@@ -216,7 +217,7 @@ def test_a_full_disk_is_one_line(tubelock, monkeypatch) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("validation.files.write_json", full)
+    monkeypatch.setattr("validation.output.outputs.write_json", full)
     status, _, err = tubelock("mbd", "tsb1-pipe", *SMALL, "--json", "x.json")
     assert status == 2
     assert "error: No space left on device" in err

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem.static import StaticOptions, solve_static
+from fem.static.solve import StaticOptions, solve_static
 from validation.errors import InputError
-from validation.scene import DeformableScene, load_scene
-from validation.tube_explicit import run_tube_explicit
-from validation.tube_fem import build_deformable
-from validation.tube_static import run_tube_static
+from validation.run.deformable import build_deformable
+from validation.run.explicit import run_tube_explicit
+from validation.run.static import run_tube_static
+from validation.scene.read import DeformableScene, load_scene
 
 COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.hexahedron import ElementType
+from fem.element.hexahedron import ElementType
 from mbd import Norm
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from validation import cost
-from validation.build import build_assembly
-from validation.cost_analysis import (
+from validation.build.blocks import build_assembly
+from validation.cost import study as cost
+from validation.cost.analysis import (
     Point,
     cheapest,
     fitted_order,
@@ -23,9 +23,8 @@ from validation.cost_analysis import (
     pareto_front,
     richardson,
 )
-from validation.cost_cache import CostCache, content_key
-from validation.cost_measure import overlap, partition_pressures
-from validation.cost_settings import (
+from validation.cost.measure import overlap, partition_pressures
+from validation.cost.settings import (
     CostPlan,
     base_mesh,
     full_plan,
@@ -35,8 +34,9 @@ from validation.cost_settings import (
     static_setting,
     with_setting,
 )
+from validation.cost.store import CostStore, measurement_key
 from validation.errors import InputError
-from validation.scene import TubeScene, load_scene
+from validation.scene.read import TubeScene, load_scene
 
 SETTINGS = ("--set", "assembly.layers=1")
 
@@ -203,18 +203,18 @@ def small_plan(scene: TubeScene) -> CostPlan:
 
 
 def test_hit_gives_the_same_bits_and_no_new_run(tmp_path, monkeypatch) -> None:
-    scene, cache = tube(), CostCache(tmp_path)
+    scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
     plan = small_plan(scene)
-    first = cost.run_cost("a", scene, plan, cache)
+    first = cost.run_cost("a", scene, plan, store)
     # Two of the three reference meshes are among the settings, the three graded ones are not.
-    assert len(list(tmp_path.iterdir())) == 7
+    assert store.ask("SELECT count(*) FROM rows") == [(7,)]
 
     def no_run(*arguments: object) -> None:
         raise AssertionError("a new run")
 
     monkeypatch.setattr(cost, "measure", no_run)
     monkeypatch.setattr(cost, "warm_up", no_run)
-    second = cost.run_cost("a", scene, plan, cache)
+    second = cost.run_cost("a", scene, plan, store)
     assert second.rows == first.rows
     assert second.reference_errors == first.reference_errors
     for quantity in cost.QUANTITIES:
@@ -235,7 +235,7 @@ def test_hit_gives_the_same_bits_and_no_new_run(tmp_path, monkeypatch) -> None:
 
 
 def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch) -> None:
-    scene, cache = tube(), CostCache(tmp_path)
+    scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
     plan = small_plan(scene)
     done: list[str] = []
     real = cost.measure
@@ -249,20 +249,20 @@ def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(cost, "measure", counted)
         with pytest.raises(KeyboardInterrupt):
-            cost.run_cost("a", scene, plan, cache)
-    assert len(list(tmp_path.iterdir())) == 2
+            cost.run_cost("a", scene, plan, store)
+    assert store.ask("SELECT count(*) FROM rows") == [(2,)]
     again: list[str] = []
 
     def told(number: int, total: int, what: str) -> None:
         again.append(what)
 
-    cost.run_cost("a", scene, plan, cache, progress=told)
+    cost.run_cost("a", scene, plan, store, progress=told)
     assert len(again) == 5
     assert not set(again) & set(done)
 
 
 def test_a_setting_without_an_answer_is_told_and_the_rest_stands(tmp_path, monkeypatch) -> None:
-    scene, cache = tube(), CostCache(tmp_path)
+    scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
     plan = small_plan(scene)
     real = cost.measure
 
@@ -272,7 +272,7 @@ def test_a_setting_without_an_answer_is_told_and_the_rest_stands(tmp_path, monke
         return real(name, scene, base, setting)
 
     monkeypatch.setattr(cost, "measure", broken)
-    found = cost.run_cost("a", scene, plan, cache)
+    found = cost.run_cost("a", scene, plan, store)
     assert found.failures == {plan.settings[0].name: "went unstable"}
     assert [row.setting for row in found.rows] == list(plan.settings[1:])
 
@@ -281,34 +281,26 @@ def test_key_is_the_content(tmp_path) -> None:
     scene = tube()
     setting = static_setting(ElementType.FULL, 2)
     base = base_mesh(scene)
-    key = content_key(scene, base, setting)
+    key = measurement_key(scene, base, setting)
     # The mesh of the scene is what cost varies; a family's name is only a name.
     same = [
-        content_key(tube("mesh.around=24"), base, setting),
-        content_key(scene, base, replace(setting, family="another name")),
+        measurement_key(tube("mesh.around=24"), base, setting),
+        measurement_key(scene, base, replace(setting, family="another name")),
     ]
     other = [
-        content_key(tube("load.pressure=0.02"), base, setting),
-        content_key(tube("material.poisson_ratio=0.3"), base, setting),
-        content_key(tube("contact.initial_clearance=0.01"), base, setting),
-        content_key(scene, base, replace(setting, level=3)),
-        content_key(scene, base, static_setting(ElementType.B_BAR, 2)),
-        content_key(scene, base, replace(setting, ramp_factor=2.0)),
-        content_key(scene, base, graded(setting)),
+        measurement_key(tube("load.pressure=0.02"), base, setting),
+        measurement_key(tube("material.poisson_ratio=0.3"), base, setting),
+        measurement_key(tube("contact.initial_clearance=0.01"), base, setting),
+        measurement_key(scene, base, replace(setting, level=3)),
+        measurement_key(scene, base, static_setting(ElementType.B_BAR, 2)),
+        measurement_key(scene, base, replace(setting, ramp_factor=2.0)),
+        measurement_key(scene, base, graded(setting)),
     ]
     assert set(same) == {key}
     assert len({key, *other}) == 1 + len(other)
     for plan in (full_plan(scene), quick_plan(scene)):
         runs = {*plan.settings, *plan.references, *plan.graded_references}
-        assert len({content_key(scene, base, s) for s in runs}) == len(runs)
-
-
-def test_file_that_is_no_measurement_is_named(tmp_path) -> None:
-    cache = CostCache(tmp_path)
-    assert cache.load("abc") is None
-    cache.path("abc").write_text("{}")
-    with pytest.raises(InputError, match=r"abc\.json: is not a measurement"):
-        cache.load("abc")
+        assert len({measurement_key(scene, base, s) for s in runs}) == len(runs)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -10,18 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.decks.cards import read_cards
 from fem.decks.model import deck_assembly, deck_model
+from fem.decks.read.cards import read_cards
 from fem.decks.statement import CircumferentialLoad, Flavour, NodalForceLoad, Procedure
 from fem.decks.write import deck_lines
-from fem.hexahedron import ElementType
-from validation.box import build_box
-from validation.cli import main
-from validation.deck_command import export_deck, import_deck
+from fem.element.hexahedron import ElementType
+from validation.build.box import build_box
+from validation.build.deck import build_deck
+from validation.cli.app import main
 from validation.errors import InputError
-from validation.scene import builtin_names, load_scene
-from validation.scene_deck import build_deck
-from validation.tube_fem import build_deformable
+from validation.output.decks import export_deck, import_deck
+from validation.run.deformable import build_deformable
+from validation.scene.builtin import builtin_names
+from validation.scene.read import load_scene
 
 COARSE = ["mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2"]
 SMALL = [word for setting in COARSE for word in ("--set", setting)]

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from validation.fem_box import box_json, run_box
-from validation.scene import load_scene
-from validation.scene_fem import BoxScene
+from validation.run.box import box_json, run_box
+from validation.scene.deformable import BoxScene
+from validation.scene.read import load_scene
 
 
 def box(scene: str, *settings: str) -> BoxScene:
@@ -165,8 +165,6 @@ def test_copies_move_as_one_block_does() -> None:
 
 def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypatch) -> None:  # noqa: F811
     """Ctrl-C in the loop: status 130, a checkpoint, the remedy; then the same bits."""
-    import validation.fem_command as command
-
     arguments = ["fem", "cantilever", "--set", "mesh.divisions=[8,2,2]", "--set", "fem.frames=0"]
     arguments += ["--set", "fem.end_time=2e-3"]
     assert tubelock(*arguments, "-o", "whole")[0] == 0
@@ -180,7 +178,7 @@ def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypat
         yield show
 
     with monkeypatch.context() as patch:
-        patch.setattr(command, "progress_bar", impatient)
+        patch.setattr("validation.output.console.explicit_progress", impatient)
         status, said, _ = tubelock(*arguments, "-o", "cut")
     assert status == 130
     assert "continue with --resume cut/checkpoint.npz" in said
@@ -233,7 +231,7 @@ def test_missing_end_time_and_wrong_checkpoint(tubelock) -> None:  # noqa: F811
 
 
 def load_text(name: str) -> str:
-    from validation.scene import builtin_text
+    from validation.scene.builtin import builtin_text
 
     return builtin_text(name)
 

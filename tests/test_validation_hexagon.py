@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from mbd import Mechanism, contact_jacobian, generalized_force
+from validation.output.pictures.sections import section
+from validation.output.pictures.tubes import section_heights
 from validation.paper.reference import reference
-from validation.rigid import run_rigid
-from validation.scene import DeformableScene, load_scene
-from validation.tube_pictures import section_heights
-from validation.tube_static import run_tube_static
+from validation.run.rigid import run_rigid
+from validation.run.static import run_tube_static
+from validation.scene.read import DeformableScene, load_scene
 
 CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
 
@@ -57,4 +58,4 @@ def test_sections_lie_in_the_layer_that_they_name() -> None:
     assert heights[-1] < along.max()
     # One height above and below the middle each, by the symmetry of the hexagon.
     assert heights[0] + heights[-1] == pytest.approx(along.min() + along.max(), abs=1e-3)
-    assert all(len(run.section(z).triangles) for z in heights)
+    assert all(len(section(run, z).triangles) for z in heights)

@@ -10,23 +10,22 @@ import pytest
 from scipy.optimize import brentq
 
 from fem.decks.statement import Flavour
-from fem.loads import wrench_forces
+from fem.problem.loads import wrench_forces
 from geometry.block import box_block
-from geometry.block_files import step_hexahedra
-from geometry.box_column import ColumnBox, box_column, unmatched_joints
-from geometry.hexahedral_solids import connected_solids, six_sided_hexahedra
+from geometry.families.box_column import ColumnBox, box_column, unmatched_joints
+from geometry.files.block_files import step_hexahedra
+from geometry.files.hexahedral_solids import connected_solids, six_sided_hexahedra
+from geometry.files.mesh_io import write_hex_mesh
 from geometry.mesh import FloatArray, HexMesh, MeshError, mass_properties
-from geometry.mesh_io import write_hex_mesh
-from geometry.polyhedron import Polyhedron, polyhedron_from_quads
+from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from validation.compare import compare
-from validation.compare_command import draw_comparison
+from validation.build.deck import build_deck
+from validation.compare.answers import compare
 from validation.errors import InputError
-from validation.scene import DeformableScene, SceneFile, check_scene, load_scene
-from validation.scene_deck import build_deck
-from validation.tube_explicit import run_tube_explicit
-from validation.tube_fem import build_deformable
-from validation.tube_static import run_tube_static
+from validation.run.deformable import build_deformable
+from validation.run.explicit import run_tube_explicit
+from validation.run.static import run_tube_static
+from validation.scene.read import DeformableScene, SceneFile, check_scene, load_scene
 
 SECTIONS = """
 [material]
@@ -141,33 +140,6 @@ def test_the_frame_of_a_wall_carries_the_load(name: str, divisions: str, area: f
     # The residual is 1e-8 of the load.
     assert total[1] == pytest.approx(0.01 * area, rel=1e-7)
     assert np.abs(total[[0, 2]]).max() < 1e-7 * 0.01 * area
-
-
-@pytest.mark.parametrize("pressure", [1e-6, 0.01, 1.0])
-def test_no_words_of_a_comparison_overlap_or_leave_the_page(
-    pressure: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """One row of panels, and numbers of any size: titles and colour bars have their room."""
-    from matplotlib.figure import Figure
-    from matplotlib.text import Text
-
-    kept: list[Figure] = []
-    monkeypatch.setattr(
-        "validation.compare_command.save_figure", lambda figure, _: kept.append(figure)
-    )
-    found = compare("column", column(pressure), explicit=False)
-    draw_comparison(found, tmp_path / "comparison.png")
-    (figure,) = kept
-    figure.canvas.draw()
-    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
-    texts = [t for t in figure.findobj(Text) if t.get_visible() and t.get_text().strip()]
-    boxes = [t.get_window_extent(renderer) for t in texts]
-    for text, box in zip(texts, boxes, strict=True):
-        assert box.y0 >= 0.0, text
-        assert box.y1 <= figure.bbox.height, text
-    for i, box in enumerate(boxes):
-        for j in range(i):
-            assert not box.overlaps(boxes[j]), (texts[i], texts[j])
 
 
 @pytest.mark.slow

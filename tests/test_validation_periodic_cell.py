@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.contact import corner_forces, point_kinematics
-from fem.explicit import Status
-from fem.static import StaticMethod, StaticOptions, solve_static
-from fem.static_result import corner_displacements, pair_resultants
-from fem.symmetry import local_forces
+from fem.assembly.symmetry import local_forces
+from fem.contact.surfaces import corner_forces, point_kinematics
+from fem.explicit.solve import Status
+from fem.static.result import corner_displacements, pair_resultants
+from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.mesh import FloatArray
-from validation.cell_error import middle_answer, offered_cell
-from validation.cli import app
+from validation.cli.app import app
+from validation.effects.cell import middle_answer, offered_cell
 from validation.errors import InputError
-from validation.scene import DeformableScene, load_scene
-from validation.tube_explicit import run_tube_explicit
-from validation.tube_fem import TubeRun, build_deformable
-from validation.tube_static import run_tube_static
+from validation.run.deformable import TubeRun, build_deformable
+from validation.run.explicit import run_tube_explicit
+from validation.run.static import run_tube_static
+from validation.scene.read import DeformableScene, load_scene
 
 COARSE = ["mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
 CELL = [*COARSE, "fem.symmetry='periodic cell'"]

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from geometry.platonic_layers import tetrahedra_layer, tetrahedron
-from geometry.polyhedron import Polyhedron
-from validation.cli import app
+from geometry.families.platonic_layers import tetrahedra_layer, tetrahedron
+from geometry.polyhedra.polyhedron import Polyhedron
+from validation.cli.app import app
 from validation.errors import InputError
-from validation.polyhedra import polyhedra_json, run_polyhedra
-from validation.scene import SceneFile, load_scene
-from validation.scene_polyhedra import PolyhedralScene
+from validation.run.polyhedra import polyhedra_json, run_polyhedra
+from validation.scene.polyhedra import PolyhedralScene
+from validation.scene.read import SceneFile, load_scene
 
 EDGE = 60.0
 
@@ -92,7 +92,7 @@ def test_what_is_not_asked_is_absent_and_what_is_asked_is_answered() -> None:
 
 
 def test_friction_can_be_asked_of_a_tube() -> None:
-    from validation.rigid import rigid_json, run_rigid
+    from validation.run.rigid import rigid_json, run_rigid
 
     settings = ["mesh.edge=6", "mesh.radial=3", "assembly.layers=4"]
     slippery = rigid_json(run_rigid(load_scene("thb0-pipe", [*settings, "rigid.friction=0.01"])))
@@ -158,7 +158,7 @@ def test_scales_that_look_wrong_are_refused(tmp_path: Path) -> None:
     message = _refusal(path)
     assert "a block measures 0.2 mm" in message
     assert "metres" in message
-    from validation.build import build_assembly
+    from validation.build.blocks import build_assembly
 
     metres = [
         f"block.{key}={value}"
@@ -187,7 +187,7 @@ def test_other_commands_know_these_scenes(tmp_path: Path) -> None:
 
 
 def test_our_side_of_the_peer_comparison_agrees_with_theory() -> None:
-    from validation.peers.compas_cra import ours, problems
+    from validation.compare.compas_cra import ours, problems
 
     for problem in problems():
         if problem.name in ("wall 3 × 3", "arch t/R = 0.12", "arch t/R = 0.1"):
@@ -196,7 +196,7 @@ def test_our_side_of_the_peer_comparison_agrees_with_theory() -> None:
 
 def test_compas_cra_agrees_where_it_is_installed() -> None:
     pytest.importorskip("compas_cra")
-    from validation.peers.compas_cra import compas_answers, problems
+    from validation.compare.compas_cra import compas_answers, problems
 
     for problem in problems():
         if problem.name in ("wall 3 × 3", "arch t/R = 0.12", "arch t/R = 0.1"):

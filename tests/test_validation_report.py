@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def report(tmp_path_factory) -> Path:
     """A report of rigid blocks on coarse meshes."""
-    from validation.report import Extent, report_evidence
+    from validation.paper.report import Extent, report_evidence
 
     folder = tmp_path_factory.mktemp("report")
     return report_evidence(coarse_evidence(folder), folder, extent=Extent.QUICK)

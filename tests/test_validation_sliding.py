@@ -10,26 +10,26 @@ import meshio
 import numpy as np
 import pytest
 
-from fem.block_frequency import block_frequencies
-from fem.deformable_assembly import Frames, deformable_assembly
-from fem.effects import AdaptiveMassDamping, Effects
-from fem.explicit import StopCriterion, initial_state, prepare, solve
-from fem.explicit_model import explicit_assembly
-from fem.loads import SmoothStepAmplitude
-from fem.material import Material
+from fem.assembly.deformable import Frames, deformable_assembly
+from fem.element.material import Material
+from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.setup.block_frequency import block_frequencies
+from fem.explicit.solve import StopCriterion, initial_state, prepare, solve
+from fem.problem.effects import AdaptiveMassDamping, Effects
+from fem.problem.loads import SmoothStepAmplitude
 from geometry.block import box_block
-from geometry.box_column import ColumnBox, box_column
+from geometry.families.box_column import ColumnBox, box_column
+from geometry.files.mesh_io import write_hex_mesh
 from geometry.load_case import face_pressure
 from geometry.mesh import FloatArray
-from geometry.mesh_io import write_hex_mesh
-from geometry.polyhedron import polyhedron_from_quads
+from geometry.polyhedra.polyhedron import polyhedron_from_quads
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import QUADS, SECTIONS, brick_corners, overclosure, write_stl
 from validation.errors import InputError
-from validation.scene import DeformableScene, check_scene, load_scene
-from validation.tube_explicit import run_tube_explicit
-from validation.tube_fem import build_deformable, tube_json
-from validation.tube_static import run_tube_static
+from validation.run.deformable import build_deformable, tube_json
+from validation.run.explicit import run_tube_explicit
+from validation.run.static import run_tube_static
+from validation.scene.read import DeformableScene, check_scene, load_scene
 
 Box = tuple[tuple[float, float, float], tuple[int, int, int]]
 

@@ -49,7 +49,7 @@ def test_a_failure_or_a_missing_refusal_is_red() -> None:
 
 
 def test_command_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from validation.cli import app
+    from validation.cli.app import app
 
     file = tmp_path / "s.json"
     app(["stability", "--only", "layers-1", "--json", str(file)], standalone_mode=False)

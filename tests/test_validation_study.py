@@ -17,9 +17,9 @@ from pathlib import Path
 import pytest
 
 from validation.errors import InputError
-from validation.study import Row, Study, check_study, load_study, run_design
-from validation.study_run import DaskRunner, LocalRunner, sweep
-from validation.study_store import ResultFile, write_csv, write_parquet
+from validation.study.run import DaskRunner, LocalRunner, sweep
+from validation.study.store import ResultFile, write_csv, write_parquet
+from validation.study.study import Row, Study, check_study, load_study, run_design
 
 #: Sixteen walls of which four cannot be built (no rows), each a few milliseconds.
 WALLS = """
@@ -52,9 +52,11 @@ def walls(tmp_path) -> Study:
 
 
 def content(path: Path) -> list[tuple]:
-    """All rows without their CPU time."""
+    """All rows without their CPU time, and so without their digest."""
     with sqlite3.connect(path) as connection:
-        return [r[:-1] for r in connection.execute("SELECT * FROM rows ORDER BY number")]
+        rows = connection.execute("SELECT * FROM rows ORDER BY number")
+        place = [column[0] for column in rows.description].index("cpu_seconds")
+        return [row[:place] + row[place + 1 : -1] for row in rows]
 
 
 @pytest.fixture
@@ -185,13 +187,13 @@ def test_a_result_file_takes_only_its_own_study(walls, tmp_path) -> None:
 def test_files_that_are_no_result_files_are_left_alone(walls, tmp_path) -> None:
     text = tmp_path / "notes.txt"
     text.write_text("a thesis")
-    with pytest.raises(InputError, match="not a result file"):
+    with pytest.raises(InputError, match="not a file of results"):
         ResultFile(text, walls)
     assert text.read_text() == "a thesis"
     database = tmp_path / "other.sqlite"
     with sqlite3.connect(database) as connection:
         connection.execute("CREATE TABLE birds (name TEXT)")
-    with pytest.raises(InputError, match="not a study's results"):
+    with pytest.raises(InputError, match="not a file of results"):
         ResultFile(database, walls)
     with pytest.raises(InputError, match="cannot be written"):
         ResultFile(Path("/proc/nowhere/x.sqlite"), walls)
@@ -207,7 +209,7 @@ def test_a_full_disk_stops_the_sweep_and_loses_no_row(tmp_path) -> None:
     path = tmp_path / "full.sqlite"
     with ResultFile(path, study) as results:
         results._connection.execute("PRAGMA max_page_count = 8")
-        with pytest.raises(InputError, match=r"full; the rows written so far are safe"):
+        with pytest.raises(InputError, match=r"full; rows already in it are kept"):
             sweep(results, Here(study))
     rows = content(path)
     assert 20 < len(rows) < 600
@@ -245,7 +247,7 @@ def test_parquet_without_pyarrow_says_what_to_install(walls, tmp_path, monkeypat
 def start_sweep(*arguments: str, cwd: Path) -> subprocess.Popen:
     """`tubelock sweep` as a process of its own session."""
     return subprocess.Popen(
-        [sys.executable, "-m", "validation.cli", "sweep", *arguments],
+        [sys.executable, "-m", "validation.cli.app", "sweep", *arguments],
         cwd=cwd,
         env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
         stdout=subprocess.PIPE,
@@ -431,11 +433,10 @@ def test_a_scheduler_that_dies_halfway_stops_the_sweep_in_one_line(many_walls, t
 
 
 def test_sweep_on_the_command_line(walls, reference, tmp_path, monkeypatch, capsys) -> None:
-    from validation import study_command
-    from validation.cli import main
+    from validation.cli.app import main
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(study_command, "LocalRunner", lambda study, _: Here(study))
+    monkeypatch.setattr("validation.study.run.LocalRunner", lambda study, _: Here(study))
 
     def tubelock(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["tubelock", *arguments])
@@ -458,7 +459,7 @@ def test_sweep_on_the_command_line(walls, reference, tmp_path, monkeypatch, caps
         (["nothing.toml"], "cannot be read"),
         (["walls.toml", "--csv", "/proc/nowhere/x.csv"], "cannot be written"),
         (["walls.toml", "--set", "assembly.layers=5"], "another study"),
-        (["walls.toml", "-o", "walls.toml"], "not a result file"),
+        (["walls.toml", "-o", "walls.toml"], "is a file that this call reads"),
     ):
         status, out, err = tubelock("sweep", *arguments)
         assert (status, out) == (2, "")

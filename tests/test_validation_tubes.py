@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import signal
@@ -11,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from validation.compare import agreement, compare, effective_region, explicit_errors
-from validation.compare_command import print_comparison
-from validation.scene import DeformableScene, load_scene
-from validation.tube_explicit import run_tube_explicit
-from validation.tube_static import run_tube_static
+from validation.compare.answers import agreement, compare, effective_region, explicit_errors
+from validation.compare.report import print_comparison
+from validation.output.console import text_console
+from validation.run.explicit import run_tube_explicit
+from validation.run.static import run_tube_static
+from validation.scene.read import DeformableScene, load_scene
 
 COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
 SETTINGS = [a for s in COARSE for a in ("--set", s)]
@@ -30,7 +29,7 @@ def tube(name: str, *settings: str) -> DeformableScene:
     return scene
 
 
-def test_three_answers_to_one_scene() -> None:
+def test_three_answers_to_one_scene(capsys) -> None:
     found = compare("tsb1-pipe", tube("tsb1-pipe"))
     errors = explicit_errors(found)
     assert errors is not None
@@ -43,10 +42,9 @@ def test_three_answers_to_one_scene() -> None:
     rigid = next(a for a in found.answers if a.method == "rigid (pressure)")
     assert found.steps[0].p_max == pytest.approx(rigid.p_max, rel=0.15)
     assert found.steps[-1].p_max == pytest.approx(found.static.contact.p_max_face, rel=1e-3)
-    console = Console(file=io.StringIO(), width=140)
-    print_comparison(found, console)
+    print_comparison(found, text_console())
     # Units are text: what stands in square brackets is no markup.
-    assert "|u| max [mm]" in console.file.getvalue()
+    assert "|u| max [mm]" in capsys.readouterr().out
 
 
 def test_sector_and_whole_tube_give_the_same_digits() -> None:
@@ -96,8 +94,6 @@ def test_json_and_files_of_a_static_tube(tubelock) -> None:  # noqa: F811
 
 
 def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> None:  # noqa: F811
-    import validation.tube_command as command
-
     arguments = ["fem", "tsb1-pipe", *SETTINGS, "--set", "fem.method=explicit"]
     arguments += ["--set", "fem.sample_interval=20"]
     assert tubelock(*arguments, "-o", "whole")[0] == 0
@@ -111,7 +107,7 @@ def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> N
         yield show
 
     with monkeypatch.context() as patch:
-        patch.setattr(command, "progress_bar", impatient)
+        patch.setattr("validation.output.console.explicit_progress", impatient)
         status, said, _ = tubelock(*arguments, "-o", "cut")
     assert status == 130
     assert "continue with --resume cut/checkpoint.npz" in said
@@ -175,7 +171,7 @@ def test_bad_input_gives_one_line(tubelock, command, settings, message) -> None:
 
 
 def test_missing_section_is_named(tubelock) -> None:  # noqa: F811
-    from validation.scene import builtin_text
+    from validation.scene.builtin import builtin_text
 
     text = builtin_text("tsb1-pipe")
     start, end = text.index("[material]"), text.index("[contact]")

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.contact import ContactNormals, check_initial_overlap, contact_surfaces
+from fem.assembly.deformable import Contact, DeformableAssembly, DeformableAssemblyError
+from fem.contact.surfaces import ContactNormals, check_initial_overlap, contact_surfaces
 from fem.decks.statement import (
     BodyForceLoad,
     CircumferentialLoad,
@@ -16,10 +17,9 @@ from fem.decks.statement import (
     PressureLoad,
     Procedure,
 )
-from fem.deformable_assembly import Contact, DeformableAssembly, DeformableAssemblyError
-from fem.hexahedron import block_lumped_mass
-from fem.loads import SmoothStepAmplitude, pressure_forces, traction_forces
-from fem.model import BlockGroup, Model, NodalLoad, Support, block_group, fixed_nodes
+from fem.element.hexahedron import block_lumped_mass
+from fem.problem.loads import SmoothStepAmplitude, pressure_forces, traction_forces
+from fem.problem.model import BlockGroup, Model, NodalLoad, Support, block_group, fixed_nodes
 from geometry.mesh import FloatArray, IntArray
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from fem.decks.keywords import DeckError
 from fem.decks.statement import BodyForceLoad, Deck, NodalForceLoad
-from fem.hexahedron import ElementType
+from fem.element.hexahedron import ElementType
 
 #: Element of each formulation. Abaqus' C3D8 averages the dilatation: plain full integration
 #: has no name there.

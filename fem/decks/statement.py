@@ -1,8 +1,8 @@
 """What an input deck says: blocks, material, joints, supports, loads and one step.
 
 The statement of a problem for another program, independent of how that program spells it:
-`fem.decks.abaqus` and `fem.decks.calculix` turn it into text, `fem.decks.read` reads it back,
-`fem.decks.model` makes a model for the solvers of this package of it.
+`fem.decks.abaqus.deck` and `fem.decks.calculix.deck` turn it into text, `fem.decks.read.deck`
+reads it back, `fem.decks.model` makes a model for the solvers of this package of it.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fem.contact_law import ContactLaw
+from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
-from fem.effects import Effects
-from fem.hexahedron import ElementType
-from fem.material import Material
+from fem.element.hexahedron import ElementType
+from fem.element.material import Material
+from fem.problem.effects import Effects
 from geometry.assembly import Assembly
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray

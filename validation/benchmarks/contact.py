@@ -19,11 +19,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from fem.central_difference import System, step
-from fem.contact_state import matched_pressures
-from fem.deformable_assembly import DeformableAssembly, deformable_assembly
-from fem.effects import AdaptiveMassDamping, Effects
-from fem.explicit import (
+from fem.assembly.contact_state import matched_pressures
+from fem.assembly.deformable import DeformableAssembly, deformable_assembly
+from fem.assembly.symmetry import cyclic_orbits
+from fem.element.material import Material
+from fem.explicit.setup.assembly import ExplicitAssembly, explicit_assembly
+from fem.explicit.setup.quasi_static import RecommendedTimes, recommended_times
+from fem.explicit.solve import (
     ExplicitResult,
     StopCriterion,
     displacements_of,
@@ -31,20 +33,18 @@ from fem.explicit import (
     prepare,
     solve,
 )
-from fem.explicit_model import ExplicitAssembly, explicit_assembly
-from fem.loads import SmoothStepAmplitude
-from fem.material import Material
-from fem.quasi_static import RecommendedTimes, recommended_times
-from fem.state import State
-from fem.static import solve_static
-from fem.symmetry import cyclic_orbits
-from fem.time_step import critical_time_step
+from fem.explicit.state import State
+from fem.explicit.step import System, step
+from fem.problem.effects import AdaptiveMassDamping, Effects
+from fem.problem.loads import SmoothStepAmplitude
+from fem.problem.time_step import critical_time_step
+from fem.static.solve import solve_static
+from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.tube import sine_tube
 from geometry.load_case import load_case
 from geometry.mesh import FloatArray
-from geometry.sine_block import SineBlockDivisions, SineBlockParameters
-from geometry.tube import sine_tube
 from validation.benchmarks.stopwatch import best_cpu_seconds
-from validation.files import prepare_json, write_json
+from validation.output.files import prepare_json, write_json
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
 TSB1 = SineBlockParameters(200.0, 20.0, 1.5, 0.0, 4, 120.0, 40.0)

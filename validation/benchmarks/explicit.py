@@ -22,16 +22,16 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from fem import kernels
-from fem.central_difference import System, step, stiffness_force
-from fem.checkpoint import state_arrays
-from fem.effects import BulkViscosity, Effects, RayleighDamping
-from fem.explicit import initial_state, prepare
-from fem.hexahedron import ElementType, element_stiffness
-from fem.material import Material
-from fem.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
-from fem.state import State
-from fem.time_step import critical_time_step
+from fem.element.hexahedron import ElementType, element_stiffness
+from fem.element.material import Material
+from fem.explicit import kernels
+from fem.explicit.output.checkpoint import state_arrays
+from fem.explicit.solve import initial_state, prepare
+from fem.explicit.state import State
+from fem.explicit.step import System, step, stiffness_force
+from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
+from fem.problem.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
+from fem.problem.time_step import critical_time_step
 from geometry.block import box_block
 from validation.benchmarks.roofline import Roofline, roofline
 from validation.benchmarks.stopwatch import best_cpu_seconds, best_wall_seconds

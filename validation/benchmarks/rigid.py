@@ -26,9 +26,9 @@ from mbd import (
     newton_equilibrium,
     solve_linear_programs,
 )
-from validation.files import prepare_json, write_json
-from validation.rigid import build_scene, run_rigid
-from validation.scene import load_scene
+from validation.output.files import prepare_json, write_json
+from validation.run.rigid import build_scene, run_rigid
+from validation.scene.read import load_scene
 
 
 @dataclass(frozen=True)

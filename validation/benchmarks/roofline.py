@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from fem.lanes import add, lane_operations, multiply_add, store
+from fem.explicit.kernels.lanes import add, lane_operations, multiply_add, store
 from validation.benchmarks.stopwatch import best_cpu_seconds
 
 

@@ -12,16 +12,16 @@ import scipy.sparse as sp
 from rich.console import Console
 from rich.table import Table
 
+from geometry.families.sine_block import SineBlockParameters, wave
 from geometry.load_case import load_case
-from geometry.sine_block import SineBlockParameters, wave
 from mbd import contact_jacobian, generalized_force, solve_linear_programs
-from validation.build import block_parameters
+from validation.build.blocks import block_parameters
 from validation.errors import InputError
 from validation.paper.evidence import Evidence
 from validation.paper.naming import chosen_by_name
 from validation.paper.reference import reference
-from validation.rigid import build_scene
-from validation.scene import TubeScene, load_scene
+from validation.run.rigid import build_scene
+from validation.scene.read import TubeScene, load_scene
 
 
 @dataclass(frozen=True)

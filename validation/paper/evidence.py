@@ -1,7 +1,7 @@
 """What the paper's figures and claims are judged by: computed when first asked for, then kept.
 
 The parameter study lives in a result file, so it is computed once and goes on where it was
-stopped. Deformable runs cost minutes; without them the claims that need them stay undecided.
+stopped. Deformable runs cost minutes; without them the claims that need them are not computed.
 """
 
 from __future__ import annotations
@@ -17,15 +17,17 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from validation.errors import InputError
+from validation.output.console import status
 from validation.paper.reference import reference
-from validation.rigid import RigidRun, run_rigid
-from validation.scene import load_scene
-from validation.study import Study, load_study
-from validation.study_run import LocalRunner, sweep
-from validation.study_store import ResultFile
+from validation.run.rigid import RigidRun, run_rigid
+from validation.scene.read import load_scene
+from validation.study.report import sweep_progress
+from validation.study.run import LocalRunner, sweep
+from validation.study.store import Older, ResultFile
+from validation.study.study import Study, load_study
 
 if TYPE_CHECKING:
-    from validation.tube_fem import TubeRun
+    from validation.run.deformable import TubeRun
 
 #: shift, frequency, blocks per layer, thickness [mm], amplitude [mm].
 Design = tuple[float, float, int, float, float]
@@ -133,11 +135,9 @@ class Evidence:
     @cached_property
     def study(self) -> StudyTable:
         """The 480 designs."""
-        from validation.study_command import sweep_progress
-
         study: Study = load_study(STUDY, self.study_settings)
         name = f"{STUDY}{'-full' if self.full else ''}.sqlite"
-        with ResultFile(self.folder / name, study) as results:
+        with ResultFile(self.folder / name, study, Older.RENEW) as results:
             with sweep_progress(results) as show:
                 sweep(results, LocalRunner(study, self.workers), on_row=show)
             table = read_table(results)
@@ -196,8 +196,8 @@ class Evidence:
         self, block: str, case: str, settings: Iterable[str] = (), words: str = ""
     ) -> TubeRun:
         """Static state on a mesh of its own; one sector where the load is cyclic."""
-        from validation.scene import DeformableScene
-        from validation.tube_static import run_tube_static
+        from validation.run.static import run_tube_static
+        from validation.scene.read import DeformableScene
 
         around, radial, axial = self.fem_mesh(case)
         symmetry = "none" if case == "beam" else "sector"
@@ -214,7 +214,7 @@ class Evidence:
             ],
         )
         assert isinstance(file.scene, DeformableScene)
-        with self.console.status(f"deformable blocks: {name} {words}"):
+        with status(self.console, f"deformable blocks: {name} {words}"):
             run = run_tube_static(name, file.scene)
         label = f"fem {name} {around} × {radial} × {axial} {words}".strip()
         self.cpu_seconds[label] = run.cpu_seconds["total"]

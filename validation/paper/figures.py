@@ -6,21 +6,31 @@ import csv
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from geometry.joints import between_layers
 from geometry.mesh import FloatArray, IntArray
-from validation.files import write_whole
+from validation.output.files import write_whole
+from validation.output.pictures.bodies import EYE, FROM_ABOVE, far_side, interface_facets
+from validation.output.pictures.canvas import Direction, View
+from validation.output.pictures.gallery import (
+    PRESSURE_MAP,
+    Panel,
+    Scale,
+    gallery,
+    save_figure,
+    scale_from_zero,
+    subplots,
+)
 from validation.paper.evidence import Evidence, StudyTable
 from validation.paper.reference import reference
-from validation.pictures import EYE, between_layers, beyond_axis, coloured_facets, interface_facets
-from validation.rendering import PRESSURE_MAP, place, render, save_figure
 
 if TYPE_CHECKING:
-    from validation.rigid import RigidRun
+    from validation.run.rigid import RigidRun
 
 #: Okabe–Ito, dark enough on white, and a mark each: readable without colour.
 _LINES = (
@@ -30,8 +40,6 @@ _LINES = (
     ("#CC79A7", "D"),
     ("#555555", "v"),
 )
-#: Seen from above, the tube's axis upward.
-_FROM_ABOVE = (1.2, -0.8, 1.6)
 
 
 @dataclass(frozen=True)
@@ -93,15 +101,13 @@ def draw_parameter_study(curves: list[Curve], mesh: str, path: Path) -> None:
     path
         PNG to write.
     """
-    import matplotlib.pyplot as plt
-
     frequencies = sorted({c.frequency for c in curves})
     thicknesses = sorted({c.thickness for c in curves})
     numbers = sorted({c.blocks_per_layer for c in curves})
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         len(frequencies),
         len(thicknesses),
-        figsize=(12, 9.5),
+        size=(12, 9.5),
         sharex=True,
         sharey=True,
         squeeze=False,
@@ -151,9 +157,13 @@ def draw_parameter_study(curves: list[Curve], mesh: str, path: Path) -> None:
     )
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(
-        handles, labels, loc="lower center", ncols=len(labels), frameon=False, fontsize=10
+        handles,
+        labels,
+        loc="outside lower center",
+        ncols=len(labels),
+        frameon=False,
+        fontsize=10,
     )
-    figure.subplots_adjust(left=0.07, right=0.98, top=0.91, bottom=0.1, wspace=0.06, hspace=0.18)
     save_figure(figure, path)
 
 
@@ -200,37 +210,31 @@ def draw_pressure_comparison(left: RigidRun, right: RigidRun, path: Path, *, tit
     title
         One line at the top.
     """
-    import matplotlib.pyplot as plt
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
+    highest = [run.result.contact_pressures for run in (left, right)]
+    scale = scale_from_zero("contact pressure [MPa]", PRESSURE_MAP, highest)
 
-    highest = max(float(run.result.contact_pressures.max()) for run in (left, right))
-    figure = plt.figure(figsize=(15, 10))
-    grid = figure.add_gridspec(
-        3, 4, width_ratios=[0.62, 1, 1, 0.62], left=0.02, right=0.91, bottom=0.03, top=0.88
-    )
-    for run, tube_column, ring_column in ((left, 0, 1), (right, 3, 2)):
-        tube = _facets(run, _far_half(run), highest)
-        place(figure.add_subplot(grid[:, tube_column]), render(tube, EYE), f"{run.name}, cut open")
-        for row, ring in enumerate(ring_pressures(run)):
-            image = render(_facets(run, ring.contacts, highest), _FROM_ABOVE, height=900)
-            place(figure.add_subplot(grid[row, ring_column]), image, f"{run.name}: {ring.title}")
-    bar = figure.add_axes((0.94, 0.2, 0.014, 0.6))
-    colours = ScalarMappable(Normalize(0.0, highest), PRESSURE_MAP)
-    figure.colorbar(colours, cax=bar, label="contact pressure [MPa]")
-    figure.suptitle(title, fontsize=14, x=0.02, ha="left")
-    save_figure(figure, path)
+    def tube(run: RigidRun) -> list[Panel]:
+        return [Panel(f"{run.name}, cut open", _view(run, _far_half(run), scale, EYE))]
+
+    def rings(run: RigidRun) -> list[Panel]:
+        return [
+            Panel(f"{run.name}: {ring.title}", _view(run, ring.contacts, scale, FROM_ABOVE))
+            for ring in ring_pressures(run)
+        ]
+
+    columns = [tube(left), rings(left), rings(right), tube(right)]
+    gallery(columns, title, path, height=9.0, scale=scale)
 
 
 def _far_half(run: RigidRun) -> IntArray:
     points = run.assembly.interfaces.centroids[run.result.contact_index]
-    return np.flatnonzero(beyond_axis(run.assembly, points))
+    return np.flatnonzero(far_side(run.assembly, points))
 
 
-def _facets(run: RigidRun, rows: IntArray, highest: float) -> Callable[[Any], None]:
-    result, nothing = run.result, np.zeros(0, dtype=np.int64)
+def _view(run: RigidRun, rows: IntArray, scale: Scale, direction: Direction) -> View:
+    result = run.result
     facets = interface_facets(run.assembly, result.contact_index, result.contact_pressures)
-    return coloured_facets(facets, rows, nothing, highest)
+    return View([facets.surface(rows, scale)], direction)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -296,11 +300,9 @@ def print_costs(rows: list[CostRow], console: Console) -> None:
 
 def draw_cost(evidence: Evidence, path: Path) -> None:
     """Draw CPU seconds per tube over its size: ours computed, the paper's as lines."""
-    import matplotlib.pyplot as plt
-
     printed = reference()["cost"]
     rows = list(evidence.study.rows.values())
-    figure, panel = plt.subplots(figsize=(8.5, 5.5))
+    figure, panel = subplots(1, 1, size=(8.5, 5.5))
     panel.loglog(
         [row["n_contacts"] for row in rows],
         [row["cpu_seconds"] for row in rows],
@@ -349,7 +351,6 @@ def draw_cost(evidence: Evidence, path: Path) -> None:
     panel.grid(color="#DDDDDD", linewidth=0.6)
     panel.legend(loc="upper left", bbox_to_anchor=(0.0, 0.72), fontsize=9, frameon=False)
     panel.set_title("Cost of one tube, one core", fontsize=12, loc="left")
-    figure.tight_layout()
     save_figure(figure, path)
 
 
@@ -444,12 +445,12 @@ def _cost_figure(evidence: Evidence, folder: Path) -> FigureFile:
 
 
 def _deformable_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
+    from validation.output.pictures.tubes import draw_sections
     from validation.paper.figures_fem import (
         draw_displacements,
         draw_layer_comparison,
         draw_principal,
     )
-    from validation.tube_pictures import draw_sections
 
     command = "tubelock reproduce figures --fem"
     written = []

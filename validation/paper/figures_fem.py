@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
-from validation.paper.claims_fem import PressurePair, block_grid, pressure_pairs
+from validation.output.pictures.bodies import EYE
+from validation.output.pictures.gallery import (
+    MOTION_MAP,
+    PRESSURE_MAP,
+    STRESS_MAP,
+    Panel,
+    Scale,
+    gallery,
+    scale_from_zero,
+    symmetric_scale,
+)
+from validation.output.pictures.tubes import all_faces, blocks_view
+from validation.paper.claims.deformable import PressurePair, block_grid, pressure_pairs
 from validation.paper.evidence import Evidence
-from validation.pictures import EYE, outline
-from validation.rendering import PRESSURE_MAP, STRESS_MAP, place, polydata, render, save_figure
-from validation.tube_fem import TubeRun
+from validation.run.deformable import TubeRun
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
 BLOCKS = ("TSB1", "TSB2")
@@ -52,13 +66,9 @@ def draw_layer_comparison(evidence: Evidence, path: Path) -> list[PressurePair]:
     list[PressurePair]
         The twelve comparisons drawn.
     """
-    import matplotlib.pyplot as plt
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.collections import PolyCollection
-    from matplotlib.colors import Normalize
-
     pairs = pressure_pairs(evidence)
-    figure, axes = plt.subplots(6, 4, figsize=(11, 16.5))
+    scale = Scale("contact pressure / largest in the panel [–]", PRESSURE_MAP, 0.0, 1.0, (0.0, 1.0))
+    columns: list[list[Panel]] = [[] for _ in range(4)]
     for number, pair in enumerate(pairs):
         block, case, side = pair.name.split()
         run = evidence.fem(block, case)
@@ -67,34 +77,26 @@ def draw_layer_comparison(evidence: Evidence, path: Path) -> list[PressurePair]:
         for offset, (words, values) in enumerate(
             (("rigid", pair.rigid), ("deformable", pair.deformable))
         ):
-            panel = axes[number // 2, 2 * (number % 2) + offset]
             largest = float(values.max())
-            faces = PolyCollection(list(corners), array=values / largest, cmap=PRESSURE_MAP)
-            faces.set_clim(0.0, 1.0)
-            faces.set_edgecolor("face")
-            faces.set_linewidth(0.2)
-            panel.add_collection(faces)
-            panel.set_xlim(-165, 165)
-            panel.set_ylim(-165, 165)
-            panel.set_aspect("equal")
-            panel.set_axis_off()
-            panel.set_title(
-                f"{block} {case}, {side}, {words}\nlargest {largest:.3g} MPa",
-                fontsize=9,
-                loc="left",
-            )
-    bar = figure.add_axes((0.93, 0.35, 0.015, 0.3))
-    colours = ScalarMappable(Normalize(0.0, 1.0), PRESSURE_MAP)
-    figure.colorbar(colours, cax=bar, label="contact pressure / largest in the panel [–]")
-    figure.suptitle(
-        "Contact pressures on the top and bottom faces of layer 7, seen along the axis",
-        fontsize=13,
-        x=0.03,
-        ha="left",
-    )
-    figure.subplots_adjust(left=0.02, right=0.91, top=0.935, bottom=0.01, hspace=0.2, wspace=0.02)
-    save_figure(figure, path)
+            title = f"{block} {case}, {side}, {words}\nlargest {largest:.3g} MPa"
+            plot = partial(_draw_facets, corners=corners, values=values / largest, scale=scale)
+            columns[2 * (number % 2) + offset].append(Panel(title, plot=plot, bare=True))
+    title = "Contact pressures on the top and bottom faces of layer 7, seen along the axis"
+    gallery(columns, title, path, height=16.0, scale=scale)
     return pairs
+
+
+def _draw_facets(axes: Axes, *, corners: FloatArray, values: FloatArray, scale: Scale) -> None:
+    """Draw facets in the plane in the colours of their values."""
+    from matplotlib.collections import PolyCollection
+
+    shades = scale.of(values) / 255.0
+    faces = PolyCollection(list(corners), facecolors=shades, edgecolors=shades, linewidths=0.2)
+    faces.set_rasterized(True)
+    axes.add_collection(faces)
+    axes.autoscale_view()
+    axes.set_aspect("equal")
+    axes.set_axis_off()
 
 
 # ---------------------------------------------------------------------------------------------
@@ -115,105 +117,69 @@ def outer_surface(
 
 def draw_principal(evidence: Evidence, component: int, path: Path) -> None:
     """Draw σ₁ (component 0) or σ₃ (2) on the unrolled outer surface, five cases, both blocks."""
-    import matplotlib.pyplot as plt
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     symbol = ("σ₁", "σ₂", "σ₃")[component]
-    figure, axes = plt.subplots(2, 5, figsize=(13, 14), sharex=True, sharey=True)
+    columns: list[list[Panel]] = [[] for _ in CASES]
     for row, column, run in _runs(evidence):
-        panel = axes[row, column]
         faces = list(outer_surface(run, component))
-        reach = float(np.quantile(np.abs(np.concatenate([f[2].ravel() for f in faces])), 0.995))
+        scale = symmetric_scale(f"{symbol} [MPa]", STRESS_MAP, [f[2] for f in faces])
         circle = 2 * np.pi * float(np.linalg.norm(run.deformable.assembly.nodes(0)[-1, :2]))
-        for x, z, values in faces:
-            for turn in (-1, 0, 1):  # a block that crosses the cut shows on both sides
-                panel.pcolormesh(
-                    x + turn * circle,
-                    z,
-                    values,
-                    cmap=STRESS_MAP,
-                    vmin=-reach,
-                    vmax=reach,
-                    shading="gouraud",
-                    rasterized=True,
-                )
-        panel.set_xlim(0, circle)
-        panel.set_ylim(-60, 2460)
-        panel.set_aspect("equal")
-        panel.set_title(f"{BLOCKS[row]} {CASES[column]}", fontsize=10, loc="left")
-        if column == 0:
-            panel.set_ylabel("z [mm]")
-        if row == 1:
-            panel.set_xlabel("arc length [mm]")
-        colours = ScalarMappable(Normalize(-reach, reach), STRESS_MAP)
-        bar = figure.colorbar(colours, ax=panel, orientation="horizontal", pad=0.07, fraction=0.03)
-        _end_labels(bar, [-reach, 0, reach], [f"{-reach:.2g}", "0", f"{reach:.2g}"])
-    figure.suptitle(
-        f"{symbol} [MPa] on the outer surface, unrolled: red tension, blue compression",
-        fontsize=13,
-        x=0.03,
-        ha="left",
-    )
-    figure.subplots_adjust(left=0.06, right=0.98, top=0.95, bottom=0.03, wspace=0.12, hspace=0.05)
-    save_figure(figure, path)
+        z = np.concatenate([f[1].ravel() for f in faces])
+        tall = float(np.ptp(z))
+        columns[column].append(
+            Panel(
+                f"{BLOCKS[row]} {CASES[column]}",
+                plot=partial(_draw_outer, faces=faces, scale=scale, circle=circle),
+                shape=circle / tall,
+                scale=scale,
+            )
+        )
+    title = f"{symbol} [MPa] on the outer surface, unrolled: red tension, blue compression"
+    gallery(columns, title, path, height=14.0)
 
 
-def _end_labels(bar: Any, ticks: list[float], labels: list[str]) -> None:
-    """Label a horizontal colour bar without reaching over its ends."""
-    bar.set_ticks(ticks, labels=labels)
-    found = bar.ax.get_xticklabels()
-    found[0].set_horizontalalignment("left")
-    found[-1].set_horizontalalignment("right")
+def _draw_outer(
+    axes: Axes,
+    *,
+    faces: list[tuple[FloatArray, FloatArray, FloatArray]],
+    scale: Scale,
+    circle: float,
+) -> None:
+    """Draw outer faces over arc length and height."""
+    for x, z, values in faces:
+        for turn in (-1, 0, 1):  # a block that crosses the cut shows on both sides
+            axes.pcolormesh(
+                x + turn * circle,
+                z,
+                values,
+                cmap=scale.colours,
+                vmin=scale.low,
+                vmax=scale.high,
+                shading="gouraud",
+                rasterized=True,
+            )
+    axes.set_xlim(0, circle)
+    axes.set_xlabel("arc length [mm]", fontsize=9)
+    axes.set_ylabel("z [mm]", fontsize=9)
+    axes.tick_params(labelsize=8)
 
 
 # ---------------------------------------------------------------------------------------------
 # Displacements
 
 
-def _deformed(run: TubeRun, largest: float) -> Callable[[Any], None]:
-    """Blocks moved by the drawing scale times their displacement, coloured by its size."""
-
-    def add(plotter: Any) -> None:
-        assembly = run.deformable.assembly
-        for block in run.deformable.deformable_blocks.tolist():
-            moved = run.displacement(block)
-            quads = np.concatenate(list(assembly.shape(block).faces.values()))
-            surface = polydata(run.positions(block) + run.drawing_scale * moved, quads)
-            surface.point_data["size"] = np.linalg.norm(moved, axis=1)
-            plotter.add_mesh(
-                surface,
-                scalars="size",
-                cmap="viridis",
-                clim=(0.0, largest),
-                ambient=0.5,
-                show_scalar_bar=False,
-            )
-        held = np.flatnonzero(run.deformable.group_of < 0)
-        outline(assembly, plotter, held, opacity=0.6)
-
-    return add
-
-
 def draw_displacements(evidence: Evidence, path: Path) -> None:
     """Draw figure disp: deformed tubes, five cases, both blocks."""
-    import matplotlib.pyplot as plt
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    figure, axes = plt.subplots(2, 5, figsize=(13, 15))
+    columns: list[list[Panel]] = [[] for _ in CASES]
     for row, column, run in _runs(evidence):
-        panel = axes[row, column]
-        largest = run.largest_displacement
-        image = render(_deformed(run, largest), EYE, height=1000)
-        place(panel, image, f"{BLOCKS[row]} {CASES[column]}\ndrawn × {run.drawing_scale:g}")
-        colours = ScalarMappable(Normalize(0.0, 1e3 * largest), "viridis")
-        bar = figure.colorbar(
-            colours, ax=panel, orientation="horizontal", pad=0.02, fraction=0.02, shrink=0.7
-        )
-        _end_labels(bar, [0, 1e3 * largest], ["0", f"{1e3 * largest:.3g} µm"])
-    figure.suptitle(
-        "Displacements at 0.01 MPa, static state, no initial gaps", fontsize=13, x=0.03, ha="left"
-    )
-    figure.subplots_adjust(left=0.01, right=0.99, top=0.92, bottom=0.02, wspace=0.05, hspace=0.14)
-    save_figure(figure, path)
+        size = partial(_size, run)
+        blocks = run.deformable.deformable_blocks.tolist()
+        scale = scale_from_zero("|u| [mm]", MOTION_MAP, [size(block) for block in blocks])
+        view = blocks_view(run, size, scale, all_faces(run), EYE, factor=run.drawing_scale)
+        words = f"{BLOCKS[row]} {CASES[column]}\ndrawn × {run.drawing_scale:g}"
+        columns[column].append(Panel(words, view, scale=scale))
+    title = "Displacements at 0.01 MPa, static state, no initial gaps"
+    gallery(columns, title, path, height=14.5)
+
+
+def _size(run: TubeRun, block: int) -> FloatArray:
+    return np.asarray(np.linalg.norm(run.displacement(block), axis=1))

@@ -11,8 +11,9 @@ from rich.progress import track
 from rich.table import Table
 
 from validation.paper.reference import reference
-from validation.rigid import RigidRun, run_rigid
-from validation.scene import builtin_names, load_scene
+from validation.run.rigid import RigidRun, run_rigid
+from validation.scene.builtin import builtin_names
+from validation.scene.read import load_scene
 
 QUANTITIES = ("mechanism", "effective", "p_eff", "p_max")
 VARIANTS = ("as_printed", "physical")

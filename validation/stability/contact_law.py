@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from fem.contact import ContactError
-from fem.contact_law import ContactLaw, ExponentialLaw
-from fem.static import StaticOptions, solve_static
-from fem.static_result import StaticResult
+from fem.contact.law import ContactLaw, ExponentialLaw
+from fem.contact.surfaces import ContactError
+from fem.static.result import StaticResult
+from fem.static.solve import StaticOptions, solve_static
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.problems import BRICK, COLUMN, deformable, pressed, relative, stack
 

@@ -6,20 +6,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.central_difference import step as central_difference_step
-from fem.contact_law import ExponentialLaw, LinearPenalty
-from fem.contact_state import matched_pressures
-from fem.deformable_assembly import DeformableAssembly
-from fem.effects import AdaptiveMassDamping, Effects
-from fem.energy import energies
-from fem.explicit import ExplicitResult, StopCriterion, UnstableRun, initial_state, prepare, solve
-from fem.explicit import watch as watch_energy
-from fem.explicit_model import explicit_assembly
-from fem.history import History
-from fem.loads import SmoothStepAmplitude
-from fem.model import Model, block_group, fixed_nodes
-from fem.quasi_static import quasi_static_report
-from fem.time_step import TimeStepError, critical_time_step
+from fem.assembly.contact_state import matched_pressures
+from fem.assembly.deformable import DeformableAssembly
+from fem.contact.law import ExponentialLaw, LinearPenalty
+from fem.explicit.output.energy import energies
+from fem.explicit.output.history import History
+from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.setup.quasi_static import quasi_static_report
+from fem.explicit.solve import (
+    ExplicitResult,
+    StopCriterion,
+    UnstableRun,
+    initial_state,
+    prepare,
+    solve,
+)
+from fem.explicit.solve import watch as watch_energy
+from fem.explicit.step import step as central_difference_step
+from fem.problem.effects import AdaptiveMassDamping, Effects
+from fem.problem.loads import SmoothStepAmplitude
+from fem.problem.model import Model, block_group, fixed_nodes
+from fem.problem.time_step import TimeStepError, critical_time_step
 from geometry.block import box_block
 from geometry.mesh import FloatArray
 from validation.stability.case import Cases, Check, Finding, refusal

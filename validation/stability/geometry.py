@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from fem.hexahedron import ElementType, block_stiffness
-from fem.linear_static import solve_linear_static
-from fem.material import Material
-from fem.model import Model, block_group, fixed_nodes, nodal_load
+from fem.element.hexahedron import ElementType, block_stiffness
+from fem.element.material import Material
+from fem.problem.model import Model, block_group, fixed_nodes, nodal_load
+from fem.static.linear import solve_linear_static
 from geometry.assembly import AssemblyError
 from geometry.block import box_block
 from geometry.mesh import HexMesh, MeshError, boundary_quads, check_mesh
@@ -119,8 +119,8 @@ def _bending() -> Finding:
 
 @CASES.add("units-metre-scene", "A scene written in metres: refused, the factor named")
 def _metre_scene() -> Finding:
-    from validation.build import build_assembly
-    from validation.scene import load_scene
+    from validation.build.blocks import build_assembly
+    from validation.scene.read import load_scene
 
     def build() -> None:
         values = ("height=0.2", "amplitude=0.02", "inner_radius=0.12", "thickness=0.04")

@@ -6,18 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.contact import ContactNormals
-from fem.contact_law import ContactLaw
-from fem.deformable_assembly import DeformableAssembly, deformable_assembly
-from fem.hexahedron import ElementType
-from fem.material import Material
-from fem.model import block_group
+from fem.assembly.deformable import DeformableAssembly, deformable_assembly
+from fem.contact.law import ContactLaw
+from fem.contact.surfaces import ContactNormals
+from fem.element.hexahedron import ElementType
+from fem.element.material import Material
+from fem.problem.model import block_group
 from geometry.assembly import Assembly
-from geometry.brick_stack import brick_stack
+from geometry.families.brick_stack import brick_stack
+from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.tube import sine_tube
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray
-from geometry.sine_block import SineBlockDivisions, SineBlockParameters
-from geometry.tube import sine_tube
 
 CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
 #: Without lateral contraction a pressed stack is one-dimensional: closed forms are exact.

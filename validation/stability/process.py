@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fem.checkpoint import CheckpointError
-from fem.explicit import ExplicitResult, Output, Progress, solve
-from fem.time_step import critical_time_step
+from fem.explicit.output.checkpoint import CheckpointError
+from fem.explicit.solve import ExplicitResult, Output, Progress, solve
+from fem.problem.time_step import critical_time_step
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.explicit import free_cube, noise
 

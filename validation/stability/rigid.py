@@ -8,9 +8,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.assembly import Assembly, AssemblyError, moved
+from geometry.families.sine_block import SineBlockDivisions
 from geometry.load_case import LoadCase, load_case
 from geometry.mesh import FloatArray
-from geometry.sine_block import SineBlockDivisions
 from mbd import (
     Classification,
     MatrixJacobian,

@@ -6,18 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.contact_law import ExponentialLaw
-from fem.contact_state import matched_pressures
-from fem.deformable_assembly import DeformableAssembly, deformable_assembly
-from fem.hexahedron import ElementType
-from fem.material import Material
-from fem.static import StaticError, StaticMethod, StaticOptions, solve_static
+from fem.assembly.contact_state import matched_pressures
+from fem.assembly.deformable import DeformableAssembly, deformable_assembly
+from fem.contact.law import ExponentialLaw
+from fem.element.hexahedron import ElementType
+from fem.element.material import Material
+from fem.static.solve import StaticError, StaticMethod, StaticOptions, solve_static
 from geometry.assembly import moved
-from geometry.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
+from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.families.tube import hexagon_cell
 from geometry.load_case import load_case
 from geometry.mesh import FloatArray
-from geometry.sine_block import SineBlockDivisions
-from geometry.tube import hexagon_cell
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.contact_law import COLUMN_LAW, TOLERANCE, column_checks, solved_column
 from validation.stability.problems import (

@@ -1,0 +1,1 @@
+"""Assemblies as deformable blocks: symmetry, supports, state of contact."""

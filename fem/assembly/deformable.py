@@ -1,0 +1,358 @@
+"""From an assembly and a load case to deformable blocks in contact.
+
+Congruent blocks are copies of one group with one stiffness. Frame blocks are rigid supports
+(no degrees of freedom) or deformable blocks held at their outer faces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from fem.contact.friction import CoulombFriction
+from fem.contact.law import ContactLaw, ExponentialLaw
+from fem.contact.surfaces import (
+    ContactNormals,
+    ContactSurfaces,
+    check_initial_overlap,
+    contact_surfaces,
+)
+from fem.element.hexahedron import ElementType, block_lumped_mass
+from fem.element.material import Material
+from fem.problem.loads import pressure_forces, traction_forces, wrench_forces
+from fem.problem.model import BlockGroup, Model, NodalLoad, Support, block_group, fixed_nodes
+from geometry.assembly import Assembly, BoolArray
+from geometry.load_case import LoadCase
+from geometry.mesh import FloatArray, IntArray
+from geometry.spacing import clearance_offsets
+
+
+class DeformableAssemblyError(ValueError):
+    """An assembly that cannot be computed as deformable blocks."""
+
+
+class Frames(StrEnum):
+    """How the blocks that the load case holds are modelled."""
+
+    RIGID = "rigid"
+    """They do not move or deform."""
+    DEFORMABLE = "deformable"
+    """They deform and are held at their outer faces."""
+
+
+class ClearanceKind(StrEnum):
+    """How an initial clearance comes about."""
+
+    UNIFORM = "uniform"
+    """Every gap is the clearance, along its normal: blocks made too small by half of it."""
+    SPACED = "spaced"
+    """Blocks keep their size and are moved apart (`geometry.spacing`): inclined faces open less
+    or more."""
+
+
+#: Outer face of a held block in the first and in the last layer, the first that exists.
+OUTER_FACES = {"first": ("bottom", "z-"), "last": ("top", "z+")}
+
+
+@dataclass(frozen=True)
+class Contact:
+    """How surfaces that meet act on each other."""
+
+    law: ContactLaw
+    """Pressure as a function of overclosure."""
+    normals: ContactNormals
+    """Which normals measure the gap."""
+    friction: CoulombFriction | None = None
+    """Friction; None: absent."""
+    finite_sliding: bool = False
+    """Whether a search finds facets that face each other (explicit runs only); matched facets
+    otherwise stay matched."""
+
+
+@dataclass(frozen=True)
+class DeformableAssembly:
+    """Deformable blocks, their loads and supports, and the surfaces on which they meet."""
+
+    assembly: Assembly
+    """What was built."""
+    model: Model
+    """Groups of congruent blocks with loads and supports; rigid blocks are not in it."""
+    group_of: IntArray
+    """Group of each block of the assembly, of its original for images, -1 for rigid ones,
+    (n_blocks,)."""
+    copy_of: IntArray
+    """Copy of that group, -1 for rigid ones, (n_blocks,)."""
+    spacing: FloatArray
+    """Translation of each block from its conforming place, (n_blocks, 3) [mm]."""
+    surfaces: ContactSurfaces
+    """Facet pairs of which at least one block deforms."""
+    contact: Contact
+    """Law and normals."""
+    gravity: FloatArray | None = None
+    """Uniform acceleration of all that deforms, world axes, (3,) [mm/s²]; None: absent."""
+
+    @property
+    def deformable_blocks(self) -> IntArray:
+        """Blocks that deform, images of others left out, (n,)."""
+        original = self.assembly.originals == np.arange(self.assembly.n_blocks)
+        return np.flatnonzero((self.group_of >= 0) & original)
+
+    def group(self, block: int) -> BlockGroup:
+        """Return the group of a deformable block."""
+        return self.model.groups[int(self.group_of[block])]
+
+
+def deformable_assembly(
+    assembly: Assembly,
+    load: LoadCase,
+    material: Material,
+    *,
+    element: ElementType = ElementType.INCOMPATIBLE,
+    law: ContactLaw | None = None,
+    normals: ContactNormals = ContactNormals.CURRENT,
+    initial_clearance: float = 0.0,
+    clearance_kind: ClearanceKind = ClearanceKind.UNIFORM,
+    frames: Frames = Frames.RIGID,
+    friction: CoulombFriction | None = None,
+    finite_sliding: bool = False,
+    gravity: FloatArray | None = None,
+) -> DeformableAssembly:
+    """Make deformable blocks of an assembly under a load case.
+
+    Parameters
+    ----------
+    assembly
+        Blocks and conforming interfaces.
+    load
+        Tractions, and which blocks are held.
+    material
+        Of all blocks.
+    element
+        Hexahedron.
+    law
+        Contact law; by default the exponential law with the paper's constants.
+    normals
+        Which normals measure gaps.
+    initial_clearance
+        Gap between the blocks before the load acts [mm]; negative: an interference fit.
+    clearance_kind
+        How it comes about.
+    frames
+        How held blocks are modelled.
+    friction
+        Friction between the blocks; None: absent.
+    finite_sliding
+        Whether explicit runs search for the facets that face each other. Surfaces then need not
+        conform, so blocks that nothing holds are not looked for.
+    gravity
+        Uniform acceleration, (3,) [mm/s²], a load of the static solver and a direction that a
+        symmetry must respect; explicit runs take it from `fem.problem.effects.Effects`. None:
+        absent.
+
+    Raises
+    ------
+    ContactError
+        Blocks that overlap at the start by more than the law's range.
+    DeformableAssemblyError
+        Nothing to deform, blocks that nothing can hold, or held blocks without an outer face.
+    AssemblyError
+        Contact facets without partner.
+    """
+    law = ExponentialLaw() if law is None else law
+    deformable = np.ones(assembly.n_blocks, dtype=np.bool_)
+    if assembly.image_of is not None:
+        _check_cell(assembly, frames, finite_sliding=finite_sliding)
+    if frames is Frames.RIGID:
+        deformable &= ~load.fixed
+    if not deformable.any():
+        raise DeformableAssemblyError(
+            f"{assembly.name}: every block is held; expected at least one that can deform"
+        )
+    if finite_sliding:
+        assembly = replace(assembly, unmatched_allowed=True)
+    else:
+        _check_held(assembly, load)
+    spaced = clearance_kind is ClearanceKind.SPACED
+    spacing = clearance_offsets(assembly, initial_clearance if spaced else 0.0)
+    surfaces = contact_surfaces(assembly, spacing, clearance=0.0 if spaced else initial_clearance)
+    touching = deformable[surfaces.block_m] | deformable[surfaces.block_s]
+    surfaces = surfaces.subset(np.flatnonzero(touching))
+    check_initial_overlap(surfaces, law)
+    groups, group_of, copy_of = _groups(assembly, deformable, spacing, material, element)
+    loads = _nodal_loads(assembly, load, groups, group_of, copy_of)
+    supports = _supports(assembly, load, group_of, copy_of)
+    return DeformableAssembly(
+        assembly=assembly,
+        model=Model(groups, supports=supports, loads=loads),
+        group_of=group_of[assembly.originals],
+        copy_of=copy_of[assembly.originals],
+        spacing=spacing,
+        surfaces=surfaces,
+        contact=Contact(law, normals, friction, finite_sliding),
+        gravity=gravity,
+    )
+
+
+def _check_cell(assembly: Assembly, frames: Frames, *, finite_sliding: bool) -> None:
+    """Refuse what a periodic cell does not have."""
+    if frames is Frames.DEFORMABLE:
+        raise DeformableAssemblyError(
+            f"{assembly.name}: a periodic cell has no frame to deform; expected rigid frames"
+        )
+    if finite_sliding:
+        raise DeformableAssemblyError(
+            f"{assembly.name}: blocks of a periodic cell cannot slide on to other images; expected "
+            "finite sliding off"
+        )
+
+
+def _check_held(assembly: Assembly, load: LoadCase) -> None:
+    """Refuse blocks that no chain of contacts connects to a held block."""
+    found = assembly.interfaces
+    reached = load.fixed.copy()
+    while True:
+        touch = reached[found.block_m] | reached[found.block_s]
+        grown = reached.copy()
+        grown[found.block_m[touch]] = True
+        grown[found.block_s[touch]] = True
+        if (grown == reached).all():
+            break
+        reached = grown
+    if not reached.all():
+        loose = np.flatnonzero(~reached)
+        names = ", ".join(str(b) for b in loose[:8]) + (", …" if len(loose) > 8 else "")
+        raise DeformableAssemblyError(
+            f"{assembly.name}: nothing holds {len(loose)} blocks ({names}); expected every block "
+            "to touch a held one, directly or through others: add supports or a frame"
+        )
+
+
+def _groups(
+    assembly: Assembly,
+    deformable: BoolArray,
+    spacing: FloatArray,
+    material: Material,
+    element: ElementType,
+) -> tuple[tuple[BlockGroup, ...], IntArray, IntArray]:
+    """One group for each shape that deforms, copies in the order of the blocks."""
+    group_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
+    copy_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
+    groups: list[BlockGroup] = []
+    for number in np.unique(assembly.shape_of[deformable]):
+        blocks = np.flatnonzero(deformable & (assembly.shape_of == number))
+        shape = assembly.shapes[int(number)]
+        group_of[blocks] = len(groups)
+        copy_of[blocks] = np.arange(len(blocks))
+        groups.append(
+            block_group(
+                shape.mesh,
+                material,
+                element=element,
+                rotations=assembly.rotations[blocks],
+                translations=assembly.translations[blocks] + spacing[blocks],
+                name=shape.name,
+            )
+        )
+    return tuple(groups), group_of, copy_of
+
+
+def block_load_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray | None:
+    """Consistent nodal forces of a load case on one block, in the block's own frame.
+
+    A load without couple is spread over the block like a body force, so that its resultant
+    acts at the mass centroid. A load on the block as a whole is spread like inertia.
+
+    Returns
+    -------
+    FloatArray | None
+        (n_nodes, 3) [N]; None where the block carries no load.
+    """
+    on_faces = _face_forces(assembly, load, block)
+    if load.body_wrenches is None or not load.body_wrenches[block].any():
+        return on_faces
+    mesh, rotation = assembly.shape(block).mesh, assembly.rotations[block]
+    wrench = load.body_wrenches[block]
+    share = block_lumped_mass(mesh, 1.0)
+    forces = wrench_forces(mesh.nodes, share, wrench[:3] @ rotation, wrench[3:] @ rotation)
+    return forces if on_faces is None else on_faces + forces
+
+
+def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray | None:
+    """Forces of the loaded facets of one block in its own frame; None where it has none."""
+    mine = np.flatnonzero(load.block == block)
+    if not len(mine):
+        return None
+    mesh = assembly.shape(block).mesh
+    rotation = assembly.rotations[block]
+    if load.tractions is None:
+        forces = pressure_forces(mesh.nodes, load.quads[mine], load.pressure)
+    else:
+        local = load.tractions[mine] @ rotation
+        forces = traction_forces(mesh.nodes, load.quads[mine], local)
+    if load.without_couple:
+        share = block_lumped_mass(mesh, 1.0)
+        forces = np.outer(share / share.sum(), forces.sum(axis=0))
+    return forces
+
+
+def _nodal_loads(
+    assembly: Assembly,
+    load: LoadCase,
+    groups: tuple[BlockGroup, ...],
+    group_of: IntArray,
+    copy_of: IntArray,
+) -> tuple[NodalLoad, ...]:
+    """Loads of the deformable blocks, one entry for each group that is loaded."""
+    loads = []
+    for number in range(len(groups)):
+        copies, nodes, forces = [], [], []
+        for block in np.flatnonzero(group_of == number):
+            local = block_load_forces(assembly, load, int(block))
+            if local is None:
+                continue
+            where = np.flatnonzero(local.any(axis=1))
+            copies.append(np.full(len(where), copy_of[block]))
+            nodes.append(where)
+            forces.append(local[where] @ assembly.rotations[block].T)
+        if copies:
+            loads.append(
+                NodalLoad(
+                    number, np.concatenate(copies), np.concatenate(nodes), np.concatenate(forces)
+                )
+            )
+    return tuple(loads)
+
+
+def _supports(
+    assembly: Assembly,
+    load: LoadCase,
+    group_of: IntArray,
+    copy_of: IntArray,
+) -> tuple[Support, ...]:
+    """Hold the outer faces of held blocks that deform."""
+    supports = []
+    last = int(assembly.layer.max())
+    for end, layer in (("first", 0), ("last", last)):
+        held = np.flatnonzero(load.fixed & (group_of >= 0) & (assembly.layer == layer))
+        for number in np.unique(group_of[held]):
+            blocks = held[group_of[held] == number]
+            shape = assembly.shape(int(blocks[0]))
+            names = [name for name in OUTER_FACES[end] if name in shape.faces]
+            if not names:
+                raise DeformableAssemblyError(
+                    f"{assembly.name}: block {int(blocks[0])} ({shape.name}) has no outer face to "
+                    f"hold; expected one named {' or '.join(OUTER_FACES[end])}, or rigid frames"
+                )
+            nodes = np.unique(shape.faces[names[0]])
+            supports.append(fixed_nodes(int(number), nodes, copies=copy_of[blocks]))
+    inside = np.flatnonzero(
+        load.fixed & (group_of >= 0) & (assembly.layer != 0) & (assembly.layer != last)
+    )
+    if len(inside):
+        raise DeformableAssemblyError(
+            f"{assembly.name}: block {int(inside[0])} is held inside the assembly; expected held "
+            "blocks in the first or last layer, or rigid frames"
+        )
+    return tuple(supports)

@@ -1,0 +1,311 @@
+"""Unknowns of a static problem: displacements of the representative blocks in their own frames.
+
+In its own frame every copy of a block has the same stiffness, whatever its placement. The nodes
+of all representatives are numbered one block after the other; displacements are (n_nodes, 3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import block_diag, csr_array, eye_array
+
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.symmetry import Orbits, local_forces
+from fem.contact.surfaces import (
+    ContactNormals,
+    ContactSurfaces,
+    PointKinematics,
+    point_kinematics,
+)
+from fem.problem.model import BlockGroup, ModelError
+from geometry.mesh import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class HeldNodes:
+    """Prescribed displacement components, each node in axes of its own.
+
+    With u = axes @ v, component k of v is prescribed where ``held[:, k]``.
+    """
+
+    nodes: IntArray
+    """Nodes with at least one prescribed component, (n,)."""
+    axes: FloatArray
+    """Orthonormal axes in the block frame as columns, prescribed ones first; (n, 3, 3)."""
+    held: FloatArray
+    """One where component k of v is prescribed, else zero; (n, 3)."""
+    values: FloatArray
+    """Prescribed components of v, (n, 3) [mm]."""
+
+
+@dataclass(frozen=True)
+class LocalSystem:
+    """Representative blocks, the facets between them, their loads and supports."""
+
+    deformable: DeformableAssembly
+    """The whole model."""
+    orbits: Orbits
+    """Which blocks are represented by which."""
+    blocks: IntArray
+    """Representative deformable blocks, (n_slots,)."""
+    slot_of: IntArray
+    """Slot of the representative of every block, -1 for rigid ones, (n_blocks,)."""
+    node_start: IntArray
+    """First node of each slot, and the total; (n_slots + 1,)."""
+    surfaces: ContactSurfaces
+    """Facets to integrate, one of each orbit."""
+    corner_nodes: IntArray
+    """Node of each of the eight corners, `n_nodes` for rigid blocks, (n_facets, 8)."""
+    external_force: FloatArray
+    """Loads in block frames, (n_nodes, 3) [N]."""
+    held: HeldNodes
+    """Supports."""
+
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of all representatives."""
+        return int(self.node_start[-1])
+
+    @property
+    def n_slots(self) -> int:
+        """Number of representatives."""
+        return len(self.blocks)
+
+    def group(self, slot: int) -> BlockGroup:
+        """Return the group of a slot."""
+        return self.deformable.group(int(self.blocks[slot]))
+
+    def nodes_of(self, slot: int) -> slice:
+        """Nodes of a slot."""
+        return slice(int(self.node_start[slot]), int(self.node_start[slot + 1]))
+
+    @cached_property
+    def rotations(self) -> FloatArray:
+        """Rotations of master and opposing block of each facet, (n_facets, 2, 3, 3)."""
+        turns = self.deformable.assembly.rotations
+        both: FloatArray = np.stack(
+            [turns[self.surfaces.block_m], turns[self.surfaces.block_s]], axis=1
+        )
+        return both
+
+    @cached_property
+    def moves(self) -> FloatArray:
+        """One at the corners of deformable blocks, zero at those of rigid ones, (n, 8)."""
+        moving: FloatArray = (self.corner_nodes < self.n_nodes).astype(np.float64)
+        return moving
+
+    def corner_displacements(self, displacement: FloatArray) -> FloatArray:
+        """World displacements of the corners, (n_facets, 8, 3) [mm]."""
+        padded = np.concatenate([displacement, np.zeros((1, 3))])
+        local = padded[self.corner_nodes].reshape(-1, 2, 4, 3)
+        world: FloatArray = np.einsum("fbij,fbaj->fbai", self.rotations, local).reshape(-1, 8, 3)
+        return world
+
+    def local_gradient(self, gradient: FloatArray) -> FloatArray:
+        """World gradients (n, n_points, 8, 3) in block frames, zero at rigid corners."""
+        shape = gradient.shape
+        split = gradient.reshape(*shape[:2], 2, 4, 3)
+        local = np.einsum("fbij,fpbai->fpbaj", self.rotations, split).reshape(shape)
+        masked: FloatArray = local * self.moves[:, None, :, None]
+        return masked
+
+    def kinematics(self, displacement: FloatArray, normals: ContactNormals) -> PointKinematics:
+        """Overclosures at a displacement, gradients in block frames."""
+        world = point_kinematics(self.surfaces, self.corner_displacements(displacement), normals)
+        return PointKinematics(world.overclosure, self.local_gradient(world.gradient))
+
+    def gather(self, local_gradient: FloatArray, displacement: FloatArray) -> FloatArray:
+        """Product of gradients with a displacement, (n_facets, n_points) [mm]."""
+        padded = np.concatenate([displacement, np.zeros((1, 3))])
+        product: FloatArray = np.einsum(
+            "fpai,fai->fp", local_gradient, padded[self.corner_nodes], optimize=True
+        )
+        return product
+
+    def scatter(self, local_gradient: FloatArray, point_forces: FloatArray) -> FloatArray:
+        """Nodal forces -Σ w p ∂(overclosure)/∂u, (n_nodes, 3) [N]."""
+        return self._gathered(-np.einsum("fp,fpai->fai", point_forces, local_gradient))
+
+    def scatter_corners(self, corner_forces: FloatArray) -> FloatArray:
+        """Nodal forces of forces on the corners in world axes, (n_nodes, 3) [N]."""
+        split = corner_forces.reshape(-1, 2, 4, 3)
+        local = np.einsum("fbij,fbai->fbaj", self.rotations, split)
+        return self._gathered(local.reshape(-1, 8, 3))
+
+    def _gathered(self, corner: FloatArray) -> FloatArray:
+        """Sum forces on corners in block frames at the nodes."""
+        forces = np.empty((self.n_nodes, 3))
+        where = self.corner_nodes.ravel()
+        for i in range(3):
+            values = corner[:, :, i].ravel()
+            forces[:, i] = np.bincount(where, values, minlength=self.n_nodes + 1)[:-1]
+        return forces
+
+    @cached_property
+    def stiffness(self) -> csr_array:
+        """Stiffness of all representatives, (3 n_nodes, 3 n_nodes) [N/mm]."""
+        blocks = [self.group(k).stiffness.tocsr() for k in range(self.n_slots)]
+        return csr_array(block_diag(blocks, format="csr"))
+
+    def internal_force(self, displacement: FloatArray) -> FloatArray:
+        """K u, block by block, (n_nodes, 3) [N]."""
+        force = np.empty_like(displacement)
+        for slot in range(self.n_slots):
+            nodes = self.nodes_of(slot)
+            product = self.group(slot).stiffness @ displacement[nodes].ravel()
+            force[nodes] = product.reshape(-1, 3)
+        return force
+
+    def free_part(self, force: FloatArray) -> FloatArray:
+        """Force without its components along prescribed directions, (n_nodes, 3) [N]."""
+        free = force.copy()
+        held = self.held
+        if len(held.nodes):
+            along = np.einsum("nij,ni->nj", held.axes, free[held.nodes]) * (1.0 - held.held)
+            free[held.nodes] = np.einsum("nij,nj->ni", held.axes, along)
+        return free
+
+    def localised(self, displacements: tuple[FloatArray, ...]) -> FloatArray:
+        """Displacements of the representatives in block frames, (n_nodes, 3) [mm].
+
+        Parameters
+        ----------
+        displacements
+            Of each group in world axes, (n_copies, n_nodes, 3) [mm].
+        """
+        deformable = self.deformable
+        parts = []
+        for block in self.blocks:
+            world = displacements[deformable.group_of[block]][deformable.copy_of[block]]
+            parts.append(world @ deformable.assembly.rotations[block])
+        return np.concatenate(parts)
+
+    def expand(self, displacement: FloatArray) -> list[FloatArray]:
+        """World displacements of every copy of each group, (n_copies, n_nodes, 3) [mm]."""
+        deformable = self.deformable
+        result = [np.zeros((g.n_copies, g.n_nodes, 3)) for g in deformable.model.groups]
+        for block in deformable.deformable_blocks:
+            group, copy = int(deformable.group_of[block]), int(deformable.copy_of[block])
+            local = displacement[self.nodes_of(int(self.slot_of[block]))]
+            result[group][copy] = local @ deformable.assembly.rotations[block].T
+        return result
+
+
+def local_system(deformable: DeformableAssembly, orbits: Orbits) -> LocalSystem:
+    """Number the unknowns of a static problem.
+
+    Raises
+    ------
+    ModelError
+        Supports of one node that contradict each other.
+    """
+    chosen = np.unique(orbits.representative)
+    blocks = chosen[deformable.group_of[chosen] >= 0]
+    slot = np.full(deformable.assembly.n_blocks, -1, dtype=np.int64)
+    slot[blocks] = np.arange(len(blocks))
+    slot_of = slot[orbits.representative]
+    sizes = [deformable.group(int(b)).n_nodes for b in blocks]
+    node_start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    surfaces = deformable.surfaces.subset(orbits.facets)
+    corner = np.concatenate(
+        [
+            _slot_nodes(surfaces.quads_m, slot_of[surfaces.block_m], node_start),
+            _slot_nodes(surfaces.quads_s, slot_of[surfaces.block_s], node_start),
+        ],
+        axis=1,
+    )
+    forces = local_forces(deformable)
+    external = [forces[deformable.group_of[b]][deformable.copy_of[b]] for b in blocks]
+    return LocalSystem(
+        deformable=deformable,
+        orbits=orbits,
+        blocks=blocks,
+        slot_of=slot_of,
+        node_start=node_start,
+        surfaces=surfaces,
+        corner_nodes=corner,
+        external_force=np.concatenate(external),
+        held=_held_nodes(deformable, blocks, node_start),
+    )
+
+
+def _slot_nodes(quads: IntArray, slots: IntArray, node_start: IntArray) -> IntArray:
+    """Node numbers of facet corners; the total number of nodes for rigid blocks."""
+    first = node_start[np.maximum(slots, 0)][:, None]
+    numbered: IntArray = np.where(slots[:, None] >= 0, quads + first, node_start[-1])
+    return numbered
+
+
+def _held_nodes(
+    deformable: DeformableAssembly, blocks: IntArray, node_start: IntArray
+) -> HeldNodes:
+    """Collect the supports of the representatives, node by node."""
+    nodes, directions, values = [], [], []
+    for support in deformable.model.supports:
+        rotations = deformable.model.groups[support.group].rotations[support.copies]
+        local = np.einsum("nij,ni->nj", rotations, support.directions)
+        for slot, block in enumerate(blocks):
+            if int(deformable.group_of[block]) != support.group:
+                continue
+            mine = support.copies == deformable.copy_of[block]
+            nodes.append(support.nodes[mine] + node_start[slot])
+            directions.append(local[mine])
+            values.append(support.displacement[mine])
+    if not nodes:
+        empty = np.zeros((0, 3))
+        return HeldNodes(np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3)), empty, empty)
+    return _by_node(np.concatenate(nodes), np.concatenate(directions), np.concatenate(values))
+
+
+def _by_node(nodes: IntArray, directions: FloatArray, values: FloatArray) -> HeldNodes:
+    order = np.argsort(nodes, kind="stable")
+    unique, first, count = np.unique(nodes[order], return_index=True, return_counts=True)
+    axes = np.zeros((len(unique), 3, 3))
+    held = np.zeros((len(unique), 3))
+    prescribed = np.zeros((len(unique), 3))
+    for i, (start, n) in enumerate(zip(first, count, strict=True)):
+        rows = order[start : start + n]
+        given = directions[rows]
+        if n > 3 or np.abs(given @ given.T - np.eye(n)).max() > 1e-9:
+            raise ModelError(
+                f"supports: node {int(unique[i])} is held in {n} directions that are not "
+                "orthonormal; expected each component to be prescribed once"
+            )
+        if n == 3:
+            # All components are prescribed: along the axes of the block, to the bit.
+            axes[i], held[i] = np.eye(3), 1.0
+            prescribed[i] = given.T @ values[rows]
+            continue
+        basis = np.linalg.qr(given.T, mode="complete")[0]
+        sign = np.sign(np.einsum("ij,ji->i", given, basis[:, :n]))
+        basis[:, :n] *= sign
+        axes[i], held[i, :n] = basis, 1.0
+        prescribed[i, :n] = values[rows]
+    return HeldNodes(unique, axes, held, prescribed)
+
+
+def constraint_transform(system: LocalSystem) -> tuple[csr_array, IntArray, FloatArray]:
+    """Change of variables u = T v that makes every prescribed component one variable.
+
+    Returns
+    -------
+    tuple[csr_array, IntArray, FloatArray]
+        T (3 n_nodes, 3 n_nodes), the free variables (n_free,) and v with the prescribed values
+        and zeros (3 n_nodes,) [mm].
+    """
+    size = 3 * system.n_nodes
+    held = system.held
+    value = np.zeros(size)
+    if not len(held.nodes):
+        return csr_array(eye_array(size, format="csr")), np.arange(size), value
+    transform = eye_array(size, format="lil")
+    is_held = np.zeros(size, dtype=np.bool_)
+    for i, node in enumerate(held.nodes):
+        where = slice(3 * int(node), 3 * int(node) + 3)
+        transform[where, where] = held.axes[i]
+        is_held[where] = held.held[i] > 0.0
+        value[where] = held.values[i]
+    return csr_array(transform.tocsr()), np.flatnonzero(~is_held), value

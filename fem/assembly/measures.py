@@ -1,0 +1,80 @@
+"""Measures of the contact pressures of deformable blocks, by the paper's definitions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fem.assembly.contact_state import ContactState
+from fem.explicit.contact.quadrature import gauss_points
+from geometry.assembly import Assembly
+from geometry.measures import BlockMeasures, block_measures, measures
+from geometry.mesh import FloatArray
+
+
+@dataclass(frozen=True)
+class ContactMeasures:
+    """Contact of a whole assembly; blocks of the frame are not measured."""
+
+    p_eff: float
+    """Mean over blocks of the mean of their K largest facet pressures [MPa]."""
+    p_max_face: float
+    """Mean over blocks of their largest facet pressure, the paper's max-mean [MPa]."""
+    p_max_point: float
+    """Largest pressure at any integration point [MPa]."""
+    effective_count_percent: float
+    """Mean over blocks of 100 K / (facets that can meet a neighbour) [%]."""
+    effective_area_percent: float
+    """The same with areas [%]."""
+    mean_overclosure: float
+    """Area-weighted mean overclosure where surfaces press on each other [mm]."""
+    force: float
+    """Sum of all contact forces, each pair counted once [N]."""
+    per_block: BlockMeasures
+    """The paper's measures of each free block."""
+
+
+def contact_measures(assembly: Assembly, state: ContactState) -> ContactMeasures:
+    """Measure the pressures of a static or explicit state.
+
+    Facets that a search found are those of the finer of two surfaces; for either block as many
+    could meet a neighbour as cover its contact faces.
+
+    Parameters
+    ----------
+    assembly
+        Blocks.
+    state
+        Their contact.
+    """
+    blocks, areas = assembly.free_blocks, assembly.eligible_areas()
+    m, s = (assembly.originals[b] for b in (state.block_m, state.block_s))
+    per_block = block_measures(blocks, m, s, state.pressures, state.areas)
+    eligible: FloatArray = assembly.eligible_facets().astype(np.float64)
+    if state.interface is None:
+        eligible = _facets_that_fit(assembly, state)
+    overall = measures(per_block, eligible[blocks], areas[blocks])
+    pressing = np.where(state.point_pressures > 0.0, state.point_areas, 0.0)
+    area = float(pressing.sum())
+    return ContactMeasures(
+        p_eff=overall.p_eff,
+        p_max_face=overall.p_max,
+        p_max_point=float(state.point_pressures.max(initial=0.0)),
+        effective_count_percent=overall.effective_count_percent,
+        effective_area_percent=overall.effective_area_percent,
+        mean_overclosure=float(pressing @ state.point_overclosures) / area if area else 0.0,
+        force=float(state.point_areas @ state.point_pressures),
+        per_block=per_block,
+    )
+
+
+def _facets_that_fit(assembly: Assembly, state: ContactState) -> FloatArray:
+    """How many of the facets that a search found cover the contact faces of each block."""
+    whole = np.array(
+        [gauss_points(s.mesh.nodes[s.contact_quads]).weights.sum() for s in assembly.shapes]
+    )[assembly.shape_of]
+    ends = np.concatenate([state.block_m, state.block_s])
+    met = np.bincount(ends, minlength=assembly.n_blocks)
+    covered = np.bincount(ends, np.tile(state.areas, 2), minlength=assembly.n_blocks)
+    return np.where(met > 0, met * whole / np.maximum(covered, 1e-300), assembly.eligible_facets())

@@ -1,0 +1,1 @@
+"""The contact law, friction, and the surfaces on which blocks meet."""

@@ -1,0 +1,407 @@
+"""Face-to-face contact on conforming interfaces: gaps, pressures, nodal forces, tangent.
+
+Opposing facets are matched corner on corner. On each pair lie 2 × 2 Gauss points; at a point
+
+    d = x_s - x_m                    from the master point to the opposing one
+    n = a / |a|, a = t_1 × t_2       t the mean of the two facets' tangents: neither is favoured
+    overclosure = -n · d - clearance minus the gap
+
+and the energy is the sum of w W(overclosure) with w the reference area of the point. Forces
+are its derivatives: on the nodes -w p ∂(overclosure)/∂u. Corners 0-3 of a pair are those of the
+master facet, 4-7 the coinciding ones of the opposing facet.
+
+With *reference* normals n does not change: the overclosure is linear in the displacement. With
+*current* normals n follows both surfaces; its variation is part of the force, so forces and
+moments about the current positions balance to round-off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+
+from fem.contact.law import ContactLaw
+from fem.problem.loads import FACET_SLOPES, FACET_VALUES
+from geometry.assembly import Assembly
+from geometry.mesh import FloatArray, IntArray
+
+
+class ContactError(ValueError):
+    """Contact that cannot be computed: which faces, what is wrong, what to do."""
+
+
+class ContactNormals(StrEnum):
+    """Which normals measure the gap."""
+
+    CURRENT = "current"
+    """Of the deformed surfaces."""
+    REFERENCE = "reference"
+    """Of the undeformed surfaces: the gap is linear in the displacement."""
+
+
+@dataclass(frozen=True)
+class ContactSurfaces:
+    """Matched facets of an assembly with their Gauss points, world axes.
+
+    Sorted by block pair; both the static and the explicit solver read it.
+    """
+
+    block_m: IntArray
+    """Master block, (n,)."""
+    block_s: IntArray
+    """Opposing block, (n,)."""
+    quads_m: IntArray
+    """Corner nodes in block m's mesh, (n, 4)."""
+    quads_s: IntArray
+    """Coinciding nodes of block s, corner by corner, (n, 4)."""
+    facet: IntArray
+    """Position in the assembly's interfaces, (n,)."""
+    pair_start: IntArray
+    """First facet of each block pair, and the total; (n_pairs + 1,)."""
+    tangents: FloatArray
+    """Mean reference tangents dx/dr, dx/ds of the two facets, (n, 4 points, 2, 3) [mm]."""
+    offsets: FloatArray
+    """x_s - x_m in the reference position, spacing included, (n, 4 points, 3) [mm]."""
+    clearance: float = 0.0
+    """Added to every gap, as if the surfaces lay half of it inside their blocks [mm]."""
+
+    @property
+    def n_facets(self) -> int:
+        """Number of matched facet pairs."""
+        return len(self.block_m)
+
+    @cached_property
+    def area_vectors(self) -> FloatArray:
+        """t_1 × t_2 of the reference position, (n, 4 points, 3) [mm²]."""
+        vectors: FloatArray = np.cross(self.tangents[:, :, 0], self.tangents[:, :, 1])
+        return vectors
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """Reference area of each point, (n, 4 points) [mm²]."""
+        weights: FloatArray = np.linalg.norm(self.area_vectors, axis=2)
+        return weights
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """Reference normals from m to s, (n, 4 points, 3)."""
+        normals: FloatArray = self.area_vectors / self.weights[:, :, None]
+        return normals
+
+    @cached_property
+    def areas(self) -> FloatArray:
+        """Reference area of each facet, (n,) [mm²]."""
+        areas: FloatArray = self.weights.sum(axis=1)
+        return areas
+
+    @property
+    def initial_gaps(self) -> FloatArray:
+        """Gap before any displacement, (n, 4 points) [mm]."""
+        along = np.einsum("fpi,fpi->fp", self.normals, self.offsets)
+        gaps: FloatArray = along + self.clearance
+        return gaps
+
+    def subset(self, facets: IntArray) -> ContactSurfaces:
+        """Keep some facets, in the order given; block pairs are found anew."""
+        m, s = self.block_m[facets], self.block_s[facets]
+        return ContactSurfaces(
+            block_m=m,
+            block_s=s,
+            quads_m=self.quads_m[facets],
+            quads_s=self.quads_s[facets],
+            facet=self.facet[facets],
+            pair_start=_pair_start(m, s),
+            tangents=self.tangents[facets],
+            offsets=self.offsets[facets],
+            clearance=self.clearance,
+        )
+
+
+def _pair_start(block_m: IntArray, block_s: IntArray) -> IntArray:
+    change = np.flatnonzero((np.diff(block_m) != 0) | (np.diff(block_s) != 0)) + 1
+    ends = [0, len(block_m)] if len(block_m) else [0]
+    return np.unique(np.concatenate([change, ends])).astype(np.int64)
+
+
+def contact_surfaces(
+    assembly: Assembly, spacing: FloatArray | None = None, *, clearance: float = 0.0
+) -> ContactSurfaces:
+    """Gather the matched facets of an assembly that a deformation can load.
+
+    Facets between two fixed blocks are kept: a frame may be deformable.
+
+    Parameters
+    ----------
+    assembly
+        Conforming blocks.
+    spacing
+        Translation of each block from its conforming place, (n_blocks, 3) [mm]
+        (`geometry.spacing.clearance_offsets`); None: the blocks touch.
+    clearance
+        Added to every gap [mm].
+
+    Raises
+    ------
+    AssemblyError
+        Facets of free blocks without partner where that is not allowed.
+    """
+    found = assembly.interfaces
+    corners_m = facet_corners(assembly, found.block_m, found.quads_m)
+    corners_s = facet_corners(assembly, found.block_s, found.quads_s)
+    offsets = np.einsum("pa,fai->fpi", FACET_VALUES, corners_s - corners_m)
+    if spacing is not None:
+        offsets += (spacing[found.block_s] - spacing[found.block_m])[:, None]
+    return ContactSurfaces(
+        block_m=found.block_m,
+        block_s=found.block_s,
+        quads_m=found.quads_m,
+        quads_s=found.quads_s,
+        facet=np.arange(found.n_contacts),
+        pair_start=found.pair_start,
+        tangents=np.einsum("pak,fai->fpki", FACET_SLOPES, 0.5 * (corners_m + corners_s)),
+        offsets=offsets,
+        clearance=clearance,
+    )
+
+
+def facet_corners(assembly: Assembly, blocks: IntArray, quads: IntArray) -> FloatArray:
+    """World positions of facet corners, (n, 4, 3) [mm]."""
+    corners = np.empty((len(blocks), 4, 3))
+    for block in np.unique(blocks):
+        mine = blocks == block
+        corners[mine] = assembly.place(
+            int(block), assembly.shape(int(block)).mesh.nodes[quads[mine]].reshape(-1, 3)
+        ).reshape(-1, 4, 3)
+    return corners
+
+
+def check_initial_overlap(surfaces: ContactSurfaces, law: ContactLaw) -> None:
+    """Refuse surfaces that lie deeper in each other than the law's curve reaches.
+
+    Raises
+    ------
+    ContactError
+        Naming the deepest block pair, its depth and the law's range.
+    """
+    deepest = (-surfaces.initial_gaps).max(axis=1, initial=-np.inf)
+    refuse_overlap(surfaces.block_m, surfaces.block_s, deepest, law)
+
+
+def refuse_overlap(
+    block_m: IntArray, block_s: IntArray, deepest: FloatArray, law: ContactLaw
+) -> None:
+    """Refuse facets whose largest overclosure is beyond the law's range.
+
+    Parameters
+    ----------
+    block_m, block_s
+        Blocks of each facet, (n_facets,).
+    deepest
+        Largest overclosure of each, (n_facets,) [mm].
+    law
+        Contact law.
+
+    Raises
+    ------
+    ContactError
+        Naming the deepest block pair, its depth and the law's range.
+    """
+    range_end = law.largest_initial_overclosure
+    if not len(deepest) or deepest.max() <= range_end:
+        return
+    worst = int(np.argmax(deepest))
+    raise ContactError(
+        f"contact: {int((deepest > range_end).sum())} facets overlap at the start by more than "
+        f"{range_end:.3g} mm, where the contact law ends; deepest {deepest[worst]:.3g} mm between "
+        f"blocks {int(block_m[worst])} and {int(block_s[worst])}; expected "
+        "blocks that touch: correct the placement or raise contact.initial_clearance"
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Kinematics
+
+
+@dataclass(frozen=True)
+class PointKinematics:
+    """Overclosure of every point and its derivative by the corner displacements."""
+
+    overclosure: FloatArray
+    """(n, 4 points) [mm]"""
+    gradient: FloatArray
+    """∂(overclosure)/∂(corner displacement) in world axes, (n, 4 points, 8 corners, 3)."""
+
+
+#: Corners 0-3 (master) count against corners 4-7 in d, together in the tangents.
+_DIFFERENCE: FloatArray = np.concatenate([-FACET_VALUES, FACET_VALUES], axis=1)
+_MEAN_SLOPES: FloatArray = 0.5 * np.concatenate([FACET_SLOPES, FACET_SLOPES], axis=1)
+
+
+def reference_gradient(surfaces: ContactSurfaces) -> FloatArray:
+    """Gradient of the overclosure with reference normals, (n, 4 points, 8 corners, 3)."""
+    gradient: FloatArray = -np.einsum("pa,fpi->fpai", _DIFFERENCE, surfaces.normals)
+    return gradient
+
+
+def point_kinematics(
+    surfaces: ContactSurfaces,
+    corner_displacements: FloatArray,
+    normals: ContactNormals = ContactNormals.CURRENT,
+) -> PointKinematics:
+    """Overclosures and their gradients at displaced corners.
+
+    Parameters
+    ----------
+    surfaces
+        Matched facets.
+    corner_displacements
+        World axes, (n, 8 corners, 3) [mm].
+    normals
+        Which normals measure the gap.
+    """
+    d = surfaces.offsets + np.einsum("pa,fai->fpi", _DIFFERENCE, corner_displacements)
+    if normals is ContactNormals.REFERENCE:
+        return PointKinematics(
+            -np.einsum("fpi,fpi->fp", surfaces.normals, d) - surfaces.clearance,
+            reference_gradient(surfaces),
+        )
+    frame = _current_frame(surfaces, corner_displacements, d)
+    by_normal = -np.einsum("pa,fpi->fpai", _DIFFERENCE, frame.normal)
+    # ∂(overclosure)/∂a = -e; a = t_1 × t_2 turns it into t_2 × (-e) and (-e) × t_1.
+    by_first = np.cross(frame.slip, frame.tangents[:, :, 1])
+    by_second = np.cross(frame.tangents[:, :, 0], frame.slip)
+    turning = np.einsum("pa,fpi->fpai", _MEAN_SLOPES[:, :, 0], by_first)
+    turning += np.einsum("pa,fpi->fpai", _MEAN_SLOPES[:, :, 1], by_second)
+    return PointKinematics(-frame.gap - surfaces.clearance, by_normal + turning)
+
+
+@dataclass(frozen=True)
+class _CurrentFrame:
+    """Tangents, normal, gap and e = (d - n (n · d)) / |a| of the displaced points."""
+
+    tangents: FloatArray
+    normal: FloatArray
+    area: FloatArray
+    gap: FloatArray
+    slip: FloatArray
+
+
+def _current_frame(
+    surfaces: ContactSurfaces, corner_displacements: FloatArray, d: FloatArray
+) -> _CurrentFrame:
+    tangents = surfaces.tangents + np.einsum("pak,fai->fpki", _MEAN_SLOPES, corner_displacements)
+    vector = np.cross(tangents[:, :, 0], tangents[:, :, 1])
+    area = np.linalg.norm(vector, axis=2)
+    normal = vector / area[:, :, None]
+    gap = np.einsum("fpi,fpi->fp", normal, d)
+    slip = (d - gap[:, :, None] * normal) / area[:, :, None]
+    return _CurrentFrame(tangents, normal, area, gap, slip)
+
+
+def point_normals(
+    surfaces: ContactSurfaces,
+    corner_displacements: FloatArray,
+    normals: ContactNormals = ContactNormals.CURRENT,
+) -> FloatArray:
+    """Normals from m to s that measure the gaps at displaced corners, (n, 4 points, 3)."""
+    if normals is ContactNormals.REFERENCE:
+        return surfaces.normals
+    d = surfaces.offsets + np.einsum("pa,fai->fpi", _DIFFERENCE, corner_displacements)
+    return _current_frame(surfaces, corner_displacements, d).normal
+
+
+def _cross_matrix(vector: FloatArray) -> FloatArray:
+    """[v]× with [v]× w = v × w; (..., 3, 3)."""
+    return -np.cross(vector[..., None, :], np.eye(3))
+
+
+def curvature(surfaces: ContactSurfaces, corner_displacements: FloatArray) -> FloatArray:
+    """Second derivative of the overclosure with current normals.
+
+    In terms of (d, t_1, t_2), with e the tangential part of d over |a| and P = 1 - n nᵀ:
+    ∂²/∂a∂d = -P / |a|, ∂²/∂a² = ((n·d) P / |a| + n eᵀ + e nᵀ) / |a|, ∂²/∂t_1∂t_2 = [e]×.
+
+    Returns
+    -------
+    FloatArray
+        (n, 4 points, 24, 24) [1/mm], degrees of freedom 3 · corner + component.
+    """
+    d = surfaces.offsets + np.einsum("pa,fai->fpi", _DIFFERENCE, corner_displacements)
+    frame = _current_frame(surfaces, corner_displacements, d)
+    n, e, area = frame.normal, frame.slip, frame.area[:, :, None, None]
+    tangential = np.eye(3) - n[..., :, None] * n[..., None, :]
+    mixed = n[..., :, None] * e[..., None, :]
+    by_a_d = -tangential / area
+    by_a_a = (frame.gap[:, :, None, None] * tangential / area + mixed + _transposed(mixed)) / area
+    # δa = -[t_2]× δt_1 + [t_1]× δt_2
+    turn = [-_cross_matrix(frame.tangents[:, :, 1]), _cross_matrix(frame.tangents[:, :, 0])]
+    hessian = np.zeros((*frame.area.shape, 9, 9))
+    for i in range(2):
+        rows = slice(3 + 3 * i, 6 + 3 * i)
+        hessian[..., rows, :3] = _transposed(turn[i]) @ by_a_d
+        hessian[..., :3, rows] = _transposed(hessian[..., rows, :3])
+        for j in range(2):
+            columns = slice(3 + 3 * j, 6 + 3 * j)
+            hessian[..., rows, columns] = _transposed(turn[i]) @ by_a_a @ turn[j]
+    hessian[..., 3:6, 6:] += _cross_matrix(e)
+    hessian[..., 6:, 3:6] -= _cross_matrix(e)
+    factors = np.stack([_DIFFERENCE, _MEAN_SLOPES[:, :, 0], _MEAN_SLOPES[:, :, 1]], axis=1)
+    spread = np.einsum("pka,ij->pkiaj", factors, np.eye(3)).reshape(4, 9, 24)
+    result: FloatArray = _transposed(spread) @ hessian @ spread
+    return result
+
+
+def _transposed(matrix: FloatArray) -> FloatArray:
+    return np.swapaxes(matrix, -1, -2)
+
+
+# ---------------------------------------------------------------------------------------------
+# Forces
+
+
+def corner_forces(kinematics: PointKinematics, point_forces: FloatArray) -> FloatArray:
+    """Forces on the eight corners, world axes: (n, 8, 3) [N].
+
+    Parameters
+    ----------
+    kinematics
+        Gradients of the overclosures.
+    point_forces
+        w p of each point, (n, 4 points) [N].
+    """
+    forces: FloatArray = -np.einsum("fp,fpai->fai", point_forces, kinematics.gradient)
+    return forces
+
+
+def corner_tangent(kinematics: PointKinematics, point_stiffness: FloatArray) -> FloatArray:
+    """Derivative of minus the corner forces, the part of the law: (n, 24, 24) [N/mm].
+
+    Parameters
+    ----------
+    kinematics
+        Gradients of the overclosures.
+    point_stiffness
+        w dp/dx of each point, (n, 4 points) [N/mm].
+    """
+    gradient = kinematics.gradient.reshape(*kinematics.overclosure.shape, 24)
+    tangent: FloatArray = np.einsum("fp,fpi,fpj->fij", point_stiffness, gradient, gradient)
+    return tangent
+
+
+def curvature_tangent(
+    surfaces: ContactSurfaces, corner_displacements: FloatArray, point_forces: FloatArray
+) -> FloatArray:
+    """Part of the same derivative that comes from turning normals, (n, 24, 24) [N/mm]."""
+    tangent: FloatArray = np.einsum(
+        "fp,fpij->fij", point_forces, curvature(surfaces, corner_displacements)
+    )
+    return tangent
+
+
+def facet_pressures(surfaces: ContactSurfaces, point_pressures: FloatArray) -> FloatArray:
+    """Mean pressure of each facet, its force over its area; (n,) [MPa]."""
+    pressures: FloatArray = (surfaces.weights * point_pressures).sum(axis=1) / surfaces.areas
+    return pressures

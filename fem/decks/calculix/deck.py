@@ -1,0 +1,261 @@
+"""Write a deck for CalculiX: flat, with other words for what its input has none for.
+
+What was measured of CalculiX 2.20 and shapes this module: no parts and instances; its
+EXPONENTIAL contact law is another one, so the law goes in as a table of at most 200 points with
+NODE TO SURFACE pairs, and beyond the table the pressure stays constant; SMOOTH STEP, *CONTACT
+and *BULK VISCOSITY are ignored without a word; ENCASTRE and TRVEC are fatal; explicit dynamics
+takes no stiffness-proportional damping and gets C3D8I wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fem.contact.law import ContactLaw, ExponentialLaw
+from fem.decks.abaqus.deck import heading_lines
+from fem.decks.abaqus.model import material_lines
+from fem.decks.abaqus.step import amplitude_parameter, gravity_lines, pair_keyword
+from fem.decks.calculix.mesh import (
+    CALCULIX_ELEMENTS,
+    EVERY_ELEMENT,
+    EVERY_NODE,
+    Starts,
+    flat_surface_lines,
+    held_name,
+    held_set_lines,
+    mesh_lines,
+)
+from fem.decks.faces import Patches, contact_patches
+from fem.decks.keywords import DeckError, keyword, label, real, reals
+from fem.decks.model import block_nodes, nodal_forces
+from fem.decks.names import JOINT, LOADING, MATERIAL, block_label, check_deck
+from fem.decks.statement import Deck, DeckLoad, PressureLoad, Procedure
+from fem.element.hexahedron import ElementType
+from fem.problem.loads import SmoothStepAmplitude
+from geometry.mesh import FloatArray
+
+#: Points of a table that CalculiX reads with NODE TO SURFACE.
+TABLE_POINTS = 200
+
+
+#: A table of the exponential law ends here at the latest (overclosure over c0, plus one).
+_LARGEST_EXPONENT = 20.0
+
+
+#: Overclosure of the last point of a table [mm]: CalculiX holds the pressure beyond.
+_FAR = 1.0e3
+
+
+#: Samples of the smooth step; linear between them it is off by less than 1e-4 of the load.
+_AMPLITUDE_POINTS = 101
+
+
+#: Residual and correction at which an increment has converged, relative (defaults 0.005, 0.01).
+_CONVERGENCE = (1.0e-6, 1.0e-4)
+
+
+def calculix_lines(deck: Deck) -> Iterator[str]:
+    """Lines of a flat deck for CalculiX.
+
+    Parameters
+    ----------
+    deck
+        The problem; its assembly must be canonical (`fem.decks.placement.canonical`).
+
+    Raises
+    ------
+    DeckError
+        What CalculiX has no words for, by name.
+    """
+    check_calculix(deck)
+    starts = Starts(deck)
+    patches = None if deck.joint is None else contact_patches(deck)
+    yield from heading_lines(deck)
+    yield from mesh_lines(deck, starts)
+    yield from held_set_lines(deck, starts)
+    yield from flat_surface_lines(deck, starts, patches)
+    yield "**"
+    yield from _material(deck)
+    if patches is not None:
+        yield from _contact(deck, patches)
+    yield from _model_data(deck, starts)
+    yield from _step(deck, starts)
+
+
+def check_calculix(deck: Deck) -> None:
+    """Refuse what CalculiX cannot express or computes wrongly.
+
+    Raises
+    ------
+    DeckError
+        By name.
+    """
+    check_deck(deck, CALCULIX_ELEMENTS)
+    explicit = deck.step.procedure is Procedure.EXPLICIT
+    rayleigh, joint = deck.effects.rayleigh, deck.joint
+    if joint is not None and explicit:
+        raise DeckError(
+            "fem.method: CalculiX's explicit dynamics has no contact law but a linear penalty; "
+            "expected a static step where blocks meet"
+        )
+    if joint is not None and joint.friction is not None and joint.stick_stiffness is None:
+        raise DeckError(
+            "effects.friction.stick_stiffness is missing: CalculiX has no default for it [MPa/mm]"
+        )
+    if explicit and rayleigh is not None and rayleigh.stiffness_proportional:
+        raise DeckError(
+            f"effects.rayleigh.stiffness_proportional: got {rayleigh.stiffness_proportional}; "
+            "CalculiX's explicit dynamics takes none: remove it or choose fem.method=static"
+        )
+    if explicit and deck.element is ElementType.INCOMPATIBLE:
+        raise DeckError(
+            "fem.element: CalculiX's explicit dynamics computes C3D8I wrongly (deflections 2.4 "
+            "times too large); expected full or reduced"
+        )
+    if explicit and deck.step.time_step is None:
+        raise DeckError("fem.time_step is missing: CalculiX needs it for explicit dynamics [s]")
+    if not explicit and deck.motion is not None:
+        raise DeckError("initial: a static step has no initial motion; remove it")
+
+
+def law_table(law: ContactLaw) -> FloatArray:
+    """Pressure and overclosure of a contact law as a table for CalculiX, (n <= 200, 2).
+
+    Linear between the points: with the paper's constants pressures differ by less than
+    0.03 %. The last point lies on the law's linear end, far outside any overclosure.
+    """
+    if isinstance(law, ExponentialLaw):
+        c0 = law.clearance_at_zero_pressure
+        end = min(law.constants.linear_start / c0 + 1.0, _LARGEST_EXPONENT)
+        overclosure = c0 * (np.linspace(0.0, end, TABLE_POINTS - 1) - 1.0)
+    else:
+        overclosure = np.zeros(1)
+    pressure = law.pressure(overclosure)
+    slope = float(law.stiffness(overclosure[-1:] + 1e-9)[0])
+    last = [pressure[-1] + slope * (_FAR - overclosure[-1]), _FAR]
+    return np.vstack([np.column_stack([pressure, overclosure]), last])
+
+
+# ---------------------------------------------------------------------------------------------
+# Model data
+
+
+def _material(deck: Deck) -> Iterator[str]:
+    for line in material_lines(deck):
+        if deck.step.procedure is Procedure.EXPLICIT or not line.startswith("*Damping"):
+            yield line
+    yield keyword("Solid Section", elset=EVERY_ELEMENT, material=MATERIAL)
+
+
+def _contact(deck: Deck, patches: Patches) -> Iterator[str]:
+    joint = deck.joint
+    assert joint is not None
+    yield keyword("Surface Interaction", name=JOINT)
+    yield "*Surface Behavior, pressure-overclosure=TABULAR"
+    for row in law_table(joint.law).tolist():
+        yield reals(row)
+    if joint.friction is not None:
+        assert joint.stick_stiffness is not None
+        yield keyword("Friction")
+        yield reals([joint.friction, joint.stick_stiffness])
+    for pair in patches.pairs:
+        yield pair_keyword(deck)
+        yield (
+            f"{block_label(deck, pair.block_s)}_{pair.patch_s}, "
+            f"{block_label(deck, pair.block_m)}_{pair.patch_m}"
+        )
+
+
+def _model_data(deck: Deck, starts: Starts) -> Iterator[str]:
+    if deck.step.ramp_time > 0.0:
+        yield keyword("Amplitude", name=LOADING)
+        yield from _sampled_amplitude(deck.step.ramp_time)
+    if deck.motion is not None:
+        yield keyword("Initial Conditions", type="VELOCITY")
+        for block in range(deck.assembly.n_blocks):
+            nodes = block_nodes(deck, block)
+            spin = np.cross(deck.motion.angular_velocity, nodes - nodes.mean(axis=0))
+            yield from _nodal_lines(deck.motion.velocity + spin, starts.node[block])
+    if deck.holds:
+        yield keyword("Boundary")
+        for hold in deck.holds:
+            yield f"{held_name(deck, hold)}, {hold.components[0] + 1}, {hold.components[-1] + 1}"
+
+
+def _sampled_amplitude(duration: float) -> Iterator[str]:
+    times = np.linspace(0.0, duration, _AMPLITUDE_POINTS).tolist()
+    smooth = SmoothStepAmplitude(duration)
+    row: list[float] = []
+    for time in times:
+        row += [time, smooth(time)]
+        if len(row) == 8:
+            yield reals(row)
+            row = []
+    if row:
+        yield reals(row)
+
+
+def _nodal_lines(values: FloatArray, start: int) -> Iterator[str]:
+    """Node, component and value, zeros left out."""
+    for node, row in enumerate(values.tolist(), start=start + 1):
+        for component, value in enumerate(row, start=1):
+            if value != 0.0:
+                yield f"{node}, {component}, {real(value)}"
+
+
+# ---------------------------------------------------------------------------------------------
+# Step
+
+
+def _step(deck: Deck, starts: Starts) -> Iterator[str]:
+    step = deck.step
+    yield "**"
+    geometry: dict[str, str | None] = {"nlgeom": None} if step.large_rotations else {}
+    yield keyword("Step", **geometry, inc="1000000")
+    if step.procedure is Procedure.STATIC:
+        yield keyword("Static")
+        yield reals([0.1 * step.end_time, step.end_time, 1e-6 * step.end_time, step.end_time])
+        yield keyword("Controls", parameters="FIELD")
+        yield reals(_CONVERGENCE)
+    else:
+        assert step.time_step is not None
+        # Without the last two numbers CalculiX takes steps of zero and never ends.
+        yield "*Dynamic, direct, explicit, alpha=0.0"
+        yield reals([step.time_step, step.end_time, step.time_step, step.time_step])
+    for load in deck.loads:
+        yield from _load(deck, load, starts)
+    if deck.effects.gravity is not None:
+        yield from gravity_lines(deck.effects.gravity, [EVERY_ELEMENT])
+    yield from _output(deck)
+    yield keyword("End Step")
+
+
+def _load(deck: Deck, load: DeckLoad, starts: Starts) -> Iterator[str]:
+    amplitude = amplitude_parameter(deck)
+    if isinstance(load, PressureLoad):
+        yield keyword("Dsload", **amplitude)
+        for block in load.blocks.tolist():
+            yield f"{block_label(deck, block)}_{label(load.face)}, P, {real(load.pressure)}"
+        return
+    yield keyword("Cload", **amplitude)
+    for block in np.unique(load.blocks).tolist():
+        yield from _nodal_lines(nodal_forces(deck, load, block), starts.node[block])
+
+
+def _output(deck: Deck) -> Iterator[str]:
+    yield keyword("Node File", frequency="999999")
+    yield "U"
+    yield keyword("El File", frequency="999999")
+    yield "S"
+    yield keyword("Node Print", nset=EVERY_NODE, frequency="999999")
+    yield "U"
+    for name in dict.fromkeys(held_name(deck, hold) for hold in deck.holds):
+        yield keyword("Node Print", nset=name, totals="ONLY", frequency="999999")
+        yield "RF"
+    if deck.joint is not None:
+        yield keyword("Contact File", frequency="999999")
+        yield "CDIS, CSTR"
+        yield keyword("Contact Print", frequency="999999")
+        yield "CSTR"

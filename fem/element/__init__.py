@@ -1,0 +1,1 @@
+"""Hexahedra: stiffness, mass, stress, stable time step of one element."""

@@ -1,0 +1,1 @@
+"""Explicit dynamics: the step, and the run around it."""

@@ -1,0 +1,144 @@
+"""One co-rotated frame per block: finite rotations of blocks give no strain.
+
+The frame Q of a copy is the mass-weighted best fit of its reference shape to its deformed
+shape (polar decomposition). Displacements are seen from the frame, u' = Qᵀ(X + u - ū) - X,
+where the shared stiffness acts. The strain energy E(u'(u)) depends on u through Q as well;
+differentiating it in full gives
+
+    f = Q (K u' - m ψ × X),   (tr S · 1 - S) ψ = Σ u' × K u',   S = Qᵀ Σ m (X + u - ū) Xᵀ.
+
+The second term makes the forces of a block torque-free, so a free block keeps its angular
+momentum, and it is the exact gradient, so energy is kept as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fem.explicit.body import Body
+from fem.explicit.kernels import KernelSet, fit_frames
+from fem.explicit.kernels.layout import LaneArray, aligned_zeros
+from geometry.mesh import FloatArray
+
+
+@dataclass
+class BlockFrame:
+    """Frames of all copies and the displacement seen from them; evolves."""
+
+    quaternion: FloatArray
+    """Rotation of each copy relative to its placement (w, x, y, z), (lanes, 4)."""
+    turn: LaneArray
+    """Q - 1, (3, 3, lanes)."""
+    mean: LaneArray
+    """Displacement of the mass centroid, (3, lanes) [mm]."""
+    compliance: FloatArray
+    """(tr S · 1 - S)⁻¹, (3, 3, lanes)."""
+    local: LaneArray
+    """u', (n_rows, 3, lanes) [mm]."""
+    increment: LaneArray | None
+    """Change of u' in the last step, kept where an effect needs it."""
+    torque: LaneArray
+    """Partial sums of u' × f, (n_chunks, 3, lanes)."""
+    moment: LaneArray
+    """Partial sums of the fit, (n_chunks, 12, lanes)."""
+
+
+def block_frame(body: Body, *, keep_increment: bool) -> BlockFrame:
+    """Frames of undeformed blocks."""
+    lanes, n_chunks = body.lanes, len(body.rows.chunks) - 1
+    shape = (body.n_rows, 3, lanes)
+    quaternion = np.zeros((lanes, 4))
+    quaternion[:, 0] = 1.0
+    return BlockFrame(
+        quaternion=quaternion,
+        turn=aligned_zeros((3, 3, lanes), body.dtype),
+        mean=aligned_zeros((3, lanes), body.dtype),
+        compliance=np.zeros((3, 3, lanes)),
+        local=aligned_zeros(shape, body.dtype),
+        increment=aligned_zeros(shape, body.dtype) if keep_increment else None,
+        torque=aligned_zeros((n_chunks, 3, lanes), body.dtype),
+        moment=aligned_zeros((n_chunks, 12, lanes), body.dtype),
+    )
+
+
+def fit(body: Body, frame: BlockFrame, displacement: LaneArray, kernels: KernelSet) -> None:
+    """Turn the frames to the deformed shape and see the displacement from them."""
+    kernels.displacement_moments(
+        body.rows.chunks,
+        body.mass,
+        body.reference,
+        displacement.ravel(),
+        frame.moment.ravel(),
+        body.lanes,
+    )
+    fit_frames(
+        frame.moment,
+        body.second_moment,
+        body.total_mass,
+        body.n_copies,
+        frame.quaternion,
+        frame.turn,
+        frame.mean,
+        frame.compliance,
+    )
+    kernels.block_frame_displacement(
+        body.rows.chunks,
+        frame.turn.ravel(),
+        frame.mean.ravel(),
+        body.reference,
+        displacement.ravel(),
+        frame.local.ravel(),
+        None if frame.increment is None else frame.increment.ravel(),
+        body.lanes,
+    )
+
+
+def turn_back(body: Body, frame: BlockFrame, force: LaneArray, kernels: KernelSet) -> None:
+    """Make the forces of each block torque-free and turn them to the placement axes."""
+    torque = frame.torque.sum(axis=0, dtype=np.float64)
+    spin = np.einsum("ijk,jk->ik", frame.compliance, torque).astype(body.dtype)
+    kernels.placement_frame_force(
+        body.rows.chunks,
+        frame.turn.ravel(),
+        spin.ravel(),
+        body.mass,
+        body.reference,
+        force.ravel(),
+        body.lanes,
+    )
+
+
+def start_frames(frame: BlockFrame, displacement: LaneArray, body: Body) -> None:
+    """Fit frames to a displacement that may be turned by any angle (start of a run).
+
+    A singular value decomposition finds the best proper rotation from nowhere; the fit of
+    every step starts from the frame before.
+    """
+    mass = body.mass.astype(np.float64)
+    reference = body.reference.astype(np.float64)
+    moment = np.einsum("n,nik,nj->kij", mass, displacement.astype(np.float64), reference)
+    left, _, right = np.linalg.svd(moment + body.second_moment)
+    sign = np.ones((len(left), 3))
+    sign[:, 2] = np.linalg.det(left @ right)
+    rotation = left * sign[:, None, :] @ right
+    frame.quaternion[:] = _quaternions(rotation)
+
+
+def _quaternions(rotation: FloatArray) -> FloatArray:
+    """Unit quaternions (w, x, y, z) of proper rotations (n, 3, 3): (n, 4)."""
+    r = rotation
+    # The symmetric matrix 4 q qᵀ: take its row with the largest diagonal.
+    diagonal = np.einsum("nii->ni", r)
+    outer = np.empty((len(r), 4, 4))
+    outer[:, 0, 0] = 1.0 + diagonal.sum(axis=1)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        outer[:, i + 1, i + 1] = 1.0 + r[:, i, i] - r[:, j, j] - r[:, k, k]
+        outer[:, 0, i + 1] = outer[:, i + 1, 0] = r[:, k, j] - r[:, j, k]
+        outer[:, i + 1, j + 1] = outer[:, j + 1, i + 1] = r[:, i, j] + r[:, j, i]
+    best = np.argmax(np.einsum("nii->ni", outer), axis=1)
+    row = outer[np.arange(len(r)), best]
+    quaternion: FloatArray = row / np.linalg.norm(row, axis=1, keepdims=True)
+    return quaternion

@@ -1,0 +1,340 @@
+"""The model as the explicit loop wants it: constant arrays of one group, copies in lanes.
+
+Displacements, velocities and forces of the loop are components in the *placement frame* of
+each copy (the axes of the reference block, turned by its placement), so congruent copies
+share one stiffness. World vectors are R times these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from fem.explicit.kernels.layout import BlockRows, LaneArray, block_rows, padded_lanes
+from fem.explicit.rate_form import RateFormModel, rate_form_model
+from fem.explicit.viscosity import ElementViscosity, element_viscosity
+from fem.problem.model import (
+    Amplitude,
+    BlockGroup,
+    Formulation,
+    Model,
+    ModelError,
+    NodalLoad,
+    Support,
+)
+from geometry.mesh import FloatArray, HexMesh, IntArray
+
+
+@dataclass(frozen=True)
+class BodyLoad:
+    """One nodal load, scattered into flat arrays."""
+
+    amplitude: Amplitude | None
+    """Factor in time; None: one."""
+    applied_index: IntArray
+    """Positions in the flat applied force, (3 n,)."""
+    velocity_index: IntArray
+    """Positions in the flat velocity, (3 n,)."""
+    values: FloatArray
+    """Placement-frame forces, (3 n,) [N]."""
+    copies: IntArray | None
+    """Copy of each of the n forces when they follow the block frame."""
+
+
+@dataclass(frozen=True)
+class HeldComponents:
+    """Displacement components, along the axes of the placement frame, that stay zero."""
+
+    index: IntArray
+    """Flat positions, (n,)."""
+    mass: FloatArray
+    """Of the nodes, (n,) [t]."""
+
+
+@dataclass(frozen=True)
+class BodySupport:
+    """Prescribed components that move or lie across the axes of the placement frame."""
+
+    base: IntArray
+    """Flat position of the x component of each entry's node, (n,)."""
+    direction: FloatArray
+    """Unit vectors in the placement frame, (n, 3)."""
+    displacement: FloatArray
+    """Value at amplitude one, (n,) [mm]."""
+    amplitude_of: IntArray
+    """Which of `amplitudes` applies, (n,)."""
+    amplitudes: tuple[Amplitude | None, ...]
+    """Factors in time."""
+    mass: FloatArray
+    """Of the node, (n,) [t]."""
+
+    def prescribed(self, time: float) -> FloatArray:
+        """Return the prescribed displacement components, (n,) [mm]; at rest before time 0."""
+        clipped = max(time, 0.0)
+        factor = np.array([1.0 if a is None else a(clipped) for a in self.amplitudes])
+        values: FloatArray = factor[self.amplitude_of] * self.displacement
+        return values
+
+
+@dataclass(frozen=True)
+class Body:
+    """One group of congruent blocks inside the solver."""
+
+    group: BlockGroup
+    """What the user stated."""
+    rows: BlockRows
+    """Stiffness in the solver's node order."""
+    hourglass: BlockRows | None
+    """Hourglass part of it, for its energy."""
+    lanes: int
+    """Padded number of copies."""
+    mass: LaneArray
+    """Lumped mass of the rows, (n_rows,) [t]."""
+    reference: LaneArray
+    """Rows' reference positions relative to the mass centroid, (n_rows, 3) [mm]."""
+    applied_row: npt.NDArray[np.int32] | None
+    """Row of the applied force that acts on each row, -1 where none, (n_rows,); None: nothing
+    is ever applied."""
+    n_applied: int
+    """Rows of the applied force."""
+    loads: tuple[BodyLoad, ...]
+    """Loads on this group."""
+    held: HeldComponents | None
+    """Components that stay zero."""
+    support: BodySupport | None
+    """Other prescribed components."""
+    acceleration: LaneArray | None
+    """Gravity in the placement frames, (3, lanes) [mm/s²]."""
+    viscosity: ElementViscosity | None
+    """Bulk viscosity data of the shared stiffness."""
+    rate_form: RateFormModel | None
+    """Internal force element by element, instead of the shared stiffness."""
+
+    @cached_property
+    def total_mass(self) -> float:
+        """Mass of one copy [t]."""
+        return float(self.mass.astype(np.float64).sum())
+
+    @cached_property
+    def second_moment(self) -> FloatArray:
+        """Σ m X Xᵀ about the mass centroid, (3, 3) [t mm²]."""
+        reference = self.reference.astype(np.float64)
+        weighted = self.mass.astype(np.float64)[:, None] * reference
+        moment: FloatArray = weighted.T @ reference
+        return moment
+
+    @property
+    def n_copies(self) -> int:
+        """Number of copies that exist; the other lanes are padding."""
+        return self.group.n_copies
+
+    @property
+    def constant_bytes(self) -> int:
+        """Memory of stiffness, mass and connectivity."""
+        rows = [r for r in (self.rows, self.hourglass) if r is not None]
+        arrays = [a for r in rows for a in (r.blocks, r.column, r.pointer, r.order, r.row)]
+        arrays += [self.mass, self.reference]
+        if self.viscosity is not None:
+            v = self.viscosity
+            arrays += [v.element_rows, v.gradient, v.linear, v.quadratic, v.pointer, v.corner]
+        return sum(a.nbytes for a in arrays)
+
+    @property
+    def n_rows(self) -> int:
+        """Nodes of one copy."""
+        return self.rows.n_nodes
+
+    @property
+    def dtype(self) -> np.dtype[np.floating]:
+        """Precision of the loop."""
+        return self.mass.dtype
+
+    def flat_index(self, nodes: IntArray, copies: IntArray) -> IntArray:
+        """Flat position of component x of (node, copy) in a (n_rows, 3, lanes) array."""
+        index: IntArray = self.rows.row[nodes] * (3 * self.lanes) + copies
+        return index
+
+
+def make_body(
+    model: Model, number: int, *, dtype: npt.DTypeLike, touched_nodes: Sequence[IntArray] = ()
+) -> Body:
+    """Prepare group ``number`` of a model.
+
+    Parameters
+    ----------
+    model
+        The statement.
+    number
+        Which group.
+    dtype
+        float64 or float32.
+    touched_nodes
+        Further nodes on which forces will be applied (contact).
+    """
+    group = model.groups[number]
+    rows = block_rows(group.stiffness, dtype)
+    lanes = padded_lanes(group.n_copies, dtype)
+    loads = [load for load in model.loads if load.group == number]
+    supports = [s for s in model.supports if s.group == number]
+    touched = np.unique(
+        np.concatenate([np.empty(0, np.int64), *touched_nodes, *(load.nodes for load in loads)])
+    ).astype(np.int64)
+    applied = _applied_rows(rows, touched)
+    centroid = group.lumped_mass @ group.mesh.nodes / group.lumped_mass.sum()
+    hourglass = group.hourglass_stiffness
+    held, support = _body_supports(group, rows, lanes, supports)
+    viscosity = model.effects.bulk_viscosity
+    rate_form = _rate_form(model, group, rows)
+    return Body(
+        group=group,
+        rows=rows,
+        hourglass=None if hourglass is None else block_rows(hourglass, dtype),
+        lanes=lanes,
+        mass=group.lumped_mass[rows.order].astype(dtype),
+        reference=(group.mesh.nodes[rows.order] - centroid).astype(dtype),
+        applied_row=applied if len(touched) else None,
+        n_applied=len(touched),
+        loads=tuple(_body_load(group, rows, applied, lanes, load) for load in loads),
+        held=held,
+        support=support,
+        acceleration=_lane_gravity(group, model.effects.gravity, lanes, dtype),
+        viscosity=None
+        if viscosity is None or rate_form is not None
+        else element_viscosity(group, rows.row, viscosity, dtype),
+        rate_form=rate_form,
+    )
+
+
+def _rate_form(model: Model, group: BlockGroup, rows: BlockRows) -> RateFormModel | None:
+    """The rate form in the solver's node order, with the effects it has built in."""
+    if model.formulation is not Formulation.RATE_FORM:
+        return None
+    viscosity = model.effects.bulk_viscosity
+    mesh = HexMesh(group.mesh.nodes[rows.order], rows.row[group.mesh.elements])
+    return rate_form_model(
+        mesh,
+        group.material,
+        linear_bulk_viscosity=None if viscosity is None else viscosity.linear_bulk_viscosity,
+        quadratic_bulk_viscosity=None if viscosity is None else viscosity.quadratic_bulk_viscosity,
+        stiffness_damping=model.effects.stiffness_damping,
+    )
+
+
+def _applied_rows(rows: BlockRows, nodes: IntArray) -> npt.NDArray[np.int32]:
+    """Number the touched rows in the order of the rows; (n_rows,), -1 elsewhere."""
+    applied = np.full(rows.n_nodes, -1, dtype=np.int32)
+    applied[np.sort(rows.row[nodes])] = np.arange(len(nodes), dtype=np.int32)
+    return applied
+
+
+def _components(base: IntArray, lanes: int) -> IntArray:
+    """Flat positions of the three components, (3 n,)."""
+    return (base[:, None] + lanes * np.arange(3)).ravel()
+
+
+def _body_load(
+    group: BlockGroup,
+    rows: BlockRows,
+    applied: npt.NDArray[np.int32],
+    lanes: int,
+    load: NodalLoad,
+) -> BodyLoad:
+    row = rows.row[load.nodes]
+    local = np.einsum("nij,ni->nj", group.rotations[load.copies], load.forces)
+    return BodyLoad(
+        amplitude=load.amplitude,
+        applied_index=_components(applied[row].astype(np.int64) * 3 * lanes + load.copies, lanes),
+        velocity_index=_components(row * 3 * lanes + load.copies, lanes),
+        values=local.ravel(),
+        copies=load.copies if load.follows_block else None,
+    )
+
+
+def _lane_gravity(
+    group: BlockGroup, gravity: FloatArray | None, lanes: int, dtype: npt.DTypeLike
+) -> LaneArray | None:
+    if gravity is None:
+        return None
+    local = np.zeros((3, lanes), dtype=dtype)
+    local[:, : group.n_copies] = np.einsum("cij,i->jc", group.rotations, gravity)
+    return local
+
+
+def _body_supports(
+    group: BlockGroup, rows: BlockRows, lanes: int, supports: list[Support]
+) -> tuple[HeldComponents | None, BodySupport | None]:
+    """Split the supports of a group in what is simply held and what must be computed."""
+    if not supports:
+        return None, None
+    copies = np.concatenate([s.copies for s in supports])
+    nodes = np.concatenate([s.nodes for s in supports])
+    world = np.concatenate([s.directions for s in supports])
+    value = np.concatenate([s.displacement for s in supports])
+    which = np.repeat(np.arange(len(supports)), [len(s.copies) for s in supports])
+    _check_directions(group, copies, nodes, world)
+    local = np.einsum("nij,ni->nj", group.rotations[copies], world)
+    local, order = _axes_of_held_nodes(copies, nodes, local, value)
+    base = rows.row[nodes] * (3 * lanes) + copies
+    mass = group.lumped_mass[nodes]
+    axis = np.argmax(np.abs(local), axis=1)
+    along = (np.abs(local).sum(axis=1) == 1.0) & (np.abs(local).max(axis=1) == 1.0)
+    simple = along & (value == 0.0)
+    still, moving = order[simple[order]], order[~simple[order]]
+    held = HeldComponents(base[still] + lanes * axis[still], mass[still])
+    support = BodySupport(
+        base=base[moving],
+        direction=np.ascontiguousarray(local[moving]),
+        displacement=value[moving],
+        amplitude_of=which[moving],
+        amplitudes=tuple(s.amplitude for s in supports),
+        mass=mass[moving],
+    )
+    return held if len(still) else None, support if len(moving) else None
+
+
+def _axes_of_held_nodes(
+    copies: IntArray, nodes: IntArray, local: FloatArray, value: FloatArray
+) -> tuple[FloatArray, IntArray]:
+    """Order the entries node by node; nodes held in all directions are held along their axes.
+
+    Then a held node does not move by a single bit, in whatever direction its block is placed.
+
+    Returns
+    -------
+    tuple[FloatArray, IntArray]
+        Directions (n, 3) and the order of the entries (n,).
+    """
+    order = np.lexsort((nodes, copies))
+    same = (np.diff(copies[order]) == 0) & (np.diff(nodes[order]) == 0)
+    starts = np.flatnonzero(np.concatenate([[True], ~same]))
+    counts = np.diff(np.append(starts, len(order)))
+    result = local.copy()
+    for axis in range(3):
+        entries = order[starts[counts == 3] + axis]
+        held = (value[order[starts[counts == 3][:, None] + np.arange(3)]] == 0.0).all(axis=1)
+        result[entries[held]] = np.eye(3)[axis]
+    return result, order
+
+
+def _check_directions(
+    group: BlockGroup, copies: IntArray, nodes: IntArray, directions: FloatArray
+) -> None:
+    """Refuse supports of one node that are not orthonormal (a node held twice, for instance)."""
+    order = np.lexsort((nodes, copies))
+    key = copies[order] * group.n_nodes + nodes[order]
+    d = directions[order]
+    bad = np.abs(np.einsum("ni,ni->n", d, d) - 1.0) > 1e-9
+    for shift in (1, 2, 3):
+        same = key[shift:] == key[:-shift]
+        product = np.abs(np.einsum("ni,ni->n", d[shift:], d[:-shift]))
+        bad[shift:] |= same & (product > 1e-9)
+    if bad.any():
+        k = order[int(np.flatnonzero(bad)[0])]
+        raise ModelError(
+            f"{group.name}[{int(copies[k])}]: the supports of node {int(nodes[k])} are not "
+            "orthonormal directions; expected each component to be prescribed once"
+        )

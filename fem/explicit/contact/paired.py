@@ -1,0 +1,427 @@
+"""Face-to-face contact as one more force of the explicit step.
+
+`FaceContact` states it (frozen); `bind` makes the arrays of the loop. The formulation is that of
+`fem.contact.surfaces`, the loops are in `fem.explicit.contact.paired_kernel`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numba
+import numpy as np
+
+from fem.contact.friction import CoulombFriction, FrictionError
+from fem.contact.law import ContactLaw, LawConstants
+from fem.contact.surfaces import ContactNormals
+from fem.explicit.body import Body
+from fem.explicit.contact.alike_pairs import AlikePairs, unit_widths
+from fem.explicit.contact.paired_kernel import (
+    NEVER,
+    UnitArrays,
+    UnitWork,
+    collect_forces,
+    collect_forces_parallel,
+    contact_forces,
+    contact_forces_parallel,
+)
+from fem.explicit.contact.sleep import Sleepers
+from fem.explicit.kernels import SERIAL
+from fem.explicit.kernels.layout import LaneArray, aligned_zeros, equal_work
+from fem.explicit.state import State
+from fem.explicit.step import Interaction, System
+from fem.problem.loads import FACET_VALUES
+from fem.problem.time_step import critical_time_step
+from geometry.mesh import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class FaceContact:
+    """Contact on the conforming interfaces of an assembly."""
+
+    pairs: tuple[AlikePairs, ...]
+    """Interfaces, alike ones together."""
+    n_nodes: tuple[int, ...]
+    """Nodes of one block of each group."""
+    law: ContactLaw
+    """Pressure as a function of overclosure."""
+    normals: ContactNormals
+    """Which normals measure the gap."""
+    clearance: float
+    """Added to every gap [mm]."""
+    counted_stiffness: float
+    """Stiffness of the law that the critical time step counts in [MPa/mm]."""
+    friction: CoulombFriction | None = None
+    """Needs current normals; None: absent."""
+
+    def __post_init__(self) -> None:
+        if self.friction is None:
+            return
+        if self.normals is ContactNormals.REFERENCE:
+            raise FrictionError(
+                "effects.friction: got contact with reference normals, expected current normals"
+            )
+        check_stick(self.friction, self.counted_stiffness)
+
+    def touched_nodes(self, group: int) -> IntArray:
+        """Mesh nodes of the group on which contact may act, (n,)."""
+        touched = [
+            p.nodes[:, side] for p in self.pairs for side in (0, 1) if p.groups[side] == group
+        ]
+        return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *touched]))
+
+    def nodal_stiffness(self, group: int) -> FloatArray | None:
+        """Stiffness to count on each node for the critical time step, (n_nodes,) [N/mm].
+
+        Contact springs of stiffness w k between points of two blocks have
+        K_ab = w k c_a c_b n nᵀ with |c_a| = N_a and Σ N = 1 on each side: row sums bound them
+        by the diagonal w k N_a times the number of sides that move.
+        """
+        areas = self.nodal_areas(group)
+        return None if areas is None else self.counted_stiffness * areas
+
+    def nodal_areas(self, group: int) -> FloatArray | None:
+        """`nodal_stiffness` for a law of stiffness one, largest of all copies; (n_nodes,) [mm²]."""
+        size = self.n_nodes[group]
+        by_copy: dict[int, FloatArray] = {}
+        for pairs in self.pairs:
+            moving = sum(g >= 0 for g in pairs.groups)
+            weights = np.linalg.norm(pairs.area_vectors(), axis=2)
+            share = moving * np.einsum("fp,pa->fa", weights, FACET_VALUES)
+            for side in (0, 1):
+                if pairs.groups[side] != group:
+                    continue
+                nodes = pairs.nodes[pairs.corners, side]
+                for copy in pairs.copies[:, side]:
+                    total = by_copy.setdefault(int(copy), np.zeros(size))
+                    np.add.at(total, nodes, share)
+        if not by_copy:
+            return None
+        largest: FloatArray = np.max(list(by_copy.values()), axis=0)
+        return largest
+
+    def bind(self, bodies: tuple[Body, ...]) -> Interaction:
+        """Prepare the force for the loop."""
+        return _BoundContact(self, bodies)
+
+
+def check_stick(friction: CoulombFriction, counted_stiffness: float) -> None:
+    """Refuse a stick that is stiffer than what the critical time step counts in [MPa/mm].
+
+    Raises
+    ------
+    FrictionError
+        With the largest stick stiffness.
+    """
+    if friction.stick_stiffness > counted_stiffness:
+        raise FrictionError(
+            f"effects.friction: got a stick stiffness of {friction.stick_stiffness} "
+            f"MPa/mm, expected at most {counted_stiffness:.4g}, the contact stiffness "
+            "that the critical time step counts in"
+        )
+
+
+class _BoundContact:
+    """Arrays of one run."""
+
+    def __init__(self, statement: FaceContact, bodies: tuple[Body, ...]) -> None:
+        self._statement = statement
+        self._law = statement.law
+        self._allowed: float | None = None
+        self._blocks = [
+            pairs.blocks[start : start + width]
+            for pairs in statement.pairs
+            for start, width in _unit_slices(pairs.n_pairs)
+        ]
+        self._clearance = statement.clearance
+        self._constants = shifted(statement.law.constants, statement.clearance)
+        self._data = _unit_arrays(statement.pairs, bodies)
+        self._work = _unit_work(self._data)
+        self._normals = (
+            _reference_normals(statement.pairs)
+            if statement.normals is ContactNormals.REFERENCE
+            else None
+        )
+        self._sleepers = Sleepers(self._data, self._work, -self._constants.start, bodies)
+        self._friction = statement.friction
+        self._slip: FloatArray | None = None
+        self._sliding: tuple[FloatArray, FloatArray] | None = None
+        if statement.friction is not None:
+            given = np.array([statement.friction.coefficient, statement.friction.stick_stiffness])
+            self._slip = _no_slip(self._data, self._work)
+            self._sliding = given, aligned_zeros((8 * len(self._data.units),), np.float64)
+        self._collections = _collections(self._data, bodies)
+
+    def add_force(self, system: System, state: State) -> None:
+        """Add contact forces at the current positions to the applied forces."""
+        serial = system.kernels is SERIAL
+        forces = contact_forces if serial else contact_forces_parallel
+        collect = collect_forces if serial else collect_forces_parallel
+        self._sleepers.wake(state, system.time_step)
+        displacements = tuple(now.displacement.ravel() for now in state.bodies)
+        forces(
+            self._data,
+            displacements,
+            self._work,
+            self._constants,
+            self._normals,
+            self._slip,
+            self._sliding,
+        )
+        for body, now, found in zip(system.bodies, state.bodies, self._collections, strict=True):
+            if found is None or now.applied_force is None:
+                continue
+            collect(
+                found.chunks,
+                found.pointer,
+                found.entries,
+                self._data,
+                self._work,
+                body.lanes,
+                now.applied_force.ravel(),
+            )
+        self._sleepers.put_to_sleep(state, system.time_step)
+
+    @property
+    def units_asleep(self) -> tuple[int, int]:
+        """Units that are not computed at present, and all units."""
+        return self._sleepers.asleep, len(self._data.units)
+
+    def energy(self) -> float:
+        """Energy stored at the last force evaluation [N mm]."""
+        total = 0.0
+        for unit in np.flatnonzero(self._work.awake):
+            gap, weights = self.unit_gaps(int(unit))
+            total += float((weights * self._law.stored_energy(-gap)).sum())
+            total += self._stick_energy(int(unit))
+        return total
+
+    def unit_gaps(self, unit: int) -> tuple[FloatArray, FloatArray]:
+        """Gaps of one unit, (n_facets, 4, real lanes) [mm], and weights (n_facets, 4, 1)."""
+        kind, width, real, _, _, point, *_ = self._data.units[unit]
+        first, last = self._data.alike[kind, 1], self._data.alike[kind + 1, 1]
+        n = last - first
+        gap = self._work.gap[point : point + 4 * n * width].reshape(n, 4, width)[:, :, :real]
+        return gap + self._clearance, self._data.weights[first:last, :, None]
+
+    def fault(self, system: System) -> str | None:
+        """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
+        counted = self._statement.counted_stiffness
+        if self._law.constants.linear_stiffness <= counted:
+            return None
+        unit, lane, gap = self._deepest()
+        pressure, stiffness = float(self._law.pressure(-gap)), float(self._law.stiffness(-gap))
+        if stiffness <= counted or stiffness <= self._largest_stiffness(system):
+            return None
+        m, s = self._blocks[unit][lane]
+        return (
+            f"contact between blocks {m} and {s} presses with {pressure:.3g} MPa and a stiffness "
+            f"of {stiffness:.3g} MPa/mm; the time step {system.time_step:.4g} s allows "
+            f"{self._largest_stiffness(system):.3g}; take a smaller fem.safety_factor or set "
+            "contact.maximum_stiffness"
+        )
+
+    def _deepest(self) -> tuple[int, int, float]:
+        """Unit, lane and gap of the point that presses most."""
+        least, where = np.inf, (0, 0)
+        for unit in np.flatnonzero(self._work.awake):
+            gap = self.unit_gaps(int(unit))[0].min(axis=(0, 1))
+            if gap.min() < least:
+                least, where = float(gap.min()), (int(unit), int(gap.argmin()))
+        return *where, least
+
+    def _largest_stiffness(self, system: System) -> float:
+        """Stiffness of the law that is stable: (ω_bulk² + ω_contact²)/4 = 1/Δt² [MPa/mm]."""
+        if self._allowed is None:
+            bulk = critical_time_step(replace(system.model, interactions=()))
+            square = 4.0 / system.time_step**2 - 4.0 / bulk.critical_time_step**2
+            self._allowed = square / max(
+                float((areas / group.lumped_mass).max())
+                for k, group in enumerate(system.model.groups)
+                if (areas := self._statement.nodal_areas(k)) is not None
+            )
+        return self._allowed
+
+    def dissipation(self) -> float:
+        """Energy dissipated by friction up to the last force evaluation [N mm]."""
+        if self._sliding is None:
+            return 0.0
+        lost = self._sliding[1].reshape(-1, 8)
+        real = np.arange(8) < self._data.units[:, 2:3]
+        return float(lost[real].sum())
+
+    def arrays(self) -> dict[str, LaneArray]:
+        """Arrays that evolve, by name: slip and dissipation; other forces follow positions."""
+        if self._slip is None or self._sliding is None:
+            return {}
+        return {"slip": self._slip, "dissipated": self._sliding[1]}
+
+    def _stick_energy(self, unit: int) -> float:
+        """Energy of the elastic slip of one unit [N mm]."""
+        if self._slip is None or self._friction is None:
+            return 0.0
+        kind, width, real, _, _, point, *_ = self._data.units[unit]
+        first, last = self._data.alike[kind, 1], self._data.alike[kind + 1, 1]
+        n = last - first
+        slip = self._slip[4 * point : 4 * (point + 4 * n * width)].reshape(n, 4, 4, width)
+        square = (slip[:, :, :2, :real] ** 2).sum(axis=(2, 3))
+        weights = self._data.weights[first:last]
+        return 0.5 * self._friction.stick_stiffness * float((weights * square).sum())
+
+
+def _no_slip(data: UnitArrays, work: UnitWork) -> FloatArray:
+    """History of points that have not touched yet, flat [facet][point][4][lane]."""
+    slip = aligned_zeros((4 * len(work.gap),), np.float64)
+    kinds, width, point = data.units[:, 0], data.units[:, 1], data.units[:, 5]
+    facets = np.diff(data.alike[:, 1])[kinds]
+    for n, w, start in zip(facets, width, point, strict=True):
+        slip[4 * start : 4 * (start + 4 * n * w)].reshape(n, 4, 4, w)[:, :, 2] = NEVER
+    return slip
+
+
+def shifted(law: LawConstants, clearance: float) -> LawConstants:
+    """Return the law as a function of overclosure plus clearance: a gap n · d of zero is open."""
+    return law._replace(start=law.start + clearance, linear_start=law.linear_start + clearance)
+
+
+@dataclass(frozen=True)
+class _Collection:
+    """Which forces act on the applied rows of one group."""
+
+    chunks: IntArray
+    pointer: IntArray
+    entries: IntArray
+
+
+def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[Body, ...]) -> UnitArrays:
+    """Cut alike pairs into units and number their arrays."""
+    ordered = [_in_row_order(found, bodies) for found in pairs]
+    units, copies, exists = [], [], []
+    alike = np.zeros((len(pairs) + 1, 4), dtype=np.int64)
+    lane = node_scalar = point_scalar = 0
+    for kind, found in enumerate(pairs):
+        alike[kind, 2:] = np.maximum(found.groups, 0)
+        alike[kind + 1, :2] = alike[kind, :2] + (len(found.nodes), found.n_facets)
+        for start, width in _unit_slices(found.n_pairs):
+            real = min(width, found.n_pairs - start)
+            chosen = np.minimum(start + np.arange(width), found.n_pairs - 1)
+            first = _first_copies(found, chosen, bodies)
+            units.append((kind, width, real, lane, node_scalar, point_scalar, *first))
+            copies.append(found.copies[chosen])
+            exists.append(np.arange(width) < real)
+            lane += width
+            node_scalar += 3 * width * len(found.nodes)
+            point_scalar += 4 * width * found.n_facets
+    return UnitArrays(
+        units=np.array(units, dtype=np.int64).reshape(-1, 8),
+        alike=alike,
+        rows=np.concatenate([rows for rows, _, _ in ordered]),
+        offset=np.concatenate([f.offset[o] for f, (_, o, _) in zip(pairs, ordered, strict=True)]),
+        mean=np.concatenate([f.mean[o] for f, (_, o, _) in zip(pairs, ordered, strict=True)]),
+        real=np.concatenate(exists).astype(np.float64),
+        rotation=np.array([found.rotation for found in pairs]),
+        corners=np.concatenate([corners for _, _, corners in ordered]),
+        weights=np.concatenate([np.linalg.norm(found.area_vectors(), axis=2) for found in pairs]),
+        copies=np.ascontiguousarray(np.concatenate(copies).T),
+        lanes=np.array([body.lanes for body in bodies], dtype=np.int64),
+    )
+
+
+def _unit_slices(n_pairs: int) -> list[tuple[int, int]]:
+    """First pair and width of the units of alike pairs."""
+    widths = unit_widths(n_pairs)
+    return list(zip(np.cumsum([0, *widths[:-1]]).tolist(), widths, strict=True))
+
+
+def _in_row_order(
+    pairs: AlikePairs, bodies: tuple[Body, ...]
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Order the node pairs as the rows of a body lie in memory.
+
+    Returns
+    -------
+    tuple[IntArray, IntArray, IntArray]
+        Rows (n_nodes, 2), the order (n_nodes,), and the corners in the new numbering.
+    """
+    rows = _rows(pairs, bodies)
+    order = np.lexsort((rows[:, 1], rows[:, 0]))
+    number = np.empty_like(order)
+    number[order] = np.arange(len(order))
+    return rows[order], order, number[pairs.corners]
+
+
+def _first_copies(pairs: AlikePairs, chosen: IntArray, bodies: tuple[Body, ...]) -> tuple[int, int]:
+    """First copy of each side where a vector of lanes holds copies that follow each other.
+
+    Padded lanes may run on into copies that exist or into padding of the bodies, whose forces
+    they leave alone; -1 where lanes must be fetched one by one.
+    """
+    real = len(np.unique(chosen))
+    first = []
+    for side, group in enumerate(pairs.groups):
+        copies = pairs.copies[chosen[:real], side]
+        follows = bool((np.diff(copies) == 1).all())
+        fits = group >= 0 and copies[0] + len(chosen) <= bodies[group].lanes
+        first.append(int(copies[0]) if follows and fits else -1)
+    return first[0], first[1]
+
+
+def _rows(pairs: AlikePairs, bodies: tuple[Body, ...]) -> IntArray:
+    """Body rows of the node pairs, (n_nodes, 2); -1 for rigid blocks."""
+    rows = np.full(pairs.nodes.shape, -1, dtype=np.int64)
+    for side, group in enumerate(pairs.groups):
+        if group >= 0:
+            rows[:, side] = bodies[group].rows.row[pairs.nodes[:, side]]
+    return rows
+
+
+def _unit_work(data: UnitArrays) -> UnitWork:
+    kinds, width = data.units[:, 0], data.units[:, 1]
+    nodes = 3 * width * np.diff(data.alike[:, 0])[kinds]
+    points = 4 * width * np.diff(data.alike[:, 1])[kinds]
+    total = (int(nodes.sum()),)
+    return UnitWork(
+        force_m=aligned_zeros(total, np.float64),
+        force_s=aligned_zeros(total, np.float64),
+        gap=aligned_zeros((int(points.sum()),), np.float64),
+        awake=np.ones(len(data.units), dtype=np.int8),
+        scratch=aligned_zeros(
+            (numba.config.NUMBA_NUM_THREADS, 4, int(nodes.max(initial=0))), np.float64
+        ),
+    )
+
+
+def _reference_normals(pairs: tuple[AlikePairs, ...]) -> FloatArray:
+    vectors = np.concatenate([found.area_vectors() for found in pairs])
+    normals: FloatArray = vectors / np.linalg.norm(vectors, axis=2, keepdims=True)
+    return normals
+
+
+def _collections(data: UnitArrays, bodies: tuple[Body, ...]) -> tuple[_Collection | None, ...]:
+    """List for each applied row of each group what acts on it."""
+    rows, entries, groups = [], [], []
+    for unit, (kind, width, _, _, start, *_) in enumerate(data.units):
+        first, last = data.alike[kind, 0], data.alike[kind + 1, 0]
+        at = start + 3 * width * np.arange(last - first)
+        for side in (0, 1):
+            row = data.rows[first:last, side]
+            moves = row >= 0
+            rows.append(row[moves])
+            entries.append(
+                np.stack([np.full(len(at), unit), at, np.full(len(at), side)], axis=1)[moves]
+            )
+            groups.append(np.full(int(moves.sum()), data.alike[kind, 2 + side]))
+    row, entry, group = np.concatenate(rows), np.concatenate(entries), np.concatenate(groups)
+    result: list[_Collection | None] = []
+    for number, body in enumerate(bodies):
+        mine = group == number
+        if body.applied_row is None or not mine.any():
+            result.append(None)
+            continue
+        applied = body.applied_row[row[mine]].astype(np.int64)
+        order = np.argsort(applied, kind="stable")
+        pointer = np.searchsorted(applied[order], np.arange(body.n_applied + 1))
+        result.append(
+            _Collection(equal_work(pointer), pointer.astype(np.int64), entry[mine][order])
+        )
+    return tuple(result)

@@ -1,0 +1,165 @@
+"""Damping towards the static state: adaptive mass damping and the force residual that stops it.
+
+Constant Rayleigh damping is in the step itself (`fem.explicit.step`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fem.explicit.body import Body
+from fem.explicit.kernels import add_at
+from fem.explicit.kernels.layout import LaneArray
+from fem.explicit.state import BodyState, State
+from fem.explicit.step import System, load_factor, load_values
+from fem.problem.effects import AdaptiveMassDamping
+from geometry.mesh import FloatArray
+
+#: Mass damping never exceeds this over Δt: beyond, damping is slow again.
+CAP = 0.5
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Force imbalance of a state."""
+
+    unbalanced: float
+    """Norm of the forces that accelerate free degrees of freedom [N]."""
+    reference: float
+    """Norm of the loads, or of the internal forces when nothing is loaded [N]."""
+
+    @property
+    def relative(self) -> float:
+        """Unbalanced over reference; 0 when there are no forces at all."""
+        if self.reference == 0.0:
+            return 0.0 if self.unbalanced == 0.0 else math.inf
+        return self.unbalanced / self.reference
+
+
+def applied_forces(body: Body, now: BodyState) -> FloatArray:
+    """Loads and contact on all rows, (n_rows, 3, lanes) [N], without gravity."""
+    force = np.zeros((body.n_rows, 3, body.lanes))
+    if body.applied_row is not None and now.applied_force is not None:
+        touched = body.applied_row >= 0
+        force[touched] = now.applied_force[body.applied_row[touched]]
+    return force
+
+
+def load_forces(body: Body, now: BodyState, time: float) -> FloatArray:
+    """Loads alone, (n_rows, 3, lanes) [N]."""
+    force = np.zeros((body.n_rows, 3, body.lanes))
+    flat = force.ravel()
+    for load in body.loads:
+        add_at(flat, load.velocity_index, load_values(load, now), load_factor(load, time))
+    return force
+
+
+def gravity_forces(body: Body) -> FloatArray | float:
+    """Weight of the rows, (n_rows, 3, lanes) [N]."""
+    if body.acceleration is None:
+        return 0.0
+    weight: FloatArray = body.mass.astype(np.float64)[:, None, None] * body.acceleration
+    return weight
+
+
+def free_part(body: Body, force: FloatArray) -> FloatArray:
+    """Forces without their components along supports, (n_rows, 3, lanes)."""
+    support = body.support
+    if support is None and body.held is None:
+        return force
+    free = force.copy()
+    flat = free.ravel()
+    if body.held is not None:
+        flat[body.held.index] = 0.0
+    if support is None:
+        return free
+    for axis in range(3):
+        # Orthonormal directions of one node may be removed together: each from the original.
+        index = support.base + axis * body.lanes
+        along = sum(
+            support.direction[:, j] * force.ravel()[support.base + j * body.lanes] for j in range(3)
+        )
+        np.subtract.at(flat, index, support.direction[:, axis] * along)
+    return free
+
+
+def residual(system: System, state: State) -> Residual:
+    """Force residual at the time of the last forces (the beginning of the last step)."""
+    time = (state.step - 1) * system.time_step
+    unbalanced = loads = internal = 0.0
+    for body, now in zip(system.bodies, state.bodies, strict=True):
+        weight = gravity_forces(body)
+        total = applied_forces(body, now) + weight - now.internal_force
+        unbalanced += _square(free_part(body, total))
+        loads += _square(load_forces(body, now, time) + weight)
+        internal += _square(now.internal_force)
+    return Residual(math.sqrt(unbalanced), math.sqrt(loads or internal))
+
+
+def _square(array: FloatArray | LaneArray) -> float:
+    return float(np.vdot(array, array))
+
+
+def settling(system: System, state: State) -> float | None:
+    """Way still to go over the way gone, ‖v‖ / (ω ‖u‖) in the norm of the masses [-].
+
+    A critically damped motion of frequency ω ends about v/ω from where it is. ω is half the
+    adaptive mass damping; None without one, or while nothing has moved.
+    """
+    adaptive = system.model.effects.adaptive_mass_damping
+    if adaptive is None or not state.mass_damping:
+        return None
+    moved = speed = 0.0
+    for body, now in zip(system.bodies, state.bodies, strict=True):
+        moved += float(np.einsum("n,njk,njk->", body.mass, now.displacement, now.displacement))
+        speed += float(np.einsum("n,njk,njk->", body.mass, now.velocity, now.velocity))
+    if moved == 0.0:
+        return None
+    frequency = state.mass_damping / (2.0 * adaptive.fraction_of_critical)
+    return math.sqrt(speed / moved) / frequency
+
+
+def restoring_forces(body: Body, now: BodyState, time: float) -> FloatArray:
+    """Internal minus contact forces, free components, (n_rows, 3, lanes) [N]."""
+    contact = applied_forces(body, now) - load_forces(body, now, time)
+    return free_part(body, now.internal_force - contact)
+
+
+def remember(system: System, state: State) -> None:
+    """Keep displacements and restoring forces for the next estimate."""
+    time = (state.step - 1) * system.time_step
+    for body, now in zip(system.bodies, state.bodies, strict=True):
+        assert now.remembered is not None
+        now.remembered[0] = now.displacement - system.time_step * now.velocity
+        now.remembered[1] = restoring_forces(body, now, time)
+
+
+def active_frequency(system: System, state: State) -> float | None:
+    """Frequency of the present motion by the Rayleigh quotient [rad/s].
+
+    ω² = Δu · Δf / Δu · M Δu with the changes of displacement and restoring force since
+    `remember`; None while nothing moves or the quotient is not positive.
+    """
+    time = (state.step - 1) * system.time_step
+    stiffness = inertia = 0.0
+    for body, now in zip(system.bodies, state.bodies, strict=True):
+        assert now.remembered is not None
+        moved = now.displacement - system.time_step * now.velocity - now.remembered[0]
+        change = restoring_forces(body, now, time) - now.remembered[1]
+        stiffness += float(np.vdot(moved, change))
+        inertia += float(np.einsum("n,njk,njk->", body.mass, moved, moved))
+    if not (stiffness > 0.0 and inertia > 0.0):
+        return None
+    return math.sqrt(stiffness / inertia)
+
+
+def adapt(system: System, state: State, effect: AdaptiveMassDamping) -> None:
+    """Set mass damping to critical damping of the active frequency, at most `CAP` / Δt."""
+    frequency = active_frequency(system, state)
+    if frequency is not None:
+        wanted = 2.0 * effect.fraction_of_critical * frequency
+        state.mass_damping = min(wanted, CAP / system.time_step)
+    remember(system, state)

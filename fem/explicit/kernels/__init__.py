@@ -1,0 +1,114 @@
+"""The compiled loops of the explicit solver.
+
+Arrays are [row][component][copy] (`fem.explicit.kernels.layout`), copies are SIMD lanes. Every
+kernel has a plain twin in `fem.explicit.kernels.reference`, with which the tests compare it.
+
+An argument that is None removes its branch when the kernel is compiled: an effect that is off
+is not in the machine code. Rows are worked in fixed chunks and each chunk writes its own rows
+and its own partial sums, so one and two threads give the same bits.
+
+Each loop over chunks exists twice, serial and with ``prange``, as two functions of the module:
+numba's cache does not tell the two apart when one factory makes both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fem.explicit.kernels.damping import (
+    add_stiffness_damping,
+    add_stiffness_damping_parallel,
+)
+from fem.explicit.kernels.frame import (
+    block_frame_displacement,
+    block_frame_displacement_parallel,
+    displacement_moments,
+    displacement_moments_parallel,
+    fit_frames,
+    placement_frame_force,
+    placement_frame_force_parallel,
+)
+from fem.explicit.kernels.motion import (
+    add_at,
+    dot_at,
+    dot_lanes,
+    enforce,
+    hold,
+    update,
+    update_parallel,
+)
+from fem.explicit.kernels.stiffness import (
+    stiffness_product,
+    stiffness_product_parallel,
+)
+from fem.explicit.kernels.viscosity import (
+    add_viscous_force,
+    add_viscous_force_parallel,
+    viscous_pressure,
+    viscous_pressure_parallel,
+)
+
+__all__ = [
+    "PARALLEL",
+    "SERIAL",
+    "KernelSet",
+    "add_at",
+    "add_stiffness_damping",
+    "add_stiffness_damping_parallel",
+    "add_viscous_force",
+    "add_viscous_force_parallel",
+    "block_frame_displacement",
+    "block_frame_displacement_parallel",
+    "displacement_moments",
+    "displacement_moments_parallel",
+    "dot_at",
+    "dot_lanes",
+    "enforce",
+    "fit_frames",
+    "hold",
+    "placement_frame_force",
+    "placement_frame_force_parallel",
+    "stiffness_product",
+    "stiffness_product_parallel",
+    "update",
+    "update_parallel",
+    "viscous_pressure",
+    "viscous_pressure_parallel",
+]
+
+
+@dataclass(frozen=True)
+class KernelSet:
+    """The kernels that share rows among threads, in one of their two forms."""
+
+    stiffness_product: Callable[..., None]
+    update: Callable[..., None]
+    viscous_pressure: Callable[..., None]
+    add_viscous_force: Callable[..., None]
+    add_stiffness_damping: Callable[..., None]
+    displacement_moments: Callable[..., None]
+    block_frame_displacement: Callable[..., None]
+    placement_frame_force: Callable[..., None]
+
+
+SERIAL = KernelSet(
+    stiffness_product=stiffness_product,
+    update=update,
+    viscous_pressure=viscous_pressure,
+    add_viscous_force=add_viscous_force,
+    add_stiffness_damping=add_stiffness_damping,
+    displacement_moments=displacement_moments,
+    block_frame_displacement=block_frame_displacement,
+    placement_frame_force=placement_frame_force,
+)
+PARALLEL = KernelSet(
+    stiffness_product=stiffness_product_parallel,
+    update=update_parallel,
+    viscous_pressure=viscous_pressure_parallel,
+    add_viscous_force=add_viscous_force_parallel,
+    add_stiffness_damping=add_stiffness_damping_parallel,
+    displacement_moments=displacement_moments_parallel,
+    block_frame_displacement=block_frame_displacement_parallel,
+    placement_frame_force=placement_frame_force_parallel,
+)

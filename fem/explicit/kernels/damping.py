@@ -1,0 +1,213 @@
+# mypy: disable-error-code="no-untyped-def, untyped-decorator"
+
+"""Stiffness-proportional damping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import prange
+
+from fem.explicit.kernels.lanes import add, lane_operations, multiply_add, scale, store, subtract
+from fem.explicit.kernels.options import OPTIONS
+from geometry.compilation import njit
+
+
+def _damping_lanes(width: int) -> Callable[..., Any]:
+    """Make the stiffness damping of one row for ``width`` copies from ``first`` on."""
+    load, _ = lane_operations(width)
+
+    @njit(**OPTIONS)
+    def component(at, ratio, increment, elastic, viscous, force, lost, here):
+        fresh = load(force, at)
+        new = scale(ratio, subtract(fresh, load(elastic, at)))
+        mean = add(load(viscous, at), new)
+        store(lost, here, multiply_add(mean, load(increment, at), load(lost, here)))
+        store(elastic, at, fresh)
+        store(viscous, at, new)
+        store(force, at, add(fresh, new))
+        return new
+
+    @njit(**OPTIONS)
+    def run(
+        c, i, ratio, displacement, increment, elastic, viscous, force, torque, lost, first, lanes
+    ):
+        here = c * lanes + first
+        x = i * 3 * lanes + first
+        y, z = x + lanes, x + 2 * lanes
+        fx = component(x, ratio, increment, elastic, viscous, force, lost, here)
+        fy = component(y, ratio, increment, elastic, viscous, force, lost, here)
+        fz = component(z, ratio, increment, elastic, viscous, force, lost, here)
+        if torque is not None:
+            t = c * 3 * lanes + first
+            ux, uy, uz = load(displacement, x), load(displacement, y), load(displacement, z)
+            cx = subtract(scale(uy, fz), scale(uz, fy))
+            cy = subtract(scale(uz, fx), scale(ux, fz))
+            cz = subtract(scale(ux, fy), scale(uy, fx))
+            store(torque, t, add(load(torque, t), cx))
+            store(torque, t + lanes, add(load(torque, t + lanes), cy))
+            store(torque, t + 2 * lanes, add(load(torque, t + 2 * lanes), cz))
+
+    made: Callable[..., Any] = run
+    return made
+
+
+_damping_8 = _damping_lanes(8)
+_damping_4 = _damping_lanes(4)
+_damping_2 = _damping_lanes(2)
+_damping_1 = _damping_lanes(1)
+
+
+@njit(**OPTIONS)
+def _stiffness_damping_chunk(
+    c,
+    chunks,
+    ratio,
+    displacement,
+    increment,
+    elastic,
+    viscous,
+    force,
+    torque,
+    lost,
+    dissipated,
+    lanes,
+):
+    lost[c * lanes : (c + 1) * lanes] = 0.0
+    for i in range(chunks[c], chunks[c + 1]):
+        if lanes >= 8:
+            for first in range(0, lanes, 8):
+                _damping_8(
+                    c,
+                    i,
+                    ratio,
+                    displacement,
+                    increment,
+                    elastic,
+                    viscous,
+                    force,
+                    torque,
+                    lost,
+                    first,
+                    lanes,
+                )
+        elif lanes == 4:
+            _damping_4(
+                c,
+                i,
+                ratio,
+                displacement,
+                increment,
+                elastic,
+                viscous,
+                force,
+                torque,
+                lost,
+                0,
+                lanes,
+            )
+        elif lanes == 2:
+            _damping_2(
+                c,
+                i,
+                ratio,
+                displacement,
+                increment,
+                elastic,
+                viscous,
+                force,
+                torque,
+                lost,
+                0,
+                lanes,
+            )
+        else:
+            _damping_1(
+                c,
+                i,
+                ratio,
+                displacement,
+                increment,
+                elastic,
+                viscous,
+                force,
+                torque,
+                lost,
+                0,
+                lanes,
+            )
+    for k in range(c * lanes, (c + 1) * lanes):
+        dissipated[k] += 0.5 * np.float64(lost[k])
+
+
+@njit(cache=True, **OPTIONS)
+def add_stiffness_damping(
+    chunks, ratio, displacement, increment, elastic, viscous, force, torque, lost, dissipated, lanes
+):
+    """Stiffness-proportional damping β K v from two successive elastic forces.
+
+    With v = (u - u_old)/Δt, β K v = (β/Δt) (K u - K u_old): no second product.
+
+    Parameters
+    ----------
+    chunks
+        Row boundaries.
+    ratio
+        β/Δt, in the precision of the arrays.
+    displacement
+        In the block frame, for the torque; flat (n_rows, 3, lanes), as all that follow.
+    increment
+        Displacement increment since the last step, or a multiple of it (the velocity).
+    elastic, viscous
+        Elastic and damping force of the last step, updated.
+    force
+        In: K u of this step; out: with the damping force.
+    torque
+        None, or flat (n_chunks, 3, lanes) that grows by u × damping force.
+    lost
+        Work array, flat (n_chunks, lanes).
+    dissipated
+        Grows by the product of ``increment`` and the mean of old and new damping force, flat
+        (n_chunks, lanes), float64.
+    lanes
+        Padded number of copies.
+    """
+    for c in range(len(chunks) - 1):
+        _stiffness_damping_chunk(
+            c,
+            chunks,
+            ratio,
+            displacement,
+            increment,
+            elastic,
+            viscous,
+            force,
+            torque,
+            lost,
+            dissipated,
+            lanes,
+        )
+
+
+@njit(cache=True, parallel=True, **OPTIONS)
+def add_stiffness_damping_parallel(
+    chunks, ratio, displacement, increment, elastic, viscous, force, torque, lost, dissipated, lanes
+):
+    """`add_stiffness_damping` with chunks shared among threads."""
+    for c in prange(len(chunks) - 1):
+        _stiffness_damping_chunk(
+            c,
+            chunks,
+            ratio,
+            displacement,
+            increment,
+            elastic,
+            viscous,
+            force,
+            torque,
+            lost,
+            dissipated,
+            lanes,
+        )

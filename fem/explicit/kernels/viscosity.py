@@ -1,0 +1,433 @@
+# mypy: disable-error-code="no-untyped-def, untyped-decorator"
+
+"""Bulk viscosity: stress of the elements, forces of the nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import prange
+
+from fem.explicit.kernels.lanes import (
+    add,
+    entry,
+    lane_operations,
+    minimum,
+    multiply_add,
+    scale,
+    store,
+    subtract,
+)
+from fem.explicit.kernels.options import OPTIONS
+from geometry.compilation import njit
+
+
+def _pressure_lanes(width: int) -> Callable[..., Any]:
+    """Make the viscous stress of a range of elements for ``width`` copies from ``first`` on."""
+    load, zero = lane_operations(width)
+
+    @njit(**OPTIONS)
+    def run(
+        c,
+        begin,
+        end,
+        element_rows,
+        gradient,
+        linear,
+        quadratic,
+        per_step,
+        displacement,
+        strain,
+        stress,
+        dissipated,
+        first,
+        lanes,
+    ):
+        none = zero(stress)
+        lost = none
+        for e in range(begin, end):
+            fresh = none
+            for a in range(8):
+                g = 24 * e + 3 * a
+                node = np.int64(element_rows[8 * e + a]) * 3 * lanes + first
+                fresh = multiply_add(gradient[g], load(displacement, node), fresh)
+                fresh = multiply_add(gradient[g + 1], load(displacement, node + lanes), fresh)
+                fresh = multiply_add(gradient[g + 2], load(displacement, node + 2 * lanes), fresh)
+            at = e * lanes + first
+            change = subtract(fresh, load(strain, at))
+            rate = scale(per_step, change)
+            closing = minimum(rate, none)
+            q = scale(linear[e], rate)
+            q = subtract(q, scale(quadratic[e], scale(closing, closing)))
+            lost = multiply_add(add(load(stress, at), q), change, lost)
+            store(strain, at, fresh)
+            store(stress, at, q)
+        for k in range(width):
+            dissipated[c * lanes + first + k] += 0.5 * np.float64(entry(lost, k))
+
+    made: Callable[..., Any] = run
+    return made
+
+
+_pressure_16 = _pressure_lanes(16)
+_pressure_8 = _pressure_lanes(8)
+_pressure_4 = _pressure_lanes(4)
+_pressure_2 = _pressure_lanes(2)
+_pressure_1 = _pressure_lanes(1)
+
+
+@njit(**OPTIONS)
+def _pressure_chunk(
+    c,
+    chunks,
+    element_rows,
+    gradient,
+    linear,
+    quadratic,
+    per_step,
+    displacement,
+    strain,
+    stress,
+    dissipated,
+    lanes,
+):
+    if lanes >= 8:
+        first = 0
+        while first + 16 <= lanes:
+            _pressure_16(
+                c,
+                chunks[c],
+                chunks[c + 1],
+                element_rows,
+                gradient,
+                linear,
+                quadratic,
+                per_step,
+                displacement,
+                strain,
+                stress,
+                dissipated,
+                first,
+                lanes,
+            )
+            first += 16
+        if first < lanes:
+            _pressure_8(
+                c,
+                chunks[c],
+                chunks[c + 1],
+                element_rows,
+                gradient,
+                linear,
+                quadratic,
+                per_step,
+                displacement,
+                strain,
+                stress,
+                dissipated,
+                first,
+                lanes,
+            )
+    elif lanes == 4:
+        _pressure_4(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            element_rows,
+            gradient,
+            linear,
+            quadratic,
+            per_step,
+            displacement,
+            strain,
+            stress,
+            dissipated,
+            0,
+            lanes,
+        )
+    elif lanes == 2:
+        _pressure_2(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            element_rows,
+            gradient,
+            linear,
+            quadratic,
+            per_step,
+            displacement,
+            strain,
+            stress,
+            dissipated,
+            0,
+            lanes,
+        )
+    else:
+        _pressure_1(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            element_rows,
+            gradient,
+            linear,
+            quadratic,
+            per_step,
+            displacement,
+            strain,
+            stress,
+            dissipated,
+            0,
+            lanes,
+        )
+
+
+@njit(cache=True, **OPTIONS)
+def viscous_pressure(
+    chunks,
+    element_rows,
+    gradient,
+    linear,
+    quadratic,
+    per_step,
+    displacement,
+    strain,
+    stress,
+    dissipated,
+    lanes,
+):
+    """Bulk viscosity stress of every element and copy (formula in `fem.explicit.viscosity`).
+
+    Parameters
+    ----------
+    chunks
+        Element boundaries.
+    element_rows, gradient, linear, quadratic
+        See `fem.explicit.viscosity.ElementViscosity`; flat.
+    per_step
+        1/Δt [1/s], in the precision of the arrays.
+    displacement
+        In the block frame, flat (n_rows, 3, lanes).
+    strain, stress
+        Volumetric strain and volume times viscous stress, flat (n_elements, lanes), updated.
+    dissipated
+        Grows by the work of the mean of old and new stress on the strain increment, flat
+        (n_chunks, lanes), float64 [N mm].
+    lanes
+        Padded number of copies.
+    """
+    for c in range(len(chunks) - 1):
+        _pressure_chunk(
+            c,
+            chunks,
+            element_rows,
+            gradient,
+            linear,
+            quadratic,
+            per_step,
+            displacement,
+            strain,
+            stress,
+            dissipated,
+            lanes,
+        )
+
+
+@njit(cache=True, parallel=True, **OPTIONS)
+def viscous_pressure_parallel(
+    chunks,
+    element_rows,
+    gradient,
+    linear,
+    quadratic,
+    per_step,
+    displacement,
+    strain,
+    stress,
+    dissipated,
+    lanes,
+):
+    """`viscous_pressure` with chunks shared among threads."""
+    for c in prange(len(chunks) - 1):
+        _pressure_chunk(
+            c,
+            chunks,
+            element_rows,
+            gradient,
+            linear,
+            quadratic,
+            per_step,
+            displacement,
+            strain,
+            stress,
+            dissipated,
+            lanes,
+        )
+
+
+def _viscous_lanes(width: int) -> Callable[..., Any]:
+    """Make the viscous nodal force of a range of rows for ``width`` copies from ``first`` on."""
+    load, zero = lane_operations(width)
+
+    @njit(**OPTIONS)
+    def run(
+        c, begin, end, pointer, corner, gradient, stress, displacement, force, torque, first, lanes
+    ):
+        none = zero(stress)
+        for i in range(begin, end):
+            fx, fy, fz = none, none, none
+            for n in range(pointer[i], pointer[i + 1]):
+                k = np.int64(corner[n])
+                q = load(stress, (k >> 3) * lanes + first)
+                fx = multiply_add(gradient[3 * k], q, fx)
+                fy = multiply_add(gradient[3 * k + 1], q, fy)
+                fz = multiply_add(gradient[3 * k + 2], q, fz)
+            x = i * 3 * lanes + first
+            y, z = x + lanes, x + 2 * lanes
+            store(force, x, add(load(force, x), fx))
+            store(force, y, add(load(force, y), fy))
+            store(force, z, add(load(force, z), fz))
+            if torque is not None:
+                t = c * 3 * lanes + first
+                ux, uy, uz = load(displacement, x), load(displacement, y), load(displacement, z)
+                cx = subtract(scale(uy, fz), scale(uz, fy))
+                cy = subtract(scale(uz, fx), scale(ux, fz))
+                cz = subtract(scale(ux, fy), scale(uy, fx))
+                store(torque, t, add(load(torque, t), cx))
+                store(torque, t + lanes, add(load(torque, t + lanes), cy))
+                store(torque, t + 2 * lanes, add(load(torque, t + 2 * lanes), cz))
+
+    made: Callable[..., Any] = run
+    return made
+
+
+_viscous_16 = _viscous_lanes(16)
+_viscous_8 = _viscous_lanes(8)
+_viscous_4 = _viscous_lanes(4)
+_viscous_2 = _viscous_lanes(2)
+_viscous_1 = _viscous_lanes(1)
+
+
+@njit(**OPTIONS)
+def _viscous_chunk(
+    c, chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
+):
+    if lanes >= 8:
+        first = 0
+        while first + 16 <= lanes:
+            _viscous_16(
+                c,
+                chunks[c],
+                chunks[c + 1],
+                pointer,
+                corner,
+                gradient,
+                stress,
+                displacement,
+                force,
+                torque,
+                first,
+                lanes,
+            )
+            first += 16
+        if first < lanes:
+            _viscous_8(
+                c,
+                chunks[c],
+                chunks[c + 1],
+                pointer,
+                corner,
+                gradient,
+                stress,
+                displacement,
+                force,
+                torque,
+                first,
+                lanes,
+            )
+    elif lanes == 4:
+        _viscous_4(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            pointer,
+            corner,
+            gradient,
+            stress,
+            displacement,
+            force,
+            torque,
+            0,
+            lanes,
+        )
+    elif lanes == 2:
+        _viscous_2(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            pointer,
+            corner,
+            gradient,
+            stress,
+            displacement,
+            force,
+            torque,
+            0,
+            lanes,
+        )
+    else:
+        _viscous_1(
+            c,
+            chunks[c],
+            chunks[c + 1],
+            pointer,
+            corner,
+            gradient,
+            stress,
+            displacement,
+            force,
+            torque,
+            0,
+            lanes,
+        )
+
+
+@njit(cache=True, **OPTIONS)
+def add_viscous_force(
+    chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
+):
+    """Add the nodal forces of the bulk viscosity, row by row.
+
+    Parameters
+    ----------
+    chunks
+        Row boundaries.
+    pointer, corner, gradient
+        See `fem.explicit.viscosity.ElementViscosity`; flat.
+    stress
+        Volume times viscous stress, flat (n_elements, lanes).
+    displacement
+        In the block frame, flat (n_rows, 3, lanes).
+    force
+        Flat (n_rows, 3, lanes), updated.
+    torque
+        None, or flat (n_chunks, 3, lanes) that grows by u × f.
+    lanes
+        Padded number of copies.
+    """
+    for c in range(len(chunks) - 1):
+        _viscous_chunk(
+            c, chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
+        )
+
+
+@njit(cache=True, parallel=True, **OPTIONS)
+def add_viscous_force_parallel(
+    chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
+):
+    """`add_viscous_force` with chunks shared among threads."""
+    for c in prange(len(chunks) - 1):
+        _viscous_chunk(
+            c, chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
+        )

@@ -1,0 +1,1 @@
+"""What an explicit run keeps: energies, history, checkpoints."""

@@ -1,0 +1,195 @@
+"""Checkpoints: a killed run goes on to the same bits.
+
+A checkpoint is one ``.npz`` with every array and number of the state, the history so far and
+a fingerprint of the problem; it replaces the last one in a single step, so a run killed while
+writing leaves the last one whole.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.sparse import bsr_array
+
+from fem.explicit.output.history import COLUMNS, History
+from fem.explicit.state import State
+from fem.explicit.step import System
+
+FORMAT = 2
+
+Contents = dict[str, np.ndarray[Any, Any]]
+
+
+class CheckpointError(ValueError):
+    """A checkpoint that cannot be used: missing, damaged, or of another problem."""
+
+
+def write_checkpoint(path: Path, system: System, state: State, history: History) -> None:
+    """Write state and history; atomically replaces an older file."""
+    path = Path(path)
+    initial = np.nan if history.initial_total is None else history.initial_total
+    contents: Contents = {
+        **{f"array/{name}": array for name, array in state_arrays(system, state).items()},
+        **{f"number/{name}": np.array(v) for name, v in state_numbers(state).items()},
+        "format": np.array(FORMAT),
+        "fingerprint": np.array(fingerprint(system)),
+        "history": history.table(),
+        "initial_total": np.array(initial),
+        "put_in": np.array(history.put_in),
+        "turnover": np.array(history.turnover),
+    }
+    temporary = path.with_name(path.name + ".part")
+    with temporary.open("wb") as file:
+        np.savez(file, allow_pickle=False, **contents, digest=np.array(content_digest(contents)))
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+
+
+def read_checkpoint(path: Path, system: System, state: State) -> History:
+    """Fill ``state`` from a checkpoint and return the history up to it.
+
+    Nothing of the state changes unless the whole checkpoint fits.
+
+    Raises
+    ------
+    CheckpointError
+        No such file, not a checkpoint, a damaged one, or that of another problem.
+    """
+    path = Path(path)
+    contents = _contents(path)
+    if "fingerprint" not in contents or str(contents.get("format")) != str(FORMAT):
+        raise CheckpointError(f"checkpoint {path}: not a checkpoint of this version")
+    if str(contents.pop("digest", "")) != content_digest(contents):
+        raise CheckpointError(
+            f"checkpoint {path}: is damaged: its content is not what was written; start the run "
+            "from the beginning"
+        )
+    if str(contents["fingerprint"]) != fingerprint(system):
+        raise CheckpointError(
+            f"checkpoint {path}: belongs to another model, time step or precision; "
+            "run the same scene with the same options or remove the file"
+        )
+    arrays, numbers = state_arrays(system, state), state_numbers(state)
+    for name, array in arrays.items():
+        kept = contents.get(f"array/{name}")
+        if kept is None or (kept.shape, kept.dtype) != (array.shape, array.dtype):
+            found = "nothing" if kept is None else f"{kept.shape} of {kept.dtype}"
+            raise CheckpointError(
+                f"checkpoint {path}: {name} is {found}, expected {array.shape} of {array.dtype}; "
+                "it was written by another version: start the run from the beginning"
+            )
+    for name, array in arrays.items():
+        array[...] = contents[f"array/{name}"]
+    for name in numbers:
+        set_state_number(state, name, contents[f"number/{name}"].item())
+    return _history(contents)
+
+
+def _contents(path: Path) -> Contents:
+    """Everything in a file, read whole."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        raise CheckpointError(
+            f"checkpoint {path}: no such file; start the run from the beginning"
+        ) from None
+    # Bytes that are no such file raise what they like: of zip, of zlib, of numpy's headers.
+    except Exception:
+        raise CheckpointError(
+            f"checkpoint {path}: not a readable checkpoint; start the run from the beginning"
+        ) from None
+
+
+def _history(contents: Contents) -> History:
+    initial = float(contents["initial_total"])
+    rows = contents["history"].reshape(-1, len(COLUMNS))
+    return History(
+        rows=[tuple(float(v) for v in row) for row in rows],
+        initial_total=None if np.isnan(initial) else initial,
+        put_in=float(contents["put_in"]),
+        turnover=float(contents["turnover"]),
+    )
+
+
+def content_digest(contents: Mapping[str, np.ndarray[Any, Any]]) -> str:
+    """Digest of names, shapes, types and bits."""
+    digest = hashlib.sha256()
+    for name in sorted(contents):
+        digest.update(name.encode())
+        _hash(digest, contents[name])
+    return digest.hexdigest()
+
+
+def state_arrays(system: System, state: State) -> dict[str, np.ndarray[Any, Any]]:
+    """Every array of the state and of the interactions, by a path of names."""
+    found: dict[str, np.ndarray[Any, Any]] = {}
+    _collect(state, "state", found, np.ndarray)
+    for k, interaction in enumerate(system.interactions):
+        for name, array in interaction.arrays().items():
+            found[f"interaction.{k}.{name}"] = array
+    return found
+
+
+def state_numbers(state: State) -> dict[str, float | int]:
+    """Every number of the state, by a path of names."""
+    found: dict[str, float | int] = {}
+    _collect(state, "state", found, (int, float))
+    return found
+
+
+def _collect(value: Any, path: str, found: dict[str, Any], kind: Any) -> None:
+    if isinstance(value, kind):
+        found[path] = value
+    elif isinstance(value, tuple):
+        for k, item in enumerate(value):
+            _collect(item, f"{path}.{k}", found, kind)
+    elif is_dataclass(value):
+        for field in fields(value):
+            _collect(getattr(value, field.name), f"{path}.{field.name}", found, kind)
+
+
+def set_state_number(state: State, path: str, number: float | int) -> None:
+    """Inverse of `state_numbers` for one path."""
+    *parents, name = path.split(".")[1:]
+    owner: Any = state
+    for part in parents:
+        owner = owner[int(part)] if part.isdigit() else getattr(owner, part)
+    setattr(owner, name, number)
+
+
+def fingerprint(system: System) -> str:
+    """Hash of everything that decides the bits of a run."""
+    digest = hashlib.sha256()
+    _hash(digest, system.model)
+    _hash(digest, system.time_step)
+    _hash(digest, [str(body.dtype) for body in system.bodies])
+    return digest.hexdigest()
+
+
+def _hash(digest: Any, value: Any) -> None:
+    digest.update(type(value).__name__.encode())
+    if isinstance(value, np.ndarray):
+        digest.update(str((value.shape, value.dtype)).encode())
+        digest.update(np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, list | tuple):
+        for item in value:
+            _hash(digest, item)
+    elif isinstance(value, bsr_array):
+        for part in (value.data, value.indices, value.indptr):
+            _hash(digest, part)
+    elif is_dataclass(value):
+        for field in fields(value):
+            digest.update(field.name.encode())
+            _hash(digest, getattr(value, field.name))
+    elif callable(value):
+        digest.update(getattr(value, "__qualname__", repr(value)).encode())
+    else:
+        digest.update(repr(value).encode())

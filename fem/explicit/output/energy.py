@@ -1,0 +1,165 @@
+"""Energies of an explicit run, consistent in time with the central differences.
+
+All are taken at the time of the forces, t_n. The kinetic energy is ½ v_{n-½} · M v_{n+½}: with
+it, ½ u_n · K u_n and work by the mean velocity of the two half steps, a linear undamped run
+keeps its energy to round-off, so the balance shows errors of the model and not of bookkeeping.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from fem.explicit.body import Body
+from fem.explicit.kernels import dot_lanes
+from fem.explicit.kernels.layout import aligned_zeros
+from fem.explicit.state import BodyState, State
+from fem.explicit.step import System
+from geometry.mesh import FloatArray
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Energies at one time [N mm = mJ]."""
+
+    kinetic_energy: float
+    """½ v_{n-½} · M v_{n+½}."""
+    strain_energy: float
+    """½ u · K u in the block frames, hourglass energy included."""
+    hourglass_energy: float
+    """Part of the strain energy that the hourglass control of reduced elements holds."""
+    contact_energy: float
+    """Stored in the contact springs."""
+    external_work: float
+    """Of loads, moving supports and gravity."""
+    mass_damping_dissipation: float
+    """Of mass-proportional damping."""
+    stiffness_damping_dissipation: float
+    """Of stiffness-proportional damping."""
+    bulk_viscosity_dissipation: float
+    """Of bulk viscosity."""
+    frictional_dissipation: float
+    """Of the interactions."""
+
+    @property
+    def viscous_dissipation(self) -> float:
+        """Of all damping and viscosity."""
+        return (
+            self.mass_damping_dissipation
+            + self.stiffness_damping_dissipation
+            + self.bulk_viscosity_dissipation
+        )
+
+    @property
+    def total(self) -> float:
+        """What must stay constant."""
+        stored = self.kinetic_energy + self.strain_energy + self.contact_energy
+        return stored + self.viscous_dissipation + self.frictional_dissipation - self.external_work
+
+    @property
+    def turnover(self) -> float:
+        """Scale of the balance: energy stored, dissipated and put in, without signs."""
+        stored = abs(self.kinetic_energy) + abs(self.strain_energy) + abs(self.contact_energy)
+        lost = abs(self.viscous_dissipation) + abs(self.frictional_dissipation)
+        return max(stored + lost, abs(self.external_work))
+
+    def times(self, copies: int) -> Energies:
+        """Energies of so many copies: of the whole where a sector was computed."""
+        return Energies(**{f.name: copies * getattr(self, f.name) for f in fields(self)})
+
+
+#: Names of the columns of the history.
+ENERGY_NAMES = tuple(f.name for f in fields(Energies))
+
+
+def energies(system: System, state: State) -> Energies:
+    """Energies at the beginning of the step that was just done with ``sample``."""
+    pairs = list(zip(system.bodies, state.bodies, strict=True))
+    # `update` left ½ v₋ · M v₊ with the v₊ before the supports corrected it.
+    half = 0.0 if state.mass_damping is None else 0.5 * state.mass_damping * system.time_step
+    supports = sum(now.support_work.latest_before for now in state.bodies) / (1.0 + half)
+    return Energies(
+        kinetic_energy=sum(float(now.kinetic.sum()) for now in state.bodies) + supports,
+        strain_energy=sum(float(now.strain_energy.sum()) for now in state.bodies),
+        hourglass_energy=sum(hourglass_energy(system, body, now) for body, now in pairs),
+        contact_energy=sum(i.energy() for i in system.interactions),
+        external_work=sum(
+            now.external_work.now + now.support_work.now + gravity_work(system, body, now)
+            for body, now in pairs
+        ),
+        mass_damping_dissipation=sum(_mass_damping(now) for now in state.bodies),
+        stiffness_damping_dissipation=sum(_stiffness_damping(system, now) for now in state.bodies),
+        bulk_viscosity_dissipation=sum(_bulk_viscosity(now) for now in state.bodies),
+        frictional_dissipation=sum(i.dissipation() for i in system.interactions),
+    )
+
+
+def _mass_damping(now: BodyState) -> float:
+    work = now.mass_damping_work
+    if work is None:
+        return 0.0
+    return float(work[:, 0].sum() - work[:, 1].sum()) + now.support_loss.now
+
+
+def _stiffness_damping(system: System, now: BodyState) -> float:
+    if now.rate_form is not None:
+        return float(now.rate_form.work[3].sum())
+    damping = now.stiffness_damping
+    if damping is None:
+        return 0.0
+    # Without block frames the kernel was given the velocity as the increment.
+    scale = system.time_step if now.frame is None else 1.0
+    return scale * float(damping.dissipated.sum())
+
+
+def _bulk_viscosity(now: BodyState) -> float:
+    if now.rate_form is not None:
+        return float(now.rate_form.work[2].sum())
+    return 0.0 if now.viscous is None else float(now.viscous.dissipated.sum())
+
+
+def gravity_work(system: System, body: Body, now: BodyState) -> float:
+    """Work of gravity since the undeformed state, Σ m g · u_n [N mm]."""
+    if body.acceleration is None:
+        return 0.0
+    mass = body.mass.astype(np.float64)
+    moved = np.einsum("n,njk->jk", mass, now.displacement)
+    moved -= system.time_step * np.einsum("n,njk->jk", mass, now.velocity)
+    return float((moved * body.acceleration).sum())
+
+
+def hourglass_energy(system: System, body: Body, now: BodyState) -> float:
+    """½ u · K_hourglass u, of the displacement in the block frame [N mm].
+
+    The displacement of small rotation has moved on by one step since the forces were taken:
+    it is stepped back.
+    """
+    rows = body.hourglass
+    if now.rate_form is not None:
+        return float(now.rate_form.work[1].sum())
+    if rows is None:
+        return 0.0
+    local = now.local_displacement
+    if now.frame is None:
+        local = local - body.dtype.type(system.time_step) * now.velocity
+    force = aligned_zeros(local.shape, body.dtype)
+    system.kernels.stiffness_product(
+        rows.chunks,
+        rows.pointer,
+        rows.column,
+        rows.blocks,
+        local.ravel(),
+        force.ravel(),
+        None,
+        body.lanes,
+    )
+    total = np.zeros(body.lanes)
+    dot_lanes(local, force, total)
+    return 0.5 * float(total.sum())
+
+
+def copy_energies(now: BodyState) -> FloatArray:
+    """Strain energy plus magnitude of the kinetic energy of each copy, (lanes,) [N mm]."""
+    total: FloatArray = now.strain_energy + np.abs(now.kinetic.sum(axis=0))
+    return total

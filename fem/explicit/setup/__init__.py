@@ -1,0 +1,1 @@
+"""From an assembly to the model of an explicit run."""

@@ -1,0 +1,272 @@
+"""The explicit model of an assembly: representative blocks, ramped loads, contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fem.assembly.contact_state import ContactState, matched_pressures, matched_state
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.free_motions import FreeMotions, free_motions
+from fem.assembly.local_system import LocalSystem, local_system
+from fem.assembly.symmetry import Orbits, SymmetryError, no_symmetry
+from fem.contact.friction import CoulombFriction
+from fem.contact.law import ContactLaw
+from fem.explicit.contact.alike_pairs import alike_pairs
+from fem.explicit.contact.paired import FaceContact
+from fem.explicit.contact.search import BlockSurface
+from fem.explicit.contact.sliding import SlidingContact, sliding_state
+from fem.explicit.setup.cell_hold import cell_hold
+from fem.problem.effects import Effects
+from fem.problem.model import Amplitude, BlockGroup, InteractionModel, Model, NodalLoad, Support
+from geometry.mesh import FloatArray, IntArray
+
+#: Pressure whose stiffness the critical time step counts in where the law has no cap [MPa].
+COUNTED_PRESSURE = 10.0
+
+
+@dataclass(frozen=True)
+class ExplicitAssembly:
+    """An assembly ready for `fem.explicit.solve.solve`: one copy for each representative block."""
+
+    deformable: DeformableAssembly
+    """The whole assembly."""
+    orbits: Orbits
+    """Which blocks are represented by which."""
+    copy_of: IntArray
+    """Copy of the model that stands for each block, -1 for rigid ones, (n_blocks,)."""
+    model: Model
+    """Representative blocks with contact."""
+    sliding: SlidingContact | None = None
+    """Contact of the model where a search finds facets; None: matched facets stay matched."""
+
+    def contact_state(self, displacements: tuple[FloatArray, ...]) -> ContactState:
+        """Contact of the whole assembly at displacements of the model's groups, world axes."""
+        if self.sliding is not None:
+            return sliding_state(self.sliding, displacements)
+        whole = self.expand(displacements)
+        pressures, overclosures = matched_pressures(self.deformable, whole)
+        return matched_state(self.deformable, whole, pressures, overclosures)
+
+    def expand(self, displacements: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
+        """World displacements of every block from those of the representatives.
+
+        Parameters
+        ----------
+        displacements
+            Of the model's groups, (n_copies, n_nodes, 3) [mm].
+
+        Returns
+        -------
+        tuple[FloatArray, ...]
+            Of the groups of `deformable`, all copies; of a periodic cell without its motion as
+            a whole, as `fem.static.solve` gives them.
+        """
+        whole = self.deformable
+        turns = whole.assembly.rotations
+        result = [np.zeros((g.n_copies, g.n_nodes, 3)) for g in whole.model.groups]
+        for block in whole.deformable_blocks:
+            source = int(self.orbits.representative[block])
+            group = int(whole.group_of[block])
+            turn = turns[block] @ turns[source].T
+            moved = displacements[group][self.copy_of[block]]
+            result[group][whole.copy_of[block]] = moved if source == block else moved @ turn.T
+        if self._free is None:
+            return tuple(result)
+        system, free = self._free
+        return tuple(system.expand(free.without(system.localised(tuple(result)))))
+
+    @cached_property
+    def _free(self) -> tuple[LocalSystem, FreeMotions] | None:
+        """Motions of a periodic cell as a whole; None for what is held."""
+        if self.deformable.assembly.image_of is None:
+            return None
+        system = local_system(self.deformable, no_symmetry(self.deformable))
+        free = free_motions(system, np.ones(system.n_nodes, dtype=np.bool_))
+        assert free is not None
+        return system, free
+
+
+def explicit_assembly(
+    deformable: DeformableAssembly,
+    *,
+    orbits: Orbits | None = None,
+    effects: Effects | None = None,
+    amplitude: Amplitude | None = None,
+    friction: CoulombFriction | None = None,
+    finite_sliding: bool | None = None,
+) -> ExplicitAssembly:
+    """State the explicit problem of an assembly.
+
+    Parameters
+    ----------
+    deformable
+        Blocks, loads, supports, contact.
+    orbits
+        Blocks to compute once; by default every block is computed.
+    effects
+        Damping and the like; by default none.
+    amplitude
+        Factor of all loads in time; None: constant.
+    friction
+        Coulomb friction on all contact surfaces; None: that of the assembly.
+    finite_sliding
+        Whether a search finds the facets that face each other (`fem.explicit.contact.sliding`), so
+        that blocks may slide far and surfaces need not conform; otherwise matched facets stay
+        matched and no search exists. None: as the assembly says.
+
+    Raises
+    ------
+    FrictionError
+        Friction with reference normals or too stiff a stick.
+    SymmetryError
+        Finite sliding of a sector.
+    """
+    orbits = no_symmetry(deformable) if orbits is None else orbits
+    chosen = _representatives(deformable, orbits)
+    copy = np.full(deformable.assembly.n_blocks, -1, dtype=np.int64)
+    for blocks in chosen:
+        copy[blocks] = np.arange(len(blocks))
+    copy_of = copy[orbits.representative]
+    model = deformable.model
+    kept = [deformable.copy_of[blocks] for blocks in chosen]
+    friction = deformable.contact.friction if friction is None else friction
+    sliding = deformable.contact.finite_sliding if finite_sliding is None else finite_sliding
+    searched = _sliding_contact(deformable, orbits, copy_of, friction) if sliding else None
+    contact: InteractionModel = searched or _face_contact(deformable, orbits, copy_of, friction)
+    hold = cell_hold(deformable, orbits, chosen)
+    return ExplicitAssembly(
+        deformable=deformable,
+        orbits=orbits,
+        copy_of=copy_of,
+        model=Model(
+            groups=tuple(_some_copies(g, k) for g, k in zip(model.groups, kept, strict=True)),
+            supports=tuple(_some_support(s, kept[s.group]) for s in model.supports),
+            loads=tuple(_some_load(f, kept[f.group], amplitude) for f in model.loads),
+            effects=Effects() if effects is None else effects,
+            interactions=(contact,) if hold is None else (contact, hold),
+        ),
+        sliding=searched,
+    )
+
+
+def _face_contact(
+    deformable: DeformableAssembly,
+    orbits: Orbits,
+    copy_of: IntArray,
+    friction: CoulombFriction | None,
+) -> FaceContact:
+    return FaceContact(
+        pairs=alike_pairs(deformable, orbits, copy_of),
+        n_nodes=tuple(group.n_nodes for group in deformable.model.groups),
+        law=deformable.contact.law,
+        normals=deformable.contact.normals,
+        clearance=deformable.surfaces.clearance,
+        counted_stiffness=counted_stiffness(deformable.contact.law),
+        friction=friction,
+    )
+
+
+def _sliding_contact(
+    deformable: DeformableAssembly,
+    orbits: Orbits,
+    copy_of: IntArray,
+    friction: CoulombFriction | None,
+) -> SlidingContact:
+    if orbits.order != 1:
+        raise SymmetryError(
+            f"finite sliding: got a sector of 1/{orbits.order}; blocks may leave their sector, so "
+            "expected symmetry off"
+        )
+    assembly = deformable.assembly
+    surfaces = []
+    for block in range(assembly.n_blocks):
+        quads = assembly.shape(block).contact_quads
+        if len(quads):
+            nodes, local = np.unique(quads, return_inverse=True)
+            surfaces.append(
+                BlockSurface(
+                    block=block,
+                    group=int(deformable.group_of[block]),
+                    copy=int(max(copy_of[block], 0)),
+                    rotation=assembly.rotations[block],
+                    nodes=nodes,
+                    reference=(assembly.nodes(block) + deformable.spacing[block])[nodes],
+                    quads=local.reshape(quads.shape).astype(np.int64),
+                )
+            )
+    return SlidingContact(
+        surfaces=tuple(surfaces),
+        n_nodes=tuple(group.n_nodes for group in deformable.model.groups),
+        law=deformable.contact.law,
+        clearance=deformable.surfaces.clearance,
+        counted_stiffness=counted_stiffness(deformable.contact.law),
+        friction=friction,
+    )
+
+
+def counted_stiffness(law: ContactLaw, pressure: float = COUNTED_PRESSURE) -> float:
+    """Stiffness of a law that the critical time step counts in [MPa/mm].
+
+    The law's largest where it has one below that at ``pressure`` [MPa], so that nothing can
+    exceed it; otherwise the stiffness at that pressure, which a run then watches.
+    """
+    at_pressure = float(law.stiffness(law.overclosure(pressure)))
+    return min(law.constants.linear_stiffness, at_pressure)
+
+
+def _representatives(deformable: DeformableAssembly, orbits: Orbits) -> list[IntArray]:
+    """Representative blocks of each group in the order of their copies.
+
+    Blocks at the same place in every second layer follow each other: then so do the blocks
+    they touch, and contact finds both in neighbouring lanes.
+    """
+    assembly = deformable.assembly
+    n = assembly.n_blocks
+    by_layer = np.lexsort((np.arange(n), assembly.layer))
+    place = np.empty(n, dtype=np.int64)
+    place[by_layer] = np.arange(n) - np.searchsorted(
+        assembly.layer[by_layer], assembly.layer[by_layer]
+    )
+    order = np.lexsort((assembly.layer, place, assembly.layer % 2))
+    stands = order[orbits.representative[order] == order]
+    groups = deformable.group_of[stands]
+    return [stands[groups == g] for g in range(len(deformable.model.groups))]
+
+
+def _some_copies(group: BlockGroup, copies: IntArray) -> BlockGroup:
+    return replace(
+        group, rotations=group.rotations[copies], translations=group.translations[copies]
+    )
+
+
+def _new_numbers(copies: IntArray, kept: IntArray) -> tuple[IntArray, IntArray]:
+    """Entries whose copy is kept, and the new number of that copy."""
+    number = np.full(int(max(copies.max(initial=0), kept.max())) + 1, -1, dtype=np.int64)
+    number[kept] = np.arange(len(kept))
+    mine = np.flatnonzero(number[copies] >= 0)
+    return mine, number[copies[mine]]
+
+
+def _some_support(support: Support, kept: IntArray) -> Support:
+    mine, copies = _new_numbers(support.copies, kept)
+    return replace(
+        support,
+        copies=copies,
+        nodes=support.nodes[mine],
+        directions=support.directions[mine],
+        displacement=support.displacement[mine],
+    )
+
+
+def _some_load(load: NodalLoad, kept: IntArray, amplitude: Amplitude | None) -> NodalLoad:
+    mine, copies = _new_numbers(load.copies, kept)
+    return replace(
+        load,
+        copies=copies,
+        nodes=load.nodes[mine],
+        forces=load.forces[mine],
+        amplitude=amplitude,
+    )

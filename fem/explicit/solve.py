@@ -1,0 +1,530 @@
+"""A run of explicit dynamics around `fem.explicit.step.step`."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+
+import numba
+import numpy as np
+
+from fem.explicit.body import Body, make_body
+from fem.explicit.damping import adapt, residual, settling
+from fem.explicit.kernels import PARALLEL, SERIAL
+from fem.explicit.output.checkpoint import read_checkpoint, state_arrays, write_checkpoint
+from fem.explicit.output.energy import Energies, copy_energies, energies
+from fem.explicit.output.history import History
+from fem.explicit.output.interrupt import StopRequest, stop_requests
+from fem.explicit.state import BodyState, State, initial_body_state, world_vectors
+from fem.explicit.step import System, set_applied_force, set_internal_force, step
+from fem.problem.model import Model
+from fem.problem.time_step import CriticalTimeStep, TimeStepError, critical_time_step
+from geometry.mesh import FloatArray
+
+#: A block that holds this many times the energy put into the whole model runs away.
+RUNAWAY = 100.0
+
+PRECISIONS = {"float64": np.float64, "float32": np.float32}
+
+
+class UnstableRun(RuntimeError):  # noqa: N818
+    """The solution grows without bound: time, block and remedy are in the message."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a progress callback is told at every sample."""
+
+    time: float
+    """[s]"""
+    end_time: float
+    """[s]"""
+    step: int
+    """Steps done."""
+    n_steps: int
+    """Steps of the whole run."""
+    energies: Energies
+    """At `time`."""
+    residual: float | None
+    """Force residual, where the run watches it."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What a frame callback is given: the displacements at one time, world axes."""
+
+    number: int
+    """0, 1, 2, …"""
+    time: float
+    """[s]"""
+    displacements: tuple[FloatArray, ...]
+    """Of each group, (n_copies, n_nodes, 3) [mm]."""
+
+
+class Status(StrEnum):
+    """How a run ended."""
+
+    FINISHED = "finished"
+    """Reached its end time."""
+    CONVERGED = "converged"
+    """Stopped early: the force residual fell below its bound."""
+    INTERRUPTED = "interrupted"
+    """Asked to stop; continue from the checkpoint."""
+
+
+@dataclass(frozen=True)
+class ExplicitResult:
+    """The end of a run, in world axes."""
+
+    model: Model
+    """The statement."""
+    status: Status
+    """How the run ended."""
+    displacements: tuple[FloatArray, ...]
+    """Of each group, (n_copies, n_nodes, 3) [mm], at `time`."""
+    velocities: tuple[FloatArray, ...]
+    """Half a step before `time` [mm/s]."""
+    time: float
+    """[s]"""
+    n_steps: int
+    """Steps done since time 0."""
+    time_step: float
+    """[s]"""
+    critical: CriticalTimeStep
+    """The largest stable step."""
+    history: History
+    """Energies and balance of all samples."""
+    energies: Energies | None
+    """At the last sample; None before the first."""
+    energy_balance: float
+    """Largest error of the balance over all samples, relative to the energy turned over."""
+    residual: float | None
+    """Last force residual, relative; None when the run did not watch it."""
+    settling: float | None
+    """Last estimate of the way still to go over the way gone; None where not watched."""
+    cpu_seconds: float
+    """CPU time of the loop in this process."""
+    element_updates: int
+    """Elements times steps done in this process."""
+    state_bytes: int
+    """Memory of the arrays that evolve."""
+    constant_bytes: int
+    """Memory of stiffness, mass and connectivity of the loop."""
+
+    @property
+    def element_updates_per_cpu_second(self) -> float:
+        """Whole-step rate of this process."""
+        return self.element_updates / max(self.cpu_seconds, 1e-12)
+
+
+def prepare(
+    model: Model,
+    *,
+    time_step: float,
+    precision: str = "float64",
+    threads: int = 1,
+) -> System:
+    """Make a model ready for the loop.
+
+    Parameters
+    ----------
+    model
+        The statement.
+    time_step
+        [s]
+    precision
+        ``float64`` or ``float32``.
+    threads
+        1 for the serial loops, more for shared rows.
+    """
+    if precision not in PRECISIONS:
+        raise TimeStepError(f"fem.precision: got {precision!r}, expected float64 or float32")
+    if threads < 1:
+        raise TimeStepError(f"fem.threads: got {threads}, expected at least 1")
+    if threads > 1:
+        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+    dtype = PRECISIONS[precision]
+    bodies = tuple(
+        make_body(
+            model, k, dtype=dtype, touched_nodes=[i.touched_nodes(k) for i in model.interactions]
+        )
+        for k in range(len(model.groups))
+    )
+    kernels = SERIAL if threads == 1 else PARALLEL
+    interactions = tuple(i.bind(bodies) for i in model.interactions)
+    return System(model, bodies, time_step, kernels, interactions)
+
+
+def initial_state(
+    system: System,
+    *,
+    displacements: Sequence[FloatArray] | None = None,
+    velocities: Sequence[FloatArray] | None = None,
+) -> State:
+    """State at time 0 with the velocity half a step earlier, v_{-½} = v_0 - ½ Δt a_0.
+
+    Parameters
+    ----------
+    system
+        The model.
+    displacements, velocities
+        One array for each group, world axes, (n_copies, n_nodes, 3); None: at rest.
+    """
+    model = system.model
+    n = len(system.bodies)
+    u = [None] * n if displacements is None else list(displacements)
+    v = [None] * n if velocities is None else list(velocities)
+    state = State(
+        bodies=tuple(
+            initial_body_state(body, model.effects, u[k], v[k])
+            for k, body in enumerate(system.bodies)
+        ),
+        mass_damping=0.0
+        if model.effects.adaptive_mass_damping is not None
+        else model.effects.mass_damping,
+    )
+    for body, now in zip(system.bodies, state.bodies, strict=True):
+        if body.rate_form is None:
+            set_internal_force(system, body, now, sample=False)
+            forget_rates(now)
+        set_applied_force(body, now, 0.0)
+    for interaction in system.interactions:
+        interaction.add_force(system, state)
+    for body, now in zip(system.bodies, state.bodies, strict=True):
+        now.velocity -= 0.5 * system.time_step * acceleration(body, now, state.mass_damping)
+        _stop_supported(body, now)
+    return state
+
+
+def forget_rates(now: BodyState) -> None:
+    """Start rates from zero: the first evaluation has no step before it."""
+    damping, viscous = now.stiffness_damping, now.viscous
+    if damping is not None:
+        if now.frame is None:
+            now.internal_force[:] = damping.elastic
+        damping.viscous[:] = 0.0
+        damping.dissipated[:] = 0.0
+    if viscous is not None:
+        viscous.stress[:] = 0.0
+        viscous.dissipated[:] = 0.0
+
+
+def acceleration(body: Body, now: BodyState, mass_damping: float | None) -> FloatArray:
+    """Accelerations of the forces that the state holds, placement frame, (n_rows, 3, lanes)."""
+    force = -now.internal_force.astype(np.float64)
+    if body.applied_row is not None and now.applied_force is not None:
+        touched = body.applied_row >= 0
+        force[touched] += now.applied_force[body.applied_row[touched]]
+    result: FloatArray = force / body.mass[:, None, None]
+    if body.acceleration is not None:
+        result += body.acceleration
+    if mass_damping is not None:
+        result -= mass_damping * now.velocity
+    return result
+
+
+def _stop_supported(body: Body, now: BodyState) -> None:
+    """Remove the supported components of the first velocity: supports start from rest."""
+    flat = now.velocity.ravel()
+    if body.held is not None:
+        flat[body.held.index] = 0.0
+        now.displacement.ravel()[body.held.index] = 0.0
+    support = body.support
+    if support is None:
+        return
+    index = support.base[:, None] + body.lanes * np.arange(3)
+    for k in range(len(index)):
+        n = support.direction[k]
+        flat[index[k]] -= n * (n @ flat[index[k]])
+
+
+def choose_time_step(
+    critical: CriticalTimeStep, time_step: float | None, safety_factor: float
+) -> float:
+    """Time step of a run.
+
+    Raises
+    ------
+    TimeStepError
+        A time step above the critical one or a safety factor outside (0, 1].
+    """
+    if time_step is None:
+        if not 0.0 < safety_factor <= 1.0:
+            raise TimeStepError(f"fem.safety_factor: got {safety_factor}, expected 0 < factor <= 1")
+        return safety_factor * critical.critical_time_step
+    if not (math.isfinite(time_step) and time_step > 0.0):
+        raise TimeStepError(f"fem.time_step: got {time_step} s, expected a finite positive number")
+    if time_step > critical.critical_time_step:
+        raise TimeStepError(
+            f"fem.time_step: got {time_step:.4g} s, expected at most the critical time step "
+            f"{critical.critical_time_step:.4g} s of {critical.group}"
+        )
+    return time_step
+
+
+@dataclass(frozen=True)
+class Output:
+    """Callbacks and files of a run; all off by default."""
+
+    progress: Callable[[Progress], None] | None = None
+    """Called at every sample."""
+    on_frame: Callable[[Frame], None] | None = None
+    """Called with the displacements every `frame_interval`."""
+    frame_interval: float = math.inf
+    """[s]"""
+    checkpoint: Path | None = None
+    """File that is written on interruption and every `checkpoint_seconds`."""
+    checkpoint_seconds: float = 60.0
+    """Wall time between two checkpoints [s]."""
+
+
+@dataclass(frozen=True)
+class StopCriterion:
+    """When a quasi-static run has arrived."""
+
+    residual: float
+    """Relative force residual, see `fem.explicit.damping.residual`."""
+    not_before: float = 0.0
+    """End of the loading [s]."""
+    settling: float = 1e-3
+    """Bound on `fem.explicit.damping.settling`, the way still to go over the way gone, where the
+    run adapts its mass damping: in a soft assembly small forces still move much."""
+
+
+def solve(
+    model: Model,
+    *,
+    end_time: float,
+    time_step: float | None = None,
+    safety_factor: float = 0.9,
+    precision: str = "float64",
+    threads: int = 1,
+    sample_interval: int = 50,
+    displacements: Sequence[FloatArray] | None = None,
+    velocities: Sequence[FloatArray] | None = None,
+    stop: StopCriterion | None = None,
+    output: Output | None = None,
+    resume: Path | None = None,
+) -> ExplicitResult:
+    """Run explicit dynamics from time 0, or from a checkpoint, to ``end_time``.
+
+    Ctrl-C and SIGTERM stop the run after the step at hand, write the checkpoint if there is one
+    and return with `Status.INTERRUPTED`.
+
+    Parameters
+    ----------
+    model
+        The statement.
+    end_time
+        [s]
+    time_step
+        [s]; None: ``safety_factor`` times the critical time step.
+    safety_factor
+        In (0, 1].
+    precision
+        ``float64`` or ``float32``.
+    threads
+        Threads of the loops; the bits of the result do not depend on it.
+    sample_interval
+        Steps between two samples of the energies, which also watch over stability.
+    displacements, velocities
+        Initial state, world axes, one (n_copies, n_nodes, 3) for each group.
+    stop
+        Stop early at the static state.
+    output
+        Callbacks and checkpoint.
+    resume
+        Checkpoint to continue from; the same problem must be stated.
+
+    Raises
+    ------
+    TimeStepError, StateError, CheckpointError
+        Input that cannot be run.
+    UnstableRun
+        The solution grew without bound; nothing not finite is passed to a callback.
+    """
+    if not (math.isfinite(end_time) and end_time > 0.0):
+        raise TimeStepError(f"fem.end_time: got {end_time} s, expected a finite positive number")
+    if sample_interval < 1:
+        raise TimeStepError(f"fem.sample_interval: got {sample_interval}, expected at least 1")
+    critical = critical_time_step(model)
+    dt = choose_time_step(critical, time_step, safety_factor)
+    system = prepare(model, time_step=dt, precision=precision, threads=threads)
+    state = initial_state(system, displacements=displacements, velocities=velocities)
+    history = History() if resume is None else read_checkpoint(resume, system, state)
+    run = _Run(
+        system=system,
+        state=state,
+        history=history,
+        output=output or Output(),
+        stop=stop,
+        end_time=end_time,
+        n_steps=math.ceil(end_time / dt * (1.0 - 1e-12)),
+        sample_interval=sample_interval,
+    )
+    first = state.step
+    started = clock.process_time()
+    with stop_requests() as request:
+        status = run.loop(request)
+    cpu = clock.process_time() - started
+    return _result(run, critical, status, cpu, state.step - first)
+
+
+@dataclass
+class _Run:
+    """The loop around the step: samples, watchdog, frames, checkpoints."""
+
+    system: System
+    state: State
+    history: History
+    output: Output
+    stop: StopCriterion | None
+    end_time: float
+    n_steps: int
+    sample_interval: int
+    energies: Energies | None = None
+    residual: float | None = None
+    settling: float | None = None
+    last_checkpoint: float = field(default_factory=clock.monotonic)
+
+    def loop(self, request: StopRequest) -> Status:
+        system, state = self.system, self.state
+        adaptive = system.model.effects.adaptive_mass_damping
+        status = Status.FINISHED
+        self.frame()
+        while state.step < self.n_steps and status is Status.FINISHED:
+            sample = self.sample_due()
+            step(system, state, sample=sample)
+            if sample and self.sample():
+                status = Status.CONVERGED
+            if adaptive is not None and state.step % adaptive.interval == 0:
+                adapt(system, state, adaptive)
+            if request.requested:
+                status = Status.INTERRUPTED
+            self.frame()
+            self.checkpoint(force=status is Status.INTERRUPTED)
+        return status
+
+    def sample_due(self) -> bool:
+        """Whether the coming step is sampled: regularly, at the end, and before each frame."""
+        number = self.state.step
+        regular = number % self.sample_interval == 0 or number == self.n_steps - 1
+        return regular or self.frame_due(number + 1)
+
+    def sample(self) -> bool:
+        """Energies at the beginning of the step just done; True when the run has arrived."""
+        system, state = self.system, self.state
+        number = state.step - 1
+        time = number * system.time_step
+        self.energies = energies(system, state)
+        self.history.observe(self.energies)
+        watch(system, state, self.history)
+        if self.stop is not None:
+            self.residual = residual(system, state).relative
+            self.settling = settling(system, state)
+        damping = 0.0 if state.mass_damping is None else state.mass_damping
+        shown = math.nan if self.residual is None else self.residual
+        self.history.append(time, number, self.energies, damping, shown)
+        if self.output.progress is not None:
+            told = Progress(
+                time, self.end_time, number + 1, self.n_steps, self.energies, self.residual
+            )
+            self.output.progress(told)
+        if self.stop is None or self.residual is None:
+            return False
+        settled = self.settling is None or self.settling <= self.stop.settling
+        return time >= self.stop.not_before and self.residual <= self.stop.residual and settled
+
+    def frame_number(self, number: int) -> int:
+        """Number of the frame interval that the time of step ``number`` lies in."""
+        return int(number * self.system.time_step / self.output.frame_interval * (1.0 + 1e-12))
+
+    def frame_due(self, number: int) -> bool:
+        """Whether a frame is due at step ``number``."""
+        if self.output.on_frame is None:
+            return False
+        if number in (0, self.n_steps):
+            return True
+        return self.frame_number(number) > self.frame_number(number - 1)
+
+    def frame(self) -> None:
+        """Pass the displacements on when a frame is due."""
+        state = self.state
+        if self.output.on_frame is None or not self.frame_due(state.step):
+            return
+        fields = displacements_of(self.system, state)
+        last = self.frame_number(self.n_steps - 1) + 1
+        number = last if state.step == self.n_steps else self.frame_number(state.step)
+        self.output.on_frame(Frame(number, self.system.time(state), fields))
+
+    def checkpoint(self, *, force: bool) -> None:
+        """Write the checkpoint when it is time."""
+        path = self.output.checkpoint
+        if path is None:
+            return
+        now = clock.monotonic()
+        if force or now - self.last_checkpoint >= self.output.checkpoint_seconds:
+            write_checkpoint(path, self.system, self.state, self.history)
+            self.last_checkpoint = now
+
+
+def displacements_of(system: System, state: State) -> tuple[FloatArray, ...]:
+    """Displacements of each group in world axes, (n_copies, n_nodes, 3) [mm]."""
+    pairs = zip(system.bodies, state.bodies, strict=True)
+    return tuple(world_vectors(body, now.displacement) for body, now in pairs)
+
+
+def _result(
+    run: _Run, critical: CriticalTimeStep, status: Status, cpu: float, steps: int
+) -> ExplicitResult:
+    system, state = run.system, run.state
+    pairs = list(zip(system.bodies, state.bodies, strict=True))
+    balance = run.history.column("energy_balance")
+    return ExplicitResult(
+        model=system.model,
+        status=status,
+        displacements=displacements_of(system, state),
+        velocities=tuple(world_vectors(body, now.velocity) for body, now in pairs),
+        time=system.time(state),
+        n_steps=state.step,
+        time_step=system.time_step,
+        critical=critical,
+        history=run.history,
+        energies=run.energies,
+        energy_balance=float(np.abs(balance).max(initial=0.0)),
+        residual=run.residual,
+        settling=run.settling,
+        cpu_seconds=cpu,
+        element_updates=system.model.n_elements * steps,
+        state_bytes=sum(a.nbytes for a in state_arrays(system, state).values()),
+        constant_bytes=sum(body.constant_bytes for body in system.bodies),
+    )
+
+
+def watch(system: System, state: State, history: History) -> None:
+    """Stop a run whose energy is not finite or far beyond what was put in.
+
+    Raises
+    ------
+    UnstableRun
+        With time, block and remedy.
+    """
+    for interaction in system.interactions:
+        fault = interaction.fault(system)
+        if fault is not None:
+            raise UnstableRun(f"t = {system.time(state):.6g} s (step {state.step}): {fault}")
+    put_in = history.put_in
+    for body, now in zip(system.bodies, state.bodies, strict=True):
+        energy = copy_energies(now)[: body.n_copies]
+        bad = ~(energy <= RUNAWAY * put_in) if put_in > 0.0 else ~np.isfinite(energy)
+        if bad.any():
+            copy = int(np.flatnonzero(bad)[0])
+            raise UnstableRun(
+                f"unstable at t = {system.time(state):.6g} s (step {state.step}): the energy of "
+                f"{body.group.name}[{copy}] is {energy[copy]:.3g} N mm, {put_in:.3g} N mm were put "
+                f"in; take a smaller fem.safety_factor (time step {system.time_step:.4g} s)"
+            )

@@ -1,0 +1,222 @@
+"""What evolves in an explicit run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fem.explicit.block_frame import BlockFrame, block_frame, start_frames
+from fem.explicit.body import Body
+from fem.explicit.kernels.layout import LaneArray, aligned_zeros, from_lanes, to_lanes
+from fem.explicit.rate_form import RateFormState
+from fem.explicit.rate_form import initial_state as initial_rate_form
+from fem.problem.effects import Effects
+from geometry.mesh import FloatArray
+
+
+class StateError(ValueError):
+    """An initial state that does not fit the model."""
+
+
+@dataclass
+class Work:
+    """Work of a force, summed step by step with the mean of the two half-step velocities."""
+
+    total: float = 0.0
+    """Up to the half step after the last force [N mm]."""
+    latest_before: float = 0.0
+    """The part of the last step before the time of the force [N mm]."""
+    latest_after: float = 0.0
+    """The part of the last step after it [N mm]."""
+
+    def add(self, before: float, after: float) -> None:
+        """Add the work of one step, in its halves before and after the time of the force."""
+        self.total += before + after
+        self.latest_before = before
+        self.latest_after = after
+
+    @property
+    def now(self) -> float:
+        """Work up to the time of the last force [N mm]."""
+        return self.total - self.latest_after
+
+
+@dataclass
+class ViscousState:
+    """Volumetric strain and viscous stress of the elements."""
+
+    strain: LaneArray
+    """(n_elements, lanes)"""
+    stress: LaneArray
+    """Volume times viscous stress, (n_elements, lanes) [N mm]."""
+    dissipated: FloatArray
+    """(n_chunks, lanes) [N mm]"""
+
+
+@dataclass
+class StiffnessDampingState:
+    """Elastic forces of the last step, from which β K v follows."""
+
+    elastic: LaneArray
+    """K u of the last step, (n_rows, 3, lanes) [N]."""
+    viscous: LaneArray
+    """Damping force of the last step, (n_rows, 3, lanes) [N]."""
+    lost: LaneArray
+    """Work array, (n_chunks, lanes)."""
+    dissipated: FloatArray
+    """(n_chunks, lanes) [N mm] with block frames, else per unit of time step."""
+
+
+@dataclass
+class BodyState:
+    """Arrays of one group, placement frame, (n_rows, 3, lanes)."""
+
+    displacement: LaneArray
+    """At the time of the state [mm]."""
+    velocity: LaneArray
+    """Half a step earlier [mm/s]."""
+    internal_force: LaneArray
+    """Of the last step [N]."""
+    applied_force: LaneArray | None
+    """Loads and contact of the last step, (n_applied, 3, lanes) [N]."""
+    kinetic: FloatArray
+    """Partial sums of the kinetic energy at the last sample, (n_chunks, lanes) [N mm]."""
+    strain_energy: FloatArray
+    """At the last sample, (lanes,) [N mm]."""
+    frame: BlockFrame | None
+    """Block frames, with finite rotation."""
+    viscous: ViscousState | None
+    """With bulk viscosity."""
+    stiffness_damping: StiffnessDampingState | None
+    """With stiffness-proportional damping."""
+    mass_damping_work: FloatArray | None
+    """With mass-proportional damping: (n_chunks, 2, lanes), see `fem.explicit.kernels.update`."""
+    rate_form: RateFormState | None
+    """With the rate form: stresses of all elements."""
+    remembered: FloatArray | None
+    """With adaptive damping: displacement and restoring force, (2, n_rows, 3, lanes)."""
+    external_work: Work = field(default_factory=Work)
+    """Of the loads."""
+    support_work: Work = field(default_factory=Work)
+    """Of moving supports."""
+    support_loss: Work = field(default_factory=Work)
+    """Correction of the mass-damping dissipation at supported nodes."""
+
+    @property
+    def local_displacement(self) -> LaneArray:
+        """Displacement that strains the block: in its frame, or the displacement itself."""
+        return self.displacement if self.frame is None else self.frame.local
+
+
+@dataclass
+class State:
+    """All that changes; ``step`` counts steps done."""
+
+    bodies: tuple[BodyState, ...]
+    """One for each group."""
+    step: int = 0
+    """Steps done."""
+    mass_damping: float | None = None
+    """Current mass-proportional coefficient [1/s]."""
+
+
+def initial_body_state(
+    body: Body,
+    effects: Effects,
+    displacement: FloatArray | None = None,
+    velocity: FloatArray | None = None,
+) -> BodyState:
+    """State of one group at time 0, before the first force.
+
+    Parameters
+    ----------
+    body
+        Constant data.
+    effects
+        Which arrays are needed.
+    displacement, velocity
+        World components, (n_copies, n_nodes, 3) [mm], [mm/s]; None: zero.
+    """
+    shape = (body.n_rows, 3, body.lanes)
+    n_chunks = len(body.rows.chunks) - 1
+    shared = body.rate_form is None
+    damped = effects.stiffness_damping is not None and shared
+    mass_damped = effects.mass_damping is not None or effects.adaptive_mass_damping is not None
+    state = BodyState(
+        displacement=_placement_lanes(body, displacement, "displacement"),
+        velocity=_placement_lanes(body, velocity, "velocity"),
+        internal_force=aligned_zeros(shape, body.dtype),
+        applied_force=None
+        if body.applied_row is None
+        else aligned_zeros((body.n_applied, 3, body.lanes), body.dtype),
+        kinetic=np.zeros((n_chunks, body.lanes)),
+        strain_energy=np.zeros(body.lanes),
+        frame=block_frame(body, keep_increment=damped)
+        if effects.finite_rotation and shared
+        else None,
+        viscous=_viscous_state(body),
+        stiffness_damping=_stiffness_damping_state(body) if damped else None,
+        mass_damping_work=np.zeros((n_chunks, 2, body.lanes)) if mass_damped else None,
+        rate_form=None if shared else _rate_form_state(body, displacement),
+        remembered=None
+        if effects.adaptive_mass_damping is None
+        else np.zeros((2, body.n_rows, 3, body.lanes)),
+    )
+    if state.frame is not None:
+        start_frames(state.frame, state.displacement, body)
+    return state
+
+
+def _placement_lanes(body: Body, world: FloatArray | None, name: str) -> LaneArray:
+    shape = (body.n_copies, body.group.n_nodes, 3)
+    if world is None:
+        return aligned_zeros((body.n_rows, 3, body.lanes), body.dtype)
+    if world.shape != shape or not np.isfinite(world).all():
+        raise StateError(
+            f"initial {name} of {body.group.name}: got shape {world.shape}, expected {shape} "
+            "finite numbers (n_copies, n_nodes, 3)"
+        )
+    local = np.einsum("cij,cni->cnj", body.group.rotations, world)
+    return to_lanes(local, body.rows.order, body.dtype)
+
+
+def _rate_form_state(body: Body, displacement: FloatArray | None) -> RateFormState:
+    assert body.rate_form is not None
+    if displacement is not None and displacement.any():
+        raise StateError(
+            f"initial displacement of {body.group.name}: the rate form integrates stresses from "
+            "the stress-free shape; expected zero displacements"
+        )
+    if body.dtype != np.float64:
+        raise StateError("rate form: got float32, expected fem.precision = float64")
+    return initial_rate_form(body.rate_form, body.lanes)
+
+
+def _viscous_state(body: Body) -> ViscousState | None:
+    if body.viscosity is None:
+        return None
+    n_chunks = len(body.viscosity.element_chunks) - 1
+    elements = (body.group.mesh.n_elements, body.lanes)
+    return ViscousState(
+        strain=aligned_zeros(elements, body.dtype),
+        stress=aligned_zeros(elements, body.dtype),
+        dissipated=np.zeros((n_chunks, body.lanes)),
+    )
+
+
+def _stiffness_damping_state(body: Body) -> StiffnessDampingState:
+    shape = (body.n_rows, 3, body.lanes)
+    return StiffnessDampingState(
+        elastic=aligned_zeros(shape, body.dtype),
+        viscous=aligned_zeros(shape, body.dtype),
+        lost=aligned_zeros((len(body.rows.chunks) - 1, body.lanes), body.dtype),
+        dissipated=np.zeros((len(body.rows.chunks) - 1, body.lanes)),
+    )
+
+
+def world_vectors(body: Body, lanes: LaneArray) -> FloatArray:
+    """Placement-frame lanes (n_rows, 3, lanes) as world vectors, (n_copies, n_nodes, 3)."""
+    local = from_lanes(lanes, body.rows.row, body.n_copies)
+    world: FloatArray = np.einsum("cij,cnj->cni", body.group.rotations, local)
+    return world

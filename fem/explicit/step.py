@@ -1,0 +1,286 @@
+"""Explicit dynamics by central differences, velocities at half steps.
+
+    a_n = M⁻¹ (f_applied - f_internal - C v_n)
+    v_{n+½} = v_{n-½} + Δt a_n
+    u_{n+1} = u_n + Δt v_{n+½}
+
+`step` is that, term by term; `fem.explicit.solve.solve` is the run around it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from fem.explicit import block_frame, rate_form
+from fem.explicit.body import Body, BodyLoad
+from fem.explicit.kernels import KernelSet, add_at, dot_at, dot_lanes, enforce, hold
+from fem.explicit.kernels.layout import LaneArray
+from fem.explicit.state import BodyState, State
+from fem.problem.model import Model
+from geometry.mesh import FloatArray
+
+
+class Interaction(Protocol):
+    """Forces between blocks (contact), one more term of the step.
+
+    Made by `fem.problem.model.InteractionModel.bind`; may hold work arrays of its own.
+    """
+
+    def add_force(self, system: System, state: State) -> None:
+        """Add forces of the current positions to the applied forces of the bodies."""
+
+    def energy(self) -> float:
+        """Energy stored at the last force evaluation [N mm]."""
+
+    def dissipation(self) -> float:
+        """Energy dissipated up to the last force evaluation [N mm]."""
+
+    def fault(self, system: System) -> str | None:
+        """What makes the run unstable and what to do, where the time step is too large; or None."""
+
+    def arrays(self) -> dict[str, LaneArray]:
+        """Arrays that evolve and must be in a checkpoint, by name; written in place."""
+
+
+@dataclass(frozen=True)
+class System:
+    """A model made ready for the loop."""
+
+    model: Model
+    """The statement."""
+    bodies: tuple[Body, ...]
+    """Its groups in lanes."""
+    time_step: float
+    """[s]"""
+    kernels: KernelSet
+    """Serial or parallel loops."""
+    interactions: tuple[Interaction, ...] = ()
+    """Contact; empty when blocks do not meet."""
+
+    def time(self, state: State) -> float:
+        """Time of the displacements of a state [s]."""
+        return state.step * self.time_step
+
+
+def step(system: System, state: State, *, sample: bool = False) -> None:
+    """Advance by one time step.
+
+    With ``sample`` the energies at the time of the forces (the beginning of the step) are left
+    in the state, for `fem.explicit.output.energy.energies`.
+    """
+    for body, now in zip(system.bodies, state.bodies, strict=True):
+        set_internal_force(system, body, now, sample=sample)
+        set_applied_force(body, now, system.time(state))
+    for interaction in system.interactions:
+        interaction.add_force(system, state)
+    for body, now in zip(system.bodies, state.bodies, strict=True):
+        before = load_power(body, now, system.time(state))
+        advance(system, body, now, state.mass_damping, sample=sample)
+        enforce_support(system, body, now, state)
+        after = load_power(body, now, system.time(state))
+        half = 0.5 * system.time_step
+        now.external_work.add(half * before, half * after)
+    state.step += 1
+
+
+def set_internal_force(system: System, body: Body, now: BodyState, *, sample: bool) -> None:
+    """Stress divergence f = K u in the block frame, with the viscous terms that act on it."""
+    if body.rate_form is not None:
+        set_rate_form_force(system, body, now, sample=sample)
+        return
+    frame, kernels = now.frame, system.kernels
+    if frame is not None:
+        block_frame.fit(body, frame, now.displacement, kernels)
+    displacement = now.local_displacement
+    torque = None if frame is None else frame.torque
+    stiffness_force(body, displacement, now.internal_force, kernels, torque)
+    if sample:
+        dot_lanes(displacement, now.internal_force, now.strain_energy)
+        now.strain_energy *= 0.5
+    if now.stiffness_damping is not None:
+        add_stiffness_damping(system, body, now)
+    if now.viscous is not None:
+        add_bulk_viscosity(system, body, now, displacement, torque)
+    if frame is not None:
+        block_frame.turn_back(body, frame, now.internal_force, kernels)
+
+
+def set_rate_form_force(system: System, body: Body, now: BodyState, *, sample: bool) -> None:
+    """Stresses of every element advanced to the present, and their nodal forces."""
+    assert body.rate_form is not None
+    assert now.rate_form is not None
+    position = body.reference[:, :, None] + now.displacement
+    now.internal_force[:] = rate_form.internal_force(
+        body.rate_form, now.rate_form, position, now.velocity, system.time_step
+    )
+    if sample:
+        now.strain_energy[:] = now.rate_form.work[0] + now.rate_form.work[1]
+
+
+def stiffness_force(
+    body: Body,
+    displacement: LaneArray,
+    force: LaneArray,
+    kernels: KernelSet,
+    torque: LaneArray | None = None,
+) -> None:
+    """F = K u of all copies; (n_rows, 3, lanes) [N]."""
+    rows = body.rows
+    kernels.stiffness_product(
+        rows.chunks,
+        rows.pointer,
+        rows.column,
+        rows.blocks,
+        displacement.ravel(),
+        force.ravel(),
+        None if torque is None else torque.ravel(),
+        body.lanes,
+    )
+
+
+def add_stiffness_damping(system: System, body: Body, now: BodyState) -> None:
+    """F += β K v in the block frame, as (β/Δt)(K u_n - K u_{n-1})."""
+    damping, frame = now.stiffness_damping, now.frame
+    coefficient = system.model.effects.stiffness_damping
+    assert damping is not None
+    assert coefficient is not None
+    moving = now.velocity if frame is None else frame.increment
+    assert moving is not None
+    system.kernels.add_stiffness_damping(
+        body.rows.chunks,
+        body.dtype.type(coefficient / system.time_step),
+        now.local_displacement.ravel(),
+        moving.ravel(),
+        damping.elastic.ravel(),
+        damping.viscous.ravel(),
+        now.internal_force.ravel(),
+        None if frame is None else frame.torque.ravel(),
+        damping.lost.ravel(),
+        damping.dissipated.ravel(),
+        body.lanes,
+    )
+
+
+def add_bulk_viscosity(
+    system: System, body: Body, now: BodyState, displacement: LaneArray, torque: LaneArray | None
+) -> None:
+    """F += Bᵀ q (see `fem.explicit.viscosity`)."""
+    data, viscous = body.viscosity, now.viscous
+    assert data is not None
+    assert viscous is not None
+    stress = viscous.stress.ravel()
+    system.kernels.viscous_pressure(
+        data.element_chunks,
+        data.element_rows.ravel(),
+        data.gradient.ravel(),
+        data.linear,
+        data.quadratic,
+        body.dtype.type(1.0 / system.time_step),
+        displacement.ravel(),
+        viscous.strain.ravel(),
+        stress,
+        viscous.dissipated.ravel(),
+        body.lanes,
+    )
+    system.kernels.add_viscous_force(
+        body.rows.chunks,
+        data.pointer,
+        data.corner,
+        data.gradient.ravel(),
+        stress,
+        displacement.ravel(),
+        now.internal_force.ravel(),
+        None if torque is None else torque.ravel(),
+        body.lanes,
+    )
+
+
+def set_applied_force(body: Body, now: BodyState, time: float) -> None:
+    """Loads at ``time``; contact adds to them."""
+    if now.applied_force is None:
+        return
+    now.applied_force[:] = 0.0
+    flat = now.applied_force.ravel()
+    for load in body.loads:
+        add_at(flat, load.applied_index, load_values(load, now), load_factor(load, time))
+
+
+def load_factor(load: BodyLoad, time: float) -> float:
+    """Amplitude of a load at a time."""
+    return 1.0 if load.amplitude is None else load.amplitude(time)
+
+
+def load_values(load: BodyLoad, now: BodyState) -> FloatArray:
+    """Placement-frame forces at amplitude one, turned with the block frame if they follow it."""
+    if load.copies is None or now.frame is None:
+        return load.values
+    forces = load.values.reshape(-1, 3)
+    turned = forces + np.einsum("ijn,nj->ni", now.frame.turn[:, :, load.copies], forces)
+    values: FloatArray = turned.ravel()
+    return values
+
+
+def load_power(body: Body, now: BodyState, time: float) -> float:
+    """Power of the loads at the velocity that the state holds [N mm/s]."""
+    flat = now.velocity.ravel()
+    power = 0.0
+    for load in body.loads:
+        values = load_values(load, now)
+        power += load_factor(load, time) * dot_at(flat, load.velocity_index, values)
+    return power
+
+
+def advance(
+    system: System, body: Body, now: BodyState, mass_damping: float | None, *, sample: bool
+) -> None:
+    """v_{n+½} = v_{n-½} + Δt a_n and u_{n+1} = u_n + Δt v_{n+½}."""
+    real = body.dtype.type
+    half = 0.0 if mass_damping is None else 0.5 * mass_damping * system.time_step
+    system.kernels.update(
+        body.rows.chunks,
+        real(system.time_step),
+        real(system.time_step / (1.0 + half)),
+        None if mass_damping is None else real((1.0 - half) / (1.0 + half)),
+        body.mass,
+        now.internal_force,
+        body.applied_row,
+        now.applied_force,
+        body.acceleration,
+        now.displacement,
+        now.velocity,
+        now.kinetic if sample else None,
+        None if mass_damping is None else half,
+        None if mass_damping is None else now.mass_damping_work,
+    )
+
+
+def enforce_support(system: System, body: Body, now: BodyState, state: State) -> None:
+    """Prescribed components of displacement and velocity, and the work of moving supports."""
+    loss = None if state.mass_damping is None else 0.5 * state.mass_damping * system.time_step
+    u, v = now.displacement.ravel(), now.velocity.ravel()
+    lost_before = lost_after = 0.0
+    if body.held is not None:
+        lost_after += hold(body.held.index, body.held.mass, loss, u, v)
+    support = body.support
+    if support is not None:
+        time, dt = system.time(state), system.time_step
+        last, current, following = (support.prescribed(time + k * dt) for k in (-1, 0, 1))
+        before, after, more_before, more_after = enforce(
+            support.base,
+            body.lanes,
+            support.direction,
+            following,
+            (following - current) / dt,
+            (current - last) / dt,
+            support.mass,
+            0.0 if loss is None else loss,
+            u,
+            v,
+        )
+        now.support_work.add(before, after)
+        lost_before, lost_after = lost_before + more_before, lost_after + more_after
+    if loss is not None:
+        now.support_loss.add(lost_before, lost_after)

@@ -1,0 +1,1 @@
+"""The statement of a problem for the solvers of deformable blocks."""

@@ -1,0 +1,350 @@
+"""Consistent nodal forces of pressures, tractions and body forces, and their amplitudes.
+
+Facets are bilinear quadrilaterals, counter-clockwise seen from outside. Coordinates are
+(n_nodes, 3) or, for copies of one block, (n_copies, n_nodes, 3): pass the current ones for a
+load that follows the surface, the reference ones for a dead load.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from fem.element.hexahedron import block_lumped_mass
+from geometry.mesh import FloatArray, HexMesh, IntArray
+
+#: Natural coordinates of the four corners of a facet, (4, 2).
+FACET_CORNERS: FloatArray = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
+
+#: The 2 × 2 Gauss points of a facet, all of weight one, (4, 2).
+FACET_POINTS: FloatArray = FACET_CORNERS / math.sqrt(3.0)
+
+
+class LoadError(ValueError):
+    """A load that cannot be applied: got, expected, what to do."""
+
+
+def _facet_shapes() -> tuple[FloatArray, FloatArray]:
+    """Bilinear shape functions (4 points, 4 corners) and their derivatives (4, 4, 2)."""
+    factor = 1.0 + FACET_POINTS[:, None, :] * FACET_CORNERS[None, :, :]
+    values = factor.prod(axis=2) / 4.0
+    slopes = np.stack([FACET_CORNERS[:, k] * factor[:, :, 1 - k] / 4.0 for k in range(2)], axis=2)
+    return values, slopes
+
+
+#: Bilinear shape functions at the Gauss points, (4 points, 4 corners), and their derivatives,
+#: (4, 4, 2).
+FACET_VALUES, FACET_SLOPES = _facet_shapes()
+
+
+def facet_area_vectors(nodes: FloatArray, quads: IntArray) -> FloatArray:
+    """Vector area per natural area, dx/dr × dx/ds, at the Gauss points of each facet.
+
+    Returns
+    -------
+    FloatArray
+        (..., n_facets, 4 points, 3) [mm²]; their sum over the points is the exact vector area
+        of the facet, whatever its warp.
+    """
+    tangents = np.einsum("pak,...fai->...fpki", FACET_SLOPES, nodes[..., quads, :])
+    return np.cross(tangents[..., 0, :], tangents[..., 1, :])
+
+
+def scatter_to_nodes(corner_forces: FloatArray, quads: IntArray, n_nodes: int) -> FloatArray:
+    """Sum facet corner forces (..., n_facets, 4, 3) at the nodes, (..., n_nodes, 3)."""
+    lead = corner_forces.shape[:-3]
+    corners = np.arange(quads.size)
+    gather = csr_array((np.ones(quads.size), (quads.ravel(), corners)), (n_nodes, quads.size))
+    columns = np.moveaxis(corner_forces.reshape(-1, quads.size, 3), 0, 1).reshape(quads.size, -1)
+    forces = np.asarray(gather @ columns, dtype=np.float64).reshape(n_nodes, -1, 3)
+    return np.ascontiguousarray(np.moveaxis(forces, 0, 1)).reshape(*lead, n_nodes, 3)
+
+
+def pressure_forces(nodes: FloatArray, quads: IntArray, pressure: float | FloatArray) -> FloatArray:
+    """Consistent nodal forces of a pressure, f_a = -∫ p N_a n dA.
+
+    The integrand has degree two in each natural coordinate: the 2 × 2 rule is exact, so the
+    total is -p times the vector area, and zero on a closed surface.
+
+    Parameters
+    ----------
+    nodes
+        (n_nodes, 3) or (n_copies, n_nodes, 3) [mm].
+    quads
+        Loaded facets, (n_facets, 4), counter-clockwise seen from outside.
+    pressure
+        Positive pushes inward; one number or (n_facets,) [MPa].
+
+    Returns
+    -------
+    FloatArray
+        (n_nodes, 3) or (n_copies, n_nodes, 3) [N].
+
+    Raises
+    ------
+    LoadError
+        Pressure not finite, or neither one number nor one per facet.
+    """
+    value = _per_facet(pressure, quads, "pressure", ())
+    area = facet_area_vectors(nodes, quads)
+    corner = -np.einsum("f,pa,...fpi->...fai", value, FACET_VALUES, area)
+    return scatter_to_nodes(corner, quads, nodes.shape[-2])
+
+
+def traction_forces(nodes: FloatArray, quads: IntArray, traction: FloatArray) -> FloatArray:
+    """Consistent nodal forces of a traction that is constant on each facet, f_a = ∫ t N_a dA.
+
+    On planar facets the total is t times the area; on warped ones the area is that of the
+    bilinear patch at the 2 × 2 points.
+
+    Parameters
+    ----------
+    nodes
+        (n_nodes, 3) or (n_copies, n_nodes, 3) [mm].
+    quads
+        Loaded facets, (n_facets, 4).
+    traction
+        One vector (3,) or one per facet (n_facets, 3) [MPa].
+
+    Returns
+    -------
+    FloatArray
+        (n_nodes, 3) or (n_copies, n_nodes, 3) [N].
+
+    Raises
+    ------
+    LoadError
+        Traction not finite, or neither one vector nor one per facet.
+    """
+    value = _per_facet(traction, quads, "traction", (3,))
+    area = np.linalg.norm(facet_area_vectors(nodes, quads), axis=-1)
+    corner = np.einsum("fi,pa,...fp->...fai", value, FACET_VALUES, area)
+    return scatter_to_nodes(corner, quads, nodes.shape[-2])
+
+
+def tangential_traction_forces(
+    nodes: FloatArray, quads: IntArray, field: Callable[[FloatArray], FloatArray]
+) -> FloatArray:
+    """Consistent nodal forces of a traction field made tangential to the surface.
+
+    f_a = ∫ (t - (t · n) n) N_a dA with t = ``field(x)`` taken at the Gauss points.
+
+    Parameters
+    ----------
+    nodes
+        (n_nodes, 3) [mm].
+    quads
+        Loaded facets, (n_facets, 4).
+    field
+        From points (n, 3) [mm] to tractions (n, 3) [MPa]; its normal part is left out.
+
+    Returns
+    -------
+    FloatArray
+        (n_nodes, 3) [N].
+
+    Raises
+    ------
+    LoadError
+        A field that is not finite at a Gauss point.
+    """
+    area = facet_area_vectors(nodes, quads)
+    magnitude = np.linalg.norm(area, axis=2, keepdims=True)
+    normal = area / magnitude
+    points = np.einsum("pa,fai->fpi", FACET_VALUES, nodes[quads])
+    traction = field(points.reshape(-1, 3)).reshape(area.shape)
+    if not np.isfinite(traction).all():
+        raise LoadError("traction field: not finite at a Gauss point; expected finite tractions")
+    traction = traction - (traction * normal).sum(axis=2, keepdims=True) * normal
+    corner = np.einsum("pa,fpi->fai", FACET_VALUES, traction * magnitude)
+    return scatter_to_nodes(corner, quads, nodes.shape[-2])
+
+
+def circumferential_traction(
+    shear: float, *, axis_point: FloatArray, axis: FloatArray
+) -> Callable[[FloatArray], FloatArray]:
+    """Traction of constant magnitude around an axis, towards larger angle.
+
+    Parameters
+    ----------
+    shear
+        Magnitude [MPa].
+    axis_point, axis
+        A point of the axis (3,) [mm] and its direction (3,).
+
+    Returns
+    -------
+    Callable[[FloatArray], FloatArray]
+        Field for `tangential_traction_forces`.
+    """
+    direction = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
+
+    def field(points: FloatArray) -> FloatArray:
+        around = np.cross(direction, points - axis_point)
+        traction: FloatArray = shear * around / np.linalg.norm(around, axis=1, keepdims=True)
+        return traction
+
+    return field
+
+
+def body_forces(mesh: HexMesh, density: float, acceleration: FloatArray) -> FloatArray:
+    """Consistent nodal forces of a uniform body force, f_a = rho b ∫ N_a dV.
+
+    ∫ N_a dV is the row-sum mass, so gravity and lumped mass agree node by node.
+
+    Parameters
+    ----------
+    mesh
+        The block.
+    density
+        [t/mm³].
+    acceleration
+        For instance gravity, (3,) [mm/s²]: 9810 downward.
+
+    Returns
+    -------
+    FloatArray
+        (n_nodes, 3) [N].
+
+    Raises
+    ------
+    LoadError
+        An acceleration that is not three finite numbers.
+    """
+    vector = np.asarray(acceleration, dtype=np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise LoadError(
+            f"gravity: got {np.asarray(acceleration).tolist()}; expected three finite numbers "
+            "in mm/s²"
+        )
+    return np.outer(block_lumped_mass(mesh, density), vector)
+
+
+def _per_facet(
+    value: float | FloatArray, quads: IntArray, name: str, tail: tuple[int, ...]
+) -> FloatArray:
+    """Broadcast a load to one value per facet, refusing what is not finite or does not fit."""
+    array = np.asarray(value, dtype=np.float64)
+    expected = (len(quads), *tail)
+    if array.shape not in (tail, expected):
+        raise LoadError(f"{name}: got shape {array.shape}; expected {tail} or {expected}")
+    if not np.isfinite(array).all():
+        raise LoadError(f"{name}: got a value that is not finite; expected finite values in MPa")
+    return np.broadcast_to(array, expected)
+
+
+@dataclass(frozen=True)
+class ConstantAmplitude:
+    """The same factor at all times."""
+
+    value: float = 1.0
+    """[-]"""
+
+    def __call__(self, time: float) -> float:  # noqa: ARG002 - one signature for all amplitudes
+        """Return the factor at ``time`` [s]."""
+        return self.value
+
+
+@dataclass(frozen=True)
+class RampAmplitude:
+    """Linear from 0 at the start to 1 after ``duration``, then 1."""
+
+    duration: float
+    """[s]"""
+    start: float = 0.0
+    """[s]"""
+
+    def __post_init__(self) -> None:
+        _check_duration(self.duration, self.start)
+
+    def __call__(self, time: float) -> float:
+        """Return the factor at ``time`` [s]."""
+        return min(max((time - self.start) / self.duration, 0.0), 1.0)
+
+
+@dataclass(frozen=True)
+class SmoothStepAmplitude:
+    """Abaqus' smooth step: xi³ (10 - 15 xi + 6 xi²), flat in slope and curvature at both ends."""
+
+    duration: float
+    """[s]"""
+    start: float = 0.0
+    """[s]"""
+
+    def __post_init__(self) -> None:
+        _check_duration(self.duration, self.start)
+
+    def __call__(self, time: float) -> float:
+        """Return the factor at ``time`` [s]."""
+        xi = min(max((time - self.start) / self.duration, 0.0), 1.0)
+        return xi**3 * (10.0 - 15.0 * xi + 6.0 * xi**2)
+
+
+@dataclass(frozen=True)
+class TabularAmplitude:
+    """Linear between the points of a table, constant outside it."""
+
+    times: tuple[float, ...]
+    """Strictly increasing [s]."""
+    values: tuple[float, ...]
+    """[-]"""
+
+    def __post_init__(self) -> None:
+        if len(self.times) != len(self.values) or not self.times:
+            raise LoadError(
+                f"amplitude: got {len(self.times)} times and {len(self.values)} values; "
+                "expected as many of each, at least one"
+            )
+        if not np.isfinite([*self.times, *self.values]).all():
+            raise LoadError("amplitude: the table has a value that is not finite")
+        if (np.diff(self.times) <= 0.0).any():
+            raise LoadError(f"amplitude: got times {self.times}; expected strictly increasing ones")
+
+    def __call__(self, time: float) -> float:
+        """Return the factor at ``time`` [s]."""
+        return float(np.interp(time, self.times, self.values))
+
+
+Amplitude = ConstantAmplitude | RampAmplitude | SmoothStepAmplitude | TabularAmplitude
+
+
+def _check_duration(duration: float, start: float) -> None:
+    if not (math.isfinite(duration) and duration > 0.0 and math.isfinite(start)):
+        raise LoadError(
+            f"amplitude: got duration = {duration} s from {start} s; expected a positive "
+            "duration (for a load at once use a constant amplitude)"
+        )
+
+
+def wrench_forces(
+    points: FloatArray, shares: FloatArray, force: FloatArray, moment: FloatArray
+) -> FloatArray:
+    """Spread a force and a moment over a body like the inertia of a rigid acceleration.
+
+    f_i = m_i (F / M + α × r_i) with Σ m_i r_i × (α × r_i) = moment: statically equivalent to the
+    force at the mass centroid and the moment about it.
+
+    Parameters
+    ----------
+    points
+        Nodes, (n, 3) [mm].
+    shares
+        Their masses, in any unit, (n,).
+    force, moment
+        (3,) [N] and (3,) [N mm], the moment about the mass centroid.
+
+    Returns
+    -------
+    FloatArray
+        (n, 3) [N].
+    """
+    weight = shares / shares.sum()
+    arm = points - weight @ points
+    second = np.einsum("n,ni,nj->ij", weight, arm, arm)
+    angular = np.linalg.solve(np.trace(second) * np.eye(3) - second, moment)
+    forces: FloatArray = weight[:, None] * (force + np.cross(angular, arm))
+    return forces

@@ -1,0 +1,378 @@
+"""The statement of a problem: deformable blocks, what holds them, what loads them.
+
+Everything here is constant; what evolves is `fem.explicit.state.State`. World axes, mm, N, t, s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from scipy.sparse import bsr_array
+
+from fem.element.hexahedron import (
+    ElementType,
+    block_hourglass_stiffness,
+    block_lumped_mass,
+    block_stiffness,
+)
+from fem.element.material import Material
+from fem.problem.effects import Effects
+from geometry.mesh import FloatArray, HexMesh, IntArray
+
+if TYPE_CHECKING:
+    from fem.explicit.body import Body
+    from fem.explicit.step import Interaction
+
+Amplitude = Callable[[float], float]
+"""Factor of a load or a displacement as a function of time [s]."""
+
+
+class Formulation(Enum):
+    """Where the internal force of the explicit solver comes from."""
+
+    SHARED_STIFFNESS = "shared stiffness"
+    """One sparse stiffness per block shape, in the frame of the block."""
+    RATE_FORM = "rate form"
+    """Every element by itself, as Abaqus/Explicit's C3D8R does (`fem.explicit.rate_form`): the slow
+    like-for-like; reduced elements, finite rotations of elements, double precision."""
+
+
+class ModelError(ValueError):
+    """A model no solver can use: the message says what was got, what was expected."""
+
+
+@dataclass(frozen=True)
+class BlockGroup:
+    """Congruent copies of one meshed block: x = rotation @ X + translation."""
+
+    name: str
+    """What messages call it; a copy is ``name[k]``."""
+    mesh: HexMesh
+    """Reference block [mm]."""
+    material: Material
+    """Elastic constants and density."""
+    element: ElementType
+    """Hexahedron."""
+    rotations: FloatArray
+    """Rigid placement of each copy, (n_copies, 3, 3)."""
+    translations: FloatArray
+    """(n_copies, 3) [mm]."""
+    stiffness: bsr_array
+    """Of the reference block, (3 n_nodes, 3 n_nodes) [N/mm]."""
+    lumped_mass: FloatArray
+    """(n_nodes,) [t]."""
+    hourglass_stiffness: bsr_array | None = None
+    """The part of `stiffness` that controls hourglass modes, for their energy."""
+    added_mass: float = 0.0
+    """Part of the lumped mass of one copy that mass scaling added [t]."""
+
+    def __post_init__(self) -> None:
+        _check_group(self)
+
+    @property
+    def n_copies(self) -> int:
+        """Number of copies."""
+        return len(self.rotations)
+
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of one copy."""
+        return self.mesh.n_nodes
+
+    def reference_positions(self) -> FloatArray:
+        """Undeformed nodes of all copies in world axes, (n_copies, n_nodes, 3) [mm]."""
+        turned = np.einsum("cij,nj->cni", self.rotations, self.mesh.nodes)
+        positions: FloatArray = turned + self.translations[:, None]
+        return positions
+
+
+def block_group(
+    mesh: HexMesh,
+    material: Material,
+    *,
+    element: ElementType = ElementType.INCOMPATIBLE,
+    rotations: FloatArray | None = None,
+    translations: FloatArray | None = None,
+    name: str = "block",
+) -> BlockGroup:
+    """Assemble the reference block and place its copies.
+
+    Parameters
+    ----------
+    mesh
+        Reference block.
+    material
+        Elastic constants and density.
+    element
+        Hexahedron.
+    rotations, translations
+        Placement of the copies, (n_copies, 3, 3) and (n_copies, 3) [mm]; by default one copy
+        in its reference position.
+    name
+        What messages call the block.
+
+    Raises
+    ------
+    MeshError, ModelError
+        An unusable mesh or placement.
+    """
+    if rotations is None:
+        count = 1 if translations is None else len(translations)
+        rotations = np.tile(np.eye(3), (count, 1, 1))
+    if translations is None:
+        translations = np.zeros((len(rotations), 3))
+    reduced = element is ElementType.REDUCED
+    return BlockGroup(
+        name=name,
+        mesh=mesh,
+        material=material,
+        element=element,
+        rotations=rotations,
+        translations=translations,
+        stiffness=block_stiffness(mesh, material, element),
+        lumped_mass=block_lumped_mass(mesh, material.density),
+        hourglass_stiffness=block_hourglass_stiffness(mesh, material) if reduced else None,
+    )
+
+
+@dataclass(frozen=True)
+class Support:
+    """Prescribed displacement components of nodes of one group, in world axes.
+
+    Entry k prescribes n_k · u = amplitude(t) · displacement_k at node ``nodes[k]`` of copy
+    ``copies[k]``; the directions n_k of one node are orthonormal.
+    """
+
+    group: int
+    """Number of the group in the model."""
+    copies: IntArray
+    """(n,)"""
+    nodes: IntArray
+    """(n,)"""
+    directions: FloatArray
+    """Unit vectors in world axes, (n, 3)."""
+    displacement: FloatArray
+    """(n,) [mm] at amplitude one."""
+    amplitude: Amplitude | None = None
+    """None: constant in time."""
+
+
+def fixed_nodes(
+    group: int,
+    nodes: IntArray,
+    *,
+    copies: Sequence[int] | IntArray = (0,),
+    components: tuple[int, ...] = (0, 1, 2),
+    displacement: FloatArray | None = None,
+    amplitude: Amplitude | None = None,
+) -> Support:
+    """Hold, or move along a world vector, the same nodes in every one of ``copies``.
+
+    Parameters
+    ----------
+    group
+        Number of the group.
+    nodes
+        Node numbers in the reference mesh, (n,).
+    copies
+        Copies that are held.
+    components
+        World components that are prescribed; the others are free.
+    displacement
+        (3,) [mm]; None holds the nodes where they are.
+    amplitude
+        Factor of the displacement in time.
+    """
+    where = [
+        a.ravel()
+        for a in np.meshgrid(np.asarray(copies), np.asarray(nodes), components, indexing="ij")
+    ]
+    value = np.zeros(3) if displacement is None else np.asarray(displacement, dtype=np.float64)
+    return Support(
+        group=group,
+        copies=where[0].astype(np.int64),
+        nodes=where[1].astype(np.int64),
+        directions=np.eye(3)[where[2]],
+        displacement=value[where[2]],
+        amplitude=amplitude,
+    )
+
+
+@dataclass(frozen=True)
+class NodalLoad:
+    """Forces on nodes of one group, amplitude(t) · forces, in world axes."""
+
+    group: int
+    """Number of the group in the model."""
+    copies: IntArray
+    """(n,)"""
+    nodes: IntArray
+    """(n,)"""
+    forces: FloatArray
+    """(n, 3) [N] at amplitude one."""
+    amplitude: Amplitude | None = None
+    """None: constant in time from the first step on."""
+    follows_block: bool = False
+    """Whether the forces turn with the frame of their block (needs finite rotation)."""
+
+
+def nodal_load(
+    group: int,
+    forces: FloatArray,
+    *,
+    copies: Sequence[int] | IntArray = (0,),
+    amplitude: Amplitude | None = None,
+    follows_block: bool = False,
+) -> NodalLoad:
+    """Load the same nodes of every one of ``copies`` by dense nodal forces.
+
+    Parameters
+    ----------
+    group
+        Number of the group.
+    forces
+        (n_nodes, 3) on each copy, or (n_copies, n_nodes, 3), world axes [N]; zero rows are
+        dropped.
+    copies, amplitude, follows_block
+        See `NodalLoad`.
+    """
+    copies = np.asarray(copies, dtype=np.int64)
+    dense = np.broadcast_to(forces, (len(copies), *np.shape(forces)[-2:]))
+    k, node = np.nonzero(np.any(dense != 0.0, axis=2))
+    return NodalLoad(
+        group, copies[k], node.astype(np.int64), dense[k, node], amplitude, follows_block
+    )
+
+
+class InteractionModel(Protocol):
+    """Statement of forces between blocks, such as contact; frozen."""
+
+    def touched_nodes(self, group: int) -> IntArray:
+        """Nodes of the group's mesh on which forces may act, (n,)."""
+
+    def nodal_stiffness(self, group: int) -> FloatArray | None:
+        """Stiffness to count on each node for the critical time step, (n_nodes,) [N/mm]."""
+
+    def bind(self, bodies: tuple[Body, ...]) -> Interaction:
+        """Prepare the force for the loop."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """Deformable blocks with supports, loads and effects."""
+
+    groups: tuple[BlockGroup, ...]
+    """Distinct block shapes with their copies."""
+    supports: tuple[Support, ...] = ()
+    """Prescribed displacements."""
+    loads: tuple[NodalLoad, ...] = ()
+    """Nodal forces."""
+    effects: Effects = field(default_factory=Effects)
+    """Damping, viscosity, rotation, gravity."""
+    interactions: tuple[InteractionModel, ...] = ()
+    """Contact; empty when blocks do not meet."""
+    formulation: Formulation = Formulation.SHARED_STIFFNESS
+    """Internal force of the explicit solver."""
+
+    def __post_init__(self) -> None:
+        if not self.groups:
+            raise ModelError("model: got no blocks; expected at least one group")
+        if self.formulation is Formulation.RATE_FORM:
+            _check_rate_form(self)
+        for k, support in enumerate(self.supports):
+            _check_entries(self, f"support {k}", support.group, support.copies, support.nodes)
+            _check_support(k, support)
+        for k, load in enumerate(self.loads):
+            _check_entries(self, f"load {k}", load.group, load.copies, load.nodes)
+            _check_load(k, load, self.effects)
+
+    @property
+    def n_elements(self) -> int:
+        """Hexahedra of all copies."""
+        return sum(g.mesh.n_elements * g.n_copies for g in self.groups)
+
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of all copies."""
+        return sum(g.n_nodes * g.n_copies for g in self.groups)
+
+
+def _check_group(group: BlockGroup) -> None:
+    n = group.n_nodes
+    copies = len(group.rotations)
+    if copies == 0 or group.rotations.shape != (copies, 3, 3):
+        raise ModelError(
+            f"{group.name}: got rotations of shape {group.rotations.shape}, "
+            "expected (n_copies, 3, 3) with at least one copy"
+        )
+    if group.translations.shape != (copies, 3) or not np.isfinite(group.translations).all():
+        raise ModelError(
+            f"{group.name}: got translations of shape {group.translations.shape}, "
+            f"expected {(copies, 3)} finite numbers"
+        )
+    product = np.einsum("cij,ckj->cik", group.rotations, group.rotations)
+    proper = np.abs(product - np.eye(3)).max(axis=(1, 2)) < 1e-9
+    proper &= np.linalg.det(group.rotations) > 0.0
+    if not proper.all():
+        bad = int(np.flatnonzero(~proper)[0])
+        raise ModelError(f"{group.name}[{bad}]: placement is not a rotation (R Rᵀ = 1, det R = 1)")
+    if group.stiffness.shape != (3 * n, 3 * n) or group.lumped_mass.shape != (n,):
+        raise ModelError(
+            f"{group.name}: got stiffness {group.stiffness.shape} and mass "
+            f"{group.lumped_mass.shape} for {n} nodes"
+        )
+    if not (group.lumped_mass > 0.0).all():
+        bad = int(np.flatnonzero(~(group.lumped_mass > 0.0))[0])
+        raise ModelError(
+            f"{group.name}: node {bad} has mass {group.lumped_mass[bad]} t; expected positive "
+            "masses (every node must belong to an element)"
+        )
+
+
+def _check_rate_form(model: Model) -> None:
+    for group in model.groups:
+        if group.element is not ElementType.REDUCED:
+            raise ModelError(
+                f"{group.name}: got element {group.element.value!r}; "
+                "the rate form expects 'reduced'"
+            )
+    if any(load.follows_block for load in model.loads):
+        raise ModelError(
+            "rate form: it has no block frames; expected loads that do not follow them"
+        )
+
+
+def _check_entries(model: Model, what: str, group: int, copies: IntArray, nodes: IntArray) -> None:
+    if not 0 <= group < len(model.groups):
+        raise ModelError(f"{what}: got group {group}, expected 0 to {len(model.groups) - 1}")
+    target = model.groups[group]
+    for name, entries, end in (("copy", copies, target.n_copies), ("node", nodes, target.n_nodes)):
+        if len(entries) and not (entries.min() >= 0 and entries.max() < end):
+            raise ModelError(
+                f"{what}: got {name} {int(entries.min())} to {int(entries.max())}, expected "
+                f"0 to {end - 1} of {target.name}"
+            )
+
+
+def _check_support(k: int, support: Support) -> None:
+    if not (np.isfinite(support.displacement).all() and np.isfinite(support.directions).all()):
+        raise ModelError(f"support {k}: got a displacement or direction that is not finite")
+    start = 0.0 if support.amplitude is None else support.amplitude(0.0)
+    if support.displacement.any() and (support.amplitude is None or abs(start) > 1e-12):
+        raise ModelError(
+            f"support {k}: the prescribed displacement jumps at time 0; expected an amplitude "
+            "that starts from zero, such as a smooth step"
+        )
+
+
+def _check_load(k: int, load: NodalLoad, effects: Effects) -> None:
+    if not np.isfinite(load.forces).all():
+        raise ModelError(f"load {k}: got a force that is not finite")
+    if load.follows_block and not effects.finite_rotation:
+        raise ModelError(
+            f"load {k}: follows_block needs finite rotation; set effects.finite_rotation"
+        )

@@ -1,0 +1,167 @@
+"""The critical time step of central differences, and bounds on it.
+
+Central differences with forces K u_n + C v_{n-½} are stable while every mode x keeps
+4 - Δt² xᵀKx - 2 Δt xᵀCx ≥ 0 (xᵀMx = 1): the alternating solution is the first to grow. For
+one mode with damping ratio ξ this is Belytschko's Δt = (2/ω)(√(1 + ξ²) - ξ). Damping
+proportional to mass does not appear: it acts at the mean of the two half-step velocities,
+which leaves the limit as it is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import bsr_array, csr_array, diags_array
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from fem.element.hexahedron import gauss_gradients, mean_gradients
+from fem.element.time_step import characteristic_length, characteristic_time_step
+from fem.problem.effects import Effects
+from fem.problem.model import BlockGroup, Model
+from geometry.mesh import FloatArray
+
+
+class TimeStepError(ValueError):
+    """A time step that would make the run unstable or endless."""
+
+
+@dataclass(frozen=True)
+class CriticalTimeStep:
+    """The largest stable time step of a model and where it comes from."""
+
+    critical_time_step: float
+    """Sharp estimate with all damping [s]."""
+    undamped: float
+    """2/ω_max without stiffness-proportional damping and bulk viscosity [s]."""
+    group: str
+    """The block that governs."""
+    max_frequency: float
+    """ω_max of that block [rad/s]."""
+    element_estimate: float
+    """Smallest L/c of all blocks as Abaqus/Explicit computes it [s]; not a bound, for report."""
+
+
+def scaled(matrix: bsr_array | csr_array, mass: FloatArray) -> csr_array:
+    """M^-½ A M^-½ with the lumped mass of the nodes (n_nodes,)."""
+    root = diags_array(1.0 / np.sqrt(np.repeat(mass, 3)))
+    return csr_array(root @ csr_array(matrix) @ root)
+
+
+def largest_mode(matrix: csr_array | LinearOperator) -> tuple[float, FloatArray]:
+    """Largest eigenvalue of a symmetric matrix, from above, and its vector.
+
+    Lanczos; the norm of the residual is added, so the value is an upper bound of the
+    eigenvalue that was found. The starting vector is fixed: the same step every time.
+    """
+    start = np.random.default_rng(0).standard_normal(matrix.shape[0])
+    value, vector = eigsh(matrix, k=1, which="LA", v0=start, tol=1e-6)
+    x = vector[:, 0]
+    residual = np.linalg.norm(matrix @ x - value[0] * x)
+    return float(value[0] + residual), x
+
+
+def viscosity_matrix(group: BlockGroup, linear_bulk_viscosity: float) -> csr_array:
+    """Damping matrix of the linear bulk viscosity, Σ V b₁ ρ c L B Bᵀ; (3 n, 3 n) [N s/mm]."""
+    mesh, material = group.mesh, group.material
+    mean, volume = mean_gradients(*gauss_gradients(mesh.nodes[mesh.elements]))
+    impedance = linear_bulk_viscosity * material.density * material.dilatational_wave_speed
+    weight = impedance * volume * characteristic_length(mesh.nodes[mesh.elements])
+    dofs = (3 * mesh.elements[:, :, None] + np.arange(3)).reshape(-1)
+    pointer = 24 * np.arange(mesh.n_elements + 1)
+    divergence = csr_array(
+        (mean.reshape(-1), dofs, pointer), shape=(mesh.n_elements, 3 * mesh.n_nodes)
+    )
+    return csr_array(divergence.T @ diags_array(weight) @ divergence)
+
+
+def damping_matrix(group: BlockGroup, effects: Effects) -> csr_array | None:
+    """Damping that acts on the velocity half a step earlier, (3 n, 3 n) [N s/mm]; or None."""
+    total: csr_array | None = None
+    if effects.stiffness_damping is not None:
+        total = csr_array(group.stiffness) * effects.stiffness_damping
+    if effects.bulk_viscosity is not None:
+        viscous = viscosity_matrix(group, effects.bulk_viscosity.linear_bulk_viscosity)
+        total = viscous if total is None else total + viscous
+    return total
+
+
+def stable_step_of_mode(stiffness: float, damping: float) -> float:
+    """Positive root of 4 - Δt² k - 2 Δt c = 0 for xᵀKx = k [1/s²], xᵀCx = c [1/s]; [s]."""
+    return 4.0 / (damping + math.sqrt(damping * damping + 4.0 * stiffness))
+
+
+def group_critical_time_step(
+    group: BlockGroup, effects: Effects, *, extra_stiffness: FloatArray | None = None
+) -> CriticalTimeStep:
+    """Critical time step of one free reference block.
+
+    Supports only raise the limit.
+
+    Parameters
+    ----------
+    group
+        The block.
+    effects
+        Damping and viscosity.
+    extra_stiffness
+        Further stiffness on the diagonal, as contact adds, (n_nodes,) [N/mm].
+
+    Raises
+    ------
+    TimeStepError
+        When damping makes the step vanish (below a thousandth of the undamped one).
+    """
+    stiffness = scaled(group.stiffness, group.lumped_mass)
+    if extra_stiffness is not None:
+        stiffness = stiffness + diags_array(np.repeat(extra_stiffness / group.lumped_mass, 3))
+    largest, mode = largest_mode(stiffness)
+    undamped = 2.0 / math.sqrt(largest)
+    matrix = damping_matrix(group, effects)
+    step = undamped
+    if matrix is not None:
+        step = _damped_step(stiffness, scaled(matrix, group.lumped_mass), mode, undamped)
+    if step < 1e-3 * undamped:
+        raise TimeStepError(
+            f"{group.name}: damping shrinks the critical time step from {undamped:.3g} s to "
+            f"{step:.3g} s; expected rayleigh.stiffness_proportional well below "
+            f"{undamped:.3g} s and linear_bulk_viscosity well below 1"
+        )
+    viscosity = effects.bulk_viscosity
+    b1 = 0.0 if viscosity is None else viscosity.linear_bulk_viscosity
+    estimate = characteristic_time_step(group.mesh, group.material, linear_bulk_viscosity=b1)
+    return CriticalTimeStep(step, undamped, group.name, math.sqrt(largest), estimate)
+
+
+def _damped_step(
+    stiffness: csr_array, damping: csr_array, mode: FloatArray, undamped: float
+) -> float:
+    """Smallest Δt(x) over all x: the step of a mode, then the worst mode at that step, …."""
+    step = undamped
+    for _ in range(20):
+        previous = step
+        value = stable_step_of_mode(mode @ (stiffness @ mode), mode @ (damping @ mode))
+        step = min(step, value)
+        worst, mode = largest_mode(step * step * stiffness + 2.0 * step * damping)
+        if step >= (1.0 - 1e-6) * previous and worst <= 4.0 * (1.0 + 1e-5):
+            break
+    # What is left above 4 is removed to first order: the bound is at least linear in Δt.
+    return step * min(1.0, 4.0 / worst)
+
+
+def critical_time_step(model: Model) -> CriticalTimeStep:
+    """Critical time step of a model: of its most demanding block, interactions counted in."""
+    steps = [
+        group_critical_time_step(group, model.effects, extra_stiffness=_interaction(model, k))
+        for k, group in enumerate(model.groups)
+    ]
+    governing = min(steps, key=lambda s: s.critical_time_step)
+    return replace(governing, element_estimate=min(s.element_estimate for s in steps))
+
+
+def _interaction(model: Model, group: int) -> FloatArray | None:
+    """Sum of the stiffnesses of all interactions on the nodes of a group."""
+    parts = [interaction.nodal_stiffness(group) for interaction in model.interactions]
+    present = [part for part in parts if part is not None]
+    return np.sum(present, axis=0) if present else None

@@ -1,0 +1,1 @@
+"""Static equilibrium of blocks in contact."""

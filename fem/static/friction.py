@@ -1,0 +1,108 @@
+"""Friction in the static problem: more rows of the same kind as the contact points.
+
+The slip of a point along two tangents is linear in the displacement, like its overclosure; the
+friction traction stands for the pressure. The sliding limit mu p is that of the last pressures,
+which follows from iteration to iteration (its feedback is of order mu). Within one load step the
+anchors are those of the step's start; at its end they move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fem.assembly.local_system import LocalSystem
+from fem.contact.friction import CoulombFriction, friction_tractions
+from fem.problem.loads import FACET_VALUES
+from fem.static.linear_step.linearisation import Linearisation
+from geometry.mesh import FloatArray
+
+#: Stiffness along the sliding direction relative to sticking: the law has none, and with none
+#: the constant traction would be lost from the linear problem.
+_SLIDING = 1e-6
+
+
+@dataclass(frozen=True)
+class FrictionRows:
+    """Slip of every contact point of a system."""
+
+    system: LocalSystem
+    """Blocks and facets."""
+    friction: CoulombFriction
+    """The law."""
+    tangents: FloatArray
+    """Orthonormal reference tangents, (n_facets, 4 points, 2, 3), world axes."""
+    gradient: FloatArray
+    """∂(slip)/∂u in block frames, (n_facets, 8 = 4 points × 2, 8 corners, 3)."""
+
+    def slip(self, displacement: FloatArray) -> FloatArray:
+        """Slip along the tangents, (n_facets, 4, 2) [mm]."""
+        return self.system.gather(self.gradient, displacement).reshape(-1, 4, 2)
+
+    def linearise(
+        self, displacement: FloatArray, anchor: FloatArray, pressure: FloatArray
+    ) -> Linearisation:
+        """Tangent of the tractions along the sliding direction and across it."""
+        slip = self.slip(displacement)
+        traction, moved = friction_tractions(self.friction, slip, anchor, pressure)
+        stick = self.friction.stick_stiffness
+        size = np.linalg.norm(slip - anchor, axis=2)
+        length = np.maximum(size, np.finfo(np.float64).tiny)
+        along = np.where((size > 0.0)[:, :, None], (slip - anchor) / length[:, :, None], [1.0, 0.0])
+        across = np.stack([-along[:, :, 1], along[:, :, 0]], axis=2)
+        slides = (moved != anchor).any(axis=2)
+        pressed = pressure > 0.0
+        stiff_along = stick * np.where(slides, _SLIDING, 1.0) * pressed
+        secant = np.linalg.norm(traction, axis=2) / length
+        stiff_across = np.where(slides, secant, stick) * pressed
+        turn = np.stack([along, across], axis=2)
+        gradient = np.einsum("fpki,fpiax->fpkax", turn, self._by_tangent())
+        at = np.einsum("fpki,fpi->fpk", turn, slip)
+        return Linearisation(
+            weights=np.repeat(self.system.surfaces.weights, 2, axis=1),
+            gradient=gradient.reshape(self.gradient.shape),
+            constant=np.zeros((len(at), 8)),
+            at=at.reshape(-1, 8),
+            pressure=np.einsum("fpki,fpi->fpk", turn, traction).reshape(-1, 8),
+            stiffness=np.stack([stiff_along, stiff_across], axis=2).reshape(-1, 8),
+        )
+
+    def _by_tangent(self) -> FloatArray:
+        return self.gradient.reshape(-1, 4, 2, 8, 3)
+
+    def forces(
+        self, displacement: FloatArray, anchor: FloatArray, pressure: FloatArray
+    ) -> FloatArray:
+        """Nodal forces of the friction, (n_nodes, 3) [N]."""
+        traction, _ = friction_tractions(self.friction, self.slip(displacement), anchor, pressure)
+        weighted = self.system.surfaces.weights[:, :, None] * traction
+        return self.system.scatter(self.gradient, weighted.reshape(-1, 8))
+
+
+def friction_rows(system: LocalSystem, friction: CoulombFriction) -> FrictionRows:
+    """Slips of all contact points of a system."""
+    surfaces = system.surfaces
+    first = surfaces.tangents[:, :, 0]
+    first = first / np.linalg.norm(first, axis=2, keepdims=True)
+    tangents = np.stack([first, np.cross(surfaces.normals, first)], axis=2)
+    difference = np.concatenate([-FACET_VALUES, FACET_VALUES], axis=1)
+    world = np.einsum("pa,fpki->fpkai", difference, tangents).reshape(-1, 8, 8, 3)
+    return FrictionRows(system, friction, tangents, system.local_gradient(world))
+
+
+def joined(normal: Linearisation, tangential: Linearisation) -> Linearisation:
+    """Both kinds of rows in one linear problem."""
+
+    def both(name: str) -> FloatArray:
+        return np.concatenate([getattr(normal, name), getattr(tangential, name)], axis=1)
+
+    return Linearisation(
+        weights=both("weights"),
+        gradient=both("gradient"),
+        constant=both("constant"),
+        at=both("at"),
+        pressure=both("pressure"),
+        stiffness=both("stiffness"),
+        load_factor=normal.load_factor,
+    )

@@ -1,0 +1,1 @@
+"""One linear problem of the static iteration, condensed or sparse."""

@@ -1,0 +1,574 @@
+"""One iteration of the static problem in the unknown contact forces.
+
+Congruent blocks share one condensed stiffness, hence one dense flexibility G on their contact
+nodes. A block follows from the forces on it up to a rigid motion,
+
+    u = G (f - Nᵀ q) + R α,    Rᵀ (f - Nᵀ q) = τ (α - α_before),
+
+with q the forces of the contact points and N the gradients of their overclosures. The tangent of
+the law, q / w = p + k (N u + c - x̂), turns into
+
+    [N G Nᵀ + 1/(w k)   -N R] [q]   [c - x̂ + p/k + N G f]
+    [     -(N R)ᵀ          -τ] [α] = [-Rᵀ f - τ α_before  ]
+
+whose unknowns are only the points that press, and six motions of each block. Points between the
+same two layers come together, and layers follow each other: a block-tridiagonal system of dense
+blocks (`fem.static.linear_step.block_tridiagonal`). τ holds blocks that too few points press on to
+where they were; at convergence it does nothing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
+from scipy.sparse import csc_array, csr_array
+
+from fem.assembly.local_system import LocalSystem, constraint_transform
+from fem.problem.model import BlockGroup
+from fem.static.linear_step.block_tridiagonal import (
+    ChainFactor,
+    Level,
+    UnresistedMotionError,
+    factor_chain,
+)
+from fem.static.linear_step.condensation import CondensedBlock, condense
+from fem.static.linear_step.linearisation import (
+    Linearisation,
+    NodalInverse,
+    UnheldBlocksError,
+    gradient_matrix,
+)
+from geometry.mesh import FloatArray, IntArray
+
+#: Points count as open when their stiffness is below this share of that at first touch: their
+#: pressure is far below rounding of any other, while their flexibility would drown the rest.
+_LEAST_STIFFNESS = 1e-12
+
+
+@dataclass(frozen=True)
+class Flexibility:
+    """Response of one kind of block (a shape and its supports) on its retained variables."""
+
+    condensed: CondensedBlock
+    """Schur complement on contact and held nodes."""
+    stiffness: FloatArray
+    """The same on the retained variables v, u = T v; (3 n_c, 3 n_c) [N/mm]."""
+    free: IntArray
+    """Retained variables that are not prescribed, (n_free,)."""
+    inverse: FloatArray
+    """G, pseudo-inverse of the stiffness on the free variables, (n_free, n_free) [mm/N]."""
+    rigid: FloatArray
+    """Rigid motions that the supports leave, rotations times ℓ; (n_free, 0 … 6)."""
+
+
+def rigid_motions(group: BlockGroup, nodes: IntArray) -> FloatArray:
+    """Translations, and rotations about the mass centroid times ℓ, at nodes; (3 n, 6).
+
+    ℓ is the cube root of the volume of the block's bounding box, so all six are of order one.
+    """
+    mass = group.lumped_mass
+    points = group.mesh.nodes
+    arm = (points[nodes] - mass @ points / mass.sum()) / np.cbrt(np.prod(np.ptp(points, axis=0)))
+    motions = np.zeros((len(nodes), 3, 6))
+    motions[:, [0, 1, 2], [0, 1, 2]] = 1.0
+    for k in range(3):
+        motions[:, :, 3 + k] = np.cross(np.eye(3)[k], arm)
+    return motions.reshape(-1, 6)
+
+
+def _pseudo_inverse(stiffness: FloatArray, rigid: FloatArray) -> FloatArray:
+    """(S + s R̂ R̂ᵀ)⁻¹ - R̂ R̂ᵀ / s with R̂ an orthonormal basis of the rigid motions."""
+    shifted = np.array(stiffness, order="F")
+    scale = float(np.diag(stiffness).mean())
+    basis = np.linalg.qr(rigid)[0] if rigid.shape[1] else rigid
+    shifted += scale * basis @ basis.T
+    factor, fail = scipy.linalg.lapack.dpotrf(shifted, lower=1, overwrite_a=1)
+    if fail:
+        raise UnheldBlocksError("a block's stiffness is not positive definite", ())
+    inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=1, overwrite_c=1)
+    lower = np.tril(inverse)
+    full: FloatArray = lower + np.tril(inverse, -1).T
+    full -= basis @ basis.T / scale
+    return full
+
+
+class FlexibilityStore:
+    """Keeps the flexibilities of one problem for the next one on the same blocks.
+
+    Loads, contact laws and gaps may differ; what the next problem does not need is let go before
+    anything new is made.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[bytes, Flexibility] = {}
+
+    def keep(self, keys: set[bytes]) -> None:
+        """Let go of all others."""
+        self._kept = {key: found for key, found in self._kept.items() if key in keys}
+
+    def get(self, key: bytes, make: Callable[[], Flexibility]) -> Flexibility:
+        """Return the flexibility of a key, made if there is none."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
+
+
+def _content(group: BlockGroup) -> bytes:
+    """Digest of all of a block that its flexibility depends on."""
+    digest = hashlib.sha256()
+    for array in (group.mesh.nodes, group.mesh.elements, group.lumped_mass):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    material = group.material
+    digest.update(repr((group.element, material.young_modulus, material.poisson_ratio)).encode())
+    return digest.digest()
+
+
+class CondensedStep:
+    """Solves the linear problem in contact forces, with one flexibility per kind of block."""
+
+    def __init__(self, system: LocalSystem, store: FlexibilityStore | None = None) -> None:
+        self._system = system
+        self._store = FlexibilityStore() if store is None else store
+        self._transform, free, self._value = constraint_transform(system)
+        self._is_free = np.zeros(3 * system.n_nodes, dtype=np.bool_)
+        self._is_free[free] = True
+        self._kind_of, self._kinds = self._make_kinds()
+        self._reduce_loads()
+        self._number_variables()
+        self._level_of = _levels(system)
+
+    # -----------------------------------------------------------------------------------------
+    # Once
+
+    def _make_kinds(self) -> tuple[list[int], list[Flexibility]]:
+        """One flexibility for each group and way of being held."""
+        system = self._system
+        contents: dict[int, bytes] = {}
+        first_slot: dict[bytes, int] = {}
+        keys: list[bytes] = []
+        for slot in range(system.n_slots):
+            group = system.group(slot)
+            mine = self._held_rows(slot)
+            key = contents.setdefault(id(group), _content(group))
+            for array in (
+                system.held.nodes[mine] - system.node_start[slot],
+                np.round(system.held.axes[mine], 9),
+                system.held.held[mine],
+            ):
+                key += hashlib.sha256(np.ascontiguousarray(array).tobytes()).digest()
+            first_slot.setdefault(key, slot)
+            keys.append(key)
+        self._store.keep(set(keys))
+        order = list(first_slot)
+        kinds = [
+            self._store.get(key, partial(self._make_flexibility, first_slot[key])) for key in order
+        ]
+        return [order.index(key) for key in keys], kinds
+
+    def _held_rows(self, slot: int) -> npt.NDArray[np.bool_]:
+        """Which held nodes are of a slot, (n_held,)."""
+        nodes, start = self._system.held.nodes, self._system.node_start
+        rows: npt.NDArray[np.bool_] = (nodes >= start[slot]) & (nodes < start[slot + 1])
+        return rows
+
+    def _make_flexibility(self, slot: int) -> Flexibility:
+        system = self._system
+        group = system.group(slot)
+        held = system.held.nodes[self._held_rows(slot)] - system.node_start[slot]
+        quads = system.deformable.assembly.shape(int(system.blocks[slot])).contact_quads
+        retained = np.union1d(np.unique(quads), held).astype(np.int64)
+        condensed = condense(group, retained)
+        dofs = condensed.degrees_of_freedom + 3 * int(system.node_start[slot])
+        stiffness = condensed.stiffness
+        rigid = rigid_motions(group, retained)
+        if len(held):
+            axes = self._transform[dofs][:, dofs].toarray()
+            stiffness = axes.T @ stiffness @ axes
+            rigid = axes.T @ rigid
+        is_free = self._is_free[dofs]
+        free = np.flatnonzero(is_free)
+        if len(free) < len(dofs):
+            # Motions that no prescribed component feels.
+            rigid = rigid @ scipy.linalg.null_space(rigid[~is_free], rcond=1e-9)
+        rigid = rigid[free]
+        inverse = _pseudo_inverse(stiffness[np.ix_(free, free)], rigid)
+        return Flexibility(condensed, stiffness, free, inverse, rigid)
+
+    def _reduce_loads(self) -> None:
+        """Loads on the retained variables of every slot, and what recovers the others."""
+        system = self._system
+        self._reduced: list[FloatArray] = []
+        self._loads: list[FloatArray] = []
+        for slot in range(system.n_slots):
+            condensed = self._kinds[self._kind_of[slot]].condensed
+            force = system.external_force[system.nodes_of(slot)][None]
+            on_retained, reduced = condensed.condense_forces(force)
+            self._loads.append(self._to_variables(slot, on_retained[0]))
+            self._reduced.append(reduced)
+
+    def _retained(self, slot: int) -> IntArray:
+        """Degrees of freedom of a slot's retained nodes in the numbering of the system."""
+        kind = self._kinds[self._kind_of[slot]]
+        dofs: IntArray = kind.condensed.degrees_of_freedom + 3 * int(self._system.node_start[slot])
+        return dofs
+
+    def _to_variables(self, slot: int, vector: FloatArray) -> FloatArray:
+        """Tᵀ on the retained variables of a slot."""
+        if not len(self._system.held.nodes):
+            return vector
+        dofs = self._retained(slot)
+        turned: FloatArray = self._transform[dofs][:, dofs].T @ vector
+        return turned
+
+    def _number_variables(self) -> None:
+        """Number the free retained variables of all slots one after the other."""
+        sizes = [len(self._kinds[k].free) for k in self._kind_of]
+        self._start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        columns = [
+            self._retained(slot)[self._kinds[self._kind_of[slot]].free]
+            for slot in range(self._system.n_slots)
+        ]
+        self._columns = np.concatenate(columns)
+
+    def _free_forces(self, load_factor: float) -> list[FloatArray]:
+        """Loads and forces of prescribed displacements on the free variables of every slot."""
+        forces = []
+        for slot in range(self._system.n_slots):
+            kind = self._kind(slot)
+            given = self._value[self._retained(slot)]
+            force = load_factor * self._loads[slot]
+            if given.any():
+                force = force - kind.stiffness @ given
+            forces.append(force[kind.free])
+        return forces
+
+    # -----------------------------------------------------------------------------------------
+    # Every iteration
+
+    def __call__(
+        self, linear: Linearisation, before: FloatArray, holding: float = 0.0
+    ) -> FloatArray:
+        """Displacements of the contact nodes, zero at the others; (n_nodes, 3) [mm].
+
+        Raises
+        ------
+        UnheldBlocksError
+            Blocks on which too few points press, when nothing else holds them.
+        """
+        factored = self._factor(linear, holding)
+        loads = self._free_forces(linear.load_factor)
+        responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
+        forces = self._force_side(linear, factored, responses)
+        motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
+        if holding:
+            motions = [m - holding * self._motion(s, before) for s, m in enumerate(motions)]
+        solved = factored.solve(forces, motions)
+        return self._displacements(factored.rows, responses, *solved, self._value)
+
+    def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
+        """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ on the contact nodes, for many nodal forces.
+
+        Raises
+        ------
+        UnheldBlocksError
+            Blocks on which too few points press, when nothing else holds them.
+        """
+        factored = self._factor(linear, holding)
+        nothing = np.zeros_like(self._value)
+
+        def apply(force: FloatArray) -> FloatArray:
+            loads = []
+            for slot in range(self._system.n_slots):
+                on_retained = force.ravel()[self._retained(slot)]
+                loads.append(self._to_variables(slot, on_retained)[self._kind(slot).free])
+            responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
+            side = np.zeros(len(factored.points.number))
+            for (mine, gradient), response in zip(factored.rows, responses, strict=True):
+                side[mine] += gradient @ response
+            motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
+            solved = factored.solve(side, motions)
+            return self._displacements(factored.rows, responses, *solved, nothing)
+
+        return apply
+
+    def _factor(self, linear: Linearisation, holding: float) -> _Factored:
+        """Assemble and eliminate the chain of all levels."""
+        points = self._active_points(linear)
+        rows = self._rows(linear, points)
+        levels, slots = self._chain(linear, points, holding)
+        span: list[slice] = [slice(0)] * self._system.n_slots
+        for level in slots:
+            column = 0
+            for slot in level:
+                span[slot] = slice(column, column + self._kind(slot).rigid.shape[1])
+                column = span[slot].stop
+                self._add_slot(levels, slot, span[slot], points.start, rows[slot])
+        try:
+            factor = factor_chain(levels)
+        except UnresistedMotionError as error:
+            blocks = [int(self._system.blocks[s]) for s in slots[error.level]]
+            raise UnheldBlocksError("too few contacts press", tuple(blocks)) from None
+        return _Factored(points, rows, factor, slots, span)
+
+    def _active_points(self, linear: Linearisation) -> _Points:
+        """Points that press, ordered by level, those shared with the next level last."""
+        system = self._system
+        stiffness = linear.stiffness.ravel()
+        touching = system.deformable.contact.law.touching_stiffness
+        active = np.flatnonzero(stiffness > _LEAST_STIFFNESS * touching)
+        facet = active // linear.stiffness.shape[1]
+        slot_m = system.slot_of[system.surfaces.block_m[facet]]
+        slot_s = system.slot_of[system.surfaces.block_s[facet]]
+        far = np.iinfo(np.int64).max
+        level_m = np.where(slot_m >= 0, self._level_of[slot_m], far)
+        level_s = np.where(slot_s >= 0, self._level_of[slot_s], far)
+        low, high = np.minimum(level_m, level_s), np.maximum(level_m, level_s)
+        shared = (high != far) & (high > low)
+        order = np.lexsort((active, shared, low))
+        n_levels = int(self._level_of.max()) + 1
+        start = np.searchsorted(low[order], np.arange(n_levels + 1))
+        first_shared = start[1:] - np.bincount(low[shared], minlength=n_levels)[:n_levels]
+        return _Points(active[order], start.astype(np.int64), first_shared.astype(np.int64))
+
+    def _rows(self, linear: Linearisation, points: _Points) -> list[tuple[IntArray, csr_array]]:
+        """Active points of each slot and their gradients on its free variables."""
+        gradient = gradient_matrix(self._system, linear.gradient, points.number)
+        if len(self._system.held.nodes):
+            gradient = csr_array(gradient @ self._transform)
+        columns = csc_array(gradient)[:, self._columns]
+        result = []
+        for slot in range(self._system.n_slots):
+            part = csr_array(columns[:, self._start[slot] : self._start[slot + 1]])
+            mine = np.flatnonzero(np.diff(part.indptr))
+            result.append((mine, part[mine]))
+        return result
+
+    def _chain(
+        self,
+        linear: Linearisation,
+        points: _Points,
+        holding: float,
+    ) -> tuple[list[Level], list[list[int]]]:
+        """Levels with the law's part only, and the slots of each."""
+        slots = [np.flatnonzero(self._level_of == k).tolist() for k in range(points.n_levels)]
+        width = [sum(self._kind(s).rigid.shape[1] for s in level) for level in slots]
+        size = np.diff(points.start)
+        levels = []
+        for k in range(points.n_levels):
+            shared = int(points.start[k + 1] - points.first_shared[k])
+            after = k + 1 < points.n_levels
+            a = np.zeros((size[k], size[k]), order="F")
+            diagonal = points.number[points.start[k] : points.start[k + 1]]
+            weight = linear.weights.ravel()[diagonal]
+            a[np.diag_indices_from(a)] = 1.0 / (weight * linear.stiffness.ravel()[diagonal])
+            levels.append(
+                Level(
+                    flexibility=a,
+                    motions=np.zeros((size[k], width[k])),
+                    holding=holding * np.eye(width[k]),
+                    first_shared=int(size[k]) - shared,
+                    next_flexibility=np.zeros((shared, size[k + 1] if after else 0)),
+                    next_motions=np.zeros((shared, width[k + 1] if after else 0)),
+                )
+            )
+        return levels, slots
+
+    def _kind(self, slot: int) -> Flexibility:
+        return self._kinds[self._kind_of[slot]]
+
+    def _force_side(
+        self,
+        linear: Linearisation,
+        factored: _Factored,
+        responses: list[FloatArray],
+    ) -> FloatArray:
+        """C - x̂ + p/k + N G f of the active points, (n,) [mm]."""
+        where = factored.points.number
+        stiffness = linear.stiffness.ravel()[where]
+        right = (linear.constant - linear.at).ravel()[where]
+        right = right + linear.pressure.ravel()[where] / stiffness
+        for slot, (mine, gradient) in enumerate(factored.rows):
+            right[mine] += gradient @ responses[slot]
+        if len(self._system.held.nodes):
+            full = gradient_matrix(self._system, linear.gradient, where)
+            right += full @ (self._transform @ self._value)
+        return right
+
+    def _add_slot(
+        self,
+        levels: list[Level],
+        slot: int,
+        span: slice,
+        start: IntArray,
+        rows: tuple[IntArray, csr_array],
+    ) -> None:
+        """Add the flexibility of one block, and its motions in the columns ``span``."""
+        k = int(self._level_of[slot])
+        kind, (mine, gradient) = self._kind(slot), rows
+        level = levels[k]
+        used, position = np.unique(gradient.indices, return_inverse=True)
+        near = csr_array((gradient.data, position, gradient.indptr), (len(mine), len(used)))
+        flexible = near @ (near @ kind.inverse[np.ix_(used, used)]).T
+        motion = gradient @ kind.rigid
+        own = mine >= start[k]
+        here = mine[own] - start[k]
+        level.flexibility[np.ix_(here, here)] += flexible[np.ix_(own, own)]
+        level.motions[here, span] += motion[own]
+        if not own.all():
+            below = levels[k - 1]
+            there = mine[~own] - start[k - 1]
+            shared = there - below.first_shared
+            below.flexibility[np.ix_(there, there)] += flexible[np.ix_(~own, ~own)]
+            below.next_flexibility[np.ix_(shared, here)] += flexible[np.ix_(~own, own)]
+            below.next_motions[shared, span] += motion[~own]
+
+    def _motion(self, slot: int, displacement: FloatArray) -> FloatArray:
+        """Rigid part α of a displacement of a slot."""
+        kind = self._kind(slot)
+        vector = self._to_variables(slot, displacement.ravel()[self._retained(slot)])
+        return np.asarray(np.linalg.lstsq(kind.rigid, vector[kind.free])[0], dtype=np.float64)
+
+    def _displacements(
+        self,
+        rows: list[tuple[IntArray, csr_array]],
+        responses: list[FloatArray],
+        forces: FloatArray,
+        motions: list[FloatArray],
+        prescribed: FloatArray,
+    ) -> FloatArray:
+        """Displacements of the contact nodes from forces and motions."""
+        variables = prescribed.copy()
+        for slot, (mine, gradient) in enumerate(rows):
+            kind = self._kind(slot)
+            pushed = responses[slot] - kind.inverse @ (gradient.T @ forces[mine])
+            moved = pushed + kind.rigid @ motions[slot]
+            variables[self._retained(slot)[kind.free]] = moved
+        if len(self._system.held.nodes):
+            variables = self._transform @ variables
+        return variables.reshape(-1, 3)
+
+    def internal_force(self, displacement: FloatArray) -> FloatArray:
+        """S u of the contact nodes, zero at inner nodes; (n_nodes, 3) [N]."""
+        result = np.zeros(3 * self._system.n_nodes)
+        flat = displacement.ravel()
+        for slot in range(self._system.n_slots):
+            dofs, kind = self._retained(slot), self._kind(slot)
+            local = flat[dofs]
+            if len(kind.free) == len(dofs):
+                # A rigid motion costs no force; taking it out first keeps its rounding out too.
+                local = local - kind.rigid @ np.linalg.lstsq(kind.rigid, local)[0]
+            result[dofs] = kind.condensed.stiffness @ local
+        return result.reshape(-1, 3)
+
+    @cached_property
+    def external_force(self) -> FloatArray:
+        """Loads condensed on the contact nodes, zero at inner nodes; (n_nodes, 3) [N]."""
+        result = np.zeros(3 * self._system.n_nodes)
+        for slot, load in enumerate(self._loads):
+            dofs = self._retained(slot)
+            result[dofs] = self._transform[dofs][:, dofs] @ load
+        return result.reshape(-1, 3)
+
+    def complete(self, displacement: FloatArray) -> FloatArray:
+        """Displacements of all nodes from those of the contact nodes, (n_nodes, 3) [mm]."""
+        result = np.empty_like(displacement)
+        for slot in range(self._system.n_slots):
+            condensed = self._kind(slot).condensed
+            on_retained = displacement.ravel()[self._retained(slot)][None]
+            result[self._system.nodes_of(slot)] = condensed.recover(
+                on_retained, self._reduced[slot]
+            )[0]
+        return result
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Active contact points in the order of the chain."""
+
+    number: IntArray
+    """Point number, points per facet · facet + point, (n,)."""
+    start: IntArray
+    """First point of each level, and the total; (n_levels + 1,)."""
+    first_shared: IntArray
+    """First point of each level that is shared with the next, (n_levels,)."""
+
+    @property
+    def n_levels(self) -> int:
+        """Number of levels."""
+        return len(self.first_shared)
+
+
+@dataclass(frozen=True)
+class _Factored:
+    """The chain of one linear problem, eliminated."""
+
+    points: _Points
+    rows: list[tuple[IntArray, csr_array]]
+    """Active points of each slot and their gradients on its free variables."""
+    factor: ChainFactor
+    slots: list[list[int]]
+    """Slots of each level."""
+    span: list[slice]
+    """Columns of each slot among the motions of its level."""
+
+    def solve(
+        self, force_side: FloatArray, motion_side: list[FloatArray]
+    ) -> tuple[FloatArray, list[FloatArray]]:
+        """Contact forces of all points, and motions of each slot."""
+        start = self.points.start
+        sides = [
+            (
+                force_side[start[k] : start[k + 1]],
+                np.concatenate([motion_side[s] for s in level]),
+            )
+            for k, level in enumerate(self.slots)
+        ]
+        solved = self.factor.solve(sides)
+        motions = [np.zeros(0)] * len(self.span)
+        for (_, alpha), level in zip(solved, self.slots, strict=True):
+            for slot in level:
+                motions[slot] = alpha[self.span[slot]]
+        return np.concatenate([q for q, _ in solved]), motions
+
+
+def _levels(system: LocalSystem) -> IntArray:
+    """Level of each slot: contacts lie within a level or between neighbouring ones.
+
+    The layers of the assembly where they are such levels, else distances from an end of the
+    graph of blocks (the farthest from an arbitrary one).
+    """
+    surfaces = system.surfaces
+    first = surfaces.pair_start[:-1]
+    m = system.slot_of[surfaces.block_m[first]]
+    s = system.slot_of[surfaces.block_s[first]]
+    both = (m >= 0) & (s >= 0)
+    m, s = m[both], s[both]
+    layer = system.deformable.assembly.layer[system.blocks]
+    layer = np.unique(layer, return_inverse=True)[1]
+    if not len(m) or np.abs(layer[m] - layer[s]).max() <= 1:
+        return np.asarray(layer, dtype=np.int64)
+    far = int(np.argmax(_distances(0, m, s, system.n_slots)))
+    return _distances(far, m, s, system.n_slots)
+
+
+def _distances(start: int, m: IntArray, s: IntArray, n: int) -> IntArray:
+    """Steps from a slot to every other; parts that are not connected begin anew at zero."""
+    distance = np.full(n, -1, dtype=np.int64)
+    seeds = [start, *range(n)]
+    for seed in seeds:
+        if distance[seed] >= 0:
+            continue
+        distance[seed] = 0
+        front = np.array([seed])
+        while len(front):
+            near = np.concatenate([s[np.isin(m, front)], m[np.isin(s, front)]])
+            near = np.unique(near[distance[near] < 0])
+            distance[near] = distance[front[0]] + 1
+            front = near
+    return distance

@@ -1,0 +1,189 @@
+"""What a static solution is, and what follows from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fem.assembly.contact_state import ContactState, matched_state
+from fem.assembly.deformable import DeformableAssembly
+from fem.contact.surfaces import corner_forces, facet_pressures, point_kinematics
+from geometry.mesh import FloatArray, IntArray
+
+#: Least stiffness of a block's contacts against a motion, relative to the greatest, that counts
+#: as holding the block.
+_HELD = 1e-9
+
+
+@dataclass(frozen=True)
+class StaticResult:
+    """A static state of the whole assembly, copies of a sector included."""
+
+    deformable: DeformableAssembly
+    """What was solved."""
+    displacements: tuple[FloatArray, ...]
+    """Of each group in world axes, each (n_copies, n_nodes, 3) [mm]."""
+    overclosures: FloatArray
+    """Of every contact point, (n_facets, 4) [mm]."""
+    pressures: FloatArray
+    """Of every contact point, (n_facets, 4) [MPa]."""
+    residual: float
+    """Norm of the unbalanced forces over norm of the loads [-]."""
+    converged: bool
+    """Whether the residual reached the tolerance."""
+    status: str
+    """What happened, and what to do if it did not converge."""
+    loose_blocks: IntArray
+    """Blocks that could move while all contacts keep pressing: their place is not determined."""
+    residuals: tuple[float, ...]
+    """Residual after each iteration [-]."""
+    strain_energy: float
+    """[N mm]"""
+    contact_energy: float
+    """[N mm]"""
+    external_work: float
+    """Of the full loads along the displacements, as dead loads [N mm]."""
+    frictional_dissipation: float
+    """Work lost in sliding, zero without friction [N mm]. The slip of a load step counts with the
+    traction at its end: with few load steps several times too much."""
+    symmetry: int
+    """Order of the sector model that was used."""
+    n_unknowns: int
+    """Displacement unknowns of the representative blocks."""
+    cpu_seconds: dict[str, float]
+    """CPU time: setup, newton, recovery, total [s]."""
+
+    @property
+    def newton_iterations(self) -> int:
+        """Linear problems solved."""
+        return len(self.residuals)
+
+    @property
+    def facet_pressures(self) -> FloatArray:
+        """Force over area of every facet, (n_facets,) [MPa]."""
+        return facet_pressures(self.deformable.surfaces, self.pressures)
+
+    @cached_property
+    def contact_state(self) -> ContactState:
+        """Contact facet by facet."""
+        return matched_state(self.deformable, self.displacements, self.pressures, self.overclosures)
+
+    @property
+    def max_displacement(self) -> float:
+        """Largest displacement of any node [mm]."""
+        return max(float(np.linalg.norm(u, axis=2).max()) for u in self.displacements)
+
+
+def pair_resultants(result: StaticResult) -> tuple[FloatArray, FloatArray]:
+    """Normal force and its moment that each pair transmits, on block s, about the world origin.
+
+    Returns
+    -------
+    tuple[FloatArray, FloatArray]
+        (n_pairs, 3) [N] and (n_pairs, 3) [N mm], pairs as in the surfaces' `pair_start`. The
+        moment takes forces at the reference positions of block s.
+    """
+    deformable = result.deformable
+    surfaces = deformable.surfaces
+    corners = contact_corner_forces(result)[:, 4:]
+    where = np.empty_like(corners)
+    for block in np.unique(surfaces.block_s):
+        mine = surfaces.block_s == block
+        nodes = deformable.assembly.nodes(int(block)) + deformable.spacing[block]
+        where[mine] = nodes[surfaces.quads_s[mine]]
+    first = surfaces.pair_start[:-1]
+    force = np.add.reduceat(corners.sum(axis=1), first, axis=0)
+    moment = np.add.reduceat(np.cross(where, corners).sum(axis=1), first, axis=0)
+    return force, moment
+
+
+def contact_corner_forces(result: StaticResult) -> FloatArray:
+    """Normal contact forces on the corners of every facet pair, (n_facets, 8, 3) [N].
+
+    World axes; friction is not in them.
+    """
+    deformable = result.deformable
+    surfaces = deformable.surfaces
+    displacement = corner_displacements(deformable, result.displacements)
+    kinematics = point_kinematics(surfaces, displacement, deformable.contact.normals)
+    return corner_forces(kinematics, surfaces.weights * result.pressures)
+
+
+def corner_displacements(
+    deformable: DeformableAssembly, displacements: tuple[FloatArray, ...]
+) -> FloatArray:
+    """World displacements of the corners of every facet pair, (n_facets, 8, 3) [mm].
+
+    Parameters
+    ----------
+    deformable
+        The model.
+    displacements
+        Of each group in world axes, each (n_copies, n_nodes, 3) [mm].
+    """
+    surfaces = deformable.surfaces
+    corners = np.zeros((surfaces.n_facets, 8, 3))
+    sides = ((surfaces.block_m, surfaces.quads_m), (surfaces.block_s, surfaces.quads_s))
+    for side, (blocks, quads) in enumerate(sides):
+        for group, values in enumerate(displacements):
+            mine = np.flatnonzero(deformable.group_of[blocks] == group)
+            copies = deformable.copy_of[blocks[mine]]
+            corners[mine, 4 * side : 4 * side + 4] = values[copies[:, None], quads[mine]]
+    return corners
+
+
+def loose_blocks(
+    deformable: DeformableAssembly,
+    displacements: tuple[FloatArray, ...],
+    point_pressures: FloatArray,
+) -> IntArray:
+    """Blocks without support that could move while all contacts that press keep pressing.
+
+    Each block is judged with its neighbours at rest: what is named here is certainly not held
+    (frictionless contacts on it have fewer than six independent directions); blocks that could
+    only move together are not found.
+
+    Parameters
+    ----------
+    deformable
+        The model.
+    displacements
+        Of each group in world axes, each (n_copies, n_nodes, 3) [mm].
+    point_pressures
+        (n_facets, 4) [MPa].
+
+    Returns
+    -------
+    IntArray
+        Numbers of the loose blocks, (n,).
+    """
+    surfaces, assembly = deformable.surfaces, deformable.assembly
+    corners = corner_displacements(deformable, displacements)
+    gradient = point_kinematics(surfaces, corners, deformable.contact.normals).gradient
+    supported = {
+        (support.group, int(copy))
+        for support in deformable.model.supports
+        for copy in support.copies
+    }
+    loose = []
+    for block in deformable.deformable_blocks:
+        if (int(deformable.group_of[block]), int(deformable.copy_of[block])) in supported:
+            continue
+        arms = assembly.nodes(int(block)) - assembly.centroids[block]
+        rows = []
+        sides = ((surfaces.block_m, surfaces.quads_m), (surfaces.block_s, surfaces.quads_s))
+        for side, (blocks, quads) in enumerate(sides):
+            mine = np.flatnonzero(assembly.originals[blocks] == block)
+            force = gradient[mine, :, 4 * side : 4 * side + 4]
+            moment = np.cross(arms[quads[mine]][:, None], force).sum(axis=2)
+            wrench = np.concatenate(
+                [force.sum(axis=2), moment / assembly.characteristic_length], axis=2
+            )
+            rows.append(wrench[point_pressures[mine] > 0.0])
+        wrenches = np.concatenate(rows)
+        stiffness = np.linalg.eigvalsh(wrenches.T @ wrenches)
+        if stiffness[0] <= _HELD * stiffness[-1]:
+            loose.append(int(block))
+    return np.array(loose, dtype=np.int64)

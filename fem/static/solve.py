@@ -1,0 +1,590 @@
+"""Static equilibrium of deformable blocks in contact, by Newton in displacements and pressures.
+
+Each point of contact keeps a *linearisation overclosure* x̂. One iteration solves the linear
+problem in which the law is replaced by its tangent there,
+
+    K u + Σ w (p(x̂) + p'(x̂) (x(u) - x̂)) ∂x/∂u = f,
+
+minimises the energy exactly along the way to that solution when the end overshoots, and moves
+x̂: after a full step to the overclosure at which the law has the *same pressure* as its tangent
+where that presses (Newton on the inverse of the law, which is nearly straight where the law is
+an exponential), else to the overclosure just found. Gap gradients follow the current normals
+from iteration to iteration. In the first iterations springs hold every block to where it was;
+they fade, and what is called equilibrium never contains them.
+
+The residual is that of the law itself: f - K u - Σ w p(x(u)) ∂x/∂u.
+
+Where current normals turn so much that this does not converge, the energy itself is followed down
+with the exact tangent (`fem.static.energy_descent`).
+
+Friction, where the model has it, adds rows of the same kind (`fem.static.friction`); its history
+advances from load step to load step.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import partial
+
+import numpy as np
+
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.free_motions import FreeMotions, free_motions
+from fem.assembly.local_system import LocalSystem, local_system
+from fem.assembly.symmetry import Orbits, cyclic_orbits, largest_cyclic_orbits, no_symmetry
+from fem.contact.friction import friction_tractions
+from fem.contact.surfaces import ContactNormals, PointKinematics
+from fem.static.energy_descent import minimise_energy
+from fem.static.friction import FrictionRows, friction_rows, joined
+from fem.static.linear_step.condensed import CondensedStep, FlexibilityStore
+from fem.static.linear_step.linearisation import (
+    Linearisation,
+    LinearStep,
+    SparseStep,
+    UnheldBlocksError,
+    coarsened,
+)
+from fem.static.linear_step.sparse import SparseSolver
+from fem.static.result import StaticResult, loose_blocks
+from geometry.mesh import FloatArray, IntArray
+
+#: First holding springs relative to the tangent contact stiffness on a block at the start.
+_FIRST_HOLDING = 0.25
+#: Holding springs shrink by this factor from iteration to iteration …
+_FADING = 0.1
+#: … down to this share of the first ones: motions that no contact resists stay determined, and
+#: others do not notice.
+_LEAST_HOLDING = 1e-6
+#: Share of the first holding springs when blocks turn out to be unheld.
+_RESCUE_HOLDING = 1e-3
+#: Rescues after which the blocks are reported as unheld.
+_MAX_RESCUES = 30
+#: First iterations with one pressure for each facet: nearly every point is still in contact then.
+_COARSE_ITERATIONS = 3
+#: A step is cut when the energy slope at its end exceeds this share of the slope at its start.
+_OVERSHOOT = 0.1
+#: A linear solution farther away than this many block lengths is a motion that nothing resists.
+_FARTHEST = 100.0
+#: Contact forces count this much in the size against which the residual is measured.
+_CONTACT_SHARE = 1e-2
+#: Iterations that may bring no better residual, before and after the best is below _NEAR.
+_PATIENCE = 40
+_PATIENCE_NEAR = 10
+_NEAR = 1e-2
+#: Parts in which the load is applied when all at once does not converge.
+_FALLBACK_LOAD_STEPS = 4
+
+
+class StaticError(ValueError):
+    """A static problem that has no solution, or none that was found: what to do."""
+
+
+class StaticMethod(StrEnum):
+    """How the linear problems are solved."""
+
+    CONDENSED = "condensed"
+    """In contact forces, with one dense flexibility per shape
+    (`fem.static.linear_step.condensed`)."""
+    SPARSE = "sparse"
+    """One sparse matrix of everything, factored by a library: slower, the oracle."""
+
+
+@dataclass(frozen=True)
+class StaticOptions:
+    """How a static problem is solved."""
+
+    method: StaticMethod = StaticMethod.CONDENSED
+    """How the linear problems are solved."""
+    sparse_solver: SparseSolver | None = None
+    """Library of the sparse method; None: the best that is installed."""
+    symmetry: int | None = None
+    """Order of the cyclic sector model; None: the largest exact one; 1: none."""
+    tolerance: float = 1e-8
+    """Norm of the residual over norm of the loads at which the iteration stops [-]."""
+    max_iterations: int = 120
+    """Linear problems solved at most for one load step."""
+    load_steps: int = 1
+    """Equal parts in which the load is applied."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.tolerance) and self.tolerance > 0.0):
+            raise StaticError(f"fem.tolerance: got {self.tolerance}, expected a positive number")
+        for name in ("max_iterations", "load_steps"):
+            if getattr(self, name) < 1:
+                raise StaticError(f"fem.{name}: got {getattr(self, name)}, expected at least 1")
+
+
+def solve_static(
+    deformable: DeformableAssembly,
+    options: StaticOptions | None = None,
+    *,
+    start: StaticResult | None = None,
+    store: FlexibilityStore | None = None,
+) -> StaticResult:
+    """Find the static state of an assembly under its loads.
+
+    Parameters
+    ----------
+    deformable
+        Blocks, loads, supports and contact.
+    options
+        Method, symmetry and tolerance.
+    start
+        A state of the same model to start from, for instance under another load.
+    store
+        Of one call for the next: blocks that are the same are condensed once.
+
+    Returns
+    -------
+    StaticResult
+        `StaticResult.converged` says whether it is an equilibrium.
+
+    Raises
+    ------
+    StaticError
+        Blocks that no contact holds in the solution: their place is not determined.
+    SymmetryError
+        A symmetry asked for that the model does not have.
+    SparseSolverError
+        A library that is not installed.
+    """
+    options = StaticOptions() if options is None else options
+    if deformable.contact.finite_sliding:
+        raise StaticError(
+            "effects.finite_sliding: the static solver keeps matched facets matched; expected "
+            'fem.method = "explicit", or finite sliding off'
+        )
+    clock = time.process_time()
+    orbits = _orbits(deformable, options.symmetry)
+    system = local_system(deformable, orbits)
+    step = _linear_step(system, options, store)
+    ready = time.process_time()
+    friction = deformable.contact.friction
+    rows = None if friction is None else friction_rows(system, friction)
+    kept = np.ones(system.n_nodes, dtype=np.bool_)
+    if options.method is StaticMethod.CONDENSED:
+        kept = np.isin(np.arange(system.n_nodes), system.corner_nodes)
+    free = free_motions(system, kept)
+    problem = _Problem(system, step, options, rows, deformable.contact.normals, free)
+    state = _load_up(problem, _start_state(system, start), options.load_steps)
+    solved = time.process_time()
+    displacement = step.complete(state.displacement)
+    whole = free_motions(system, np.ones(system.n_nodes, dtype=np.bool_))
+    if whole is not None:
+        displacement = whole.without(displacement)
+    seconds = {"setup": ready - clock, "newton": solved - ready}
+    seconds["recovery"] = time.process_time() - solved
+    seconds["total"] = time.process_time() - clock
+    return _result(system, options, state, displacement, seconds)
+
+
+def _orbits(deformable: DeformableAssembly, symmetry: int | None) -> Orbits:
+    if symmetry is None:
+        return largest_cyclic_orbits(deformable)
+    return no_symmetry(deformable) if symmetry == 1 else cyclic_orbits(deformable, symmetry)
+
+
+def _linear_step(
+    system: LocalSystem, options: StaticOptions, store: FlexibilityStore | None
+) -> LinearStep:
+    if options.method is StaticMethod.SPARSE:
+        return SparseStep(system, options.sparse_solver)
+    return CondensedStep(system, store)
+
+
+# ---------------------------------------------------------------------------------------------
+# Iteration
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """What stays the same in all iterations."""
+
+    system: LocalSystem
+    step: LinearStep
+    options: StaticOptions
+    friction: FrictionRows | None
+    normals: ContactNormals
+    free: FreeMotions | None
+
+    def kinematics(self, displacement: FloatArray) -> PointKinematics:
+        """Overclosures and gradients at a displacement."""
+        return self.system.kinematics(displacement, self.normals)
+
+
+@dataclass(frozen=True)
+class _State:
+    """What one iteration leaves to the next."""
+
+    displacement: FloatArray
+    kinematics: PointKinematics
+    at: FloatArray
+    first_holding: float
+    holding: float
+    load_factor: float = 1.0
+    rescues: int = 0
+    coarse_iterations: int = 0
+    anchor: FloatArray | None = None
+    dissipation: float = 0.0
+    residuals: tuple[float, ...] = ()
+    converged: bool = False
+    saddles: int = 0
+
+
+def _start_state(system: LocalSystem, start: StaticResult | None) -> _State:
+    """Every point linearised at the mean pressure that the loads suggest, or at a given state."""
+    contact, surfaces = system.deformable.contact, system.surfaces
+    displacement = np.zeros((system.n_nodes, 3))
+    area = float(surfaces.areas.sum())
+    load = float(np.linalg.norm(system.external_force, axis=1).sum())
+    law = contact.law
+    least = max(float(law.pressure(0.0)), 1e-9 * law.constants.linear_stiffness)
+    pressure = max(load / area if area else 0.0, least)
+    at = np.full(surfaces.weights.shape, float(law.overclosure(pressure)))
+    stiffness = float(law.stiffness(law.overclosure(pressure)))
+    holding = _FIRST_HOLDING * stiffness * area / system.n_slots
+    if start is not None:
+        displacement = _localised(system, start)
+        at = system.kinematics(displacement, contact.normals).overclosure
+        holding *= _RESCUE_HOLDING
+    return _State(
+        displacement=displacement,
+        kinematics=system.kinematics(displacement, contact.normals),
+        at=at,
+        first_holding=holding,
+        holding=holding,
+        coarse_iterations=_COARSE_ITERATIONS if start is None else 0,
+    )
+
+
+def _localised(system: LocalSystem, start: StaticResult) -> FloatArray:
+    """Displacements of a result on the representatives, in block frames."""
+    deformable = system.deformable
+    expected = [(g.n_copies, g.n_nodes, 3) for g in deformable.model.groups]
+    if [u.shape for u in start.displacements] != expected:
+        raise StaticError(
+            f"start: got displacements of shapes {[u.shape for u in start.displacements]}; "
+            f"expected {expected}: start from a state of the same model"
+        )
+    return system.localised(start.displacements)
+
+
+def _load_up(problem: _Problem, state: _State, parts: int) -> _State:
+    """Apply the load in equal parts; in more parts when that does not converge."""
+    first = state
+    for part in range(1, parts + 1):
+        state = replace(state, load_factor=part / parts, converged=False)
+        reached = _converge(problem, state)
+        if not reached.converged and _has_potential(problem):
+            reached = _descend(problem, replace(state, residuals=reached.residuals))
+        state = _advance_friction(problem, reached)
+    if not state.converged and parts < _FALLBACK_LOAD_STEPS:
+        again = replace(first, residuals=state.residuals)
+        return _load_up(problem, again, _FALLBACK_LOAD_STEPS)
+    return state
+
+
+def _advance_friction(problem: _Problem, state: _State) -> _State:
+    """Move the anchors at the end of a load step."""
+    rows = problem.friction
+    if rows is None:
+        return state
+    pressure = problem.system.deformable.contact.law.pressure(state.kinematics.overclosure)
+    anchor = _anchor(state)
+    slip = rows.slip(state.displacement)
+    traction, moved = friction_tractions(rows.friction, slip, anchor, pressure)
+    lost = problem.system.surfaces.weights * ((moved - anchor) * traction).sum(axis=2)
+    facets = problem.system.orbits.point_of // 4
+    times = np.bincount(facets[:, 0], minlength=len(lost))
+    return replace(
+        state, anchor=moved, dissipation=state.dissipation + float(times @ lost.sum(axis=1))
+    )
+
+
+def _anchor(state: _State) -> FloatArray:
+    """Anchors of the friction; zero before the first load step."""
+    if state.anchor is not None:
+        return state.anchor
+    return np.zeros((*state.at.shape, 2))
+
+
+def _converge(problem: _Problem, state: _State) -> _State:
+    """Iterate to an equilibrium, or until nothing improves any more."""
+    least, since = math.inf, 0
+    for _ in range(problem.options.max_iterations):
+        state = _iterate(problem, state)
+        since = 0 if state.residuals[-1] < 0.9 * least else since + 1
+        least = min(least, state.residuals[-1])
+        if state.converged or since > (_PATIENCE_NEAR if least < _NEAR else _PATIENCE):
+            break
+    return state
+
+
+def _has_potential(problem: _Problem) -> bool:
+    """Whether the energy can be followed: what the plain iteration leaves out then decides."""
+    return problem.friction is None and problem.normals is ContactNormals.CURRENT
+
+
+def _descend(problem: _Problem, state: _State) -> _State:
+    """Follow the energy from the equilibrium with reference normals."""
+    start = _converge(replace(problem, normals=ContactNormals.REFERENCE), state)
+    descent = minimise_energy(
+        problem.system,
+        problem.step,
+        start.displacement,
+        residual=partial(_relative, problem),
+        load_factor=state.load_factor,
+        holding=start.holding,
+        tolerance=problem.options.tolerance,
+        max_iterations=problem.options.max_iterations,
+    )
+    kinematics = problem.kinematics(descent.displacement)
+    return replace(
+        start,
+        displacement=descent.displacement,
+        kinematics=kinematics,
+        at=kinematics.overclosure,
+        residuals=(*start.residuals, *descent.residuals),
+        converged=descent.converged,
+        saddles=state.saddles + descent.saddles,
+    )
+
+
+def _iterate(problem: _Problem, state: _State) -> _State:
+    """One linear problem, and what follows from it."""
+    system, law = problem.system, problem.system.deformable.contact.law
+    linear = _linearise(system, state)
+    trial, state = _solve(problem, _linear_problem(problem, linear, state), state)
+    share = _step_share(problem, linear, state, trial)
+    displacement = state.displacement + share * (trial - state.displacement)
+    pressure = linear.linear_pressure(system, displacement)
+    kinematics = problem.kinematics(displacement)
+    same_pressure = (pressure > 0.0) & (share == 1.0)
+    state = replace(
+        state,
+        displacement=displacement,
+        kinematics=kinematics,
+        at=np.where(same_pressure, law.overclosure(pressure), kinematics.overclosure),
+        holding=max(_FADING * state.holding, _LEAST_HOLDING * state.first_holding),
+        coarse_iterations=state.coarse_iterations - 1,
+    )
+    residual = _residual(problem, state)
+    return replace(
+        state,
+        residuals=(*state.residuals, residual),
+        converged=residual <= problem.options.tolerance,
+    )
+
+
+def _linear_problem(problem: _Problem, normal: Linearisation, state: _State) -> Linearisation:
+    """One pressure a facet at first; friction, where there is any, after that."""
+    if state.coarse_iterations > 0:
+        return coarsened(normal)
+    if problem.friction is None:
+        return normal
+    law = problem.system.deformable.contact.law
+    pressure = law.pressure(state.kinematics.overclosure)
+    rows = problem.friction.linearise(state.displacement, _anchor(state), pressure)
+    return joined(normal, rows)
+
+
+def _linearise(system: LocalSystem, state: _State) -> Linearisation:
+    law, found = system.deformable.contact.law, state.kinematics
+    return Linearisation(
+        weights=system.surfaces.weights,
+        gradient=found.gradient,
+        constant=found.overclosure - system.gather(found.gradient, state.displacement),
+        at=state.at,
+        pressure=law.pressure(state.at),
+        stiffness=law.stiffness(state.at),
+        load_factor=state.load_factor,
+    )
+
+
+def _solve(problem: _Problem, linear: Linearisation, state: _State) -> tuple[FloatArray, _State]:
+    """Solve the linear problem; hold the blocks more where nothing else does."""
+    farthest = _FARTHEST * problem.system.deformable.assembly.characteristic_length
+    while True:
+        try:
+            trial = problem.step(linear, state.displacement, state.holding)
+            if problem.free is not None:
+                inverse = problem.step.inverse(linear, state.holding)
+                trial = problem.free.constrained(trial, inverse)
+            if np.abs(trial).max() <= farthest:
+                return trial, state
+            raise UnheldBlocksError(
+                f"a block would move by {np.abs(trial).max():.3g} mm, more than "
+                f"{_FARTHEST:g} block lengths",
+                (),
+            )
+        except UnheldBlocksError as error:
+            if state.rescues >= _MAX_RESCUES:
+                raise StaticError(_unheld_text(error)) from None
+            stronger = max(10.0 * state.holding, _RESCUE_HOLDING * state.first_holding)
+            state = replace(state, holding=stronger, rescues=state.rescues + 1)
+
+
+def _unheld_text(error: UnheldBlocksError) -> str:
+    names = ", ".join(str(b) for b in error.blocks)
+    where = f"among blocks {names} " if names else ""
+    return (
+        f"static: {error}: {where}some motion meets no resistance, or the load is far too large "
+        "for linear elasticity, so no static state is determined; expected contact, load or "
+        "support that holds every block (a smaller initial clearance, a load on every block, or "
+        "an explicit run)"
+    )
+
+
+def _step_share(
+    problem: _Problem, linear: Linearisation, state: _State, trial: FloatArray
+) -> float:
+    """Share of the way to the linear solution at which the energy is least.
+
+    One, unless the energy rises steeply at the end. Along the way overclosures and slips are
+    linear, so the energy is convex (friction limits frozen) and the slope is found by bisection
+    from contact points alone.
+    """
+    system, step = problem.system, problem.step
+    law, weights = system.deformable.contact.law, system.surfaces.weights
+    way = trial - state.displacement
+    force = step.internal_force(state.displacement) - linear.load_factor * step.external_force
+    start = float(np.vdot(force, way))
+    growth = float(np.vdot(step.internal_force(way), way))
+    before = linear.constant + system.gather(linear.gradient, state.displacement)
+    change = system.gather(linear.gradient, way)
+
+    sliding = _sliding_slope(problem, state, way)
+
+    def slope(share: float) -> float:
+        pressure = law.pressure(before + share * change)
+        normal = float(np.vdot(weights * pressure, change))
+        return start + share * growth + normal + sliding(share)
+
+    first = slope(0.0)
+    if not first < 0.0 or slope(1.0) <= -_OVERSHOOT * first:
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        if slope(middle) < 0.0:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def _sliding_slope(problem: _Problem, state: _State, way: FloatArray) -> Callable[[float], float]:
+    """Work of the friction per share of a way, as a function of the share."""
+    rows = problem.friction
+    if rows is None:
+        return lambda _: 0.0
+    pressure = problem.system.deformable.contact.law.pressure(state.kinematics.overclosure)
+    before, change, anchor = rows.slip(state.displacement), rows.slip(way), _anchor(state)
+    weighted = problem.system.surfaces.weights[:, :, None] * change
+
+    def slope(share: float) -> float:
+        traction, _ = friction_tractions(rows.friction, before + share * change, anchor, pressure)
+        return float(np.vdot(weighted, traction))
+
+    return slope
+
+
+def _residual(problem: _Problem, state: _State) -> float:
+    """Norm of the unbalanced nodal forces over that of the loads, or 1 % of the contacts'."""
+    system, step = problem.system, problem.step
+    pressure = system.deformable.contact.law.pressure(state.kinematics.overclosure)
+    forces = system.surfaces.weights * pressure
+    unbalanced = state.load_factor * step.external_force
+    unbalanced = unbalanced - step.internal_force(state.displacement)
+    unbalanced += system.scatter(state.kinematics.gradient, forces)
+    if problem.friction is not None:
+        unbalanced += problem.friction.forces(state.displacement, _anchor(state), pressure)
+    return _relative(problem, system.free_part(unbalanced), forces)
+
+
+def _relative(problem: _Problem, unbalanced: FloatArray, contact_forces: FloatArray) -> float:
+    size = max(
+        float(np.linalg.norm(problem.system.external_force)),
+        _CONTACT_SHARE * float(np.linalg.norm(contact_forces)),
+    )
+    if problem.free is not None:
+        unbalanced = problem.free.without(unbalanced)
+    left = float(np.linalg.norm(unbalanced))
+    return left / size if size > 0.0 else left
+
+
+# ---------------------------------------------------------------------------------------------
+# Result
+
+
+def _result(
+    system: LocalSystem,
+    options: StaticOptions,
+    state: _State,
+    displacement: FloatArray,
+    seconds: dict[str, float],
+) -> StaticResult:
+    deformable, orbits = system.deformable, system.orbits
+    law = deformable.contact.law
+    found = system.kinematics(displacement, deformable.contact.normals)
+    overclosure = found.overclosure.ravel()[orbits.point_of]
+    share = _copies(system)
+    displacements = tuple(system.expand(displacement))
+    pressures = law.pressure(overclosure)
+    loose = np.zeros(0, dtype=np.int64)
+    if deformable.contact.friction is None:
+        loose = loose_blocks(deformable, displacements, pressures)
+    strain = 0.5 * displacement * system.internal_force(displacement)
+    work = displacement * system.external_force
+    stored = deformable.surfaces.weights * law.stored_energy(overclosure)
+    return StaticResult(
+        deformable=deformable,
+        displacements=displacements,
+        overclosures=overclosure,
+        pressures=pressures,
+        residual=state.residuals[-1],
+        converged=state.converged,
+        status=_status(state, options, loose),
+        loose_blocks=loose,
+        residuals=state.residuals,
+        strain_energy=float(share @ strain.sum(axis=1)),
+        contact_energy=float(stored.sum()),
+        external_work=float(share @ work.sum(axis=1)),
+        frictional_dissipation=state.dissipation,
+        symmetry=orbits.order,
+        n_unknowns=displacement.size,
+        cpu_seconds=seconds,
+    )
+
+
+def _copies(system: LocalSystem) -> FloatArray:
+    """Blocks that each node's representative stands for, (n_nodes,)."""
+    slots = system.slot_of[system.deformable.deformable_blocks]
+    count = np.bincount(slots, minlength=system.n_slots)
+    copies: FloatArray = np.repeat(count, np.diff(system.node_start)).astype(np.float64)
+    return copies
+
+
+def _status(state: _State, options: StaticOptions, loose: IntArray) -> str:
+    count, residual = len(state.residuals), state.residuals[-1]
+    names = ", ".join(str(b) for b in loose[:8]) + (", …" if len(loose) > 8 else "")
+    unheld = f"; no contact holds blocks {names} in every direction" if len(loose) else ""
+    if state.saddles:
+        unheld = (
+            f"; left {state.saddles} stationary state{'s' if state.saddles > 1 else ''} from which "
+            f"the energy falls: other equilibria exist{unheld}"
+        )
+    if state.converged:
+        undetermined = ": their place is not determined" if len(loose) else ""
+        return (
+            f"equilibrium after {count} iterations, residual {residual:.1e}{unheld}{undetermined}"
+        )
+    return (
+        f"no equilibrium after {count} iterations: residual {residual:.1e}, expected "
+        f"{options.tolerance:.1e}{unheld}; use more load steps, reference normals, a smaller "
+        "initial clearance or an explicit run"
+    )

@@ -1,0 +1,1 @@
+"""Families of blocks: what each is built from."""

@@ -1,0 +1,237 @@
+"""The hexagon-based block THB(n, r_i, t), reconstructed, and its flat-trimmed frame blocks.
+
+The paper cites this block and prints only its name and three parameters. The reading used here
+reproduces the printed numbers:
+
+- unrolled on the inner cylinder (x = r_i θ) the block is a regular hexagon of circumradius r_c,
+  √3 r_c = 2π r_i/n, two edges parallel to the tube axis, layers 1.5 r_c apart and turned by half
+  a block;
+- on the outer face edges 0, 2, 4 bulge out to the circumscribed circle and edges 1, 3, 5 bulge in
+  by the mirrored arc; on the inner face the opposite; linear in between, so the middle section is
+  the straight hexagon. Opposite edges have opposite parity: translated copies fit together.
+
+Edge k runs from vertex k to vertex k + 1; vertex 0 is the lower right one, vertices are numbered
+counter-clockwise seen from outside the tube, so edge 0 is the right-hand one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.block import Block
+from geometry.families.sine_block import BlockParameterError
+from geometry.mesh import FloatArray, HexMesh, IntArray, check_mesh
+
+#: Names of the six sides, edge by edge.
+EDGE_NAMES = tuple(f"edge{k}" for k in range(6))
+#: Kites (one for each vertex) of the whole hexagon and of the halves above and below its middle.
+_WHOLE, _UPPER, _LOWER = (0, 1, 2, 3, 4, 5), (1, 2, 3), (4, 5, 0)
+
+
+@dataclass(frozen=True)
+class HexagonBlockParameters:
+    """The three parameters of THB(n, r_i, t)."""
+
+    blocks_per_layer: int
+    """n"""
+    inner_radius: float
+    """r_i [mm]"""
+    thickness: float
+    """t [mm]"""
+
+    @property
+    def block_angle(self) -> float:
+        """Angle spanned by one block between its two straight edges, 2π/n [rad]."""
+        return 2 * np.pi / self.blocks_per_layer
+
+    @property
+    def circumradius(self) -> float:
+        """r_c of the unrolled hexagon [mm]."""
+        return float(self.inner_radius * self.block_angle / np.sqrt(3.0))
+
+    @property
+    def layer_pitch(self) -> float:
+        """Distance of neighbouring layers, 1.5 r_c [mm]."""
+        return 1.5 * self.circumradius
+
+
+@dataclass(frozen=True)
+class HexagonBlockDivisions:
+    """Elements along each edge of the hexagon and through the thickness."""
+
+    edge: int
+    """Even, so that an edge can be cut in the middle."""
+    radial: int
+
+
+def check_hexagon(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> None:
+    """Refuse parameters that describe no block.
+
+    Raises
+    ------
+    BlockParameterError
+        Naming the parameter, the value and what to do.
+    """
+    for name in ("inner_radius", "thickness"):
+        value = getattr(block, name)
+        if not (np.isfinite(value) and value > 0):
+            raise BlockParameterError(
+                f"block.{name}: got {value}, expected a positive length in mm"
+            )
+    if block.blocks_per_layer < 2:
+        raise BlockParameterError(
+            f"block.blocks_per_layer: got {block.blocks_per_layer}, expected at least 2: "
+            "a ring made of one block meets itself"
+        )
+    if divisions.edge < 2 or divisions.edge % 2:
+        lower = max(2, divisions.edge - divisions.edge % 2)
+        raise BlockParameterError(
+            f"mesh.edge: got {divisions.edge}, expected an even number of elements along each "
+            f"edge of the hexagon: try {lower} or {lower + 2}"
+        )
+    if divisions.radial < 1:
+        raise BlockParameterError(
+            f"mesh.radial: got {divisions.radial}, expected at least 1 element"
+        )
+
+
+def _vertex(k: int) -> FloatArray:
+    """Vertex k of the unit hexagon, (2,); 0 is the lower right one."""
+    angle = np.pi / 3 * (k - 0.5)
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def _edge_points(k: int, u: FloatArray, bulge: FloatArray) -> FloatArray:
+    """Points of edge k of the unit hexagon, u in [0, 1] along it; (n_bulge, n_u, 2).
+
+    ``bulge`` 1 is the arc of the circumscribed circle on even edges, its mirror image on odd ones.
+    """
+    start, end = _vertex(k), _vertex(k + 1)
+    chord = start + u[:, None] * (end - start)
+    normal = 0.5 * (start + end) / np.linalg.norm(0.5 * (start + end))
+    half_chord = 2 * u - 1
+    offset = np.sqrt(1.0 - 0.25 * half_chord**2) - np.sqrt(0.75)
+    sign = 1.0 if k % 2 == 0 else -1.0
+    points: FloatArray = chord + sign * bulge[:, None, None] * offset[:, None] * normal
+    return points
+
+
+def _kite(k: int, bulge: FloatArray, m: int) -> FloatArray:
+    """Points of the kite at vertex k, (n_bulge, m + 1, m + 1, 2), by transfinite interpolation.
+
+    First index from the centre along the middle of edge k, second along the middle of edge k - 1.
+    """
+    s = np.linspace(0.0, 1.0, m + 1)
+    after = _edge_points(k, 0.5 * s[::-1], bulge)  # middle of edge k to vertex k
+    before = _edge_points(k - 1, 0.5 + 0.5 * s, bulge)  # middle of edge k - 1 to vertex k
+    middle_after, middle_before, corner = after[:, :1], before[:, :1], after[:, -1:]
+    a, b = s[None, :, None, None], s[None, None, :, None]
+    # Sides through the centre (the origin) are straight: (a, 0) -> a middle_after, and so on.
+    along_b = a * after[:, None, :, :]
+    along_a = b * before[:, :, None, :]
+    corners = a * b * corner[:, None]
+    straight = a * (1 - b) * middle_after[:, None] + b * (1 - a) * middle_before[:, None]
+    ruled_b = (1 - a) * b * middle_before[:, None] + along_b
+    ruled_a = (1 - b) * a * middle_after[:, None] + along_a
+    points: FloatArray = ruled_a + ruled_b - straight - corners
+    return points
+
+
+def _wall(segments: IntArray, n_r: int, n_plane: int) -> IntArray:
+    """Facets over boundary segments (n, 2) that run counter-clockwise: outward, (n n_r, 4)."""
+    base = np.concatenate([segments, segments[:, ::-1] + n_plane], axis=1)
+    quads = base + n_plane * np.arange(n_r)[:, None, None]
+    return quads.reshape(-1, 4)
+
+
+def _segments(line: IntArray) -> IntArray:
+    return np.column_stack([line[:-1], line[1:]])
+
+
+def _side_faces(
+    number: dict[int, IntArray], n_r: int, n_plane: int, flat: str | None
+) -> dict[str, IntArray]:
+    """Facets of the edges and of the flat cut, if there is one."""
+    faces = {}
+    for edge in range(6):
+        following = (edge + 1) % 6
+        halves = []
+        if edge in number:
+            halves.append(_segments(number[edge][-1, ::-1]))
+        if following in number:
+            halves.append(_segments(number[following][:, -1]))
+        if halves:
+            faces[EDGE_NAMES[edge]] = _wall(np.concatenate(halves), n_r, n_plane)
+    if flat is not None:
+        first, *_, last = number
+        cut = [_segments(number[last][::-1, 0]), _segments(number[first][0])]
+        faces[flat] = _wall(np.concatenate(cut), n_r, n_plane)
+    return faces
+
+
+def _build(
+    block: HexagonBlockParameters,
+    divisions: HexagonBlockDivisions,
+    kites: tuple[int, ...],
+    *,
+    name: str,
+    flat: str | None = None,
+) -> Block:
+    """Mesh some kites; ``flat`` names the cut through the middle, if there is one."""
+    check_hexagon(block, divisions)
+    m, n_r = divisions.edge // 2, divisions.radial
+    y = np.linspace(0.0, 1.0, n_r + 1)
+    plane = np.stack([_kite(k, 2 * y - 1, m) for k in kites], axis=1).reshape(n_r + 1, -1, 2)
+    # Kites share nodes: found on the straight middle section, whose nodes are 0.4/m apart or more
+    # (the offset keeps round-off away from the edges of the rounding intervals).
+    straight = np.concatenate([_kite(k, np.zeros(1), m).reshape(-1, 2) for k in kites])
+    key = np.round(straight * (100 * m) + 1 / np.pi).astype(np.int64)
+    _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    n_plane = len(first)
+    number = dict(zip(kites, inverse.reshape(len(kites), m + 1, m + 1), strict=True))
+
+    x, z = np.moveaxis(block.circumradius * plane[:, first], -1, 0)
+    theta = x / block.inner_radius
+    r = (block.inner_radius + block.thickness * y)[:, None]
+    nodes = np.stack([r * np.cos(theta), r * np.sin(theta), z], axis=-1)
+    # Seen from outside, a points to edge k and b to edge k - 1: (b, a, r) is right-handed.
+    grid = np.stack(list(number.values()))
+    quads = np.stack(
+        [grid[:, :-1, :-1], grid[:, :-1, 1:], grid[:, 1:, 1:], grid[:, 1:, :-1]], axis=-1
+    ).reshape(-1, 4)
+    layers = n_plane * np.arange(n_r)[:, None, None]
+    elements = np.concatenate([quads + layers, quads + layers + n_plane], axis=2).reshape(-1, 8)
+    mesh = HexMesh(nodes.reshape(-1, 3), elements)
+    check_mesh(mesh, name)
+    sides = _side_faces(number, n_r, n_plane, flat)
+    faces = {"inner": quads[:, ::-1], "outer": quads + n_r * n_plane, **sides}
+    contact_faces = tuple(edge for edge in EDGE_NAMES if edge in sides)
+    return Block(name, mesh, faces, contact_faces)
+
+
+def hexagon_block(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> Block:
+    """Build the free block, centred on the x axis (θ = 0) and on z = 0.
+
+    Returns
+    -------
+    Block
+        Faces ``inner``, ``outer`` (curved) and ``edge0`` … ``edge5``, which can meet neighbours.
+
+    Raises
+    ------
+    BlockParameterError
+        For parameters that describe no block.
+    """
+    return _build(block, divisions, _WHOLE, name="hexagon-block")
+
+
+def bottom_hexagon_frame(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> Block:
+    """Build the frame block below the first layer: the upper half, flat at z = 0 (``bottom``)."""
+    return _build(block, divisions, _UPPER, name="bottom-frame", flat="bottom")
+
+
+def top_hexagon_frame(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> Block:
+    """Build the frame block above the last layer: the lower half, flat at z = 0 (``top``)."""
+    return _build(block, divisions, _LOWER, name="top-frame", flat="top")

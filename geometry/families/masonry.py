@@ -1,0 +1,142 @@
+"""Masonry with known answers: a wall in running bond, a circular arch."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from geometry.assembly import AssemblyError
+from geometry.mesh import HexMesh, boundary_quads, structured_hexahedra
+from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
+from geometry.polyhedra.options import DetectionOptions
+from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads
+
+#: Straight pieces that approximate the curved faces of a voussoir.
+_PIECES = 4
+
+
+def box(size: tuple[float, float, float], name: str = "box") -> Polyhedron:
+    """Box [0, size] [mm]."""
+    nodes = np.array(
+        [[x, y, z] for x in (0.0, size[0]) for y in (0.0, size[1]) for z in (0.0, size[2])]
+    )
+    return polyhedron_from_quads(
+        name, nodes, boundary_quads(HexMesh(nodes, structured_hexahedra(1, 1, 1)))
+    )
+
+
+def running_bond_wall(
+    size: tuple[float, float, float],
+    columns: int,
+    rows: int,
+    detection: DetectionOptions | None = None,
+) -> PolyhedralAssembly:
+    """Stack rows of bricks shifted by half a brick on a fixed foundation.
+
+    Every other row has a half brick at both ends, so the wall's ends are plumb.
+
+    Parameters
+    ----------
+    size
+        Length (x), depth (y) and height (z) of a brick [mm].
+    columns, rows
+        Whole bricks in a row without half bricks; rows.
+    detection
+        What counts as contact.
+
+    Raises
+    ------
+    AssemblyError
+        For sizes or counts that are not positive.
+    """
+    if not (np.isfinite(size).all() and min(size) > 0):
+        raise AssemblyError(f"block.size: got {list(size)}, expected three positive lengths in mm")
+    if columns < 1 or rows < 1:
+        raise AssemblyError(
+            f"assembly: got {columns} columns and {rows} rows, expected at least 1 of each"
+        )
+    length, depth, height = size
+    whole, half = box(size, "brick"), box((length / 2, depth, height), "half-brick")
+    base = box((columns * length, depth, height), "foundation")
+    blocks = [(base, np.eye(3), np.array([0.0, 0.0, -height]))]
+    for row in range(rows):
+        shapes = [whole] * columns if row % 2 == 0 else [half, *[whole] * (columns - 1), half]
+        x = 0.0
+        for shape in shapes:
+            blocks.append((shape, np.eye(3), np.array([x, 0.0, row * height])))
+            x += length if shape is whole else length / 2
+    fixed = np.zeros(len(blocks), dtype=bool)
+    fixed[0] = True
+    return polyhedral_assembly("wall", blocks, fixed, detection)
+
+
+def voussoir(
+    radius: float, thickness: float, depth: float, angle: float, *, pieces: int = _PIECES
+) -> Polyhedron:
+    """Sector of a ring, from θ = 0 (the +x axis) to ``angle`` [rad] in the xz plane.
+
+    Its curved faces are approximated by ``pieces`` flat ones.
+    """
+    theta = np.linspace(0.0, angle, pieces + 1)
+    r = radius + thickness * np.array([-0.5, 0.5])
+    y = np.array([0.0, depth])
+    r, theta, y = (g.ravel() for g in np.meshgrid(r, theta, y, indexing="ij"))
+    nodes = np.column_stack([r * np.cos(theta), y, r * np.sin(theta)])
+    # (r, θ, y) is left-handed here: turn the facets outward.
+    quads = boundary_quads(HexMesh(nodes, structured_hexahedra(1, pieces, 1)))[:, ::-1]
+    return polyhedron_from_quads("voussoir", nodes, quads)
+
+
+def circular_arch(
+    radius: float,
+    thickness: float,
+    depth: float,
+    voussoirs: int,
+    *,
+    embrace: float = 180.0,
+    pieces: int = _PIECES,
+    detection: DetectionOptions | None = None,
+) -> PolyhedralAssembly:
+    """Build a circular arch between two fixed voussoirs beyond its springings.
+
+    Parameters
+    ----------
+    radius
+        Of the centre line [mm].
+    thickness, depth
+        In the radial direction and out of the plane (y) [mm].
+    voussoirs
+        Free blocks, numbered 1 … n from the right springing (+x); 0 and n + 1 are fixed.
+    embrace
+        Angle between the springings [°]; 180 is the semicircle.
+    pieces
+        Flat pieces that approximate a voussoir's curved faces.
+    detection
+        What counts as contact.
+
+    Raises
+    ------
+    AssemblyError
+        For sizes that describe no arch.
+    """
+    for name, value in (("radius", radius), ("thickness", thickness), ("depth", depth)):
+        if not (np.isfinite(value) and value > 0):
+            raise AssemblyError(f"block.{name}: got {value}, expected a positive length in mm")
+    if thickness >= 2 * radius:
+        raise AssemblyError(
+            f"block.thickness: got {thickness:g} mm, more than twice the radius {radius:g} mm"
+        )
+    if voussoirs < 2:
+        raise AssemblyError(f"assembly.voussoirs: got {voussoirs}, expected at least 2")
+    step = np.radians(embrace) / voussoirs
+    if not 0.0 < embrace <= 180.0:
+        raise AssemblyError(f"assembly.embrace: got {embrace}, expected an angle up to 180 degrees")
+    shape = voussoir(radius, thickness, depth, step, pieces=pieces)
+    first = 0.5 * np.pi - np.radians(embrace) / 2
+    blocks = []
+    for k in range(-1, voussoirs + 1):
+        c, s = np.cos(first + k * step), np.sin(first + k * step)
+        turn = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+        blocks.append((shape, turn, np.zeros(3)))
+    fixed = np.zeros(len(blocks), dtype=bool)
+    fixed[[0, -1]] = True
+    return polyhedral_assembly("arch", blocks, fixed, detection)

@@ -1,0 +1,160 @@
+"""Planar layers of convex polyhedra between two planes, held by a fixed outer ring.
+
+Regular tetrahedra, cubes and octahedra whose middle sections tile the plane (squares or regular
+hexagons) and whose faces lean alternately to both sides. Sources: Glickman, "The G-block system of
+vertically interlocking paving" (1984); Dyskin, Estrin, Kanel-Belov, Pasternak, "Topological
+interlocking of platonic solids", Phil. Mag. Lett. 83 (2003).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from geometry.assembly import AssemblyError
+from geometry.mesh import FloatArray
+from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
+from geometry.polyhedra.options import CubeArrangement, DetectionOptions
+from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
+
+
+def _check(edge: float, counts: tuple[int, ...]) -> None:
+    if not (np.isfinite(edge) and edge > 0):
+        raise AssemblyError(f"block.edge: got {edge}, expected a positive length in mm")
+    if min(counts) < 1:
+        raise AssemblyError(
+            f"assembly: got {' × '.join(map(str, counts))} free blocks, expected at least 1"
+        )
+
+
+def tetrahedron(edge: float) -> Polyhedron:
+    """Regular tetrahedron, upper edge along x, lower edge along y, middle section in z = 0."""
+    half, height = edge / 2, edge / np.sqrt(8.0)
+    corners = [
+        [half, 0, height],
+        [-half, 0, height],
+        [0, half, -height],
+        [0, -half, -height],
+    ]
+    return convex_polyhedron("tetrahedron", corners)
+
+
+def tetrahedra_layer(
+    edge: float, columns: int, rows: int, detection: DetectionOptions | None = None
+) -> PolyhedralAssembly:
+    """Lay ``columns`` × ``rows`` free tetrahedra in a fixed ring, every other turned by 90°.
+
+    Parameters
+    ----------
+    edge
+        Edge length [mm].
+    columns, rows
+        Free tetrahedra along x and y.
+    detection
+        What counts as contact.
+    """
+    _check(edge, (columns, rows))
+    shape = tetrahedron(edge)
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    blocks, fixed = [], []
+    for j in range(rows + 2):
+        for i in range(columns + 2):
+            if (i in (0, columns + 1)) and (j in (0, rows + 1)):
+                continue  # the corners of the ring touch no free block
+            turn = quarter if (i + j) % 2 else np.eye(3)
+            blocks.append((shape, turn, np.array([i, j, 0.0]) * edge / 2))
+            fixed.append(i in (0, columns + 1) or j in (0, rows + 1))
+    return polyhedral_assembly("tetrahedra-layer", blocks, np.array(fixed), detection)
+
+
+def octahedron(edge: float) -> Polyhedron:
+    """Regular octahedron standing on a face, middle section in z = 0, an edge of it facing +x."""
+    corners = np.array([[s if k == i else 0 for k in range(3)] for i in range(3) for s in (1, -1)])
+    return convex_polyhedron("octahedron", _upright(corners * (edge / np.sqrt(2.0))))
+
+
+def cube(edge: float) -> Polyhedron:
+    """Cube standing on a corner, middle section in z = 0, an edge of it facing +x."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    return convex_polyhedron("cube", _upright(corners * (edge / 2)))
+
+
+def _upright(corners: FloatArray) -> FloatArray:
+    """Turn the (1, 1, 1) direction into z and the direction (2, -1, -1) into x."""
+    z = np.ones(3) / np.sqrt(3.0)
+    x = np.array([2.0, -1.0, -1.0]) / np.sqrt(6.0)
+    turned: FloatArray = corners @ np.column_stack([x, np.cross(z, x), z])
+    return turned
+
+
+def _hexagonal(
+    name: str, shape: Polyhedron, steps: FloatArray, rings: int, detection: DetectionOptions | None
+) -> PolyhedralAssembly:
+    """Copies on a triangular lattice, ``rings`` free rings round the middle one, one more fixed."""
+    blocks, fixed = [], []
+    last = rings + 1
+    for i in range(-last, last + 1):
+        for j in range(-last, last + 1):
+            ring = max(abs(i), abs(j), abs(i + j))
+            if ring <= last:
+                blocks.append((shape, np.eye(3), i * steps[0] + j * steps[1]))
+                fixed.append(ring == last)
+    return polyhedral_assembly(name, blocks, np.array(fixed), detection)
+
+
+def _lattice(distance: float, first: float) -> FloatArray:
+    """Two lattice steps of a length, the first at an angle [rad] to x; (2, 3) [mm]."""
+    angles = first + np.array([0.0, np.pi / 3])
+    return distance * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(2)])
+
+
+def octahedra_layer(
+    edge: float, rings: int, detection: DetectionOptions | None = None
+) -> PolyhedralAssembly:
+    """Lay octahedra on their faces: ``rings`` free rings round the middle one, one more fixed.
+
+    Parameters
+    ----------
+    edge
+        Edge length [mm].
+    rings
+        Free rings; 0 leaves the middle block alone free.
+    detection
+        What counts as contact.
+    """
+    _check(edge, (rings + 1,))
+    steps = _lattice(edge * np.sqrt(3.0) / 2, 0.0)
+    return _hexagonal("octahedra-layer", octahedron(edge), steps, rings, detection)
+
+
+def cubes_layer(
+    edge: float,
+    rings: int,
+    arrangement: CubeArrangement = CubeArrangement.HEXAGONAL,
+    detection: DetectionOptions | None = None,
+) -> PolyhedralAssembly:
+    """Lay cubes on their corners (hexagonal) or on their faces (square).
+
+    Parameters
+    ----------
+    edge
+        Edge length [mm].
+    rings
+        Free rings round the middle block; one more is fixed.
+    arrangement
+        Hexagonal or square.
+    detection
+        What counts as contact.
+    """
+    _check(edge, (rings + 1,))
+    if arrangement is CubeArrangement.HEXAGONAL:
+        steps = _lattice(edge * np.sqrt(1.5), 0.0)
+        return _hexagonal("cubes-layer", cube(edge), steps, rings, detection)
+    half = edge / 2
+    shape = convex_polyhedron(
+        "cube", [[x, y, z] for x in (-half, half) for y in (-half, half) for z in (-half, half)]
+    )
+    last = rings + 1
+    places = [(i, j) for i in range(-last, last + 1) for j in range(-last, last + 1)]
+    blocks = [(shape, np.eye(3), np.array([i * edge, j * edge, 0.0])) for i, j in places]
+    fixed = np.array([max(abs(i), abs(j)) == last for i, j in places])
+    return polyhedral_assembly("cubes-layer", blocks, fixed, detection)

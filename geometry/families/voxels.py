@@ -1,0 +1,130 @@
+"""Puzzles of unit cubes: each letter of a drawing is one piece."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from geometry.assembly import AssemblyError
+from geometry.mesh import HexMesh, IntArray, boundary_quads
+from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
+from geometry.polyhedra.options import DetectionOptions
+from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads
+
+#: Corners of a unit cube in VTK order.
+_CUBE = np.array(
+    [
+        [0, 0, 0],
+        [1, 0, 0],
+        [1, 1, 0],
+        [0, 1, 0],
+        [0, 0, 1],
+        [1, 0, 1],
+        [1, 1, 1],
+        [0, 1, 1],
+    ]
+)
+
+
+def voxel_piece(name: str, cells: IntArray, size: float) -> Polyhedron:
+    """Union of cubes as one block.
+
+    Parameters
+    ----------
+    name
+        Name of the piece.
+    cells
+        Integer positions of the cubes, (n, 3).
+    size
+        Edge of a cube [mm].
+    """
+    corners = cells[:, None, :] + _CUBE
+    nodes, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    mesh = HexMesh(nodes * size, index.reshape(-1, 8).astype(np.int64))
+    return polyhedron_from_quads(name, mesh.nodes, boundary_quads(mesh))
+
+
+def read_drawing(layers: Sequence[Sequence[str]]) -> dict[str, IntArray]:
+    """Cells of each letter of a drawing.
+
+    Parameters
+    ----------
+    layers
+        From bottom to top; each is a list of rows (y upward in the list), each row a string along
+        x. A dot or a space is empty.
+
+    Raises
+    ------
+    AssemblyError
+        When rows or layers differ in size, or a piece falls apart.
+    """
+    shapes = {(len(layer), *(len(row) for row in layer)) for layer in layers}
+    if len(shapes) != 1 or len(set(next(iter(shapes))[1:])) != 1:
+        raise AssemblyError("block.layers: expected layers of equally many rows of equal length")
+    cells: dict[str, list[tuple[int, int, int]]] = {}
+    for z, layer in enumerate(layers):
+        for y, row in enumerate(layer):
+            for x, letter in enumerate(row):
+                if letter not in ". ":
+                    cells.setdefault(letter, []).append((x, y, z))
+    found = {letter: np.array(where, dtype=np.int64) for letter, where in sorted(cells.items())}
+    for letter, where in found.items():
+        if not _connected(where):
+            raise AssemblyError(
+                f"block.layers: piece {letter!r} falls apart; expected cubes joined face to face"
+            )
+    return found
+
+
+def _connected(cells: IntArray) -> bool:
+    """Whether cubes hang together face to face."""
+    todo, rest = [tuple(cells[0])], {tuple(cell) for cell in cells[1:]}
+    while todo:
+        x, y, z = todo.pop()
+        for dx, dy, dz in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)):
+            cell = (x + dx, y + dy, z + dz)
+            if cell in rest:
+                rest.remove(cell)
+                todo.append(cell)
+    return not rest
+
+
+def voxel_assembly(
+    layers: Sequence[Sequence[str]],
+    size: float,
+    fixed: str,
+    detection: DetectionOptions | None = None,
+) -> PolyhedralAssembly:
+    """Puzzle drawn with letters; blocks are numbered in the order of the letters.
+
+    Parameters
+    ----------
+    layers
+        As in `read_drawing`.
+    size
+        Edge of a cube [mm].
+    fixed
+        Letters of the pieces that are held.
+    detection
+        What counts as contact.
+
+    Raises
+    ------
+    AssemblyError
+        For a bad drawing, or letters to fix that are not in it.
+    """
+    if not (np.isfinite(size) and size > 0):
+        raise AssemblyError(f"block.size: got {size}, expected a positive length in mm")
+    pieces = read_drawing(layers)
+    unknown = sorted(set(fixed) - set(pieces))
+    if unknown:
+        raise AssemblyError(
+            f"assembly.fixed: got {', '.join(unknown)}, expected letters among {''.join(pieces)}"
+        )
+    blocks = [
+        (voxel_piece(letter, cells, size), np.eye(3), np.zeros(3))
+        for letter, cells in pieces.items()
+    ]
+    held = np.array([letter in fixed for letter in pieces])
+    return polyhedral_assembly("voxels", blocks, held, detection)

@@ -1,0 +1,1 @@
+"""Blocks and meshes from files, and to files."""

@@ -1,0 +1,306 @@
+"""Block shapes from files: STL, OBJ, PLY, VTU, INP through meshio, STEP through gmsh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, boundary_quads, check_mesh
+from geometry.polyhedra.polyhedron import Polyhedron, merge_points, polyhedron
+
+#: Millimetres in each unit a file may be drawn in.
+UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
+
+#: Suffixes of STEP files.
+STEP_SUFFIXES = {".step", ".stp"}
+#: gmsh's number for eight-node hexahedra.
+_HEXAHEDRON = 5
+#: Faces of a tetrahedron in VTK order, counter-clockwise seen from outside.
+_TETRA_FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+
+
+def _split_quads(quads: IntArray) -> IntArray:
+    return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
+def _surface(mesh: Any, path: Path) -> IntArray:
+    """Boundary triangles of what meshio read, oriented as the file orients its cells."""
+    cells: dict[str, IntArray] = {}
+    for group in mesh.cells:
+        data = np.asarray(group.data, dtype=np.int64)
+        kept = cells.get(group.type)
+        cells[group.type] = data if kept is None else np.concatenate([kept, data])
+    if "hexahedron" in cells:
+        solid = HexMesh(np.asarray(mesh.points, dtype=np.float64), cells["hexahedron"])
+        check_mesh(solid, path.name)
+        return _split_quads(boundary_quads(solid))
+    if "tetra" in cells:
+        faces = cells["tetra"][:, _TETRA_FACES].reshape(-1, 3)
+        key = np.sort(faces, axis=1)
+        _, first, count = np.unique(key, axis=0, return_index=True, return_counts=True)
+        outside: IntArray = faces[np.sort(first[count == 1])]
+        return outside
+    parts = []
+    if "triangle" in cells:
+        parts.append(cells["triangle"])
+    if "quad" in cells:
+        parts.append(_split_quads(cells["quad"]))
+    if "polygon" in cells:
+        polygons = cells["polygon"]
+        parts += [polygons[:, [0, k, k + 1]] for k in range(1, polygons.shape[1] - 1)]
+    if not parts:
+        found = ", ".join(sorted(cells)) or "no cells"
+        raise MeshError(
+            f"{path}: got {found}; expected triangles, quadrilaterals, tetrahedra or hexahedra"
+        )
+    return np.concatenate(parts)
+
+
+def _read_meshio(path: Path) -> tuple[FloatArray, IntArray]:
+    import meshio
+
+    if not path.exists():
+        raise MeshError(f"{path}: no such file")
+    try:
+        with np.errstate(over="ignore"):  # meshio probes whether an STL file is binary
+            mesh = meshio.read(path)
+    except (OSError, ValueError, KeyError, IndexError, SystemExit, meshio.ReadError) as error:
+        reason = str(error).strip() or type(error).__name__
+        raise MeshError(f"{path}: cannot be read as a mesh ({reason})") from None
+    points = np.asarray(mesh.points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise MeshError(f"{path}: expected points in space, got an array {points.shape}")
+    return points, _surface(mesh, path)
+
+
+def _gmsh() -> Any:
+    try:
+        import gmsh
+    except (ImportError, OSError) as error:
+        raise MeshError(
+            f"STEP files are read through gmsh, which cannot be loaded here ({error}); install its "
+            "system libraries (libGLU) or convert the file to STL"
+        ) from None
+    return gmsh
+
+
+def _open_step(gmsh: Any, path: Path) -> list[int]:
+    if not path.exists():
+        raise MeshError(f"{path}: no such file")
+    gmsh.initialize(interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
+    try:
+        gmsh.model.occ.importShapes(str(path))
+        gmsh.model.occ.synchronize()
+    except Exception as error:  # gmsh raises bare exceptions
+        raise MeshError(f"{path}: cannot be read as STEP ({error})") from None
+    volumes = [tag for _, tag in gmsh.model.getEntities(3)]
+    if not volumes:
+        raise MeshError(f"{path}: holds no solid; expected at least one closed volume")
+    return volumes
+
+
+def _read_step(path: Path, element_size: float | None) -> list[tuple[FloatArray, IntArray]]:
+    """Triangulate the boundary of each solid of a STEP file."""
+    gmsh = _gmsh()
+    try:
+        volumes = _open_step(gmsh, path)
+        if element_size is not None:
+            gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)
+        gmsh.model.mesh.generate(2)
+        tags, coordinates, _ = gmsh.model.mesh.getNodes()
+        number = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+        number[tags.astype(np.int64)] = np.arange(len(tags))
+        points = np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)
+        solids = []
+        for volume in volumes:
+            parts = []
+            for _, face in gmsh.model.getBoundary([(3, volume)], oriented=False):
+                _, nodes = gmsh.model.mesh.getElementsByType(2, face)
+                parts.append(number[nodes.astype(np.int64)].reshape(-1, 3))
+            solids.append((points, _oriented(np.concatenate(parts))))
+        return solids
+    finally:
+        if gmsh.isInitialized():
+            gmsh.finalize()
+
+
+def _oriented(triangles: IntArray) -> IntArray:
+    """Turn the triangles of a closed surface all the same way (CAD faces have their own)."""
+    by_edge: dict[tuple[int, int], list[int]] = {}
+    for k, (a, b, c) in enumerate(triangles.tolist()):
+        for edge in ((a, b), (b, c), (c, a)):
+            by_edge.setdefault((min(edge), max(edge)), []).append(k)
+    turned = triangles.copy()
+    seen = np.zeros(len(triangles), dtype=bool)
+    for seed in range(len(triangles)):
+        if seen[seed]:
+            continue
+        seen[seed], todo = True, [seed]
+        while todo:
+            a, b, c = turned[todo.pop()].tolist()
+            for start, end in ((a, b), (b, c), (c, a)):
+                for other in by_edge[min(start, end), max(start, end)]:
+                    if seen[other]:
+                        continue
+                    p, q, r = turned[other].tolist()
+                    if (start, end) in ((p, q), (q, r), (r, p)):
+                        turned[other] = turned[other, ::-1]
+                    seen[other] = True
+                    todo.append(other)
+    return turned
+
+
+def _parts(points: FloatArray, triangles: IntArray) -> list[IntArray]:
+    """Triangles of each connected part, in the order of the file."""
+    edges = triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2)
+    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(points),) * 2)
+    _, label = connected_components(graph, directed=False)
+    of_triangle = label[triangles[:, 0]]
+    _, first = np.unique(of_triangle, return_index=True)
+    return [triangles[of_triangle == of_triangle[k]] for k in np.sort(first)]
+
+
+def read_blocks(
+    path: Path, *, units: str = "mm", element_size: float | None = None
+) -> list[Polyhedron]:
+    """Read the solids of a file: each connected closed surface is one block shape.
+
+    Parameters
+    ----------
+    path
+        .stl, .obj, .ply, .vtu, .inp, … (meshio) or .step, .stp (gmsh).
+    units
+        Unit of the file: mm, cm, m or inch. STEP files name theirs and are read in mm.
+    element_size
+        Largest triangle on curved STEP faces [mm].
+
+    Raises
+    ------
+    MeshError
+        When the file cannot be read, or its surface bounds no solid.
+    """
+    if units not in UNITS:
+        raise MeshError(f"block.units: got {units!r}, expected one of {', '.join(UNITS)}")
+    if path.suffix.lower() in STEP_SUFFIXES:
+        raw = _read_step(path, element_size)
+    else:
+        points, triangles = _read_meshio(path)
+        if not np.isfinite(points).all():
+            raise MeshError(f"{path}: a vertex is not finite; expected finite coordinates")
+        points, triangles = merge_points(points, triangles)
+        raw = [(points, part) for part in _parts(points, triangles)]
+    scale = UNITS[units] if path.suffix.lower() not in STEP_SUFFIXES else 1.0
+    several = len(raw) > 1
+    return [
+        polyhedron(f"{path.name}{f' part {k}' if several else ''}", scale * points, triangles)
+        for k, (points, triangles) in enumerate(raw)
+    ]
+
+
+def _made_of_hexahedra(gmsh: Any, divisions: int) -> bool:
+    """Try a transfinite mesh of the current model."""
+    try:
+        gmsh.model.mesh.setTransfiniteAutomatic()
+        for _, curve in gmsh.model.getEntities(1):
+            gmsh.model.mesh.setTransfiniteCurve(curve, divisions + 1)
+        gmsh.option.setNumber("Mesh.RecombineAll", 1)
+        gmsh.model.mesh.generate(3)
+    except Exception:  # gmsh raises bare exceptions for faces that have no such mesh
+        return False
+    return {int(kind) for kind in gmsh.model.mesh.getElements(3)[0]} == {_HEXAHEDRON}
+
+
+def read_hexahedra(path: Path, *, units: str = "mm", divisions: int = 4) -> HexMesh:
+    """Read or make a hexahedral mesh of one solid: from a mesh file, or by gmsh from STEP.
+
+    gmsh makes hexahedra where every face of the solid has three or four sides (transfinite
+    meshing); other solids are refused and stay rigid.
+
+    Parameters
+    ----------
+    path
+        Mesh file with hexahedra, or STEP file with one solid.
+    units
+        Unit of a mesh file.
+    divisions
+        Elements along each edge of a STEP solid.
+
+    Raises
+    ------
+    MeshError
+        When there are no hexahedra and none can be made.
+    """
+    from geometry.files.mesh_io import read_hex_mesh
+
+    if path.suffix.lower() not in STEP_SUFFIXES:
+        mesh = read_hex_mesh(path)
+        return HexMesh(mesh.nodes * UNITS[units], mesh.elements)
+    meshes = step_hexahedra(path, divisions=divisions)
+    if len(meshes) != 1:
+        raise MeshError(f"{path}: got {len(meshes)} solids, expected one")
+    return meshes[0]
+
+
+def step_hexahedra(path: Path, *, divisions: int = 4) -> list[HexMesh]:
+    """Hexahedra of each solid of a STEP file, made by gmsh.
+
+    gmsh makes hexahedra where every face of the solid has three or four sides (transfinite
+    meshing); other solids are refused and stay rigid.
+
+    Parameters
+    ----------
+    path
+        STEP file.
+    divisions
+        Elements along each edge.
+
+    Raises
+    ------
+    MeshError
+        When no hexahedra can be made.
+    """
+    gmsh = _gmsh()
+    try:
+        volumes = _open_step(gmsh, path)
+        if not _made_of_hexahedra(gmsh, divisions):
+            raise MeshError(
+                f"{path}: gmsh finds no hexahedral mesh of {_without_hexahedra(gmsh, volumes)}; "
+                "for finite elements give a mesh of hexahedra, .vtu or .inp"
+            )
+        tags, coordinates, _ = gmsh.model.mesh.getNodes()
+        number = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+        number[tags.astype(np.int64)] = np.arange(len(tags))
+        points = np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)
+        meshes = []
+        for volume in volumes:
+            _, nodes = gmsh.model.mesh.getElementsByType(_HEXAHEDRON, volume)
+            used, corner = np.unique(number[nodes.astype(np.int64)], return_inverse=True)
+            meshes.append(HexMesh(points[used], corner.reshape(-1, 8).astype(np.int64)))
+    finally:
+        if gmsh.isInitialized():
+            gmsh.finalize()
+    for mesh in meshes:
+        check_mesh(mesh, path.name)
+    return meshes
+
+
+def _without_hexahedra(gmsh: Any, volumes: list[int]) -> str:
+    """Words for the first solid, and its first face, that no structured mesh fits."""
+    for place, volume in enumerate(volumes):
+        faces = [tag for _, tag in gmsh.model.getBoundary([(3, volume)], oriented=False)]
+        where = f"solid {place}" if len(volumes) > 1 else "this solid"
+        for face in faces:
+            sides = len(gmsh.model.getBoundary([(2, face)], oriented=False))
+            if sides not in (3, 4):
+                middle = np.mean(np.reshape(gmsh.model.getBoundingBox(2, face), (2, 3)), axis=0)
+                near = np.round(middle, 3).tolist()
+                return f"{where} (its face near {near} mm has {sides} edges, not 4)"
+        if len(faces) != 6:
+            return f"{where} (it has {len(faces)} faces, not 6)"
+    return "this solid"

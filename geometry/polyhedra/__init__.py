@@ -1,0 +1,1 @@
+"""Blocks as closed triangulated surfaces, and how they meet."""

@@ -1,0 +1,170 @@
+"""Assemblies of triangulated blocks: rigid only, contacts found without matching nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from geometry.assembly import Assembly, AssemblyError, BoolArray
+from geometry.mesh import FloatArray, IntArray
+from geometry.polyhedra.facet_contact import ContactPoints, find_contacts
+from geometry.polyhedra.options import DetectionOptions
+from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_block
+
+#: Default contact tolerance in block lengths ∛V.
+_RELATIVE_TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True)
+class PolyhedralAssembly:
+    """Blocks as placed copies of triangulated shapes: x = rotation @ X + translation."""
+
+    name: str
+    """What reports call it."""
+    shapes: tuple[Polyhedron, ...]
+    """Distinct block shapes."""
+    shape_of: IntArray
+    """Shape of each block, (n_blocks,)."""
+    rotations: FloatArray
+    """Rigid rotation of each block, (n_blocks, 3, 3)."""
+    translations: FloatArray
+    """Rigid translation of each block, (n_blocks, 3) [mm]."""
+    fixed: BoolArray
+    """Whether the block belongs to the frame, (n_blocks,)."""
+    detection: DetectionOptions = field(default_factory=DetectionOptions)
+    """What counts as contact."""
+
+    @property
+    def n_blocks(self) -> int:
+        """Number of blocks, the frame included."""
+        return len(self.shape_of)
+
+    @property
+    def free_blocks(self) -> IntArray:
+        """Numbers of the blocks outside the frame, (n_free,)."""
+        return np.flatnonzero(~self.fixed)
+
+    def shape(self, block: int) -> Polyhedron:
+        """Return the shape of one block."""
+        return self.shapes[int(self.shape_of[block])]
+
+    def points(self, block: int) -> FloatArray:
+        """World coordinates of a block's vertices, (n_points, 3) [mm]."""
+        placed: FloatArray = (
+            self.shape(block).points @ self.rotations[block].T + self.translations[block]
+        )
+        return placed
+
+    @cached_property
+    def centroids(self) -> FloatArray:
+        """Mass centroid of each block in world coordinates, (n_blocks, 3) [mm]."""
+        local = np.array([shape.mass_properties.centroid for shape in self.shapes])
+        turned = np.einsum("bij,bj->bi", self.rotations, local[self.shape_of])
+        centroids: FloatArray = turned + self.translations
+        return centroids
+
+    @cached_property
+    def volumes(self) -> FloatArray:
+        """Volume of each block, (n_blocks,) [mm³]."""
+        local = np.array([shape.mass_properties.volume for shape in self.shapes])
+        volumes: FloatArray = local[self.shape_of]
+        return volumes
+
+    @cached_property
+    def characteristic_length(self) -> float:
+        """Length that makes moments comparable to forces: ∛(mean block volume) [mm]."""
+        return float(np.cbrt(self.volumes.mean()))
+
+    @property
+    def tolerance(self) -> float:
+        """Largest gap or overlap of touching facets [mm]."""
+        if self.detection.tolerance is not None:
+            return self.detection.tolerance
+        return _RELATIVE_TOLERANCE * self.characteristic_length
+
+    @cached_property
+    def interfaces(self) -> ContactPoints:
+        """Contacts between blocks, found once."""
+        return self.contacts_within(self.tolerance)
+
+    def contacts_within(self, tolerance: float) -> ContactPoints:
+        """Contacts found with another tolerance [mm]."""
+        return find_contacts(
+            self.shapes,
+            self.shape_of,
+            self.rotations,
+            self.translations,
+            tolerance=tolerance,
+            angle=self.detection.angle,
+            placement=self.detection.placement,
+        )
+
+    def eligible_facets(self) -> IntArray:
+        """Contact points of each block, (n_blocks,)."""
+        found, n = self.interfaces, self.n_blocks
+        return np.bincount(found.block_m, minlength=n) + np.bincount(found.block_s, minlength=n)
+
+    def eligible_areas(self) -> FloatArray:
+        """Contact area of each block, (n_blocks,) [mm²]."""
+        found, areas = self.interfaces, np.zeros(self.n_blocks)
+        np.add.at(areas, found.block_m, found.areas)
+        np.add.at(areas, found.block_s, found.areas)
+        return areas
+
+
+def polyhedral_assembly(
+    name: str,
+    blocks: list[tuple[Polyhedron, FloatArray, FloatArray]],
+    fixed: BoolArray,
+    detection: DetectionOptions | None = None,
+) -> PolyhedralAssembly:
+    """Assemble blocks given as (shape, rotation, translation); equal shapes are shared.
+
+    Raises
+    ------
+    AssemblyError
+        When nothing is free, or nothing is fixed.
+    """
+    if not blocks:
+        raise AssemblyError(f"{name}: got no blocks; expected at least two")
+    if not fixed.any():
+        raise AssemblyError(
+            f"{name}: no block is fixed; without a frame every assembly moves away as a whole: "
+            "name fixed blocks"
+        )
+    if fixed.all():
+        raise AssemblyError(f"{name}: all {len(blocks)} blocks are fixed; leave some free")
+    shapes: list[Polyhedron] = []
+    shape_of = []
+    for shape, _, _ in blocks:
+        known = next((i for i, other in enumerate(shapes) if other is shape), None)
+        if known is None:
+            known = len(shapes)
+            shapes.append(shape)
+        shape_of.append(known)
+    return PolyhedralAssembly(
+        name=name,
+        shapes=tuple(shapes),
+        shape_of=np.array(shape_of, dtype=np.int64),
+        rotations=np.array([rotation for _, rotation, _ in blocks], dtype=np.float64),
+        translations=np.array([shift for _, _, shift in blocks], dtype=np.float64),
+        fixed=fixed,
+        detection=detection or DetectionOptions(),
+    )
+
+
+def as_polyhedral(
+    assembly: Assembly, detection: DetectionOptions | None = None
+) -> PolyhedralAssembly:
+    """Return a hexahedral assembly as triangulated blocks whose contacts are to be detected."""
+    return PolyhedralAssembly(
+        name=assembly.name,
+        shapes=tuple(polyhedron_from_block(shape) for shape in assembly.shapes),
+        shape_of=assembly.shape_of,
+        rotations=assembly.rotations,
+        translations=assembly.translations,
+        fixed=assembly.fixed,
+        detection=detection or DetectionOptions(),
+    )

@@ -1,0 +1,306 @@
+"""Contacts between blocks whose meshes do not match: opposing triangles, clipped to polygons.
+
+Facets of different blocks that face each other and lie within a tolerance of one another are
+found by a sweep over their boxes; what they share is clipped to convex polygons. Polygons of one
+pair of planes make a patch.
+
+Where the contact points of a patch lie decides what the assembly can do. A flat patch with one
+point would let its blocks rock. A gap that opens or closes is an affine function on a plane, so it
+is non-negative on the whole patch if and only if it is so at the corners of its convex hull, and
+every pressure on the patch has the same resultant as some forces at those corners: points at the
+*vertices* of the hull are exact for flat faces, at the smallest number. On finely meshed curved
+faces one point at the *centroid* of each polygon converges faster and is what the paper does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from geometry.mesh import FloatArray, IntArray
+from geometry.polyhedra.options import ContactPlacement
+from geometry.polyhedra.point_contact import PointContacts, crossing_edges, standing_corners
+from geometry.polyhedra.polyhedron import Polyhedron
+from geometry.polyhedra.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
+from geometry.polyhedra.triangle_search import overlapping_boxes
+
+#: Area that a contact without area stands for, as a part of the mean area of the others.
+_POINT_AREA = 1e-2
+#: Overlaps smaller than this fraction of the smaller triangle are edges that touch.
+_SLIVER = 1e-7
+
+
+@dataclass(frozen=True)
+class ContactPolygons:
+    """The clipped overlaps, for pictures, areas and checks."""
+
+    corners: FloatArray
+    """Corners of all polygons, one polygon after the other, (n_corners, 3) [mm]."""
+    start: IntArray
+    """First corner of each polygon, and the total; (n_polygons + 1,)."""
+    areas: FloatArray
+    """(n_polygons,) [mm²]."""
+    patch: IntArray
+    """Patch of each polygon, (n_polygons,)."""
+
+
+@dataclass(frozen=True)
+class ContactPatches:
+    """Flat pieces of interface: all contact between one plane of m and one plane of s."""
+
+    block_m: IntArray
+    """Master block, (n_patches,)."""
+    block_s: IntArray
+    """Opposing block, (n_patches,)."""
+    normals: FloatArray
+    """Unit normal from m to s, (n_patches, 3)."""
+    areas: FloatArray
+    """(n_patches,) [mm²]."""
+
+
+@dataclass(frozen=True)
+class ContactPoints:
+    """Contacts of blocks without matching facets, sorted by block pair (m, s), m < s."""
+
+    block_m: IntArray
+    """Master block, (n_contacts,)."""
+    block_s: IntArray
+    """Opposing block, (n_contacts,)."""
+    centroids: FloatArray
+    """Contact points in world coordinates, (n_contacts, 3) [mm]."""
+    normals: FloatArray
+    """Unit normal from block m to block s, (n_contacts, 3)."""
+    areas: FloatArray
+    """Area that each point stands for, nominal where `patch` is -1; (n_contacts,) [mm²]."""
+    pair_start: IntArray
+    """First contact of each block pair, and the total; (n_pairs + 1,)."""
+    patch: IntArray
+    """Patch of each contact, -1 for crossing edges and standing corners; (n_contacts,)."""
+    patches: ContactPatches
+    polygons: ContactPolygons
+
+    @property
+    def n_contacts(self) -> int:
+        """Number of contact points."""
+        return len(self.block_m)
+
+    @property
+    def n_pairs(self) -> int:
+        """Number of block pairs that touch."""
+        return len(self.pair_start) - 1
+
+
+def _starts(*keys: IntArray) -> IntArray:
+    """First position of each run of equal keys, and the total."""
+    n = len(keys[0])
+    if not n:
+        return np.zeros(1, dtype=np.int64)
+    change = np.zeros(n - 1, dtype=bool)
+    for key in keys:
+        change |= np.diff(key) != 0
+    starts: IntArray = np.concatenate([[0], np.flatnonzero(change) + 1, [n]])
+    return starts
+
+
+@dataclass(frozen=True)
+class _World:
+    """All triangles of all blocks in world coordinates."""
+
+    corners: FloatArray
+    normals: FloatArray
+    areas: FloatArray
+    block: IntArray
+    plane: IntArray
+
+
+def _world(
+    shapes: Sequence[Polyhedron], shape_of: IntArray, rotations: FloatArray, shifts: FloatArray
+) -> _World:
+    corners, normals, areas, blocks, planes = [], [], [], [], []
+    for block, number in enumerate(shape_of):
+        shape = shapes[number]
+        corners.append(shape.corners @ rotations[block].T + shifts[block])
+        normals.append(shape.normals @ rotations[block].T)
+        areas.append(shape.areas)
+        blocks.append(np.full(len(shape.areas), block))
+        planes.append(shape.plane_of)
+    return _World(*(np.concatenate(x) for x in (corners, normals, areas, blocks, planes)))
+
+
+def _opposing(world: _World, tolerance: float, cosine: float) -> IntArray:
+    """Pairs of triangles of different blocks that face each other, block m < block s; (n, 2)."""
+    low = world.corners.min(axis=1) - 0.5 * tolerance
+    high = world.corners.max(axis=1) + 0.5 * tolerance
+    pairs = overlapping_boxes(low, high, low, high)
+    pairs = pairs[world.block[pairs[:, 0]] < world.block[pairs[:, 1]]]
+    dot = np.einsum("pi,pi->p", world.normals[pairs[:, 0]], world.normals[pairs[:, 1]])
+    opposing: IntArray = pairs[dot <= -cosine]
+    return opposing
+
+
+def find_contacts(
+    shapes: Sequence[Polyhedron],
+    shape_of: IntArray,
+    rotations: FloatArray,
+    translations: FloatArray,
+    *,
+    tolerance: float,
+    angle: float,
+    placement: ContactPlacement,
+) -> ContactPoints:
+    """Find where blocks touch.
+
+    Parameters
+    ----------
+    shapes, shape_of, rotations, translations
+        As in `geometry.polyhedra.assembly.PolyhedralAssembly`.
+    tolerance
+        Largest gap or overlap of touching facets [mm].
+    angle
+        Largest angle between facing facets [°].
+    placement
+        Where the contact points lie.
+    """
+    world = _world(shapes, shape_of, rotations, translations)
+    pairs = _opposing(world, tolerance, float(np.cos(np.radians(angle))))
+    corners = np.empty((len(pairs), MOST_CORNERS, 3))
+    count, area = np.zeros(len(pairs), dtype=np.int64), np.zeros(len(pairs))
+    clip_pairs(world.corners, world.normals, pairs, tolerance, corners, count, area)
+    least = _SLIVER * np.minimum(world.areas[pairs[:, 0]], world.areas[pairs[:, 1]])
+    kept = np.flatnonzero((count >= 3) & (area > least))
+    m, s = pairs[kept, 0], pairs[kept, 1]
+    keys = (world.plane[s], world.plane[m], world.block[s], world.block[m])
+    order = np.lexsort((s, m, *keys))
+    kept, m, s = kept[order], m[order], s[order]
+    patch_start = _starts(*(key[order] for key in keys))
+    patch = np.repeat(np.arange(len(patch_start) - 1), np.diff(patch_start))
+    direction = world.normals[m] - world.normals[s]
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    count, area = count[kept], area[kept]
+    flat = np.arange(MOST_CORNERS) < count[:, None]
+    polygons = ContactPolygons(
+        corners=corners[kept][flat],
+        start=np.concatenate([[0], np.cumsum(count)]),
+        areas=area,
+        patch=patch,
+    )
+    n_patches = len(patch_start) - 1
+    normal, patch_area = np.zeros((n_patches, 3)), np.zeros(n_patches)
+    np.add.at(patch_area, patch, area)
+    np.add.at(normal, patch, direction * area[:, None])
+    first = patch_start[:-1]
+    patches = ContactPatches(
+        block_m=world.block[m][first],
+        block_s=world.block[s][first],
+        normals=normal / np.linalg.norm(normal, axis=1, keepdims=True),
+        areas=patch_area,
+    )
+    if placement is ContactPlacement.CENTROIDS:
+        return _at_centroids(patches, polygons, direction)
+    flat_contacts = _at_vertices(patches, polygons)
+    for found in (crossing_edges, standing_corners):
+        extra = found(shapes, shape_of, rotations, translations, tolerance)
+        flat_contacts = _with_points(flat_contacts, extra, tolerance)
+    return flat_contacts
+
+
+def _with_points(contacts: ContactPoints, extra: PointContacts, tolerance: float) -> ContactPoints:
+    """Add contacts without area, but for those that say what is said already."""
+    fresh = np.ones(len(extra.points), dtype=bool)
+    if len(extra.points) and contacts.n_contacts:
+        tree = cKDTree(contacts.centroids)
+        for k, point in enumerate(extra.points):
+            others = tree.query_ball_point(point, 4 * tolerance)
+            fresh[k] = not any(
+                contacts.block_m[c] == extra.block_m[k]
+                and contacts.block_s[c] == extra.block_s[k]
+                and contacts.normals[c] @ extra.normals[k] > 1 - 1e-6
+                for c in others
+            )
+    n = int(fresh.sum())
+    nominal = _POINT_AREA * (contacts.areas.mean() if contacts.n_contacts else 1.0)
+    block_m = np.concatenate([contacts.block_m, extra.block_m[fresh]])
+    block_s = np.concatenate([contacts.block_s, extra.block_s[fresh]])
+    order = np.lexsort((block_s, block_m))
+    return ContactPoints(
+        block_m=block_m[order],
+        block_s=block_s[order],
+        centroids=np.concatenate([contacts.centroids, extra.points[fresh]])[order],
+        normals=np.concatenate([contacts.normals, extra.normals[fresh]])[order],
+        areas=np.concatenate([contacts.areas, np.full(n, nominal)])[order],
+        pair_start=_starts(block_m[order], block_s[order]),
+        patch=np.concatenate([contacts.patch, np.full(n, -1)])[order],
+        patches=contacts.patches,
+        polygons=contacts.polygons,
+    )
+
+
+def _at_centroids(
+    patches: ContactPatches, polygons: ContactPolygons, normals: FloatArray
+) -> ContactPoints:
+    """One point at the centroid of each polygon."""
+    start = polygons.start
+    count = np.diff(start)
+    owner = np.repeat(np.arange(len(count)), count)
+    following = np.arange(len(owner)) + 1
+    following[start[1:] - 1] = start[:-1]
+    origin = polygons.corners[start[:-1]][owner]
+    a, b = polygons.corners - origin, polygons.corners[following] - origin
+    twice = np.linalg.norm(np.cross(a, b), axis=1)
+    weighted = (a + b) * twice[:, None] / 3.0
+    middle = np.zeros((len(count), 3))
+    np.add.at(middle, owner, weighted)
+    middle /= np.bincount(owner, weights=twice, minlength=len(count))[:, None]
+    block_m, block_s = patches.block_m[polygons.patch], patches.block_s[polygons.patch]
+    return ContactPoints(
+        block_m=block_m,
+        block_s=block_s,
+        centroids=polygons.corners[start[:-1]] + middle,
+        normals=normals,
+        areas=polygons.areas,
+        pair_start=_starts(block_m, block_s),
+        patch=polygons.patch,
+        patches=patches,
+        polygons=polygons,
+    )
+
+
+def _at_vertices(patches: ContactPatches, polygons: ContactPolygons) -> ContactPoints:
+    """Points at the corners of each patch's convex hull."""
+    owner = np.repeat(polygons.patch, np.diff(polygons.start))
+    n_patches = len(patches.areas)
+    axis = np.eye(3)[np.abs(patches.normals).argmin(axis=1)]
+    u = np.cross(patches.normals, axis)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    v = np.cross(patches.normals, u)
+    flat = np.column_stack(
+        [
+            np.einsum("ci,ci->c", polygons.corners, u[owner]),
+            np.einsum("ci,ci->c", polygons.corners, v[owner]),
+        ]
+    )
+    start = np.searchsorted(owner, np.arange(n_patches + 1))
+    # Equal to round-off is equal, so that repeated corners sort beside each other.
+    size = float(np.abs(flat).max(initial=0.0))
+    rounded = np.round(flat[:, 0] / (1e-9 * size)) if size > 0 else flat[:, 0]
+    order = np.lexsort((flat[:, 1], rounded, owner))
+    chosen = np.empty(2 * len(flat) + 2, dtype=np.int64)
+    chosen_start = np.zeros(n_patches + 1, dtype=np.int64)
+    total = hulls(flat, start, order, 1e-7 * size, chosen, chosen_start)
+    corner, count = chosen[:total], np.diff(chosen_start)
+    patch = np.repeat(np.arange(n_patches), count)
+    block_m, block_s = patches.block_m[patch], patches.block_s[patch]
+    return ContactPoints(
+        block_m=block_m,
+        block_s=block_s,
+        centroids=polygons.corners[corner],
+        normals=patches.normals[patch],
+        areas=(patches.areas / np.maximum(count, 1))[patch],
+        pair_start=_starts(block_m, block_s),
+        patch=patch,
+        patches=patches,
+        polygons=polygons,
+    )

@@ -1,0 +1,225 @@
+"""Contacts without area: an edge that crosses an edge, a corner that stands on a face.
+
+Layers of tetrahedra, for instance, do not interlock by their faces alone: where four of them meet,
+sharp edges of diagonal neighbours cross, and only that stops the layer from sliding apart. Such a
+contact has a point and a unique normal: e_m × e_s for crossing edges, the face's for a corner.
+Where a corner meets an edge or a corner the normal is not unique; those contacts are left out,
+which can only make a verdict more cautious: what is found locked is locked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from geometry.mesh import FloatArray, IntArray
+from geometry.polyhedra.polyhedron import Polyhedron
+from geometry.polyhedra.triangle_search import overlapping_boxes
+
+BoolArray = npt.NDArray[np.bool_]
+
+#: Edges flatter than this are the facets of a curved face, not edges [°].
+_SHARP = 25.0
+#: Edges closer to parallel than this do not cross (sine of the angle).
+_PARALLEL = 0.02
+#: How far outside its normal cone a direction may point (round-off of file coordinates).
+_CONE = 1e-4
+
+
+@dataclass(frozen=True)
+class PointContacts:
+    """Contacts without area."""
+
+    block_m: IntArray
+    """Master block, (n,)."""
+    block_s: IntArray
+    """Opposing block, larger than m; (n,)."""
+    points: FloatArray
+    """(n, 3) [mm]."""
+    normals: FloatArray
+    """Unit normal from m to s, (n, 3)."""
+
+
+@dataclass(frozen=True)
+class _Edges:
+    """Sharp convex edges of all blocks in world coordinates."""
+
+    block: IntArray
+    start: FloatArray
+    end: FloatArray
+    normals: FloatArray
+    """Normals of the two faces, (n, 2, 3)."""
+
+
+def _sharp_edges(shape: Polyhedron) -> tuple[IntArray, FloatArray]:
+    """Corners (n, 2) and face normals (n, 2, 3) of convex edges with a real dihedral angle."""
+    t = shape.triangles
+    directed = t[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    face = np.repeat(np.arange(len(t)), 3)
+    key = np.sort(directed, axis=1)
+    order = np.lexsort((key[:, 1], key[:, 0]))
+    same = (key[order][1:] == key[order][:-1]).all(axis=1)
+    first = np.flatnonzero(same)
+    # Edges used by more than two triangles (solids that touch themselves) have no single wedge.
+    repeated = np.zeros(len(first), dtype=bool)
+    repeated[1:] |= np.diff(first) == 1
+    repeated[:-1] |= np.diff(first) == 1
+    one, two = order[first[~repeated]], order[first[~repeated] + 1]
+    normals = np.stack([shape.normals[face[one]], shape.normals[face[two]]], axis=1)
+    along = shape.points[directed[one, 1]] - shape.points[directed[one, 0]]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    # Walking along the first triangle's edge, a convex edge turns the normal towards +along.
+    sine = np.einsum("ei,ei->e", np.cross(normals[:, 0], normals[:, 1]), along)
+    cosine = np.einsum("ei,ei->e", normals[:, 0], normals[:, 1])
+    sharp = (sine > 0) & (cosine < np.cos(np.radians(_SHARP)))
+    return directed[one][sharp], normals[sharp]
+
+
+def _world_edges(
+    shapes: Sequence[Polyhedron], shape_of: IntArray, rotations: FloatArray, shifts: FloatArray
+) -> _Edges:
+    local = {int(k): _sharp_edges(shapes[k]) for k in np.unique(shape_of)}
+    blocks, starts, ends, normals = [], [], [], []
+    for block, number in enumerate(shape_of.tolist()):
+        corners, faces = local[number]
+        placed = shapes[number].points @ rotations[block].T + shifts[block]
+        blocks.append(np.full(len(corners), block))
+        starts.append(placed[corners[:, 0]])
+        ends.append(placed[corners[:, 1]])
+        normals.append(faces @ rotations[block].T)
+    return _Edges(*(np.concatenate(x) for x in (blocks, starts, ends, normals)))
+
+
+def _in_cone(direction: FloatArray, normals: FloatArray) -> BoolArray:
+    """Whether directions across an edge are non-negative sums of its two face normals, (n,)."""
+    a, b = normals[:, 0], normals[:, 1]
+    dot = np.einsum("ni,ni->n", a, b)
+    along_a = np.einsum("ni,ni->n", direction, a)
+    along_b = np.einsum("ni,ni->n", direction, b)
+    scale = 1.0 - dot**2
+    alpha, beta = (along_a - dot * along_b) / scale, (along_b - dot * along_a) / scale
+    inside: BoolArray = np.minimum(alpha, beta) >= -_CONE
+    return inside
+
+
+def crossing_edges(
+    shapes: Sequence[Polyhedron],
+    shape_of: IntArray,
+    rotations: FloatArray,
+    translations: FloatArray,
+    tolerance: float,
+) -> PointContacts:
+    """Points where sharp convex edges of two blocks cross and touch.
+
+    Parameters
+    ----------
+    shapes, shape_of, rotations, translations
+        As in `geometry.polyhedra.assembly.PolyhedralAssembly`.
+    tolerance
+        Largest distance of the two edges [mm].
+    """
+    edges = _world_edges(shapes, shape_of, rotations, translations)
+    low = np.minimum(edges.start, edges.end) - 0.5 * tolerance
+    high = np.maximum(edges.start, edges.end) + 0.5 * tolerance
+    pairs = overlapping_boxes(low, high, low, high)
+    m, s = pairs[edges.block[pairs[:, 0]] < edges.block[pairs[:, 1]]].T
+    d_m, d_s = edges.end[m] - edges.start[m], edges.end[s] - edges.start[s]
+    normal = np.cross(d_m, d_s)
+    size = np.linalg.norm(normal, axis=1)
+    apart = size > _PARALLEL * np.linalg.norm(d_m, axis=1) * np.linalg.norm(d_s, axis=1)
+    m, s, d_m, d_s = m[apart], s[apart], d_m[apart], d_s[apart]
+    normal, size = normal[apart], size[apart]
+    arm = edges.start[s] - edges.start[m]
+    on_m = np.einsum("ni,ni->n", np.cross(arm, d_s), normal) / size**2
+    on_s = np.einsum("ni,ni->n", np.cross(arm, d_m), normal) / size**2
+    normal = normal / size[:, None]
+    gap = np.einsum("ni,ni->n", arm, normal)
+    end_m = tolerance / np.linalg.norm(d_m, axis=1)
+    end_s = tolerance / np.linalg.norm(d_s, axis=1)
+    # The ends are corners: another kind of contact.
+    touching = (np.abs(gap) <= tolerance) & (np.abs(on_m - 0.5) < 0.5 - end_m)
+    touching &= np.abs(on_s - 0.5) < 0.5 - end_s
+    forward = _in_cone(normal, edges.normals[m]) & _in_cone(-normal, edges.normals[s])
+    backward = _in_cone(-normal, edges.normals[m]) & _in_cone(normal, edges.normals[s])
+    kept = touching & (forward | backward)
+    points = edges.start[m] + on_m[:, None] * d_m + 0.5 * gap[:, None] * normal
+    normal = np.where(forward[:, None], normal, -normal)
+    return PointContacts(edges.block[m[kept]], edges.block[s[kept]], points[kept], normal[kept])
+
+
+def _corner_rays(shape: Polyhedron) -> tuple[IntArray, FloatArray]:
+    """Corner numbers and unit vectors to their neighbours, sorted by corner; (n,), (n, 3)."""
+    t = shape.triangles
+    directed = t[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    ray = shape.points[directed[:, 1]] - shape.points[directed[:, 0]]
+    order = np.argsort(directed[:, 0], kind="stable")
+    unit: FloatArray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
+    return directed[order, 0], unit[order]
+
+
+def standing_corners(
+    shapes: Sequence[Polyhedron],
+    shape_of: IntArray,
+    rotations: FloatArray,
+    translations: FloatArray,
+    tolerance: float,
+) -> PointContacts:
+    """Corners of one block that stand inside a face of another.
+
+    Only pointed ones: every edge and face of the corner leaves the face at an angle.
+
+    Parameters
+    ----------
+    shapes, shape_of, rotations, translations, tolerance
+        As in `crossing_edges`.
+    """
+    rays = {int(k): _corner_rays(shapes[k]) for k in np.unique(shape_of)}
+    points, owner, corner = [], [], []
+    triangles, normals, face_owner = [], [], []
+    for block, number in enumerate(shape_of.tolist()):
+        shape = shapes[number]
+        placed = shape.points @ rotations[block].T + translations[block]
+        sharp = np.unique(_sharp_edges(shape)[0])
+        points.append(placed[sharp])
+        corner.append(sharp)
+        owner.append(np.full(len(sharp), block))
+        triangles.append(placed[shape.triangles])
+        normals.append(shape.normals @ rotations[block].T)
+        face_owner.append(np.full(len(shape.triangles), block))
+    p, p_block, p_corner = (np.concatenate(x) for x in (points, owner, corner))
+    tri, n, t_block = (np.concatenate(x) for x in (triangles, normals, face_owner))
+    pairs = overlapping_boxes(p - tolerance, p + tolerance, tri.min(axis=1), tri.max(axis=1))
+    i, j = pairs[p_block[pairs[:, 0]] != t_block[pairs[:, 1]]].T
+    height = np.einsum("ni,ni->n", p[i] - tri[j, 0], n[j])
+    inside = np.abs(height) <= tolerance
+    for edge in range(3):
+        along = tri[j, (edge + 1) % 3] - tri[j, edge]
+        along = along / np.linalg.norm(along, axis=1, keepdims=True)
+        inward = np.einsum("ni,ni->n", np.cross(n[j], along), p[i] - tri[j, edge])
+        inside &= inward > -1e-9
+    i, j = i[inside], j[inside]
+    kept = []
+    for k, (a, b) in enumerate(zip(i.tolist(), j.tolist(), strict=True)):
+        block = int(p_block[a])
+        local = rotations[block].T @ n[b]
+        if _pointed(rays[int(shape_of[block])], int(p_corner[a]), local):
+            kept.append(k)
+    i, j = i[kept], j[kept]
+    swap = p_block[i] > t_block[j]
+    # The face's normal points to the corner's block.
+    return PointContacts(
+        np.where(swap, t_block[j], p_block[i]),
+        np.where(swap, p_block[i], t_block[j]),
+        p[i],
+        np.where(swap[:, None], n[j], -n[j]),
+    )
+
+
+def _pointed(rays: tuple[IntArray, FloatArray], corner: int, normal: FloatArray) -> bool:
+    """Whether all rays of a corner leave a plane towards its normal."""
+    numbers, unit = rays
+    first, last = np.searchsorted(numbers, [corner, corner + 1])
+    return bool((unit[first:last] @ normal).min(initial=np.inf) > _PARALLEL)

@@ -1,0 +1,241 @@
+"""Blocks given by a closed triangulated surface: what STL, OBJ and CAD files describe.
+
+Such a block has mass, faces and contacts, but no volume mesh: it is for rigid-block analysis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, cKDTree
+
+from geometry.block import Block
+from geometry.mesh import FloatArray, IntArray, MassProperties, MeshError
+from geometry.polyhedra.triangle_search import coplanar_groups, piercings
+
+
+@dataclass(frozen=True)
+class Polyhedron:
+    """One closed block shape in its own reference position."""
+
+    name: str
+    """What reports call it."""
+    points: FloatArray
+    """Vertices, (n_points, 3) [mm]."""
+    triangles: IntArray
+    """Corners counter-clockwise seen from outside, (n_triangles, 3)."""
+
+    @cached_property
+    def corners(self) -> FloatArray:
+        """Corner coordinates, (n_triangles, 3, 3) [mm]."""
+        return self.points[self.triangles]
+
+    @cached_property
+    def area_vectors(self) -> FloatArray:
+        """Outward vector areas, (n_triangles, 3) [mm²]."""
+        p = self.corners
+        vectors: FloatArray = 0.5 * np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+        return vectors
+
+    @cached_property
+    def areas(self) -> FloatArray:
+        """Triangle areas, (n_triangles,) [mm²]."""
+        areas: FloatArray = np.linalg.norm(self.area_vectors, axis=1)
+        return areas
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """Unit outward normals, (n_triangles, 3)."""
+        normals: FloatArray = self.area_vectors / self.areas[:, None]
+        return normals
+
+    @cached_property
+    def plane_of(self) -> IntArray:
+        """Group of connected coplanar triangles that each triangle belongs to, (n_triangles,)."""
+        return coplanar_groups(self.points, self.triangles, self.normals, self.areas)
+
+    @cached_property
+    def mass_properties(self) -> MassProperties:
+        """Volume, centroid and inertia for unit density, by the divergence theorem.
+
+        Each triangle spans a tetrahedron with a reference point; their signed moments add up
+        exactly (no quadrature).
+        """
+        reference = self.points.mean(axis=0)
+        p = self.corners - reference
+        volume6 = np.einsum("ti,ti->t", p[:, 0], np.cross(p[:, 1], p[:, 2]))
+        volume = float(volume6.sum()) / 6.0
+        total = p.sum(axis=1)
+        first = np.einsum("t,ti->i", volume6, total) / 24.0
+        second = np.einsum("t,tci,tcj->ij", volume6, p, p)
+        second = (second + np.einsum("t,ti,tj->ij", volume6, total, total)) / 120.0
+        centroid = first / volume
+        second -= volume * np.outer(centroid, centroid)
+        inertia = np.trace(second) * np.eye(3) - second
+        return MassProperties(volume, volume, reference + centroid, inertia)
+
+
+def _edge_uses(triangles: IntArray) -> tuple[IntArray, IntArray]:
+    """Undirected edges (n, 2), and +1/-1 uses summed and counted: (n, 2) [balance, count]."""
+    directed = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    sign = np.where(directed[:, 0] < directed[:, 1], 1, -1)
+    edges, inverse = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True)
+    inverse = inverse.ravel()
+    balance = np.bincount(inverse, weights=sign, minlength=len(edges)).astype(np.int64)
+    count = np.bincount(inverse, minlength=len(edges))
+    return edges, np.column_stack([balance, count])
+
+
+def check_polyhedron(block: Polyhedron) -> None:
+    """Refuse surfaces that bound no solid.
+
+    Raises
+    ------
+    MeshError
+        Non-finite points, an open surface, triangles turned against their neighbours, a surface
+        that cuts through itself, no volume.
+    """
+    name = block.name
+    if len(block.triangles) < 4:
+        raise MeshError(
+            f"{name}: got {len(block.triangles)} triangles; expected a closed surface of at least 4"
+        )
+    if not np.isfinite(block.points).all():
+        raise MeshError(f"{name}: a vertex is not finite; expected finite coordinates in mm")
+    size = float(np.linalg.norm(np.ptp(block.points, axis=0)))
+    if size == 0.0:
+        raise MeshError(f"{name}: all points coincide; expected a solid")
+    if block.areas.min() <= 1e-14 * size**2:
+        bad = int(np.argmin(block.areas))
+        raise MeshError(f"{name}: triangle {bad} has no area; remove degenerate triangles")
+    edges, uses = _edge_uses(block.triangles)
+    open_edges = np.flatnonzero(uses[:, 1] == 1)
+    if open_edges.size:
+        middle = block.points[edges[open_edges[0]]].mean(axis=0)
+        raise MeshError(
+            f"{name}: the surface is open: {open_edges.size} edges belong to one triangle only, "
+            f"the first near {np.round(middle, 3).tolist()} mm; expected a closed surface: "
+            "close the holes in the program that made it"
+        )
+    turned = np.flatnonzero(uses[:, 0] != 0)
+    if turned.size:
+        middle = block.points[edges[turned[0]]].mean(axis=0)
+        raise MeshError(
+            f"{name}: neighbouring triangles face opposite ways at {turned.size} edges, the first "
+            f"near {np.round(middle, 3).tolist()} mm; expected normals that all point outward"
+        )
+    if block.mass_properties.volume <= 1e-12 * size**3:
+        raise MeshError(
+            f"{name}: volume {block.mass_properties.volume:.3g} mm³; expected a positive volume"
+        )
+    crossing = piercings(block.points, block.triangles, 1e-7 * size)
+    if len(crossing):
+        raise MeshError(
+            f"{name}: the surface cuts through itself near "
+            f"{np.round(crossing[0], 3).tolist()} mm ({len(crossing)} places); expected a surface "
+            "without self-intersections: unite or separate the parts"
+        )
+
+
+def merge_points(points: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
+    """Unite points that coincide to single precision, as STL files repeat every corner.
+
+    Triangles that lose a corner this way are dropped: they have no area.
+
+    Returns
+    -------
+    FloatArray, IntArray
+        Points (n, 3) and triangles (m, 3).
+    """
+    size = float(np.ptp(points, axis=0).max(initial=0.0))
+    step = 2e-6 * size if size > 0 else 1.0
+    pairs = cKDTree(points).query_pairs(step, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+    _, label = connected_components(graph, directed=False)
+    _, first = np.unique(label, return_index=True)
+    merged = label[triangles].astype(np.int64)
+    distinct = (
+        (merged[:, 0] != merged[:, 1])
+        & (merged[:, 1] != merged[:, 2])
+        & (merged[:, 2] != merged[:, 0])
+    )
+    return points[first], merged[distinct]
+
+
+def polyhedron(name: str, points: FloatArray, triangles: IntArray) -> Polyhedron:
+    """Merge repeated points, turn an inside-out surface, check, and return the block.
+
+    A closed surface whose normals all point inward is one and the same solid: it is turned.
+
+    Raises
+    ------
+    MeshError
+        As in `check_polyhedron`.
+    """
+    if not np.isfinite(points).all():
+        raise MeshError(f"{name}: a vertex is not finite; expected finite coordinates in mm")
+    points, triangles = merge_points(np.asarray(points, dtype=np.float64), triangles)
+    used, inverse = np.unique(triangles, return_inverse=True)
+    points, triangles = points[used], inverse.reshape(triangles.shape).astype(np.int64)
+    block = Polyhedron(name, points, triangles)
+    if len(triangles) >= 4 and block.mass_properties.volume < 0:
+        block = Polyhedron(name, points, np.ascontiguousarray(triangles[:, ::-1]))
+    check_polyhedron(block)
+    return block
+
+
+def convex_polyhedron(name: str, points: FloatArray | Sequence[Sequence[float]]) -> Polyhedron:
+    """Convex hull of points as a block.
+
+    Parameters
+    ----------
+    name
+        Name of the shape.
+    points
+        Vertices, (n, 3) [mm].
+    """
+    p = np.asarray(points, dtype=np.float64)
+    hull = ConvexHull(p)
+    outward = np.cross(
+        p[hull.simplices[:, 1]] - p[hull.simplices[:, 0]],
+        p[hull.simplices[:, 2]] - p[hull.simplices[:, 0]],
+    )
+    flip = np.einsum("ti,ti->t", outward, hull.equations[:, :3]) < 0
+    triangles = hull.simplices.astype(np.int64)
+    triangles[flip] = triangles[flip][:, ::-1]
+    return polyhedron(name, p, triangles)
+
+
+def polyhedron_from_quads(name: str, points: FloatArray, quads: IntArray) -> Polyhedron:
+    """Block bounded by quadrilaterals: each is split along one diagonal.
+
+    Parameters
+    ----------
+    name
+        Name of the shape.
+    points
+        Vertices, (n, 3) [mm].
+    quads
+        Closed boundary, counter-clockwise seen from outside, (n_quads, 4).
+    """
+    return polyhedron(name, points, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
+
+
+def polyhedron_from_block(block: Block) -> Polyhedron:
+    """Return the boundary of a hexahedral block as a rigid, triangulated one.
+
+    Each quadrilateral becomes four triangles round its middle, so that blocks whose warped facets
+    coincide still coincide.
+    """
+    quads = np.concatenate(list(block.faces.values()))
+    middles = block.mesh.nodes[quads].mean(axis=1)
+    middle = len(block.mesh.nodes) + np.arange(len(quads))
+    triangles = np.concatenate(
+        [np.column_stack([quads[:, k], quads[:, (k + 1) % 4], middle]) for k in range(4)]
+    )
+    return polyhedron(block.name, np.concatenate([block.mesh.nodes, middles]), triangles)

@@ -1,0 +1,219 @@
+"""Compiled loops over triangles: sweeping boxes, growing planes, clipping, convex hulls.
+
+Their plain callers in `geometry.polyhedra.triangle_search` and `geometry.polyhedra.facet_contact`
+say what they mean.
+"""
+
+# mypy: disable-error-code="no-untyped-def, untyped-decorator"
+
+from __future__ import annotations
+
+import numpy as np
+
+from geometry.compilation import njit
+
+#: Two triangles overlap in at most six corners; two more cuts add one each.
+MOST_CORNERS = 8
+
+
+@njit(cache=True)
+def sweep_boxes(order, side, low, high, axis, pairs, fill):
+    """Sweep along an axis; count, and if asked store, pairs of overlapping boxes (side 0, 1)."""
+    n = len(order)
+    active = np.empty((2, n), np.int64)
+    size = np.zeros(2, np.int64)
+    b, c = (axis + 1) % 3, (axis + 2) % 3
+    found = 0
+    for position in range(n):
+        i = order[position]
+        other = 1 - side[i]
+        k = 0
+        while k < size[other]:
+            j = active[other, k]
+            if high[j, axis] < low[i, axis]:
+                size[other] -= 1
+                active[other, k] = active[other, size[other]]
+                continue
+            if (
+                low[i, b] <= high[j, b]
+                and low[j, b] <= high[i, b]
+                and low[i, c] <= high[j, c]
+                and low[j, c] <= high[i, c]
+            ):
+                if fill:
+                    pairs[found, side[i]] = i
+                    pairs[found, other] = j
+                found += 1
+            k += 1
+        active[side[i], size[side[i]]] = i
+        size[side[i]] += 1
+    return found
+
+
+@njit(cache=True)
+def flood_planes(order, neighbours, normals, corners, cosine, distance):
+    """Grow planes from the largest triangles; returns the group of each triangle."""
+    n = len(order)
+    group = np.full(n, -1)
+    stack = np.empty(n, np.int64)
+    count = 0
+    for seed in order:
+        if group[seed] >= 0:
+            continue
+        group[seed] = count
+        stack[0] = seed
+        top = 1
+        while top > 0:
+            top -= 1
+            for t in neighbours[stack[top]]:
+                if t < 0 or group[t] >= 0:
+                    continue
+                dot = 0.0
+                for axis in range(3):
+                    dot += normals[t, axis] * normals[seed, axis]
+                if dot < cosine:
+                    continue
+                near = True
+                for corner in range(3):
+                    height = 0.0
+                    for axis in range(3):
+                        height += normals[seed, axis] * (
+                            corners[t, corner, axis] - corners[seed, 0, axis]
+                        )
+                    near = near and abs(height) <= distance
+                if near:
+                    group[t] = count
+                    stack[top] = t
+                    top += 1
+        count += 1
+    return group
+
+
+@njit(cache=True)
+def _cut(polygon, n, inside, value):
+    """Keep the part of a convex polygon where ``value`` >= 0 (Sutherland-Hodgman, one edge)."""
+    kept = 0
+    for k in range(n):
+        following = (k + 1) % n
+        a, b = value[k], value[following]
+        if a >= 0.0:
+            inside[kept] = polygon[k]
+            kept += 1
+        if (a > 0.0 and b < 0.0) or (a < 0.0 and b > 0.0):
+            t = a / (a - b)
+            for axis in range(3):
+                inside[kept, axis] = polygon[k, axis] + t * (
+                    polygon[following, axis] - polygon[k, axis]
+                )
+            kept += 1
+    for k in range(kept):
+        polygon[k] = inside[k]
+    return kept
+
+
+@njit(cache=True)
+def _triple(a, b, c):
+    """Return a · (b × c)."""
+    return (
+        a[0] * (b[1] * c[2] - b[2] * c[1])
+        + a[1] * (b[2] * c[0] - b[0] * c[2])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )
+
+
+@njit(cache=True)
+def _height(point, corner, normal, direction):
+    """Distance along ``direction`` from a point to the plane through ``corner``."""
+    above, along = 0.0, 0.0
+    for axis in range(3):
+        above += normal[axis] * (corner[axis] - point[axis])
+        along += normal[axis] * direction[axis]
+    return above / along
+
+
+@njit(cache=True)
+def clip_pairs(corners, normals, pairs, tolerance, polygons, count, area):
+    """Overlap of pairs of opposing triangles, seen along their mean normal, where they touch.
+
+    The polygon lies half-way between the two triangles; parts further apart (or deeper in each
+    other) than ``tolerance`` are cut off.
+    """
+    buffer = np.empty((MOST_CORNERS + 1, 3))
+    polygon = np.empty((MOST_CORNERS + 1, 3))
+    value = np.empty(MOST_CORNERS + 1)
+    for pair in range(len(pairs)):
+        i, j = pairs[pair]
+        direction = normals[i] - normals[j]
+        direction /= np.sqrt(direction @ direction)
+        n = 3
+        for k in range(3):
+            polygon[k] = corners[i, k]
+        for edge in range(3):
+            # Corners of j run clockwise seen from outside i: its edges, reversed, keep the left.
+            start, end = corners[j, (edge + 1) % 3], corners[j, edge]
+            for k in range(n):
+                value[k] = _triple(direction, end - start, polygon[k] - start)
+            n = _cut(polygon, n, buffer, value)
+            if n < 3:
+                break
+        for sign in (-1.0, 1.0):
+            if n < 3:
+                break
+            for k in range(n):
+                gap = _height(polygon[k], corners[j, 0], normals[j], direction)
+                gap -= _height(polygon[k], corners[i, 0], normals[i], direction)
+                value[k] = tolerance + sign * gap
+            n = _cut(polygon, n, buffer, value)
+        if n < 3:
+            count[pair], area[pair] = 0, 0.0
+            continue
+        twice = 0.0
+        for k in range(1, n - 1):
+            twice += _triple(direction, polygon[k] - polygon[0], polygon[k + 1] - polygon[0])
+        count[pair], area[pair] = n, 0.5 * twice
+        for k in range(n):
+            shift = _height(polygon[k], corners[j, 0], normals[j], direction)
+            shift += _height(polygon[k], corners[i, 0], normals[i], direction)
+            polygons[pair, k] = polygon[k] + 0.5 * shift * direction
+
+
+@njit(cache=True)
+def _turn(a, b, c):
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+@njit(cache=True)
+def hulls(points, start, order, tolerance, chosen, chosen_start):
+    """Corners of the convex hull of each group of plane points (monotone chain).
+
+    Corners closer than ``tolerance`` to the line of their neighbours are left out. ``order``
+    sorts each group by x, then y. Writes point numbers, returns how many.
+    """
+    total = 0
+    chain = np.empty(2 * len(points) + 2, np.int64)
+    for group in range(len(start) - 1):
+        first, last = start[group], start[group + 1]
+        chosen_start[group] = total
+        size = 0
+        for half in range(2):
+            base = size
+            for step in range(last - first):
+                i = order[first + step] if half == 0 else order[last - 1 - step]
+                while size - base >= 2:
+                    a, b = points[chain[size - 2]], points[chain[size - 1]]
+                    dx, dy = points[i, 0] - a[0], points[i, 1] - a[1]
+                    if _turn(a, b, points[i]) <= tolerance * np.sqrt(dx * dx + dy * dy):
+                        size -= 1
+                    else:
+                        break
+                chain[size] = i
+                size += 1
+            size -= 1
+        for k in range(size):
+            a = points[chain[k]]
+            b = points[chain[(k + 1) % size]]
+            if abs(a[0] - b[0]) + abs(a[1] - b[1]) > tolerance:
+                chosen[total] = chain[k]
+                total += 1
+    chosen_start[len(start) - 1] = total
+    return total

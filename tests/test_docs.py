@@ -1,0 +1,182 @@
+"""The site: what its pages name exists, what they show is accepted, what they compute runs."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+import sys
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from validation.cli.app import app
+from validation.scene.builtin import builtin_names
+from validation.scene.read import SCENE_TYPES, load_scene
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+sys.path.insert(0, str(DOCS))
+
+from ext.fields import keys  # noqa: E402
+
+#: Folders and pages that the build writes.
+GENERATED = ("gallery", "scenes", "results", "api", "_build", "commands.md")
+PAGES = [
+    path for path in sorted(DOCS.rglob("*.md")) if path.relative_to(DOCS).parts[0] not in GENERATED
+]
+#: The first key of a study in place of a scene.
+STUDY = {"scene", "quantity", "parameters", "settings"}
+
+
+def _blocks(language: str) -> Iterator[tuple[Path, str]]:
+    for page in [*PAGES, ROOT / "README.md"]:
+        for text in re.findall(rf"```{language}\n(.*?)```", page.read_text("utf-8"), re.DOTALL):
+            yield page, text
+
+
+def _resolves(name: str) -> bool:
+    """Whether a dotted name is a package, a module, or defined in one; read, not imported."""
+    parts = name.split(".")
+    for end in range(len(parts), 0, -1):
+        place = ROOT.joinpath(*parts[:end])
+        module = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+        if module.is_file():
+            return not parts[end:] or ".".join(parts[end:]) in _defined(module)
+    return False
+
+
+@cache
+def _defined(module: Path) -> set[str]:
+    """Names that a module defines or imports, and those of its classes."""
+    return set(_names(ast.parse(module.read_text("utf-8")).body, ""))
+
+
+def _names(body: list[ast.stmt], before: str) -> Iterator[str]:
+    for node in body:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef):
+            yield before + node.name
+        if isinstance(node, ast.ClassDef):
+            yield from _names(node.body, f"{before}{node.name}.")
+        if isinstance(node, ast.ImportFrom):
+            yield from (alias.asname or alias.name for alias in node.names)
+        if isinstance(node, ast.AnnAssign | ast.Assign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            yield from (before + t.id for t in targets if isinstance(t, ast.Name))
+
+
+def test_every_name_of_code_exists() -> None:
+    name = re.compile(r"`((?:geometry|mbd|fem|validation)(?:\.[A-Za-z_]\w*)+)`")
+    named = {(page.name, n) for page in PAGES for n in name.findall(page.read_text("utf-8"))}
+    # `fem.method` and the like are keys of scenes, written as they are set.
+    scene_keys = {".".join(path) for path in _paths()}
+    missing = sorted(n for n in named if n[1] not in scene_keys and not _resolves(n[1]))
+    assert len(named) > 50
+    assert missing == []
+
+
+@cache
+def _paths() -> set[tuple[str, ...]]:
+    """Every key of every scene, as a path."""
+    return {path for scene in set(SCENE_TYPES.values()) for path in _below(scene)}
+
+
+@cache
+def _below(section: type) -> tuple[tuple[str, ...], ...]:
+    """Keys of a section and of those inside it, as paths."""
+    found = []
+    for key in keys(section):
+        found.append((key.name,))
+        if key.section is not None:
+            found += [(key.name, *rest) for rest in _below(key.section)]
+    return tuple(found)
+
+
+def _lines() -> Iterator[tuple[Path, list[str]]]:
+    """Calls of the command in shell blocks, split into words."""
+    for page, text in _blocks("sh"):
+        for line in text.replace("\\\n", " ").splitlines():
+            words = shlex.split(line, comments=True)
+            if words[:1] == ["tubelock"]:
+                yield page, words[1:]
+
+
+def _command(words: list[str]) -> tuple[Any, list[str]]:
+    """The command that words call, and what is left of them."""
+    command: Any = typer.main.get_command(app)
+    while words and hasattr(command, "commands") and words[0] in command.commands:
+        command, words = command.commands[words[0]], words[1:]
+    return command, words
+
+
+def test_every_command_option_and_scene_exists() -> None:
+    wrong, paths = [], _paths()
+    found = list(_lines())
+    assert len(found) > 30
+    for page, words in found:
+        command, rest = _command(words)
+        options = {o for p in command.params for o in (*p.opts, *p.secondary_opts)} | {"--help"}
+        for place, word in enumerate(rest):
+            if word.startswith("-") and word != "-" and word not in options:
+                wrong.append((page.name, word, " ".join(words)))
+            if word == "--set" and tuple(rest[place + 1].split("=")[0].split(".")) not in paths:
+                wrong.append((page.name, rest[place + 1], "no scene has this key"))
+            if re.fullmatch(r"(tsb|thb)\d-[a-z]+", word) and word not in builtin_names():
+                wrong.append((page.name, word, "no such scene"))
+        if hasattr(command, "commands") and rest and not rest[0].startswith("-"):
+            wrong.append((page.name, rest[0], "no such command"))
+    assert wrong == []
+
+
+def _leaves(table: dict[str, Any], before: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, (*before, key))
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            for entry in value:
+                yield from _leaves(entry, (*before, key))
+        else:
+            yield (*before, key)
+
+
+def test_every_key_of_a_scene_exists_and_whole_scenes_are_accepted(tmp_path: Path) -> None:
+    paths, whole = _paths(), 0
+    for page, text in _blocks("toml"):
+        table = tomllib.loads(text)
+        if set(table) & STUDY:
+            continue
+        unknown = [path for path in _leaves(table) if path not in paths and path[-1] != "when"]
+        assert unknown == [], page
+        if {"block", "assembly", "load"} <= set(table) and "parts" not in table:
+            file = tmp_path / f"scene{whole}.toml"
+            file.write_text(text, "utf-8")
+            load_scene(str(file))
+            whole += 1
+    assert whole > 0
+
+
+def test_every_link_inside_the_site_leads_somewhere() -> None:
+    lost = []
+    for page in [*PAGES, ROOT / "README.md"]:
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text("utf-8")):
+            path = (page.parent / target).resolve()
+            generated = path.is_relative_to(DOCS) and path.relative_to(DOCS).parts[0] in GENERATED
+            if "://" not in target and not path.is_file() and not generated:
+                lost.append((page.name, target))
+    assert lost == []
+
+
+@pytest.mark.parametrize(
+    "page",
+    [p for p in [*PAGES, ROOT / "README.md"] if "```python" in p.read_text("utf-8")],
+    ids=lambda p: str(p.relative_to(ROOT)),
+)
+def test_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    code = "\n".join(re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.DOTALL))
+    exec(compile(code, str(page), "exec"), {"__name__": "page"})

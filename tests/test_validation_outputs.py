@@ -1,0 +1,191 @@
+"""Outputs of one call: none is an input of it, none another of its outputs, all announced."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.test_validation_cli import SMALL, tubelock  # noqa: F401 - fixture
+from validation.errors import InputError
+from validation.output.outputs import Outputs
+from validation.scene.builtin import builtin_names, builtin_text
+
+STUDY = 'scene = "mine.toml"\n[parameters]\n"block.amplitude" = [10, 15]\n'
+
+
+@pytest.fixture
+def inputs(tubelock) -> Path:  # noqa: F811
+    """A folder with a scene, a study of it, own blocks, a checkpoint, a deck and a result file."""
+    folder = Path.cwd()
+    (folder / "mine.toml").write_text(builtin_text("tsb1-pipe"))
+    (folder / "study.toml").write_text(STUDY)
+    (folder / "fields.vtu").write_text("no mesh")
+    (folder / "own.toml").write_text('[block]\ntype = "mesh"\n[[parts]]\nfile = "fields.vtu"\n')
+    (folder / "stopped.npz").write_text("no checkpoint")
+    (folder / "deck.inp").write_text("*Heading\n")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["mbd", "mine.toml", "--json", "mine.toml"], "--json mine.toml"),
+        (["mbd", "mine.toml", "--json", "./link.toml"], "--json link.toml"),
+        (["compare", "mine.toml", "--json", "mine.toml"], "--json mine.toml"),
+        (["clearance", "mine.toml", "--json", "mine.toml"], "--json mine.toml"),
+        (["cost", "mine.toml", "--json", "mine.toml"], "--json mine.toml"),
+        (["effects", "mine.toml", "--json", "mine.toml"], "--json mine.toml"),
+        (["cell", "mine.toml", "--json", "mine.toml"], "--json mine.toml"),
+        (["explode", "mine.toml", "--json", "mine.toml"], "--json mine.toml"),
+        (["fem", "own.toml", "-o", "."], "fields.vtu in it"),
+        (["mbd", "own.toml", "--json", "fields.vtu"], "--json fields.vtu"),
+        (
+            ["fem", "mine.toml", "--resume", "stopped.npz", "--json", "stopped.npz"],
+            "--json stopped.npz",
+        ),
+        (["export", "mine.toml", "-o", "mine.toml"], "-o mine.toml"),
+        (["import", "deck.inp", "-o", "deck.inp"], "-o deck.inp"),
+        (["import", "deck.inp", "--json", "deck.inp"], "--json deck.inp"),
+        (["sweep", "study.toml", "-o", "study.toml"], "-o study.toml"),
+        (["sweep", "study.toml", "--csv", "study.toml"], "--csv study.toml"),
+        (["sweep", "study.toml", "--parquet", "mine.toml"], "--parquet mine.toml"),
+        (["sweep", "study.toml", "--json", "mine.toml"], "--json mine.toml"),
+    ],
+)
+def test_an_input_is_never_an_output(tubelock, inputs, arguments, named) -> None:  # noqa: F811
+    (inputs / "link.toml").symlink_to("mine.toml")
+    before = {path.name: path.read_bytes() for path in inputs.iterdir()}
+    status, out, err = tubelock(*arguments)
+    assert (status, out) == (2, "")
+    assert named in err
+    assert "would be replaced" in err
+    assert err.count("\n") == 1
+    assert {path.name: path.read_bytes() for path in inputs.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["sweep", "study.toml", "-o", "a", "--csv", "a"], "-o and --csv both name a"),
+        (["sweep", "study.toml", "--csv", "a", "--parquet", "./a"], "--csv and --parquet both"),
+        (["sweep", "study.toml", "-o", "a", "--json", "a"], "--json and -o both name a"),
+        (["explode", "mine.toml", "-o", "a.png", "--json", "a.png"], "--json and -o both name"),
+        (["mbd", "mine.toml", "-o", "a", "--json", "a/contact_pressures.vtu"], "--json a/contact"),
+        (["fem", "mine.toml", "-o", "a", "--json", "a/frame_0001.vtu"], "--json a/frame_0001"),
+        (["fem", "mine.toml", "-o", "a", "--json", "a/checkpoint.npz"], "--json a/checkpoint"),
+    ],
+)
+def test_no_output_replaces_another(tubelock, inputs, arguments, named) -> None:  # noqa: F811
+    before = sorted(inputs.iterdir())
+    status, out, err = tubelock(*arguments)
+    assert (status, out) == (2, "")
+    assert named in err
+    assert sorted(inputs.iterdir()) == before
+
+
+def test_every_command_says_which_files_it_writes(tubelock) -> None:  # noqa: F811
+    """Outputs.path asserts it for every file; here, that folders hold those files and no others."""
+    with (
+        pytest.raises(AssertionError, match=r"other\.png"),
+        Outputs(folder=Path("a"), names=("one.png",)) as outputs,
+    ):
+        outputs.write("picture", "other.png", lambda path: path.write_text("x"))
+    assert not Path("a").exists()
+
+
+def test_folders_of_a_refused_call_are_taken_away(tubelock) -> None:  # noqa: F811
+    with (
+        pytest.raises(InputError),
+        Outputs("b/c/x.json", Path("d/e"), files={"-o": Path("f/g.png")}),
+    ):
+        raise InputError("refused")
+    assert not list(Path().iterdir())
+
+
+# ---------------------------------------------------------------------------------------------
+# Names with markup
+
+
+@pytest.mark.parametrize("name", ["$x^{2$", "[bold]x", ":smile:", "a_{b"])
+def test_names_with_markup_are_only_names(tubelock, name) -> None:  # noqa: F811
+    Path(f"{name}.toml").write_text(builtin_text("tsb1-pipe"))
+    short = ["--set", "mesh.around=24", "--set", "mesh.radial=1", "--set", "assembly.layers=1"]
+    status, out, err = tubelock(
+        "mbd", f"{name}.toml", *short, "--set", "mesh.axial=4", "-o", "[/x]"
+    )
+    assert (status, err) == (0, "")
+    assert out.splitlines()[0].startswith(f"{name}: rigid blocks")
+    assert "pressures [/x]/contact_pressures.vtu" in out
+    status, out, err = tubelock("mbd", name)
+    assert status == 2
+    assert name in err
+
+
+# ---------------------------------------------------------------------------------------------
+# Shell habits
+
+
+def test_quiet_says_nothing_but_errors(tubelock) -> None:  # noqa: F811
+    assert tubelock("mbd", "tsb1-pipe", *SMALL, "-q", "--json", "x.json") == (0, "", "")
+    assert Path("x.json").stat().st_size > 500
+    status, out, err = tubelock("mbd", "tsb1-pip", "--quiet")
+    assert (status, out) == (2, "")
+    assert err.startswith("error: ")
+    # It is the habit of one call.
+    assert "rigid blocks" in tubelock("mbd", "tsb1-pipe", *SMALL, "--json", "x.json")[1]
+
+
+def test_version_and_documented_exit_status(tubelock) -> None:  # noqa: F811
+    assert re.fullmatch(r"tubelock \d+\.\d+\.\d+.*\n", tubelock("--version")[1])
+    said = " ".join(tubelock("--help")[1].split())
+    for words in ("Exit status: 0 done", "2 refused", "130 interrupted", "NO_COLOR"):
+        assert words in said
+
+
+def _offered(shell: str, line: str) -> list[str]:
+    """What the program offers a shell after the words typed so far."""
+    words = line.split(" ")
+    environment = {
+        "_TUBELOCK_COMPLETE": f"complete_{shell}",
+        "COMP_WORDS": line,
+        "COMP_CWORD": str(len(words) - 1),
+        "_TYPER_COMPLETE_ARGS": line,
+        "_TYPER_COMPLETE_FISH_ACTION": "get-args",
+        "PYTHONPATH": str(Path(__file__).parents[1]),
+    }
+    program = "from validation.cli.app import app; app(prog_name='tubelock')"
+    found = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
+    return re.findall(r"[\w.=-]+", found.stdout)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_shells_complete_commands_scenes_and_keys(shell) -> None:
+    assert {"mbd", "fem", "cost"} <= set(_offered(shell, "tubelock "))
+    assert {"tsb1-pipe", "tsb1-pillar"} <= set(_offered(shell, "tubelock mbd tsb1-pi"))
+    keys = _offered(shell, "tubelock mbd tsb1-pipe --set load.")
+    assert {"load.case=", "load.pressure="} <= set(keys)
+    assert not [key for key in keys if key.startswith("block.")]
+    assert "paper-480" in _offered(shell, "tubelock sweep pap")
+
+
+def test_nothing_heavy_is_imported_for_help_and_lists() -> None:
+    """The start of these is the start of Python and typer."""
+    program = (
+        "import sys; from validation.cli.app import app\n"
+        "for words in (['--help'], ['scenes'], ['studies'], ['mbd', '--help']):\n"
+        "    try: app(words)\n"
+        "    except SystemExit: pass\n"
+        "heavy = {'numpy', 'scipy', 'numba', 'pyvista', 'matplotlib', 'meshio'}\n"
+        "print(sorted(heavy & set(sys.modules)), file=sys.stderr)"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert found.stderr == "[]\n"
+    assert set(builtin_names()) <= set(found.stdout.split())

@@ -1,0 +1,321 @@
+"""Pictures: what is drawn is what is there, words have room, colours say where they end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from geometry.assembly import Assembly
+from geometry.block import box_block
+from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from tests.test_validation_own_fem import column
+from tests.test_validation_tubes import tube
+from validation.compare.answers import compare
+from validation.compare.report import draw_comparison
+from validation.errors import InputError
+from validation.output.files import PICTURES, require_picture
+from validation.output.pictures import assemblies, tubes
+from validation.output.pictures.bodies import block_edges, sharp_edges
+from validation.output.pictures.boxes import draw_box
+from validation.output.pictures.canvas import Lines, Surface, View
+from validation.output.pictures.gallery import (
+    Panel,
+    Scale,
+    gallery,
+    round_length,
+    scale_from_zero,
+    symmetric_scale,
+)
+from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
+from validation.output.pictures.sections import section
+from validation.run.box import run_box
+from validation.run.polyhedra import mechanism_motion, run_polyhedra
+from validation.run.rigid import build_scene, run_rigid
+from validation.run.static import run_tube_static
+from validation.scene.deformable import BoxScene
+from validation.scene.read import load_scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+RED = np.array([255, 0, 0], dtype=np.uint8)
+COARSE = ("assembly.layers=1", "mesh.around=24", "mesh.radial=2", "mesh.axial=4")
+
+
+def square(size: float = 1.0, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Surface:
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * size + np.array(at)
+    return Surface(corners, np.array([[0, 1, 2, 3]]), RED[None], lit=False)
+
+
+# ---------------------------------------------------------------------------------------------
+# What is seen
+
+
+def test_a_view_shows_what_is_there_at_its_place() -> None:
+    """Two squares, 1 mm apart: seen from above they fill their thirds, and nothing between."""
+    view = View([square(), square(at=(2.0, 0.0, 0.0))], (0.0, 0.0, 1.0), margin=0.0)
+    assert view.size == pytest.approx((3.0, 1.0))
+    for _ in range(2):  # the first picture of a program is no other than the second
+        pixels = view.render(300, 100)
+        assert pixels.shape == (100, 300, 3)
+        drawn = (pixels == RED).all(axis=2)
+        assert drawn[2:-2, 2:98].all()
+        assert drawn[2:-2, 202:298].all()
+        assert (pixels[:, 103:197] == 255).all()
+    x, y = view.place(np.array([2.5, 0.25, 0.0]))
+    assert (x, y) == pytest.approx((2.5, 0.25))
+
+
+@given(arrays(float, 3, elements=st.floats(-1, 1)))
+def test_the_eye_has_three_axes_at_right_angles_and_z_points_up(direction) -> None:
+    if np.linalg.norm(direction) < 1e-3:
+        return
+    axes = View([square()], tuple(direction)).axes
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+    # Looking along z there is no other choice than y.
+    assert axes[1, 2] >= -0.05 * (abs(axes[2, 2]) > 0.99) - 1e-12
+    np.testing.assert_allclose(axes[2] * np.linalg.norm(direction), direction, atol=1e-12)
+
+
+def test_lines_on_a_surface_are_seen_and_faces_that_look_away_are_not() -> None:
+    edge = Lines(np.array([[0.1, 0.5, 0.0], [0.9, 0.5, 0.0]]), np.array([[0, 1]]), width=4.0)
+    pixels = View([square(), edge], (0.0, 0.0, 1.0), margin=0.0).render(100, 100)
+    assert (pixels[48:52, 20:80] < 100).all(axis=2).any(axis=0).all()
+    plain = square()
+    away = Surface(plain.points, plain.polygons[:, ::-1], plain.colour, lit=False, two_sided=False)
+    assert (View([away], (0.0, 0.0, 1.0)).render(50, 50) == 255).all()
+
+
+def slow_edges(points: Any, polygons: Any, angle: float) -> set[tuple[int, int]]:
+    """Edges between two polygons whose normals differ, one by one."""
+    owners: dict[tuple[int, int], list[int]] = {}
+    for number, corners in enumerate(polygons.tolist()):
+        for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
+            owners.setdefault((min(a, b), max(a, b)), []).append(number)
+    found = set()
+    for edge, pair in owners.items():
+        if len(pair) != 2:
+            continue
+        one, other = (
+            sum(
+                np.cross(points[a], points[b])
+                for a, b in zip(polygons[k], np.roll(polygons[k], -1), strict=True)
+            )
+            for k in pair
+        )
+        cosine = one @ other / np.linalg.norm(one) / np.linalg.norm(other)
+        if cosine < np.cos(np.radians(angle)):
+            found.add(edge)
+    return found
+
+
+@pytest.mark.parametrize("angle", [5.0, 40.0, 80.0])
+def test_sharp_edges_are_those_found_one_by_one(small_tube: Assembly, angle: float) -> None:
+    block = small_tube.shape(4)
+    quads = np.concatenate(list(block.faces.values()))
+    found = {tuple(sorted(e)) for e in sharp_edges(block.mesh.nodes, quads, angle=angle).tolist()}
+    assert found == slow_edges(block.mesh.nodes, quads, angle)
+
+
+def test_a_box_has_twelve_edges_however_it_is_meshed() -> None:
+    for divisions in ((1, 1, 1), (3, 2, 4)):
+        block = box_block((1.0, 2.0, 3.0), divisions)
+        length = np.linalg.norm(np.diff(block.mesh.nodes[block_edges(block)], axis=1), axis=2)
+        assert length.sum() == pytest.approx(4 * (1 + 2 + 3))
+
+
+# ---------------------------------------------------------------------------------------------
+# Colours
+
+
+def test_bars_have_an_arrow_where_values_go_beyond_their_colours() -> None:
+    values = np.concatenate([np.linspace(-1.0, 1.0, 2001), [5.0]])
+    scale = symmetric_scale("σ₁ [MPa]", "RdBu_r", [values])
+    assert scale.high < 1.01
+    assert scale.beyond == "both"
+    assert scale.words == "σ₁ [MPa], from −1 to 5"
+    assert scale_from_zero("p", "YlGnBu", [values]).beyond == "min"
+    whole = Scale("p", "YlGnBu", 0.0, 1.0, (0.0, 1.0))
+    assert (whole.beyond, whole.words) == ("neither", "p")
+    assert (whole.of(np.array([-1.0, 2.0])) == whole.of(np.array([0.0, 1.0]))).all()
+    nothing = scale_from_zero("p", "YlGnBu", [np.zeros(0)])
+    assert nothing.high > nothing.low
+
+
+@given(st.floats(1e-6, 1e6))
+def test_scale_bars_are_round(most: float) -> None:
+    length = round_length(most)
+    assert 0.39 * most <= length <= most * (1 + 1e-9)
+    assert f"{length:e}"[0] in "125"
+
+
+def test_unrolled_facets_keep_their_place_and_area() -> None:
+    """∫ r dθ dr over the map is the area of the ring that the joint covers, seen along the axis."""
+    run = run_rigid(load_scene("tsb1-tunnel", COARSE))
+    facets = assemblies.interface_facets(
+        run.assembly, run.result.contact_index, run.result.contact_pressures
+    )
+    rows = facets.between(1)
+    flat = assemblies.unrolled_corners(run.assembly, facets.corners[rows])
+    angle, radius = np.radians(flat[..., 0]), flat[..., 1]
+    assert np.ptp(angle, axis=1).max() < 0.5
+    x, y = radius * np.cos(angle), radius * np.sin(angle)
+    np.testing.assert_allclose(np.stack([x, y], axis=2), facets.corners[rows][..., :2], atol=1e-9)
+    area = 0.5 * np.abs(
+        np.sum(angle * np.roll(radius**2 / 2, -1, 1) - np.roll(angle, -1, 1) * radius**2 / 2, 1)
+    )
+    assert area.sum() == pytest.approx(np.pi * (160.0**2 - 120.0**2), rel=1e-2)
+
+
+def test_sections_have_the_area_of_the_tube_and_the_lines_of_its_joints() -> None:
+    run = run_tube_static("tsb1-pipe", tube("tsb1-pipe", "mesh.around=48"))
+    # In the middle of the layer, away from the waves: four quarters of a ring.
+    cut = section(run, float(np.mean(tubes.section_heights(run))))
+    a, b, c = (cut.points[cut.triangles[:, k]] for k in range(3))
+    (x, y), (u, v) = (b - a).T, (c - a).T
+    area = 0.5 * np.abs(x * v - y * u).sum()
+    polygon = 48 * 4 * 0.5 * np.sin(2 * np.pi / (48 * 4))
+    assert area == pytest.approx(polygon * (160.0**2 - 120.0**2), rel=1e-9)
+    length = np.linalg.norm(np.diff(cut.borders, axis=1), axis=2).sum()
+    side = 2 * np.sin(np.pi / (48 * 4))
+    assert length == pytest.approx(8 * 40.0 + 48 * 4 * side * (160.0 + 120.0), rel=1e-9)
+
+
+# ---------------------------------------------------------------------------------------------
+# Words and files
+
+
+@pytest.fixture
+def figures(monkeypatch) -> list[Figure]:
+    """Figures as they would be saved."""
+    from matplotlib.figure import Figure
+
+    kept: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: kept.append(self))
+    monkeypatch.setattr(
+        "validation.output.pictures.gallery.write_whole", lambda path, write: write(path)
+    )
+    return kept
+
+
+def assert_words_have_room(figure: Figure) -> None:
+    """No text overlaps another one or leaves the page."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.text import Text
+
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    texts = [t for t in figure.findobj(Text) if t.get_visible() and t.get_text().strip()]
+    boxes = [t.get_window_extent(renderer) for t in texts]
+    for text, box in zip(texts, boxes, strict=True):
+        assert box.x0 >= 0.0, text
+        assert box.y0 >= 0.0, text
+        assert box.x1 <= figure.bbox.width, text
+        assert box.y1 <= figure.bbox.height, text
+    for i, box in enumerate(boxes):
+        for j in range(i):
+            assert not box.overlaps(boxes[j]), (texts[i], texts[j])
+
+
+def rigid_pictures(path: Path) -> None:
+    run = run_rigid(load_scene("tsb1-pipe", COARSE))
+    assemblies.draw_pressures(run, path)
+    built = build_scene(load_scene("tsb1-pillar", COARSE))
+    assemblies.draw_assembly(built.assembly, built.load, path, title="a tube")
+    assemblies.draw_pressures(run_rigid(load_scene("osteomorphic")), path)
+    assemblies.draw_mechanism(run_rigid(load_scene("brick-stack")), path)
+
+
+def polyhedral_pictures(path: Path) -> None:
+    file = load_scene("arch")
+    run = run_polyhedra(file, file.scene)  # type: ignore[arg-type]
+    draw_polyhedra(run, path)
+    motion = mechanism_motion(run)
+    assert motion is not None
+    draw_polyhedral_mechanism(run, motion, path)
+    file = load_scene("wall")
+    draw_polyhedra(run_polyhedra(file, file.scene), path)  # type: ignore[arg-type]
+
+
+def tube_pictures(path: Path) -> None:
+    run = run_tube_static("a tube with a name that is long", tube("tsb1-pipe"))
+    for draw in (tubes.draw_stresses, tubes.draw_contact, tubes.draw_sections):
+        draw(run, path)
+    tubes.draw_displacement(run, path, printed_factor=80.0)
+    tubes.draw_displacement(run, path)
+
+
+def column_pictures(path: Path) -> None:
+    run = run_tube_static("column", column(0.01))
+    tubes.draw_stresses(run, path)
+    tubes.draw_contact(run, path)
+
+
+def box_pictures(path: Path) -> None:
+    scene = load_scene("cantilever", ["fem.method=static", "mesh.divisions=[8,2,2]"]).scene
+    assert isinstance(scene, BoxScene)
+    draw_box(run_box("cantilever", scene), path)
+
+
+@pytest.mark.parametrize(
+    "draw", [rigid_pictures, polyhedral_pictures, tube_pictures, column_pictures, box_pictures]
+)
+def test_no_words_of_a_picture_overlap_or_leave_the_page(
+    draw: Callable[[Path], None], figures: list[Figure], tmp_path: Path
+) -> None:
+    draw(tmp_path / "picture.png")
+    assert figures
+    for figure in figures:
+        assert_words_have_room(figure)
+
+
+@pytest.mark.parametrize("pressure", [1e-6, 0.01, 1.0])
+def test_no_words_of_a_comparison_overlap_or_leave_the_page(
+    pressure: float, figures: list[Figure], tmp_path: Path
+) -> None:
+    """One column of panels for each answer, and numbers of any size."""
+    found = compare("column", column(pressure), explicit=False)
+    draw_comparison(found, tmp_path / "comparison.png")
+    (figure,) = figures
+    assert_words_have_room(figure)
+
+
+def test_titles_name_scene_load_and_program(figures: list[Figure], tmp_path: Path) -> None:
+    from matplotlib.text import Text
+
+    assemblies.draw_pressures(run_rigid(load_scene("tsb1-pipe", COARSE)), tmp_path / "p.png")
+    words = " ".join(t.get_text() for t in figures[0].findobj(Text))
+    for part in ("tsb1-pipe", "internal pressure 0.01 MPa", "tubelock 0.1.0+", "layer 1"):
+        assert part in words
+
+
+@pytest.mark.parametrize("ending", PICTURES)
+def test_the_ending_of_a_name_is_its_format(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"square{ending}"
+    gallery([[Panel("a square $x^{2$", View([square()], (1.0, -1.0, 1.0)))]], "[/x] $", path)
+    head = path.read_bytes()[:300]
+    assert {".png": b"\x89PNG", ".svg": b"<svg", ".pdf": b"%PDF"}[ending] in head
+    text = path.read_bytes()
+    assert b"tubelock 0.1.0+" in text
+    if ending == ".svg":  # words stay words
+        assert b"a square $x^{2$" in text
+
+
+def test_other_endings_are_refused(tubelock) -> None:  # noqa: F811
+    with pytest.raises(InputError, match=r"\.png, \.svg or \.pdf"):
+        require_picture(Path("tube.jpg"))
+    assert tubelock("show", "tsb1-pipe", *_set(COARSE), "-o", "tube.pdf")[0] == 0
+    assert Path("tube.pdf").read_bytes()[:4] == b"%PDF"
+
+
+def _set(settings: tuple[str, ...]) -> list[str]:
+    return [word for setting in settings for word in ("--set", setting)]

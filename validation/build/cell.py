@@ -1,0 +1,100 @@
+"""The periodic cell: two layers that a long tube repeats stand for the tube.
+
+The lower face of the lower layer meets the upper face of the upper one, and the cell keeps its
+height, as the middle of a tube between fixed frames does when the tube is long. Nothing of the
+ends is in it: its answer is that of the middle layers, with an error of the order of one over
+the number of layers. `validation.effects.cell` measures it.
+"""
+
+from __future__ import annotations
+
+from geometry.assembly import Assembly
+from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.families.tube import hexagon_cell, sine_cell
+from geometry.load_case import LoadCaseName
+from geometry.units import check_size
+from validation.build.blocks import block_parameters
+from validation.errors import InputError
+from validation.scene.families import HexagonTubeScene
+from validation.scene.read import DeformableScene, TubeScene
+
+#: Loads that are the same on every layer.
+_REPEATING = (LoadCaseName.PIPE, LoadCaseName.TUNNEL)
+
+
+def check_cell(scene: DeformableScene, name: str) -> TubeScene | HexagonTubeScene:
+    """Return the scene if a periodic cell can stand for it.
+
+    Raises
+    ------
+    InputError
+        Where the layers do not repeat: what breaks it, and what to do.
+    """
+    head, remedy = f'{name}: fem.symmetry = "periodic cell"', 'expected that, or "auto"'
+    if not isinstance(scene, TubeScene | HexagonTubeScene):
+        raise InputError(
+            f"{head}: got block.type {scene.block.type!r}, whose layers are not those of a tube; "
+            'expected "sine" or "hexagon" blocks, or symmetry "auto"'
+        )
+    if scene.load.case not in _REPEATING:
+        raise InputError(
+            f"{head}: got load.case {str(scene.load.case)!r}, which differs from layer to layer; "
+            f"the cell takes {' and '.join(_REPEATING)}; {remedy}"
+        )
+    if scene.assembly.layers < 2:
+        raise InputError(
+            f"{head}: got assembly.layers = {scene.assembly.layers}, where nothing repeats; the "
+            f"cell stands for two layers or more; {remedy}"
+        )
+    effects = scene.effects
+    for given, key, why in (
+        (effects.gravity, "gravity", "the weight adds up from layer to layer"),
+        (effects.elastic_frame, "elastic_frame", "the cell has no frame"),
+        (effects.finite_sliding, "finite_sliding", "blocks could slide on to other images"),
+    ):
+        if given:
+            raise InputError(f"{head} with effects.{key}: {why}; remove one of the two")
+    return scene
+
+
+def build_cell(scene: DeformableScene, name: str) -> Assembly:
+    """Two layers of a tube and the images that they meet.
+
+    Raises
+    ------
+    InputError
+        Where the layers do not repeat, or blocks that do not exist.
+    """
+    tube = check_cell(scene, name)
+    try:
+        if isinstance(tube, HexagonTubeScene):
+            block = HexagonBlockParameters(**tube.block.model_dump(exclude={"type"}))
+            assembly = hexagon_cell(block, HexagonBlockDivisions(**tube.mesh.model_dump()))
+        else:
+            divisions = SineBlockDivisions(**tube.mesh.model_dump())
+            assembly = sine_cell(block_parameters(tube), divisions)
+        check_size(assembly)
+    except ValueError as error:
+        raise InputError(f"{name}: {error}") from None
+    return assembly
+
+
+def is_cell(scene: DeformableScene) -> bool:
+    """Whether a scene asks for a periodic cell."""
+    return scene.fem is not None and scene.fem.symmetry == "periodic cell"
+
+
+def refuse_cell(scene: DeformableScene, name: str, command: str) -> None:
+    """Refuse a periodic cell where the whole tube is needed.
+
+    Raises
+    ------
+    InputError
+        For a scene with a periodic cell.
+    """
+    if is_cell(scene):
+        raise InputError(
+            f'{name}: fem.symmetry: got "periodic cell"; `tubelock {command}` needs the whole '
+            'tube: expected "auto"'
+        )

@@ -1,0 +1,350 @@
+"""From scenes to input decks: what a scene says, in the terms of `fem.decks.statement`.
+
+A scene also says how *our* solvers reach the answer; where a deck must do it otherwise, a note
+in its heading says so.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import replace
+
+import numpy as np
+
+from fem.assembly.deformable import OUTER_FACES
+from fem.decks.calculix.deck import check_calculix
+from fem.decks.keywords import DeckError
+from fem.decks.model import as_nodal_forces, deck_model
+from fem.decks.names import check_deck
+from fem.decks.placement import canonical
+from fem.decks.statement import (
+    CircumferentialLoad,
+    Deck,
+    DeckLoad,
+    DeckStep,
+    Flavour,
+    Hold,
+    Joint,
+    Motion,
+    PressureLoad,
+    Procedure,
+    TractionLoad,
+    loads_of_case,
+)
+from fem.element.hexahedron import ElementType
+from fem.problem.effects import Effects
+from fem.problem.time_step import TimeStepError, critical_time_step
+from geometry.assembly import Assembly, AssemblyError
+from geometry.block import box_block
+from geometry.load_case import LoadCase
+from geometry.mesh import MeshError
+from validation.build.blocks import require_matching
+from validation.build.box import build_material, copy_placements
+from validation.build.cell import refuse_cell
+from validation.build.effects import build_effects
+from validation.errors import InputError
+from validation.run.deformable import (
+    build_hexahedra,
+    contact_law,
+    fem_section,
+    held_at_faces,
+    scene_load,
+)
+from validation.scene.deformable import BoxScene, Damping, EffectsSection, FemSection, Method
+from validation.scene.read import DeformableScene, SceneFile
+
+#: Explicit run to a static state where the scene names no times [s]: with the paper's damping of
+#: 2 /s, amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.
+QUASI_STATIC_RAMP = 2.0
+QUASI_STATIC_END = 8.0
+
+#: Longest note: heading lines stay below what every program reads.
+_NOTE_WIDTH = 110
+
+
+def build_deck(file: SceneFile, flavour: Flavour) -> Deck:
+    """State the problem of a scene for another program.
+
+    Parameters
+    ----------
+    file
+        Scene with [material], [fem] and, where blocks meet, [contact].
+    flavour
+        For which program.
+
+    Raises
+    ------
+    InputError
+        For a scene without deformable blocks, or with a feature that the program has no words
+        for, by name.
+    """
+    scene = file.scene
+    try:
+        if isinstance(scene, BoxScene):
+            return _box_deck(file.name, scene, flavour)
+        if isinstance(scene, DeformableScene):
+            return _tube_deck(file.name, scene, flavour)
+    except (DeckError, AssemblyError, MeshError, TimeStepError) as error:
+        raise InputError(f"{file.name}: {error}") from None
+    raise InputError(
+        f"{file.name}: block.type {scene.block.type!r} has no [material]; a deck is written of "
+        "scenes with deformable blocks, such as tsb1-pipe or cantilever"
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Tubes
+
+
+def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
+    fem, effects = fem_section(scene, name), scene.effects
+    assert scene.material is not None
+    assert scene.contact is not None
+    refuse_cell(scene, name, "export")
+    blocks = build_hexahedra(scene, name)
+    if flavour is not Flavour.GENERAL:
+        require_matching(
+            name,
+            blocks.unmatched,
+            f"flavour {flavour} writes pairs of matching facets: mesh both alike there, or export "
+            f"with --flavour {Flavour.GENERAL}",
+        )
+    assembly = canonical(blocks.assembly)
+    case = scene_load(scene, name, assembly)
+    static = flavour is Flavour.CALCULIX or (
+        flavour is Flavour.PAIRS and fem.method is Method.STATIC
+    )
+    notes = _contact_notes(scene, flavour, static=static)
+    friction = effects.friction
+    step = _static_step(effects) if static else _explicit_step(name, fem, large_rotations=True)
+    deck = Deck(
+        name=name,
+        flavour=flavour,
+        assembly=assembly,
+        material=build_material(scene.material),
+        element=fem.element,
+        step=step,
+        holds=tuple(_tube_holds(assembly, case, elastic=held_at_faces(scene))),
+        loads=loads_of_case(assembly, case),
+        joint=Joint(
+            contact_law(scene.contact),
+            None if friction is None else friction.coefficient,
+            None if friction is None else friction.stick_stiffness,
+            effects.finite_sliding,
+        ),
+        effects=_effects(effects, fem, static=static),
+        initial_clearance=scene.contact.initial_clearance,
+    )
+    if flavour is Flavour.PAIRS and isinstance(deck.loads[0], CircumferentialLoad):
+        deck = replace(deck, loads=(as_nodal_forces(deck, deck.loads[0]),))
+        notes.append("loads: the traction around the axis as nodal forces, which converters take")
+    return _with_notes(deck, notes + _step_notes(fem, effects, flavour, static=static))
+
+
+def _tube_holds(assembly: Assembly, case: LoadCase, *, elastic: bool) -> list[Hold]:
+    """Held blocks: all nodes, or the outer faces of frame blocks that deform."""
+    blocks = np.flatnonzero(case.fixed).tolist()
+    if not elastic:
+        return [Hold(block) for block in blocks]
+    return [Hold(block, _outer_face(assembly, block)) for block in blocks]
+
+
+def _outer_face(assembly: Assembly, block: int) -> str:
+    """Face at which a deformable frame block is held."""
+    end = "first" if assembly.layer[block] == 0 else "last"
+    faces = assembly.shape(block).faces
+    names = [name for name in OUTER_FACES[end] if name in faces]
+    if not names:
+        raise DeckError(
+            f"effects.elastic_frame: block {block} has no face named "
+            f"{' or '.join(OUTER_FACES[end])} to hold; use rigid frames"
+        )
+    return names[0]
+
+
+def _contact_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) -> list[str]:
+    notes = []
+    contact = scene.contact
+    if contact is not None and contact.law == "exponential" and contact.maximum_stiffness is None:
+        notes.append(
+            "contact: no maximum stiffness in the scene; the third value is tubelock's default"
+        )
+    if flavour is Flavour.GENERAL:
+        notes.append(
+            "contact: all outer faces may meet and slide; tubelock pairs facets that match, else "
+            "searches"
+        )
+    if flavour is Flavour.CALCULIX:
+        notes += [
+            "contact: the law is a table of 200 points, linear between them",
+            "contact: no spring where surfaces are apart by more than 1e-3 sqrt(area of a node)",
+            "contact: NODE TO SURFACE; the normal at a node is that of one facet of the other "
+            "surface",
+            "contact: nodes that slide over a rim by more than 1e-3 sqrt(area of a node) are lost",
+        ]
+    if flavour is Flavour.PAIRS and static:
+        notes.append("contact: Abaqus/Standard has no maximum stiffness; it is in the heading only")
+    if not static and not scene.effects.finite_rotation:
+        notes.append("large rotations: nlgeom=YES, though effects.finite_rotation is off")
+    return notes
+
+
+# ---------------------------------------------------------------------------------------------
+# Boxes
+
+
+def _box_deck(name: str, scene: BoxScene, flavour: Flavour) -> Deck:
+    fem = scene.fem
+    static = flavour is not Flavour.GENERAL and fem.method is Method.STATIC
+    block = box_block(scene.block.size, scene.mesh.divisions)
+    n = scene.assembly.copies
+    assembly = Assembly(
+        name="boxes",
+        shapes=(block,),
+        shape_of=np.zeros(n, dtype=np.int64),
+        rotations=np.tile(np.eye(3), (n, 1, 1)),
+        translations=copy_placements(scene),
+        layer=np.zeros(n, dtype=np.int64),
+        fixed=np.zeros(n, dtype=np.bool_),
+        unmatched_allowed=True,
+    )
+    finite = scene.effects.finite_rotation
+    step = (
+        _static_step(scene.effects) if static else _explicit_step(name, fem, large_rotations=finite)
+    )
+    deck = Deck(
+        name=name,
+        flavour=flavour,
+        assembly=assembly,
+        material=build_material(scene.material),
+        element=fem.element,
+        step=step,
+        holds=tuple(Hold(copy, face) for copy in range(n) for face in scene.support),
+        loads=tuple(_box_loads(scene)),
+        effects=_effects(scene.effects, fem, static=static),
+        motion=_motion(scene),
+    )
+    if flavour is Flavour.CALCULIX and not static:
+        deck = _with_time_step(deck, fem)
+    return _with_notes(deck, _step_notes(fem, scene.effects, flavour, static=static))
+
+
+def _box_loads(scene: BoxScene) -> list[DeckLoad]:
+    blocks = np.arange(scene.assembly.copies)
+    loads: list[DeckLoad] = []
+    for face, load in scene.load.items():
+        if load.pressure is not None:
+            loads.append(PressureLoad(blocks, face, load.pressure))
+        elif load.traction is not None and any(load.traction):
+            loads.append(TractionLoad(blocks, face, np.array(load.traction)))
+    return loads
+
+
+def _motion(scene: BoxScene) -> Motion | None:
+    initial = scene.initial
+    if initial is None or not any((*initial.velocity, *initial.angular_velocity)):
+        return None
+    return Motion(np.array(initial.velocity), np.array(initial.angular_velocity))
+
+
+def _with_time_step(deck: Deck, fem: FemSection) -> Deck:
+    """Choose the time step of an explicit run of CalculiX: it takes the one it is given."""
+    if deck.step.time_step is not None:
+        return deck
+    # The deck refuses what CalculiX cannot compute; only then is a time step worth its price.
+    critical = critical_time_step(deck_model(deck)[0]).critical_time_step
+    count = int(np.ceil(deck.step.end_time / (fem.safety_factor * critical)))
+    return replace(deck, step=replace(deck.step, time_step=deck.step.end_time / count))
+
+
+# ---------------------------------------------------------------------------------------------
+# Step, effects and notes
+
+
+def _quasi_static(fem: FemSection) -> bool:
+    """Whether the scene asks for a static state."""
+    return fem.method is Method.STATIC or fem.damping is Damping.STATIC
+
+
+def _explicit_step(name: str, fem: FemSection, *, large_rotations: bool) -> DeckStep:
+    end_time, ramp_time = fem.end_time, fem.ramp_time
+    if end_time is None and not _quasi_static(fem):
+        raise InputError(f"{name}: fem.end_time is missing: an explicit run needs it [s]")
+    if end_time is None:
+        end_time = QUASI_STATIC_END
+    if ramp_time is None:
+        ramp_time = min(QUASI_STATIC_RAMP, 0.5 * end_time)
+    return DeckStep(
+        procedure=Procedure.EXPLICIT,
+        end_time=end_time,
+        ramp_time=ramp_time,
+        time_step=fem.time_step,
+        safety_factor=None if fem.time_step is not None else fem.safety_factor,
+        large_rotations=large_rotations,
+        field_intervals=fem.frames - 1 if fem.frames > 1 else 20,
+    )
+
+
+def _static_step(effects: EffectsSection) -> DeckStep:
+    return DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=effects.finite_rotation)
+
+
+def _effects(section: EffectsSection, fem: FemSection, *, static: bool) -> Effects:
+    if static:
+        section = section.model_copy(update={"rayleigh": None, "bulk_viscosity": None})
+        fem = fem.model_copy(update={"damping": None})
+    elif _quasi_static(fem):
+        fem = fem.model_copy(update={"damping": Damping.PAPER})
+    built = build_effects(section, fem)
+    return Effects(
+        rayleigh=built.rayleigh, bulk_viscosity=built.bulk_viscosity, gravity=built.gravity
+    )
+
+
+def _step_notes(
+    fem: FemSection, effects: EffectsSection, flavour: Flavour, *, static: bool
+) -> list[str]:
+    notes = []
+    damped = effects.rayleigh is not None or effects.bulk_viscosity is not None
+    if static:
+        if fem.method is Method.EXPLICIT:
+            notes.append("step: static, where the scene asks for explicit dynamics")
+        if damped or fem.damping is not None:
+            notes.append("damping: does nothing in a static step and is not written")
+        if flavour is Flavour.CALCULIX:
+            notes.append("amplitude: the smooth step is sampled at 101 points")
+    else:
+        if _quasi_static(fem):
+            notes += [
+                "step: the scene asks for its static state; damped explicit dynamics approaches it",
+                "damping: as the scene names it, else the paper's; tubelock's adaptive damping is "
+                "its own device",
+            ]
+        if flavour is Flavour.CALCULIX:
+            notes += _calculix_explicit_notes(effects, fem)
+    if flavour is Flavour.CALCULIX:
+        notes.append("flat: nodes and elements run through the blocks in their order")
+        notes.append("loads: tractions and body forces are nodal forces")
+        if fem.element is ElementType.REDUCED:
+            notes.append("element: the hourglass control of C3D8R is another one")
+    if fem.symmetry == "sector":
+        notes.append("symmetry: all blocks are written")
+    return notes
+
+
+def _calculix_explicit_notes(effects: EffectsSection, fem: FemSection) -> list[str]:
+    notes = ["integration: a predictor-corrector scheme of second order, no central differences"]
+    if effects.bulk_viscosity is not None or fem.damping is Damping.PAPER or _quasi_static(fem):
+        notes.append("bulk viscosity: CalculiX has none; it is not written")
+    return notes
+
+
+def _with_notes(deck: Deck, notes: list[str]) -> Deck:
+    """Attach the notes, and refuse what no deck of this flavour can say."""
+    lines = [line for note in notes for line in textwrap.wrap(note.strip(), _NOTE_WIDTH)]
+    deck = replace(deck, notes=tuple(lines))
+    if deck.flavour is Flavour.CALCULIX:
+        check_calculix(deck)
+    else:
+        check_deck(deck)
+    return deck

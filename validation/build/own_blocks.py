@@ -1,0 +1,161 @@
+"""Your own blocks as deformable ones: hexahedra, joints that match or not, body loads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from geometry.assembly import Assembly, AssemblyError
+from geometry.block import Block
+from geometry.files.block_files import read_blocks
+from geometry.files.hexahedral_solids import file_hexahedra, hexahedral_block
+from geometry.joints import UnmatchedJoint, matched_area
+from geometry.load_case import LoadCase
+from geometry.mesh import FloatArray, IntArray, MeshError
+from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
+from geometry.polyhedra.checks import check_assembly
+from geometry.polyhedra.options import DetectionOptions
+from geometry.units import check_size
+from validation.build.blocks import HexahedralBlocks
+from validation.build.polyhedra import build_body_loads, held_blocks, motion
+from validation.errors import InputError
+from validation.scene.polyhedra import MeshScene
+
+#: Part of the contact area of two blocks that may have no matching facets: clipping and curved
+#: facets, which are split into flat triangles to find it.
+_UNMATCHED = 1e-2
+
+
+def build_own_blocks(scene: MeshScene, name: str) -> HexahedralBlocks:
+    """Build blocks from files with hexahedra.
+
+    Raises
+    ------
+    InputError
+        For input that describes no assembly, and for one that stays rigid: which block has no
+        hexahedra.
+    """
+    try:
+        assembly = _assembly(scene, name)
+        check_size(assembly)
+        detection = scene.detection
+        surfaces = as_polyhedral(
+            assembly, DetectionOptions(detection.tolerance, detection.angle, detection.points)
+        )
+        check_assembly(surfaces)
+    except (AssemblyError, MeshError) as error:
+        raise InputError(f"{name}: {error}") from None
+    assembly = replace(assembly, layer=contact_distance(surfaces))
+    unmatched = unmatched_joints(assembly, surfaces)
+    return HexahedralBlocks(assembly, own_load(scene, name, assembly), unmatched)
+
+
+def _assembly(scene: MeshScene, name: str) -> Assembly:
+    shapes: list[Block] = []
+    shape_of: list[int] = []
+    turns: list[FloatArray] = []
+    shifts: list[FloatArray] = []
+    held: list[bool] = []
+    for part in scene.parts:
+        blocks = _part_blocks(Path(part.file), scene)
+        for place in part.places:
+            turn, shift = motion(place)
+            shape_of += range(len(shapes), len(shapes) + len(blocks))
+            turns += [turn] * len(blocks)
+            shifts += [shift] * len(blocks)
+            held += [part.fixed or place.fixed] * len(blocks)
+        shapes += blocks
+    fixed = held_blocks(scene, held)
+    if not fixed.any() or fixed.all():
+        raise AssemblyError(
+            f"got {int(fixed.sum())} fixed blocks of {len(fixed)}; expected some fixed, some free"
+        )
+    return Assembly(
+        name=name,
+        shapes=tuple(shapes),
+        shape_of=np.array(shape_of, dtype=np.int64),
+        rotations=np.array(turns),
+        translations=np.array(shifts, dtype=np.float64),
+        layer=np.where(fixed, 0, 1),
+        fixed=fixed,
+        unmatched_allowed=True,
+    )
+
+
+def _part_blocks(path: Path, scene: MeshScene) -> Sequence[Block]:
+    solids = read_blocks(path, units=scene.block.units, element_size=scene.block.element_size)
+    try:
+        meshes = file_hexahedra(
+            path, solids, units=scene.block.units, divisions=scene.mesh.divisions
+        )
+    except MeshError as error:
+        raise MeshError(f"stays rigid, `tubelock mbd` gives the answer: {error}") from None
+    return [hexahedral_block(s.name, m) for s, m in zip(solids, meshes, strict=True)]
+
+
+def unmatched_joints(
+    assembly: Assembly, surfaces: PolyhedralAssembly
+) -> tuple[UnmatchedJoint, ...]:
+    """Joints where the facets of two blocks that touch do not match corner on corner.
+
+    Parameters
+    ----------
+    assembly
+        Hexahedra.
+    surfaces
+        The same blocks, contacts found without matching facets.
+    """
+    patches = surfaces.interfaces.patches
+    pairs = np.unique(np.column_stack([patches.block_m, patches.block_s]), axis=0)
+    found = []
+    for m, s in pairs.tolist():
+        rows = np.flatnonzero((patches.block_m == m) & (patches.block_s == s))
+        touching, matched = float(patches.areas[rows].sum()), matched_area(assembly, m, s)
+        if matched < (1.0 - _UNMATCHED) * touching:
+            toward = patches.normals[rows[np.argmax(patches.areas[rows])]]
+            found.append(UnmatchedJoint(m, s, touching, matched, toward))
+    return tuple(found)
+
+
+def contact_distance(assembly: PolyhedralAssembly) -> IntArray:
+    """Least number of joints between each block and a held one, (n_blocks,).
+
+    Blocks that no chain of joints connects to a held one get the number after the largest.
+    """
+    patches, n = assembly.interfaces.patches, assembly.n_blocks
+    ends = np.unique(np.column_stack([patches.block_m, patches.block_s]), axis=0).T
+    graph = coo_array((np.ones(len(ends[0])), (ends[0], ends[1])), shape=(n, n)).tocsr()
+    distance = dijkstra(
+        graph,
+        directed=False,
+        indices=np.flatnonzero(assembly.fixed),
+        unweighted=True,
+        min_only=True,
+    )
+    reached = np.isfinite(distance)
+    last = distance[reached].max() + 1
+    return np.where(reached, distance, last).astype(np.int64)
+
+
+def own_load(scene: MeshScene, name: str, assembly: Assembly) -> LoadCase:
+    """Loads on whole blocks, with the density of the material.
+
+    Raises
+    ------
+    InputError
+        Two densities, or a force on a block that does not exist.
+    """
+    assert scene.material is not None
+    density, given = scene.material.density, scene.load.density
+    if "density" in scene.load.model_fields_set and given != density:
+        raise InputError(
+            f"{name}: load.density is {given:g} and material.density {density:g} t/mm³; expected "
+            "one density: remove load.density"
+        )
+    section = scene.load.model_copy(update={"density": density})
+    return build_body_loads(section, assembly).load_case(assembly)

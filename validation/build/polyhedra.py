@@ -1,0 +1,199 @@
+"""From scenes of triangulated blocks to checked assemblies and loads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from geometry.assembly import AssemblyError, BoolArray
+from geometry.contact_assembly import ContactAssembly
+from geometry.families.masonry import circular_arch, running_bond_wall
+from geometry.families.platonic_layers import cubes_layer, octahedra_layer, tetrahedra_layer
+from geometry.families.voxels import voxel_assembly
+from geometry.files.block_files import read_blocks
+from geometry.load_case import LoadCase
+from geometry.mesh import FloatArray, MeshError
+from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
+from geometry.polyhedra.checks import check_assembly
+from geometry.polyhedra.options import DetectionOptions
+from geometry.polyhedra.polyhedron import Polyhedron
+from validation.errors import InputError
+from validation.scene.polyhedra import (
+    ArchScene,
+    BodyLoadSection,
+    CubesScene,
+    MeshScene,
+    OctahedraScene,
+    PlaceSection,
+    PolyhedralScene,
+    TetrahedraScene,
+    VoxelScene,
+    WallScene,
+)
+
+
+def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
+    """Build and check the blocks of a scene.
+
+    Parameters
+    ----------
+    scene
+        What to build.
+    folder
+        Folder that file names are relative to.
+
+    Raises
+    ------
+    InputError
+        When the scene describes no assembly that can be meant.
+    """
+    try:
+        assembly = _build(scene, folder)
+        check_assembly(assembly)
+        return assembly
+    except (AssemblyError, MeshError) as error:
+        raise InputError(str(error)) from None
+
+
+def _build(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
+    detection = DetectionOptions(
+        scene.detection.tolerance, scene.detection.angle, scene.detection.points
+    )
+    if isinstance(scene, MeshScene):
+        return _from_files(scene, folder, detection)
+    if isinstance(scene, TetrahedraScene | OctahedraScene | CubesScene):
+        return _layer(scene, detection)
+    return _construction(scene, detection)
+
+
+def _layer(
+    scene: TetrahedraScene | OctahedraScene | CubesScene, detection: DetectionOptions
+) -> PolyhedralAssembly:
+    if isinstance(scene, TetrahedraScene):
+        grid = scene.assembly
+        return tetrahedra_layer(scene.block.edge, grid.columns, grid.rows, detection)
+    if isinstance(scene, OctahedraScene):
+        return octahedra_layer(scene.block.edge, scene.assembly.rings, detection)
+    return cubes_layer(scene.block.edge, scene.assembly.rings, scene.block.arrangement, detection)
+
+
+def _construction(
+    scene: WallScene | ArchScene | VoxelScene, detection: DetectionOptions
+) -> PolyhedralAssembly:
+    if isinstance(scene, WallScene):
+        grid = scene.assembly
+        return running_bond_wall(scene.block.size, grid.columns, grid.rows, detection)
+    if isinstance(scene, ArchScene):
+        return circular_arch(
+            scene.block.radius,
+            scene.block.thickness,
+            scene.block.depth,
+            scene.assembly.voussoirs,
+            embrace=scene.assembly.embrace,
+            detection=detection,
+        )
+    return voxel_assembly(scene.block.layers, scene.block.size, scene.assembly.fixed, detection)
+
+
+def motion(place: PlaceSection) -> tuple[FloatArray, FloatArray]:
+    """Rotation (3, 3) and translation (3,) [mm] of a place.
+
+    Raises
+    ------
+    AssemblyError
+        An axis without direction.
+    """
+    axis = np.array(place.axis)
+    size = float(np.linalg.norm(axis))
+    if size == 0.0:
+        raise AssemblyError("parts.places.axis: got [0, 0, 0], expected a direction")
+    turn = Rotation.from_rotvec(np.radians(place.angle) * axis / size).as_matrix()
+    return np.asarray(turn, dtype=np.float64), np.array(place.at)
+
+
+def _from_files(scene: MeshScene, folder: Path, detection: DetectionOptions) -> PolyhedralAssembly:
+    blocks: list[tuple[Polyhedron, FloatArray, FloatArray]] = []
+    held: list[bool] = []
+    for part in scene.parts:
+        solids = read_blocks(
+            folder / part.file, units=scene.block.units, element_size=scene.block.element_size
+        )
+        for place in part.places:
+            turn, shift = motion(place)
+            blocks += [(solid, turn, shift) for solid in solids]
+            held += [part.fixed or place.fixed] * len(solids)
+    return polyhedral_assembly("own blocks", blocks, held_blocks(scene, held), detection)
+
+
+def held_blocks(scene: MeshScene, held: list[bool]) -> BoolArray:
+    """Which blocks are held, by their places or by number; (n_blocks,).
+
+    Raises
+    ------
+    AssemblyError
+        For a number that no block has.
+    """
+    fixed = np.array(held)
+    for number in scene.assembly.fixed:
+        if number >= len(held):
+            raise AssemblyError(
+                f"assembly.fixed: got block {number}, but there are {len(held)} blocks, "
+                f"numbered 0 to {len(held) - 1}"
+            )
+        fixed[number] = True
+    return fixed
+
+
+@dataclass(frozen=True)
+class BodyLoads:
+    """Loads on whole blocks."""
+
+    dead: FloatArray
+    """(F, M) about each block's centroid, (n_blocks, 6) [N, N mm]."""
+    live: FloatArray
+    """The same for what may grow, (n_blocks, 6)."""
+
+    def load_case(self, assembly: ContactAssembly) -> LoadCase:
+        """Dead and live load together."""
+        return LoadCase(
+            name="dead and live load",
+            block=np.zeros(0, dtype=np.int64),
+            quads=np.zeros((0, 4), dtype=np.int64),
+            centroids=np.zeros((0, 3)),
+            area_vectors=np.zeros((0, 3)),
+            tractions=None,
+            pressure=0.0,
+            fixed=assembly.fixed,
+            body_wrenches=self.dead + self.live,
+        )
+
+
+def build_body_loads(section: BodyLoadSection, assembly: ContactAssembly) -> BodyLoads:
+    """Build weight, accelerations and point forces.
+
+    Raises
+    ------
+    InputError
+        For a force on a block that does not exist.
+    """
+    dead, live = np.zeros((assembly.n_blocks, 6)), np.zeros((assembly.n_blocks, 6))
+    mass = section.density * assembly.volumes
+    if section.gravity is not None:
+        dead[:, :3] += mass[:, None] * np.array(section.gravity)
+    if section.acceleration is not None:
+        live[:, :3] += mass[:, None] * np.array(section.acceleration)
+    for push in section.forces:
+        if push.block >= assembly.n_blocks:
+            raise InputError(
+                f"load.forces.block: got {push.block}, but blocks are numbered 0 to "
+                f"{assembly.n_blocks - 1}"
+            )
+        force = np.array(push.force)
+        live[push.block, :3] += force
+        if push.point is not None:
+            arm = np.array(push.point) - assembly.centroids[push.block]
+            live[push.block, 3:] += np.cross(arm, force)
+    return BodyLoads(dead, live)

@@ -1,0 +1,5 @@
+"""``python -m validation.cli``: the command line without its installed name."""
+
+from validation.cli.app import main
+
+main()

@@ -1,0 +1,117 @@
+"""Commands that put answers side by side: methods, initial clearances, meshes and time steps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from validation.cli.options import (
+    AutoOption,
+    JsonOption,
+    KeepOption,
+    SceneArgument,
+    SetOption,
+    default_folder,
+    folder_option,
+)
+
+
+def compare(
+    scene: SceneArgument,
+    *,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[Path | None, folder_option("the figure", "out/SCENE-compare")] = None,
+    explicit: Annotated[
+        bool, typer.Option(help="Run explicit dynamics to the static state too.")
+    ] = True,
+    auto: AutoOption = None,
+    keep: KeepOption = None,
+) -> None:
+    """Rigid, static and explicit answers on the same mesh, side by side."""
+    from validation.build.cell import refuse_cell
+    from validation.compare import answers, report
+    from validation.effects.report import decided
+    from validation.output.console import explicit_progress
+    from validation.output.outputs import Outputs
+    from validation.run.box import peak_memory_mb
+    from validation.scene.read import load_scene, require_deformable, with_auto
+
+    file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
+    folder = default_folder(output, json, f"{file.name}-compare")
+    with Outputs(json, folder, (report.PICTURE,), reads=file.reads) as outputs:
+        checked, decision = decided(require_deformable(file, "compare"), file.name, outputs.console)
+        refuse_cell(checked, file.name, "compare")
+        answers.build_comparable(checked, file.name)
+        with explicit_progress() as progress:
+            found = answers.compare(file.name, checked, explicit=explicit, progress=progress)
+        report.print_comparison(found, outputs.console)
+        peak = peak_memory_mb()
+        outputs.console.print(f"peak memory {peak:.0f} MB")
+        outputs.write("picture", report.PICTURE, lambda path: report.draw_comparison(found, path))
+        data = report.comparison_json(found) | {"peak_memory_mb": peak}
+        if decision is not None:
+            data["effects_decision"] = decision.as_json()
+        outputs.write_json(data)
+
+
+def clearance(
+    scene: SceneArgument,
+    gap: Annotated[
+        list[float] | None,
+        typer.Option("--gap", metavar="MM", help="Initial clearance; repeatable."),
+    ] = None,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[Path | None, folder_option("the figure", "out/SCENE-clearance")] = None,
+) -> None:
+    """What the initial gap between the blocks does to displacements and pressures."""
+    from dataclasses import asdict
+
+    from validation.compare.clearance import GAPS, clearance_rows, draw_clearance, print_rows
+    from validation.output.console import status
+    from validation.output.outputs import Outputs
+    from validation.scene.read import load_scene, require_deformable
+
+    file = load_scene(scene, settings or ())
+    folder = default_folder(output, json, f"{file.name}-clearance")
+    checked = require_deformable(file, "clearance")
+    with Outputs(json, folder, ("clearance.png",), reads=file.reads) as outputs:
+        with status(outputs.console, f"{file.name}: static states"):
+            rows = clearance_rows(file.name, checked, tuple(gap) if gap else GAPS)
+        print_rows(file.name, rows, outputs.console)
+        outputs.write(
+            "picture", "clearance.png", lambda path: draw_clearance(file.name, rows, path)
+        )
+        outputs.write_json([asdict(row) for row in rows])
+
+
+def convergence(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE.png|svg|pdf", help="Picture to write.")
+    ] = Path("convergence.png"),
+    json: JsonOption = None,
+) -> None:
+    """Observed orders of the elements in mesh size and of the scheme in time step."""
+    from dataclasses import asdict
+
+    from validation.compare.convergence import (
+        draw_convergence,
+        mesh_curves,
+        print_convergence,
+        time_step_curve,
+    )
+    from validation.output.console import status
+    from validation.output.files import require_picture
+    from validation.output.outputs import Outputs
+
+    require_picture(output)
+    with Outputs(json, files={"-o": output}) as outputs:
+        with status(outputs.console, "measuring"):
+            mesh, time = mesh_curves(), time_step_curve()
+        print_convergence(mesh, time, outputs.console)
+        draw_convergence(mesh, time, output)
+        outputs.say("picture", output)
+        outputs.write_json([asdict(curve) | {"order": curve.order} for curve in [*mesh, time]])

@@ -1,0 +1,55 @@
+"""The command that says what an accuracy costs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from validation.cli.options import (
+    COST_STORE,
+    CostStoreOption,
+    JsonOption,
+    SceneArgument,
+    SetOption,
+    default_folder,
+    folder_option,
+)
+
+
+def cost(
+    scene: SceneArgument,
+    *,
+    settings: SetOption = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Coarse meshes only, in seconds.")] = False,
+    json: JsonOption = None,
+    output: Annotated[Path | None, folder_option("the figure", "out/SCENE-cost")] = None,
+    store: CostStoreOption = COST_STORE,
+) -> None:
+    """Error against CPU time of every method and mesh: what an accuracy costs."""
+    from validation.cost.report import draw_study, print_study, study_json
+    from validation.cost.settings import full_plan, quick_plan, require_cost_scene
+    from validation.cost.store import CostStore
+    from validation.cost.study import run_cost
+    from validation.output.console import status
+    from validation.output.outputs import Outputs
+    from validation.scene.read import load_scene
+
+    file = load_scene(scene, settings or ())
+    checked = require_cost_scene(file.scene, file.name)
+    plan = quick_plan(checked) if quick else full_plan(checked)
+    folder = default_folder(output, json, f"{file.name}-cost")
+    stores = {"--store": store}
+    with Outputs(json, folder, ("cost.png",), stores=stores, reads=file.reads) as outputs:
+        with CostStore(store) as kept, status(outputs.console, "cost") as tell:
+            study = run_cost(
+                file.name,
+                checked,
+                plan,
+                kept,
+                progress=lambda number, total, what: tell(f"{number} of {total}: {what}"),
+            )
+        print_study(study, outputs.console)
+        outputs.write("picture", "cost.png", lambda path: draw_study(study, path))
+        outputs.write_json(study_json(study))

@@ -1,0 +1,61 @@
+"""Commands that write and read what other programs take."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from validation.cli.options import JsonOption, SceneArgument, SetOption
+from validation.errors import InputError
+
+
+def export(
+    scene: SceneArgument,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE.inp", help="Deck to write.")
+    ],
+    flavour: Annotated[
+        str,
+        typer.Option(
+            metavar="general|pairs|calculix",
+            help="Abaqus/Explicit; Abaqus with contact pairs; flat for CalculiX.",
+            autocompletion=lambda incomplete: [
+                word for word in ("general", "pairs", "calculix") if word.startswith(incomplete)
+            ],
+        ),
+    ] = "general",
+    settings: SetOption = None,
+) -> None:
+    """Write a scene as an input deck for Abaqus or CalculiX."""
+    from fem.decks.statement import Flavour
+    from validation.output.decks import export_deck, print_export
+    from validation.output.outputs import Outputs
+    from validation.scene.read import load_scene
+
+    if flavour not in set(Flavour):
+        raise InputError(f"--flavour {flavour}: expected one of {', '.join(Flavour)}")
+    file = load_scene(scene, settings or ())
+    with Outputs(files={"-o": output}, reads=file.reads) as outputs:
+        print_export(export_deck(file, Flavour(flavour), output), outputs.console)
+
+
+def import_(
+    deck: Annotated[Path, typer.Argument(metavar="FILE", help="Deck (.inp) or mesh to read.")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="Write it again: a deck (.inp) or a mesh (.vtu)."
+        ),
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Read a deck that `export` wrote, or a mesh of hexahedra, and say what is in it."""
+    from validation.output.decks import import_file
+    from validation.output.outputs import Outputs
+
+    with Outputs(json, files={"-o": output}, reads=(deck,)) as outputs:
+        table, data = import_file(deck, output)
+        outputs.console.print(table)
+        outputs.write_json(data)

@@ -1,0 +1,218 @@
+"""The command of deformable blocks: checks, progress, checkpoint and files around a run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from validation.cli.options import (
+    COST_STORE,
+    AutoOption,
+    CostStoreOption,
+    JsonOption,
+    KeepOption,
+    SceneArgument,
+    SetOption,
+    default_folder,
+    folder_option,
+)
+from validation.errors import InputError
+
+if TYPE_CHECKING:
+    from fem.explicit.solve import ExplicitResult
+    from fem.problem.model import BlockGroup
+    from validation.output.outputs import Outputs
+    from validation.scene.deformable import BoxScene
+    from validation.scene.read import DeformableScene
+
+CHECKPOINT = "checkpoint.npz"
+
+
+def fem(
+    scene: SceneArgument,
+    *,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[
+        Path | None, folder_option("fields, history, pictures", "out/SCENE-fem")
+    ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option("--resume", metavar="CHECKPOINT", help="Continue an interrupted run."),
+    ] = None,
+    accuracy: Annotated[
+        str | None,
+        typer.Option(metavar="1%", help="Cheapest setting that `cost` found for it (in p_max)."),
+    ] = None,
+    auto: AutoOption = None,
+    keep: KeepOption = None,
+    store: CostStoreOption = COST_STORE,
+) -> None:
+    """Deformable blocks: displacements, principal stresses, energies."""
+    from validation.output.deformable import BLOCK_FILES, BOX_FILES
+    from validation.output.outputs import Outputs
+    from validation.scene.deformable import BoxScene
+    from validation.scene.read import DeformableScene, load_scene, with_auto
+
+    file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
+    box = isinstance(file.scene, BoxScene)
+    folder = default_folder(output, json, file.name if box else f"{file.name}-fem")
+    reads = (*file.reads, *_read(resume, folder), *(() if accuracy is None else (store,)))
+    names = (*(BOX_FILES if box else BLOCK_FILES), CHECKPOINT)
+    with Outputs(json, folder, names, reads=reads) as outputs:
+        if accuracy is not None:
+            from validation.cost.report import with_accuracy
+
+            file = with_accuracy(file, accuracy, store, outputs.console)
+        if isinstance(file.scene, BoxScene):
+            _solve_box(file.name, file.scene, outputs, resume)
+        elif isinstance(file.scene, DeformableScene):
+            _solve_blocks(file.name, file.scene, outputs, resume)
+        else:
+            raise InputError(
+                f"{file.name}: block.type {file.scene.block.type!r} has no hexahedral mesh for "
+                "deformable blocks; `tubelock mbd` gives the rigid answer"
+            )
+        if folder is not None:
+            (folder / CHECKPOINT).unlink(missing_ok=True)
+
+
+def _read(resume: Path | None, folder: Path | None) -> tuple[Path, ...]:
+    """Return the checkpoint that is read and must stay: not the one that this run goes on with."""
+    if resume is None or (
+        folder is not None and resume.resolve() == (folder / CHECKPOINT).resolve()
+    ):
+        return ()
+    return (resume,)
+
+
+def refuse_resume(resume: Path | None) -> None:
+    """Refuse a checkpoint for a run that keeps none.
+
+    Raises
+    ------
+    InputError
+        When one is given.
+    """
+    if resume is not None:
+        raise InputError(
+            f"--resume {resume}: a static run keeps no checkpoint; leave --resume out, or set "
+            'fem.method = "explicit" as in the run that was interrupted'
+        )
+
+
+def check_finished(result: ExplicitResult, outputs: Outputs) -> None:
+    """Say how to go on with a run that was interrupted.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        After having said it.
+    """
+    from fem.explicit.solve import Status
+
+    if result.status is not Status.INTERRUPTED:
+        return
+    remedy = (
+        f"continue with --resume {outputs.path(CHECKPOINT)}"
+        if outputs.folder is not None
+        else "nothing was kept: give a folder with -o to keep a checkpoint"
+    )
+    outputs.console.print(f"stopped at step {result.n_steps}: {remedy}")
+    raise KeyboardInterrupt
+
+
+def _kept(
+    outputs: Outputs, scene: BoxScene | DeformableScene, groups: Sequence[BlockGroup]
+) -> dict[str, Any]:
+    """Checkpoint and writer of frames of an explicit run; neither without a folder."""
+    from validation.output.fields import FrameWriter
+
+    if outputs.folder is None:
+        return {}
+    finite = scene.effects.finite_rotation
+    writer = FrameWriter(outputs.folder, groups, finite_rotation=finite)
+    return {"checkpoint": outputs.path(CHECKPOINT), "on_frame": writer}
+
+
+def _solve_box(name: str, scene: BoxScene, outputs: Outputs, resume: Path | None) -> None:
+    """Solve a box scene and write what the command promises."""
+    from validation.build.box import build_box
+    from validation.output.console import explicit_progress
+    from validation.output.deformable import print_box, write_box_files
+    from validation.run.box import box_json, check_end_time, run_box
+    from validation.scene.deformable import Method
+
+    if scene.fem.method is Method.EXPLICIT:
+        check_end_time(scene)
+    else:
+        refuse_resume(resume)
+    box = build_box(scene)
+    kept = _kept(outputs, scene, box.model.groups)
+    with explicit_progress() as progress:
+        run = run_box(name, scene, box=box, progress=progress, resume=resume, **kept)
+    if run.explicit is not None:
+        check_finished(run.explicit, outputs)
+    print_box(run, outputs.console)
+    write_box_files(run, outputs)
+    outputs.write_json(box_json(run))
+
+
+def _solve_blocks(name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None) -> None:
+    """Solve blocks in contact and write what the command promises."""
+    from validation.build.cell import is_cell
+    from validation.effects.cell import cell_table, probed_cell_error
+    from validation.effects.report import decided
+    from validation.output.console import explicit_progress, status
+    from validation.output.deformable import print_blocks, write_block_files
+    from validation.run.box import peak_memory_mb
+    from validation.run.deformable import build_deformable, fem_section, tube_json
+    from validation.run.explicit import explicit_statement, run_tube_explicit
+    from validation.run.static import run_tube_static
+    from validation.scene.deformable import Method
+
+    scene, decision = decided(scene, name, outputs.console)
+    fem = fem_section(scene, name)
+    if fem.method is Method.STATIC:
+        refuse_resume(resume)
+    start = time.process_time()
+    deformable = build_deformable(scene, name)
+    statement = None
+    if fem.method is Method.EXPLICIT:
+        statement = explicit_statement(scene, name, deformable)
+    built = time.process_time() - start
+    added = {}
+    if decision is not None:
+        added["effects_decision"] = decision.as_json()
+    if is_cell(scene):
+        error = probed_cell_error(scene, name)
+        outputs.console.print(cell_table(name, error))
+        added["periodic_cell"] = error.as_json()
+    result = None
+    if statement is None:
+        with status(outputs.console, f"{name}: static Newton"):
+            run = run_tube_static(name, scene, deformable=deformable)
+    else:
+        kept = _kept(outputs, scene, deformable.model.groups)
+        with explicit_progress() as progress:
+            run, result = run_tube_explicit(
+                name,
+                scene,
+                deformable=deformable,
+                statement=statement,
+                progress=progress,
+                resume=resume,
+                **kept,
+            )
+        check_finished(result, outputs)
+    spent = run.cpu_seconds
+    spent |= {"build": spent["build"] + built, "total": spent["total"] + built}
+    run = replace(run, solver=run.solver | added, cpu_seconds=spent)
+    print_blocks(run, outputs.console)
+    write_block_files(run, result, outputs)
+    outputs.write_json(tube_json(run, peak_memory_mb()))

@@ -1,0 +1,68 @@
+"""Commands that look at scenes: list them, print one, draw one."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from validation.cli.completion import complete_scenes
+from validation.cli.options import SceneArgument, SetOption
+
+
+def scenes(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[NAME]",
+            help="Print this scene, to copy and change.",
+            autocompletion=complete_scenes,
+        ),
+    ] = None,
+) -> None:
+    """List the built-in scenes, or print one as TOML."""
+    from validation.scene.builtin import builtin_names, builtin_text
+
+    if name is not None:
+        sys.stdout.write(builtin_text(name))
+        return
+    names = builtin_names()
+    width = max(len(scene) for scene in names)
+    for scene in names:
+        first = builtin_text(scene).splitlines()[0].lstrip("# ")
+        print(f"{scene:{width}} {first}")
+
+
+def show(
+    scene: SceneArgument,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE.png|svg|pdf", help="Picture to write.")
+    ] = Path("tube.png"),
+    settings: SetOption = None,
+) -> None:
+    """Draw a scene: blocks, frame, load and supports."""
+    from validation.output.files import require_picture
+    from validation.output.outputs import Outputs
+    from validation.run.words import load_words
+    from validation.scene.polyhedra import PolyhedralScene
+    from validation.scene.read import load_scene
+
+    file = load_scene(scene, settings or ())
+    require_picture(output)
+    with Outputs(files={"-o": output}, reads=file.reads) as outputs:
+        if isinstance(file.scene, PolyhedralScene):
+            from validation.build.polyhedra import build_polyhedra
+            from validation.output.pictures.polyhedra import draw_blocks
+
+            title = f"{file.name}: {load_words(file.scene)}"
+            draw_blocks(build_polyhedra(file.scene, file.folder), output, title=title)
+        else:
+            from validation.output.pictures.assemblies import draw_assembly
+            from validation.run.rigid import build_scene
+
+            built = build_scene(file, command="show")
+            title = f"{file.name}: {load_words(file.scene)}"
+            draw_assembly(built.assembly, built.load, output, title=title)
+        outputs.say("picture", output)

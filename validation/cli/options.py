@@ -1,0 +1,91 @@
+"""Options that several commands share, and what every command takes."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from validation.cli.completion import complete_effects, complete_scenes, complete_settings
+
+SceneArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE",
+        help="A built-in scene (see `scenes`) or a TOML file.",
+        autocompletion=complete_scenes,
+    ),
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="SECTION.KEY=VALUE",
+        help="Replace or add a value of the scene; repeatable.",
+        autocompletion=complete_settings,
+    ),
+]
+#: Where `cost` keeps its measurements unless told.
+COST_STORE = Path("out/cost.sqlite")
+CostStoreOption = Annotated[
+    Path, typer.Option("--store", metavar="FILE.sqlite", help="Measurements of `cost`.")
+]
+AutoOption = Annotated[
+    str | None,
+    typer.Option(
+        "--auto",
+        metavar="1%",
+        help="Leave out effects that change p_max, p_eff and displacement by less.",
+    ),
+]
+KeepOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--keep",
+        metavar="EFFECT",
+        help="Effect that --auto leaves as it is; repeatable.",
+        autocompletion=complete_effects,
+    ),
+]
+JsonOption = Annotated[
+    str | None,
+    typer.Option("--json", metavar="FILE|-", help="Write the result as JSON (- : to the screen)."),
+]
+
+
+def folder_option(what: str, default: str) -> Any:
+    """``-o DIR`` for a folder of ``what``; the default is a folder below ``out``."""
+    words = f"Folder for {what}; {default} unless --json is given."
+    return typer.Option("-o", "--output", metavar="DIR", help=words)
+
+
+def default_folder(output: Path | None, json: str | None, name: str) -> Path | None:
+    """Return the folder asked for; ``out/NAME`` where neither folder nor JSON is."""
+    return Path("out") / name if output is None and json is None else output
+
+
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
+
+
+def command(function: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that takes ``--quiet`` as well."""
+
+    @functools.wraps(function)
+    def run(*arguments: Any, quiet: bool = False, **options: Any) -> None:
+        from validation.output import console
+
+        console.quiet.set(quiet)
+        function(*arguments, **options)
+
+    stated = inspect.signature(function, eval_str=True)
+    kind = inspect.Parameter.KEYWORD_ONLY
+    added = inspect.Parameter("quiet", kind, default=False, annotation=QuietOption)
+    signature = stated.replace(parameters=[*stated.parameters.values(), added])
+    # typer asks both what a command takes.
+    run.__signature__ = signature  # type: ignore[attr-defined]
+    run.__annotations__ = function.__annotations__ | {"quiet": QuietOption}
+    return run

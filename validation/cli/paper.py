@@ -1,0 +1,160 @@
+"""Commands that reproduce the paper: tables, figures, claims, errata, and all of it as a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from validation.cli.options import JsonOption
+from validation.errors import InputError
+
+if TYPE_CHECKING:
+    from validation.output.outputs import Outputs
+    from validation.paper.evidence import Evidence
+
+_DATA = Path("out/paper")
+
+FemOption = Annotated[
+    bool, typer.Option("--fem", help="Compute the deformable blocks too: some minutes.")
+]
+FullOption = Annotated[
+    bool, typer.Option("--full", help="Fine meshes, in the parameter study as well.")
+]
+QuickOption = Annotated[bool, typer.Option("--quick", help="Rigid blocks only: about a minute.")]
+WorkersOption = Annotated[
+    int | None, typer.Option("--workers", metavar="N", help="Processes; by default one per core.")
+]
+NamesArgument = Annotated[
+    list[str] | None, typer.Argument(metavar="[NAME]...", help="Only these; by default all.")
+]
+ReportFolder = Annotated[
+    Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the report.")
+]
+
+
+def _evidence(
+    folder: Path,
+    outputs: Outputs,
+    *,
+    fem: bool = False,
+    full: bool = False,
+    workers: int | None = None,
+) -> Evidence:
+    from validation.output.files import prepare_folder
+    from validation.paper.evidence import Evidence
+
+    prepare_folder(folder)
+    return Evidence(folder, outputs.console, deformable=fem, full=full, workers=workers)
+
+
+def tables(json: JsonOption = None) -> None:
+    """Every row of the paper's tables: ours beside the printed value."""
+    from validation.output.outputs import Outputs
+    from validation.paper.tables import compute_tables, print_tables, tables_json
+
+    with Outputs(json) as outputs:
+        rows = compute_tables(outputs.console)
+        print_tables(rows, outputs.console)
+        outputs.write_json(tables_json(rows))
+
+
+def figures(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the figures.")
+    ] = _DATA,
+    *,
+    fem: FemOption = False,
+    full: FullOption = False,
+    workers: WorkersOption = None,
+    json: JsonOption = None,
+) -> None:
+    """Draw the paper's figures from our own results, and the cost table beside the printed one."""
+    from dataclasses import asdict
+
+    from validation.output.outputs import Outputs
+    from validation.paper.figures import cost_rows, draw_figures, print_costs
+
+    with Outputs(json, output, ("*.png", "*.sqlite")) as outputs:
+        evidence = _evidence(output, outputs, fem=fem, full=full, workers=workers)
+        found = draw_figures(evidence, output)
+        costs = cost_rows(evidence)
+        print_costs(costs, outputs.console)
+        for figure in found:
+            outputs.say("picture", figure.path)
+        data = [{"name": f.name, "caption": f.caption, "path": str(f.path)} for f in found]
+        outputs.write_json({"figures": data, "cost": [asdict(row) for row in costs]})
+
+
+def claims(
+    names: NamesArgument = None,
+    *,
+    fem: FemOption = False,
+    full: FullOption = False,
+    workers: WorkersOption = None,
+    json: JsonOption = None,
+) -> None:
+    """Judge the paper's statements: true, false or not decidable, with the number.
+
+    What was not run is "not computed here".
+    """
+    from validation.output.outputs import Outputs
+    from validation.paper.claims.judge import check_claims, claims_json, judge_claims, print_claims
+
+    check_claims(names)
+    with Outputs(json, _DATA, ("*.sqlite",)) as outputs:
+        evidence = _evidence(_DATA, outputs, fem=fem, full=full, workers=workers)
+        found = judge_claims(evidence, names)
+        print_claims(found, outputs.console)
+        outputs.write_json(claims_json(found))
+
+
+def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
+    """Show what the paper prints and cannot mean, each with a computation."""
+    from validation.output.outputs import Outputs
+    from validation.paper.errata import check_errata, errata_json, print_errata, show_errata
+
+    check_errata(names)
+    with Outputs(json, _DATA, ("*.sqlite",)) as outputs:
+        found = show_errata(_evidence(_DATA, outputs), names)
+        print_errata(found, outputs.console)
+        outputs.write_json(errata_json(found))
+
+
+def report(
+    output: ReportFolder = Path("out/report"),
+    *,
+    quick: QuickOption = False,
+    full: FullOption = False,
+    workers: WorkersOption = None,
+) -> None:
+    """Write one folder with everything: index.html needs no network."""
+    from validation.output.console import text_console
+    from validation.paper.report import Extent, write_report
+
+    if quick and full:
+        raise InputError("--quick and --full: choose one of the two, or none")
+    extent = Extent.QUICK if quick else Extent.FULL if full else Extent.NORMAL
+    console = text_console()
+    try:
+        page = write_report(output, console, extent=extent, workers=workers)
+    except OSError as error:
+        raise InputError(
+            f"{output}: the report could not be written ({error.strerror or error}); make room and "
+            "run the same command again: the parameter study in it is kept"
+        ) from None
+    console.print(f"{'report':9} {page}")
+
+
+def everything(
+    context: typer.Context,
+    output: ReportFolder = Path("out/report"),
+    *,
+    quick: QuickOption = False,
+    full: FullOption = False,
+    workers: WorkersOption = None,
+) -> None:
+    """Reproduce the paper: alone, this writes the whole report; the commands write parts of it."""
+    if context.invoked_subcommand is None:
+        report(output, quick=quick, full=full, workers=workers)

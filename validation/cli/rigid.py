@@ -1,0 +1,88 @@
+"""Commands of rigid blocks: what holds, and what an outward push of all blocks does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from validation.cli.options import (
+    JsonOption,
+    SceneArgument,
+    SetOption,
+    default_folder,
+    folder_option,
+)
+
+
+def mbd(
+    scene: SceneArgument,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[
+        Path | None, folder_option("pressures (.vtu) and picture", "out/SCENE")
+    ] = None,
+) -> None:
+    """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
+    from validation.output.outputs import Outputs
+    from validation.scene.polyhedra import PolyhedralScene
+    from validation.scene.read import load_scene
+
+    file = load_scene(scene, settings or ())
+    folder = default_folder(output, json, file.name)
+    if isinstance(file.scene, PolyhedralScene):
+        from validation.output import polyhedra
+        from validation.run.polyhedra import polyhedra_json, run_polyhedra
+
+        with Outputs(json, folder, polyhedra.FILES, reads=file.reads) as outputs:
+            bodies = run_polyhedra(file, file.scene)
+            polyhedra.print_polyhedra(bodies, outputs.console)
+            polyhedra.write_polyhedra(bodies, outputs)
+            outputs.write_json(polyhedra_json(bodies))
+        return
+    from validation.output import rigid
+    from validation.run.rigid import rigid_json, run_rigid
+
+    with Outputs(json, folder, rigid.FILES, reads=file.reads) as outputs:
+        run = run_rigid(file)
+        rigid.print_rigid(run, outputs.console)
+        rigid.write_rigid(run, outputs)
+        outputs.write_json(rigid_json(run))
+
+
+def explode(
+    scene: SceneArgument,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE.png|svg|pdf",
+            help="Strip of pictures; out/SCENE/explosion.png unless --json is given.",
+        ),
+    ] = None,
+) -> None:
+    """Move all blocks of a tube outward at once, frame released: does it explode, and how far."""
+    from validation.output.explosion import print_explosion
+    from validation.output.files import require_picture
+    from validation.output.outputs import Outputs
+    from validation.run.explosion import explosion_json, run_explosion
+    from validation.scene.read import load_scene
+
+    file = load_scene(scene, settings or ())
+    folder = default_folder(output, json, file.name)
+    picture = folder / "explosion.png" if output is None and folder is not None else folder
+    if picture is not None:
+        require_picture(picture)
+    with Outputs(json, files={"-o": picture}, reads=file.reads) as outputs:
+        run = run_explosion(file)
+        print_explosion(run, outputs.console)
+        if picture is not None:
+            from validation.output.pictures.explosion import draw_explosion
+
+            draw_explosion(run, picture)
+            outputs.say("picture", picture)
+        outputs.write_json(explosion_json(run))

@@ -1,0 +1,110 @@
+"""Commands that say how far answers can be believed: hard cases, effects, the periodic cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from validation.cli.options import (
+    JsonOption,
+    SceneArgument,
+    SetOption,
+    default_folder,
+    folder_option,
+)
+
+
+def stability(
+    *,
+    only: Annotated[
+        list[str] | None,
+        typer.Option("--only", metavar="NAME", help="Run this case or subject; repeatable."),
+    ] = None,
+    listed: Annotated[
+        bool, typer.Option("--list", help="List the cases and their laws; run nothing.")
+    ] = False,
+    json: JsonOption = None,
+) -> None:
+    """Run the hard cases: each with its law, the numbers that prove it, and a verdict."""
+    from validation.output.outputs import Outputs
+    from validation.stability import report
+    from validation.stability.suite import chosen
+
+    cases = chosen(only or ())
+    with Outputs(json) as outputs:
+        if listed:
+            report.list_cases(cases, outputs.console)
+            return
+        found = report.run_cases(cases)
+        report.print_cases(found, outputs.console)
+        outputs.write_json(report.stability_json(found))
+    if report.any_red(found):
+        raise typer.Exit(1)
+
+
+def effects(
+    scene: SceneArgument,
+    *,
+    settings: SetOption = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(metavar="1%", help="Change beyond which an effect matters; 1% by default."),
+    ] = None,
+    proof: Annotated[
+        bool,
+        typer.Option(
+            "--proof", help="Also build the loop without effects: bits and instructions, 35 CPU s."
+        ),
+    ] = False,
+    json: JsonOption = None,
+    output: Annotated[Path | None, folder_option("the figure", "out/SCENE")] = None,
+) -> None:
+    """Measure what each effect changes in the answer of a tube, and what it costs."""
+    from dataclasses import asdict
+
+    from validation.effects import report
+    from validation.effects.costs import effect_costs, ready, undamped
+    from validation.effects.proof import prove_absent
+    from validation.output.outputs import Outputs
+    from validation.scene.read import load_scene, require_deformable
+
+    file = load_scene(scene, settings or ())
+    checked = require_deformable(file, "effects")
+    bound = report.bound(checked, tolerance)
+    plain = checked.effects.model_copy(update={"auto": None})
+    folder = default_folder(output, json, file.name)
+    with Outputs(json, folder, (report.PICTURE,), reads=file.reads) as outputs:
+        console = outputs.console
+        found = effect_costs(
+            checked.model_copy(update={"effects": plain}),
+            file.name,
+            told=lambda name: console.print(f"… {name}") if console.is_terminal else None,
+        )
+        console.print(report.effects_table(found, bound))
+        outputs.write("picture", report.PICTURE, lambda path: report.draw_effects(found, path))
+        data = report.effects_json(found, bound)
+        if proof:
+            proven = prove_absent(ready(undamped(checked), file.name)[0])
+            console.print(report.proof_table(proven))
+            data["proof"] = asdict(proven) | {"holds": proven.holds}
+        outputs.write_json(data)
+
+
+def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption = None) -> None:
+    """Measure the error of the two-layer periodic cell against the whole tube."""
+    from validation.effects.cell import cell_error, cell_table
+    from validation.output.console import status
+    from validation.output.outputs import Outputs
+    from validation.run.deformable import fem_section
+    from validation.scene.read import load_scene, require_deformable
+
+    file = load_scene(scene, settings or ())
+    checked = require_deformable(file, "cell")
+    fem_section(checked, file.name)
+    with Outputs(json, reads=file.reads) as outputs:
+        with status(outputs.console, f"{file.name}: periodic cell and whole tube"):
+            found = cell_error(checked, file.name)
+        outputs.console.print(cell_table(file.name, found))
+        outputs.write_json(found.as_json())

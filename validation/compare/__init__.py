@@ -1,0 +1,1 @@
+"""Answers beside each other: methods, other programs, closed forms."""

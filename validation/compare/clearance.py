@@ -1,0 +1,135 @@
+"""`tubelock clearance`: what the initial gap between the blocks does, the paper's great unknown.
+
+The paper spaced its blocks by a small gap "for stabilization" and does not print it. Each gap is a
+static solution of the same scene; the factor by which the paper scales its displacement pictures
+hints at which gap it used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from fem.static.linear_step.condensed import FlexibilityStore
+from validation.errors import InputError
+from validation.output.pictures.gallery import BLUE, ORANGE, VERMILION, save_figure, subplots
+from validation.run.deformable import fem_section
+from validation.run.static import run_tube_static
+from validation.scene.deformable import Method
+from validation.scene.read import DeformableScene
+
+GAPS = (0.0, 0.003, 0.01, 0.03, 0.1)
+
+
+@dataclass(frozen=True)
+class ClearanceRow:
+    """The static state with one initial clearance."""
+
+    initial_clearance: float
+    """[mm]"""
+    max_displacement: float
+    """[mm]"""
+    p_eff: float
+    """[MPa]"""
+    p_max: float
+    """Mean of the block maxima [MPa]."""
+    effective_count_percent: float
+    """[%]"""
+    max_principal_stress: float
+    """Largest σ₁ [MPa]."""
+    newton_iterations: int
+    cpu_seconds: float
+
+
+def clearance_row(
+    name: str, scene: DeformableScene, gap: float, store: FlexibilityStore | None = None
+) -> ClearanceRow:
+    """Solve the scene with one initial clearance."""
+    fem = fem_section(scene, name)
+    assert scene.contact is not None
+    spaced = scene.model_copy(
+        update={
+            "contact": scene.contact.model_copy(update={"initial_clearance": gap}),
+            "fem": fem.model_copy(update={"method": Method.STATIC}),
+        }
+    )
+    run = run_tube_static(f"{name}, clearance {gap:g} mm", spaced, store=store)
+    blocks = run.deformable.deformable_blocks.tolist()
+    return ClearanceRow(
+        initial_clearance=gap,
+        max_displacement=run.largest_displacement,
+        p_eff=run.contact.p_eff,
+        p_max=run.contact.p_max_face,
+        effective_count_percent=run.contact.effective_count_percent,
+        max_principal_stress=max(float(run.principal(b)[:, 0].max()) for b in blocks),
+        newton_iterations=int(run.solver["newton_iterations"]),
+        cpu_seconds=run.cpu_seconds["total"],
+    )
+
+
+def clearance_rows(
+    name: str, scene: DeformableScene, gaps: tuple[float, ...]
+) -> list[ClearanceRow]:
+    """Solve the scene with every initial clearance.
+
+    Raises
+    ------
+    InputError
+        For gaps that are none, or a scene that cannot be solved.
+    """
+    if not gaps or not all(np.isfinite(gaps)) or min(gaps) < 0:
+        raise InputError(f"--gap: got {list(gaps)}, expected one or more clearances in mm, 0 or up")
+    store = FlexibilityStore()
+    return [clearance_row(name, scene, gap, store) for gap in gaps]
+
+
+def print_rows(name: str, rows: list[ClearanceRow], console: Console) -> None:
+    """Print the study."""
+    table = Table(title=f"{name}: static state over the initial clearance", title_justify="left")
+    for head in (
+        "clearance [mm]",
+        "|u| max [mm]",
+        "p_eff [MPa]",
+        "p_max [MPa]",
+        "effective elements",
+        "σ₁ max [MPa]",
+        "iterations",
+        "CPU s",
+    ):
+        table.add_column(head, justify="right")
+    for row in rows:
+        table.add_row(
+            f"{row.initial_clearance:g}",
+            f"{row.max_displacement:.4g}",
+            f"{row.p_eff:.3g}",
+            f"{row.p_max:.3g}",
+            f"{row.effective_count_percent:.1f} %",
+            f"{row.max_principal_stress:.3g}",
+            str(row.newton_iterations),
+            f"{row.cpu_seconds:.1f}",
+        )
+    console.print(table)
+
+
+def draw_clearance(name: str, rows: list[ClearanceRow], path: Path) -> None:
+    """Draw displacement and pressures over the clearance."""
+    gap = [row.initial_clearance for row in rows]
+    figure, (left, right) = subplots(1, 2, size=(10.5, 4.4))
+    left.plot(gap, [row.max_displacement for row in rows], "o-", color=BLUE)
+    left.set_ylabel("largest displacement [mm]")
+    right.plot(
+        gap, [row.p_max for row in rows], "s-", color=VERMILION, label="mean of block maxima"
+    )
+    right.plot(gap, [row.p_eff for row in rows], "o-", color=ORANGE, label="effective mean")
+    right.set_ylabel("contact pressure [MPa]")
+    right.legend(frameon=False)
+    for axes in (left, right):
+        axes.set_xlabel("initial clearance [mm]")
+        axes.set_ylim(bottom=0.0)
+        axes.grid(alpha=0.3)
+    figure.suptitle(f"{name}: static state over the initial clearance", x=0.02, ha="left")
+    save_figure(figure, path)

@@ -1,0 +1,187 @@
+"""Limit analysis beside closed forms: ``python -m validation.compare.closed_forms``.
+
+- A block on an incline slides at atan μ.
+- A prism in a groove of angle β tips out when gravity leans by β, with friction by β + atan μ.
+- A semicircular arch stands without sliding down to t/R = 0.1075 (Milankovitch 1907; Couplet's
+  problem in Heyman, "The safety of masonry arches", Int. J. Mech. Sci. 11 (1969), whose
+  approximate thrust line gives 0.106).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from geometry.families.masonry import box, circular_arch
+from geometry.mesh import FloatArray
+from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
+from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
+from mbd import contact_jacobian
+from mbd.friction import (
+    FrictionalEquilibrium,
+    collapse_load,
+    frictional_contacts,
+    frictional_equilibrium,
+)
+from validation.output.files import prepare_file
+
+#: Minimum thickness of a semicircular arch over its centre-line radius, four digits.
+ARCH_LIMIT = 0.1075
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit found and its closed form."""
+
+    name: str
+    found: float
+    exact: float
+    unit: str
+
+
+def body_force(assembly: PolyhedralAssembly, direction: FloatArray) -> FloatArray:
+    """Generalized force of unit specific weight along a direction, (6 n_free,)."""
+    force = np.zeros((len(assembly.free_blocks), 6))
+    force[:, :3] = assembly.volumes[assembly.free_blocks, None] * direction
+    return force.ravel()
+
+
+def tilt_limit(assembly: PolyhedralAssembly, friction: float) -> float:
+    """Largest lean of gravity from -z towards +x that is carried [rad].
+
+    Gravity leaning by φ is, up to a factor, -z plus tan φ times x: a collapse load.
+    """
+    contacts = frictional_contacts(assembly, contact_jacobian(assembly), friction)
+    down, aside = np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])
+    found = collapse_load(contacts, body_force(assembly, down), body_force(assembly, aside))
+    return float(np.arctan(found.factor))
+
+
+def incline() -> PolyhedralAssembly:
+    """A flat block on a fixed plate [mm]."""
+    plate, block = box((100.0, 100.0, 10.0)), box((20.0, 20.0, 4.0))
+    places = [(plate, np.eye(3), np.zeros(3)), (block, np.eye(3), np.array([40.0, 40.0, 10.0]))]
+    return polyhedral_assembly("incline", places, np.array([True, False]))
+
+
+def groove(angle: float) -> PolyhedralAssembly:
+    """A long prism in a fixed groove whose sides rise at an angle [rad]."""
+    t, length = np.tan(angle), 400.0
+    wedge = [(0.0, 0.0), (10.0, 10 * t), (-10.0, 10 * t)]
+    side = [(0.0, 0.0), (40.0, 40 * t), (40.0, 40 * t - 60.0), (0.0, -60.0)]
+
+    def prism(
+        name: str, outline: list[tuple[float, float]], half: float, sign: float
+    ) -> Polyhedron:
+        return convex_polyhedron(
+            name, [[sign * x, y, z] for x, z in outline for y in (-half, half)]
+        )
+
+    shapes = [
+        prism("right", side, 2 * length, 1.0),
+        prism("left", side, 2 * length, -1.0),
+        prism("wedge", wedge, length, 1.0),
+    ]
+    blocks = [(shape, np.eye(3), np.zeros(3)) for shape in shapes]
+    return polyhedral_assembly("groove", blocks, np.array([True, True, False]))
+
+
+def arch_answer(ratio: float, voussoirs: int, friction: float = 1.0) -> FrictionalEquilibrium:
+    """Semicircular arch of radius 1 m under its weight: does it stand at t/R = ``ratio``."""
+    arch = circular_arch(1000.0, 1000.0 * ratio, 300.0, voussoirs)
+    contacts = frictional_contacts(arch, contact_jacobian(arch), friction)
+    return frictional_equilibrium(contacts, body_force(arch, np.array([0.0, 0.0, -1.0])))
+
+
+def bisect(holds: Callable[[float], bool], low: float, high: float, steps: int) -> float:
+    """Where ``holds`` changes from false (low) to true (high)."""
+    for _ in range(steps):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if holds(middle) else (middle, high)
+    return 0.5 * (low + high)
+
+
+def arch_limit(voussoirs: int, *, steps: int = 14) -> float:
+    """Smallest t/R at which the semicircular arch stands without sliding."""
+    return bisect(lambda ratio: arch_answer(ratio, voussoirs).holds, 0.09, 0.13, steps)
+
+
+def limits() -> list[Limit]:
+    """Every limit beside its closed form."""
+    rows = [
+        Limit(f"incline, μ = {mu}", np.degrees(tilt_limit(incline(), mu)), exact, "°")
+        for mu in (0.3, 0.7)
+        for exact in [float(np.degrees(np.arctan(mu)))]
+    ]
+    for degrees in (30.0, 60.0):
+        for mu in (0.0, 0.2):
+            exact = degrees + float(np.degrees(np.arctan(mu)))
+            found = float(np.degrees(tilt_limit(groove(np.radians(degrees)), mu)))
+            rows.append(Limit(f"prism in a {degrees:g}° groove, μ = {mu}", found, exact, "°"))
+    rows += [
+        Limit(f"arch of {n} voussoirs, t/R", arch_limit(n), ARCH_LIMIT, "") for n in (20, 40, 80)
+    ]
+    return rows
+
+
+def draw_arches(path: Path) -> None:
+    """Draw the arch that just stands, and the mechanism of the one that just does not."""
+    from validation.output.pictures.canvas import View
+    from validation.output.pictures.gallery import Panel, gallery
+    from validation.output.pictures.polyhedra import polyhedra_parts
+
+    columns = []
+    for ratio in (0.109, 0.106):
+        arch = circular_arch(1000.0, 1000.0 * ratio, 300.0, 40)
+        answer = arch_answer(ratio, 40)
+        places = [arch.points(block) for block in range(arch.n_blocks)]
+        words = "stands"
+        if answer.mechanism is not None:
+            words = "collapses by five hinges"
+            motion = np.zeros((arch.n_blocks, 6))
+            motion[arch.free_blocks] = answer.mechanism.reshape(-1, 6)
+            motion[:, 3:] /= arch.characteristic_length
+            scale = 60.0 / float(np.linalg.norm(motion[:, :3], axis=1).max())
+            for block in range(arch.n_blocks):
+                arm = places[block] - arch.centroids[block]
+                moved = motion[block, :3] + np.cross(motion[block, 3:], arm)
+                places[block] = places[block] + scale * moved
+        view = View(polyhedra_parts(arch, places), (0.0, -1.0, 0.0))
+        columns.append([Panel(f"t/R = {ratio}: {words}", view)])
+    title = f"Semicircular arch, no sliding: the limit is t/R = {ARCH_LIMIT}"
+    gallery(columns, title, path, height=4.5)
+
+
+def main(
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE.png", help="Picture of arches.")
+    ] = None,
+) -> None:
+    """Print every limit beside its closed form."""
+    console = Console()
+    table = Table(title="Limit analysis of rigid blocks beside closed forms", title_justify="left")
+    for head in ("problem", "found", "closed form", "difference"):
+        table.add_column(head)
+    for row in limits():
+        table.add_row(
+            row.name,
+            f"{row.found:.6g} {row.unit}",
+            f"{row.exact:.6g} {row.unit}",
+            f"{row.found - row.exact:+.1e}",
+        )
+    console.print(table)
+    if output is not None:
+        prepare_file(output)
+        draw_arches(output)
+        console.print(f"picture   {output}")
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,168 @@
+"""Observed orders of convergence: first frequency of a cantilever over mesh and time step.
+
+Mesh: four hexahedra with lumped mass against scikit-fem's quadratic hexahedra on a finer mesh.
+Time step: the phase of a free vibration in the first mode, run by `fem.solve`, against the
+eigenfrequency of the same discrete model, so that nothing but the time step errs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from rich.console import Console
+from rich.table import Table
+from scipy.sparse.linalg import eigsh
+
+from fem.element.hexahedron import ElementType, block_lumped_mass, block_stiffness
+from fem.element.material import Material
+from fem.explicit.solve import solve
+from fem.problem.model import Model, block_group, fixed_nodes
+from geometry.block import box_block
+from geometry.mesh import FloatArray
+from validation.output.pictures.gallery import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    VERMILION,
+    save_figure,
+    subplots,
+)
+
+#: Long, slender, and without Poisson's ratio, so that the clamped end has no singular stress.
+SIZE = (200.0, 20.0, 20.0)
+MATERIAL = Material(density=2.4e-9, young_modulus=33000.0, poisson_ratio=0.0)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Errors along a refinement."""
+
+    name: str
+    """Element, or ``time step``."""
+    sizes: tuple[float, ...]
+    """Element size [mm] or time step over the critical one."""
+    errors: tuple[float, ...]
+    """Relative errors of the frequency, magnitude."""
+
+    @property
+    def order(self) -> float:
+        """Slope between the two finest points."""
+        e, h = self.errors, self.sizes
+        return float(np.log(e[-2] / e[-1]) / np.log(h[-2] / h[-1]))
+
+
+def _first_mode(stiffness: sp.csr_array, mass: FloatArray) -> tuple[float, FloatArray]:
+    """Lowest ω² and its vector for K x = ω² M x with lumped mass (n,)."""
+    root = sp.diags_array(1.0 / np.sqrt(mass))
+    scaled = sp.csc_matrix(root @ stiffness @ root)
+    start = np.random.default_rng(0).standard_normal(len(mass))
+    value, vector = eigsh(scaled, k=1, sigma=0.0, v0=start)
+    mode: FloatArray = vector[:, 0] / np.sqrt(mass)
+    return float(value[0]), mode
+
+
+def cantilever_frequency(n: int, element: ElementType) -> tuple[float, FloatArray]:
+    """First ω [rad/s] and mode (n_nodes, 3) with 10 n × n × n elements, x = 0 clamped."""
+    mesh = box_block(SIZE, (10 * n, n, n)).mesh
+    stiffness = sp.csr_array(block_stiffness(mesh, MATERIAL, element))
+    mass = np.repeat(block_lumped_mass(mesh, MATERIAL.density), 3)
+    free = np.flatnonzero(np.repeat(mesh.nodes[:, 0] > 0.0, 3))
+    value, vector = _first_mode(sp.csr_array(stiffness[free].tocsc()[:, free]), mass[free])
+    mode = np.zeros(3 * mesh.n_nodes)
+    mode[free] = vector
+    return float(np.sqrt(value)), mode.reshape(-1, 3)
+
+
+def reference_frequency(n: int = 3) -> float:
+    """First ω by scikit-fem: quadratic hexahedra, consistent mass [rad/s]."""
+    import skfem
+    from skfem.models.elasticity import lame_parameters, linear_elasticity
+
+    axes = [np.linspace(0.0, s, k * n + 1) for s, k in zip(SIZE, (10, 1, 1), strict=True)]
+    mesh = skfem.MeshHex.init_tensor(*axes)
+    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementHex2()), intorder=4)
+    lame = lame_parameters(MATERIAL.young_modulus, MATERIAL.poisson_ratio)
+    stiffness = linear_elasticity(*lame).assemble(basis)
+    mass = skfem.BilinearForm(lambda u, v, _: MATERIAL.density * skfem.helpers.dot(u, v)).assemble(
+        basis
+    )
+    held = basis.get_dofs(lambda x: x[0] == 0.0).flatten()
+    free = np.setdiff1d(np.arange(basis.N), held)
+    start = np.random.default_rng(0).standard_normal(len(free))
+    a, m = sp.csc_matrix(stiffness)[free][:, free], sp.csc_matrix(mass)[free][:, free]
+    value = eigsh(a, k=1, M=m, sigma=0.0, v0=start, return_eigenvectors=False)
+    return float(np.sqrt(value[0]))
+
+
+def mesh_curves(levels: tuple[int, ...] = (1, 2, 4)) -> list[Curve]:
+    """Error of the first frequency over the element size, for every element."""
+    exact = reference_frequency()
+    curves = []
+    for element in ElementType:
+        found = [cantilever_frequency(n, element)[0] for n in levels]
+        errors = tuple(abs(omega / exact - 1.0) for omega in found)
+        curves.append(Curve(element.value, tuple(SIZE[1] / n for n in levels), errors))
+    return curves
+
+
+def time_step_curve(fractions: tuple[float, ...] = (0.9, 0.45, 0.225)) -> Curve:
+    """Error of the first frequency over the time step, measured by the phase of a free run.
+
+    Started in the first mode the motion is cos(ω t); after a quarter past several periods the
+    tip passes zero, where phase = velocity-free displacement over amplitude, (ω - ω_exact) t.
+    """
+    mesh = box_block(SIZE, (20, 2, 2)).mesh
+    omega, mode = cantilever_frequency(2, ElementType.INCOMPATIBLE)
+    group = block_group(mesh, MATERIAL, element=ElementType.INCOMPATIBLE)
+    held = np.flatnonzero(mesh.nodes[:, 0] == 0.0)
+    model = Model(groups=(group,), supports=(fixed_nodes(0, held),))
+    start = 1e-3 * mode / np.abs(mode).max()
+    # The error of the phase grows with time: six periods make it well larger than round-off.
+    periods = 6.25
+    end = periods * 2 * np.pi / omega
+    weight = np.repeat(group.lumped_mass, 3)
+    errors = []
+    for fraction in fractions:
+        run = solve(model, end_time=end, safety_factor=fraction, displacements=(start[None],))
+        amplitude = float(weight @ (run.displacements[0][0].ravel() * start.ravel()))
+        amplitude /= float(weight @ start.ravel() ** 2)
+        phase = np.arccos(np.clip(amplitude, -1.0, 1.0)) + 2 * np.pi * np.floor(periods)
+        errors.append(float(abs(phase / (omega * run.time) - 1.0)))
+    return Curve("time step", fractions, tuple(errors))
+
+
+def draw_convergence(mesh: list[Curve], time: Curve, path: Path) -> None:
+    """Draw both refinements, log–log, with the observed orders."""
+    figure, (left, right) = subplots(1, 2, size=(11, 4.8))
+    colours = (BLUE, ORANGE, GREEN, VERMILION)
+    for curve, colour, marker in zip(mesh, colours, "os^D", strict=True):
+        label = f"{curve.name}: order {curve.order:.2f}"
+        left.loglog(curve.sizes, curve.errors, marker=marker, color=colour, label=label)
+    left.set_xlabel("element size [mm]")
+    left.set_ylabel("relative error of the first frequency [–]")
+    left.set_title("cantilever 200 × 20 × 20 mm, ν = 0: mesh", loc="left", fontsize=11)
+    right.loglog(
+        time.sizes, time.errors, marker="o", color=BLUE, label=f"measured: order {time.order:.2f}"
+    )
+    right.set_xlabel("time step / critical time step [–]")
+    right.set_title("the same: time step of the explicit run", loc="left", fontsize=11)
+    for axes in (left, right):
+        axes.grid(alpha=0.3, which="both")
+        axes.legend(frameon=False)
+    save_figure(figure, path)
+
+
+def print_convergence(mesh: list[Curve], time: Curve, console: Console) -> None:
+    """Print sizes, errors and observed orders."""
+    table = Table(title="Observed orders of convergence (first frequency)", title_justify="left")
+    for head in ("refinement", "sizes", "relative errors", "order"):
+        table.add_column(head)
+    for curve in [*mesh, time]:
+        unit = "of the critical step" if curve is time else "mm"
+        sizes = f"{', '.join(f'{s:g}' for s in curve.sizes)} {unit}"
+        errors = ", ".join(f"{e:.2e}" for e in curve.errors)
+        table.add_row(curve.name, sizes, errors, f"{curve.order:.2f}")
+    console.print(table)

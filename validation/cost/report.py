@@ -1,0 +1,323 @@
+"""Work and precision of a scene as tables, orders, words, figure and data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+
+from validation.cost.measure import SCALARS
+from validation.cost.settings import require_cost_scene
+from validation.cost.store import CostStore
+from validation.cost.study import (
+    QUANTITIES,
+    TARGETS,
+    CostStudy,
+    Row,
+    answer,
+    parse_accuracy,
+    percent,
+    scene_of_accuracy,
+)
+from validation.errors import InputError
+from validation.output.pictures.gallery import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    SKY,
+    VERMILION,
+    save_figure,
+    subplots,
+)
+from validation.scene.read import SceneFile
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_TITLES = {
+    "p_max": "p_max, mean of block maxima",
+    "p_eff": "p_eff, effective mean pressure",
+    "sigma_1": "largest principal stress σ₁",
+    "displacement": "largest displacement",
+    "pressure_l2": "contact pressure field, L2",
+}
+_UNITS = {**{name: unit for name, (unit, _) in SCALARS.items()}, "pressure_l2": "N"}
+_COLOURS = {"rigid": GREY, "static": BLUE, "explicit": VERMILION}
+_MARKERS = {"C3D8I": "o", "full": "^", "C3D8": "s", "C3D8R": "D"}
+
+
+def with_accuracy(file: SceneFile, accuracy: str, path: Path, console: Console) -> SceneFile:
+    """Scene with the setting that keeps an accuracy, chosen from what `tubelock cost` measured.
+
+    Raises
+    ------
+    InputError
+        Without measurements of this scene, or a setting that keeps it.
+    """
+    scene = require_cost_scene(file.scene, file.name)
+    parse_accuracy(accuracy)
+    if not path.exists():
+        raise InputError(
+            f"--accuracy {accuracy}: there is no {path}; run `tubelock cost {file.name}` first"
+        )
+    with CostStore(path) as store:
+        chosen, row = scene_of_accuracy(file.name, scene, accuracy, store)
+    console.print(f"accuracy  {accuracy}: {row.setting.name}, about {row.found.cost:.2g} CPU s")
+    return file.model_copy(update={"scene": chosen})
+
+
+# ---------------------------------------------------------------------------------------------
+# Data and text
+
+
+def study_json(study: CostStudy) -> dict[str, Any]:
+    """Return the study as plain data."""
+    return {
+        "scene": study.name,
+        "base_mesh": study.plan.base.at(1),
+        "reference": {
+            "levels": list(study.plan.reference_levels),
+            "cpu_seconds": study.reference_seconds,
+            "values": {q: float(study.reference[q].value[0]) for q in SCALARS},
+            "relative_errors": study.reference_errors,
+            "orders": {q: study.reference[q].order for q in QUANTITIES},
+        },
+        "settings": [
+            {
+                "name": row.setting.name,
+                "family": row.setting.family,
+                "method": row.setting.method,
+                "level": row.setting.level,
+                "values": row.found.scalars,
+                "relative_errors": row.errors,
+                "cpu_seconds": row.found.cpu_seconds,
+                **row.found.details,
+            }
+            for row in study.rows
+        ],
+        "failures": study.failures,
+        "pareto": {q: [row.setting.name for row in study.front(q)] for q in QUANTITIES},
+        "orders": {
+            family: {
+                q: {"against_reference": order.against_reference, "by_itself": order.by_itself}
+                for q in QUANTITIES
+                if any(q in row.errors for row in rows)
+                for order in (study.order(family, q),)
+            }
+            for family, rows in study.families().items()
+        },
+        "answers": [answer(study, q, target) for q in QUANTITIES for target in TARGETS],
+    }
+
+
+def print_study(study: CostStudy, console: Console) -> None:
+    """Print reference, Pareto fronts, orders and the answers in words."""
+    _print_reference(study, console)
+    _print_fronts(study, console)
+    _print_orders(study, console)
+    for setting, why in study.failures.items():
+        console.print(f"no answer from {setting}: {why}")
+    console.print("Errors below the reference's own, and what they put on a front, mean nothing.")
+    console.print("What an accuracy costs (the reference's own error is added to every error):")
+    for quantity in QUANTITIES:
+        for target in TARGETS:
+            console.print(f"• {answer(study, quantity, target)}")
+
+
+def _print_reference(study: CostStudy, console: Console) -> None:
+    levels = ", ".join(f"×{k}" for k in study.plan.reference_levels)
+    base = study.plan.base
+    console.print(
+        f"{study.name}: base mesh ×1 is {base.around} × {base.radial} × {base.axial} elements per "
+        f"block (around, radial, axial)"
+    )
+    console.print(
+        f"reference: static C3D8I on {levels}, extrapolated; {study.reference_seconds:.3g} CPU s"
+    )
+    for q in QUANTITIES:
+        order = study.reference[q].order
+        how = "not extrapolated, follows no order" if order is None else f"order {order:.2g}"
+        value = "" if q not in SCALARS else f"{float(study.reference[q].value[0]):.5g} {_UNITS[q]} "
+        console.print(f"  {_TITLES[q]}: {value}± {percent(study.reference_errors[q])} ({how})")
+
+
+def _print_fronts(study: CostStudy, console: Console) -> None:
+    table = Table(
+        title="Pareto fronts: no other setting is cheaper and nearer (F in that quantity)",
+        title_justify="left",
+    )
+    table.add_column("setting")
+    table.add_column("CPU s", justify="right")
+    for q in QUANTITIES:
+        table.add_column(q, justify="right")
+    fronts = {q: {row.setting for row in study.front(q)} for q in QUANTITIES}
+    anywhere = set().union(*fronts.values())
+    for row in sorted(study.rows, key=lambda r: r.found.cost):
+        if row.setting in anywhere:
+            cells = [
+                f"{percent(row.errors[q])}{' F' if row.setting in fronts[q] else '  '}"
+                if q in row.errors
+                else "–  "
+                for q in QUANTITIES
+            ]
+            table.add_row(row.setting.name, f"{row.found.cost:.3g}", *cells)
+    console.print(table)
+
+
+def _print_orders(study: CostStudy, console: Console) -> None:
+    table = Table(
+        title="Observed orders in mesh size: against the reference / of three meshes by themselves",
+        title_justify="left",
+    )
+    table.add_column("family")
+    for q in QUANTITIES:
+        table.add_column(q, justify="right")
+    for family, rows in study.families().items():
+        if len(rows) > 2:
+            table.add_row(family, *(_order_cell(study, family, q) for q in QUANTITIES))
+    if table.row_count:
+        console.print(table)
+    else:
+        console.print("Observed orders in mesh size: none, no method ran on three meshes")
+
+
+def _order_cell(study: CostStudy, family: str, quantity: str) -> str:
+    if not any(quantity in row.errors for row in study.families()[family]):
+        return "–"
+    order = study.order(family, quantity)
+    parts = (order.against_reference, order.by_itself)
+    return " / ".join("–" if value is None else f"{value:.1f}" for value in parts)
+
+
+# ---------------------------------------------------------------------------------------------
+# Figure
+
+
+def draw_study(study: CostStudy, path: Path) -> None:
+    """Draw error over CPU time for every quantity, Pareto front and reference error with it."""
+    figure, panels = subplots(2, 3, size=(15, 9.2), sharex=True)
+    axes = list(panels.ravel())
+    for panel, quantity in zip(axes, QUANTITIES, strict=False):
+        _draw_panel(panel, study, quantity)
+    handles, labels = axes[0].get_legend_handles_labels()
+    known = dict(zip(labels, handles, strict=True))
+    for panel in axes[1:-1]:
+        more, words = panel.get_legend_handles_labels()
+        known |= dict(zip(words, more, strict=True))
+    axes[-1].set_axis_off()
+    axes[-1].legend(known.values(), known.keys(), loc="upper left", frameon=False, fontsize=9)
+    for panel in axes[2:5]:
+        panel.set_xlabel("CPU time, scene to answer [s]")
+        panel.tick_params(which="both", labelbottom=True)
+    for panel in (axes[0], axes[3]):
+        panel.set_ylabel("relative error [%]")
+    base = study.plan.base
+    figure.suptitle(
+        f"{study.name}: what accuracy costs (mesh ×1: {base.around} × {base.radial} × {base.axial} "
+        "elements per block; numbers at the points: mesh)",
+        x=0.02,
+        ha="left",
+    )
+    save_figure(figure, path)
+
+
+def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    unsure = study.reference_errors[quantity]
+    errors = [row.errors[quantity] for row in study.rows if quantity in row.errors]
+    bottom = max(0.4 * min(unsure, *errors), 1e-6)
+    axes.axhspan(
+        bottom, unsure, color=ORANGE, alpha=0.18, lw=0, label="within the reference's own error"
+    )
+    front = study.front(quantity)
+    axes.step(
+        [row.found.cost for row in front],
+        [max(row.errors[quantity], bottom) for row in front],
+        where="post",
+        color=SKY,
+        lw=6,
+        alpha=0.45,
+        zorder=1,
+        label="Pareto front",
+    )
+    for family, rows in study.families().items():
+        shown = [row for row in rows if quantity in row.errors]
+        if shown:
+            _draw_family(axes, family, shown, quantity, bottom)
+    axes.set_ylim(bottom, 1.6 * max(errors))
+    axes.margins(x=0.08)
+    axes.set_title(_TITLES[quantity], fontsize=11, loc="left")
+    axes.grid(which="major", alpha=0.3)
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:g}"))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    # A quick study spans one decade or two, which one label in each would leave bare.
+    lowest, highest = axes.get_xlim()
+    seconds = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
+    axes.xaxis.set_minor_formatter(seconds if highest < 1e3 * lowest else NullFormatter())
+    axes.yaxis.set_minor_formatter(FuncFormatter(_minor))
+
+
+def _minor(value: float, _: object) -> str:
+    """Label twos and fives between the decades."""
+    leading = f"{value:e}"[0]
+    return f"{100 * value:g}" if leading in "25" else ""
+
+
+def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom: float) -> None:
+    method = rows[0].setting.method
+    graded = family.endswith(", graded")
+    variant = "," in family and method != "rigid" and not graded
+    element = family.split(" ")[1].rstrip(",")
+    marker, colour = _MARKERS.get(element, "v"), _COLOURS[method]
+    if variant:
+        marker, colour = _variant_style(family)
+    elif "pressure" in family:
+        marker, colour = "P", GREEN
+    elif graded:
+        marker = "p"
+    x = [row.found.cost for row in rows]
+    y = [max(row.errors[quantity], bottom) for row in rows]
+    more = [max(row.found.cpu_seconds) - row.found.cost for row in rows]
+    axes.errorbar(
+        x,
+        y,
+        xerr=[[0.0] * len(x), more],
+        marker=marker,
+        color=colour,
+        markerfacecolor="none" if variant or element not in ("C3D8I", "force") else colour,
+        linestyle="none" if variant else "--" if graded else "-",
+        lw=1.2,
+        markersize=7 if variant else 6,
+        capsize=2,
+        label=family,
+    )
+    if not (variant or graded) and element == "C3D8I":
+        for row, a, b in zip(rows, x, y, strict=True):
+            axes.annotate(
+                f"×{row.setting.level}",
+                (a, b),
+                xytext=(4, 5),
+                textcoords="offset points",
+                fontsize=8,
+                color=colour,
+            )
+
+
+def _variant_style(family: str) -> tuple[str, str]:
+    styles = {
+        "float32": ("*", "black"),
+        "mass scaling 2": ("H", GREY),
+        "residual 1e-2": (">", ORANGE),
+        "residual 1e-6": ("<", ORANGE),
+        "ramp × 0.1": ("1", "black"),
+        "ramp × 10": ("2", "black"),
+        "constant damping": ("X", GREEN),
+        "α = 2 /s": ("h", GREEN),
+    }
+    return styles.get(family.rpartition(", ")[2], ("p", GREY))

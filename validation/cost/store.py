@@ -1,0 +1,82 @@
+"""Measurements kept by content, one row per run, in a file of results.
+
+What counts is the blocks, the load, the material, the contact and the effects of the scene, the
+setting, and the program that answered.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from validation.cost.measure import Measurement
+from validation.cost.settings import BaseMesh, CostSetting
+from validation.output.store import Layout, Store, content_key
+from validation.scene.read import TubeScene
+
+LAYOUT = Layout(
+    kind="cost",
+    columns={
+        "scene": "TEXT NOT NULL",
+        "setting": "TEXT NOT NULL",
+        "cpu_seconds": "REAL NOT NULL",
+        "measurement": "TEXT NOT NULL",
+    },
+)
+
+
+def scene_content(scene: TubeScene) -> dict[str, Any]:
+    """What a scene states apart from how it is solved: no mesh, no solver."""
+    content: dict[str, Any] = scene.model_dump(mode="json", exclude={"mesh", "rigid", "fem"})
+    return content
+
+
+def measurement_key(scene: TubeScene, base: BaseMesh, setting: CostSetting) -> str:
+    """Digest of all that a measurement depends on; the name of a family is not among it."""
+    assert scene.fem is not None
+    return content_key(
+        {
+            "scene": scene_content(scene),
+            "solver": scene.rigid.solver,
+            "fem": scene.fem.model_dump(mode="json"),
+            "mesh": setting.mesh(base),
+            "base": base.at(1),
+            "method": setting.method,
+            "changes": sorted(setting.changes),
+            "ramp_factor": setting.ramp_factor,
+            "hold_periods": setting.hold_periods,
+            "damping_ratio": setting.damping_ratio,
+        }
+    )
+
+
+class CostStore(Store):
+    """Measurements in a file of results (use it as a context manager)."""
+
+    def __init__(self, path: Path) -> None:
+        """Open or create the file.
+
+        Raises
+        ------
+        InputError
+            When it cannot be read, is damaged, or holds something else.
+        """
+        super().__init__(path, LAYOUT)
+
+    def load(self, key: str) -> Measurement | None:
+        """Return a measurement of this program to the last bit; None if there is none."""
+        row = self.get(key)
+        return None if row is None else Measurement.from_json(json.loads(row["measurement"]))
+
+    def keep(self, key: str, name: str, setting: CostSetting, found: Measurement) -> None:
+        """Write a measurement, whole or not at all."""
+        self.put(
+            key,
+            {
+                "scene": name,
+                "setting": setting.name,
+                "cpu_seconds": found.cost,
+                "measurement": json.dumps(found.as_json(), allow_nan=False),
+            },
+        )

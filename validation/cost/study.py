@@ -1,0 +1,331 @@
+"""Work and precision of a scene: runs kept by content, errors against an extrapolated reference.
+
+The reference is static, of incompatible-mode elements, on meshes finer than all that are measured,
+extrapolated to vanishing mesh size; its own error is estimated and added to every claim.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from geometry.mesh import FloatArray
+from validation.cost.analysis import (
+    Extrapolated,
+    Point,
+    cheapest,
+    fitted_order,
+    observed_order,
+    pareto_front,
+    richardson,
+)
+from validation.cost.measure import SCALARS, Measurement, measure, solver_scene, warm_up
+from validation.cost.settings import CostPlan, CostSetting, full_plan, quick_plan
+from validation.cost.store import CostStore, measurement_key
+from validation.errors import InputError
+from validation.scene.read import TubeScene
+
+#: What errors are measured in: the scalars, and the pressure field in L2.
+QUANTITIES = (*SCALARS, "pressure_l2")
+#: What sits at the outer edge of the wall: its reference is of graded meshes, which resolve it
+#: (the limit is the same). Plain means over facets have another limit there.
+EDGE_QUANTITIES = ("p_max",)
+#: Accuracies that are answered in words.
+TARGETS = (0.1, 0.01, 0.001)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A setting, what it answered, its relative errors."""
+
+    setting: CostSetting
+    found: Measurement
+    errors: dict[str, float]
+    """By quantity; rigid blocks have no displacement and no stress."""
+
+
+@dataclass(frozen=True)
+class FamilyOrder:
+    """How a family converges in one quantity."""
+
+    against_reference: float | None
+    """Slope of its errors over mesh size; near 0 where the method, not the mesh, errs."""
+    by_itself: float | None
+    """Order of its finest three meshes among themselves."""
+
+
+@dataclass(frozen=True)
+class CostStudy:
+    """All settings of a scene with their errors, and the reference."""
+
+    name: str
+    plan: CostPlan
+    rows: tuple[Row, ...]
+    reference: dict[str, Extrapolated]
+    """By quantity; the value of the field is its pressures on the partition."""
+    reference_errors: dict[str, float]
+    """Relative error of the reference by quantity."""
+    reference_seconds: float
+    """CPU time of the reference solutions [s]."""
+    failures: dict[str, str] = field(default_factory=dict)
+    """Settings that have no answer, and why."""
+
+    def points(self, quantity: str) -> tuple[list[Row], list[Point]]:
+        """Rows that answer a quantity, and where they lie."""
+        rows = [row for row in self.rows if quantity in row.errors]
+        return rows, [Point(row.found.cost, row.errors[quantity]) for row in rows]
+
+    def front(self, quantity: str) -> list[Row]:
+        """Rows that no other row beats, by ascending cost."""
+        rows, points = self.points(quantity)
+        return [rows[i] for i in pareto_front(points)]
+
+    def families(self) -> dict[str, list[Row]]:
+        """Rows by family, coarse to fine."""
+        found: dict[str, list[Row]] = {}
+        for row in self.rows:
+            found.setdefault(row.setting.family, []).append(row)
+        return {k: sorted(v, key=lambda row: row.setting.level) for k, v in found.items()}
+
+    def order(self, family: str, quantity: str) -> FamilyOrder:
+        """Observed order of a family; nothing where it has too few meshes."""
+        rows = [row for row in self.families()[family] if quantity in row.errors]
+        levels = [row.setting.level for row in rows]
+        floor = self.reference_errors[quantity]
+        fitted = fitted_order(levels, [row.errors[quantity] for row in rows], floor=floor)
+        own = None
+        if len(rows) >= 3:
+            own = observed_order(
+                levels[-3:],
+                [_value(row.found, quantity) for row in rows[-3:]],
+                _weights(rows[-1].found, quantity),
+            )
+        return FamilyOrder(fitted, own)
+
+    def choose(self, quantity: str, target: float, *, deformable: bool = False) -> Row | None:
+        """Cheapest setting that reliably keeps an accuracy; None if none is known to."""
+        rows, points = self.points(quantity)
+        if deformable:
+            kept = [i for i, row in enumerate(rows) if row.setting.method != "rigid"]
+            rows, points = [rows[i] for i in kept], [points[i] for i in kept]
+        names = [row.setting.family for row in rows]
+        families = [
+            sorted(
+                (i for i, n in enumerate(names) if n == name),
+                key=lambda i: rows[i].setting.level,
+            )
+            for name in dict.fromkeys(names)
+        ]
+        best = cheapest(points, families, target, reference_error=self.reference_errors[quantity])
+        return None if best is None else rows[best]
+
+    def best(self, quantity: str, *, deformable: bool = False) -> Row:
+        """Setting of least error."""
+        rows = [
+            row
+            for row in self.points(quantity)[0]
+            if not (deformable and row.setting.method == "rigid")
+        ]
+        return min(rows, key=lambda row: row.errors[quantity])
+
+
+# ---------------------------------------------------------------------------------------------
+# Running
+
+
+def run_cost(
+    name: str,
+    scene: TubeScene,
+    plan: CostPlan,
+    store: CostStore,
+    *,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> CostStudy:
+    """Measure what the store lacks, and compare.
+
+    Parameters
+    ----------
+    name, scene
+        A tube of Sine Blocks with sections for deformable blocks.
+    plan
+        Settings and reference.
+    store
+        Where measurements are and go.
+    progress
+        Called before each run with its number, the number of runs, and what it is.
+
+    Raises
+    ------
+    InputError
+        No setting or no reference has an answer, or the store cannot be used.
+    """
+    references = (*plan.references, *plan.graded_references)
+    runs = list(dict.fromkeys((*plan.settings, *references)))
+    missing = [s for s in runs if store.load(measurement_key(scene, plan.base, s)) is None]
+    warm: set[tuple[str, ...]] = set()
+    failures: dict[str, str] = {}
+    for number, setting in enumerate(missing):
+        if progress is not None:
+            progress(number + 1, len(missing), setting.name)
+        if store.load(measurement_key(scene, plan.base, setting)) is not None:
+            continue  # by another call that works on the same scene
+        kernels = (setting.method, *(v for k, v in setting.changes if k != "fem.residual"))
+        try:
+            if kernels not in warm:
+                warm.add(kernels)
+                warm_up(name, scene, plan.base, replace(setting, level=1))
+            found = measure(name, scene, plan.base, setting)
+        except InputError as error:
+            if setting in references:
+                raise
+            failures[setting.name] = str(error)
+            continue
+        store.keep(measurement_key(scene, plan.base, setting), name, setting, found)
+    study = stored_study(name, scene, plan, store)
+    if study is None:
+        first = next(iter(failures.values()))
+        raise InputError(f"{name}: none of the settings has an answer; the first: {first}")
+    return replace(study, failures=failures)
+
+
+def stored_study(name: str, scene: TubeScene, plan: CostPlan, store: CostStore) -> CostStudy | None:
+    """Compare what the store holds; None without the reference or without any setting."""
+    wanted = (*plan.references, *plan.graded_references)
+    references = [store.load(measurement_key(scene, plan.base, s)) for s in wanted]
+    complete = [found for found in references if found is not None]
+    rows = [(s, store.load(measurement_key(scene, plan.base, s))) for s in plan.settings]
+    known = [(s, found) for s, found in rows if found is not None]
+    if len(complete) < len(wanted) or not known:
+        return None
+    count = len(plan.references)
+    return compare_settings(name, plan, known, complete[:count], complete[count:])
+
+
+def compare_settings(
+    name: str,
+    plan: CostPlan,
+    known: list[tuple[CostSetting, Measurement]],
+    references: list[Measurement],
+    graded_references: list[Measurement],
+) -> CostStudy:
+    """Extrapolate the reference and measure every error against it."""
+    levels = plan.reference_levels
+    finest = references[-1]
+    reference = {}
+    for q in QUANTITIES:
+        solutions = graded_references if q in EDGE_QUANTITIES else references
+        values = [_value(m, q) for m in solutions]
+        reference[q] = richardson(levels, values, _weights(finest, q))
+    sizes = {q: _norm(reference[q].value, _weights(finest, q)) for q in QUANTITIES}
+    rows = []
+    for setting, found in known:
+        errors = {
+            q: _norm(_value(found, q) - reference[q].value, _weights(finest, q)) / sizes[q]
+            for q in QUANTITIES
+            if q == "pressure_l2" or q in found.scalars
+        }
+        rows.append(Row(setting, found, errors))
+    return CostStudy(
+        name=name,
+        plan=plan,
+        rows=tuple(rows),
+        reference=reference,
+        reference_errors={q: reference[q].error / sizes[q] for q in QUANTITIES},
+        reference_seconds=sum(m.cost for m in (*references, *graded_references)),
+    )
+
+
+def _value(found: Measurement, quantity: str) -> FloatArray:
+    if quantity == "pressure_l2":
+        return np.array(found.pressures)
+    return np.array([found.scalars[quantity]])
+
+
+def _weights(finest: Measurement, quantity: str) -> FloatArray:
+    return np.array(finest.areas) if quantity == "pressure_l2" else np.ones(1)
+
+
+def _norm(values: FloatArray, weights: FloatArray) -> float:
+    return float(np.sqrt(weights @ values**2))
+
+
+# ---------------------------------------------------------------------------------------------
+# Answers
+
+
+def percent(share: float) -> str:
+    """A share as a person writes it."""
+    return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"
+
+
+def answer(study: CostStudy, quantity: str, target: float) -> str:
+    """Say in words what an accuracy costs."""
+    head = f"{percent(target)} in {quantity}"
+    row = study.choose(quantity, target)
+    if row is not None:
+        return f"{head}: {row.setting.name}, {row.found.cost:.2g} CPU s"
+    known = study.reference_errors[quantity]
+    best = study.best(quantity)
+    text = (
+        f"best is {best.setting.name}: {percent(best.errors[quantity])} in "
+        f"{best.found.cost:.2g} CPU s"
+    )
+    if known >= target:
+        return f"{head}: not known, the reference itself is uncertain by {percent(known)}; {text}"
+    return f"{head}: not reached; {text}"
+
+
+def parse_accuracy(text: str) -> tuple[str, float]:
+    """Read ``1%``, ``0.01`` or ``p_eff=1%``: quantity (p_max by default) and share.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    quantity, equals, number = text.rpartition("=")
+    quantity = quantity.strip() if equals else "p_max"
+    number = number.strip()
+    try:
+        share = float(number.removesuffix("%")) / (100 if number.endswith("%") else 1)
+    except ValueError:
+        share = float("nan")
+    if quantity not in QUANTITIES or not 0.0 < share < 1.0:
+        raise InputError(
+            f"--accuracy {text}: expected a share between 0 and 100 %, such as 1%, or with a "
+            f"quantity, such as p_eff=1% ({', '.join(QUANTITIES)})"
+        )
+    return quantity, share
+
+
+def scene_of_accuracy(
+    name: str, scene: TubeScene, text: str, store: CostStore
+) -> tuple[TubeScene, Row]:
+    """Scene with the cheapest mesh and method that keep an accuracy, from stored measurements.
+
+    Raises
+    ------
+    InputError
+        No measurements of this scene, or no setting that keeps it.
+    """
+    quantity, target = parse_accuracy(text)
+    plans = (full_plan(scene), quick_plan(scene))
+    studies = (stored_study(name, scene, plan, store) for plan in plans)
+    study = next((s for s in studies if s is not None), None)
+    if study is None:
+        raise InputError(
+            f"--accuracy {text}: {store.path} holds no cost results of this scene and this "
+            f"version; run `tubelock cost {name}` first, with the same --set values"
+        )
+    row = study.choose(quantity, target, deformable=True)
+    if row is None:
+        best = study.best(quantity, deformable=True)
+        known = study.reference_errors[quantity]
+        raise InputError(
+            f"--accuracy {text}: no measured setting keeps it; best is {best.setting.name}, "
+            f"{percent(best.errors[quantity])} off a reference known to {percent(known)}; ask for "
+            "less"
+        )
+    return solver_scene(name, scene, study.plan.base, row.setting), row

@@ -1,0 +1,345 @@
+"""What each effect changes in the answer of a tube, and what it costs.
+
+The base has no effect at all. Each effect is added to it by itself. The answer is the state
+at which adaptive mass damping arrives; Rayleigh's mass damping takes the place of that. Costs
+are CPU times of the same number of steps, in turns with the base, the least of some rounds.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fem.explicit.output.checkpoint import state_arrays
+from fem.explicit.solve import initial_state, prepare
+from fem.explicit.state import State
+from fem.explicit.step import System, step
+from fem.problem.time_step import critical_time_step
+from validation.build.cell import refuse_cell
+from validation.build.effects import PAPER_RAYLEIGH
+from validation.errors import InputError
+from validation.run.deformable import TubeRun, build_deformable, fem_section
+from validation.run.explicit import explicit_statement, run_tube_explicit
+from validation.scene.deformable import (
+    BulkViscositySection,
+    Damping,
+    EffectsSection,
+    FrictionSection,
+    Method,
+    RayleighSection,
+)
+from validation.scene.read import DeformableScene
+
+#: Steps of one timing, after as many for warming up; and rounds of which the least counts.
+TIMED_STEPS = 60
+ROUNDS = 3
+#: Standard gravity downward [mm/s²].
+GRAVITY = (0.0, 0.0, -9806.65)
+#: Clearance that is switched on where a scene has none [mm].
+CLEARANCE = 0.01
+#: Coefficient of friction that is switched on where a scene has none [-].
+FRICTION = 0.1
+#: Periods of the lowest excited mode that a run with constant critical damping is given.
+_PERIODS = 20.0
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect that can be added to a scene without any."""
+
+    name: str
+    setting: str
+    """The value that is switched on."""
+    add: Callable[[DeformableScene], DeformableScene] | None
+    """None: not available."""
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class EffectCost:
+    """What an effect changes and costs."""
+
+    effect: Effect
+    available: bool
+    p_max: float | None = None
+    """Change of the answer [%]."""
+    p_eff: float | None = None
+    displacement: float | None = None
+    step: float | None = None
+    """CPU time of a step over that of the base [-]."""
+    memory: float | None = None
+    """State and constants over those of the base [-]."""
+    time_step: float | None = None
+    """Critical time step over that of the base [-]."""
+    new_forms: int = 0
+    """Compiled forms of kernels that the effect needed and nothing before it had."""
+    off_compiles: int = 0
+    """Forms that the base compiled when it ran again after the effect: zero if off is absent."""
+    same_bits: bool = True
+    """Whether the base then gave the bits that it gave before any effect was used."""
+
+    def matters(self, tolerance: float) -> bool | None:
+        """Whether it changes any quantity by more than a share; None where none was measured."""
+        changes = [c for c in (self.p_max, self.p_eff, self.displacement) if c is not None]
+        return max(map(abs, changes)) > 100.0 * tolerance if changes else None
+
+
+@dataclass(frozen=True)
+class EffectReport:
+    """The base and all effects."""
+
+    scene: str
+    p_max: float | None
+    """Of the base [MPa]; None where the static state was not asked for."""
+    p_eff: float | None
+    displacement: float | None
+    """[mm]"""
+    seconds_per_step: float
+    bytes: int
+    costs: tuple[EffectCost, ...]
+
+
+def bare(scene: DeformableScene) -> DeformableScene:
+    """Return the scene without any effect, to be run explicitly to its static state."""
+    assert scene.fem is not None
+    assert scene.contact is not None
+    fem = scene.fem.model_copy(
+        update={"method": Method.EXPLICIT, "damping": Damping.STATIC, "frames": 0}
+    )
+    contact = scene.contact.model_copy(update={"initial_clearance": 0.0})
+    return scene.model_copy(update={"fem": fem, "contact": contact, "effects": EffectsSection()})
+
+
+def undamped(scene: DeformableScene) -> DeformableScene:
+    """Return the scene without any effect, adaptive damping included."""
+    plain = bare(scene)
+    assert plain.fem is not None
+    fem = plain.fem.model_copy(update={"damping": None})
+    return plain.model_copy(update={"fem": fem})
+
+
+def _with(**values: Any) -> Callable[[DeformableScene], DeformableScene]:
+    def add(scene: DeformableScene) -> DeformableScene:
+        return scene.model_copy(update={"effects": scene.effects.model_copy(update=values)})
+
+    return add
+
+
+def _with_mass_damping(coefficient: float) -> Callable[[DeformableScene], DeformableScene]:
+    def add(scene: DeformableScene) -> DeformableScene:
+        assert scene.fem is not None
+        fem = scene.fem.model_copy(update={"damping": None})
+        added = _with(rayleigh=RayleighSection(mass_proportional=coefficient))(scene)
+        return added.model_copy(update={"fem": fem})
+
+    return add
+
+
+def _with_clearance(clearance: float) -> Callable[[DeformableScene], DeformableScene]:
+    def add(scene: DeformableScene) -> DeformableScene:
+        assert scene.contact is not None
+        contact = scene.contact.model_copy(update={"initial_clearance": clearance})
+        return scene.model_copy(update={"contact": contact})
+
+    return add
+
+
+def effects_of(scene: DeformableScene, mass_damping: float) -> tuple[Effect, ...]:
+    """Every effect with the scene's own value, or a usual one where the scene has none."""
+    own = scene.effects
+    rayleigh = own.rayleigh or RayleighSection()
+    beta = rayleigh.stiffness_proportional or PAPER_RAYLEIGH.stiffness_proportional or 0.0
+    viscosity = own.bulk_viscosity or BulkViscositySection()
+    friction = own.friction or FrictionSection(coefficient=FRICTION)
+    gravity = own.gravity or GRAVITY
+    clearance = (scene.contact.initial_clearance if scene.contact else 0.0) or CLEARANCE
+    return (
+        Effect("friction", f"μ = {friction.coefficient:g}", _with(friction=friction)),
+        Effect(
+            "Rayleigh mass",
+            f"α = {mass_damping:.3g} /s",
+            _with_mass_damping(mass_damping),
+            "critical for the lowest excited mode; in place of adaptive damping",
+        ),
+        Effect(
+            "Rayleigh stiffness",
+            f"β = {beta:g} s",
+            _with(rayleigh=RayleighSection(stiffness_proportional=beta)),
+        ),
+        Effect(
+            "bulk viscosity",
+            f"b₁ = {viscosity.linear_bulk_viscosity:g}, "
+            f"b₂ = {viscosity.quadratic_bulk_viscosity:g}",
+            _with(bulk_viscosity=viscosity),
+        ),
+        Effect("finite rotation", "on", _with(finite_rotation=True)),
+        Effect("finite sliding", "on", _with(finite_sliding=True)),
+        Effect("frame elasticity", "on", _with(elastic_frame=True)),
+        Effect("initial clearance", f"{clearance:g} mm", _with_clearance(clearance)),
+        Effect("gravity", f"{abs(gravity[2]):g} mm/s² down", _with(gravity=gravity)),
+    )
+
+
+def compiled_forms() -> frozenset[tuple[str, str]]:
+    """Compiled functions of the solver and the signatures they have been compiled for so far."""
+    found = set()
+    for name, module in list(sys.modules.items()):
+        if name.startswith("fem."):
+            for value in list(vars(module).values()):
+                for form in getattr(value, "nopython_signatures", ()):
+                    found.add((value.__name__, str(form)))
+    return frozenset(found)
+
+
+def ready(scene: DeformableScene, name: str) -> tuple[System, State]:
+    """Model of a scene at its first step."""
+    statement = explicit_statement(scene, name, build_deformable(scene, name))
+    model = statement.assembly.model
+    system = prepare(model, time_step=0.5 * critical_time_step(model).critical_time_step)
+    return system, initial_state(system)
+
+
+def advance(system: System, state: State) -> float:
+    """Do some steps; CPU seconds of one."""
+    start = time.thread_time()
+    for _ in range(TIMED_STEPS):
+        step(system, state)
+    return (time.thread_time() - start) / TIMED_STEPS
+
+
+def _bits(scene: DeformableScene, name: str) -> bytes:
+    system, state = ready(scene, name)
+    advance(system, state)
+    return b"".join(now.displacement.tobytes() for now in state.bodies)
+
+
+def _bytes(system: System, state: State) -> int:
+    arrays = sum(a.nbytes for a in state_arrays(system, state).values())
+    return arrays + sum(body.constant_bytes for body in system.bodies)
+
+
+def _answer(run: TubeRun) -> tuple[float, float, float]:
+    return run.contact.p_max_face, run.contact.p_eff, run.largest_displacement
+
+
+@dataclass(frozen=True)
+class _Base:
+    """The scene without effects, and what every effect is compared with."""
+
+    scene: DeformableScene
+    name: str
+    bits: bytes
+    ramp_time: float
+    frequency: float
+    answer: tuple[float, float, float] | None
+    """None where the static state is not asked for."""
+
+
+def effect_costs(
+    scene: DeformableScene,
+    name: str,
+    *,
+    answers: bool = True,
+    told: Callable[[str], None] | None = None,
+) -> EffectReport:
+    """Measure every effect of a scene.
+
+    Parameters
+    ----------
+    scene, name
+        A deformable tube.
+    answers
+        Whether the runs to the static state are made; without, only costs and proofs.
+    told
+        Called with the name of what is measured next.
+
+    Raises
+    ------
+    InputError
+        For a scene that cannot be run, or a base that does not arrive at its static state.
+    """
+    fem_section(scene, name)
+    refuse_cell(scene, name, "effects")
+    base = bare(scene)
+    say = told or (lambda _: None)
+    say("no effect")
+    first_bits = _bits(base, name)
+    system, state = ready(base, name)
+    statement = explicit_statement(base, name, build_deformable(base, name))
+    answer = None
+    if answers:
+        found, result = run_tube_explicit(name, base)
+        if str(result.status) != "converged":
+            raise InputError(
+                f"{name}: the scene without effects did not arrive at its static state by "
+                f"{result.time:.3g} s; expected a larger fem.end_time, or none"
+            )
+        answer = _answer(found)
+    step_time = min(advance(system, state) for _ in range(ROUNDS))
+    given = _Base(
+        base, name, first_bits, statement.ramp_time, statement.recommended.frequency, answer
+    )
+    costs = tuple(_measure(given, say))
+    return EffectReport(
+        scene=name,
+        p_max=None if answer is None else answer[0],
+        p_eff=None if answer is None else answer[1],
+        displacement=None if answer is None else answer[2],
+        seconds_per_step=step_time,
+        bytes=_bytes(system, state),
+        costs=costs,
+    )
+
+
+def _measure(base: _Base, say: Callable[[str], None]) -> Iterator[EffectCost]:
+    """Measure one effect after the other."""
+    name = base.name
+    for effect in effects_of(base.scene, 4.0 * np.pi * base.frequency):
+        if effect.add is None:
+            yield EffectCost(effect, available=False)
+            continue
+        say(effect.name)
+        scene = effect.add(base.scene)
+        assert scene.fem is not None
+        times = {"ramp_time": base.ramp_time}
+        if scene.fem.damping is None:
+            times["end_time"] = base.ramp_time + _PERIODS / base.frequency
+        scene = scene.model_copy(update={"fem": scene.fem.model_copy(update=times)})
+        before = compiled_forms()
+        system, state = ready(scene, name)
+        advance(system, state)
+        new = len(compiled_forms() - before)
+        before = compiled_forms()
+        bits = _bits(base.scene, name)
+        again = len(compiled_forms() - before)
+        plain_system, plain_state = ready(base.scene, name)
+        advance(plain_system, plain_state)
+        rounds = [
+            (advance(plain_system, plain_state), advance(system, state)) for _ in range(ROUNDS)
+        ]
+        plain, mine = (min(column) for column in zip(*rounds, strict=True))
+        change: tuple[float | None, ...] = (None, None, None)
+        if base.answer is not None:
+            found, _ = run_tube_explicit(name, scene)
+            change = tuple(
+                100.0 * (value / reference - 1.0)
+                for value, reference in zip(_answer(found), base.answer, strict=True)
+            )
+        yield EffectCost(
+            effect,
+            available=True,
+            p_max=change[0],
+            p_eff=change[1],
+            displacement=change[2],
+            step=mine / plain,
+            memory=_bytes(system, state) / _bytes(plain_system, plain_state),
+            time_step=system.time_step / plain_system.time_step,
+            new_forms=new,
+            off_compiles=again,
+            same_bits=bits == base.bits,
+        )

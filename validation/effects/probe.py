@@ -1,0 +1,264 @@
+"""Cheap versions of a scene that tell what an effect changes: static, on a coarse mesh."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.measures import contact_measures
+from fem.assembly.symmetry import SymmetryError
+from fem.problem.model import ModelError
+from fem.problem.recovery import best_rotations
+from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.linear_step.sparse import SparseSolverError
+from fem.static.result import StaticResult
+from fem.static.rotation import solve_static_with_rotation
+from fem.static.rotation_load import finite_rotation_loads
+from fem.static.solve import StaticError, StaticOptions, solve_static
+from validation.errors import InputError
+from validation.run.deformable import TubeRun, build_deformable
+from validation.scene.deformable import Method
+from validation.scene.families import BoxesScene, HexagonTubeScene, PlanarSineScene
+from validation.scene.polyhedra import MeshScene
+from validation.scene.read import DeformableScene, TubeScene
+
+#: Residual at which a probe stops: three digits beyond what it has to tell.
+_TOLERANCE = 1e-5
+#: Most elements of a block in the probe: four a wave (or an edge), two through the wall, four in
+#: the remaining direction.
+_PER_WAVE, _THROUGH, _OTHER = 4, 2, 4
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The quantities by which effects are judged."""
+
+    p_max: float
+    """Mean of the block maxima of the contact pressure [MPa]."""
+    p_eff: float
+    """Effective mean contact pressure [MPa]."""
+    displacement: float
+    """Largest displacement [mm]."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """Relative change of each quantity [-]."""
+
+    p_max: float
+    p_eff: float
+    displacement: float
+
+    @property
+    def largest(self) -> float:
+        """Largest of the three, in size."""
+        return max(abs(self.p_max), abs(self.p_eff), abs(self.displacement))
+
+
+def change(before: Answer, after: Answer) -> Change:
+    """Relative change from one answer to another; one, a hundred per cent, where it was zero."""
+
+    def relative(a: float, b: float) -> float:
+        if a == b:
+            return 0.0
+        return b / a - 1.0 if a else 1.0
+
+    return Change(
+        relative(before.p_max, after.p_max),
+        relative(before.p_eff, after.p_eff),
+        relative(before.displacement, after.displacement),
+    )
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A probe and its static state."""
+
+    deformable: DeformableAssembly
+    result: StaticResult
+    cpu_seconds: float
+    """[s]"""
+
+    @cached_property
+    def answer(self) -> Answer:
+        """The quantities."""
+        found = contact_measures(self.deformable.assembly, self.result.contact_state)
+        return Answer(found.p_max_face, found.p_eff, self.result.max_displacement)
+
+
+def solve_probe(scene: DeformableScene, name: str, store: FlexibilityStore | None = None) -> Solved:
+    """Static state of a probe; probes that share a store condense the same blocks once.
+
+    Raises
+    ------
+    InputError
+        When it has none.
+    """
+    start = time.process_time()
+    deformable = build_deformable(without_motion(scene), name)
+    assert scene.fem is not None
+    result = _static_state(deformable, name, whole=scene.fem.symmetry == "none", store=store)
+    return Solved(deformable, result, time.process_time() - start)
+
+
+def _static_state(
+    deformable: DeformableAssembly,
+    name: str,
+    *,
+    whole: bool,
+    start: StaticResult | None = None,
+    store: FlexibilityStore | None = None,
+) -> StaticResult:
+    options = StaticOptions(symmetry=1 if whole else None, tolerance=_TOLERANCE)
+    try:
+        result = solve_static(deformable, options, start=start, store=store)
+    except (StaticError, SymmetryError, SparseSolverError, ModelError) as error:
+        raise InputError(_unsolved(name, str(error))) from None
+    if not result.converged:
+        raise InputError(_unsolved(name, result.status))
+    return result
+
+
+def _unsolved(name: str, why: str) -> str:
+    return (
+        f"{name}: effects.auto: the probe has no static state ({why}); expected one that can be "
+        "probed: remove effects.auto, and every effect acts as written"
+    )
+
+
+def probe_scene(scene: DeformableScene, name: str, *, fineness: int = 1) -> DeformableScene:
+    """Return the scene as a static problem on a mesh that is as coarse as its blocks allow.
+
+    Layers, loads and contact stay: what an effect does to a tall tube shows only in a tall tube.
+
+    Parameters
+    ----------
+    scene, name
+        The scene.
+    fineness
+        Times as many elements along each edge as the coarsest mesh has.
+    """
+    assert scene.fem is not None
+    fem = scene.fem.model_copy(update={"method": Method.STATIC, "frames": 0})
+    still = {"rayleigh": None, "bulk_viscosity": None, "auto": None}
+    effects = scene.effects.model_copy(update=still)
+    static = scene.model_copy(update={"fem": fem, "effects": effects})
+    for factor in (fineness, 2 * fineness, 4 * fineness):
+        coarse = _coarse_mesh(scene, factor)
+        if not coarse:
+            break
+        mesh = scene.mesh.model_copy(update=coarse)  # type: ignore[union-attr]
+        probe = static.model_copy(update={"mesh": mesh})
+        try:
+            build_deformable(without_motion(probe), name)
+        except InputError:
+            continue
+        return probe
+    return static
+
+
+def without_motion(scene: DeformableScene) -> DeformableScene:
+    """Scene without the effects that no static problem has."""
+    absent = {"finite_rotation": False, "finite_sliding": False}
+    return scene.model_copy(update={"effects": scene.effects.model_copy(update=absent)})
+
+
+def _coarse_mesh(scene: DeformableScene, fineness: int) -> dict[str, Any]:
+    """Values of ``[mesh]`` that are lower in the probe; none where the mesh is given."""
+    if isinstance(scene, BoxesScene | MeshScene):
+        return {}
+    mesh = scene.mesh
+    wave, through, other = (fineness * n for n in (_PER_WAVE, _THROUGH, _OTHER))
+    if isinstance(scene, TubeScene):
+        waves = round(2 * scene.block.frequency)
+        found = {
+            "around": min(scene.mesh.around, wave * waves),
+            "radial": min(scene.mesh.radial, through),
+            "axial": min(scene.mesh.axial, other),
+        }
+    elif isinstance(scene, HexagonTubeScene):
+        found = {
+            "edge": min(scene.mesh.edge, wave),
+            "radial": min(scene.mesh.radial, through),
+        }
+    else:
+        along, depth, height = scene.mesh.divisions
+        waves = round(2 * scene.block.frequency) if isinstance(scene, PlanarSineScene) else 2
+        coarse = (min(along, waves * wave), min(depth, through), min(height, other))
+        return {} if coarse == (along, depth, height) else {"divisions": coarse}
+    return {key: value for key, value in found.items() if value != getattr(mesh, key)}
+
+
+def refinement(scene: DeformableScene, probe: DeformableScene) -> float:
+    """How many times as many elements the scene has along an edge of a block, at most."""
+    if isinstance(scene, BoxesScene | MeshScene):
+        return 1.0
+    fine, coarse = _element_counts(scene), _element_counts(probe)
+    return max(float(np.max(np.divide(fine[key], coarse[key]))) for key in fine)
+
+
+def mesh_words(scene: DeformableScene) -> str:
+    """Elements of a block."""
+    if isinstance(scene, BoxesScene | MeshScene):
+        return "its own mesh"
+    counts = _element_counts(scene)
+    flat = np.concatenate([np.atleast_1d(v) for v in counts.values()]).tolist()
+    return " × ".join(str(v) for v in flat) + f" elements per block ({', '.join(counts)})"
+
+
+def _element_counts(scene: DeformableScene) -> dict[str, Any]:
+    """Values of ``[mesh]`` that count elements."""
+    values = scene.mesh.model_dump()  # type: ignore[union-attr]
+    return {key: value for key, value in values.items() if not isinstance(value, float)}
+
+
+# ---------------------------------------------------------------------------------------------
+# What has no switch in a static solver
+
+
+def without_finite_rotation(
+    solved: Solved, name: str, store: FlexibilityStore | None = None
+) -> Change:
+    """Change of a static answer when blocks stop turning freely.
+
+    The probe itself treats rotations as small; it is solved again with them. Where they are too
+    large for a static solver, the forces that they add to the first solution tell that the change
+    is large (`fem.static.rotation_load`).
+
+    Raises
+    ------
+    InputError
+        When neither problem has a solution.
+    """
+    deformable, result = solved.deformable, solved.result
+    whole = result.symmetry == 1
+    options = StaticOptions(symmetry=1 if whole else None, tolerance=_TOLERANCE)
+    try:
+        again = solve_static_with_rotation(deformable, options, store=store)
+    except (StaticError, SymmetryError, SparseSolverError, ModelError):
+        model = deformable.model
+        added = finite_rotation_loads(model, result.displacements)
+        turning = replace(deformable, model=replace(model, loads=(*model.loads, *added)))
+        again = _static_state(turning, name, whole=whole, start=result, store=store)
+    return change(Solved(deformable, again, 0.0).answer, solved.answer)
+
+
+def largest_rotation(solved: Solved) -> float:
+    """Largest rotation of any block [rad]."""
+    largest = 0.0
+    for group, u in zip(solved.deformable.model.groups, solved.result.displacements, strict=True):
+        turn = best_rotations(group, u)
+        # |R - 1| = 2 √2 sin(angle / 2): exact for small angles too, unlike the trace.
+        size = np.linalg.norm(turn - np.eye(3), axis=(1, 2)) / np.sqrt(8.0)
+        largest = max(largest, float(2.0 * np.arcsin(np.minimum(size, 1.0)).max()))
+    return largest
+
+
+def answer_of_run(run: TubeRun) -> Answer:
+    """Quantities of a run."""
+    return Answer(run.contact.p_max_face, run.contact.p_eff, run.largest_displacement)

@@ -1,0 +1,96 @@
+"""Text for people: where it goes, the tables it stands in, the bars that say how far a run is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from fem.explicit.solve import Progress as Sample
+
+#: Columns of tables in a pipe or a log, which have no width of their own.
+_WIDTH = 118
+
+#: Whether a call says nothing but errors (``--quiet``).
+quiet: ContextVar[bool] = ContextVar("quiet", default=False)
+
+
+def text_console(json: str | None = None) -> Console:
+    """Text for people; moves aside when JSON takes standard output (``-``).
+
+    Nothing is read as markup: names of scenes and files may hold brackets and colons.
+    """
+    return _console(stderr=json == "-")
+
+
+def _console(*, stderr: bool) -> Console:
+    def make(width: int | None) -> Console:
+        return Console(
+            stderr=stderr,
+            highlight=False,
+            soft_wrap=True,
+            markup=False,
+            emoji=False,
+            quiet=quiet.get(),
+            width=width,
+        )
+
+    console = make(None)
+    return console if console.is_terminal else make(_WIDTH)
+
+
+def two_columns(title: str) -> Table:
+    """Table of words and values under a title."""
+    table = Table(title=title, show_header=False, title_justify="left")
+    table.add_column(justify="left")
+    table.add_column(justify="left")
+    return table
+
+
+@contextmanager
+def status(console: Console, words: str) -> Iterator[Callable[[str], None]]:
+    """Spinner with words on a terminal; yields what changes the words."""
+    with console.status(Text(words)) as spinner:
+        yield lambda changed: spinner.update(Text(changed))
+
+
+@contextmanager
+def progress(*columns: ProgressColumn) -> Iterator[Progress]:
+    """Live bar on a terminal; a log file wants the result, not a thousand states of a bar."""
+    console = _console(stderr=True)
+    hidden = not console.is_terminal or quiet.get()
+    with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
+        yield bar
+
+
+@contextmanager
+def explicit_progress() -> Iterator[Callable[[Sample], None]]:
+    """Live bar with time, step, energies and remaining time; yields the callback that feeds it."""
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=24),
+        TextColumn("{task.percentage:>3.0f} %", markup=False),
+        TextColumn("{task.fields[state]}", markup=False),
+        TimeRemainingColumn(),
+    )
+    with progress(*columns) as bar:
+        task = bar.add_task("explicit", total=None, state="")
+
+        def show(sample: Sample) -> None:
+            energies = sample.energies
+            state = (
+                f"t {1e3 * sample.time:.4g} ms  step {sample.step}  "
+                f"kinetic {energies.kinetic_energy:.3g}  strain {energies.strain_energy:.3g} N mm"
+            )
+            if sample.residual is not None:
+                state += f"  residual {sample.residual:.1e}"
+            bar.update(task, total=sample.n_steps, completed=sample.step, state=state)
+
+        yield show

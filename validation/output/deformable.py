@@ -1,0 +1,227 @@
+"""What a deformable run leaves: fields for ParaView, history, pictures, and its numbers as text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from fem.explicit.output.history import History
+from fem.explicit.solve import ExplicitResult
+from geometry.files.mesh_io import write_hex_mesh, write_surface
+from geometry.mesh import QuadSurface
+from validation.output.console import two_columns
+from validation.output.fields import field_data, groups_mesh, point_data
+from validation.output.files import write_whole
+from validation.output.outputs import Outputs
+from validation.output.pictures import tubes
+from validation.output.pictures.boxes import draw_box, draw_energies
+from validation.run.box import BoxRun, box_json, peak_memory_mb
+from validation.run.deformable import TubeRun, tube_json
+from validation.scene.deformable import Method
+
+_HISTORY = ("history.csv", "energies.png", "frame_*.vtu", "frames.pvd")
+#: Files of a run of single boxes.
+BOX_FILES = ("result.vtu", "result.png", *_HISTORY)
+#: Files of a run of blocks in contact.
+BLOCK_FILES = (
+    "fields.vtu",
+    "contact_pressures.vtu",
+    "contact_pressures.png",
+    "stresses.png",
+    "sections.png",
+    "displacement.png",
+    *_HISTORY,
+)
+
+
+def write_block_files(run: TubeRun, result: ExplicitResult | None, outputs: Outputs) -> None:
+    """Write fields, contact pressures, pictures and history; nothing without a folder."""
+    outputs.write("fields", "fields.vtu", lambda path: _write_fields(run, path))
+    outputs.write("pressures", "contact_pressures.vtu", lambda path: _write_contact(run, path))
+    for file, draw in _pictures(run).items():
+        outputs.write("picture", file, lambda path, draw=draw: draw(run, path))  # type: ignore[misc]
+    if result is not None:
+        _write_history(result.history, run.name, outputs)
+
+
+def _write_fields(run: TubeRun, path: Path) -> None:
+    groups, finite = run.deformable.model.groups, run.scene.effects.finite_rotation
+    write_hex_mesh(
+        path,
+        groups_mesh(groups),
+        point_data=field_data(groups, run.displacements, finite_rotation=finite),
+        cell_data=point_data(groups, run.displacements, finite_rotation=finite),
+    )
+
+
+def _write_contact(run: TubeRun, path: Path) -> None:
+    found = run.contact_state
+    quads = np.arange(4 * found.n_facets).reshape(-1, 4)
+    write_surface(
+        path,
+        QuadSurface(found.corners.reshape(-1, 3), quads),
+        {
+            "contact_pressure": found.pressures,
+            "area": found.areas,
+            "block_m": found.block_m.astype(np.int32),
+            "block_s": found.block_s.astype(np.int32),
+        },
+    )
+
+
+def _pictures(run: TubeRun) -> dict[str, Callable[[TubeRun, Path], None]]:
+    """Pictures of a run; sections and the view along an axis are those of tubes."""
+    pictures: dict[str, Callable[[TubeRun, Path], None]] = {
+        "contact_pressures.png": tubes.draw_contact,
+        "stresses.png": tubes.draw_stresses,
+    }
+    if run.is_tube:
+        pictures["sections.png"] = tubes.draw_sections
+        pictures["displacement.png"] = _draw_displacement
+    return pictures
+
+
+def _draw_displacement(run: TubeRun, path: Path) -> None:
+    tubes.draw_displacement(run, path)
+
+
+def write_box_files(run: BoxRun, outputs: Outputs) -> None:
+    """Write fields, picture and history; nothing without a folder."""
+    groups, finite = run.box.model.groups, run.scene.effects.finite_rotation
+
+    def fields(path: Path) -> None:
+        write_hex_mesh(
+            path,
+            groups_mesh(groups),
+            point_data=field_data(groups, [run.displacements], finite_rotation=finite),
+            cell_data=point_data(groups, [run.displacements], finite_rotation=finite),
+        )
+
+    outputs.write("fields", "result.vtu", fields)
+    outputs.write("picture", "result.png", lambda path: draw_box(run, path))
+    if run.explicit is not None:
+        _write_history(run.explicit.history, run.name, outputs)
+
+
+def _write_history(history: History, name: str, outputs: Outputs) -> None:
+    """Write energies over time as table and picture, and name the frames written on the way."""
+
+    def table(path: Path) -> None:
+        write_whole(path, lambda partial: partial.write_text(history.csv(), "utf-8"))
+
+    outputs.write("history", "history.csv", table)
+    outputs.write("picture", "energies.png", lambda path: draw_energies(history, path, title=name))
+    if outputs.folder is not None and outputs.path("frames.pvd").exists():
+        outputs.say("frames", outputs.path("frames.pvd"))
+
+
+def print_box(run: BoxRun, console: Console) -> None:
+    """Print the numbers of a run of single boxes."""
+    data = box_json(run)
+    table = two_columns(f"{run.name}: deformable")
+    table.add_row("method, element", f"{run.scene.fem.method}, {run.scene.fem.element.value}")
+    table.add_row("elements, nodes", f"{data['n_elements']}, {data['n_nodes']}")
+    if run.explicit is not None:
+        table.add_row(
+            "steps, time step",
+            f"{data['n_steps']}, {data['time_step']:.4g} s "
+            f"(critical {data['critical_time_step']:.4g} s)",
+        )
+        rate = data["element_updates_per_cpu_second"] / 1e6
+        table.add_row("element updates", f"{rate:.3g} million per CPU second")
+    table.add_row("largest displacement", f"{data['max_displacement']:.6g} mm")
+    stress = data["principal_stress"]
+    table.add_row("principal stress", f"{stress['max']:.5g} … {stress['min']:.5g} MPa")
+    if data["energies"] is not None:
+        shown = [
+            f"{key.replace('_', ' ')} {value:.5g}"
+            for key, value in data["energies"].items()
+            if value != 0.0
+        ]
+        table.add_row("energies [N mm]", ", ".join(shown) or "all zero")
+    table.add_row("energy balance", f"{data['energy_balance']:.2e}")
+    if data.get("residual") is not None:
+        table.add_row("force residual", f"{data['residual']:.2e}")
+    seconds = ", ".join(f"{k} {v:.3f}" for k, v in data["cpu_seconds"].items())
+    table.add_row("CPU seconds", seconds)
+    table.add_row("peak memory", f"{data['peak_memory_mb']:.0f} MB")
+    console.print(table)
+
+
+def _add_slip(table: Table, slip: dict[str, float] | None) -> None:
+    """Add the largest slip, with what to do where facets that stay paired have left each other."""
+    if slip is None:
+        return
+    share = slip["largest"] / slip["facet_size"]
+    words = f"{slip['largest']:.3g} mm, {share:.2g} of the size of its facet"
+    if share > 1.0:
+        words += (
+            "\nNOT VALID: facets stay paired as built, but blocks slide by more than one;\n"
+            'set effects.finite_sliding = true and fem.method = "explicit"'
+        )
+    table.add_row("largest slip", words)
+
+
+def print_blocks(run: TubeRun, console: Console) -> None:
+    """Print the numbers of a run of blocks in contact."""
+    data = tube_json(run, peak_memory_mb())
+    table = two_columns(run.title)
+    element = run.deformable.model.groups[0].element.value
+    table.add_row("method, element", f"{run.method}, {element}")
+    table.add_row(
+        "blocks, elements, nodes",
+        f"{data['n_blocks']} deformable, {data['n_elements']}, {data['n_nodes']}",
+    )
+    if run.method is Method.EXPLICIT:
+        rate = data["element_updates_per_cpu_second"] / 1e6
+        table.add_row(
+            "steps, time step",
+            f"{data['n_steps']} to {1e3 * data['time']:.4g} ms ({data['status']}), "
+            f"{data['time_step']:.4g} s (critical {data['critical_time_step']:.4g} s)",
+        )
+        if run.scene.fem is not None and run.scene.fem.mass_scaling is not None:
+            share = 100 * data["added_mass"]
+            table.add_row("mass scaling", f"{share:.3g} % more mass; it does not change the end")
+        table.add_row("element updates", f"{rate:.3g} million per CPU second")
+        state = data["quasi_static"]
+        table.add_row(
+            "ramp, hold",
+            f"{1e3 * state['ramp_time']:.4g} ms, {1e3 * state['hold_time']:.4g} ms "
+            f"(lowest excited frequency {data['recommended']['frequency']:.3g} Hz)",
+        )
+        table.add_row(
+            "kinetic / internal energy",
+            f"{state['kinetic_over_internal_energy']:.2e} (small is necessary, not sufficient)",
+        )
+        table.add_row(
+            "velocity (rms), way to go",
+            f"{state['velocity_norm']:.3g} mm/s, {100 * state['settling']:.2g} %",
+        )
+        table.add_row("verdict", state["verdict"])
+        table.add_row("energy balance", f"{data['energy_balance']:.2e}")
+    else:
+        table.add_row("Newton iterations", f"{data['newton_iterations']}")
+    if data["residual"] is not None:
+        table.add_row("force residual", f"{data['residual']:.2e}")
+    table.add_row("largest displacement", f"{data['max_displacement']:.6g} mm")
+    stress = data["principal_stress"]
+    table.add_row("principal stress", f"{stress['max']:.5g} … {stress['min']:.5g} MPa")
+    contact = data["contact"]
+    table.add_row("contact search", data["contact_search"])
+    _add_slip(table, data["slip"])
+    table.add_row("p_eff", f"{contact['p_eff']:.5g} MPa mean of the effective elements")
+    table.add_row(
+        "p_max",
+        f"{contact['p_max_face']:.5g} MPa mean of block maxima (facets), "
+        f"{contact['p_max_point']:.5g} MPa at a point",
+    )
+    table.add_row("effective contact elements", f"{contact['effective_count_percent']:.2f} %")
+    table.add_row("mean overclosure", f"{contact['mean_overclosure']:.4g} mm where surfaces press")
+    seconds = ", ".join(f"{k} {v:.3f}" for k, v in data["cpu_seconds"].items())
+    table.add_row("CPU seconds", seconds)
+    table.add_row("peak memory", f"{data['peak_memory_mb']:.0f} MB")
+    console.print(table)

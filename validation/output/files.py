@@ -1,0 +1,118 @@
+"""Files the command line writes: folders checked before the work, every file whole or absent."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from validation.errors import InputError
+
+#: Endings of the pictures that can be written.
+PICTURES = (".png", ".svg", ".pdf")
+
+
+def prepare_folder(folder: Path) -> Path:
+    """Create a folder and make sure that it can be written, before any work is done.
+
+    Raises
+    ------
+    InputError
+        When it cannot.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(
+            f"{folder}: cannot be written ({error.strerror or error}); "
+            "choose a folder you may write"
+        ) from None
+    return folder
+
+
+@contextmanager
+def output_folder(folder: Path | None) -> Iterator[None]:
+    """Prepare a folder, and take it away again if the work fails before anything is in it."""
+    if folder is None:
+        yield
+        return
+    made = [f for f in (folder, *folder.parents) if not f.exists()]
+    prepare_folder(folder)
+    try:
+        yield
+    except BaseException:
+        for empty in made:
+            try:
+                empty.rmdir()
+            except OSError:
+                break
+        raise
+
+
+def prepare_file(path: Path) -> Path:
+    """Make sure that a file can be written later; nothing is created but its folder.
+
+    Raises
+    ------
+    InputError
+        When it cannot.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; expected the name of a file to write")
+    if path.exists() and not path.is_file():
+        # A whole file is renamed into place, which would put it in the place of a device.
+        raise InputError(f"{path}: is no ordinary file; expected a file name, or --json - to pipe")
+    prepare_folder(path.parent)
+    if path.exists() and not os.access(path, os.W_OK):
+        raise InputError(f"{path}: exists and cannot be overwritten; choose another name")
+    return path
+
+
+def require_picture(path: Path) -> None:
+    """Refuse a picture of a kind that is not drawn.
+
+    Raises
+    ------
+    InputError
+        For another ending.
+    """
+    if path.suffix.lower() not in PICTURES:
+        raise InputError(
+            f"-o {path}: expected a file name that ends in {', '.join(PICTURES[:-1])} or "
+            f"{PICTURES[-1]}"
+        )
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Let ``write`` fill a temporary sibling with the same suffix, then rename it to ``path``."""
+    partial = path.with_name(f".partial-{path.name}")
+    try:
+        write(partial)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def prepare_json(target: str | None) -> None:
+    """Check a ``--json`` target (a file, or ``-`` for standard output) before the work."""
+    if target is not None and target != "-":
+        prepare_file(Path(target))
+
+
+def write_json(target: str | None, data: Any) -> None:
+    """Write data as JSON, numbers in full precision, to a file or to standard output (``-``)."""
+    if target is None:
+        return
+    text = json.dumps(data, indent=2, allow_nan=False) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    else:
+        write_whole(Path(target), lambda path: path.write_text(text, "utf-8"))

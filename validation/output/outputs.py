@@ -1,0 +1,147 @@
+"""What one call writes and where: stated at once, checked together, before any work is done."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from validation.errors import InputError
+from validation.output.console import text_console
+from validation.output.files import output_folder, prepare_file, write_json
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+@dataclass
+class Outputs:
+    """Outputs of one call; as a context manager, it refuses and prepares before the work.
+
+    No output may be a file that the call reads, nor another output of the same call: either would
+    be replaced without a word. If the work fails, folders that are still empty are taken away.
+    """
+
+    json: str | None = None
+    """Target of the data: a file, ``-`` for standard output, None for nowhere."""
+    folder: Path | None = None
+    """Folder of fields and pictures; None: none are written."""
+    names: tuple[str, ...] = ()
+    """Names of all files that may be written into `folder`; ``*`` stands for anything."""
+    files: Mapping[str, Path | None] = field(default_factory=dict)
+    """Single files by the option that names them."""
+    stores: Mapping[str, Path] = field(default_factory=dict)
+    """Files of results, which are read and added to, by the option that names them."""
+    reads: tuple[Path, ...] = ()
+    """Files that the call reads."""
+    _open: ExitStack = field(default_factory=ExitStack, repr=False)
+
+    @cached_property
+    def console(self) -> Console:
+        """Text for people."""
+        return text_console(self.json)
+
+    def __enter__(self) -> Self:
+        """Refuse outputs that would replace something this call needs, and make folders.
+
+        Raises
+        ------
+        InputError
+            Naming the two that are one, or what cannot be written.
+        """
+        named = list(self._named())
+        self._refuse_inputs(named)
+        self._refuse_twice(named)
+        with ExitStack() as made:
+            for option, path in named:
+                if option in self.stores and path.exists():
+                    continue  # who opens it says more than whether it can be written
+                made.enter_context(output_folder(path.parent))
+                prepare_file(path)
+            made.enter_context(output_folder(self.folder))
+            self._open = made.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._open.__exit__(kind, error, trace)
+
+    def _named(self) -> Iterator[tuple[str, Path]]:
+        if self.json is not None and self.json != "-":
+            yield "--json", Path(self.json)
+        yield from self.stores.items()
+        for option, path in self.files.items():
+            if path is not None:
+                yield option, path
+
+    def _refuse_inputs(self, named: list[tuple[str, Path]]) -> None:
+        for source in self.reads:
+            for option, path in named:
+                if _same(path, source):
+                    raise InputError(
+                        f"{option} {path}: is a file that this call reads, and it would be "
+                        "replaced; choose another name"
+                    )
+            if self._in_folder(source):
+                raise InputError(
+                    f"-o {self.folder}: {source.name} in it is a file that this call reads, and it "
+                    "would be replaced; choose another folder"
+                )
+
+    def _refuse_twice(self, named: list[tuple[str, Path]]) -> None:
+        for number, (option, path) in enumerate(named):
+            for other, second in named[number + 1 :]:
+                if _same(path, second):
+                    raise InputError(
+                        f"{option} and {other} both name {path}; the second would replace the "
+                        "first: choose two names"
+                    )
+            if self._in_folder(path):
+                raise InputError(
+                    f"{option} {path}: a file of that name is written into -o {self.folder} as "
+                    "well; choose another name"
+                )
+
+    def _in_folder(self, path: Path) -> bool:
+        """Whether a path is one of the files that go into the folder."""
+        if self.folder is None or not _same(path.parent, self.folder):
+            return False
+        return any(fnmatchcase(path.name, name) for name in self.names)
+
+    def path(self, name: str) -> Path:
+        """Path of a file in the folder; the name is one of `names`."""
+        assert self.folder is not None
+        assert any(fnmatchcase(name, known) for known in self.names), name
+        return self.folder / name
+
+    def say(self, words: str, path: Path) -> None:
+        """Say what was written where."""
+        self.console.print(f"{words:9} {path}")
+
+    def write(self, words: str, name: str, write: Callable[[Path], object]) -> None:
+        """Let ``write`` make a file of the folder and say so; nothing without a folder."""
+        if self.folder is not None:
+            write(self.path(name))
+            self.say(words, self.path(name))
+
+    def write_json(self, data: Any) -> None:
+        """Write the data where ``--json`` says."""
+        write_json(self.json, data)
+
+
+def _same(a: Path, b: Path) -> bool:
+    """Whether two paths name one file, whether or not it is there yet."""
+    try:
+        return os.path.samefile(a, b)
+    except OSError:
+        return a.resolve() == b.resolve()

@@ -1,0 +1,1 @@
+"""Pictures: how they are rendered and set, and what they show."""

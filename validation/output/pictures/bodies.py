@@ -1,0 +1,333 @@
+"""Blocks, their edges, contact facets and loads as parts of a view."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from geometry.assembly import Assembly
+from geometry.block import Block
+from geometry.files.mesh_io import interface_surface
+from geometry.joints import facets_between
+from geometry.load_case import LoadCase
+from geometry.mesh import FloatArray, IntArray
+from validation.output.pictures.canvas import INK, Direction, Lines, Pixels, Surface
+from validation.output.pictures.gallery import BLUE, GREY, SKY, VERMILION, Scale
+
+#: The eye is outside, a little above the horizontal.
+EYE: Direction = (2.4, -1.6, 0.9)
+FROM_ABOVE: Direction = (1.2, -0.8, 1.6)
+FROM_BELOW: Direction = (1.2, -0.8, -1.6)
+
+#: Sides of an arrow.
+_SIDES = 10
+
+Places = Callable[[int], FloatArray]
+
+
+def is_tube(assembly: Assembly) -> bool:
+    """Whether blocks stand round the axis, so that one side hides the other."""
+    return not assembly.unmatched_allowed
+
+
+def far_side(assembly: Assembly, points: FloatArray) -> npt.NDArray[np.bool_]:
+    """Whether points lie on the far side of the tube's axis, seen from `EYE`; all do in a wall."""
+    if not is_tube(assembly):
+        return np.ones(len(points), dtype=bool)
+    arm = (points - assembly.origin)[:, :2]
+    return np.asarray(arm @ np.array(EYE[:2]) < 1e-6 * assembly.characteristic_length)
+
+
+# ---------------------------------------------------------------------------------------------
+# Blocks
+
+
+def sharp_edges(
+    points: FloatArray, polygons: IntArray, *, angle: float = 40.0, group: IntArray | None = None
+) -> IntArray:
+    """Edges of a closed surface where two polygons meet at more than an angle.
+
+    Parameters
+    ----------
+    points
+        (n_points, 3)
+    polygons
+        (n_polygons, n_corners), all oriented alike.
+    angle
+        Between their normals [°].
+    group
+        Face that each polygon belongs to, (n_polygons,): edges between two faces count beyond a
+        quarter of the angle, edges within a coarsely meshed one only beyond twice the angle.
+
+    Returns
+    -------
+    IntArray
+        Both ends of each edge, (n, 2).
+    """
+    corners = points[polygons]
+    normal = np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    ends = np.stack([polygons, np.roll(polygons, -1, axis=1)], axis=2).reshape(-1, 2)
+    owner = np.repeat(np.arange(len(polygons)), polygons.shape[1])
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    _, first, which, count = np.unique(
+        low * (len(points) + 1) + high, return_index=True, return_inverse=True, return_counts=True
+    )
+    order = np.argsort(which, kind="stable")
+    start = np.cumsum(count) - count
+    # Edges with more than two polygons belong to no closed surface.
+    pair = np.flatnonzero(count == 2)
+    one, other = owner[order[start[pair]]], owner[order[start[pair] + 1]]
+    least = np.full(len(pair), angle)
+    if group is not None:
+        least = np.where(group[one] == group[other], 2.0, 0.25) * angle
+    turned = np.einsum("ij,ij->i", normal[one], normal[other]) < np.cos(np.radians(least))
+    return np.asarray(ends[first[pair[turned]]])
+
+
+def block_edges(shape: Block) -> IntArray:
+    """Edges between the faces of a block shape, both ends of each, (n, 2)."""
+    sizes = [len(quads) for quads in shape.faces.values()]
+    group = np.repeat(np.arange(len(sizes)), sizes)
+    return sharp_edges(shape.mesh.nodes, np.concatenate(list(shape.faces.values())), group=group)
+
+
+def colours_of_blocks(assembly: Assembly, fixed: npt.NDArray[np.bool_]) -> list[str]:
+    """Held blocks grey, neighbours in a layer in turns of two blues."""
+    colours = []
+    for block in range(assembly.n_blocks):
+        in_layer = np.flatnonzero(assembly.layer == assembly.layer[block])
+        turn = int(np.flatnonzero(in_layer == block)[0]) + int(assembly.layer[block])
+        colours.append(GREY if fixed[block] else (BLUE, SKY)[turn % 2])
+    return colours
+
+
+def _surface_of(shape_faces: Iterable[IntArray]) -> tuple[IntArray, IntArray]:
+    """Nodes that some faces use, and the faces by their places among those."""
+    quads = np.concatenate(list(shape_faces))
+    used, places = np.unique(quads, return_inverse=True)
+    return used, places.reshape(quads.shape)
+
+
+def block_surfaces(
+    assembly: Assembly,
+    blocks: Sequence[int],
+    colours: Sequence[str],
+    *,
+    seen: Callable[[int], Sequence[str]] | None = None,
+) -> Surface:
+    """Surfaces of some blocks as one part.
+
+    Parameters
+    ----------
+    colours
+        Of all blocks.
+    seen
+        Names of the faces of a block that anything is seen of; by default all.
+    """
+    points, quads, shades, offset = [], [], [], 0
+    known: dict[tuple[int, tuple[str, ...]], tuple[IntArray, IntArray]] = {}
+    for block in blocks:
+        shape = assembly.shape(block)
+        names = tuple(shape.faces if seen is None else (n for n in seen(block) if n in shape.faces))
+        key = (int(assembly.shape_of[block]), names)
+        if key not in known:
+            known[key] = _surface_of(shape.faces[name] for name in names)
+        used, corners = known[key]
+        points.append(assembly.place(block, assembly.shape(block).mesh.nodes[used]))
+        quads.append(corners + offset)
+        shades.append(np.tile(_rgb(colours[block]), (len(corners), 1)))
+        offset += len(used)
+    if not points:
+        return Surface(np.zeros((0, 3)), np.zeros((0, 4), dtype=np.int64), GREY)
+    return Surface(np.concatenate(points), np.concatenate(quads), np.concatenate(shades))
+
+
+def _rgb(colour: str) -> Pixels:
+    return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)], dtype=np.uint8)
+
+
+def outlines(
+    assembly: Assembly,
+    blocks: Sequence[int],
+    *,
+    nodes: Places | None = None,
+    opacity: float = 1.0,
+    width: float = 2.0,
+) -> Lines:
+    """Sharp edges of some blocks, as assembled or with the nodes given."""
+    edges = {
+        number: block_edges(shape)
+        for number, shape in enumerate(assembly.shapes)
+        if number in set(assembly.shape_of[list(blocks)].tolist())
+    }
+    points, segments, offset = [], [], 0
+    for block in blocks:
+        found = edges[int(assembly.shape_of[block])]
+        used, ends = np.unique(found, return_inverse=True)
+        placed = assembly.nodes(block) if nodes is None else nodes(block)
+        points.append(placed[used])
+        segments.append(ends.reshape(found.shape) + offset)
+        offset += len(used)
+    if not points:
+        return Lines(np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64))
+    return Lines(np.concatenate(points), np.concatenate(segments), INK, width, opacity)
+
+
+def coloured_blocks(
+    assembly: Assembly,
+    blocks: Sequence[int],
+    values: Callable[[int], FloatArray],
+    scale: Scale,
+    *,
+    nodes: Places,
+    faces: Sequence[str],
+    lit: bool = False,
+    two_sided: bool = True,
+) -> Surface:
+    """Named faces of some blocks, coloured by nodal values, as one part.
+
+    Parameters
+    ----------
+    values
+        Nodal values of a block, (n_nodes,).
+    nodes
+        Where the nodes of a block are drawn, (n_nodes, 3) [mm].
+    faces
+        Names; those that a shape does not have are left out.
+    """
+    points, quads, shades, offset = [], [], [], 0
+    for block in blocks:
+        shape = assembly.shape(block)
+        shown = [shape.faces[face] for face in faces if face in shape.faces]
+        if not shown:
+            continue
+        used, corners = _surface_of(shown)
+        points.append(nodes(block)[used])
+        quads.append(corners + offset)
+        shades.append(scale.of(values(block)[used]))
+        offset += len(used)
+    if not points:
+        return Surface(np.zeros((0, 3)), np.zeros((0, 4), dtype=np.int64), GREY)
+    return Surface(
+        np.concatenate(points),
+        np.concatenate(quads),
+        np.concatenate(shades),
+        lit,
+        two_sided=two_sided,
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Contact
+
+
+@dataclass(frozen=True)
+class PressedFacets:
+    """Contact facets and the pressures on them, of rigid or deformable blocks."""
+
+    assembly: Assembly
+    """The blocks."""
+    block_m: IntArray
+    """One block of each facet, (n,)."""
+    block_s: IntArray
+    """The other, (n,)."""
+    corners: FloatArray
+    """(n, 4, 3) [mm]"""
+    pressures: FloatArray
+    """(n,) [MPa]"""
+    nodes: Places
+    """Nodes of a block where these facets are, (n_nodes, 3) [mm]."""
+
+    def between(self, lower: int) -> IntArray:
+        """Facets between a layer and the next one, (n,)."""
+        return facets_between(self.assembly.layer, self.block_m, self.block_s, lower)
+
+    def surface(self, rows: IntArray, scale: Scale) -> Surface:
+        """Some facets in the colours of their pressures."""
+        quads = np.arange(4 * len(rows)).reshape(-1, 4)
+        shades = scale.of(self.pressures[rows])
+        return Surface(self.corners[rows].reshape(-1, 3), quads, shades, lit=False)
+
+    def outlines(self, blocks: Sequence[int]) -> Lines:
+        """Edges of some blocks, seen through."""
+        return outlines(self.assembly, blocks, nodes=self.nodes, opacity=0.5)
+
+
+def interface_facets(
+    assembly: Assembly, contacts: IntArray, pressures: FloatArray
+) -> PressedFacets:
+    """Facets of an assembly that match, before any displacement.
+
+    Parameters
+    ----------
+    assembly
+        Blocks and interfaces.
+    contacts
+        Positions in the assembly's interfaces, (n,).
+    pressures
+        Their contact pressures, (n,) [MPa].
+    """
+    found = assembly.interfaces
+    return PressedFacets(
+        assembly=assembly,
+        block_m=found.block_m[contacts],
+        block_s=found.block_s[contacts],
+        corners=interface_surface(assembly, contacts).nodes.reshape(-1, 4, 3),
+        pressures=pressures,
+        nodes=assembly.nodes,
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Loads
+
+
+def load_arrows(assembly: Assembly, load: LoadCase, blocks: Sequence[int]) -> Surface:
+    """Arrows on a sample of the loaded facets of some blocks, along the force."""
+    force = load.facet_forces
+    size = np.linalg.norm(force, axis=1)
+    pushed = np.flatnonzero((size > 0) & np.isin(load.block, list(blocks)))
+    # One arrow in each cell of a grid.
+    cell = np.floor(load.centroids[pushed] / (0.45 * assembly.characteristic_length))
+    x, y, z = (cell - cell.min(axis=0, initial=0.0)).astype(np.int64).T
+    _, first = np.unique((x << 42) + (y << 21) + z, return_index=True)
+    chosen = pushed[first]
+    direction = force[chosen] / size[chosen, None]
+    length = 0.5 * assembly.characteristic_length
+    into_body = np.einsum("ij,ij->i", direction, load.area_vectors[chosen]) < 0
+    start = load.centroids[chosen] - np.where(into_body, length, 0.0)[:, None] * direction
+    return arrows(start, length * direction, VERMILION)
+
+
+def arrows(start: FloatArray, along: FloatArray, colour: str) -> Surface:
+    """Arrows from points along vectors, (n, 3) each [mm]."""
+    turn = 2 * np.pi * np.arange(_SIDES) / _SIDES
+    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    # Rings of shaft and tip in the arrow's own frame: radius, and place along it.
+    rings = [(0.05, 0.0), (0.05, 0.75), (0.1, 0.75), (0.0, 1.0)]
+    own = np.concatenate(
+        [np.column_stack([radius * circle, np.full(_SIDES, at)]) for radius, at in rings]
+    )
+    k = np.arange(_SIDES)
+    after = (k + 1) % _SIDES
+    quads = np.concatenate(
+        [
+            np.column_stack(
+                [r * _SIDES + k, r * _SIDES + after, (r + 1) * _SIDES + after, (r + 1) * _SIDES + k]
+            )
+            for r in range(len(rings) - 1)
+        ]
+    )
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    axis = along / np.maximum(length, 1e-300)
+    helper = np.where(np.abs(axis[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    first = np.cross(helper, axis)
+    first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-300)
+    frame = np.stack([first, np.cross(axis, first), axis], axis=1)
+    points = start[:, None] + length[:, None] * np.einsum("pk,nki->npi", own, frame)
+    every = quads[None] + len(own) * np.arange(len(start))[:, None, None]
+    return Surface(points.reshape(-1, 3), every.reshape(-1, 4), colour, lit=False)

@@ -1,0 +1,276 @@
+"""What is seen, from where, and how large: bodies rendered off screen in parallel projection.
+
+A view is a list of parts, each one set of polygons or lines however many blocks are in it, so a
+tube of sixty blocks costs as much as one body. One window renders all views of a program. VTK is
+used without pyvista: importing that takes longer than drawing most pictures.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from geometry.mesh import FloatArray, IntArray
+
+Pixels = npt.NDArray[np.uint8]
+Direction = tuple[float, float, float]
+
+#: Dark grey of outlines.
+INK = "#303030"
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Polygons."""
+
+    points: FloatArray
+    """(n_points, 3) [mm]; all are drawn."""
+    polygons: IntArray
+    """Points of each polygon, (n_polygons, n_corners)."""
+    colour: str | Pixels
+    """One for all, or (n_polygons, 3) or (n_points, 3)."""
+    lit: bool = True
+    """Whether shades show the shape; else colours stay what they mean."""
+    opacity: float = 1.0
+    two_sided: bool = True
+    """Whether polygons are seen from behind too."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Straight lines."""
+
+    points: FloatArray
+    """(n_points, 3) [mm]."""
+    segments: IntArray
+    """Both ends of each, (n, 2)."""
+    colour: str = INK
+    width: float = 2.0
+    """[px], of which two are one in the picture."""
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True)
+class Dots:
+    """Points drawn as discs of one size."""
+
+    points: FloatArray
+    """(n, 3) [mm]."""
+    colour: str
+    size: float = 16.0
+    """[px], of which two are one in the picture."""
+
+
+Part = Surface | Lines | Dots
+
+
+@dataclass(frozen=True)
+class View:
+    """Parts seen from a direction, z upward."""
+
+    parts: Sequence[Part]
+    direction: Direction
+    """From the parts towards the eye."""
+    margin: float = 0.01
+    """Share of the size left free for the width of lines."""
+
+    @cached_property
+    def axes(self) -> FloatArray:
+        """Unit vectors to the right, up and towards the eye, (3, 3)."""
+        towards = np.array(self.direction) / np.linalg.norm(self.direction)
+        up = np.array([0.0, 0.0, 1.0]) if abs(towards[2]) < 0.999 else np.array([0.0, 1.0, 0.0])
+        right = np.cross(up, towards)
+        right /= np.linalg.norm(right)
+        return np.array([right, np.cross(towards, right), towards])
+
+    @cached_property
+    def _bounds(self) -> tuple[FloatArray, FloatArray]:
+        seen = [part.points @ self.axes.T for part in self.parts if len(part.points)]
+        if not seen:
+            return np.zeros(3), np.ones(3)
+        return (
+            np.min([s.min(axis=0) for s in seen], axis=0),
+            np.max([s.max(axis=0) for s in seen], axis=0),
+        )
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of what is seen [mm]."""
+        low, high = self._bounds
+        width, height = np.maximum(high - low, 1e-9 * float((high - low).max() or 1.0))[:2]
+        return float(width), float(height)
+
+    def place(self, point: FloatArray) -> tuple[float, float]:
+        """Where a point is seen: from the left and from below [mm]."""
+        x, y, _ = self.axes @ point - self._bounds[0]
+        return float(x), float(y)
+
+    def render(self, width: int, height: int) -> Pixels:
+        """Picture of exactly so many pixels, (height, width, 3), white where nothing is."""
+        return _render(self, width, height)
+
+
+# ---------------------------------------------------------------------------------------------
+# VTK
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Hide VTK's notes about a missing display: the off-screen fallback that follows is meant."""
+    sys.stderr.flush()
+    saved = os.dup(2)
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    try:
+        yield
+    finally:
+        sys.stderr.flush()
+        os.dup2(saved, 2)
+        os.close(null)
+        os.close(saved)
+
+
+@functools.cache
+def _window() -> Any:
+    """The window of all views."""
+    import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 - what renders
+    from vtkmodules.vtkRenderingCore import vtkRenderWindow
+
+    with quiet():
+        window = vtkRenderWindow()
+    window.SetOffScreenRendering(1)
+    # Views are rendered larger than they are shown: that costs less than samples of each pixel.
+    window.SetMultiSamples(0)
+    return window
+
+
+#: Most pixels along one side of the window.
+_LARGEST = 4096
+
+
+def _render(view: View, width: int, height: int) -> Pixels:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+    from vtkmodules.vtkRenderingCore import vtkRenderer
+
+    window = _window()  # before all else: it brings what renders
+    width, height = min(max(width, 1), _LARGEST), min(max(height, 1), _LARGEST)
+    renderer = vtkRenderer()
+    renderer.SetBackground(1.0, 1.0, 1.0)
+    for part in view.parts:
+        if len(part.points):
+            renderer.AddActor(_actor(part))
+    _aim(renderer.GetActiveCamera(), view, width / height)
+    window.SetSize(width, height)
+    window.AddRenderer(renderer)
+    bytes_ = vtkUnsignedCharArray()
+    with quiet():
+        window.Render()
+        window.GetPixelData(0, 0, width - 1, height - 1, 0, bytes_, 0)
+    window.RemoveRenderer(renderer)
+    # VTK counts rows from below.
+    pixels = vtk_to_numpy(bytes_).reshape(height, width, 3)[::-1]
+    return np.ascontiguousarray(pixels)
+
+
+def _aim(camera: Any, view: View, shape: float) -> None:
+    """Look at all of a view; ``shape`` is width over height."""
+    low, high = view._bounds
+    centre = view.axes.T @ ((low + high) / 2)
+    deep = float(np.linalg.norm(high - low))
+    camera.SetParallelProjection(1)
+    camera.SetFocalPoint(*centre)
+    camera.SetPosition(*(centre + 2.0 * deep * view.axes[2]))
+    camera.SetViewUp(*view.axes[1])
+    camera.SetClippingRange(0.5 * deep, 3.5 * deep)
+    width, height = view.size
+    camera.SetParallelScale(0.5 * (1.0 + view.margin) * max(height, width / shape))
+
+
+def _actor(part: Part) -> Any:
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkPolyData
+    from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
+
+    points = vtkPoints()
+    points.SetData(as_array(np.asarray(part.points, dtype=np.float64)))
+    data = vtkPolyData()
+    data.SetPoints(points)
+    mapper, actor = vtkPolyDataMapper(), vtkActor()
+    look = actor.GetProperty()
+    if isinstance(part, Surface):
+        data.SetPolys(as_cells(part.polygons))
+        _colour_surface(part, data, mapper, look)
+    elif isinstance(part, Lines):
+        data.SetLines(as_cells(part.segments))
+        look.SetColor(*_rgb(part.colour))
+        look.SetLineWidth(part.width)
+        look.SetOpacity(part.opacity)
+        look.LightingOff()
+        # Lines lie on surfaces, and are seen.
+        mapper.SetResolveCoincidentTopologyToPolygonOffset()
+        mapper.SetRelativeCoincidentTopologyLineOffsetParameters(-1.0, -4.0)
+    else:
+        data.SetVerts(as_cells(np.arange(len(part.points))[:, None]))
+        look.SetColor(*_rgb(part.colour))
+        look.SetPointSize(part.size)
+        look.SetRenderPointsAsSpheres(True)
+    mapper.SetInputData(data)
+    actor.SetMapper(mapper)
+    return actor
+
+
+def _colour_surface(part: Surface, data: Any, mapper: Any, look: Any) -> None:
+    look.SetOpacity(part.opacity)
+    look.SetInterpolationToFlat()
+    look.SetBackfaceCulling(not part.two_sided)
+    if part.lit:
+        look.SetAmbient(0.35)
+        look.SetDiffuse(0.75)
+    else:
+        look.LightingOff()
+    if isinstance(part.colour, str):
+        look.SetColor(*_rgb(part.colour))
+        return
+    shades = as_array(part.colour)
+    of_points = len(part.colour) == len(part.points) != len(part.polygons)
+    (data.GetPointData() if of_points else data.GetCellData()).SetScalars(shades)
+    mapper.SetScalarModeToUsePointData() if of_points else mapper.SetScalarModeToUseCellData()
+    mapper.SetColorModeToDirectScalars()
+
+
+def as_array(values: npt.NDArray[Any]) -> Any:
+    """Numbers as VTK takes them."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    return numpy_to_vtk(np.ascontiguousarray(values), deep=1)
+
+
+def as_cells(corners: IntArray) -> Any:
+    """Cells by their points, (n, n_corners), as VTK takes them."""
+    from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray
+    from vtkmodules.vtkCommonDataModel import vtkCellArray
+
+    count, size = corners.shape
+    starts = np.arange(0, count * size + 1, size)
+    cells = vtkCellArray()
+    cells.SetData(
+        numpy_to_vtkIdTypeArray(starts, deep=1),
+        numpy_to_vtkIdTypeArray(np.ascontiguousarray(corners, dtype=np.int64).ravel(), deep=1),
+    )
+    return cells
+
+
+def _rgb(colour: str) -> tuple[float, float, float]:
+    """Channels of ``#rrggbb``, 0 to 1."""
+    red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return red, green, blue

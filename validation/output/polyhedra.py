@@ -1,0 +1,77 @@
+"""The rigid answer of triangulated blocks as text and files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from geometry.files.mesh_io import write_triangles
+from validation.output.console import two_columns
+from validation.output.outputs import Outputs
+from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
+from validation.output.text import add_further_rows, certificate_words
+from validation.run.polyhedra import PolyhedralRun, contact_triangles, mechanism_motion
+
+#: Files of a rigid result.
+FILES = ("contacts.vtu", "contacts.png", "mechanism.png")
+
+
+def write_polyhedra(run: PolyhedralRun, outputs: Outputs) -> None:
+    """Write contacts as field and picture, and the mechanism where there is one."""
+    outputs.write("contacts", "contacts.vtu", lambda path: write_contacts(run, path))
+    outputs.write("picture", "contacts.png", lambda path: draw_polyhedra(run, path))
+    motion = mechanism_motion(run)
+    if motion is not None:
+        outputs.write(
+            "picture", "mechanism.png", lambda path: draw_polyhedral_mechanism(run, motion, path)
+        )
+
+
+def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
+    """Print verdict, certificate, equilibrium and what was found of contacts."""
+    result, interfaces = run.result, run.assembly.interfaces
+    table = two_columns(f"{run.name}: rigid blocks")
+    verdict = "interlocked" if result.classification.locked else "not interlocked"
+    table.add_row("verdict (frictionless)", f"{verdict}: {result.mechanism}")
+    table.add_row("certificate", certificate_words(result))
+    table.add_row("equilibrium", result.equilibrium.status)
+    if result.equilibrium.holds and result.contact_forces.max(initial=0.0) > 0:
+        table.add_row("largest contact force", f"{result.contact_forces.max():.5g} N")
+        table.add_row("largest patch pressure", f"{run.patch_pressures.max():.5g} MPa")
+    add_further_rows(table, run.further)
+    bare = int((interfaces.patch < 0).sum())
+    points = f", {bare} without area (edges that cross, corners that stand)" if bare else ""
+    table.add_row(
+        "blocks, contact points",
+        f"{result.n_blocks} free of {run.assembly.n_blocks}, {interfaces.n_contacts}{points}",
+    )
+    table.add_row(
+        "contact patches",
+        f"{len(interfaces.patches.areas)}, {interfaces.patches.areas.sum():.5g} mm², gaps up to "
+        f"{run.assembly.tolerance:.3g} mm count as contact",
+    )
+    table.add_row("volume mesh", "none (triangulated blocks): rigid answer only")
+    seconds = ", ".join(f"{stage} {value:.3f}" for stage, value in run.cpu_seconds.items())
+    table.add_row("CPU seconds", seconds)
+    console.print(table)
+
+
+def write_contacts(run: PolyhedralRun, path: Path) -> None:
+    """Write the contact polygons with pressures, normals and blocks as `.vtu` triangles."""
+    interfaces = run.assembly.interfaces
+    polygons, patches = interfaces.polygons, interfaces.patches
+    triangles, owner = contact_triangles(run)
+    patch = polygons.patch[owner]
+    write_triangles(
+        path,
+        polygons.corners,
+        triangles,
+        {
+            "patch_pressure": run.patch_pressures[patch],
+            "normal": patches.normals[patch],
+            "block_m": patches.block_m[patch].astype(np.int32),
+            "block_s": patches.block_s[patch].astype(np.int32),
+        },
+    )

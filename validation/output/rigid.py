@@ -1,0 +1,51 @@
+"""The rigid-block result as text and files: pressures where the load is carried, the mechanism."""
+
+from __future__ import annotations
+
+from rich.console import Console
+
+from validation.output.console import two_columns
+from validation.output.outputs import Outputs
+from validation.output.pictures.assemblies import draw_mechanism, draw_pressures
+from validation.output.text import CLASS_WORDS, add_further_rows, certificate_words
+from validation.run.rigid import RigidRun, mechanism_displacements, write_mechanism, write_pressures
+
+#: Files of a rigid result.
+FILES = ("contact_pressures.vtu", "contact_pressures.png", "mechanism.vtu", "mechanism.png")
+
+
+def write_rigid(run: RigidRun, outputs: Outputs) -> None:
+    """Write what the result shows; nothing without a folder."""
+    if run.result.equilibrium.holds:
+        outputs.write("pressures", "contact_pressures.vtu", lambda path: write_pressures(run, path))
+        outputs.write("picture", "contact_pressures.png", lambda path: draw_pressures(run, path))
+    if mechanism_displacements(run) is not None:
+        outputs.write("mechanism", "mechanism.vtu", lambda path: write_mechanism(run, path))
+        outputs.write("picture", "mechanism.png", lambda path: draw_mechanism(run, path))
+
+
+def print_rigid(run: RigidRun, console: Console) -> None:
+    """Print class, residual, measures and times of a rigid result."""
+    result, scene = run.result, run.scene
+    table = two_columns(f"{run.name}: rigid blocks")
+    table.add_row("mechanism (frame fixed)", CLASS_WORDS[result.mechanism])
+    if result.supported_classification is not result.classification:
+        supported = CLASS_WORDS[result.supported_classification.mechanism]
+        table.add_row("mechanism (as supported)", supported)
+    table.add_row("certificate", certificate_words(result))
+    table.add_row("equilibrium", result.equilibrium.status)
+    if result.measures is not None:
+        m = result.measures
+        table.add_row("effective contact elements", f"{m.effective_count_percent:.2f} %")
+        table.add_row("effective contact area", f"{m.effective_area_percent:.2f} %")
+        table.add_row("p_eff", f"{m.p_eff:.5g} MPa mean of the effective elements")
+        table.add_row("p_max", f"{m.p_max:.5g} MPa mean of block maxima")
+    add_further_rows(table, run.further)
+    table.add_row("blocks, contacts", f"{result.n_blocks} free, {result.n_contacts}")
+    table.add_row(
+        "norm, solver",
+        f"{scene.rigid.norm}, {scene.rigid.solver} ({result.equilibrium.iterations} iterations)",
+    )
+    seconds = ", ".join(f"{stage} {value:.3f}" for stage, value in run.cpu_seconds.items())
+    table.add_row("CPU seconds", seconds)
+    console.print(table)

@@ -1,0 +1,60 @@
+"""Words that several results share."""
+
+from __future__ import annotations
+
+from rich.table import Table
+
+from mbd import Mechanism, MechanismClass, RigidResult, SelfStress
+from validation.run.further import Further
+
+#: What each class means.
+CLASS_WORDS = {
+    MechanismClass.LOCKED: "locked: no block can move",
+    MechanismClass.SUPPRESSED: "suppressed: blocks could move, the load holds them",
+    MechanismClass.NEUTRAL: "neutral: blocks could move, the load neither drives nor holds them",
+    MechanismClass.ACTIVATED: "activated: blocks can move, and the load drives them",
+    MechanismClass.UNDECIDED: "undecided: no proof of either was found within tolerance",
+}
+
+
+def certificate_words(result: RigidResult) -> str:
+    """Say what proves the mechanism class, with the numbers of the proof."""
+    certificate = result.classification.certificate
+    if isinstance(certificate, SelfStress):
+        return (
+            f"self-stress λ ≥ 1, ‖Gλ‖/‖λ‖ = {certificate.residual:.1e}, "
+            f"σ_min/σ_max = {certificate.smallest_singular_value:.1e}"
+        )
+    if isinstance(certificate, Mechanism):
+        return (
+            f"mechanism δq, min Gᵀδq = {certificate.smallest_gap_rate:.1e}, "
+            f"fᵀδq/‖f‖ = {certificate.work:.3g}"
+        )
+    return "none"
+
+
+def add_further_rows(table: Table, further: Further | None) -> None:
+    """Add a row for each answer to a table of words and values."""
+    if further is None:
+        return
+    if further.friction is not None:
+        proof = ""
+        if further.friction.mechanism is not None:
+            proof = f"; fᵀd/‖f‖ = {further.friction.work:.3g}, least contact work "
+            proof += f"{further.friction.smallest_contact_work:.1e}"
+        table.add_row("with friction", further.friction.status + proof)
+    if further.collapse is not None:
+        c = further.collapse
+        proof = ""
+        if c.mechanism is not None:
+            proof = f"; mechanism bounds it by {c.upper_bound:.6g}, residual {c.residual:.1e}"
+        table.add_row("collapse", c.status + proof)
+    if further.margin is not None:
+        m = further.margin
+        block = int(further.free_blocks[m.block])
+        table.add_row(
+            "margin",
+            f"smallest bearing area {m.bearing_area:.4g} mm² (load {m.load} on block {block})"
+            if m.interlocked
+            else f"none: load {m.load} on block {block} cannot be carried",
+        )

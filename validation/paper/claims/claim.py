@@ -1,0 +1,60 @@
+"""A statement of the paper, and what judging it gives: true, false or neither, with the number.
+
+Quantitative words that the paper leaves open ("consistently", "minor", "approximately") are
+given a number by those who judge, and the number is part of the verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from validation.paper.evidence import Evidence
+
+
+class Truth(StrEnum):
+    """What a claim turned out to be."""
+
+    TRUE = "true"
+    FALSE = "false"
+    UNDECIDABLE = "not decidable"
+    """What the paper says leaves open what decides."""
+    NOT_COMPUTED = "not computed here"
+    """What decides was not run by this call."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was computed for a claim."""
+
+    truth: Truth
+    number: str
+    """The number that decides, in words."""
+    values: dict[str, Any]
+    """The same as data."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A statement of the paper and how it is judged."""
+
+    name: str
+    """Short, for the command line."""
+    statement: str
+    """What the paper says."""
+    place: str
+    """Label of the section, table or figure."""
+    judge: Callable[[Evidence], Verdict]
+    """Computes and judges."""
+    deformable: bool = False
+    """Whether the deformable runs are needed."""
+
+
+NOT_COMPUTED = Verdict(Truth.NOT_COMPUTED, "needs the deformable run: add --fem", {})
+
+
+def judged(holds: bool, number: str, **values: Any) -> Verdict:
+    """Return the verdict of a computed claim."""
+    return Verdict(Truth.TRUE if holds else Truth.FALSE, number, values)

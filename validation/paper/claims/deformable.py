@@ -1,0 +1,672 @@
+"""Claims that deformable blocks decide: contact against rigid blocks, stresses, displacements.
+
+All from the static state without initial gaps; the paper's own gap is not printed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fem.problem.recovery import recover
+from geometry.joints import between_layers
+from geometry.mesh import FloatArray, IntArray
+from validation.build.blocks import block_parameters
+from validation.paper.claims.claim import Claim, Truth, Verdict, judged
+from validation.paper.evidence import Evidence
+from validation.run.deformable import TubeRun, contact_report
+from validation.run.rigid import RigidRun
+from validation.scene.read import TubeScene
+
+_BLOCKS = ("TSB1", "TSB2")
+_CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
+#: Layer that the paper looks at.
+_LAYER = 7
+
+
+def _run(evidence: Evidence, block: str, case: str) -> TubeRun:
+    run = evidence.fem(block, case)
+    assert run is not None  # claims are judged only where deformable runs are allowed
+    return run
+
+
+# ---------------------------------------------------------------------------------------------
+# Fields on the grid of a block
+
+
+def block_grid(run: TubeRun, values: FloatArray) -> FloatArray:
+    """Nodal values (n_nodes, …) by position in the block: radial, around, axial."""
+    mesh = _tube(run).mesh.model_dump()
+    shape = (mesh["radial"] + 1, mesh["around"] + 1, mesh["axial"] + 1)
+    return values.reshape(*shape, *values.shape[1:])
+
+
+def _block_in(run: TubeRun, layer: int, place: int = 0) -> int:
+    return int(np.flatnonzero(run.deformable.assembly.layer == layer)[place])
+
+
+def _sigma(run: TubeRun, layer: int, component: int = 0, place: int = 0) -> FloatArray:
+    """Principal stress (0: σ₁, 2: σ₃) of one block on its grid."""
+    return block_grid(run, run.principal(_block_in(run, layer, place))[:, component])
+
+
+def _volumes(run: TubeRun) -> FloatArray:
+    """Volume that belongs to each node of the free block, on its grid [mm³]."""
+    block = int(run.deformable.assembly.free_blocks[0])
+    mesh = run.deformable.assembly.shape(block).mesh
+    corners = mesh.nodes[mesh.elements]
+    edges = corners[:, [1, 3, 4]] - corners[:, [0]]
+    share = np.repeat(np.abs(np.linalg.det(edges)) / 8, 8)
+    total = np.bincount(mesh.elements.ravel(), share, minlength=len(mesh.nodes))
+    return block_grid(run, total.astype(np.float64))
+
+
+def _apart(one: FloatArray, other: FloatArray) -> float:
+    return float(np.linalg.norm(one - other) / np.linalg.norm(one))
+
+
+# ---------------------------------------------------------------------------------------------
+# Contact against rigid blocks
+
+
+@dataclass(frozen=True)
+class PressurePair:
+    """Contact pressures of one interface from both models, facet by facet."""
+
+    name: str
+    contacts: IntArray
+    """Positions in the assembly's interfaces, (n,)."""
+    rigid: FloatArray
+    """(n,) [MPa]"""
+    deformable: FloatArray
+    """(n,) [MPa]"""
+
+    @property
+    def effective(self) -> tuple[set[int], set[int]]:
+        """Facets of the effective contact area of rigid and of deformable blocks."""
+        return _effective(self.rigid), _effective(self.deformable)
+
+    @property
+    def peak_share(self) -> float:
+        """Share of the deformable blocks' peaks that lie in the rigid blocks' effective area.
+
+        Peaks are the facets above half of the largest pressure.
+        """
+        peaks = set(np.flatnonzero(self.deformable > 0.5 * self.deformable.max()).tolist())
+        return len(peaks & self.effective[0]) / len(peaks)
+
+    @property
+    def correlation(self) -> float:
+        """Correlation coefficient of the two pressure fields."""
+        return float(np.corrcoef(self.rigid, self.deformable)[0, 1])
+
+
+def _effective(pressures: FloatArray) -> set[int]:
+    ratio = pressures.sum() ** 2 / (pressures @ pressures)
+    return set(np.argsort(-pressures)[: int(ratio)].tolist())
+
+
+def pressure_pairs(evidence: Evidence) -> list[PressurePair]:
+    """The twelve comparisons of figure pc_MBD_FEM: three cases, two blocks, top and bottom."""
+    found = []
+    for case in ("pipe", "tunnel", "shaft"):
+        for block in _BLOCKS:
+            run = _run(evidence, block, case)
+            rigid = same_mesh(evidence, run)
+            for lower, side in ((_LAYER, "top"), (_LAYER - 1, "bottom")):
+                found.append(_pair(f"{block} {case} {side}", run, rigid, lower))
+    return found
+
+
+def _pair(name: str, run: TubeRun, rigid: RigidRun, lower: int) -> PressurePair:
+    assembly = run.deformable.assembly
+    rows = between_layers(assembly, run.contact_index, lower)
+    other = between_layers(rigid.assembly, rigid.result.contact_index, lower)
+    contacts = run.contact_index[rows]
+    order = np.argsort(rigid.result.contact_index[other])
+    position = np.searchsorted(rigid.result.contact_index[other][order], contacts)
+    return PressurePair(
+        name,
+        contacts,
+        rigid.result.contact_pressures[other][order][position],
+        run.facet_pressures[rows],
+    )
+
+
+def same_mesh(evidence: Evidence, run: TubeRun) -> RigidRun:
+    """Rigid-block result on the mesh of a deformable one, the load as physics says."""
+    mesh = _tube(run).mesh.model_dump()
+    return evidence.rigid(run.name, *(f"mesh.{key}={value}" for key, value in mesh.items()))
+
+
+def _peaks_found(evidence: Evidence) -> Verdict:
+    pairs = pressure_pairs(evidence)
+    shares = np.array([p.peak_share for p in pairs])
+    chance = np.array([len(p.effective[0]) / len(p.rigid) for p in pairs])
+    worst = pairs[int(np.argmin(shares))]
+    return judged(
+        bool((shares > 0.5).all() and shares.mean() > 0.8),
+        f"{100 * shares.mean():.0f} % of the peak facets (above half of the largest pressure) lie "
+        f"in the rigid blocks' effective area, which covers {100 * chance.mean():.0f} % of the "
+        f"faces; least: {worst.name} {100 * shares.min():.0f} %; correlation "
+        f"{min(p.correlation for p in pairs):.2f} to {max(p.correlation for p in pairs):.2f}",
+        share={p.name: p.peak_share for p in pairs},
+        correlation={p.name: p.correlation for p in pairs},
+    )
+
+
+def _areas_agree(evidence: Evidence) -> Verdict:
+    values, words = {}, []
+    for case, target in (("pipe", 30.0), ("tunnel", 50.0)):
+        found = [contact_report(_run(evidence, b, case)) for b in _BLOCKS]
+        counts = [c["effective_count_percent"] for c in found]
+        values[case] = counts
+        words.append(
+            f"{case}: {counts[0]:.0f} % (TSB1), {counts[1]:.0f} % (TSB2), said: {target:g} %"
+        )
+    holds = all(abs(v - t) <= 5 for k, t in (("pipe", 30), ("tunnel", 50)) for v in values[k])
+    return judged(
+        holds,
+        "of the elements of deformable blocks; "
+        + "; ".join(words)
+        + ". Their pressures are more concentrated than those of rigid blocks",
+        effective_count_percent=values,
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Stresses
+
+
+def _under_the_waves(evidence: Evidence) -> Verdict:
+    shares = {}
+    for block in _BLOCKS:
+        for case in _CASES:
+            run = _run(evidence, block, case)
+            free = run.deformable.assembly.free_blocks
+            values = np.array([block_grid(run, run.principal(int(b))[:, 0]) for b in free])
+            height = np.linspace(0.0, 1.0, values.shape[3])
+            high = height[np.nonzero(values > np.quantile(values, 0.99))[3]]
+            shares[f"{block} {case}"] = float(((high <= 0.2) | (high >= 0.8)).mean())
+    least = min(shares, key=lambda key: shares[key])
+    return judged(
+        min(shares.values()) > 0.8,
+        "of the nodes with the highest 1 % of σ₁, within a fifth of the height from a sinusoidal "
+        f"face: {100 * np.mean(list(shares.values())):.0f} % (mean of ten runs), least "
+        f"{100 * shares[least]:.0f} % ({least})",
+        share=shares,
+    )
+
+
+def _peaks(run: TubeRun, side: str) -> tuple[FloatArray, FloatArray]:
+    """Largest σ₁ near each notch of one wavy face of a block of layer 7, and how far from it.
+
+    A notch (the paper's valley) is where the wave cuts deepest into the block. Notches on the
+    block's edge are left out: half of them belongs to the neighbour.
+
+    Returns
+    -------
+    tuple
+        Peaks [MPa] and distances in wave lengths, from left to right.
+    """
+    block = block_parameters(_tube(run))
+    field, waves = _sigma(run, _LAYER), block.waves_per_block
+    near = field[:, :, -3:] if side == "top" else field[:, :, :3]
+    along = near.max(axis=(0, 2))
+    u = np.linspace(0.0, 1.0, len(along))
+    # z = sin(2π w u + π s): notches of the top face at phase 3/4, of the bottom face at 1/4.
+    phase = 0.75 if side == "top" else 0.25
+    notches = (np.arange(-2, waves + 3) + phase - block.shift / 2) / waves
+    peaks, distances = [], []
+    for notch in notches[(notches > 0.02) & (notches < 0.98)]:
+        mine = np.flatnonzero(np.abs(u - notch) <= 0.5 / waves + 1e-12)
+        top = mine[int(np.argmax(along[mine]))]
+        peaks.append(along[top])
+        distances.append(abs(u[top] - notch) * waves)
+    return np.array(peaks), np.array(distances)
+
+
+def _valleys_tsb1(evidence: Evidence) -> Verdict:
+    run = _run(evidence, "TSB1", "pipe")
+    (top, far_top), (bottom, far_bottom) = _peaks(run, "top"), _peaks(run, "bottom")
+    apart = max(float(far_top.max()), float(far_bottom.max()))
+    ratio = float(top.max() / bottom.max())
+    return judged(
+        apart < 0.25 and 0.5 < ratio < 2.0,
+        f"peaks of σ₁ {_list(top)} MPa at the top, {_list(bottom)} MPa at the bottom, at most "
+        f"{apart:.2f} of a wave from the notches",
+        top=top.tolist(),
+        bottom=bottom.tolist(),
+        distance=apart,
+    )
+
+
+def _valleys_tsb2(evidence: Evidence) -> Verdict:
+    run = _run(evidence, "TSB2", "pipe")
+    (top, _), (bottom, _) = _peaks(run, "top"), _peaks(run, "bottom")
+    ratio = float(bottom.max() / top.max())
+    return judged(
+        ratio > 1.5,
+        f"peaks of σ₁ {_list(top)} MPa at the top, {_list(bottom)} MPa at the bottom: one part "
+        f"is higher by {max(ratio, 1 / ratio):.1f}, but the {'top' if ratio < 1 else 'bottom'} one "
+        "(the reverse for s = -0.5, the same tube upside down)",
+        top=top.tolist(),
+        bottom=bottom.tolist(),
+    )
+
+
+def _list(values: FloatArray) -> str:
+    return ", ".join(f"{v:.2f}" for v in values)
+
+
+def _one_of_three(evidence: Evidence) -> Verdict:
+    found = {}
+    for block, side in (("TSB1", "top"), ("TSB1", "bottom"), ("TSB2", "top"), ("TSB2", "bottom")):
+        peaks = np.sort(_peaks(_run(evidence, block, "pipe"), side)[0])
+        found[f"{block} {side}"] = float(peaks[-1] / peaks[-2])
+    return judged(
+        all(ratio > 1.1 for ratio in found.values()),
+        "highest over second: "
+        + ", ".join(f"{v:.2f} ({k})" for k, v in found.items())
+        + " (higher: by more than 10 %)",
+        ratio=found,
+    )
+
+
+def _half_turn(evidence: Evidence) -> Verdict:
+    run = _run(evidence, "TSB1", "pipe")
+    here, above = _sigma(run, _LAYER), _sigma(run, _LAYER + 1)
+    turned, mirrored = _apart(here, above[:, ::-1, ::-1]), _apart(here, above[:, ::-1])
+    return judged(
+        turned < 0.05,
+        f"σ₁ of layer 8 turned by 180° differs from layer 7 by {100 * turned:.1f} % "
+        f"(mirrored: {100 * mirrored:.0f} %)",
+        turned=turned,
+        mirrored=mirrored,
+    )
+
+
+def _mirror(evidence: Evidence) -> Verdict:
+    run = _run(evidence, "TSB2", "pipe")
+    here, above = _sigma(run, _LAYER), _sigma(run, _LAYER + 1)
+    turned, mirrored = _apart(here, above[:, ::-1, ::-1]), _apart(here, above[:, ::-1])
+    return judged(
+        mirrored < 0.05,
+        f"σ₁ of layer 8 mirrored differs from layer 7 by {100 * mirrored:.1f} % "
+        f"(turned by 180°: {100 * turned:.0f} %)",
+        turned=turned,
+        mirrored=mirrored,
+    )
+
+
+def _layers_repeat(evidence: Evidence) -> Verdict:
+    found = {}
+    for block in _BLOCKS:
+        for case in ("pipe", "tunnel", "pillar", "shaft"):
+            run = _run(evidence, block, case)
+            found[f"{block} {case}"] = max(
+                _apart(_sigma(run, k), _sigma(run, k + 2)) for k in range(4, 8)
+            )
+    worst = max(v for k, v in found.items() if "shaft" not in k)
+    shaft = min(v for k, v in found.items() if "shaft" in k)
+    return judged(
+        worst < 0.05 < shaft,
+        f"σ₁ of layers 4 to 7 differs from two layers above by at most {100 * worst:.1f} % in "
+        f"pipe, tunnel and pillar, by {100 * shaft:.0f} % or more in shaft",
+        difference=found,
+    )
+
+
+def _four_alike(evidence: Evidence) -> Verdict:
+    """Solve a tube without using its symmetry: four layers are enough to see it."""
+    run = evidence.whole_tube("TSB1", "pipe", 4)
+    first = _sigma(run, 2)
+    worst = max(_apart(first, _sigma(run, 2, 0, place)) for place in range(1, 4))
+    return judged(
+        worst < 1e-3,
+        f"σ₁ of the four blocks of a layer differs by at most {worst:.0e} (solved without using "
+        "the symmetry, four layers)",
+        difference=worst,
+    )
+
+
+def _lower_tension(evidence: Evidence) -> Verdict:
+    means = {}
+    for block in _BLOCKS:
+        run = _run(evidence, block, "pipe")
+        means[block] = float(np.average(_sigma(run, _LAYER), weights=_volumes(run)))
+    return judged(
+        means["TSB2"] < means["TSB1"],
+        f"mean σ₁ in layer 7: {means['TSB1']:.4f} MPa (TSB1), {means['TSB2']:.4f} MPa (TSB2), "
+        f"{100 * (means['TSB2'] / means['TSB1'] - 1):+.1f} %",
+        mean_sigma_1=means,
+    )
+
+
+def _share_above(run: TubeRun, component: int) -> float:
+    """Share of the block's volume where a principal stress exceeds a third of its 99.9 % value."""
+    values = np.abs(np.minimum(_sigma(run, _LAYER, 2), 0.0) if component else _sigma(run, _LAYER))
+    volumes = _volumes(run)
+    high = values > np.quantile(values, 0.999) / 3
+    return float(volumes[high].sum() / volumes.sum())
+
+
+def _localized(evidence: Evidence) -> Verdict:
+    shares = {b: _share_above(_run(evidence, b, "pipe"), 0) for b in _BLOCKS}
+    return judged(
+        shares["TSB2"] < shares["TSB1"],
+        "volume with σ₁ above a third of its peak: "
+        + ", ".join(f"{100 * v:.1f} % ({k})" for k, v in shares.items()),
+        share=shares,
+    )
+
+
+def _compressed(evidence: Evidence) -> Verdict:
+    limit = 0.1
+    shares = {}
+    for block in _BLOCKS:
+        run = _run(evidence, block, "pipe")
+        volumes = _volumes(run)
+        shares[block] = float(volumes[_sigma(run, _LAYER, 2) < -limit].sum() / volumes.sum())
+    return judged(
+        shares["TSB2"] > shares["TSB1"],
+        f"volume with σ₃ below -{limit:g} MPa: "
+        + ", ".join(f"{100 * v:.1f} % ({k})" for k, v in shares.items()),
+        share=shares,
+    )
+
+
+def _favourable(_: Evidence) -> Verdict:
+    return Verdict(
+        Truth.UNDECIDABLE,
+        "the paper names no measure of a favourable stress state; mean σ₁, localisation and "
+        "compressed volume are judged one by one",
+        {},
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Beam, displacements
+
+
+@dataclass(frozen=True)
+class _Monolith:
+    """A solid tube clamped at both ends, by beam theory."""
+
+    length: float
+    bending: float
+    """Second moment of area [mm⁴]."""
+    young: float
+    poisson: float
+    outer_radius: float
+
+
+def _monolith(run: TubeRun) -> _Monolith:
+    scene = run.scene
+    assert isinstance(scene, TubeScene)
+    assert scene.material is not None
+    block = block_parameters(scene)
+    bending = np.pi / 4 * (block.outer_radius**4 - block.inner_radius**4)
+    return _Monolith(
+        scene.assembly.layers * block.height,
+        float(bending),
+        scene.material.young_modulus,
+        scene.material.poisson_ratio,
+        block.outer_radius,
+    )
+
+
+def _far_side(evidence: Evidence) -> Verdict:
+    found, words = {}, []
+    for name in _BLOCKS:
+        run = _run(evidence, name, "beam")
+        solid = _monolith(run)
+        force = _load(run)
+        expected = np.linalg.norm(force) * solid.length / 8 * solid.outer_radius / solid.bending
+        stress = _far_axial_stress(run, force)
+        found[name] = (stress, float(expected))
+        words.append(f"{name}: {stress:+.4f} MPa")
+    return judged(
+        all(stress < 0.05 * expected for stress, expected in found.values()),
+        "mean axial stress on the side away from the load, layers 5 to 9: "
+        + ", ".join(words)
+        + f"; a solid tube clamped at both ends: +{found['TSB1'][1]:.4f} MPa at mid-length",
+        far_side_and_solid=found,
+    )
+
+
+def _load(run: TubeRun) -> FloatArray:
+    """Resultant of the load [N]."""
+    from validation.build.blocks import build_load
+
+    load = build_load(_tube(run), run.deformable.assembly)
+    total: FloatArray = load.facet_forces.sum(axis=0)
+    return total
+
+
+def _far_axial_stress(run: TubeRun, force: FloatArray) -> float:
+    """Mean σ_zz over the outer surface within 30° of the direction of the load, layers 5 to 9."""
+    assembly, deformable = run.deformable.assembly, run.deformable
+    away = force[:2] / np.linalg.norm(force[:2])
+    groups = deformable.model.groups
+    stress = [
+        recover(group, u, finite_rotation=run.scene.effects.finite_rotation).stress
+        for group, u in zip(groups, run.displacements, strict=True)
+    ]
+    values = []
+    for block in np.flatnonzero((assembly.layer >= 5) & (assembly.layer <= 9)).tolist():
+        outer = np.unique(assembly.shape(block).faces["outer"])
+        nodes = assembly.nodes(block)[outer]
+        direction = nodes[:, :2] / np.linalg.norm(nodes[:, :2], axis=1, keepdims=True)
+        chosen = direction @ away > np.cos(np.pi / 6)
+        of = stress[int(deformable.group_of[block])][int(deformable.copy_of[block])]
+        values.append(of[outer[chosen], 2])
+    return float(np.concatenate(values).mean())
+
+
+def _monolithic(evidence: Evidence) -> Verdict:
+    ratios = {}
+    for name in _BLOCKS:
+        run = _run(evidence, name, "beam")
+        solid = _monolith(run)
+        force = float(np.linalg.norm(_load(run)))
+        sag = force * solid.length**3 / (192 * solid.young * solid.bending)
+        ratios[f"{name} beam"] = run.largest_displacement / sag
+        run = _run(evidence, name, "shaft")
+        block = block_parameters(_tube(run))
+        torque = _tube(run).load.pressure * 2 * np.pi * block.outer_radius**2 * block.height
+        shear = solid.young / (2 * (1 + solid.poisson))
+        turn = torque / 2 * (solid.length / 2) / (shear * 2 * solid.bending)
+        ratios[f"{name} shaft"] = run.largest_displacement / float(turn * block.outer_radius)
+    return judged(
+        all(ratio < 2 for ratio in ratios.values()),
+        "largest displacement over that of a solid tube (beam and torsion theory): "
+        + ", ".join(f"{v:.0f} ({k})" for k, v in ratios.items())
+        + ": the shape may follow, the size does not",
+        ratio=ratios,
+    )
+
+
+def _tube(run: TubeRun) -> TubeScene:
+    assert isinstance(run.scene, TubeScene)
+    return run.scene
+
+
+def _mean_displacement(run: TubeRun) -> float:
+    volumes = _volumes(run)
+    return float(
+        np.mean(
+            [
+                np.average(
+                    block_grid(run, np.linalg.norm(run.displacement(int(b)), axis=1)),
+                    weights=volumes,
+                )
+                for b in run.deformable.assembly.free_blocks
+            ]
+        )
+    )
+
+
+def _smaller_displacement(case: str) -> Callable[[Evidence], Verdict]:
+    def judge(evidence: Evidence) -> Verdict:
+        one, two = (_mean_displacement(_run(evidence, b, case)) for b in _BLOCKS)
+        return judged(
+            one < two,
+            f"mean displacement {1e3 * one:.2f} µm (TSB1), {1e3 * two:.2f} µm (TSB2), no initial "
+            "gap",
+            mean_displacement=[one, two],
+        )
+
+    return judge
+
+
+def _speed_up(evidence: Evidence) -> Verdict:
+    run = _run(evidence, "TSB1", "pipe")
+    rigid = same_mesh(evidence, run)
+    ratio = run.cpu_seconds["total"] / rigid.cpu_seconds["total"]
+    return judged(
+        4.5 < np.log10(ratio) < 5.5,
+        f"same tube, same mesh, one core: static deformable {run.cpu_seconds['total']:.1f} s, "
+        f"rigid {rigid.cpu_seconds['total']:.3f} s: × {ratio:.0f}; five orders lie between two "
+        "codes, not between the two models",
+        ratio=ratio,
+    )
+
+
+FEM_CLAIMS = (
+    Claim(
+        "peaks-found",
+        "Rigid blocks find where the pressure peaks of deformable blocks are (layer 7, twelve "
+        "comparisons)",
+        "fig:pc_MBD_FEM",
+        _peaks_found,
+        deformable=True,
+    ),
+    Claim(
+        "areas-fem",
+        "Deformable blocks show the same effective areas, about 30 % (pipe) and 50 % (tunnel)",
+        "fig:pc_MBD_FEM",
+        _areas_agree,
+        deformable=True,
+    ),
+    Claim(
+        "layers-repeat",
+        "In pipe, tunnel and pillar the stresses repeat across layers; in shaft they do not",
+        "fig:sigma1",
+        _layers_repeat,
+        deformable=True,
+    ),
+    Claim(
+        "under-the-waves",
+        "In all cases the critical stress concentrations lie beneath the sinusoidal faces",
+        "fig:sigma1",
+        _under_the_waves,
+        deformable=True,
+    ),
+    Claim(
+        "favourable",
+        "Which block has the more favourable overall stress state cannot be concluded",
+        "fig:sigma1",
+        _favourable,
+    ),
+    Claim(
+        "far-side",
+        "The far side of the beam has practically no tension, unlike a clamped solid beam",
+        "fig:sigma1",
+        _far_side,
+        deformable=True,
+    ),
+    Claim(
+        "half-turn",
+        "TSB1, pipe: every second layer has the stresses of the layer before, turned by 180°",
+        "fig:pipe-sin_sigma",
+        _half_turn,
+        deformable=True,
+    ),
+    Claim(
+        "mirror",
+        "TSB2, pipe: every second layer has mirrored stresses",
+        "fig:pipe-cos_sigma",
+        _mirror,
+        deformable=True,
+    ),
+    Claim(
+        "four-alike",
+        "The four blocks of a layer have identical principal stresses",
+        "fig:pipe-sin_sigma",
+        _four_alike,
+        deformable=True,
+    ),
+    Claim(
+        "valleys-tsb1",
+        "TSB1, pipe: σ₁ peaks at the valleys of the sinusoidal faces, top and bottom",
+        "fig:pipe-sin_sigma",
+        _valleys_tsb1,
+        deformable=True,
+    ),
+    Claim(
+        "valleys-tsb2",
+        "TSB2, pipe: such peaks are only in the bottom part of the layer",
+        "fig:pipe-cos_sigma",
+        _valleys_tsb2,
+        deformable=True,
+    ),
+    Claim(
+        "one-of-three",
+        "Of the three valleys of a block one consistently has higher stresses",
+        "fig:pipe-sin_sigma",
+        _one_of_three,
+        deformable=True,
+    ),
+    Claim(
+        "lower-tension",
+        "TSB2 attains lower average maximum principal stresses than TSB1",
+        "fig:pipe-cos_sigma",
+        _lower_tension,
+        deformable=True,
+    ),
+    Claim(
+        "localized",
+        "The regions of peak tension are more localized in TSB2",
+        "fig:pipe-cos_sigma",
+        _localized,
+        deformable=True,
+    ),
+    Claim(
+        "compressed",
+        "TSB2 exhibits larger regions of compressive stress",
+        "fig:pipe-cos_sigma",
+        _compressed,
+        deformable=True,
+    ),
+    Claim(
+        "displacement-pipe",
+        "Under internal pressure TSB1 has the smaller average displacement",
+        "fig:disp",
+        _smaller_displacement("pipe"),
+        deformable=True,
+    ),
+    Claim(
+        "displacement-tunnel",
+        "Under external pressure TSB1 has the smaller average displacement",
+        "fig:disp",
+        _smaller_displacement("tunnel"),
+        deformable=True,
+    ),
+    Claim(
+        "monolithic",
+        "In beam and shaft the tubes closely follow the deformation of a monolithic tube",
+        "fig:disp",
+        _monolithic,
+        deformable=True,
+    ),
+    Claim(
+        "speed-up",
+        "The speed-up of rigid blocks over finite elements is about 10⁵, with our own codes",
+        "tab:cpu-times",
+        _speed_up,
+        deformable=True,
+    ),
+)

@@ -1,0 +1,85 @@
+"""All of the paper's statements: looked up, judged, printed and as data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from validation.paper.claims.claim import NOT_COMPUTED, Claim, Truth, Verdict
+from validation.paper.claims.deformable import FEM_CLAIMS
+from validation.paper.claims.rigid import RIGID_CLAIMS
+from validation.paper.evidence import Evidence
+from validation.paper.naming import chosen_by_name
+
+
+@dataclass(frozen=True)
+class JudgedClaim:
+    """A claim with its verdict."""
+
+    claim: Claim
+    verdict: Verdict
+
+
+def claims() -> list[Claim]:
+    """Return all claims, in the order of the paper."""
+    return [*RIGID_CLAIMS, *FEM_CLAIMS]
+
+
+def check_claims(names: list[str] | None = None) -> list[Claim]:
+    """Return the claims of some names, or all, after refusing names that none has.
+
+    Raises
+    ------
+    InputError
+        With the known names.
+    """
+    return chosen_by_name(claims(), names, "claim")
+
+
+def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[JudgedClaim]:
+    """Judge all claims, or some by name.
+
+    Raises
+    ------
+    InputError
+        For a name that no claim has.
+    """
+    return [
+        JudgedClaim(
+            claim,
+            NOT_COMPUTED if claim.deformable and not evidence.deformable else claim.judge(evidence),
+        )
+        for claim in check_claims(names)
+    ]
+
+
+def claims_json(found: list[JudgedClaim]) -> list[dict[str, Any]]:
+    """Judged claims as plain data."""
+    return [
+        {
+            "name": item.claim.name,
+            "statement": item.claim.statement,
+            "place": item.claim.place,
+            "verdict": str(item.verdict.truth),
+            "number": item.verdict.number,
+            "values": item.verdict.values,
+        }
+        for item in found
+    ]
+
+
+def print_claims(found: list[JudgedClaim], console: Console) -> None:
+    """Print one row per claim and a count."""
+    table = Table(title="The paper's claims", title_justify="left", show_lines=True)
+    for head in ("claim", "the paper says", "verdict", "number"):
+        table.add_column(head)
+    for item in found:
+        table.add_row(
+            item.claim.name, item.claim.statement, str(item.verdict.truth), item.verdict.number
+        )
+    console.print(table)
+    counts = [f"{sum(i.verdict.truth is t for i in found)} {t}" for t in Truth]
+    console.print(f"{len(found)} claims: {', '.join(counts)}")

@@ -1,0 +1,666 @@
+"""Claims that rigid blocks decide: parameter study, tables, load transfer, hexagon-based block."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from geometry.mesh import FloatArray, IntArray
+from mbd import contact_jacobian
+from validation.paper.claims.claim import Claim, Verdict, judged
+from validation.paper.evidence import Design, Evidence
+from validation.paper.reference import reference
+from validation.run.rigid import RigidRun
+
+#: What "approximately", "comparable", "minor" and "marginal" may mean here.
+_TENTH = 0.10
+_TSB2 = (0.5, 1.5, 4, 40.0, 20.0)
+
+
+def _p_max(run: RigidRun) -> float:
+    measures = run.result.measures
+    assert measures is not None
+    return measures.p_max
+
+
+def _count_falling(evidence: Evidence, axis: int) -> tuple[int, int]:
+    """Steps of one parameter over which p_max falls, and all steps."""
+    p = evidence.study.p_max
+    pairs = evidence.study.pairs(axis)
+    return sum(p[after] < p[before] for before, after in pairs), len(pairs)
+
+
+# ---------------------------------------------------------------------------------------------
+# Parameter study
+
+
+def _locked(evidence: Evidence) -> Verdict:
+    rows = evidence.study.rows.values()
+    locked = sum(row["mechanism"] == "locked" for row in rows)
+    flat = [
+        str(evidence.rigid(f"tsb{k}-pipe", "block.amplitude=0").result.mechanism) for k in (1, 2)
+    ]
+    low = [
+        str(evidence.rigid(f"tsb{k}-pipe", "block.amplitude=0.1").result.mechanism) for k in (1, 2)
+    ]
+    return judged(
+        locked == len(rows) and set(low) == {"locked"} and "locked" not in flat,
+        f"{locked} of {len(rows)} designs locked; a = 0.1 mm: {low[0]}; a = 0: {flat[0]}",
+        locked=locked,
+        designs=len(rows),
+        amplitude_0_1=low,
+        amplitude_0=flat,
+    )
+
+
+def _falls_with_amplitude(evidence: Evidence) -> Verdict:
+    falling, total = _count_falling(evidence, 4)
+    return judged(falling == total, f"{falling} of {total} steps", falling=falling, steps=total)
+
+
+def _flattens(evidence: Evidence) -> Verdict:
+    p, amplitudes = evidence.study.p_max, evidence.study.axes[4]
+    flatter = total = 0
+    for key in p:
+        if key[4] == amplitudes[0]:
+            curve = np.array([p[(*key[:4], a)] for a in amplitudes])
+            drop = -np.diff(curve)
+            flatter += int((np.diff(drop) < 0).sum())
+            total += len(drop) - 1
+    return judged(
+        flatter == total,
+        f"the next drop is smaller in {flatter} of {total} pairs of steps",
+        flatter=flatter,
+        pairs=total,
+    )
+
+
+def _saturates(evidence: Evidence) -> Verdict:
+    found = {}
+    for shift in (0.0, 0.5):
+        curve = [
+            _p_max(evidence.tsb("tsb1-pipe", (shift, 1.5, 4, 40.0, a))) for a in (25.0, 30.0, 40.0)
+        ]
+        found[f"s={shift:g}"] = curve
+    drops = {name: 1 - c[2] / c[1] for name, c in found.items()}
+    return judged(
+        all(drop < _TENTH for drop in drops.values()),
+        "from a = 30 to 40 mm p_max still falls by "
+        + " and ".join(f"{100 * d:.0f} % ({n})" for n, d in drops.items())
+        + ", for example to "
+        + f"{found['s=0'][2]:.3f} from {found['s=0'][1]:.3f} MPa (s = 0)"
+        + "; f = 1.5, n = 4, t = 40; marginal: below 10 %; the printed range ends at 25 mm",
+        p_max_at_25_30_40=found,
+    )
+
+
+def _falls_with_thickness(evidence: Evidence) -> Verdict:
+    falling, total = _count_falling(evidence, 3)
+    p = evidence.study.p_max
+    rising = [(b, p[a] / p[b] - 1) for b, a in evidence.study.pairs(3) if p[a] >= p[b]]
+    words = ""
+    if rising:
+        frequencies = sorted({b[1] for b, _ in rising})
+        largest = max(change for _, change in rising)
+        words = (
+            f"; the others rise by at most {100 * largest:.1f} % "
+            f"(f = {', '.join(f'{f:g}' for f in frequencies)})"
+        )
+    return judged(
+        falling == total,
+        f"{falling} of {total} steps{words}",
+        falling=falling,
+        steps=total,
+        rising=[list(b) for b, _ in rising],
+    )
+
+
+def _thick_depends_less(evidence: Evidence) -> Verdict:
+    p, thicknesses = evidence.study.p_max, evidence.study.axes[3]
+    spread = {}
+    for t in thicknesses:
+        values = np.array([v for key, v in p.items() if key[3] == t])
+        spread[t] = float(values.max() - values.min())
+    falling = bool((np.diff(list(spread.values())) < 0).all())
+    return judged(
+        falling,
+        "max - min of p_max over a, f, n, s: "
+        + ", ".join(f"{v:.2f} MPa (t = {t:g})" for t, v in spread.items()),
+        range_of_p_max=spread,
+    )
+
+
+def _fine_is_worse(evidence: Evidence) -> Verdict:
+    p, (shifts, frequencies, numbers, thicknesses, amplitudes) = (
+        evidence.study.p_max,
+        evidence.study.axes,
+    )
+    a = amplitudes[-1]
+    worse_f = worse_n = total_f = total_n = 0
+    for s in shifts:
+        for t in thicknesses:
+            for n in numbers:
+                worse_f += p[s, frequencies[-1], int(n), t, a] > p[s, frequencies[0], int(n), t, a]
+                total_f += 1
+            for f in frequencies:
+                worse_n += p[s, f, int(numbers[-1]), t, a] > p[s, f, int(numbers[0]), t, a]
+                total_n += 1
+    return judged(
+        worse_f > total_f / 2 and worse_n > total_n / 2,
+        f"at a = {a:g} mm, f = {frequencies[-1]:g} is worse than f = {frequencies[0]:g} in "
+        f"{worse_f} of {total_f} tubes, n = {numbers[-1]:g} worse than n = {numbers[0]:g} in "
+        f"{worse_n} of {total_n}",
+        worse_with_frequency=[worse_f, total_f],
+        worse_with_n=[worse_n, total_n],
+    )
+
+
+def _wave_threshold(evidence: Evidence) -> Verdict:
+    """Ask of every (s, f, t, a) whether p_max rises again as n, hence n_w = 2 f n, grows."""
+    p, (shifts, frequencies, numbers, thicknesses, amplitudes) = (
+        evidence.study.p_max,
+        evidence.study.axes,
+    )
+    share: dict[float, str] = {}
+    turning: dict[float, list[float]] = {}
+    holds = True
+    for a in amplitudes:
+        rising = total = 0
+        turning[a] = []
+        for s in shifts:
+            for f in frequencies:
+                for t in thicknesses:
+                    curve = [p[s, f, int(n), t, a] for n in numbers]
+                    lowest = int(np.argmin(curve))
+                    total += 1
+                    if lowest < len(curve) - 1 and curve[-1] > 1.01 * curve[lowest]:
+                        rising += 1
+                        turning[a].append(2 * f * numbers[lowest])
+        share[a] = f"{rising} of {total}"
+        holds &= rising > total / 2
+    spread = sorted({w for found in turning.values() for w in found})
+    return judged(
+        holds and len(spread) <= 3,
+        "p_max rises again with n_w in "
+        + ", ".join(f"{words} curves (a = {a:g})" for a, words in share.items())
+        + f"; the turning points lie anywhere from n_w = {spread[0]:g} to {spread[-1]:g}: "
+        "f matters on its own",
+        rising_curves=share,
+        turning_points=spread,
+    )
+
+
+def _fewer_larger(evidence: Evidence) -> Verdict:
+    p = evidence.study.p_max
+    lower = total = 0
+    for (s, f, n, t, a), value in p.items():
+        for (s2, f2, n2, t2, a2), other in p.items():
+            if (s2, t2, a2) == (s, t, a) and n2 > n and abs(f2 * n2 - f * n) < 1e-9:
+                lower += value < other
+                total += 1
+    return judged(
+        lower == total,
+        f"fewer blocks are lower in {lower} of {total} pairs of equal n_w",
+        lower=lower,
+        pairs=total,
+    )
+
+
+def _example_of_fewer(evidence: Evidence) -> Verdict:
+    few: Design = (0.0, 2.0, 2, 40.0, 20.0)
+    many: Design = (0.0, 1.0, 4, 40.0, 20.0)
+    p = evidence.study.p_max
+    everywhere = all(
+        p[0.0, 2.0, 2, t, a] < p[0.0, 1.0, 4, t, a]
+        for t in evidence.study.axes[3]
+        for a in evidence.study.axes[4]
+    )
+    return judged(
+        everywhere,
+        f"{p[few]:.3f} against {p[many]:.3f} MPa (a = 20, t = 40), "
+        + ("and so for every a and t" if everywhere else "but not for every a and t"),
+        few=p[few],
+        many=p[many],
+    )
+
+
+def _best(evidence: Evidence) -> Verdict:
+    order = sorted(evidence.study.p_max, key=lambda key: evidence.study.p_max[key])
+    fine = {key: _p_max(evidence.tsb("tsb1-pipe", key)) for key in order[:4]}
+    best = min(fine, key=lambda key: fine[key])
+    words = "; ".join(
+        f"s = {s:g}, f = {f:g}, n = {n}, t = {t:g}, a = {a:g}: {fine[s, f, n, t, a]:.4f} MPa"
+        for s, f, n, t, a in sorted(fine, key=lambda key: fine[key])[:2]
+    )
+    return judged(
+        best == (0.5, 2.0, 2, 60.0, 25.0),
+        f"lowest at 84 × 8 × 20: {words}",
+        lowest=[[*key, value] for key, value in fine.items()],
+    )
+
+
+def _cosine_is_lower(evidence: Evidence) -> Verdict:
+    p = evidence.study.p_max
+    ratio = np.array([p[(0.5, *key[1:])] / value for key, value in p.items() if key[0] == 0.0])
+    lower = int((ratio < 1).sum())
+    return judged(
+        lower > 0.9 * len(ratio),
+        f"lower in {lower} of {len(ratio)} designs, mean ratio {ratio.mean():.3f}",
+        lower=lower,
+        designs=len(ratio),
+        mean_ratio=float(ratio.mean()),
+    )
+
+
+def _thickness_is_minor(evidence: Evidence) -> Verdict:
+    found = {
+        t: _p_max(evidence.tsb("tsb1-pipe", (0.5, 1.5, 4, t, 20.0))) for t in (40.0, 50.0, 60.0)
+    }
+    spread = max(found.values()) / min(found.values()) - 1
+    return judged(
+        spread < _TENTH,
+        ", ".join(f"{p:.3f} MPa (t = {t:g})" for t, p in found.items())
+        + f": {100 * spread:.0f} % apart (minor: below 10 %)",
+        p_max=found,
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Tables
+
+
+def _rows(evidence: Evidence, case: str) -> tuple[RigidRun, RigidRun]:
+    return evidence.case("TSB1", case), evidence.case("TSB2", case)
+
+
+def _tsb2_wider(evidence: Evidence) -> Verdict:
+    one, two = (run.result.measures for run in _rows(evidence, "pipe"))
+    assert one is not None
+    assert two is not None
+    return judged(
+        two.effective_count_percent > one.effective_count_percent
+        and two.effective_area_percent > one.effective_area_percent,
+        f"{two.effective_count_percent:.1f} against {one.effective_count_percent:.1f} % of the "
+        f"elements, {two.effective_area_percent:.1f} against {one.effective_area_percent:.1f} % "
+        "of the area",
+        count=[one.effective_count_percent, two.effective_count_percent],
+        area=[one.effective_area_percent, two.effective_area_percent],
+    )
+
+
+def _comparable_p_eff(evidence: Evidence) -> Verdict:
+    one, two = (run.result.measures for run in _rows(evidence, "pipe"))
+    assert one is not None
+    assert two is not None
+    apart = abs(two.p_eff / one.p_eff - 1)
+    return judged(
+        apart < _TENTH and two.p_max < one.p_max,
+        f"p_eff {one.p_eff:.4f} and {two.p_eff:.4f} MPa ({100 * apart:.1f} % apart), "
+        f"p_max {one.p_max:.3f} and {two.p_max:.3f} MPa",
+        p_eff=[one.p_eff, two.p_eff],
+        p_max=[one.p_max, two.p_max],
+    )
+
+
+def _near(target: float, case: str, *, count: bool) -> Callable[[Evidence], Verdict]:
+    def judge(evidence: Evidence) -> Verdict:
+        found = []
+        for run in _rows(evidence, case):
+            measures = run.result.measures
+            assert measures is not None
+            found.append((measures.effective_count_percent, measures.effective_area_percent))
+        chosen = [pair[0 if count else 1] for pair in found]
+        return judged(
+            all(abs(value - target) <= 5.0 for value in chosen),
+            f"TSB1 {found[0][0]:.1f} %, TSB2 {found[1][0]:.1f} % of the elements; "
+            f"{found[0][1]:.1f} %, {found[1][1]:.1f} % of the area (approximately: ± 5 points)",
+            count_percent=[pair[0] for pair in found],
+            area_percent=[pair[1] for pair in found],
+        )
+
+    return judge
+
+
+# ---------------------------------------------------------------------------------------------
+# Load transfer
+
+
+def _by_layer(run: RigidRun) -> tuple[IntArray, FloatArray]:
+    """Free layers and the mean of the block maxima in each."""
+    result = run.result
+    assert result.per_block is not None
+    layer = run.assembly.layer[result.measured_blocks]
+    layers = np.unique(layer)
+    return layers, np.array([result.per_block.p_max[layer == k].mean() for k in layers])
+
+
+def _blocks_alike(evidence: Evidence) -> Verdict:
+    worst = 0.0
+    for case in ("pipe", "tunnel", "pillar", "shaft"):
+        for run in _rows(evidence, case):
+            result = run.result
+            assert result.per_block is not None
+            layer = run.assembly.layer[result.measured_blocks]
+            for k in np.unique(layer):
+                values = result.per_block.p_max[layer == k]
+                worst = max(worst, float(np.ptp(values) / values.max()))
+    return judged(
+        worst < 1e-6,
+        f"block maxima within a layer differ by at most {worst:.1e} (pipe, tunnel, pillar, shaft)",
+        largest_relative_difference=worst,
+    )
+
+
+def _layers_alike(evidence: Evidence) -> Verdict:
+    words, values, holds = [], {}, True
+    for case in ("pipe", "tunnel"):
+        for name, run in zip(("TSB1", "TSB2"), _rows(evidence, case), strict=True):
+            _, p = _by_layer(run)
+            inner = p[2:-2]
+            apart = float(np.ptp(inner) / inner.mean())
+            holds &= apart < _TENTH / 2
+            words.append(f"{name} {case} {100 * apart:.0f} %")
+            values[f"{name} {case}"] = p.tolist()
+    return judged(
+        holds,
+        "block maxima of layers 3 to 10 differ by " + ", ".join(words) + " (identical: below 5 %)",
+        p_max_by_layer=values,
+    )
+
+
+def _shaft_layer(evidence: Evidence) -> Verdict:
+    printed: list[list[int]] = []
+    physical: list[list[int]] = []
+    for name, run in zip(("tsb1", "tsb2"), _rows(evidence, "shaft"), strict=True):
+        for found, one in ((printed, run), (physical, evidence.rigid(f"{name}-shaft"))):
+            layers, p = _by_layer(one)
+            found.append([int(k) for k in layers[p > 0.999 * p.max()]])
+    return judged(
+        all(7 in layers for layers in printed),
+        f"largest block maxima in layers {printed[0]} (TSB1) and {printed[1]} (TSB2) as printed, "
+        f"{physical[0]} and {physical[1]} with the full traction",
+        as_printed=printed,
+        physical=physical,
+    )
+
+
+def _radial_gap_rate(run: RigidRun) -> float:
+    """Smallest gap rate, relative to the largest, when every block moves outward by one unit."""
+    assembly = run.assembly
+    nothing_held = np.zeros(assembly.n_blocks, dtype=bool)
+    contacts = contact_jacobian(assembly, nothing_held)
+    arm = assembly.centroids - assembly.origin
+    arm = arm - np.outer(arm @ assembly.axis, assembly.axis)
+    motion = np.zeros((assembly.n_blocks, 6))
+    motion[:, :3] = arm / np.linalg.norm(arm, axis=1, keepdims=True)
+    rates = contacts.jacobian.gap_rates(motion.ravel())
+    return float(rates.min() / rates.max())
+
+
+def _explosion(evidence: Evidence) -> Verdict:
+    found = {
+        name: _radial_gap_rate(evidence.case(name, "tunnel")) for name in ("TSB1", "TSB2", "THB0")
+    }
+    return judged(
+        found["TSB1"] < -1e-3 and found["TSB2"] < -1e-3 and found["THB0"] > -1e-3,
+        "all blocks move outward by 1: smallest gap rate / largest = "
+        + ", ".join(f"{v:.3f} ({k})" for k, v in found.items())
+        + "; below 0: blocks collide",
+        smallest_gap_rate=found,
+    )
+
+
+def _axially_open(evidence: Evidence) -> Verdict:
+    classes = [
+        str(run.result.supported_classification.mechanism) for run in _rows(evidence, "pillar")
+    ]
+    return judged(
+        set(classes) == {"suppressed"},
+        f"with the top frame released: {classes[0]} (TSB1), {classes[1]} (TSB2): a lifting "
+        "mechanism exists, axial load opposes it",
+        classes=classes,
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Hexagon-based block
+
+
+def _hexagon_classes(evidence: Evidence) -> Verdict:
+    table = reference()["table"]["THB0"]
+    found = {case: str(evidence.case("THB0", case).result.mechanism) for case in table}
+    right = sum(found[case] == row["mechanism"] for case, row in table.items())
+    return judged(
+        right == len(table),
+        ", ".join(f"{case} {name}" for case, name in found.items()),
+        classes=found,
+    )
+
+
+def _hexagon_wider(evidence: Evidence) -> Verdict:
+    hexagon = evidence.case("THB0", "tunnel").result.measures
+    cosine = evidence.case("TSB2", "tunnel").result.measures
+    assert hexagon is not None
+    assert cosine is not None
+    more, twice = hexagon.p_eff / cosine.p_eff, hexagon.p_max / cosine.p_max
+    return judged(
+        hexagon.effective_count_percent > cosine.effective_count_percent
+        and abs(more - 1.3) < _TENTH
+        and 1.75 < twice < 2.25,
+        f"{hexagon.effective_count_percent:.1f} against {cosine.effective_count_percent:.1f} % of "
+        f"the elements; p_eff × {more:.2f}, p_max × {twice:.2f}",
+        p_eff_ratio=more,
+        p_max_ratio=twice,
+    )
+
+
+def _printed_speed_up(_: Evidence) -> Verdict:
+    cost = reference()["cost"]
+    per_design = cost["mbd_cpu_hours"] / cost["mbd_configurations"]
+    ratio = cost["fem_cpu_hours"] / per_design
+    return judged(
+        4.5 < np.log10(ratio) < 5.5,
+        f"{cost['fem_cpu_hours']:g} h / {per_design:.4f} h = {ratio:.3g}: the paper's own numbers, "
+        "on two machines and of two codes",
+        ratio=ratio,
+    )
+
+
+def _hundreds_in_hours(evidence: Evidence) -> Verdict:
+    seconds = evidence.study.cpu_seconds
+    return judged(
+        seconds < 3 * 3600,
+        f"{len(evidence.study.rows)} designs at {evidence.study.mesh} in {seconds:.0f} CPU seconds "
+        f"(printed: {reference()['cost']['mbd_cpu_hours']:g} CPU hours)",
+        cpu_seconds=seconds,
+    )
+
+
+def _length(_: Evidence) -> Verdict:
+    block = reference()["blocks"]["TSB1"]
+    length = block["layers"] * block["height"] + 2 * block["height"] / 2
+    return judged(length == 2600.0, f"12 · 200 + 2 · 100 = {length:g} mm", length=length)
+
+
+STUDY_CLAIMS = (
+    Claim(
+        "locked",
+        "The Sine Block has no kinematic mechanism for all a > 0",
+        "tab:kinematic-mechanism",
+        _locked,
+    ),
+    Claim(
+        "falls-with-amplitude",
+        "For all configurations p_max decreases monotonically with increasing amplitude",
+        "subsec:MBD_results",
+        _falls_with_amplitude,
+    ),
+    Claim(
+        "flattens",
+        "The reduction is most pronounced for small amplitudes; the curves progressively flatten",
+        "subsec:MBD_results",
+        _flattens,
+    ),
+    Claim(
+        "saturates",
+        "Beyond a ≈ 30 mm a further increase leads to only marginal changes",
+        "subsec:MBD_results",
+        _saturates,
+    ),
+    Claim(
+        "falls-with-thickness",
+        "For all a, n and f, increasing the thickness systematically reduces p_max",
+        "subsec:MBD_results",
+        _falls_with_thickness,
+    ),
+    Claim(
+        "thick-depends-less",
+        "For large thicknesses p_max depends less on the other parameters",
+        "subsec:MBD_results",
+        _thick_depends_less,
+    ),
+    Claim(
+        "fine-is-worse",
+        "Higher frequency, larger n and larger amplitude together generally increase p_max, "
+        "particularly at a = 25, n = 6",
+        "subsec:MBD_results",
+        _fine_is_worse,
+    ),
+    Claim(
+        "wave-threshold",
+        "Above a threshold of n_w = 2 f n, amplitudes of about 10 mm or more raise p_max",
+        "subsec:MBD_results",
+        _wave_threshold,
+    ),
+    Claim(
+        "fewer-larger",
+        "At the same n_w, fewer blocks consistently exhibit lower contact pressures",
+        "subsec:MBD_results",
+        _fewer_larger,
+    ),
+    Claim(
+        "fewer-larger-example",
+        "f = 2, n = 2 yields lower pressures than f = 1, n = 4 (both n_w = 8, s = 0)",
+        "subsec:MBD_results",
+        _example_of_fewer,
+    ),
+    Claim(
+        "best",
+        "a = 25, f = 2, s = 0.5, n = 2, t = 60 performs best",
+        "subsec:MBD_results",
+        _best,
+    ),
+    Claim(
+        "cosine-lower",
+        "s = 0.5 exhibits slightly lower p_max than s = 0",
+        "subsec:MBD_results",
+        _cosine_is_lower,
+    ),
+    Claim(
+        "thickness-minor",
+        "At a = 20, f = 1.5, s = 0.5, n = 4 the differences between t = 40, 50 and 60 are minor",
+        "subsec:MBD_results",
+        _thickness_is_minor,
+    ),
+    Claim(
+        "480-in-hours",
+        "Hundreds of configurations are evaluated within a few CPU hours",
+        "tab:cpu-times",
+        _hundreds_in_hours,
+    ),
+    Claim(
+        "speed-up-printed",
+        "Rigid blocks are about five orders of magnitude cheaper than finite elements",
+        "tab:cpu-times",
+        _printed_speed_up,
+    ),
+)
+
+RIGID_CLAIMS = (
+    *STUDY_CLAIMS,
+    Claim(
+        "length", "With L = 12 the structure is 2.6 m long, frame included", "sec:analyse", _length
+    ),
+    Claim(
+        "tsb2-wider",
+        "Under internal pressure TSB2 activates a larger portion of the contact surface",
+        "tab:cosin-force-equilibrium",
+        _tsb2_wider,
+    ),
+    Claim(
+        "tsb2-preferable",
+        "Under internal pressure both have a comparable p_eff, TSB2 the lower p_max",
+        "tab:cosin-force-equilibrium",
+        _comparable_p_eff,
+    ),
+    Claim(
+        "area-pipe",
+        "About 30 % of the surface is effective contact area under internal pressure",
+        "fig:pc_MBD_FEM",
+        _near(30.0, "pipe", count=True),
+    ),
+    Claim(
+        "area-tunnel",
+        "About 50 % of the surface is effective contact area under external pressure",
+        "fig:pc_MBD_FEM",
+        _near(50.0, "tunnel", count=True),
+    ),
+    Claim(
+        "area-pipe-true",
+        "The same of the true area instead of the count of elements: about 30 %, internal pressure",
+        "fig:pc_MBD_FEM",
+        _near(30.0, "pipe", count=False),
+    ),
+    Claim(
+        "area-tunnel-true",
+        "The same of the true area instead of the count of elements: about 50 %, external pressure",
+        "fig:pc_MBD_FEM",
+        _near(50.0, "tunnel", count=False),
+    ),
+    Claim(
+        "blocks-alike",
+        "The blocks of a layer carry the same contact pressures",
+        "fig:pc_MBD_FEM",
+        _blocks_alike,
+    ),
+    Claim(
+        "layers-alike",
+        "Under internal and external pressure the contact pressures repeat identically across "
+        "layers",
+        "fig:pc_MBD_FEM",
+        _layers_alike,
+    ),
+    Claim(
+        "shaft-layer",
+        "Under torsion the highest contact forces are in layer 7, where the load acts",
+        "fig:pc_MBD_FEM",
+        _shaft_layer,
+    ),
+    Claim(
+        "no-explosion",
+        "Tubes of Sine Blocks do not explode, tubes of the hexagon-based block do",
+        "sec:Hex",
+        _explosion,
+    ),
+    Claim(
+        "axially-open",
+        "TSB1 provides no interlocking in the axial direction",
+        "fig:sigma1",
+        _axially_open,
+    ),
+    Claim(
+        "hexagon-classes",
+        "The hexagon-based block is suppressed in tunnel, neutral in pillar, activated in the "
+        "others",
+        "tab:hexagon-force-equilibrium",
+        _hexagon_classes,
+    ),
+    Claim(
+        "hexagon-pressures",
+        "In tunnel the hexagon-based block has the larger effective area than TSB2, p_eff about "
+        "30 % higher, p_max nearly twice as large",
+        "tab:hexagon-force-equilibrium",
+        _hexagon_wider,
+    ),
+)

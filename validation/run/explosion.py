@@ -1,0 +1,128 @@
+"""`tubelock explode`: does the tube explode, to first order and how far; numbers and pictures."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from geometry.assembly import Assembly, AssemblyError
+from geometry.mesh import FloatArray
+from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
+from geometry.polyhedra.explosion import FiniteExplosion, follow_explosion, outward_directions
+from mbd import MechanismClass, classify, contact_jacobian
+from mbd.explosion import FirstOrderExplosion, first_order_explosion
+from validation.build.blocks import build_assembly, require_assembly
+from validation.errors import InputError
+from validation.scene.families import HexagonTubeScene
+from validation.scene.read import SceneFile, TubeScene
+
+#: Displacements looked at, in wall thicknesses.
+STEPS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.25, 0.5, 0.75, 1.0)
+#: Depth that counts as touching, in wall thicknesses.
+TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class Explosion:
+    """Everything `tubelock explode` found."""
+
+    name: str
+    assembly: Assembly
+    surfaces: PolyhedralAssembly
+    """The blocks of the finite motion: three layers, for they repeat."""
+    directions: FloatArray
+    """Outward unit vector of each of those, (n_blocks, 3)."""
+    thickness: float
+    """Wall thickness [mm]."""
+    first: FirstOrderExplosion
+    held: MechanismClass
+    """Class of the outward push with the frame held."""
+    finite: FiniteExplosion
+    cpu_seconds: float
+
+    @property
+    def explodes(self) -> bool:
+        """Whether nothing stops the outward motion, to the last step looked at."""
+        return self.first.admissible and self.finite.first_overlap is None
+
+
+def _surface_scene(scene: TubeScene | HexagonTubeScene) -> TubeScene | HexagonTubeScene:
+    """Return three layers with a mesh fine enough for surfaces, coarse enough for many distances.
+
+    Layers repeat with period two, so more of them show no other pair of neighbours.
+    """
+    mesh = scene.mesh.model_dump()
+    if isinstance(scene, TubeScene):
+        waves = round(2 * scene.block.frequency)
+        most = {"around": 12 * waves, "radial": 6, "axial": 8}
+    else:
+        most = {"edge": 12, "radial": 6}
+    coarser = {key: min(mesh[key], limit) for key, limit in most.items()}
+    layers = scene.assembly.model_copy(update={"layers": min(scene.assembly.layers, 3)})
+    mesh_section = scene.mesh.model_copy(update=coarser)
+    return scene.model_copy(update={"mesh": mesh_section, "assembly": layers})
+
+
+def run_explosion(file: SceneFile) -> Explosion:
+    """Judge the explosion of a tube.
+
+    Raises
+    ------
+    InputError
+        For scenes that are no tubes.
+    """
+    start = time.process_time()
+    scene = require_assembly(file.scene, file.name, "explode")
+    if not isinstance(scene, TubeScene | HexagonTubeScene):
+        raise InputError(
+            f"{file.name}: block.type {scene.block.type!r} makes no tube; `tubelock explode` needs "
+            'one: block.type = "sine" or "hexagon"'
+        )
+    assembly = build_assembly(scene)
+    try:
+        directions = outward_directions(assembly)
+    except AssemblyError as error:
+        raise InputError(str(error)) from None
+    first = first_order_explosion(assembly, directions)
+    contacts = contact_jacobian(assembly)
+    push = np.zeros((len(contacts.free_blocks), 6))
+    push[:, :3] = directions[contacts.free_blocks]
+    held = classify(contacts.jacobian, push.ravel()).mechanism
+    short = build_assembly(_surface_scene(scene))
+    surfaces, outward = as_polyhedral(short), outward_directions(short)
+    thickness = scene.block.thickness
+    finite = follow_explosion(surfaces, outward, thickness * np.array(STEPS), TOLERANCE * thickness)
+    seconds = time.process_time() - start
+    return Explosion(
+        file.name, assembly, surfaces, outward, thickness, first, held, finite, seconds
+    )
+
+
+def explosion_json(run: Explosion) -> dict[str, Any]:
+    """Return the result as plain data."""
+    overlap = run.finite.first_overlap
+    return {
+        "scene": run.name,
+        "explodes": run.explodes,
+        "first_order": {
+            "admissible": run.first.admissible,
+            "smallest_gap_rate": run.first.smallest_gap_rate,
+            "closing_area_percent": run.first.closing_area_percent,
+            "opening_area_percent": run.first.opening_area_percent,
+        },
+        "outward_push": {
+            "frame_held": str(run.held),
+            "nothing_held": "carried" if run.first.held_together else "drives a motion",
+        },
+        "finite": {
+            "free_distance": run.finite.free_distance,
+            "tolerance": run.finite.tolerance,
+            "distances": run.finite.distances.tolist(),
+            "depths": run.finite.depths.tolist(),
+            "first_overlap": None if overlap is None else [overlap.block_a, overlap.block_b],
+        },
+        "cpu_seconds": run.cpu_seconds,
+    }

@@ -1,0 +1,131 @@
+"""What a scene may ask of the rigid answer beyond the paper: friction, collapse load, margin."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from geometry.assembly import BoolArray
+from geometry.contact_assembly import ContactAssembly
+from geometry.mesh import FloatArray, IntArray
+from mbd import contact_jacobian
+from mbd.friction import (
+    CollapseLoad,
+    FrictionalEquilibrium,
+    FrictionError,
+    collapse_load,
+    frictional_contacts,
+    frictional_equilibrium,
+)
+from mbd.margin import Margin, interlocking_margin
+from validation.errors import InputError
+from validation.scene.sections import RigidSection
+
+
+@dataclass(frozen=True)
+class Further:
+    """Answers that were asked for; the others are None."""
+
+    friction: FrictionalEquilibrium | None
+    collapse: CollapseLoad | None
+    margin: Margin | None
+    free_blocks: IntArray
+    """Block number of each position among the free blocks."""
+    cpu_seconds: float
+
+
+def further_answers(
+    assembly: ContactAssembly,
+    fixed: BoolArray,
+    wrenches: tuple[FloatArray, FloatArray],
+    section: RigidSection,
+) -> Further | None:
+    """Compute what ``[rigid]`` asks for; None where it asks for nothing more.
+
+    Parameters
+    ----------
+    assembly
+        Blocks and contacts.
+    fixed
+        Blocks held while the load acts, (n_blocks,).
+    wrenches
+        Dead and live load of each block, (n_blocks, 6) each [N, N mm].
+    section
+        ``[rigid]`` of the scene.
+
+    Raises
+    ------
+    InputError
+        When the collapse load is asked for, but nothing can grow or the rest is not carried.
+    """
+    if section.friction is None and not section.collapse and not section.margin:
+        return None
+    start = time.process_time()
+    contacts = contact_jacobian(assembly, fixed)
+    dead, live = (_generalized(w, contacts.free_blocks, contacts.length) for w in wrenches)
+    friction = collapse = margin = None
+    try:
+        frictional = frictional_contacts(
+            assembly, contacts, section.friction or 0.0, section.friction_law
+        )
+        if section.friction is not None:
+            friction = frictional_equilibrium(frictional, dead + live)
+        if section.collapse:
+            collapse = collapse_load(frictional, dead, live)
+    except FrictionError as error:
+        raise InputError(f"rigid: {error}") from None
+    if section.margin:
+        margin = interlocking_margin(contacts.jacobian, contacts.areas)
+    return Further(friction, collapse, margin, contacts.free_blocks, time.process_time() - start)
+
+
+def _generalized(wrench: FloatArray, free: IntArray, length: float) -> FloatArray:
+    scaled = wrench[free].copy()
+    scaled[:, 3:] /= length
+    return scaled.ravel()
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def further_json(further: Further | None) -> dict[str, Any]:
+    """Answers as plain data, with the keys of what was asked for."""
+    data: dict[str, Any] = {}
+    if further is None:
+        return data
+    if further.friction is not None:
+        f = further.friction
+        data["friction"] = {
+            "holds": f.holds,
+            "residual": f.residual,
+            "largest_normal_force": float(f.forces[:, 0].max(initial=0.0)) if f.holds else None,
+            "mechanism": None if f.mechanism is None else f.mechanism.reshape(-1, 6).tolist(),
+            "work": f.work,
+            "smallest_contact_work": f.smallest_contact_work,
+            "status": f.status,
+        }
+    if further.collapse is not None:
+        c = further.collapse
+        data["collapse"] = {
+            "factor": _finite(c.factor),
+            "upper_bound": _finite(c.upper_bound),
+            "never": bool(np.isinf(c.factor)),
+            "certified": c.certified,
+            "residual": c.residual,
+            "smallest_contact_work": c.smallest_contact_work,
+            "mechanism": None if c.mechanism is None else c.mechanism.reshape(-1, 6).tolist(),
+            "status": c.status,
+        }
+    if further.margin is not None:
+        m = further.margin
+        data["margin"] = {
+            "interlocked": m.interlocked,
+            "bearing_area": m.bearing_area,
+            "block": int(further.free_blocks[m.block]),
+            "load": m.load,
+        }
+    return data

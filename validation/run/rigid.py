@@ -1,0 +1,207 @@
+"""`tubelock mbd`: the rigid-block answer to a scene, as data, files and text."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry.assembly import Assembly
+from geometry.files.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
+from geometry.joints import UnmatchedJoint
+from geometry.load_case import LoadCase
+from geometry.mesh import FloatArray
+from mbd import Mechanism, RigidResult, SelfStress, analyse, block_wrenches
+from validation.build.blocks import build_blocks, require_assembly, require_matching
+from validation.run.further import Further, further_answers, further_json
+from validation.scene.read import DeformableScene, SceneFile
+
+
+@dataclass(frozen=True)
+class RigidRun:
+    """A scene, what was built from it, and the rigid-block result."""
+
+    name: str
+    scene: DeformableScene
+    assembly: Assembly
+    load: LoadCase
+    result: RigidResult
+    cpu_seconds: dict[str, float]
+    """CPU time of each stage, building included [s]."""
+    further: Further | None = None
+    """Friction, collapse load, margin, where the scene asks for them."""
+
+
+@dataclass(frozen=True)
+class BuiltScene:
+    """A scene and what was built from it: bad input has been refused by now."""
+
+    name: str
+    scene: DeformableScene
+    assembly: Assembly
+    load: LoadCase
+    cpu_seconds: float
+    unmatched: tuple[UnmatchedJoint, ...] = ()
+    """Joints where facets do not match: no contact of the rigid analysis lies there."""
+
+
+def build_scene(file: SceneFile, *, command: str = "mbd") -> BuiltScene:
+    """Build what a scene describes; ``command`` is named where that is not enough for it.
+
+    Raises
+    ------
+    InputError
+        When it describes nothing that can be built.
+    """
+    start = time.process_time()
+    scene = require_assembly(file.scene, file.name, command)
+    blocks = build_blocks(scene)
+    seconds = time.process_time() - start
+    return BuiltScene(file.name, scene, blocks.assembly, blocks.load, seconds, blocks.unmatched)
+
+
+def run_rigid(file: SceneFile) -> RigidRun:
+    """Build and analyse a scene."""
+    return analyse_rigid(build_matching(file))
+
+
+def build_matching(file: SceneFile) -> BuiltScene:
+    """Build a scene whose contacts are matched facets.
+
+    Raises
+    ------
+    InputError
+        When it describes nothing that can be built, or facets do not match where blocks touch.
+    """
+    built = build_scene(file)
+    require_matching(
+        file.name,
+        built.unmatched,
+        "the contacts of rigid blocks are matched facets: mesh both alike there, or give the "
+        'blocks as files in a scene of type "mesh", whose contacts need no matching facets',
+    )
+    return built
+
+
+def analyse_rigid(built: BuiltScene) -> RigidRun:
+    """Analyse a built scene."""
+    scene, assembly, load = built.scene, built.assembly, built.load
+    result = analyse(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
+    seconds = {"build": built.cpu_seconds, **result.cpu_seconds}
+    seconds["total"] = built.cpu_seconds + result.cpu_seconds["total"]
+    live = block_wrenches(assembly, load)
+    further = further_answers(assembly, load.fixed, (np.zeros_like(live), live), scene.rigid)
+    if further is not None:
+        seconds["further"] = further.cpu_seconds
+        seconds["total"] += further.cpu_seconds
+    return RigidRun(built.name, scene, assembly, load, result, seconds, further)
+
+
+def certificate_json(result: RigidResult) -> dict[str, Any] | None:
+    """Return the proof of the mechanism class as plain data."""
+    certificate = result.classification.certificate
+    if isinstance(certificate, SelfStress):
+        return {
+            "kind": "self-stress",
+            "smallest_force": float(certificate.forces.min()),
+            "residual": certificate.residual,
+            "smallest_singular_value": certificate.smallest_singular_value,
+        }
+    if isinstance(certificate, Mechanism):
+        return {
+            "kind": "mechanism",
+            "virtual_displacement": certificate.virtual_displacement.tolist(),
+            "smallest_gap_rate": certificate.smallest_gap_rate,
+            "work": certificate.work,
+        }
+    return None
+
+
+def rigid_json(run: RigidRun) -> dict[str, Any]:
+    """Return the result as plain data, numbers in full precision."""
+    result = run.result
+    measures = None if result.measures is None else dataclasses.asdict(result.measures)
+    return {
+        "scene": run.name,
+        "mechanism": str(result.mechanism),
+        "mechanism_as_supported": str(result.supported_classification.mechanism),
+        "certificate": certificate_json(result),
+        "equilibrium": {
+            "holds": result.equilibrium.holds,
+            "residual": result.equilibrium.residual,
+            "iterations": result.equilibrium.iterations,
+            "status": result.equilibrium.status,
+        },
+        "measures": measures,
+        "n_blocks": result.n_blocks,
+        "n_contacts": result.n_contacts,
+        **further_json(run.further),
+        "cpu_seconds": run.cpu_seconds,
+    }
+
+
+def mechanism_displacements(run: RigidRun) -> FloatArray | None:
+    """First-order motion of every block's nodes under the certified mechanism.
+
+    Prefers the mechanism that the load drives; blocks held by the certificate's supports stay.
+
+    Returns
+    -------
+    FloatArray | None
+        Displacements of the nodes of `assembly_mesh`, largest 1, (n_nodes, 3); None if locked.
+    """
+    assembly, result = run.assembly, run.result
+    driven = result.equilibrium.mechanism
+    certificate = result.classification.certificate
+    if driven is not None:
+        motion, held = driven.reshape(-1, 6), run.load.fixed
+    elif isinstance(certificate, Mechanism):
+        motion, held = certificate.virtual_displacement, assembly.fixed
+    else:
+        return None
+    moving = np.zeros((assembly.n_blocks, 6))
+    moving[~held] = motion
+    parts = []
+    for block in range(assembly.n_blocks):
+        arm = assembly.nodes(block) - assembly.centroids[block]
+        turn = moving[block, 3:] / assembly.characteristic_length
+        parts.append(moving[block, :3] + np.cross(turn, arm))
+    displacement = np.concatenate(parts)
+    largest = float(np.linalg.norm(displacement, axis=1).max())
+    return displacement / largest
+
+
+def write_mechanism(run: RigidRun, path: Path) -> None:
+    """Write all blocks with the mechanism's first-order displacement as `.vtu`."""
+    displacement = mechanism_displacements(run)
+    if displacement is None:
+        raise ValueError("a locked assembly has no mechanism to write")
+    mesh, owner = assembly_mesh(run.assembly)
+    write_hex_mesh(
+        path,
+        mesh,
+        point_data={"mechanism": displacement},
+        cell_data={"block": owner.astype(np.int32)},
+    )
+
+
+def write_pressures(run: RigidRun, path: Path) -> None:
+    """Write the contact facets with pressures, forces, normals and blocks as `.vtu`."""
+    index = run.result.contact_index
+    interfaces = run.assembly.interfaces
+    write_surface(
+        path,
+        interface_surface(run.assembly, index),
+        {
+            "contact_pressure": run.result.contact_pressures,
+            "contact_force": run.result.contact_forces,
+            "area": interfaces.areas[index],
+            "normal": interfaces.normals[index],
+            "block_m": interfaces.block_m[index].astype(np.int32),
+            "block_s": interfaces.block_s[index].astype(np.int32),
+        },
+    )

@@ -1,0 +1,104 @@
+"""Static runs of deformable tubes."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.symmetry import SymmetryError
+from fem.problem.model import ModelError
+from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.linear_step.sparse import SparseSolverError
+from fem.static.result import StaticResult
+from fem.static.rotation import solve_static_with_rotation
+from fem.static.solve import StaticError, StaticOptions, solve_static
+from validation.errors import InputError
+from validation.run.deformable import NO_SECTOR, TubeRun, build_deformable, fem_section
+from validation.scene.deformable import FemSection, Method
+from validation.scene.read import DeformableScene
+
+#: Load steps of blocks with friction that close a clearance: slip before touch is no stick.
+_CLOSING_STEPS = 16
+
+
+def load_steps(scene: DeformableScene, fem: FemSection) -> int:
+    """Parts in which the load is applied."""
+    if fem.load_steps is not None:
+        return fem.load_steps
+    closing = scene.contact is not None and scene.contact.initial_clearance > 0.0
+    return _CLOSING_STEPS if closing and scene.effects.friction is not None else 1
+
+
+def static_options(scene: DeformableScene, fem: FemSection) -> StaticOptions:
+    """Options of the static solver: the largest exact sector unless the scene forbids it."""
+    return StaticOptions(
+        symmetry=1 if fem.symmetry == "none" else None, load_steps=load_steps(scene, fem)
+    )
+
+
+def run_tube_static(
+    name: str,
+    scene: DeformableScene,
+    *,
+    deformable: DeformableAssembly | None = None,
+    store: FlexibilityStore | None = None,
+) -> TubeRun:
+    """Solve a tube for its static state by Newton's method.
+
+    Runs that share a ``store`` condense the same blocks once.
+
+    Raises
+    ------
+    InputError
+        Input that cannot be solved, or a run that found no equilibrium.
+    """
+    start = time.process_time()
+    fem = fem_section(scene, name)
+    deformable = build_deformable(scene, name) if deformable is None else deformable
+    options = static_options(scene, fem)
+    built = time.process_time()
+    try:
+        if scene.effects.finite_rotation is True:
+            result = solve_static_with_rotation(deformable, options, store=store)
+        else:
+            result = solve_static(deformable, options, store=store)
+    except (StaticError, SymmetryError, SparseSolverError, ModelError) as error:
+        raise InputError(f"{name}: {error}") from None
+    if fem.symmetry == "sector" and result.symmetry == 1:
+        raise InputError(f"{name}: {NO_SECTOR}")
+    if not result.converged:
+        raise InputError(f"{name}: {result.status}")
+    solved = time.process_time()
+    seconds = {
+        "build": built - start,
+        "solve": solved - built,
+        "total": solved - start,
+    }
+    return TubeRun(
+        name=name,
+        scene=scene,
+        method=Method.STATIC,
+        deformable=deformable,
+        displacements=result.displacements,
+        contact_state=result.contact_state,
+        solver=static_numbers(result) | {"load_steps": options.load_steps},
+        cpu_seconds=seconds,
+    )
+
+
+def static_numbers(result: StaticResult) -> dict[str, Any]:
+    """Numbers of a static run for its JSON."""
+    return {
+        "status": result.status,
+        "residual": result.residual,
+        "newton_iterations": result.newton_iterations,
+        "symmetry": result.symmetry,
+        "loose_blocks": result.loose_blocks.tolist(),
+        "energies": {
+            "strain_energy": result.strain_energy,
+            "contact_energy": result.contact_energy,
+            "external_work": result.external_work,
+            "frictional_dissipation": result.frictional_dissipation,
+        },
+    }

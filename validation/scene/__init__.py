@@ -1,0 +1,1 @@
+"""Scenes: what a TOML file may say."""

@@ -1,0 +1,31 @@
+"""The scenes that come with the program; reading their names and text imports nothing heavy."""
+
+from __future__ import annotations
+
+import difflib
+from importlib import resources
+
+from validation.errors import InputError
+
+
+def builtin_names() -> list[str]:
+    """Names of the built-in scenes, sorted."""
+    folder = resources.files("validation") / "scenes"
+    return sorted(
+        p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml")
+    )
+
+
+def builtin_text(name: str) -> str:
+    """TOML text of a built-in scene.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, with the nearest ones.
+    """
+    if name not in builtin_names():
+        near = difflib.get_close_matches(name, builtin_names(), n=3, cutoff=0.4)
+        hint = f"did you mean {' or '.join(near)}?" if near else "see `tubelock scenes`"
+        raise InputError(f"scene {name!r} is neither a file nor a built-in scene; {hint}")
+    return (resources.files("validation") / "scenes" / f"{name}.toml").read_text("utf-8")

@@ -1,0 +1,324 @@
+"""Sections of scenes with deformable blocks: material, contact, effects, and how to solve."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from fem.element.hexahedron import ElementType
+from fem.problem.model import Formulation
+from validation.scene.sections import Finite, NonNegative, Positive, Section
+
+Vector = tuple[Finite, Finite, Finite]
+
+
+class MaterialSection(Section):
+    """``[material]``: isotropic linear elasticity."""
+
+    density: Positive
+    """[t/mm³]"""
+    young_modulus: Positive
+    """[MPa]"""
+    poisson_ratio: Annotated[float, Field(gt=-1.0, lt=0.5, allow_inf_nan=False)]
+    """[-]"""
+
+
+class ContactSection(Section):
+    """``[contact]``: soft contact between blocks."""
+
+    law: Literal["exponential", "linear"] = "exponential"
+    clearance_at_zero_pressure: Positive = 1.0e-3
+    """c0 of the exponential law [mm]."""
+    pressure_at_zero_clearance: Positive = 1.0e-4
+    """p_c0 of the exponential law [MPa]."""
+    maximum_stiffness: Positive | None = None
+    """Slope at which the exponential law goes on linearly [MPa/mm]; None: the default cap."""
+    stiffness: Positive | None = None
+    """Slope of the linear law [MPa/mm]."""
+    initial_clearance: NonNegative = 0.0
+    """Gap made by spacing the blocks before the load acts [mm]."""
+
+    @model_validator(mode="after")
+    def _linear_needs_stiffness(self) -> ContactSection:
+        if self.law == "linear" and self.stiffness is None:
+            raise ValueError('contact.stiffness is missing: the law "linear" needs it [MPa/mm]')
+        if self.law == "exponential" and self.stiffness is not None:
+            raise ValueError('contact.stiffness belongs to law = "linear"; remove one of the two')
+        if self.law == "linear" and self.maximum_stiffness is not None:
+            raise ValueError(
+                'contact.maximum_stiffness belongs to law = "exponential"; remove one of the two'
+            )
+        return self
+
+
+class RayleighSection(Section):
+    """``[effects.rayleigh]``: viscous damping α M + β K; what is not named is absent."""
+
+    mass_proportional: NonNegative | None = None
+    """α [1/s]"""
+    stiffness_proportional: NonNegative | None = None
+    """β [s]"""
+
+
+class BulkViscositySection(Section):
+    """``[effects.bulk_viscosity]``: as Abaqus/Explicit defines it."""
+
+    linear_bulk_viscosity: NonNegative = 0.06
+    quadratic_bulk_viscosity: NonNegative = 1.2
+
+
+class FrictionSection(Section):
+    """``[effects.friction]``: Coulomb friction with regularised stick."""
+
+    coefficient: Positive
+    """μ [-]"""
+    stick_stiffness: Positive | None = None
+    """Tangential slope while sticking [MPa/mm]; None: the solver's default."""
+
+
+class EffectName(StrEnum):
+    """Effects that can be decided, by the names that scenes use."""
+
+    FRICTION = "friction"
+    GRAVITY = "gravity"
+    INITIAL_CLEARANCE = "initial_clearance"
+    """``contact.initial_clearance``"""
+    ELASTIC_FRAME = "elastic_frame"
+    FINITE_ROTATION = "finite_rotation"
+    FINITE_SLIDING = "finite_sliding"
+    RAYLEIGH = "rayleigh"
+    BULK_VISCOSITY = "bulk_viscosity"
+
+
+def parse_share(value: object) -> float | None:
+    """Read ``1%``, ``"0.01"`` or 0.01 as a share between 0 and 1; None for anything else."""
+    text = str(value).strip()
+    try:
+        share = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+    except ValueError:
+        return None
+    return share if 0.0 < share < 1.0 and not isinstance(value, bool) else None
+
+
+class AutoSection(Section):
+    """``[effects.auto]``: leave out what changes the answer by less than a tolerance."""
+
+    tolerance: Annotated[float, Field(gt=0, lt=1)] = 0.01
+    """Of p_max, p_eff and the largest displacement, relative [-]; also "1%"."""
+    decide: tuple[EffectName, ...] | None = None
+    """What is decided; None: every effect with a value, and those that need none and are not
+    written in the scene."""
+    keep: tuple[EffectName, ...] = ()
+    """What stays as the scene says, whatever a probe finds."""
+
+    @field_validator("tolerance", mode="before")
+    @classmethod
+    def _share(cls, value: object) -> object:
+        share = parse_share(value)
+        return value if share is None else share
+
+    @model_validator(mode="after")
+    def _either_or(self) -> AutoSection:
+        both = set(self.decide or ()) & set(self.keep)
+        if both:
+            raise ValueError(
+                f"effects.auto: {', '.join(sorted(both))} is in decide and in keep; expected one"
+            )
+        return self
+
+
+class EffectsSection(Section):
+    """``[effects]``: each absent unless named here."""
+
+    auto: AutoSection | None = None
+    """Decide which effects matter before the run; ``auto = 0.01`` is short for a tolerance."""
+
+    rayleigh: RayleighSection | None = None
+    bulk_viscosity: BulkViscositySection | None = None
+    finite_rotation: bool = False
+    gravity: Vector | None = None
+    """Uniform acceleration [mm/s²]."""
+    friction: FrictionSection | None = None
+    finite_sliding: bool = False
+    """Blocks may slide by more than a facet: a search finds opposing faces. On by itself in an
+    explicit run whose joints do not match."""
+    elastic_frame: bool = False
+    """Frame blocks deform and are held at their outer faces; else they are rigid."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _written_as_auto(cls, data: Any) -> Any:
+        """Read ``auto = 0.01``, ``elastic_frame = "auto"`` and ``when = "auto"`` beside values."""
+        if not isinstance(data, dict):
+            return data
+        data = dict(data)
+        given = data.get("auto")
+        if isinstance(given, bool):
+            given = {} if given else None
+        elif isinstance(given, int | float | str):
+            given = {"tolerance": given}
+        named = []
+        for key, value in list(data.items()):
+            if key in set(EffectName) and value == "auto":
+                named.append(key)
+                del data[key]
+            elif key in set(EffectName) and isinstance(value, dict) and "when" in value:
+                if value["when"] != "auto":
+                    raise ValueError(f'{key}.when: got {value["when"]!r}; expected "auto"')
+                named.append(key)
+                data[key] = {k: v for k, v in value.items() if k != "when"}
+        if named:
+            given = dict(given or {}) if isinstance(given, dict | None) else given
+            if isinstance(given, dict):
+                given["decide"] = [*(given.get("decide") or ()), *named]
+        data["auto"] = given
+        return data
+
+
+class Method(StrEnum):
+    """How a scene is solved."""
+
+    EXPLICIT = "explicit"
+    STATIC = "static"
+
+
+class Damping(StrEnum):
+    """Damping mode of an explicit run towards a static state."""
+
+    PAPER = "paper"
+    """α = 2 /s, β = 1e-8 s and bulk viscosity, as the paper's Abaqus runs."""
+    STATIC = "static"
+    """Adaptive mass damping, a numerical device; stops on the force residual."""
+
+
+class FemSection(Section):
+    """``[fem]``: how the deformable blocks are solved."""
+
+    method: Method = Method.EXPLICIT
+    element: ElementType = ElementType.INCOMPATIBLE
+    formulation: Formulation = Formulation.SHARED_STIFFNESS
+    """Of an explicit run on boxes: "shared stiffness", or "rate form", the slow C3D8R reference."""
+    end_time: Positive | None = None
+    """End of an explicit run [s]; with damping = "static" the latest end."""
+    ramp_time: NonNegative | None = None
+    """Duration of the smooth step that applies the load [s]; 0: at once; None: recommended."""
+    damping: Damping | None = None
+    """None: only the effects that ``[effects]`` names."""
+    residual: Positive = 1.0e-4
+    """Relative force residual at which a run with damping = "static" stops."""
+    load_steps: Annotated[int, Field(ge=1)] | None = None
+    """Equal parts in which a static run applies the load; None: one, or sixteen where blocks with
+    friction must first close a clearance. With friction the path matters, and its dissipation."""
+    time_step: Positive | None = None
+    """[s]; None: safety_factor times the critical time step."""
+    safety_factor: Annotated[float, Field(gt=0, le=1)] = 0.9
+    mass_scaling: Annotated[float, Field(ge=1, allow_inf_nan=False)] | None = None
+    """Of an explicit run: step that every element is to allow, over the shortest; None: absent."""
+    precision: Literal["float64", "float32"] = "float64"
+    threads: Annotated[int, Field(ge=1)] = 1
+    symmetry: Literal["auto", "none", "sector", "periodic cell"] = "auto"
+    """Sector: one block of each layer stands for all; exact for cyclic loads. Auto: where exact.
+    Periodic cell: two layers stand for the middle of a long tube."""
+    frames: Annotated[int, Field(ge=0)] = 0
+    """Frames written for ParaView, the first and the last included."""
+    sample_interval: Annotated[int, Field(ge=1)] = 50
+    """Steps between two samples of the energies."""
+
+
+class DeformableSections(Section):
+    """Sections of scenes whose blocks may also be deformable; not needed for the rigid answer."""
+
+    material: MaterialSection | None = None
+    contact: ContactSection | None = None
+    effects: EffectsSection = EffectsSection()
+    fem: FemSection | None = None
+
+
+FaceName = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
+
+
+class FaceLoad(Section):
+    """Load on one face of a box."""
+
+    pressure: Finite | None = None
+    """Pushes inward [MPa]."""
+    traction: Vector | None = None
+    """Force per area in world axes [MPa]."""
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> FaceLoad:
+        if (self.pressure is None) == (self.traction is None):
+            raise ValueError("expected either pressure or traction, one of the two")
+        return self
+
+
+class BoxSection(Section):
+    """``[block] type = "box"``: a box [0, size]."""
+
+    type: Literal["box"]
+    size: tuple[Positive, Positive, Positive]
+    """Edge lengths along x, y, z [mm]."""
+
+
+class CopiesSection(Section):
+    """``[assembly]`` of boxes that do not touch."""
+
+    copies: Annotated[int, Field(ge=1)] = 1
+    """Uncoupled copies side by side; congruent blocks share one stiffness."""
+
+
+class DivisionsSection(Section):
+    """``[mesh]`` by elements along x, y, z."""
+
+    divisions: tuple[
+        Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]
+    ]
+
+
+class InitialSection(Section):
+    """``[initial]``: motion at time 0."""
+
+    velocity: Vector = (0.0, 0.0, 0.0)
+    """[mm/s]"""
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    """About the centroid [rad/s]."""
+
+
+class BoxScene(Section):
+    """One deformable box, or several uncoupled copies of it."""
+
+    block: BoxSection
+    mesh: DivisionsSection
+    material: MaterialSection
+    assembly: CopiesSection = CopiesSection()
+    support: dict[FaceName, Literal["fixed"]] = Field(default_factory=dict)
+    load: dict[FaceName, FaceLoad] = Field(default_factory=dict)
+    initial: InitialSection | None = None
+    effects: EffectsSection = EffectsSection()
+    fem: FemSection
+
+    @model_validator(mode="after")
+    def _no_contact(self) -> BoxScene:
+        if self.effects.auto is not None:
+            raise ValueError(
+                "effects.auto compares contact pressures, and a single box has no contact; remove "
+                "it"
+            )
+        for name in ("friction", "finite_sliding", "elastic_frame"):
+            if getattr(self.effects, name):
+                raise ValueError(
+                    f"effects.{name} acts between blocks, and a single box touches none; remove it"
+                )
+        if self.fem.symmetry not in ("auto", "none"):
+            raise ValueError(
+                f'fem.symmetry: got "{self.fem.symmetry}", which is one of tubes; expected "auto" '
+                "or nothing"
+            )
+        if self.initial is not None and self.fem.method is Method.STATIC:
+            raise ValueError(
+                'initial: got a motion beside fem.method = "static", which has none; remove it or '
+                'set fem.method = "explicit"'
+            )
+        return self

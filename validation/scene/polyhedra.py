@@ -1,0 +1,264 @@
+"""Scenes of triangulated blocks: families with known verdicts, and your own meshes. Rigid only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import Field
+
+from geometry.polyhedra.options import ContactPlacement, CubeArrangement
+from validation.scene.deformable import DeformableSections
+from validation.scene.sections import Finite, Positive, RigidSection, Section
+
+Vector = tuple[Finite, Finite, Finite]
+Count = Annotated[int, Field(ge=1)]
+
+
+class PointForceSection(Section):
+    """``[[load.forces]]``: a force on one block."""
+
+    block: Annotated[int, Field(ge=0)]
+    """Block number, counted from 0 in the order of the scene."""
+    force: Vector
+    """[N]"""
+    point: Vector | None = None
+    """Where it acts in world coordinates [mm]; by default at the mass centroid."""
+
+
+class BodyLoadSection(Section):
+    """``[load]`` of free-form assemblies; what is not named is absent."""
+
+    density: Positive = 2.4e-9
+    """[t/mm³]; only accelerations use it."""
+    gravity: Vector | None = None
+    """Dead load: acceleration of every block [mm/s²], e.g. [0, 0, -9810]."""
+    acceleration: Vector | None = None
+    """Live load: acceleration of every block, which `rigid.collapse` lets grow [mm/s²]."""
+    forces: tuple[PointForceSection, ...] = ()
+    """Live load: forces on single blocks."""
+
+
+class DetectionSection(Section):
+    """``[detection]``: what counts as contact between blocks whose meshes do not match."""
+
+    tolerance: Positive | None = None
+    """Largest gap or overlap of touching facets [mm]; by default 1e-4 of a block."""
+    angle: Annotated[float, Field(gt=0, le=60)] = 5.0
+    """Largest angle between facing facets [°]; raise it for coarsely meshed curved faces."""
+    points: ContactPlacement = ContactPlacement.VERTICES
+    """``vertices``: exact for flat faces; ``centroids``: for finely meshed curved faces."""
+
+
+class _PolyhedralScene(Section):
+    """What all of these scenes share."""
+
+    load: BodyLoadSection = BodyLoadSection()
+    detection: DetectionSection = DetectionSection()
+    rigid: RigidSection = RigidSection()
+
+
+class TetrahedraSection(Section):
+    """``[block] type = "tetrahedra"``."""
+
+    type: Literal["tetrahedra"]
+    edge: Positive
+    """[mm]"""
+
+
+class GridSection(Section):
+    """``[assembly]`` of a rectangular layer: free blocks along x and y, a ring round them fixed."""
+
+    columns: Count
+    rows: Count
+
+
+class TetrahedraScene(_PolyhedralScene):
+    """A planar layer of regular tetrahedra, every other turned by 90°."""
+
+    block: TetrahedraSection
+    assembly: GridSection
+
+
+class OctahedraSection(Section):
+    """``[block] type = "octahedra"``."""
+
+    type: Literal["octahedra"]
+    edge: Positive
+    """[mm]"""
+
+
+class RingsSection(Section):
+    """``[assembly]`` round a middle block: free rings, one more ring fixed."""
+
+    rings: Annotated[int, Field(ge=0)]
+
+
+class OctahedraScene(_PolyhedralScene):
+    """A planar layer of octahedra lying on their faces."""
+
+    block: OctahedraSection
+    assembly: RingsSection
+
+
+class CubesSection(Section):
+    """``[block] type = "cubes"``."""
+
+    type: Literal["cubes"]
+    edge: Positive
+    """[mm]"""
+    arrangement: CubeArrangement = CubeArrangement.HEXAGONAL
+    """``hexagonal``: on their corners; ``square``: on their faces, like paving."""
+
+
+class CubesScene(_PolyhedralScene):
+    """A planar layer of cubes."""
+
+    block: CubesSection
+    assembly: RingsSection
+
+
+class WallSection(Section):
+    """``[block] type = "wall"``: bricks in running bond."""
+
+    type: Literal["wall"]
+    size: tuple[Positive, Positive, Positive]
+    """Length, depth and height of a brick [mm]."""
+
+
+class WallScene(_PolyhedralScene):
+    """A wall in running bond on a fixed foundation."""
+
+    block: WallSection
+    assembly: GridSection
+
+
+class ArchSection(Section):
+    """``[block] type = "arch"``: voussoirs of a circular arch."""
+
+    type: Literal["arch"]
+    radius: Positive
+    """Of the centre line [mm]."""
+    thickness: Positive
+    """Radial [mm]."""
+    depth: Positive
+    """Out of the plane [mm]."""
+
+
+class VoussoirsSection(Section):
+    """``[assembly]`` of an arch."""
+
+    voussoirs: Annotated[int, Field(ge=2)]
+    embrace: Annotated[float, Field(gt=0, le=180)] = 180.0
+    """Angle between the springings [°]."""
+
+
+class ArchScene(_PolyhedralScene):
+    """A circular arch between fixed springings."""
+
+    block: ArchSection
+    assembly: VoussoirsSection
+
+
+class VoxelsSection(Section):
+    """``[block] type = "voxels"``: pieces drawn with letters, layer by layer from the bottom."""
+
+    type: Literal["voxels"]
+    size: Positive
+    """Edge of a unit cube [mm]."""
+    layers: tuple[tuple[str, ...], ...]
+    """Each layer a list of rows; the same letter is the same piece, a dot is empty."""
+
+
+class FixedLettersSection(Section):
+    """``[assembly]`` of a voxel puzzle."""
+
+    fixed: str
+    """Letters of the pieces that are held."""
+
+
+class VoxelScene(_PolyhedralScene):
+    """A puzzle of unit cubes."""
+
+    block: VoxelsSection
+    assembly: FixedLettersSection
+
+
+class MeshBlockSection(Section):
+    """``[block] type = "mesh"``: blocks from your own files."""
+
+    type: Literal["mesh"]
+    units: Literal["mm", "cm", "m", "inch"] = "mm"
+    """Unit of the files; STEP files name theirs."""
+    element_size: Positive | None = None
+    """Largest triangle on curved STEP faces [mm]."""
+
+
+class PlaceSection(Section):
+    """Where a copy of a part stands: turned about an axis through the origin, then moved."""
+
+    at: Vector = (0.0, 0.0, 0.0)
+    """[mm]"""
+    axis: Vector = (0.0, 0.0, 1.0)
+    angle: Finite = 0.0
+    """[°]"""
+    fixed: bool = False
+
+
+class PartSection(Section):
+    """``[[parts]]``: a mesh file and where its copies stand."""
+
+    file: str
+    """STL, OBJ, PLY, VTU, INP, STEP; relative to the scene's folder. Each closed surface in it is
+    a block."""
+    fixed: bool = False
+    """Whether all its copies are held."""
+    places: Annotated[tuple[PlaceSection, ...], Field(min_length=1)] = (PlaceSection(),)
+
+
+class FixedBlocksSection(Section):
+    """``[assembly]`` of own blocks."""
+
+    fixed: tuple[Annotated[int, Field(ge=0)], ...] = ()
+    """Numbers of held blocks, counted from 0 in the order of parts, places and solids."""
+
+
+class OwnMeshSection(Section):
+    """``[mesh]`` of own blocks without hexahedra of their own."""
+
+    divisions: Annotated[int, Field(ge=1)] = 4
+    """Elements along each edge of a block that can be divided into hexahedra."""
+
+
+class MeshScene(_PolyhedralScene, DeformableSections):
+    """Blocks from mesh or CAD files."""
+
+    block: MeshBlockSection
+    parts: Annotated[tuple[PartSection, ...], Field(min_length=1)]
+    assembly: FixedBlocksSection = FixedBlocksSection()
+    mesh: OwnMeshSection = OwnMeshSection()
+
+    def located(self, folder: Path) -> MeshScene:
+        """Return the same scene with absolute file names, relative ones taken from a folder."""
+        parts = tuple(
+            part.model_copy(update={"file": str((folder / part.file).absolute())})
+            for part in self.parts
+        )
+        return self.model_copy(update={"parts": parts})
+
+
+#: Scenes of triangulated blocks.
+PolyhedralScene: TypeAlias = (
+    TetrahedraScene | OctahedraScene | CubesScene | WallScene | ArchScene | VoxelScene | MeshScene
+)
+
+#: Scene class by ``[block] type``.
+POLYHEDRAL_TYPES: dict[str, type[PolyhedralScene]] = {
+    "tetrahedra": TetrahedraScene,
+    "octahedra": OctahedraScene,
+    "cubes": CubesScene,
+    "wall": WallScene,
+    "arch": ArchScene,
+    "voxels": VoxelScene,
+    "mesh": MeshScene,
+}

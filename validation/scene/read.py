@@ -1,0 +1,382 @@
+"""Scenes: short TOML files that say what is built, supported, loaded and asked.
+
+A scene is checked by pydantic at the door. What a scene does not name is off. The type of its
+``[block]`` decides which sections it may have.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from validation.errors import InputError
+from validation.scene.builtin import builtin_text
+from validation.scene.deformable import (
+    AutoSection,
+    BoxScene,
+    DeformableSections,
+    DivisionsSection,
+    EffectName,
+    parse_share,
+)
+from validation.scene.families import (
+    BoxesScene,
+    HexagonTubeScene,
+    OsteomorphicScene,
+    PlanarSineScene,
+)
+from validation.scene.polyhedra import POLYHEDRAL_TYPES, MeshScene, PolyhedralScene
+from validation.scene.sections import (
+    Finite,
+    NonNegative,
+    Positive,
+    RigidSection,
+    Section,
+    TubeAssemblySection,
+    TubeLoadSection,
+)
+
+
+class SineBlockSection(Section):
+    """``[block] type = "sine"``: TSB(h, a, f, s, n, r_i, t)."""
+
+    type: Literal["sine"]
+    height: Positive
+    """h [mm]"""
+    amplitude: NonNegative
+    """a [mm]"""
+    frequency: Positive
+    """f, waves per half block; 2f whole."""
+    shift: Finite = 0.0
+    """s, in units of π."""
+    blocks_per_layer: Annotated[int, Field(ge=2)]
+    """n"""
+    inner_radius: Positive
+    """r_i [mm]"""
+    thickness: Positive
+    """t [mm]"""
+
+
+class TubeMeshSection(Section):
+    """``[mesh]`` of a tube: elements of one block in each direction."""
+
+    around: Annotated[int, Field(ge=1)]
+    radial: Annotated[int, Field(ge=1)]
+    axial: Annotated[int, Field(ge=1)]
+    radial_grading: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
+    """Length of elements at the inner over that at the outer face; 1: equal."""
+
+
+class TubeScene(DeformableSections):
+    """A tube of Sine Blocks."""
+
+    block: SineBlockSection
+    assembly: TubeAssemblySection
+    mesh: TubeMeshSection
+    load: TubeLoadSection
+    rigid: RigidSection = RigidSection()
+
+
+class BrickSection(Section):
+    """``[block] type = "brick"``: a plain brick for planar checks."""
+
+    type: Literal["brick"]
+    size: tuple[Positive, Positive, Positive]
+    """Length, depth (out of the wall), height [mm]."""
+
+
+class StackAssemblySection(Section):
+    """``[assembly]`` of a stack of bricks."""
+
+    columns: Annotated[int, Field(ge=1)] = 1
+    layers: Annotated[int, Field(ge=1)]
+
+
+class BrickScene(DeformableSections):
+    """A stack of bricks between two fixed rows."""
+
+    block: BrickSection
+    assembly: StackAssemblySection
+    mesh: DivisionsSection
+    load: TubeLoadSection
+    rigid: RigidSection = RigidSection()
+
+
+#: Scenes of blocks that meet: what the rigid answer and load cases are for.
+AssemblyScene: TypeAlias = (
+    TubeScene | BrickScene | HexagonTubeScene | PlanarSineScene | OsteomorphicScene | BoxesScene
+)
+#: Scenes of blocks that meet and can be hexahedra: what deformable blocks are for.
+DeformableScene: TypeAlias = AssemblyScene | MeshScene
+Scene: TypeAlias = AssemblyScene | BoxScene | PolyhedralScene
+
+#: Scene class by ``[block] type``.
+SCENE_TYPES: dict[str, type[Scene]] = {
+    "sine": TubeScene,
+    "brick": BrickScene,
+    "box": BoxScene,
+    "hexagon": HexagonTubeScene,
+    "planar-sine": PlanarSineScene,
+    "osteomorphic": OsteomorphicScene,
+    "boxes": BoxesScene,
+    **POLYHEDRAL_TYPES,
+}
+
+
+class SceneFile(BaseModel):
+    """A checked scene and where it came from."""
+
+    model_config = ConfigDict(frozen=True, arbitrary_types_allowed=True)
+
+    name: str
+    """Name of the built-in scene or stem of the file."""
+    scene: Scene
+    """The checked content, overrides applied."""
+    folder: Path = Path()
+    """Folder that file names in the scene are relative to."""
+    source: Path | None = None
+    """File that the scene was read from; None: it is built in."""
+
+    @property
+    def reads(self) -> tuple[Path, ...]:
+        """Files that say what the scene is: its own, and those of its blocks."""
+        parts = self.scene.parts if isinstance(self.scene, MeshScene) else ()
+        own = () if self.source is None else (self.source,)
+        return (*own, *(self.folder / part.file for part in parts))
+
+
+# ---------------------------------------------------------------------------------------------
+# Reading
+
+
+def _read(source: str) -> tuple[str, str]:
+    """Name and TOML text of a built-in scene or a file."""
+    path = Path(source)
+    if path.suffix != ".toml" and not path.exists():
+        return source, builtin_text(source)
+    try:
+        return path.stem, path.read_text("utf-8")
+    except FileNotFoundError:
+        raise InputError(
+            f"{source}: no such file; expected a scene in TOML, or a name from `tubelock scenes`"
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{source}: cannot be read as a scene ({error})") from None
+
+
+def _value(text: str) -> Any:
+    """Value of an override: TOML if it parses, else a plain string."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
+    """Apply ``section.key=value`` assignments to a scene's data.
+
+    Raises
+    ------
+    InputError
+        For an assignment that has not this form.
+    """
+    result: dict[str, Any] = json.loads(json.dumps(data))
+    for override in overrides:
+        path, equals, text = override.partition("=")
+        keys = [key.strip().strip("'\"") for key in path.split(".")]
+        value = _value(text.strip())
+        whole_section = len(keys) == 1 and isinstance(value, dict)
+        if not equals or not all(keys) or (len(keys) < 2 and not whole_section):
+            raise InputError(
+                f"--set {override}: expected section.key=value, e.g. --set assembly.layers=4"
+            )
+        target = result
+        for key in keys[:-1]:
+            inner = target.setdefault(key, {})
+            if not isinstance(inner, dict):
+                raise InputError(f"--set {override}: {key!r} is a value, not a section")
+            target = inner
+        target[keys[-1]] = value
+    return result
+
+
+def load_scene(source: str, overrides: Iterable[str] = ()) -> SceneFile:
+    """Read and check a scene.
+
+    Parameters
+    ----------
+    source
+        Path of a TOML file or name of a built-in scene.
+    overrides
+        ``section.key=value`` assignments that replace or add values.
+
+    Raises
+    ------
+    InputError
+        One line: what was got, what is expected, what to do.
+    """
+    name, data = scene_data(source)
+    scene = check_scene(apply_overrides(data, overrides), source)
+    if isinstance(scene, MeshScene):
+        scene = scene.located(Path(source).parent)
+    path = Path(source)
+    own = path if path.exists() else None
+    return SceneFile(name=name, scene=scene, folder=path.parent, source=own)
+
+
+def require_deformable(file: SceneFile, command: str) -> DeformableScene:
+    """Scene of a file, where it can have deformable blocks in contact.
+
+    Raises
+    ------
+    InputError
+        Where it has none; the command that needs them is named.
+    """
+    if not isinstance(file.scene, DeformableScene):
+        raise InputError(
+            f"{file.name}: block.type {file.scene.block.type!r} has no deformable blocks in "
+            f"contact, and `tubelock {command}` needs them; expected a scene such as tsb1-pipe"
+        )
+    return file.scene
+
+
+def with_auto(file: SceneFile, tolerance: str | None, keep: Iterable[str] = ()) -> SceneFile:
+    """Scene whose effects are decided before a run, as ``[effects.auto]`` would say.
+
+    Parameters
+    ----------
+    file
+        A scene; what its ``[effects.auto]`` says besides stays.
+    tolerance
+        Such as ``1%``; None: the scene's.
+    keep
+        Names of effects that are not decided.
+
+    Raises
+    ------
+    InputError
+        A tolerance that is none, names of no effect, or a scene without contact.
+    """
+    names = tuple(keep)
+    if tolerance is None and not names:
+        return file
+    if not isinstance(file.scene, DeformableSections):
+        raise InputError(
+            f"{file.name}: --auto compares contact pressures of deformable blocks; expected a "
+            "scene with contact, such as tsb1-pipe"
+        )
+    effects = file.scene.effects
+    if tolerance is None and effects.auto is None:
+        raise InputError("--keep: nothing is decided without --auto; expected --auto 1% beside it")
+    unknown = [name for name in names if name not in set(EffectName)]
+    if unknown:
+        raise InputError(f"--keep {unknown[0]}: expected one of {', '.join(EffectName)}")
+    share = None if tolerance is None else parse_share(tolerance)
+    if tolerance is not None and share is None:
+        raise InputError(f"--auto {tolerance}: expected a share between 0 and 100 %, such as 1%")
+    given = effects.auto or AutoSection()
+    kept = tuple(dict.fromkeys((*given.keep, *(EffectName(name) for name in names))))
+    decide = None if given.decide is None else tuple(e for e in given.decide if e not in kept)
+    auto = AutoSection(
+        tolerance=given.tolerance if share is None else share, decide=decide, keep=kept
+    )
+    changed = effects.model_copy(update={"auto": auto})
+    return file.model_copy(update={"scene": file.scene.model_copy(update={"effects": changed})})
+
+
+def scene_data(source: str) -> tuple[str, dict[str, Any]]:
+    """Name and unchecked data of a built-in scene or a TOML file.
+
+    Raises
+    ------
+    InputError
+        When there is none, or it is not TOML.
+    """
+    name, text = _read(source)
+    try:
+        return name, tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{source}: is not TOML: {error}") from None
+
+
+def check_scene(data: Mapping[str, Any], source: str = "scene") -> Scene:
+    """Check a scene's data.
+
+    Raises
+    ------
+    InputError
+        One line naming the first wrong value (and how many more there are).
+    """
+    block = data.get("block")
+    kind = block.get("type") if isinstance(block, dict) else None
+    if not isinstance(kind, str) or kind not in SCENE_TYPES:
+        known = ", ".join(f'"{k}"' for k in SCENE_TYPES)
+        got = "no [block] section" if not isinstance(block, dict) else f"got {kind!r}"
+        raise InputError(f"{source}: block.type: {got}, expected one of {known}")
+    model = SCENE_TYPES[kind]
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise InputError(f"{source}: {_one_line(error, model)}") from None
+
+
+# ---------------------------------------------------------------------------------------------
+# One clear line
+
+
+def _known_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
+    """Keys allowed at a place of the scene."""
+    for key in path:
+        field = model.model_fields.get(str(key))
+        inner = None if field is None else field.annotation
+        sections = [
+            kind
+            for kind in (inner, *get_args(inner))
+            if isinstance(kind, type) and issubclass(kind, BaseModel)
+        ]
+        if not sections:
+            return []
+        model = sections[0]
+    return list(model.model_fields)
+
+
+def _one_line(error: ValidationError, model: type[BaseModel]) -> str:
+    problems = error.errors(include_url=False)
+    first = problems[0]
+    place = ".".join(str(key) for key in first["loc"])
+    if first["type"] == "extra_forbidden":
+        known = _known_keys(model, first["loc"][:-1])
+        near = difflib.get_close_matches(str(first["loc"][-1]), known, n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]!r}?" if near else f"expected one of {', '.join(known)}"
+        line = f"unknown key {place}: {hint}"
+    else:
+        line = _wrong_value(first, place, model)
+    more = len(problems) - 1
+    return line + (f" (and {more} more)" if more else "")
+
+
+def _wrong_value(problem: Any, place: str, model: type[BaseModel]) -> str:
+    """Say what is wrong with a value that has a known place, in the words of scenes."""
+    kind, got, path = problem["type"], problem["input"], problem["loc"]
+    if kind == "missing" and isinstance(path[-1], int):
+        parent = ".".join(str(key) for key in path[:-1])
+        return f"{parent}: got {got!r}; a value is missing at the end of the list"
+    if kind == "missing":
+        return f"{place} is missing: add it to the scene"
+    if kind == "value_error":
+        # Checks of a whole section name their keys; the section itself, in braces, helps nobody.
+        words = str(problem["ctx"]["error"])
+        return words if isinstance(got, dict) else f"{place}: got {got!r}; {words}"
+    if kind in ("model_type", "dict_type"):
+        keys = ", ".join(_known_keys(model, path))
+        return f"{place}: got {got!r}; expected a section" + (f" with {keys}" if keys else "")
+    if kind in ("tuple_type", "list_type"):
+        return f"{place}: got {got!r}; expected a list of values in brackets, [ … ]"
+    message = problem["msg"]
+    return f"{place}: got {got!r}; {message[0].lower()}{message[1:]}"

@@ -1,0 +1,360 @@
+"""Running a study: on the cores of this machine or on a Dask cluster, a few designs ahead.
+
+Runners take design numbers one after another and hand back rows as they come; they hold a
+bounded number of designs at a time, so memory does not grow with the study. The parent writes.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import uuid
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from itertools import chain, islice
+from multiprocessing.synchronize import Event
+from typing import Any, Protocol
+
+from validation.errors import InputError
+from validation.study.store import ResultFile
+from validation.study.study import Row, Study, failed_row, run_design
+
+#: Designs handed out ahead of the workers, for each worker.
+_AHEAD = 3
+_WORKER_DIED = (
+    "the worker process died twice on this design (killed, or out of memory); "
+    "try a coarser mesh or fewer workers, then --retry-failed"
+)
+
+
+class Runner(Protocol):
+    """Computes designs somewhere."""
+
+    def rows(self, numbers: Iterable[int]) -> Generator[Row, None, None]:
+        """Rows of the designs, in the order in which they are ready."""
+
+
+@dataclass
+class Tally:
+    """What a sweep has done so far in this session."""
+
+    computed: int = 0
+    failed: int = 0
+    design_cpu_seconds: float = 0.0
+    """CPU time inside the designs [s]."""
+    _workers: dict[int, float] = field(default_factory=dict)
+
+    def count(self, row: Row) -> None:
+        """Take in one row."""
+        self.computed += 1
+        self.failed += row.status == "failed"
+        self.design_cpu_seconds += row.cpu_seconds
+        process, seconds = row.worker
+        self._workers[process] = max(seconds, self._workers.get(process, 0.0))
+
+    @property
+    def worker_cpu_seconds(self) -> float:
+        """CPU time of the worker processes, their start included [s]."""
+        return sum(self._workers.values())
+
+    @property
+    def workers(self) -> int:
+        """Processes that computed something."""
+        return len(self._workers)
+
+
+def sweep(
+    results: ResultFile,
+    runner: Runner,
+    *,
+    retry_failed: bool = False,
+    on_row: Callable[[Row], None] | None = None,
+) -> Tally:
+    """Compute the designs that the result file lacks, and write each row when it is there.
+
+    Parameters
+    ----------
+    results
+        The open result file; it knows the study.
+    runner
+        Where the work is done.
+    retry_failed
+        Compute failed designs again.
+    on_row
+        Called after each row is written.
+
+    Raises
+    ------
+    InputError
+        When rows cannot be written or the runner is lost; what was written stays.
+    """
+    done = results.done(failed_too=not retry_failed)
+    tally = Tally()
+    if all(done):
+        return tally
+    with results.alone():
+        # Another process may have added rows before this one was alone.
+        done = results.done(failed_too=not retry_failed)
+        missing = (number for number, there in enumerate(done) if not there)
+        _compute(results, runner.rows(missing), tally, on_row)
+    return tally
+
+
+def _compute(
+    results: ResultFile,
+    found: Generator[Row, None, None],
+    tally: Tally,
+    on_row: Callable[[Row], None] | None,
+) -> None:
+    """Write rows as they come."""
+    with closing(found) as rows:
+        for row in rows:
+            results.add(row)
+            tally.count(row)
+            if on_row is not None:
+                on_row(row)
+
+
+# ---------------------------------------------------------------------------------------------
+# This machine
+
+
+def available_cores() -> int:
+    """Cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Let processes started here use one thread for linear algebra: the designs are small."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Let processes started here inherit a blocked Ctrl-C: stopping them is the parent's job."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _start_worker(stop: Event) -> None:
+    """Leave Ctrl-C to the parent, and end when it asks to or is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+
+    def watch() -> None:
+        while parent is not None and parent.is_alive() and not stop.wait(0.5):
+            pass
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+class LocalRunner:
+    """Worker processes on this machine; a design that kills its worker is recorded as failed."""
+
+    def __init__(self, study: Study, workers: int | None = None) -> None:
+        """Take a study and the number of processes (None: one per core).
+
+        Raises
+        ------
+        InputError
+            For less than one worker.
+        """
+        if workers is not None and workers < 1:
+            raise InputError(f"--workers {workers}: expected at least 1")
+        self.study = study
+        self.workers = available_cores() if workers is None else workers
+        self._text = study.to_json()
+
+    def rows(self, numbers: Iterable[int]) -> Generator[Row, None, None]:
+        """Rows in the order in which they are ready."""
+        numbers = iter(numbers)
+        while (first := next(numbers, None)) is not None:
+            window = _AHEAD * self.workers
+            lost = yield from self._pool(chain([first], numbers), self.workers, window)
+            # One of these killed its worker, or someone else did. One at a time tells which.
+            suspects = iter(lost)
+            while (first := next(suspects, None)) is not None:
+                for number in (yield from self._pool(chain([first], suspects), 1, 1)):
+                    yield failed_row(self.study, number, _WORKER_DIED)
+
+    def _pool(
+        self, numbers: Iterator[int], workers: int, window: int
+    ) -> Generator[Row, None, list[int]]:
+        """Rows of one pool of processes; returns the designs in its hands if it broke."""
+        context = multiprocessing.get_context("spawn")
+        stop = context.Event()
+        with _one_thread_each():
+            pool = ProcessPoolExecutor(
+                workers, mp_context=context, initializer=_start_worker, initargs=(stop,)
+            )
+            pending: dict[Future[Row], int] = {}
+            try:
+                self._submit(pool, pending, numbers, window)
+                while pending:
+                    finished, _ = wait(pending, return_when=FIRST_COMPLETED)
+                    for future in finished:
+                        row = future.result()
+                        del pending[future]
+                        yield row
+                    self._submit(pool, pending, numbers, window - len(pending))
+            except BrokenProcessPool:
+                return sorted(pending.values())
+            except BaseException:
+                stop.set()  # do not wait for designs that may take hours
+                raise
+            finally:
+                pool.shutdown(wait=True, cancel_futures=True)
+        return []
+
+    def _submit(
+        self,
+        pool: ProcessPoolExecutor,
+        pending: dict[Future[Row], int],
+        numbers: Iterator[int],
+        count: int,
+    ) -> None:
+        for number in islice(numbers, count):
+            # Noted before it is handed over: a pool that breaks here loses nothing.
+            placeholder: Future[Row] = Future()
+            pending[placeholder] = number
+            with _interrupts_held():
+                future = pool.submit(run_design, self._text, number)
+            del pending[placeholder]
+            pending[future] = number
+
+
+# ---------------------------------------------------------------------------------------------
+# A Dask cluster
+
+
+class DaskRunner:
+    """An existing Dask cluster; Dask itself moves the designs of a lost worker to another."""
+
+    def __init__(self, study: Study, address: str, *, timeout: float = 10.0) -> None:
+        """Connect to a scheduler.
+
+        Parameters
+        ----------
+        study
+            What will be computed.
+        address
+            Of the scheduler, e.g. ``tcp://10.0.0.1:8786``.
+        timeout
+            Seconds to wait for it.
+
+        Raises
+        ------
+        InputError
+            When ``distributed`` is not installed or nobody answers.
+        """
+        try:
+            from distributed import Client
+            from distributed.comm import get_address_host_port
+        except ImportError:
+            raise InputError(
+                "--scheduler needs the library distributed: pip install 'tubelock[dask]'"
+            ) from None
+        self.study = study
+        self.address = address
+        self._session = f"tubelock-{uuid.uuid4().hex[:12]}"
+        self._text = study.to_json()
+        try:
+            get_address_host_port(address, strict=True)
+        except ValueError:
+            raise InputError(
+                f"--scheduler {address}: expected an address such as tcp://10.0.0.1:8786"
+            ) from None
+        try:
+            self._client: Any = Client(address, timeout=timeout, set_as_default=False)
+        except OSError as error:
+            raise InputError(
+                f"--scheduler {address}: no Dask scheduler answers there within {timeout:g} s "
+                f"({' '.join(str(error).split())[:120]}); start one with `dask scheduler` and "
+                f"workers with `dask worker {address}`"
+            ) from None
+        try:
+            self._client.wait_for_workers(1, timeout=timeout)
+        except TimeoutError:
+            self._client.close(timeout=2)
+            raise InputError(
+                f"--scheduler {address}: it has no workers; start some with `dask worker {address}`"
+            ) from None
+
+    def rows(self, numbers: Iterable[int]) -> Generator[Row, None, None]:
+        """Rows in the order in which they are ready.
+
+        Raises
+        ------
+        InputError
+            When the scheduler is lost, or the workers cannot run designs at all.
+        """
+        from distributed import CancelledError, as_completed
+        from distributed.comm import CommClosedError
+
+        numbers = iter(numbers)
+        try:
+            threads = sum(self._client.nthreads().values())
+            handed = self._submit(islice(numbers, _AHEAD * max(threads, 1)))
+            ready = as_completed(list(handed), loop=self._client.loop)
+            for future in ready:
+                number = handed.pop(future)
+                yield self._row(future, number)
+                following = self._submit(islice(numbers, 1))
+                handed |= following
+                ready.update(list(following))
+        except (CancelledError, CommClosedError, OSError):
+            raise InputError(
+                f"--scheduler {self.address}: the scheduler stopped answering; the rows written "
+                "so far are safe: run the same command to go on"
+            ) from None
+        finally:
+            self._client.close(timeout=2)
+
+    def _submit(self, numbers: Iterable[int]) -> dict[Any, int]:
+        return {
+            self._client.submit(
+                run_design, self._text, number, key=f"{self._session}-{number}", pure=False
+            ): number
+            for number in numbers
+        }
+
+    def _row(self, future: Any, number: int) -> Row:
+        from distributed import CancelledError, KilledWorker
+
+        if future.status in ("cancelled", "lost"):
+            raise CancelledError(future.key)
+        try:
+            row: Row = future.result()
+        except KilledWorker:
+            return failed_row(self.study, number, _WORKER_DIED)
+        except (ImportError, AttributeError) as error:
+            raise InputError(
+                f"--scheduler {self.address}: a worker cannot run designs "
+                f"({type(error).__name__}: {error}); install the same tubelock there"
+            ) from None
+        return row

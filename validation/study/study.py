@@ -1,0 +1,468 @@
+"""Studies: one scene, some of its parameters over lists or ranges, one question asked of each.
+
+A study is a short TOML file::
+
+    scene = "tsb1-pipe"
+    quantity = "rigid"
+    [parameters]
+    "block.amplitude" = [10, 15, 20]
+    "block.thickness" = { from = 30, to = 60, step = 10 }
+    [settings]
+    "mesh.around" = 24
+
+Its designs are numbered; the last parameter varies fastest.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import time
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+from validation.errors import InputError
+from validation.scene.read import (
+    SceneFile,
+    apply_overrides,
+    check_scene,
+    scene_data,
+)
+from validation.study.builtin import builtin_study_text, nearest
+
+Quantity = Literal["rigid", "fem"]
+Value = Any
+"""A value of a scene: number, string, boolean or a list of them."""
+
+#: Columns of each kind of answer, with their SQLite types.
+COLUMNS: dict[Quantity, dict[str, str]] = {
+    "rigid": {
+        "mechanism": "TEXT",
+        "equilibrium": "INTEGER",
+        "residual": "REAL",
+        "effective_count_percent": "REAL",
+        "effective_area_percent": "REAL",
+        "p_eff": "REAL",
+        "p_max": "REAL",
+        "n_blocks": "INTEGER",
+        "n_contacts": "INTEGER",
+        "iterations": "INTEGER",
+    },
+    "fem": {
+        "max_displacement": "REAL",
+        "sigma_1_max": "REAL",
+        "sigma_3_min": "REAL",
+        "p_eff": "REAL",
+        "p_max": "REAL",
+        "residual": "REAL",
+        "energy_balance": "REAL",
+        "n_elements": "INTEGER",
+    },
+}
+
+#: Of this version is the canonical text that identifies a study.
+_FORMAT = 1
+#: Sections that no rigid-block answer depends on.
+_DEFORMABLE = ("material", "contact", "effects", "fem")
+#: More values of one parameter than this are a slip of the pen.
+_MOST_VALUES = 100_000
+
+
+@dataclass(frozen=True)
+class Study:
+    """A checked study."""
+
+    name: str
+    """Name of the built-in study or stem of the file."""
+    quantity: Quantity
+    """``rigid`` or ``fem``."""
+    scene: Mapping[str, Any]
+    """Data of the scene, settings applied."""
+    scene_name: str
+    """Built-in scene or stem of its file."""
+    parameters: tuple[tuple[str, tuple[Value, ...]], ...]
+    """``section.key`` and its values, in the order of the file."""
+    reads: tuple[Path, ...] = ()
+    """Files that say what the study is: its own and that of its scene."""
+
+    @property
+    def n_designs(self) -> int:
+        """Number of designs: the product of the numbers of values."""
+        return math.prod(len(values) for _, values in self.parameters)
+
+    def design(self, number: int) -> dict[str, Value]:
+        """Parameter values of a design.
+
+        Parameters
+        ----------
+        number
+            From 0; the last parameter varies fastest.
+        """
+        chosen: dict[str, Value] = {}
+        for path, values in reversed(self.parameters):
+            number, place = divmod(number, len(values))
+            chosen[path] = values[place]
+        return {path: chosen[path] for path, _ in self.parameters}
+
+    def scene_file(self, number: int) -> SceneFile:
+        """Checked scene of a design.
+
+        Raises
+        ------
+        InputError
+            When its values do not go together.
+        """
+        name = f"{self.name}[{number}]"
+        return SceneFile(name=name, scene=check_scene(self._data(self.design(number)), name))
+
+    def _data(self, values: Mapping[str, Value]) -> dict[str, Any]:
+        return apply_overrides(self.scene, _assignments(values))
+
+    @cached_property
+    def canonical(self) -> str:
+        """Text that is the same for equal studies, whatever their files look like."""
+        scene = check_scene(self._data(self.design(0)), self.name).model_dump(mode="json")
+        if self.quantity == "rigid":
+            scene = {key: value for key, value in scene.items() if key not in _DEFORMABLE}
+        content = {
+            "format": _FORMAT,
+            "quantity": self.quantity,
+            "scene": scene,
+            "parameters": [[path, list(values)] for path, values in self.parameters],
+        }
+        return json.dumps(content, sort_keys=True, allow_nan=False)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of `canonical`."""
+        return hashlib.sha256(self.canonical.encode()).hexdigest()
+
+    def to_json(self) -> str:
+        """Everything a worker needs, as text."""
+        return json.dumps(
+            {
+                "name": self.name,
+                "quantity": self.quantity,
+                "scene": self.scene,
+                "scene_name": self.scene_name,
+                "parameters": self.parameters,
+            }
+        )
+
+    @staticmethod
+    def from_json(text: str) -> Study:
+        """Inverse of `to_json`."""
+        data = json.loads(text)
+        parameters = tuple((path, tuple(values)) for path, values in data.pop("parameters"))
+        return Study(parameters=parameters, **data)
+
+
+# ---------------------------------------------------------------------------------------------
+# Reading
+
+
+def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
+    """Read and check a study.
+
+    Parameters
+    ----------
+    source
+        Path of a TOML file or name of a built-in study.
+    overrides
+        ``section.key=value`` assignments, applied to the scene after ``[settings]``.
+
+    Raises
+    ------
+    InputError
+        One line: what was got, what is expected, what to do.
+    """
+    path = Path(source)
+    builtin = path.suffix != ".toml" and not path.exists()
+    try:
+        text = builtin_study_text(source) if builtin else path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{source}: cannot be read as a study ({error})") from None
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{source}: is not TOML: {error}") from None
+    folder = None if builtin else path.parent
+    study = check_study(data, source if builtin else path.stem, folder, overrides)
+    own = () if builtin else (path,)
+    return replace(study, reads=(*own, *study.reads))
+
+
+def check_study(
+    data: Mapping[str, Any], name: str, folder: Path | None = None, overrides: Iterable[str] = ()
+) -> Study:
+    """Check a study's data.
+
+    Parameters
+    ----------
+    data
+        As read from TOML.
+    name
+        What messages and results call it.
+    folder
+        Where a relative scene file lies; None: the working folder.
+    overrides
+        As in `load_study`.
+
+    Raises
+    ------
+    InputError
+        One line naming the first thing that is wrong.
+    """
+    known = ["scene", "quantity", "parameters", "settings"]
+    for key in data:
+        if key not in known:
+            raise InputError(
+                f"{name}: unknown key {key}{nearest(key, known)}; expected {', '.join(known)}"
+            )
+    scene, quantity = data.get("scene"), data.get("quantity", "rigid")
+    if not isinstance(scene, str):
+        raise InputError(
+            f'{name}: scene: got {scene!r}, expected a scene, e.g. scene = "tsb1-pipe"'
+        )
+    if quantity not in COLUMNS:
+        raise InputError(
+            f"{name}: quantity: got {quantity!r}, expected one of {', '.join(COLUMNS)}"
+        )
+    for section in ("parameters", "settings"):
+        if not isinstance(data.get(section, {}), dict):
+            raise InputError(f"{name}: [{section}]: expected a section of section.key = values")
+    parameters = tuple(
+        (path, _values(f"{name}: {path}", given))
+        for path, given in _flat(data.get("parameters", {}), ())
+    )
+    if not parameters:
+        raise InputError(
+            f"{name}: [parameters] is missing or empty: name at least one parameter of the "
+            'scene, e.g. "block.amplitude" = [10, 20]'
+        )
+    settings = dict(_flat(data.get("settings", {}), ()))
+    _refuse_twice(name, parameters, settings)
+    source = _scene_source(scene, folder)
+    scene_name, base = scene_data(source)
+    base = apply_overrides(base, [*_assignments(settings), *overrides])
+    files = [Path(source), *(Path(part["file"]) for part in base.get("parts", ()))]
+    reads = tuple(file for file in files if file.is_file())
+    study = Study(name, quantity, base, scene_name, parameters, reads)
+    _check_values(study)
+    return study
+
+
+def _scene_source(scene: str, folder: Path | None) -> str:
+    beside = None if folder is None else folder / scene
+    return str(beside) if beside is not None and beside.suffix == ".toml" else scene
+
+
+def _is_range(given: Any) -> bool:
+    return isinstance(given, dict) and ("from" in given or "to" in given)
+
+
+def _flat(data: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
+    """``section.key`` and value, from quoted keys and from nested tables alike."""
+    for key, value in data.items():
+        place = (*above, key)
+        if isinstance(value, dict) and not _is_range(value):
+            yield from _flat(value, place)
+        else:
+            yield ".".join(place), value
+
+
+def _values(place: str, given: Any) -> tuple[Value, ...]:
+    """Values of a parameter, from a list or a range."""
+    if _is_range(given):
+        return _range(place, given)
+    if not isinstance(given, list):
+        raise InputError(
+            f"{place}: got {given!r}, expected a list such as [10, 15] or a range such as "
+            "{ from = 10, to = 25, step = 5 }; a single value belongs in [settings]"
+        )
+    if not given:
+        raise InputError(f"{place}: the list is empty; give at least one value")
+    texts = [json.dumps(value, default=str) for value in given]
+    for text in texts:
+        if texts.count(text) > 1:
+            raise InputError(f"{place}: {text} is given twice; every design is computed once")
+    return tuple(given)
+
+
+def _range(place: str, given: Mapping[str, Any]) -> tuple[Value, ...]:
+    """Values from, from + step, … up to and including to; exact in decimals."""
+    if set(given) != {"from", "to", "step"}:
+        raise InputError(
+            f"{place}: got a range with {', '.join(given)}; expected from, to and step, all three"
+        )
+    numbers = []
+    for key in ("from", "to", "step"):
+        value = given[key]
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not math.isfinite(value)
+        ):
+            raise InputError(f"{place}: range {key}: got {value!r}, expected a finite number")
+        numbers.append(Decimal(repr(value)))
+    start, stop, step = numbers
+    count = 0 if step == 0 else int((stop - start) / step) + 1 if (stop - start) * step >= 0 else 0
+    if count < 1:
+        raise InputError(
+            f"{place}: the range from {start} to {stop} with step {step} is empty; "
+            "expected a step that leads from the first value to the last"
+        )
+    if count > _MOST_VALUES:
+        raise InputError(f"{place}: the range has {count} values, more than {_MOST_VALUES}")
+    whole = all(isinstance(given[key], int) for key in given)
+    return tuple((int if whole else float)(start + k * step) for k in range(count))
+
+
+def _refuse_twice(
+    name: str, parameters: tuple[tuple[str, tuple[Value, ...]], ...], settings: Mapping[str, Any]
+) -> None:
+    paths = [path for path, _ in parameters]
+    for path in paths:
+        if path in settings or paths.count(path) > 1:
+            raise InputError(f"{name}: {path} is given twice, in [parameters] and [settings]")
+
+
+def _assignments(values: Mapping[str, Value]) -> list[str]:
+    """Values as ``section.key=value`` (JSON scalars and lists are TOML as well)."""
+    return [f"{path}={json.dumps(value, default=str)}" for path, value in values.items()]
+
+
+def _check_values(study: Study) -> None:
+    """Refuse unknown parameters and values that no scene takes; combinations are tried later."""
+    first = study.design(0)
+    check_scene(study._data(first), study.name)
+    for path, values in study.parameters:
+        for value in values:
+            try:
+                check_scene(study._data(first | {path: value}), study.name)
+            except InputError as error:
+                if path in str(error):
+                    raise
+
+
+# ---------------------------------------------------------------------------------------------
+# One design
+
+
+@dataclass(frozen=True)
+class Row:
+    """One design of a study and what came out."""
+
+    number: int
+    status: Literal["ok", "failed"]
+    """``failed``: nothing could be computed, `message` says why. A tube that carries no load is
+    ``ok``: that is an answer."""
+    message: str
+    parameters: dict[str, Value]
+    results: dict[str, Any]
+    """By the names in `COLUMNS`; empty if failed."""
+    cpu_seconds: float
+    """CPU time of the design [s]."""
+    worker: tuple[int, float] = (0, 0.0)
+    """Process that computed it and the CPU time it had used by then [s]."""
+
+
+@lru_cache(maxsize=4)
+def _parsed(text: str) -> Study:
+    return Study.from_json(text)
+
+
+def run_design(study_text: str, number: int) -> Row:
+    """Compute one design; whatever goes wrong with it becomes its message.
+
+    Parameters
+    ----------
+    study_text
+        `Study.to_json`.
+    number
+        From 0.
+    """
+    import os
+
+    study = _parsed(study_text)
+    rigid = study.quantity == "rigid"
+    # Other threads of the process may be at work on other designs; fem may use several itself.
+    clock = time.thread_time if rigid else time.process_time
+    start = clock()
+    message, results = "", {}
+    try:
+        file = study.scene_file(number)
+        results = _rigid_results(file) if rigid else _fem_results(file)
+    except Exception as error:
+        words = " ".join(str(error).split()) or "no message"
+        message = words if isinstance(error, ValueError) else f"{type(error).__name__}: {words}"
+    return Row(
+        number=number,
+        status="failed" if message else "ok",
+        message=message,
+        parameters=study.design(number),
+        results=results,
+        cpu_seconds=clock() - start,
+        worker=(os.getpid(), time.process_time()),
+    )
+
+
+def failed_row(study: Study, number: int, message: str) -> Row:
+    """Row of a design whose process did not live to report it."""
+    return Row(number, "failed", message, study.design(number), {}, 0.0)
+
+
+def _rigid_results(file: SceneFile) -> dict[str, Any]:
+    from validation.run.rigid import run_rigid
+
+    result = run_rigid(file).result
+    found: dict[str, Any] = {
+        "mechanism": str(result.mechanism),
+        "equilibrium": int(result.equilibrium.holds),
+        "residual": result.equilibrium.residual,
+        "n_blocks": result.n_blocks,
+        "n_contacts": result.n_contacts,
+        "iterations": result.equilibrium.iterations,
+    }
+    measures = result.measures
+    for name in ("effective_count_percent", "effective_area_percent", "p_eff", "p_max"):
+        found[name] = None if measures is None else getattr(measures, name)
+    return found
+
+
+def _fem_results(file: SceneFile) -> dict[str, Any]:
+    from validation.run.box import box_json, peak_memory_mb, run_box
+    from validation.run.deformable import fem_section, tube_json
+    from validation.scene.deformable import BoxScene, Method
+    from validation.scene.read import DeformableScene
+
+    scene = file.scene
+    if isinstance(scene, BoxScene):
+        data = box_json(run_box(file.name, scene))
+    elif not isinstance(scene, DeformableScene):
+        raise InputError(f"block.type {scene.block.type!r} is not built for `fem` yet")
+    elif fem_section(scene, file.name).method is Method.STATIC:
+        from validation.run.static import run_tube_static
+
+        data = tube_json(run_tube_static(file.name, scene), peak_memory_mb())
+    else:
+        from validation.run.explicit import run_tube_explicit
+
+        data = tube_json(run_tube_explicit(file.name, scene)[0], peak_memory_mb())
+    contact = data.get("contact", {})
+    return {
+        "max_displacement": data["max_displacement"],
+        "sigma_1_max": data["principal_stress"]["max"],
+        "sigma_3_min": data["principal_stress"]["min"],
+        "p_eff": contact.get("p_eff"),
+        "p_max": contact.get("p_max_face"),
+        "residual": data.get("residual"),
+        "energy_balance": data.get("energy_balance"),
+        "n_elements": data["n_elements"],
+    }
