@@ -5,22 +5,20 @@ Sections are pydantic models or dataclasses; the docstring below a field is its 
 
 from __future__ import annotations
 
-import ast
 import dataclasses
 import enum
 import inspect
-import itertools
 import re
-import textwrap
 import types
 import typing
 from collections.abc import Iterator
-from functools import cache
 from typing import Any
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
+
+from validation.scene.docstrings import field_docstrings
 
 _UNIT = re.compile(r"\[([^\]\[]{1,12})\]")
 _BOUNDS = (("gt", ">"), ("ge", "≥"), ("lt", "<"), ("le", "≤"))
@@ -53,7 +51,7 @@ def is_section(annotation: Any) -> bool:
 def keys(section: type) -> Iterator[Key]:
     """Yield the keys of a section in the order in which they are stated."""
     hints = typing.get_type_hints(section, include_extras=True)
-    about = docstrings(section)
+    about = field_docstrings(section)
     for name, default in _defaults(section):
         inner, many = _section_of(hints[name])
         words = about.get(name, "")
@@ -155,27 +153,6 @@ def _toml(value: Any) -> str:  # noqa: PLR0911 - one per kind
     if isinstance(value, float | int):
         return f"{value:g}" if isinstance(value, int) else repr(value)
     return "as its keys"
-
-
-@cache
-def docstrings(section: type) -> dict[str, str]:
-    """Literals below the fields of a class and of its bases."""
-    found: dict[str, str] = {}
-    for base in reversed(section.__mro__):
-        try:
-            tree = ast.parse(textwrap.dedent(inspect.getsource(base)))
-        except (OSError, TypeError):
-            continue
-        body = tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []
-        for field, text in itertools.pairwise(body):
-            if (
-                isinstance(field, ast.AnnAssign)
-                and isinstance(field.target, ast.Name)
-                and isinstance(text, ast.Expr)
-                and isinstance(text.value, ast.Constant)
-            ):
-                found[field.target.id] = " ".join(str(text.value.value).split())
-    return found
 
 
 def _prose(words: str) -> str:

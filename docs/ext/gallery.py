@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ext.runs import Run, emptied, run, shown
-from validation.scene.builtin import builtin_names, builtin_text
+from validation.scene.builtin import builtin_about, builtin_names, builtin_text
 
 PLAN = Path(__file__).parents[1] / "gallery.toml"
 
@@ -65,7 +65,7 @@ def _overview(groups: list[tuple[str, list[str]]], pages: dict[str, Page]) -> st
 def _page(name: str, plan: dict[str, Any], folder: Path) -> Page:
     own = plan["scene"].get(name, {})
     text = builtin_text(name)
-    about = text.splitlines()[0].lstrip("# ")
+    about = builtin_about(name)
     lines = [f"# {name}", "", about, ""]
     poster: str | None = None
     for words in own.get("runs", plan["runs"]):

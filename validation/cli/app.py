@@ -43,6 +43,7 @@ reproduce = typer.Typer()
 _COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo.demo,
     "scenes": look.scenes,
+    "schema": look.schema,
     "show": look.show,
     "mbd": rigid.mbd,
     "explode": rigid.explode,

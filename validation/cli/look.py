@@ -23,7 +23,7 @@ def scenes(
     ] = None,
 ) -> None:
     """List the built-in scenes, or print one as TOML."""
-    from validation.scene.builtin import builtin_names, builtin_text
+    from validation.scene.builtin import builtin_about, builtin_names, builtin_text
 
     if name is not None:
         sys.stdout.write(builtin_text(name))
@@ -31,8 +31,16 @@ def scenes(
     names = builtin_names()
     width = max(len(scene) for scene in names)
     for scene in names:
-        first = builtin_text(scene).splitlines()[0].lstrip("# ")
-        print(f"{scene:{width}} {first}")
+        print(f"{scene:{width}} {builtin_about(scene)}")
+
+
+def schema() -> None:
+    """Print the JSON schema of scenes, with which editors complete and check them."""
+    import json
+
+    from validation.scene.schema import scene_schema
+
+    sys.stdout.write(json.dumps(scene_schema(), indent=1, ensure_ascii=False) + "\n")
 
 
 def show(

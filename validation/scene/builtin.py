@@ -7,6 +7,9 @@ from importlib import resources
 
 from validation.errors import InputError
 
+#: First words of the line that tells editors where the schema of scenes is.
+SCHEMA_DIRECTIVE = "#:schema"
+
 
 def builtin_names() -> list[str]:
     """Names of the built-in scenes, sorted."""
@@ -29,3 +32,9 @@ def builtin_text(name: str) -> str:
         hint = f"did you mean {' or '.join(near)}?" if near else "see `tubelock scenes`"
         raise InputError(f"scene {name!r} is neither a file nor a built-in scene; {hint}")
     return (resources.files("validation") / "scenes" / f"{name}.toml").read_text("utf-8")
+
+
+def builtin_about(name: str) -> str:
+    """What a built-in scene is, in the words of its first comment that is no directive."""
+    lines = builtin_text(name).splitlines()
+    return next(line.lstrip("# ") for line in lines if not line.startswith(SCHEMA_DIRECTIVE))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
+from pydantic.json_schema import JsonSchemaValue
 
 from fem.element.hexahedron import ElementType
 from fem.problem.model import Formulation
@@ -175,6 +176,19 @@ class EffectsSection(Section):
                 given["decide"] = [*(given.get("decide") or ()), *named]
         data["auto"] = given
         return data
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: Any, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Add the short ways of writing to the schema that editors use."""
+        found = handler.resolve_ref_schema(handler(core))
+        keys = found["properties"]
+        when = {"type": "object", "required": ["when"], "properties": {"when": {"const": "auto"}}}
+        for name in set(EffectName) & set(keys):
+            keys[name] = {"anyOf": [keys[name], {"const": "auto"}, when]}
+        keys["auto"] = {"anyOf": [keys["auto"], {"type": ["number", "string", "boolean"]}]}
+        return found
 
 
 class Method(StrEnum):

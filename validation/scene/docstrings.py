@@ -1,0 +1,30 @@
+"""Docstrings below the fields of a class: what the sections of scenes say about their keys."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import itertools
+import textwrap
+from functools import cache
+
+
+@cache
+def field_docstrings(section: type) -> dict[str, str]:
+    """Literals below the fields of a class and of its bases, in one line each."""
+    found: dict[str, str] = {}
+    for base in reversed(section.__mro__):
+        try:
+            tree = ast.parse(textwrap.dedent(inspect.getsource(base)))
+        except (OSError, TypeError):
+            continue
+        body = tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []
+        for field, text in itertools.pairwise(body):
+            if (
+                isinstance(field, ast.AnnAssign)
+                and isinstance(field.target, ast.Name)
+                and isinstance(text, ast.Expr)
+                and isinstance(text.value, ast.Constant)
+            ):
+                found[field.target.id] = " ".join(str(text.value.value).split())
+    return found
