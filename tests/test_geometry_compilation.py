@@ -1,40 +1,148 @@
-"""The cache of compiled functions: what is read under a name is what was written under it."""
+"""Compiled code that is kept is that of the sources in the tree, whatever ran before."""
 
-import multiprocessing
+import os
+import shutil
+import stat
+import subprocess
+import sys
 from pathlib import Path
 
-from geometry.compilation import LockedCacheFile, njit
+import pytest
 
-FORMS, ROUNDS, PROCESSES = 8, 60, 4
+from geometry.compilation import KernelCache, njit, source_digest
+
+ROOT = Path(__file__).parents[1]
+CHOICES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
+
+FILES = {
+    "pack/__init__.py": "",
+    "pack/constants.py": "OPTIONS = {'error_model': 'numpy'}\nFACTOR = 2.0\n",
+    "pack/helper.py": (
+        "from geometry.compilation import njit\nfrom .constants import FACTOR, OPTIONS\n"
+        "@njit(**OPTIONS)\ndef scaled(x):\n    return FACTOR * x\n"
+    ),
+    "pack/kernel.py": (
+        "from geometry.compilation import njit\nfrom pack.helper import scaled\n"
+        "from numba import prange\n"
+        "@njit(cache=True)\ndef total(n):\n"
+        "    s = 0.0\n    for i in prange(n):\n        s += scaled(1.0)\n    return s\n"
+        "serial = total\n"
+        "@njit(cache=True, parallel=True)\ndef total(n):\n"
+        "    s = 0.0\n    for i in prange(n):\n        s += scaled(1.0)\n    return s\n"
+    ),
+}
+RUN = (
+    "from pack.kernel import serial, total\n"
+    "print(serial(3), total(3), sum(f._cache_hits.total() for f in (serial, total)))"
+)
 
 
-def work(folder: str, seed: int) -> int:
-    """Save and load forms of many functions by turns; count what came back under a wrong name."""
-    wrong = 0
-    for number in range(ROUNDS):
-        file = LockedCacheFile(folder, f"function-{number}", "stamp")
-        for step in range(FORMS):
-            key = (seed + step) % FORMS
-            found = file.load(key)
-            wrong += found is not None and found != f"code of {key}"
-            if found is None:
-                file.save(key, f"code of {key}")
-                wrong += file.load(key) != f"code of {key}"
-    return wrong
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package whose kernel calls a helper with a constant of a third file."""
+    for name, text in FILES.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    return tmp_path
 
 
-def test_processes_that_fill_one_cache_never_read_each_others_code(tmp_path: Path) -> None:
-    """Without the lock a quarter of the reads here, 483 of 1 920, gave the code of another form."""
-    with multiprocessing.get_context("spawn").Pool(PROCESSES) as pool:
-        tasks = [(str(tmp_path), 2 * seed) for seed in range(PROCESSES)]
-        assert sum(pool.starmap(work, tasks)) == 0
-    for number in range(ROUNDS):
-        file = LockedCacheFile(str(tmp_path), f"function-{number}", "stamp")
-        assert [file.load(key) for key in range(FORMS)] == [f"code of {k}" for k in range(FORMS)]
+def run(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run the kernel in a new process; source files are read, never yesterday's bytecode."""
+    return subprocess.run(
+        [sys.executable, "-c", RUN],
+        env={
+            **{k: v for k, v in os.environ.items() if k not in CHOICES},
+            "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)]),
+            "PYTHONDONTWRITEBYTECODE": "1",
+            **environment,
+        },
+        capture_output=True,
+        text=True,
+        check=True,
+    )
 
 
-def test_compiled_functions_use_the_lock() -> None:
+def kernels(folder: Path) -> list[Path]:
+    return sorted(folder.rglob("*.kernel"))
+
+
+def test_an_edit_of_a_helpers_constant_changes_the_answer(package: Path) -> None:
+    """The kernel's own file stays as it is; with numba's cache both runs gave 6."""
+    assert run(package).stdout.split() == ["6.0", "6.0", "0"]
+    assert run(package).stdout.split() == ["6.0", "6.0", "2"]
+    constants = package / "pack" / "constants.py"
+    constants.write_text(constants.read_text().replace("FACTOR = 2.0", "FACTOR = 5.0"))
+    assert run(package).stdout.split() == ["15.0", "15.0", "0"]
+    # Nothing will ask for the code of the older sources: one file for each of the two forms.
+    assert len(kernels(package)) == 2
+
+
+def test_damaged_files_are_compiled_anew(package: Path) -> None:
+    run(package)
+    files = kernels(package)
+    flipped = bytearray(files[0].read_bytes())
+    flipped[len(flipped) // 2] ^= 1
+    files[0].write_bytes(flipped)
+    files[1].write_bytes(b"")
+    assert run(package).stdout.split() == ["6.0", "6.0", "0"]
+    assert run(package).stdout.split() == ["6.0", "6.0", "2"]
+
+
+def test_where_nothing_can_be_written_beside_the_program_code_is_kept_elsewhere(
+    package: Path, tmp_path: Path
+) -> None:
+    """A file in the place of a folder: no one can write there, a superuser neither."""
+    (package / "pack" / "__pycache__").write_text("")
+    first = run(package, HOME=str(tmp_path / "home"))
+    assert first.stdout.split() == ["6.0", "6.0", "0"]
+    assert first.stderr.count("cannot be written") == len(first.stderr.splitlines()) == 1
+    second = run(package, HOME=str(tmp_path / "home"))
+    assert (second.stdout.split(), second.stderr) == (["6.0", "6.0", "2"], "")
+
+
+def test_without_a_home_code_is_kept_in_a_private_temporary_folder_or_not_at_all(
+    package: Path, tmp_path: Path
+) -> None:
+    (package / "pack" / "__pycache__").write_text("")
+    (tmp_path / "file").write_text("")
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    no_home = {"HOME": str(tmp_path / "file"), "TMPDIR": str(temporary)}
+    run(package, **no_home)
+    assert run(package, **no_home).stdout.split() == ["6.0", "6.0", "2"]
+    (private,) = temporary.iterdir()
+    assert stat.S_IMODE(private.stat().st_mode) == 0o700
+    # A folder that others may write to is not trusted with code.
+    private.chmod(0o777)
+    answer = run(package, **no_home)
+    assert answer.stdout.split() == ["6.0", "6.0", "0"]
+    assert "every run compiles anew" in answer.stderr
+
+
+def test_every_kernel_of_the_program_has_its_helpers_in_its_key() -> None:
+    from fem.explicit.contact.sliding_kernel import sliding_forces
     from fem.explicit.kernels.stiffness import stiffness_product
 
-    assert isinstance(stiffness_product._cache._cache_file, LockedCacheFile)
+    assert isinstance(stiffness_product._cache, KernelCache)
+    assert isinstance(sliding_forces._cache, KernelCache)
     assert njit()(lambda x: 2 * x)(3) == 6
+
+
+def test_an_edit_of_the_contact_law_changes_the_key_of_the_loop_that_calls_it(
+    tmp_path: Path,
+) -> None:
+    """On a copy of the program: the loop over sliding points stays, the law is edited."""
+    for name in ("geometry", "fem"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("*.kernel"))
+    law = tmp_path / "fem" / "contact" / "law.py"
+    law.write_text(law.read_text() + "\n# edited\n")
+    script = "import geometry.compilation as c, fem; print(c.source_digest({!r}))"
+    for module, changes in (
+        ("fem.explicit.contact.sliding_kernel", True),
+        ("geometry.polyhedra.triangle_kernels", False),
+    ):
+        command = [sys.executable, "-c", script.format(module)]
+        answer = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, check=True
+        ).stdout.strip()
+        assert (answer != source_digest(module)) is changes

@@ -5,9 +5,6 @@ not keep the three sums of a row in registers across the row's neighbours. Both 
 of two. So this module gives the kernels a vector type of fixed width (an LLVM vector, which
 LLVM maps to whatever the processor has: one or two AVX-512 registers, four AVX2 ones, …) and
 the few operations they need. Nothing here knows mechanics.
-
-The compiled kernels are cached by the time stamp of *their* file: after editing this one,
-delete ``fem/__pycache__``.
 """
 
 # mypy: disable-error-code="misc, untyped-decorator"
