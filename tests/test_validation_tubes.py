@@ -121,7 +121,7 @@ def test_larger_clearance_means_larger_displacement_and_pressure(tubelock) -> No
         "clearance", "tsb1-pipe", *SETTINGS, "--gap", "0", "--gap", "0.03", "--json", "-"
     )
     assert status == 0
-    closed, open_ = json.loads(out)
+    closed, open_ = json.loads(out)["rows"]
     assert open_["max_displacement"] > closed["max_displacement"] + 0.03
     assert open_["p_eff"] > closed["p_eff"]
 

@@ -41,7 +41,7 @@ def compare(
 
     file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
     folder = default_folder(output, json, f"{file.name}-compare")
-    with Outputs(json, folder, (report.PICTURE,), reads=file.reads) as outputs:
+    with Outputs(json, folder, (report.PICTURE,), scene=file) as outputs:
         checked, decision = decided(require_deformable(file, "compare"), file.name, outputs.console)
         refuse_cell(checked, file.name, "compare")
         answers.build_comparable(checked, file.name)
@@ -78,7 +78,7 @@ def clearance(
     file = load_scene(scene, settings or ())
     folder = default_folder(output, json, f"{file.name}-clearance")
     checked = require_deformable(file, "clearance")
-    with Outputs(json, folder, ("clearance.png",), reads=file.reads) as outputs:
+    with Outputs(json, folder, ("clearance.png",), scene=file) as outputs:
         with status(outputs.console, f"{file.name}: static states"):
             rows = clearance_rows(file.name, checked, tuple(gap) if gap else GAPS)
         print_rows(file.name, rows, outputs.console)

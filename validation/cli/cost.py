@@ -41,7 +41,7 @@ def cost(
     plan = quick_plan(checked) if quick else full_plan(checked)
     folder = default_folder(output, json, f"{file.name}-cost")
     stores = {"--store": store}
-    with Outputs(json, folder, ("cost.png",), stores=stores, reads=file.reads) as outputs:
+    with Outputs(json, folder, ("cost.png",), stores=stores, scene=file) as outputs:
         with CostStore(store) as kept, status(outputs.console, "cost") as tell:
             study = run_cost(
                 file.name,

@@ -37,7 +37,7 @@ def export(
     if flavour not in set(Flavour):
         raise InputError(f"--flavour {flavour}: expected one of {', '.join(Flavour)}")
     file = load_scene(scene, settings or ())
-    with Outputs(files={"-o": output}, reads=file.reads) as outputs:
+    with Outputs(files={"-o": output}, scene=file) as outputs:
         print_export(export_deck(file, Flavour(flavour), output), outputs.console)
 
 

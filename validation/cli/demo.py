@@ -36,12 +36,13 @@ def demo(
 def _tables(folder: Path, console: Console) -> Iterator[Path]:
     """Reproduce the paper's tables."""
     from validation.output.files import write_json
+    from validation.output.provenance import Provenance, stamped
     from validation.paper.tables import compute_tables, print_tables, tables_json
 
     console.print("The paper's tables next to ours (rigid blocks, frictionless contact):")
     rows = compute_tables(console)
     print_tables(rows, console)
-    write_json(str(folder / "tables.json"), tables_json(rows))
+    write_json(str(folder / "tables.json"), stamped(tables_json(rows), Provenance()))
     yield folder / "tables.json"
 
 

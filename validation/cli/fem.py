@@ -62,13 +62,13 @@ def fem(
     file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
     box = isinstance(file.scene, BoxScene)
     folder = default_folder(output, json, file.name if box else f"{file.name}-fem")
-    reads = (*file.reads, *_read(resume, folder), *(() if accuracy is None else (store,)))
+    reads = (*_read(resume, folder), *(() if accuracy is None else (store,)))
     names = (*(BOX_FILES if box else BLOCK_FILES), CHECKPOINT)
-    with Outputs(json, folder, names, reads=reads) as outputs:
+    with Outputs(json, folder, names, reads=reads, scene=file) as outputs:
         if accuracy is not None:
             from validation.cost.report import with_accuracy
 
-            file = with_accuracy(file, accuracy, store, outputs.console)
+            file = outputs.scene = with_accuracy(file, accuracy, store, outputs.console)
         if isinstance(file.scene, BoxScene):
             _solve_box(file.name, file.scene, outputs, resume)
         elif isinstance(file.scene, DeformableScene):

@@ -59,7 +59,7 @@ def show(
 
     file = load_scene(scene, settings or ())
     require_picture(output)
-    with Outputs(files={"-o": output}, reads=file.reads) as outputs:
+    with Outputs(files={"-o": output}, scene=file) as outputs:
         if isinstance(file.scene, PolyhedralScene):
             from validation.build.polyhedra import build_polyhedra
             from validation.output.pictures.polyhedra import draw_blocks

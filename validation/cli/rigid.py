@@ -35,7 +35,7 @@ def mbd(
         from validation.output import polyhedra
         from validation.run.polyhedra import polyhedra_json, run_polyhedra
 
-        with Outputs(json, folder, polyhedra.FILES, reads=file.reads) as outputs:
+        with Outputs(json, folder, polyhedra.FILES, scene=file) as outputs:
             bodies = run_polyhedra(file, file.scene)
             polyhedra.print_polyhedra(bodies, outputs.console)
             polyhedra.write_polyhedra(bodies, outputs)
@@ -44,7 +44,7 @@ def mbd(
     from validation.output import rigid
     from validation.run.rigid import rigid_json, run_rigid
 
-    with Outputs(json, folder, rigid.FILES, reads=file.reads) as outputs:
+    with Outputs(json, folder, rigid.FILES, scene=file) as outputs:
         run = run_rigid(file)
         rigid.print_rigid(run, outputs.console)
         rigid.write_rigid(run, outputs)
@@ -77,7 +77,7 @@ def explode(
     picture = folder / "explosion.png" if output is None and folder is not None else folder
     if picture is not None:
         require_picture(picture)
-    with Outputs(json, files={"-o": picture}, reads=file.reads) as outputs:
+    with Outputs(json, files={"-o": picture}, scene=file) as outputs:
         run = run_explosion(file)
         print_explosion(run, outputs.console)
         if picture is not None:

@@ -75,7 +75,7 @@ def effects(
     bound = report.bound(checked, tolerance)
     plain = checked.effects.model_copy(update={"auto": None})
     folder = default_folder(output, json, file.name)
-    with Outputs(json, folder, (report.PICTURE,), reads=file.reads) as outputs:
+    with Outputs(json, folder, (report.PICTURE,), scene=file) as outputs:
         console = outputs.console
         found = effect_costs(
             checked.model_copy(update={"effects": plain}),
@@ -103,7 +103,7 @@ def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption =
     file = load_scene(scene, settings or ())
     checked = require_deformable(file, "cell")
     fem_section(checked, file.name)
-    with Outputs(json, reads=file.reads) as outputs:
+    with Outputs(json, scene=file) as outputs:
         with status(outputs.console, f"{file.name}: periodic cell and whole tube"):
             found = cell_error(checked, file.name)
         outputs.console.print(cell_table(file.name, found))

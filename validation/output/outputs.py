@@ -15,9 +15,12 @@ from typing import TYPE_CHECKING, Any, Self
 from validation.errors import InputError
 from validation.output.console import text_console
 from validation.output.files import output_folder, prepare_file, write_json
+from validation.output.provenance import Provenance, stamp_vtu, stamped
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from validation.scene.read import SceneFile
 
 
 @dataclass
@@ -39,8 +42,15 @@ class Outputs:
     stores: Mapping[str, Path] = field(default_factory=dict)
     """Files of results, which are read and added to, by the option that names them."""
     reads: tuple[Path, ...] = ()
-    """Files that the call reads."""
+    """Files that the call reads, beside those of its scene."""
+    scene: SceneFile | None = None
+    """Scene that the call is about; what is written names it."""
     _open: ExitStack = field(default_factory=ExitStack, repr=False)
+
+    @cached_property
+    def origin(self) -> Provenance:
+        """What every file says of where it comes from."""
+        return Provenance(self.scene)
 
     @cached_property
     def console(self) -> Console:
@@ -85,7 +95,7 @@ class Outputs:
                 yield option, path
 
     def _refuse_inputs(self, named: list[tuple[str, Path]]) -> None:
-        for source in self.reads:
+        for source in (*self.reads, *(() if self.scene is None else self.scene.reads)):
             for option, path in named:
                 if _same(path, source):
                     raise InputError(
@@ -131,12 +141,16 @@ class Outputs:
     def write(self, words: str, name: str, write: Callable[[Path], object]) -> None:
         """Let ``write`` make a file of the folder and say so; nothing without a folder."""
         if self.folder is not None:
-            write(self.path(name))
-            self.say(words, self.path(name))
+            path = self.path(name)
+            write(path)
+            if path.suffix == ".vtu":
+                stamp_vtu(path, self.origin)
+            self.say(words, path)
 
     def write_json(self, data: Any) -> None:
-        """Write the data where ``--json`` says."""
-        write_json(self.json, data)
+        """Write the data where ``--json`` says, with the version of its keys and its origin."""
+        if self.json is not None:
+            write_json(self.json, stamped(data, self.origin))
 
 
 def _same(a: Path, b: Path) -> bool:

@@ -38,6 +38,7 @@ from validation.output.pictures.view_3d import (
     viewer_page,
     webp,
 )
+from validation.output.provenance import Provenance, stamped
 from validation.paper.claims.claim import Truth
 from validation.paper.claims.judge import JudgedClaim, claims_json, judge_claims
 from validation.paper.errata import ShownErratum, errata_json, show_errata
@@ -170,7 +171,7 @@ def _write_data(report: Report, folder: Path) -> None:
         ("errata", errata_json(report.errata)),
         ("cost", [asdict(row) for row in report.costs]),
     ):
-        write_json(str(folder / f"{name}.json"), content)
+        write_json(str(folder / f"{name}.json"), stamped(content, Provenance()))
 
 
 # ---------------------------------------------------------------------------------------------

@@ -1,0 +1,99 @@
+"""Every file says which program, scene, load and mesh it comes from, and when."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+import pytest
+
+from validation.output.outputs import Outputs
+from validation.output.program import program
+from validation.output.provenance import Provenance, stamp_vtu, stamped
+from validation.scene.builtin import builtin_text
+from validation.scene.read import check_scene, load_scene
+
+SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
+
+
+def tubelock(*arguments: str, folder: Path) -> str:
+    return subprocess.run(
+        [sys.executable, "-m", "validation.cli", *arguments],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+        cwd=folder,
+    ).stdout
+
+
+def settings() -> list[str]:
+    return [word for setting in SMALL for word in ("--set", setting)]
+
+
+@pytest.fixture(scope="module")
+def answer(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    folder = tmp_path_factory.mktemp("answer")
+    tubelock("mbd", "tsb1-pipe", *settings(), "-o", "out", "--json", "answer.json", folder=folder)
+    return folder, json.loads((folder / "answer.json").read_text("utf-8"))
+
+
+def test_json_holds_all_that_asks_the_same_question_again(
+    answer: tuple[Path, dict[str, Any]],
+) -> None:
+    _, data = answer
+    origin = data["provenance"]
+    assert origin["program"] == f"tubelock {program()}"
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d", origin["date"])
+    stated = origin["scene"]
+    assert stated.pop("name") == "tsb1-pipe"
+    assert check_scene(stated) == load_scene("tsb1-pipe", SMALL).scene
+
+
+def test_field_file_names_scene_load_and_mesh_and_is_still_read(
+    answer: tuple[Path, dict[str, Any]],
+) -> None:
+    folder, data = answer
+    path = folder / "out" / "contact_pressures.vtu"
+    first = path.read_bytes()[:2000].decode("utf-8", "replace")
+    for words in (program(), "name tsb1-pipe", "case pipe", "around 12", "layers 1"):
+        assert words in first
+    pressures = meshio.read(path).cell_data["contact_pressure"][0]
+    assert len(pressures) == data["n_contacts"]
+
+
+def test_a_list_of_rows_stands_under_one_key() -> None:
+    data = stamped([{"a": 1}], Provenance())
+    assert data["rows"] == [{"a": 1}]
+    assert data["json_version"] == 1
+    assert "scene" not in data["provenance"]
+
+
+def test_stamp_changes_no_number(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.vtu"
+    points = np.random.default_rng(1).random((4, 3))
+    meshio.write(path, meshio.Mesh(points, [("quad", np.array([[0, 1, 2, 3]]))]))
+    # Two hyphens would end a comment of XML.
+    (tmp_path / "a--b.toml").write_text(builtin_text("tsb1-pipe"), "utf-8")
+    stamp_vtu(path, Provenance(load_scene(str(tmp_path / "a--b.toml"))))
+    assert np.array_equal(meshio.read(path).points, points)
+
+
+def test_day_is_the_one_that_reproducible_builds_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
+    assert Provenance().as_json()["date"] == "1970-01-01"
+
+
+def test_files_of_the_scene_are_no_outputs(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_text(builtin_text("tsb1-pipe"), "utf-8")
+    with pytest.raises(Exception, match="is a file that this call reads"):
+        Outputs(json=str(mine), scene=load_scene(str(mine))).__enter__()
+    assert tomllib.loads(mine.read_text("utf-8"))["block"]["type"] == "sine"

@@ -1,0 +1,88 @@
+"""Where an answer comes from: program, day, scene with load and mesh, and the libraries below."""
+
+from __future__ import annotations
+
+import datetime
+import os
+import platform
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from validation.output.program import program
+
+if TYPE_CHECKING:
+    from validation.scene.read import SceneFile
+
+#: Version of what ``--json`` writes. It rises when a key goes or changes its meaning.
+JSON_VERSION = 1
+#: Libraries whose versions can move the last digits of an answer.
+_LIBRARIES = ("numpy", "scipy", "numba")
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What every file of one call says of its origin."""
+
+    scene: SceneFile | None = None
+    """Scene that was asked about; None where the call has none or several."""
+
+    def line(self) -> str:
+        """One line: program, scene, load, mesh, day."""
+        parts = [f"tubelock {program()}"]
+        if self.scene is not None:
+            stated = self.as_json()["scene"]
+            parts += [
+                f"{section} {_words(stated[section])}"
+                for section in ("name", "assembly", "load", "mesh")
+                if stated.get(section)
+            ]
+        return "; ".join([*parts, _day()])
+
+    def as_json(self) -> dict[str, Any]:
+        """Under the key ``provenance`` of every JSON: enough to ask the same question again."""
+        found: dict[str, Any] = {
+            "program": f"tubelock {program()}",
+            "date": _day(),
+            "python": platform.python_version(),
+            "libraries": {name: metadata.version(name) for name in _LIBRARIES},
+        }
+        if self.scene is not None:
+            keys = self.scene.scene.model_dump(mode="json", exclude_unset=True)
+            found["scene"] = {"name": self.scene.name, **keys}
+        return found
+
+
+def _day() -> str:
+    """Today, or the day that reproducible builds name."""
+    epoch = os.environ.get("SOURCE_DATE_EPOCH")
+    if epoch:
+        return datetime.datetime.fromtimestamp(int(epoch), datetime.UTC).date().isoformat()
+    return datetime.date.today().isoformat()
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_words(inner)}" for key, inner in value.items())
+    if isinstance(value, list):
+        return "[" + ", ".join(_words(inner) for inner in value) + "]"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def stamped(data: Any, origin: Provenance) -> dict[str, Any]:
+    """Data of an answer with version and origin; a list stands under ``rows``."""
+    content = data if isinstance(data, dict) else {"rows": data}
+    return {"json_version": JSON_VERSION, **content, "provenance": origin.as_json()}
+
+
+def stamp_vtu(path: Path, origin: Provenance) -> None:
+    """Write the origin into a ``.vtu`` file, as a comment that no reader minds.
+
+    A string among the field data would be shown by ParaView, but meshio refuses to read it.
+    """
+    text = path.read_bytes()
+    head, found, rest = text.partition(b"<VTKFile")
+    words = origin.line().replace("--", "- -")
+    if found:
+        path.write_bytes(head + f"<!-- {words} -->\n".encode() + found + rest)
