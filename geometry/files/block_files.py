@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, boundary_quads, check_mesh
+from geometry.files.obj import read_obj
+from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray, MeshError, check_mesh
+from geometry.polyhedra.polygons import triangles_of_polygons
 from geometry.polyhedra.polyhedron import Polyhedron, merge_points, polyhedron
+from geometry.polyhedra.solids import closed_solids
 
 #: Millimetres in each unit a file may be drawn in.
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
@@ -19,45 +21,87 @@ UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 STEP_SUFFIXES = {".step", ".stp"}
 #: gmsh's number for eight-node hexahedra.
 _HEXAHEDRON = 5
-#: Faces of a tetrahedron in VTK order, counter-clockwise seen from outside.
-_TETRA_FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+#: Faces of solid cells, all counter-clockwise seen from outside where the first one is.
+_FACES = {
+    "tetra": [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
+    "pyramid": [[0, 3, 2, 1], [0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]],
+    "wedge": [[0, 2, 1], [3, 4, 5], [0, 1, 4, 3], [1, 2, 5, 4], [2, 0, 3, 5]],
+}
+#: Cells that bound no solid, which a mesh file may hold beside those that do.
+_BESIDE = {"vertex", "line", "line3"}
 
 
-def _split_quads(quads: IntArray) -> IntArray:
-    return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+def _cells(mesh: Any, path: Path) -> dict[str, IntArray]:
+    """Cells of each kind; faces of any number of corners under "polygon" and the number."""
+    parts: dict[str, list[IntArray]] = {}
+    for group in mesh.cells:
+        data = np.asarray(group.data, dtype=np.int64)
+        kind = f"polygon {data.shape[1]}" if group.type == "polygon" else group.type
+        parts.setdefault(kind, []).append(data)
+    cells = {kind: np.concatenate(groups) for kind, groups in parts.items()}
+    known = {"hexahedron", "triangle", "quad", *_FACES, *_BESIDE}
+    strange = sorted(k for k in cells if k not in known and not k.startswith("polygon"))
+    if strange or not set(cells) - _BESIDE:
+        raise MeshError(
+            f"{path}: got {', '.join(strange or sorted(cells)) or 'no cells'}; expected triangles, "
+            "quadrilaterals or polygons, or tetrahedra, pyramids, wedges or hexahedra without "
+            "nodes on their edges"
+        )
+    return cells
 
 
 def _surface(mesh: Any, path: Path) -> IntArray:
     """Boundary triangles of what meshio read, oriented as the file orients its cells."""
-    cells: dict[str, IntArray] = {}
-    for group in mesh.cells:
-        data = np.asarray(group.data, dtype=np.int64)
-        kept = cells.get(group.type)
-        cells[group.type] = data if kept is None else np.concatenate([kept, data])
+    cells = _cells(mesh, path)
+    points = np.asarray(mesh.points, dtype=np.float64)
+    faces: dict[int, list[IntArray]] = {}
     if "hexahedron" in cells:
-        solid = HexMesh(np.asarray(mesh.points, dtype=np.float64), cells["hexahedron"])
+        solid = HexMesh(points, cells["hexahedron"])
         check_mesh(solid, path.name)
-        return _split_quads(boundary_quads(solid))
-    if "tetra" in cells:
-        faces = cells["tetra"][:, _TETRA_FACES].reshape(-1, 3)
-        key = np.sort(faces, axis=1)
-        _, first, count = np.unique(key, axis=0, return_index=True, return_counts=True)
-        outside: IntArray = faces[np.sort(first[count == 1])]
-        return outside
-    parts = []
-    if "triangle" in cells:
-        parts.append(cells["triangle"])
-    if "quad" in cells:
-        parts.append(_split_quads(cells["quad"]))
-    if "polygon" in cells:
-        polygons = cells["polygon"]
-        parts += [polygons[:, [0, k, k + 1]] for k in range(1, polygons.shape[1] - 1)]
-    if not parts:
-        found = ", ".join(sorted(cells)) or "no cells"
-        raise MeshError(
-            f"{path}: got {found}; expected triangles, quadrilaterals, tetrahedra or hexahedra"
-        )
-    return np.concatenate(parts)
+        faces[4] = [solid.elements[:, HEX_FACES].reshape(-1, 4)]
+    for kind in _FACES.keys() & cells.keys():
+        for group in _faces_outward(points, cells[kind], _FACES[kind]):
+            faces.setdefault(group.shape[1], []).append(group)
+    outside = [_outside(np.concatenate(group)) for group in faces.values()]
+    solid_cells = {"hexahedron", *_FACES, *_BESIDE}
+    shells = [data for kind, data in cells.items() if kind not in solid_cells]
+    # A mesh of solid cells may name the faces of their boundary too: the same faces, not more.
+    shells = [_others(shell, outside) for shell in shells]
+    return np.concatenate(
+        [triangles_of_polygons(str(path), points, group) for group in [*outside, *shells]]
+    )
+
+
+def _faces_outward(
+    points: FloatArray, cells: IntArray, corners: list[list[int]]
+) -> Iterator[IntArray]:
+    """Each face of all cells, turned outward: programs number the corners of wedges both ways."""
+    base = points[cells[:, corners[0]]]
+    normal = np.cross(base[:, 1] - base[:, 0], base[:, 2] - base[:, 0])
+    away = base.mean(axis=1) - points[cells].mean(axis=1)
+    outward = np.einsum("ci,ci->c", normal, away) > 0.0
+    for face in corners:
+        yield np.where(outward[:, None], cells[:, face], cells[:, face[::-1]])
+
+
+def _outside(faces: IntArray) -> IntArray:
+    """Those faces that no second cell shares, in the order of the file."""
+    _, first, count = np.unique(
+        np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    outside: IntArray = faces[np.sort(first[count == 1])]
+    return outside
+
+
+def _others(shell: IntArray, outside: list[IntArray]) -> IntArray:
+    """Those faces that are not among the boundary of solid cells, whichever way they turn."""
+    known = [np.sort(faces, axis=1) for faces in outside if faces.shape[1] == shell.shape[1]]
+    if not known:
+        return shell
+    n_known = sum(map(len, known))
+    rows = np.concatenate([*known, np.sort(shell, axis=1)])
+    _, same = np.unique(rows, axis=0, return_inverse=True)
+    return shell[~np.isin(same.ravel()[n_known:], same.ravel()[:n_known])]
 
 
 def _read_meshio(path: Path) -> tuple[FloatArray, IntArray]:
@@ -65,6 +109,11 @@ def _read_meshio(path: Path) -> tuple[FloatArray, IntArray]:
 
     if not path.exists():
         raise MeshError(f"{path}: no such file")
+    if path.suffix.lower() == ".obj":
+        points, faces = read_obj(path)
+        return points, np.concatenate(
+            [triangles_of_polygons(str(path), points, group) for group in faces]
+        )
     try:
         with np.errstate(over="ignore"):  # meshio probes whether an STL file is binary
             mesh = meshio.read(path)
@@ -156,20 +205,12 @@ def _oriented(triangles: IntArray) -> IntArray:
     return turned
 
 
-def _parts(points: FloatArray, triangles: IntArray) -> list[IntArray]:
-    """Triangles of each connected part, in the order of the file."""
-    edges = triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2)
-    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(points),) * 2)
-    _, label = connected_components(graph, directed=False)
-    of_triangle = label[triangles[:, 0]]
-    _, first = np.unique(of_triangle, return_index=True)
-    return [triangles[of_triangle == of_triangle[k]] for k in np.sort(first)]
-
-
 def read_blocks(
     path: Path, *, units: str = "mm", element_size: float | None = None
 ) -> list[Polyhedron]:
-    """Read the solids of a file: each connected closed surface is one block shape.
+    """Read the solids of a file: each closed surface is one block shape.
+
+    Solids that touch along faces, edges or corners are told apart; see `closed_solids`.
 
     Parameters
     ----------
@@ -194,7 +235,7 @@ def read_blocks(
         if not np.isfinite(points).all():
             raise MeshError(f"{path}: a vertex is not finite; expected finite coordinates")
         points, triangles = merge_points(points, triangles)
-        raw = [(points, part) for part in _parts(points, triangles)]
+        raw = [(points, part) for part in closed_solids(str(path), points, triangles)]
     scale = UNITS[units] if path.suffix.lower() not in STEP_SUFFIXES else 1.0
     several = len(raw) > 1
     return [

@@ -87,9 +87,9 @@ def read_hex_mesh(path: Path) -> HexMesh:
         reason = str(error) or type(error).__name__
         raise MeshError(f"{path}: cannot be read as a mesh ({reason})") from None
     blocks = [cells.data for cells in mesh.cells if cells.type == "hexahedron"]
-    if not blocks:
+    if not blocks or any(cells.dim == 3 and cells.type != "hexahedron" for cells in mesh.cells):
         found = ", ".join(sorted({cells.type for cells in mesh.cells})) or "no cells"
-        raise MeshError(f"{path}: got {found}; expected eight-node hexahedra")
+        raise MeshError(f"{path}: got {found}; expected eight-node hexahedra only")
     result = HexMesh(
         np.ascontiguousarray(mesh.points, dtype=np.float64),
         np.concatenate(blocks).astype(np.int64),

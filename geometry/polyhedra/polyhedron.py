@@ -16,7 +16,11 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from geometry.block import Block
 from geometry.mesh import FloatArray, IntArray, MassProperties, MeshError
+from geometry.polyhedra.solids import across_matter
 from geometry.polyhedra.triangle_search import coplanar_groups, piercings
+
+#: 1 + cos of the angle between neighbours that lie on each other: half a thousandth of a radian.
+_FLAT = 1e-7
 
 
 @dataclass(frozen=True)
@@ -129,6 +133,7 @@ def check_polyhedron(block: Polyhedron) -> None:
             f"{name}: neighbouring triangles face opposite ways at {turned.size} edges, the first "
             f"near {np.round(middle, 3).tolist()} mm; expected normals that all point outward"
         )
+    _check_folds(block, across_matter(name, block.points, block.triangles))
     if block.mass_properties.volume <= 1e-12 * size**3:
         raise MeshError(
             f"{name}: volume {block.mass_properties.volume:.3g} mm³; expected a positive volume"
@@ -139,6 +144,21 @@ def check_polyhedron(block: Polyhedron) -> None:
             f"{name}: the surface cuts through itself near "
             f"{np.round(crossing[0], 3).tolist()} mm ({len(crossing)} places); expected a surface "
             "without self-intersections: unite or separate the parts"
+        )
+
+
+def _check_folds(block: Polyhedron, neighbours: IntArray) -> None:
+    """Refuse triangles that lie on their neighbours, as where a concave face was cut wrongly."""
+    a, b = neighbours.T
+    opposite = np.einsum("ni,ni->n", block.normals[a], block.normals[b]) < -1.0 + _FLAT
+    folded = np.flatnonzero(opposite)
+    if folded.size:
+        place = block.corners[a[folded[0]]].mean(axis=0)
+        raise MeshError(
+            f"{block.name}: the surface is folded back on itself near "
+            f"{np.round(place, 3).tolist()} mm ({folded.size} places): two triangles lie on each "
+            "other; expected faces cut into triangles that stay inside them: write the file with "
+            "polygons, or triangulate in the program that made it"
         )
 
 

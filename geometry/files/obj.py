@@ -1,0 +1,72 @@
+"""Wavefront OBJ as modelling programs write it: points and faces; the rest is for pictures.
+
+meshio's reader knows neither indices that count backwards nor points with colours behind them.
+Format: Wavefront Advanced Visualizer manual, appendix B1 (object files).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from geometry.mesh import FloatArray, IntArray, MeshError
+
+
+def read_obj(path: Path) -> tuple[FloatArray, list[IntArray]]:
+    """Points and faces of a file, faces with the same number of corners together.
+
+    Parameters
+    ----------
+    path
+        The file: ``v x y z …`` and ``f a/… b/… c/… …``, where a negative index counts back from
+        the last point before the line. Texture coordinates, normals, groups, materials, lines
+        and the like are passed over.
+
+    Returns
+    -------
+    FloatArray
+        (n_points, 3).
+    list[IntArray]
+        (n_faces, n_corners) each.
+
+    Raises
+    ------
+    MeshError
+        Naming the line that cannot be read.
+    """
+    points: list[list[float]] = []
+    faces: dict[int, list[list[int]]] = {}
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ")
+    except OSError as error:
+        raise MeshError(f"{path}: cannot be read ({error.strerror})") from None
+    for number, line in enumerate(text.splitlines(), start=1):
+        kind, *words = line.split("#")[0].split() or [""]
+        try:
+            if kind == "v":
+                x, y, z = map(float, words[:3])
+                points.append([x, y, z])
+            elif kind == "f":
+                face = [_position(word, len(points)) for word in words]
+                if len(face) < 3:
+                    raise ValueError("fewer than three corners")
+                faces.setdefault(len(face), []).append(face)
+        except ValueError as error:
+            raise MeshError(f"{path}: line {number}: got {line.strip()!r} ({error})") from None
+    if not faces:
+        raise MeshError(f"{path}: got no faces; expected triangles or polygons")
+    used = np.concatenate([np.ravel(group) for group in faces.values()])
+    if used.max() >= len(points):
+        raise MeshError(
+            f"{path}: a face names point {used.max() + 1}, but there are {len(points)} points"
+        )
+    return np.array(points), [np.array(group, dtype=np.int64) for group in faces.values()]
+
+
+def _position(word: str, known: int) -> int:
+    """Point of a corner ``point/texture/normal``, counted from zero."""
+    index = int(word.partition("/")[0])
+    if index == 0 or index < -known:
+        raise ValueError(f"no point {index}: points are counted from 1, or back from -1")
+    return index - 1 if index > 0 else known + index

@@ -1,0 +1,90 @@
+"""Triangles of polygons, concave ones too; refused where no triangles cover just the polygon."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from geometry.assembly import BoolArray
+from geometry.mesh import FloatArray, IntArray, MeshError
+
+#: Smallest area of a triangle that counts, and smallest share of it that faces the right way.
+_TINY = 1e-9
+
+
+def triangles_of_polygons(name: str, points: FloatArray, polygons: IntArray) -> IntArray:
+    """Cut polygons with the same number of corners into triangles that stay inside them.
+
+    Where all triangles from one corner face as the polygon does (it is convex, or sees all of
+    itself from there) they are the answer; else its ears are cut one by one.
+
+    Parameters
+    ----------
+    name
+        What messages call the surface.
+    points
+        (n_points, 3).
+    polygons
+        Corners in order round each polygon, (n_polygons, n_corners).
+
+    Returns
+    -------
+    IntArray
+        (n_polygons (n_corners - 2), 3), turned as the polygons are.
+
+    Raises
+    ------
+    MeshError
+        For a polygon that crosses itself or has no area.
+    """
+    n = polygons.shape[1]
+    if n == 3:
+        return polygons
+    rest = np.arange(len(polygons))
+    parts = []
+    for first in (0, 1):
+        fan = np.roll(polygons[rest], -first, axis=1)
+        fan = np.stack([fan[:, [0, k, k + 1]] for k in range(1, n - 1)], axis=1)
+        good = _covers(points, fan)
+        parts.append(fan[good].reshape(-1, 3))
+        rest = rest[~good]
+    parts += [_without_ears(name, points, polygons[k]) for k in rest]
+    return np.concatenate(parts)
+
+
+def _covers(points: FloatArray, triangles: IntArray) -> BoolArray:
+    """Whether the triangles of each polygon all face as their sum does; (n_polygons,).
+
+    Triangles (n_polygons, n, 3) that share the edges inside a polygon then lie side by side.
+    """
+    p = points[triangles]
+    vectors = np.cross(p[:, :, 1] - p[:, :, 0], p[:, :, 2] - p[:, :, 0])
+    total = vectors.sum(axis=1)
+    along = np.einsum("pti,pi->pt", vectors, total)
+    square = np.einsum("pi,pi->p", total, total)
+    enough: BoolArray = (along > _TINY * square[:, None]).all(axis=1) & (square > 0.0)
+    return enough
+
+
+def _without_ears(name: str, points: FloatArray, polygon: IntArray) -> IntArray:
+    """Triangles of one polygon by cutting ears (VTK)."""
+    from vtkmodules.vtkCommonCore import vtkIdList
+    from vtkmodules.vtkCommonDataModel import vtkPolygon
+
+    shape = vtkPolygon()
+    middle = points[polygon].mean(axis=0)  # far from the origin digits would be lost
+    shape.GetPoints().SetNumberOfPoints(len(polygon))
+    shape.GetPointIds().SetNumberOfIds(len(polygon))
+    for k, corner in enumerate(polygon.tolist()):
+        shape.GetPoints().SetPoint(k, *(points[corner] - middle))
+        shape.GetPointIds().SetId(k, k)
+    found = vtkIdList()
+    done = shape.TriangulateLocalIds(0, found)
+    ears = np.array([found.GetId(k) for k in range(found.GetNumberOfIds())], dtype=np.int64)
+    triangles = polygon[ears.reshape(-1, 3)]
+    if not done or len(triangles) != len(polygon) - 2 or not _covers(points, triangles[None])[0]:
+        raise MeshError(
+            f"{name}: a face of {len(polygon)} corners near {np.round(middle, 3).tolist()} (in the "
+            "file's unit) cannot be cut into triangles: it crosses or touches itself, or a corner "
+            "lies on an edge; triangulate it in the program that made it"
+        )
+    return triangles

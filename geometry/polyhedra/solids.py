@@ -1,0 +1,123 @@
+"""Which triangles bound one solid, where several solids touch along faces, edges and corners.
+
+Two triangles that share an edge with no others belong together. Round an edge with more, matter
+and void alternate: a triangle belongs to the one across the matter between them, so that solids
+that share an edge, a corner or a whole face come apart, and one that touches itself does not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from geometry.mesh import FloatArray, IntArray, MeshError
+
+#: Faces within this angle round their edge lie on each other [rad].
+_SAME_PLACE = 1e-3
+
+
+def closed_solids(name: str, points: FloatArray, triangles: IntArray) -> list[IntArray]:
+    """Triangles of each closed surface, in the order of their first triangles.
+
+    Parameters
+    ----------
+    name
+        What messages call the surface.
+    points, triangles
+        Coinciding points merged, (n_points, 3) and (n_triangles, 3).
+
+    Raises
+    ------
+    MeshError
+        For triangles that lie on each other, facing the same way.
+    """
+    triangles = _turned_outward(points, triangles)
+    pairs = across_matter(name, points, triangles)
+    label = _components(len(triangles), pairs)
+    _, first = np.unique(label, return_index=True)
+    return [triangles[label == label[k]] for k in np.sort(first)]
+
+
+def across_matter(name: str, points: FloatArray, triangles: IntArray) -> IntArray:
+    """Pairs of triangles that bound the same matter at the edges they share, (n, 2).
+
+    Raises
+    ------
+    MeshError
+        For triangles that lie on each other, facing the same way.
+    """
+    _check_distinct(name, points, triangles)
+    directed = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    _, edge, count = np.unique(
+        np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    order = np.argsort(edge.ravel(), kind="stable")  # uses of each edge one after the other
+    start = np.cumsum(count) - count
+    twice = order[start[count == 2][:, None] + np.arange(2)] // 3
+    shared = [
+        _round_edge(name, points, triangles, order[first : first + uses])
+        for first, uses in zip(start[count > 2], count[count > 2], strict=True)
+    ]
+    return np.concatenate([twice, *shared])
+
+
+def _check_distinct(name: str, points: FloatArray, triangles: IntArray) -> None:
+    """Refuse triangles that are there twice, turned the same way: they would count twice."""
+    smallest = np.argmin(triangles, axis=1)[:, None]
+    rolled = np.take_along_axis(triangles, (smallest + np.arange(3)) % 3, axis=1)
+    _, first, count = np.unique(rolled, axis=0, return_index=True, return_counts=True)
+    if (count > 1).any():
+        place = points[triangles[first[count > 1][0]]].mean(axis=0)
+        raise MeshError(
+            f"{name}: {int((count - 1).sum())} triangles are there more than once, the first near "
+            f"{np.round(place, 3).tolist()}; expected each once: remove duplicate faces in the "
+            "program that made it"
+        )
+
+
+def _round_edge(name: str, points: FloatArray, triangles: IntArray, uses: IntArray) -> IntArray:
+    """Pair the triangles round one edge that more than two of them share.
+
+    A triangle that runs along the edge as the first one does has matter on the side of falling
+    angles, one that runs against it on the side of rising angles.
+    """
+    of, side = uses // 3, uses % 3
+    start, end = triangles[of, side], triangles[of, (side + 1) % 3]
+    along = start == start[0]
+    if 2 * np.count_nonzero(along) != len(uses):
+        return np.column_stack([of[:-1], of[1:]])  # open, or turned against each other: one surface
+    axis = points[end[0]] - points[start[0]]
+    axis /= np.linalg.norm(axis)
+    arm = points[triangles[of, (side + 2) % 3]] - points[start[0]]
+    arm -= np.outer(arm @ axis, axis)
+    first = arm[0] / np.linalg.norm(arm[0])
+    angle = np.arctan2(arm @ np.cross(axis, first), arm @ first)
+    matter = (angle[along][None] - angle[~along][:, None]) % (2 * np.pi)
+    # Faces that lie on each other have no matter between them: it lies on their other sides.
+    matter[matter < _SAME_PLACE] += 2 * np.pi
+    matter[matter > 2 * np.pi + _SAME_PLACE] -= 2 * np.pi
+    other = np.argmin(matter, axis=1)
+    if len(np.unique(other)) != len(other):
+        place = 0.5 * (points[start[0]] + points[end[0]])
+        raise MeshError(
+            f"{name}: surfaces lie on each other, facing the same way, at the edge near "
+            f"{np.round(place, 3).tolist()}; expected solids that touch and do not overlap, with "
+            "normals that all point outward"
+        )
+    return np.column_stack([of[~along], of[along][other]])
+
+
+def _turned_outward(points: FloatArray, triangles: IntArray) -> IntArray:
+    """Turn parts that enclose a negative volume inside out; what shares corners is one part."""
+    corners = triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2)
+    label = _components(len(points), corners)[triangles[:, 0]]
+    p = points[triangles] - points.mean(axis=0)
+    volume = np.bincount(label, weights=np.einsum("ti,ti->t", p[:, 0], np.cross(p[:, 1], p[:, 2])))
+    return np.where((volume[label] < 0.0)[:, None], triangles[:, ::-1], triangles)
+
+
+def _components(n: int, pairs: IntArray) -> IntArray:
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    return label.astype(np.int64)

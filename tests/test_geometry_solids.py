@@ -1,0 +1,251 @@
+"""Solids in files: told apart where they touch, nothing lost or counted twice."""
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from geometry.families.masonry import circular_arch
+from geometry.files.block_files import read_blocks, read_hexahedra
+from geometry.mesh import FloatArray, IntArray, MeshError
+from geometry.polyhedra.polygons import triangles_of_polygons
+from geometry.polyhedra.polyhedron import convex_polyhedron, polyhedron
+
+#: Outline of an L of 500 mm², counter-clockwise.
+L_OUTLINE = np.array([[0, 0], [30, 0], [30, 10], [10, 10], [10, 30], [0, 30]], dtype=float)
+SIDE = 10.0
+
+
+def cube(*at: float) -> tuple[FloatArray, IntArray]:
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+    shape = convex_polyhedron("cube", SIDE * (corners + np.array(at)))
+    return shape.points, shape.triangles
+
+
+def soup(*parts: tuple[FloatArray, IntArray]) -> meshio.Mesh:
+    first = np.cumsum([0, *(len(p) for p, _ in parts[:-1])])
+    triangles = np.concatenate([t + k for (_, t), k in zip(parts, first, strict=True)])
+    return meshio.Mesh(np.concatenate([p for p, _ in parts]), [("triangle", triangles)])
+
+
+def volumes(path: Path) -> list[float]:
+    return sorted(block.mass_properties.volume for block in read_blocks(path))
+
+
+def turned(part: tuple[FloatArray, IntArray]) -> tuple[FloatArray, IntArray]:
+    """Inside out."""
+    return part[0], part[1][:, ::-1]
+
+
+@pytest.mark.parametrize(
+    "shift",
+    [(1, 0, 0), (1, 1, 0), (1, 1, 1), (1, 0.5, 0)],
+    ids=["face", "edge", "corner", "half a face"],
+)
+def test_solids_that_touch_in_one_file_are_two_blocks(tmp_path: Path, shift) -> None:
+    """Welded before: one block of twice the volume, and nothing left to move."""
+    for name, parts in (
+        ("both", (cube(0, 0, 0), cube(*shift))),
+        ("inside out", (turned(cube(0, 0, 0)), turned(cube(*shift)))),
+    ):
+        meshio.write(tmp_path / f"{name}.stl", soup(*parts))
+        assert volumes(tmp_path / f"{name}.stl") == pytest.approx([SIDE**3] * 2, rel=1e-5)
+
+
+def test_a_block_that_touches_itself_is_one_block(tmp_path: Path) -> None:
+    """Two cubes that meet in one edge only stand on a common layer of four."""
+    grid = np.indices((3, 3, 3)).reshape(3, -1).T * SIDE
+    number = np.arange(27).reshape(3, 3, 3)
+
+    def cell(i: int, j: int, k: int) -> list[int]:
+        n = number[i : i + 2, j : j + 2, k : k + 2]
+        return [n[a] for a in ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0))] + [
+            n[a] for a in ((0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
+        ]
+
+    # Below a full layer; above two cubes that meet in one edge only.
+    cells = [cell(i, j, 0) for i in (0, 1) for j in (0, 1)] + [cell(0, 0, 1), cell(1, 1, 1)]
+    mesh = meshio.Mesh(grid.astype(float), [("hexahedron", np.array(cells))])
+    meshio.write(tmp_path / "steps.vtu", mesh)
+    assert volumes(tmp_path / "steps.vtu") == pytest.approx([6 * SIDE**3])
+
+
+def test_an_arch_in_one_file_is_as_many_voussoirs(tmp_path: Path) -> None:
+    arch = circular_arch(1000.0, 200.0, 100.0, 9, embrace=180.0)
+    parts = [
+        (arch.shape(b).points @ arch.rotations[b].T + arch.translations[b], arch.shape(b).triangles)
+        for b in range(arch.n_blocks)
+    ]
+    meshio.write(tmp_path / "arch.stl", soup(*parts))
+    # Single precision of coordinates up to 1100 mm on blocks of 100 mm.
+    assert volumes(tmp_path / "arch.stl") == pytest.approx(sorted(arch.volumes), rel=1e-5)
+
+
+def test_triangles_that_are_there_twice_are_refused(tmp_path: Path) -> None:
+    """The cube had 16 000 for 8 000 mm³, and twice the weight."""
+    meshio.write(tmp_path / "twice.stl", soup(cube(0, 0, 0), cube(0, 0, 0)))
+    with pytest.raises(MeshError, match="12 triangles are there more than once"):
+        read_blocks(tmp_path / "twice.stl")
+    points, triangles = cube(0, 0, 0)
+    with pytest.raises(MeshError, match="more than once"):
+        polyhedron("twice", points, np.concatenate([triangles, triangles]))
+
+
+def test_coincident_solids_with_other_diagonals_are_refused(tmp_path: Path) -> None:
+    points, triangles = cube(0, 0, 0)
+    mirrored = points[:, [1, 0, 2]], triangles[:, ::-1]
+    meshio.write(tmp_path / "twice.stl", soup((points, triangles), mirrored))
+    with pytest.raises(MeshError, match=r"lie on each other|more than once"):
+        read_blocks(tmp_path / "twice.stl")
+
+
+# ---------------------------------------------------------------------------------------------
+# Faces of any shape
+
+
+def prism(outline: FloatArray) -> str:
+    """OBJ of a prism with polygons as lids."""
+    n = len(outline)
+    lines = [f"v {x} {y} {z}" for z in (0, 20) for x, y in outline]
+    lines.append("f " + " ".join(str(k) for k in range(n, 0, -1)))
+    lines.append("f " + " ".join(str(k) for k in range(n + 1, 2 * n + 1)))
+    lines += [f"f {k + 1} {(k + 1) % n + 1} {(k + 1) % n + n + 1} {k + n + 1}" for k in range(n)]
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("first", range(6))
+def test_a_concave_face_is_cut_inside_itself(tmp_path: Path, first: int) -> None:
+    """Fanned from the first corner, triangles lay outside the L wherever that corner is."""
+    (tmp_path / "L.obj").write_text(prism(np.roll(L_OUTLINE, first, axis=0)))
+    (block,) = read_blocks(tmp_path / "L.obj")
+    assert block.mass_properties.volume == pytest.approx(500.0 * 20.0)
+    below = block.areas[block.normals[:, 2] < -0.5]
+    assert below.sum() == pytest.approx(500.0)
+
+
+def outline_area(outline: FloatArray) -> float:
+    x, y = outline.T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+def test_triangles_cover_a_polygon_once(offset: float) -> None:
+    """Their areas add up to that of the outline only if none lies outside or on another."""
+    angle = np.linspace(0.0, 2 * np.pi, 20, endpoint=False)
+    radius = np.where(np.arange(20) % 2, 4.0, 10.0)
+    star = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    halves = 0.5 * (L_OUTLINE + np.roll(L_OUTLINE, -1, axis=0))
+    with_middles = np.stack([L_OUTLINE, halves], axis=1).reshape(-1, 2)
+    for outline in (L_OUTLINE, star, with_middles):
+        points = np.column_stack([outline, np.zeros(len(outline))]) + offset
+        for turn in (1, -1):
+            corners = np.arange(len(outline))[None, ::turn]
+            p = points[triangles_of_polygons("face", points, corners)]
+            area = 0.5 * np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
+            # Coordinates are rounded to 1e-16 of the offset, lengths are about 10.
+            assert area.sum() == pytest.approx(outline_area(outline), rel=1e-8)
+            assert area.min() > 0.0
+
+
+def test_faces_that_cross_themselves_are_refused() -> None:
+    angle = np.radians([0, 144, 288, 72, 216])
+    points = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(5)])
+    with pytest.raises(MeshError, match="crosses or touches itself"):
+        triangles_of_polygons("pentagram", points, np.arange(5)[None])
+
+
+def test_triangles_folded_on_each_other_are_refused(tmp_path: Path) -> None:
+    """As another program writes an L whose lids it fanned from the wrong corner."""
+    n = len(L_OUTLINE)
+    text = prism(L_OUTLINE).splitlines()
+    walls = [line for line in text if line.startswith("v") or len(line.split()) == 5]
+    lids = [f"f {n} {k + 1} {k}" for k in range(1, n - 1)]
+    lids += [f"f {2 * n} {n + k} {n + k + 1}" for k in range(1, n - 1)]
+    (tmp_path / "fanned.obj").write_text("\n".join(walls + lids))
+    with pytest.raises(MeshError, match="folded back on itself"):
+        read_blocks(tmp_path / "fanned.obj")
+
+
+def test_obj_as_a_modelling_program_writes_it(tmp_path: Path) -> None:
+    """Texture coordinates, normals, backward indices, colours, groups, continued lines."""
+    points, triangles = cube(0, 0, 0)
+    vertices = [f"v {x} {y} {z} 0.5 0.5 0.5" for x, y, z in points]
+    forward = [f"f {a + 1}/1/1 {b + 1}//1 {c + 1}/2" for a, b, c in triangles]
+    backward = [f"f {a - 8} {b - 8} \\\n {c - 8}" for a, b, c in triangles]
+    start = ["# exported", "mtllib a.mtl", "o Cube", "vt 0.0 1.0", "vn 0 0 1"]
+    beside = ["s off", "usemtl grey", "g side", "l 1 2", ""]
+    for faces in (forward, backward):
+        (tmp_path / "cube.obj").write_text("\n".join([*start, *vertices, *beside, *faces]))
+        assert volumes(tmp_path / "cube.obj") == pytest.approx([SIDE**3])
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("f 1 2 99", "names point 99"),
+        ("f 1 2 -99", "line 9: .*no point -99"),
+        ("f 1 0 2", "line 9: .*no point 0"),
+        ("f 1 2", "line 9: .*fewer than three corners"),
+        ("v 1 2", "line 9: .*not enough values"),
+        ("f a b c", "line 9: .*invalid literal"),
+        ("", "no faces"),
+    ],
+)
+def test_bad_lines_of_an_obj_are_named(tmp_path: Path, line: str, words: str) -> None:
+    points, _ = cube(0, 0, 0)
+    (tmp_path / "bad.obj").write_text("\n".join([*(f"v {x} {y} {z}" for x, y, z in points), line]))
+    with pytest.raises(MeshError, match=words):
+        read_blocks(tmp_path / "bad.obj")
+
+
+# ---------------------------------------------------------------------------------------------
+# Cells of several kinds
+
+#: The unit cube of VTK, and six tetrahedra, two wedges, or three pyramids that fill it.
+CUBE = np.array(
+    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float
+)
+FILLINGS = {
+    "hexahedron": [[0, 1, 2, 3, 4, 5, 6, 7]],
+    "tetra": [[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]],
+    "wedge": [[0, 1, 2, 4, 5, 6], [0, 2, 3, 4, 6, 7]],
+    "pyramid": [[0, 1, 2, 3, 6], [0, 3, 7, 4, 6], [0, 4, 5, 1, 6]],
+}
+
+
+@pytest.mark.parametrize("turned_round", [False, True])
+def test_no_kind_of_cell_is_lost(tmp_path: Path, turned_round: bool) -> None:
+    """One cube of each kind: the file gave the hexahedron alone."""
+    cells, points = [], []
+    for place, (kind, filling) in enumerate(FILLINGS.items()):
+        corners = np.array(filling) + 8 * place
+        if turned_round and kind == "wedge":
+            corners = corners[:, [3, 4, 5, 0, 1, 2]]
+        cells.append((kind, corners))
+        points.append(SIDE * CUBE + np.array([3.0 * SIDE * place, 0, 0]))
+    far = [3.0 * SIDE * len(FILLINGS), 0, 0]
+    shell, triangles = cube(0, 0, 0)
+    cells.append(("triangle", triangles + 8 * len(FILLINGS)))
+    points.append(shell + np.array(far))
+    mesh = meshio.Mesh(np.concatenate(points), cells)
+    meshio.write(tmp_path / "all.vtu", mesh)
+    assert volumes(tmp_path / "all.vtu") == pytest.approx([SIDE**3] * 5)
+    with pytest.raises(MeshError, match="eight-node hexahedra only"):
+        read_hexahedra(tmp_path / "all.vtu")
+
+
+def test_boundary_faces_named_beside_the_cells_count_once(tmp_path: Path) -> None:
+    """As mesh programs write them, to carry names of sides."""
+    quads = [[0, 3, 2, 1], [4, 5, 6, 7]]
+    cells = [("hexahedron", np.array(FILLINGS["hexahedron"])), ("quad", np.array(quads))]
+    meshio.write(tmp_path / "named.vtu", meshio.Mesh(SIDE * CUBE, cells))
+    assert volumes(tmp_path / "named.vtu") == pytest.approx([SIDE**3])
+
+
+def test_cells_that_are_not_known_are_named(tmp_path: Path) -> None:
+    points = np.concatenate([CUBE, CUBE[:2] + 0.5])
+    cells = [("tetra10", np.arange(10)[None]), ("hexahedron", np.array(FILLINGS["hexahedron"]))]
+    meshio.write(tmp_path / "second.vtu", meshio.Mesh(points, cells))
+    with pytest.raises(MeshError, match="got tetra10; expected"):
+        read_blocks(tmp_path / "second.vtu")
