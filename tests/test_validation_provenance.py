@@ -97,3 +97,37 @@ def test_files_of_the_scene_are_no_outputs(tmp_path: Path) -> None:
     with pytest.raises(Exception, match="is a file that this call reads"):
         Outputs(json=str(mine), scene=load_scene(str(mine))).__enter__()
     assert tomllib.loads(mine.read_text("utf-8"))["block"]["type"] == "sine"
+
+
+def test_field_files_of_a_deformable_tube_say_whose_each_row_is(tmp_path: Path) -> None:
+    # From the files alone: elements lie in the blocks they name, layers are h high, and what the
+    # contact facets press with balances the load p on the inner face of each free block.
+    pressure = 0.01
+    tubelock("fem", "tsb1-pipe", *settings(), "--set", "fem.method=static", folder=tmp_path)
+    out = tmp_path / "out" / "tsb1-pipe-fem"
+    solid, joints = meshio.read(out / "fields.vtu"), meshio.read(out / "contact_pressures.vtu")
+    cells = {name: values[0] for name, values in solid.cell_data.items()}
+    centroids = solid.points[solid.cells[0].data].mean(axis=1)
+    assert set(np.unique(cells["block"])) == {4, 5, 6, 7}
+    assert np.all(cells["layer"] == 1)
+    assert np.all(cells["group"] == 0)
+    angle = np.unwrap(np.arctan2(centroids[:, 1], centroids[:, 0]))
+    spread = [np.ptp(angle[cells["block"] == block]) for block in range(4, 8)]
+    assert max(spread) < np.pi / 2  # each block spans a quarter of the tube
+    facets = {name: values[0] for name, values in joints.cell_data.items()}
+    assert np.all(facets["layer_m"] <= 2)
+    force = facets["contact_force"]
+    # Facets of a coarse sine face are twisted: their normals turn, which only shortens the sum.
+    assert np.all(
+        np.linalg.norm(force, axis=1) <= facets["contact_pressure"] * facets["area"] * (1 + 1e-12)
+    )
+    assert np.allclose(np.linalg.norm(facets["normal"], axis=1), 1.0, rtol=1e-12)
+    assert np.all(facets["gap"][facets["contact_pressure"] > 1.0e-4] < 0.0)
+    for block in range(4, 8):
+        total = force[facets["block_s"] == block].sum(axis=0)
+        total -= force[facets["block_m"] == block].sum(axis=0)
+        # The chord of a quarter of the inner face times its height carries the pressure outward;
+        # elements are flat, so that the projected area is exact.
+        assert np.linalg.norm(total) == pytest.approx(
+            pressure * 120.0 * np.sqrt(2.0) * 200.0, rel=1e-6
+        )

@@ -66,6 +66,23 @@ class ContactState:
         return forces
 
     @cached_property
+    def forces(self) -> FloatArray:
+        """Normal force of each facet on block s, (n_facets, 3) [N]."""
+        return self._of_facets(self.point_forces)
+
+    @cached_property
+    def mean_normals(self) -> FloatArray:
+        """Normals from m to s, weighted by area, unit length, (n_facets, 3)."""
+        mean = self._of_facets(self.point_areas[:, None] * self.normals)
+        normals: FloatArray = mean / np.linalg.norm(mean, axis=1, keepdims=True)
+        return normals
+
+    def _of_facets(self, values: FloatArray) -> FloatArray:
+        """Sum of the values of the points of each facet, (n_facets, 3)."""
+        columns = [np.bincount(self.facet, column, minlength=self.n_facets) for column in values.T]
+        return np.stack(columns, axis=1)
+
+    @cached_property
     def deepest(self) -> FloatArray:
         """Largest overclosure of each facet, (n_facets,) [mm]."""
         deepest = np.full(self.n_facets, -np.inf)

@@ -14,7 +14,13 @@ from fem.explicit.solve import ExplicitResult
 from geometry.files.mesh_io import write_hex_mesh, write_surface
 from geometry.mesh import QuadSurface
 from validation.output.console import two_columns
-from validation.output.fields import field_data, groups_mesh, point_data
+from validation.output.fields import (
+    element_owners,
+    facet_owners,
+    field_data,
+    groups_mesh,
+    point_data,
+)
 from validation.output.files import write_whole
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
@@ -54,7 +60,8 @@ def _write_fields(run: TubeRun, path: Path) -> None:
         path,
         groups_mesh(groups),
         point_data=field_data(groups, run.displacements, finite_rotation=finite),
-        cell_data=point_data(groups, run.displacements, finite_rotation=finite),
+        cell_data=element_owners(run.deformable)
+        | point_data(groups, run.displacements, finite_rotation=finite),
     )
 
 
@@ -66,9 +73,11 @@ def _write_contact(run: TubeRun, path: Path) -> None:
         QuadSurface(found.corners.reshape(-1, 3), quads),
         {
             "contact_pressure": found.pressures,
+            "contact_force": found.forces,
+            "gap": -found.deepest,
+            "normal": found.mean_normals,
             "area": found.areas,
-            "block_m": found.block_m.astype(np.int32),
-            "block_s": found.block_s.astype(np.int32),
+            **facet_owners(run.deformable.assembly, found.block_m, found.block_s),
         },
     )
 

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fem.assembly.deformable import DeformableAssembly
 from fem.explicit.solve import Frame
 from fem.problem.model import BlockGroup
 from fem.problem.recovery import recover
+from geometry.assembly import Assembly
 from geometry.files.mesh_io import write_hex_mesh
-from geometry.mesh import FloatArray, HexMesh
+from geometry.mesh import FloatArray, HexMesh, IntArray
 from validation.output.files import write_whole
 
 if TYPE_CHECKING:
@@ -61,6 +63,37 @@ def point_data(
     return {
         "sigma_1_integration_points": np.concatenate(first),
         "sigma_3_integration_points": np.concatenate(last),
+    }
+
+
+def element_owners(deformable: DeformableAssembly) -> dict[str, NDArray[np.int32]]:
+    """Block, its layer and its group of each element of `groups_mesh`, (n_elements,)."""
+    block: list[NDArray[np.int32]] = []
+    group_of: list[NDArray[np.int32]] = []
+    for number, group in enumerate(deformable.model.groups):
+        own = np.flatnonzero(deformable.group_of == number)
+        copies = np.full(group.n_copies, -1)
+        # Images of a block stand for the copy of their original: the first named is itself.
+        copies[deformable.copy_of[own[::-1]]] = own[::-1]
+        block.append(np.repeat(copies, group.mesh.n_elements).astype(np.int32))
+        group_of.append(np.full(len(block[-1]), number, dtype=np.int32))
+    blocks = np.concatenate(block)
+    return {
+        "block": blocks,
+        "layer": deformable.assembly.layer[blocks].astype(np.int32),
+        "group": np.concatenate(group_of),
+    }
+
+
+def facet_owners(
+    assembly: Assembly, block_m: IntArray, block_s: IntArray
+) -> dict[str, NDArray[np.int32]]:
+    """Blocks and layers on both sides of each contact facet, (n_facets,)."""
+    return {
+        "block_m": block_m.astype(np.int32),
+        "block_s": block_s.astype(np.int32),
+        "layer_m": assembly.layer[block_m].astype(np.int32),
+        "layer_s": assembly.layer[block_s].astype(np.int32),
     }
 
 

@@ -185,7 +185,10 @@ def write_mechanism(run: RigidRun, path: Path) -> None:
         path,
         mesh,
         point_data={"mechanism": displacement},
-        cell_data={"block": owner.astype(np.int32)},
+        cell_data={
+            "block": owner.astype(np.int32),
+            "layer": run.assembly.layer[owner].astype(np.int32),
+        },
     )
 
 
@@ -203,5 +206,7 @@ def write_pressures(run: RigidRun, path: Path) -> None:
             "normal": interfaces.normals[index],
             "block_m": interfaces.block_m[index].astype(np.int32),
             "block_s": interfaces.block_s[index].astype(np.int32),
+            "layer_m": run.assembly.layer[interfaces.block_m[index]].astype(np.int32),
+            "layer_s": run.assembly.layer[interfaces.block_s[index]].astype(np.int32),
         },
     )
