@@ -8,7 +8,7 @@ force at each block's mass centroid, the couple left out).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -65,6 +65,20 @@ class LoadCase:
         area = np.linalg.norm(self.area_vectors, axis=1)
         forces: FloatArray = self.tractions * area[:, None]
         return forces
+
+
+def with_body_wrenches(load: LoadCase, wrenches: FloatArray) -> LoadCase:
+    """Return the load with forces and moments on whole blocks on top.
+
+    Parameters
+    ----------
+    load
+        What acts already.
+    wrenches
+        About each block's mass centroid, (n_blocks, 6) [N, N mm].
+    """
+    there = load.body_wrenches
+    return replace(load, body_wrenches=wrenches if there is None else there + wrenches)
 
 
 def loaded_layer(assembly: Assembly) -> int:

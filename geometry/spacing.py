@@ -1,4 +1,4 @@
-"""Initial clearance made by spacing the blocks: where each block goes."""
+"""Blocks moved apart: where each one goes."""
 
 from __future__ import annotations
 
@@ -8,21 +8,22 @@ from geometry.assembly import Assembly, AssemblyError
 from geometry.mesh import FloatArray
 
 
-def clearance_offsets(assembly: Assembly, clearance: float) -> FloatArray:
-    """Translations that open the gaps between touching blocks by a clearance.
+def spacing_offsets(assembly: Assembly, spacing: float) -> FloatArray:
+    """Translations that move touching blocks apart.
 
-    Layers move apart along the axis by the clearance. Within a layer, blocks move across the
-    axis so that the mean gap between each two neighbours is the clearance, with translations of
-    least norm: outward in a ring, sideways in a wall. Frame blocks move with their layer.
+    Layers move apart along the axis by the spacing. Within a layer, blocks move across the
+    axis so that the mean gap between each two neighbours is the spacing, with translations of
+    least norm: outward in a ring, sideways in a wall. Frame blocks move with their layer, images
+    of a periodic cell as what they are images of.
 
     Blocks of neighbouring layers thereby slip against each other, so where their common face
-    is inclined the gap measured along the normal is less or more than the clearance.
+    is inclined the gap measured along the normal is less or more than the spacing.
 
     Parameters
     ----------
     assembly
         Conforming blocks.
-    clearance
+    spacing
         [mm]; a negative one presses the blocks into each other.
 
     Returns
@@ -33,16 +34,14 @@ def clearance_offsets(assembly: Assembly, clearance: float) -> FloatArray:
     Raises
     ------
     AssemblyError
-        A clearance that is not finite.
+        A spacing that is not finite.
     """
-    if not np.isfinite(clearance):
-        raise AssemblyError(
-            f"contact.initial_clearance: got {clearance}, expected a finite length in mm"
-        )
-    if clearance == 0.0:
+    if not np.isfinite(spacing):
+        raise AssemblyError(f"contact.spacing: got {spacing}, expected a finite length in mm")
+    if spacing == 0.0:
         return np.zeros((assembly.n_blocks, 3))
-    offsets = np.outer(assembly.layer, assembly.axis) + _opening_of_layers(assembly)
-    return clearance * offsets
+    opening = _opening_of_layers(assembly)[assembly.originals]
+    return spacing * (np.outer(assembly.layer, assembly.axis) + opening)
 
 
 def _opening_of_layers(assembly: Assembly) -> FloatArray:

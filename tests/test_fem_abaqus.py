@@ -185,9 +185,9 @@ def decks(tube: Assembly) -> dict[str, Deck]:
             tube, flavour=Flavour.PAIRS, step=STATIC, joint=Joint(ExponentialLaw(1e-3, 1e-4, 77.0))
         ),
         "pillar": tube_deck(tube, "pillar", joint=Joint(LinearPenalty(123.4))),
-        "clearance": tube_deck(tube, initial_clearance=0.03),
+        "spacing": tube_deck(tube, spacing=0.03),
         "pairs, clearance": tube_deck(
-            tube, flavour=Flavour.PAIRS, step=STATIC, initial_clearance=0.03
+            tube, flavour=Flavour.PAIRS, step=STATIC, clearance=0.02, spacing=0.03
         ),
         "elastic frame": tube_deck(
             tube,
@@ -214,7 +214,7 @@ DECK_NAMES = (
         "beam",
         "beam as printed",
         "pillar",
-        "clearance",
+        "spacing",
         "pairs, clearance",
         "elastic frame",
         "boxes",

@@ -25,7 +25,7 @@ from geometry.families.brick_stack import brick_stack
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
 from geometry.load_case import load_case
-from geometry.spacing import clearance_offsets
+from geometry.spacing import spacing_offsets
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)
 TSB1 = SineBlockParameters(200.0, 20.0, 1.5, 0.0, 4, 120.0, 40.0)
@@ -38,7 +38,7 @@ def small_tube(layers=1):
 @pytest.fixture(scope="module")
 def surfaces():
     tube = small_tube()
-    return contact_surfaces(tube, clearance_offsets(tube, 0.05))
+    return contact_surfaces(tube, spacing_offsets(tube, 0.05))
 
 
 def random_corners(surfaces, size, seed=1):
@@ -88,7 +88,7 @@ def test_action_equals_reaction_and_moments_balance(surfaces):
     assert size.max() > 1.0
     assert (np.abs(forces.sum(axis=1)).max(axis=1) <= 1e-14 * size).all()
     tube = small_tube()
-    spacing = clearance_offsets(tube, 0.05)
+    spacing = spacing_offsets(tube, 0.05)
     placed = np.array([tube.nodes(b) + spacing[b] for b in range(tube.n_blocks)], dtype=object)
     where = np.concatenate(
         [
@@ -110,7 +110,7 @@ def test_a_rigid_motion_of_everything_changes_no_gap(surfaces):
     turn = np.array(
         [[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]]
     )
-    spacing = clearance_offsets(tube, 0.05)
+    spacing = spacing_offsets(tube, 0.05)
     corners = np.empty((surfaces.n_facets, 8, 3))
     for i in range(surfaces.n_facets):
         m, s = int(surfaces.block_m[i]), int(surfaces.block_s[i])
@@ -137,10 +137,10 @@ def test_facet_weights_are_the_areas_of_the_surface(surfaces):
 def test_spacing_opens_layers_and_neighbours_by_the_clearance():
     """Flat bricks: every gap is the clearance; in a ring the side gaps are."""
     wall = brick_stack((20.0, 10.0, 10.0), (2, 1, 1), columns=3, layers=2)
-    gaps = contact_surfaces(wall, clearance_offsets(wall, 0.2)).initial_gaps
+    gaps = contact_surfaces(wall, spacing_offsets(wall, 0.2)).initial_gaps
     assert gaps == pytest.approx(0.2, rel=1e-12)
     tube = small_tube()
-    gaps = contact_surfaces(tube, clearance_offsets(tube, 0.2)).initial_gaps
+    gaps = contact_surfaces(tube, spacing_offsets(tube, 0.2)).initial_gaps
     side = np.abs(tube.interfaces.normals[:, 2]) < 1e-12
     assert gaps[side] == pytest.approx(0.2, rel=1e-12)
     assert gaps.min() > 0.0
@@ -182,11 +182,11 @@ def test_too_deep_a_start_is_refused_with_place_and_depth():
     tube = small_tube()
     load = load_case(tube, "pipe", 0.01)
     with pytest.raises(ContactError, match=r"deepest 0\.0.* mm between blocks"):
-        deformable_assembly(tube, load, CONCRETE, initial_clearance=-0.05)
+        deformable_assembly(tube, load, CONCRETE, clearance=-0.05)
     with pytest.raises(ContactError, match="overlap"):
-        deformable_assembly(tube, load, CONCRETE, law=LinearPenalty(1e3), initial_clearance=-0.05)
+        deformable_assembly(tube, load, CONCRETE, law=LinearPenalty(1e3), clearance=-0.05)
     # A start within the law's range is an interference fit, not an error.
-    deformable_assembly(tube, load, CONCRETE, initial_clearance=-0.001)
+    deformable_assembly(tube, load, CONCRETE, clearance=-0.001)
 
 
 def test_blocks_nothing_holds_are_named():
@@ -223,8 +223,8 @@ def test_moving_the_tube_moves_the_surfaces():
     tube = small_tube()
     turn = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     there = moved(tube, turn, np.array([1e3, -2e3, 5e2]))
-    a = contact_surfaces(tube, clearance_offsets(tube, 0.05))
-    b = contact_surfaces(there, clearance_offsets(there, 0.05))
+    a = contact_surfaces(tube, spacing_offsets(tube, 0.05))
+    b = contact_surfaces(there, spacing_offsets(there, 0.05))
     assert b.weights == pytest.approx(a.weights, rel=1e-11)
     assert np.abs(b.initial_gaps - a.initial_gaps).max() < 1e-11
     assert np.abs(b.normals - a.normals @ turn.T).max() < 1e-11

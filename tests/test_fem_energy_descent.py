@@ -22,7 +22,7 @@ TSB1 = SineBlockParameters(200.0, 20.0, 1.5, 0.0, 4, 120.0, 40.0)
 def tunnel(clearance, **options):
     assembly = sine_tube(TSB1, SineBlockDivisions(12, 2, 4), 2)
     load = load_case(assembly, "tunnel", 0.01)
-    return deformable_assembly(assembly, load, CONCRETE, initial_clearance=clearance, **options)
+    return deformable_assembly(assembly, load, CONCRETE, clearance=clearance, **options)
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fem.assembly.contact_state import corner_displacements, matched_pressures
-from fem.assembly.deformable import ClearanceKind, Frames, deformable_assembly
+from fem.assembly.deformable import Frames, deformable_assembly
 from fem.assembly.symmetry import cyclic_orbits, no_symmetry
 from fem.contact.friction import CoulombFriction, friction_tractions
 from fem.contact.surfaces import ContactNormals, corner_forces, point_kinematics
@@ -100,7 +100,7 @@ def test_kernel_agrees_with_the_plain_reference(normals, frames):
     The overclosures of the two differ by rounding of coordinates of 400 mm, 1e-13 mm; the
     forces then by that times the stiffness over the pressure, at most 1/c0 = 1e3/mm: 1e-10.
     """
-    deformable = tube(3, normals=normals, frames=frames, initial_clearance=0.002)
+    deformable = tube(3, normals=normals, frames=frames, clearance=0.002)
     displacements = random_displacements(deformable, 5e-3)
     expected, energy = plain_forces(deformable, displacements)
     found, stored = kernel_forces(explicit_assembly(deformable), displacements)
@@ -113,8 +113,8 @@ def test_kernel_agrees_with_the_plain_reference(normals, frames):
 @pytest.mark.parametrize("clearance", [-0.001, 0.03])
 def test_kernel_agrees_on_open_and_pressed_tubes(clearance):
     """Clearances of both signs and both kinds; displacements as large as the gap."""
-    for kind in ClearanceKind:
-        deformable = tube(initial_clearance=clearance, clearance_kind=kind)
+    for kind in ("clearance", "spacing"):
+        deformable = tube(**{kind: clearance})
         displacements = random_displacements(deformable, 0.02)
         expected, _ = plain_forces(deformable, displacements)
         found, _ = kernel_forces(explicit_assembly(deformable), displacements)
@@ -155,7 +155,7 @@ def test_friction_agrees_with_the_plain_law():
     change of displacement over facet size, 3e-5/20 = 1.5e-6, so with offsets d of
     5 µm the slips differ by 1e-8 mm of 3e-5 mm: 3e-4, and the forces as much.
     """
-    deformable = tube(initial_clearance=-0.002)
+    deformable = tube(clearance=-0.002)
     friction = CoulombFriction(0.2)
     before = random_displacements(deformable, 2e-3)
     after = tuple(

@@ -51,7 +51,7 @@ def block_on_floor(size=(40.0, 30.0, 20.0), divisions=(2, 2, 2), *, blocks=1, li
         pressure=0.0,
         fixed=assembly.fixed,
     )
-    return deformable_assembly(assembly, load, CONCRETE, initial_clearance=lift, **options)
+    return deformable_assembly(assembly, load, CONCRETE, clearance=lift, **options)
 
 
 def falling(deformable, speed):

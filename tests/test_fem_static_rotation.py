@@ -24,7 +24,7 @@ TSB1 = SineBlockParameters(200.0, 20.0, 1.5, 0.0, 4, 120.0, 40.0)
 def pipe(clearance):
     assembly = sine_tube(TSB1, SineBlockDivisions(12, 2, 4), 2)
     load = load_case(assembly, "pipe", 0.01)
-    return deformable_assembly(assembly, load, CONCRETE, initial_clearance=clearance)
+    return deformable_assembly(assembly, load, CONCRETE, clearance=clearance)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def test_soft_motions_do_not_stop_the_rounds():
     assembly = hexagon_tube(block, HexagonBlockDivisions(4, 2), 2)
     load = load_case(assembly, "shaft", 0.01)
     result = solve_static_with_rotation(
-        deformable_assembly(assembly, load, CONCRETE, initial_clearance=0.01)
+        deformable_assembly(assembly, load, CONCRETE, clearance=0.01)
     )
     assert result.converged
     assert result.residual <= 2e-8

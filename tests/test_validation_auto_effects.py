@@ -24,7 +24,7 @@ from validation.scene.read import DeformableScene, load_scene, with_auto
 #: Finer than the probe's 12 × 2 × 4 elements, and still quick.
 MESH = ["assembly.layers=2", "mesh.around=24", "mesh.radial=2", "mesh.axial=6"]
 COARSE = ["assembly.layers=2", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
-FRICTION, CLEARANCE = EffectName.FRICTION, EffectName.INITIAL_CLEARANCE
+FRICTION, CLEARANCE = EffectName.FRICTION, EffectName.CLEARANCE
 
 
 def scene_of(*settings: str, case: str = "tsb1-pipe") -> DeformableScene:
@@ -42,7 +42,7 @@ def test_decisions_are_those_of_the_full_runs() -> None:
     # two allows for: what it leaves out changes the full run by less than the tolerance, what it
     # keeps by more than a quarter of it.
     effects = ["effects.friction.coefficient=1e-4", "effects.gravity=[0,0,-9806.65]"]
-    scene = scene_of(*MESH, *effects, "contact.initial_clearance=1e-5", "effects.auto=0.05")
+    scene = scene_of(*MESH, *effects, "contact.clearance=1e-5", "effects.auto=0.05")
     decided, found = decide_effects(scene, "tube")
     names = {d.effect for d in found.decisions}
     assert names == {
@@ -165,8 +165,8 @@ def test_effects_can_be_written_as_auto() -> None:
 def test_effects_that_are_small_alone_but_not_together_are_put_back() -> None:
     # A gap and the elastic frame both take from the displacement when they go. Half the tolerance
     # is put between the larger change and that of both together: the larger comes back.
-    settings = [*COARSE, "contact.initial_clearance=1e-4"]
-    names = "effects.auto.decide=['initial_clearance','elastic_frame']"
+    settings = [*COARSE, "contact.clearance=1e-4"]
+    names = "effects.auto.decide=['clearance','elastic_frame']"
     _, wide = decide_effects(scene_of(*settings, "effects.auto.tolerance=0.9", names), "tube")
     sizes = [d.change.largest for d in wide.decisions if d.change is not None]
     assert len(wide.left_out) == 2
@@ -188,7 +188,7 @@ def test_motion_that_a_static_run_lacks_is_refused() -> None:
 
 
 def test_finite_rotation_that_matters_is_part_of_the_static_run() -> None:
-    settings = [*COARSE, "contact.initial_clearance=0.1", "effects.elastic_frame=false"]
+    settings = [*COARSE, "contact.clearance=0.1", "effects.elastic_frame=false"]
     auto = ("effects.auto.tolerance='0.05%'", "effects.auto.decide=['finite_rotation']")
     scene = scene_of(*settings, *auto)
     decided, found = decide_effects(scene, "tube")

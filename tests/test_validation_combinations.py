@@ -91,12 +91,12 @@ def test_a_static_box_refuses_an_initial_motion() -> None:
 
 def test_friction_that_closes_a_clearance_is_loaded_in_steps() -> None:
     """One step counts slip before touch as stick, so friction holds where nothing pressed yet."""
-    pillar = ("contact.initial_clearance=0.05", "effects.friction.coefficient=0.3")
+    pillar = ("contact.clearance=0.05", "effects.friction.coefficient=0.3")
     gap = run_tube_static("gap", scene_of(*pillar, case="tsb1-pillar"))
     assert gap.solver["load_steps"] == 16
     one = run_tube_static("one", scene_of(*pillar, "fem.load_steps=1", case="tsb1-pillar"))
     # Slip that nothing resisted dissipates nothing: finer loading loses less.
     lost = "frictional_dissipation"
     assert gap.solver["energies"][lost] < 0.5 * one.solver["energies"][lost]
-    plain = run_tube_static("plain", scene_of("contact.initial_clearance=0.05"))
+    plain = run_tube_static("plain", scene_of("contact.clearance=0.05"))
     assert plain.solver["load_steps"] == 1

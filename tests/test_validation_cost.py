@@ -290,7 +290,7 @@ def test_key_is_the_content(tmp_path) -> None:
     other = [
         measurement_key(tube("load.pressure=0.02"), base, setting),
         measurement_key(tube("material.poisson_ratio=0.3"), base, setting),
-        measurement_key(tube("contact.initial_clearance=0.01"), base, setting),
+        measurement_key(tube("contact.clearance=0.01"), base, setting),
         measurement_key(scene, base, replace(setting, level=3)),
         measurement_key(scene, base, static_setting(ElementType.B_BAR, 2)),
         measurement_key(scene, base, replace(setting, ramp_factor=2.0)),

@@ -125,7 +125,7 @@ def test_static_scene_becomes_damped_dynamics_with_the_papers_damping() -> None:
 
 
 def test_scene_sections_reach_the_deck(tubelock) -> None:
-    settings = ["contact.initial_clearance=0.03", "effects.friction.coefficient=0.01"]
+    settings = ["contact.spacing=0.03", "effects.friction.coefficient=0.01"]
     settings += ["fem.element=reduced", "effects.gravity=[0.0, 0.0, -9810.0]", "fem.frames=11"]
     words = [word for setting in settings for word in ("--set", setting)]
     status, _, _ = tubelock("export", "tsb1-pipe", *SMALL, *words, "-o", "a.inp")
@@ -136,10 +136,10 @@ def test_scene_sections_reach_the_deck(tubelock) -> None:
     assert cards["SECTION CONTROLS"].parameters["HOURGLASS"] == "STIFFNESS"
     assert cards["DLOAD"].data[0] == "BLOCK-000.ALL, GRAV, -9810.0, 0.0, 0.0, 1.0"
     assert "number interval=10" in Path("a.inp").read_text()
-    assert "initial clearance: 0.03" in heading("a.inp")
+    assert "spacing of the blocks: 0.03" in heading("a.inp")
     deck = import_deck(Path("a.inp"))
-    assert deck.initial_clearance == 0.03
-    assert deck.spacing.any()
+    assert deck.spacing == 0.03
+    assert deck.offsets.any()
 
 
 def test_elastic_frame_is_held_at_its_outer_faces() -> None:

@@ -162,7 +162,7 @@ def test_nothing_turns_an_explicit_cell(case: str, mesh: list[str], finite_rotat
 
 def test_friction_and_clearance_close_the_cell_too() -> None:
     # The same limit, with an error that falls with the number of layers.
-    more = ["effects.friction.coefficient=0.05", "contact.initial_clearance=1e-3"]
+    more = ["effects.friction.coefficient=0.05", "contact.clearance=1e-3"]
     limit = middle_answer(run_tube_static("cell", scene_of(*CELL, *more)))
     errors = []
     for n in (4, 16):

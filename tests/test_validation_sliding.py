@@ -376,6 +376,6 @@ def test_an_overlap_that_no_facet_matches_is_refused() -> None:
     """Boxes 0.05 mm in each other, beyond the law's curve: named with their depth."""
     scene = column(*CROSSING, contact={"law": "exponential"})
     deformable = build_deformable(scene, "column")
-    deformable.spacing[1:, 2] -= 0.05
+    deformable.offsets[1:, 2] -= 0.05
     with pytest.raises(InputError, match=r"deepest 0.05 mm between blocks"):
         run_tube_explicit("column", scene, deformable=deformable)

@@ -155,7 +155,7 @@ def test_agreement_of_a_field_with_itself_is_perfect() -> None:
         ("fem", ["contact.law=linear"], "contact.stiffness is missing"),
         ("fem", ["contact.stiffness=5"], "belongs to law"),
         ("fem", ["contact.clearance_at_zero_pressure=0"], "contact.clearance_at_zero_pressure"),
-        ("fem", ["contact.initial_clearance=-1"], "contact.initial_clearance"),
+        ("fem", ["contact.clearance=-1"], "contact.clearance"),
         ("compare", ["block.amplitude=0"], "no equilibrium"),
         ("clearance", ["block.type=cube"], "block.type"),
     ],

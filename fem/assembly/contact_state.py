@@ -174,7 +174,7 @@ def matched_state(
     )
     corners, opposite = (
         facet_corners(deformable.assembly, block, quads)
-        + deformable.spacing[block][:, None]
+        + deformable.offsets[block][:, None]
         + displacement
         for block, quads, displacement in sides
     )

@@ -21,12 +21,13 @@ from fem.contact.surfaces import (
 )
 from fem.element.hexahedron import ElementType, block_lumped_mass
 from fem.element.material import Material
+from fem.problem.effects import Effects
 from fem.problem.loads import pressure_forces, traction_forces, wrench_forces
 from fem.problem.model import BlockGroup, Model, NodalLoad, Support, block_group, fixed_nodes
 from geometry.assembly import Assembly, BoolArray
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
-from geometry.spacing import clearance_offsets
+from geometry.spacing import spacing_offsets
 
 
 class DeformableAssemblyError(ValueError):
@@ -40,16 +41,6 @@ class Frames(StrEnum):
     """They do not move or deform."""
     DEFORMABLE = "deformable"
     """They deform and are held at their outer faces."""
-
-
-class ClearanceKind(StrEnum):
-    """How an initial clearance comes about."""
-
-    UNIFORM = "uniform"
-    """Every gap is the clearance, along its normal: blocks made too small by half of it."""
-    SPACED = "spaced"
-    """Blocks keep their size and are moved apart (`geometry.spacing`): inclined faces open less
-    or more."""
 
 
 #: Outer face of a held block in the first and in the last layer, the first that exists.
@@ -84,14 +75,21 @@ class DeformableAssembly:
     (n_blocks,)."""
     copy_of: IntArray
     """Copy of that group, -1 for rigid ones, (n_blocks,)."""
-    spacing: FloatArray
-    """Translation of each block from its conforming place, (n_blocks, 3) [mm]."""
+    offsets: FloatArray
+    """Translation of each block from its conforming place, (n_blocks, 3) [mm]: zero, or what
+    moves the blocks apart (`geometry.spacing`)."""
     surfaces: ContactSurfaces
     """Facet pairs of which at least one block deforms."""
     contact: Contact
     """Law and normals."""
-    gravity: FloatArray | None = None
-    """Uniform acceleration of all that deforms, world axes, (3,) [mm/s²]; None: absent."""
+
+    @property
+    def gravity(self) -> FloatArray | None:
+        """Uniform acceleration of all that deforms, world axes, (3,) [mm/s²]; None: absent.
+
+        Stated once, in the effects of the model: static and explicit solvers take it from there.
+        """
+        return self.model.effects.gravity
 
     @property
     def deformable_blocks(self) -> IntArray:
@@ -112,8 +110,8 @@ def deformable_assembly(
     element: ElementType = ElementType.INCOMPATIBLE,
     law: ContactLaw | None = None,
     normals: ContactNormals = ContactNormals.CURRENT,
-    initial_clearance: float = 0.0,
-    clearance_kind: ClearanceKind = ClearanceKind.UNIFORM,
+    clearance: float = 0.0,
+    spacing: float = 0.0,
     frames: Frames = Frames.RIGID,
     friction: CoulombFriction | None = None,
     finite_sliding: bool = False,
@@ -135,10 +133,13 @@ def deformable_assembly(
         Contact law; by default the exponential law with the paper's constants.
     normals
         Which normals measure gaps.
-    initial_clearance
-        Gap between the blocks before the load acts [mm]; negative: an interference fit.
-    clearance_kind
-        How it comes about.
+    clearance
+        Gap along the normal of every facet before the load acts [mm]: blocks made too small by
+        half of it; negative: an interference fit.
+    spacing
+        Distance by which neighbours are moved apart, their size kept [mm]
+        (`geometry.spacing.spacing_offsets`): inclined faces open by less or more. Both may be
+        given: gaps add up.
     frames
         How held blocks are modelled.
     friction
@@ -147,9 +148,7 @@ def deformable_assembly(
         Whether explicit runs search for the facets that face each other. Surfaces then need not
         conform, so blocks that nothing holds are not looked for.
     gravity
-        Uniform acceleration, (3,) [mm/s²], a load of the static solver and a direction that a
-        symmetry must respect; explicit runs take it from `fem.problem.effects.Effects`. None:
-        absent.
+        Uniform acceleration, (3,) [mm/s²], of static and explicit runs alike; None: absent.
 
     Raises
     ------
@@ -174,24 +173,22 @@ def deformable_assembly(
         assembly = replace(assembly, unmatched_allowed=True)
     else:
         _check_held(assembly, load)
-    spaced = clearance_kind is ClearanceKind.SPACED
-    spacing = clearance_offsets(assembly, initial_clearance if spaced else 0.0)
-    surfaces = contact_surfaces(assembly, spacing, clearance=0.0 if spaced else initial_clearance)
+    offsets = spacing_offsets(assembly, spacing)
+    surfaces = contact_surfaces(assembly, offsets, clearance=clearance)
     touching = deformable[surfaces.block_m] | deformable[surfaces.block_s]
     surfaces = surfaces.subset(np.flatnonzero(touching))
     check_initial_overlap(surfaces, law)
-    groups, group_of, copy_of = _groups(assembly, deformable, spacing, material, element)
+    groups, group_of, copy_of = _groups(assembly, deformable, offsets, material, element)
     loads = _nodal_loads(assembly, load, groups, group_of, copy_of)
     supports = _supports(assembly, load, group_of, copy_of)
     return DeformableAssembly(
         assembly=assembly,
-        model=Model(groups, supports=supports, loads=loads),
+        model=Model(groups, supports=supports, loads=loads, effects=Effects(gravity=gravity)),
         group_of=group_of[assembly.originals],
         copy_of=copy_of[assembly.originals],
-        spacing=spacing,
+        offsets=offsets,
         surfaces=surfaces,
         contact=Contact(law, normals, friction, finite_sliding),
-        gravity=gravity,
     )
 
 
@@ -232,7 +229,7 @@ def _check_held(assembly: Assembly, load: LoadCase) -> None:
 def _groups(
     assembly: Assembly,
     deformable: BoolArray,
-    spacing: FloatArray,
+    offsets: FloatArray,
     material: Material,
     element: ElementType,
 ) -> tuple[tuple[BlockGroup, ...], IntArray, IntArray]:
@@ -251,7 +248,7 @@ def _groups(
                 material,
                 element=element,
                 rotations=assembly.rotations[blocks],
-                translations=assembly.translations[blocks] + spacing[blocks],
+                translations=assembly.translations[blocks] + offsets[blocks],
                 name=shape.name,
             )
         )

@@ -94,8 +94,8 @@ def _images(deformable: DeformableAssembly, order: int) -> IntArray:
     """Block onto which the rotation maps each block, (n_blocks,)."""
     assembly = deformable.assembly
     turn = axis_rotation(assembly.axis, 2.0 * np.pi / order)
-    place = assembly.translations + deformable.spacing - assembly.origin
-    centroid = assembly.centroids + deformable.spacing - assembly.origin
+    place = assembly.translations + deformable.offsets - assembly.origin
+    centroid = assembly.centroids + deformable.offsets - assembly.origin
     distance, image = cKDTree(centroid).query(centroid @ turn.T)
     away = np.abs(place @ turn.T - place[image]).max(axis=1)
     tilt = np.abs(turn @ assembly.rotations - assembly.rotations[image]).max(axis=(1, 2))

@@ -127,7 +127,7 @@ def _pair_start(block_m: IntArray, block_s: IntArray) -> IntArray:
 
 
 def contact_surfaces(
-    assembly: Assembly, spacing: FloatArray | None = None, *, clearance: float = 0.0
+    assembly: Assembly, moved: FloatArray | None = None, *, clearance: float = 0.0
 ) -> ContactSurfaces:
     """Gather the matched facets of an assembly that a deformation can load.
 
@@ -137,9 +137,9 @@ def contact_surfaces(
     ----------
     assembly
         Conforming blocks.
-    spacing
+    moved
         Translation of each block from its conforming place, (n_blocks, 3) [mm]
-        (`geometry.spacing.clearance_offsets`); None: the blocks touch.
+        (`geometry.spacing.spacing_offsets`); None: the blocks touch.
     clearance
         Added to every gap [mm].
 
@@ -152,8 +152,8 @@ def contact_surfaces(
     corners_m = facet_corners(assembly, found.block_m, found.quads_m)
     corners_s = facet_corners(assembly, found.block_s, found.quads_s)
     offsets = np.einsum("pa,fai->fpi", FACET_VALUES, corners_s - corners_m)
-    if spacing is not None:
-        offsets += (spacing[found.block_s] - spacing[found.block_m])[:, None]
+    if moved is not None:
+        offsets += (moved[found.block_s] - moved[found.block_m])[:, None]
     return ContactSurfaces(
         block_m=found.block_m,
         block_s=found.block_s,
@@ -217,7 +217,7 @@ def refuse_overlap(
         f"contact: {int((deepest > range_end).sum())} facets overlap at the start by more than "
         f"{range_end:.3g} mm, where the contact law ends; deepest {deepest[worst]:.3g} mm between "
         f"blocks {int(block_m[worst])} and {int(block_s[worst])}; expected "
-        "blocks that touch: correct the placement or raise contact.initial_clearance"
+        "blocks that touch: correct the placement or raise contact.clearance"
     )
 
 

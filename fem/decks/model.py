@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from fem.assembly.deformable import Contact, DeformableAssembly, DeformableAssemblyError
+from fem.contact.friction import CoulombFriction
 from fem.contact.surfaces import ContactNormals, check_initial_overlap, contact_surfaces
 from fem.decks.statement import (
     BodyForceLoad,
     CircumferentialLoad,
     Deck,
     DeckLoad,
+    Joint,
     NodalForceLoad,
     PressureLoad,
     Procedure,
@@ -25,7 +27,7 @@ from geometry.mesh import FloatArray, IntArray
 
 def block_nodes(deck: Deck, block: int) -> FloatArray:
     """World coordinates of a block's nodes, spacing included, (n_nodes, 3) [mm]."""
-    nodes: FloatArray = deck.assembly.nodes(block) + deck.spacing[block]
+    nodes: FloatArray = deck.assembly.nodes(block) + deck.offsets[block]
     return nodes
 
 
@@ -89,7 +91,7 @@ def deck_model(deck: Deck) -> tuple[Model, IntArray, IntArray]:
                 deck.material,
                 element=deck.element,
                 rotations=assembly.rotations[blocks],
-                translations=assembly.translations[blocks] + deck.spacing[blocks],
+                translations=assembly.translations[blocks] + deck.offsets[blocks],
                 name=shape.name,
             )
         )
@@ -137,8 +139,6 @@ def deck_assembly(
 ) -> DeformableAssembly:
     """Deformable blocks in contact, for the static and the explicit solver.
 
-    Friction is not part of it.
-
     Raises
     ------
     DeformableAssemblyError
@@ -149,7 +149,7 @@ def deck_assembly(
     if deck.joint is None:
         raise DeformableAssemblyError(f"{deck.name}: the deck has no contact; use its model alone")
     model, group_of, copy_of = deck_model(deck)
-    surfaces = contact_surfaces(deck.assembly, deck.spacing)
+    surfaces = contact_surfaces(deck.assembly, deck.offsets, clearance=deck.clearance)
     moving = group_of >= 0
     touching = moving[surfaces.block_m] | moving[surfaces.block_s]
     surfaces = surfaces.subset(np.flatnonzero(touching))
@@ -159,7 +159,15 @@ def deck_assembly(
         model=model,
         group_of=group_of,
         copy_of=copy_of,
-        spacing=deck.spacing,
+        offsets=deck.offsets,
         surfaces=surfaces,
-        contact=Contact(deck.joint.law, normals),
+        contact=Contact(deck.joint.law, normals, _friction(deck.joint), deck.joint.finite_sliding),
     )
+
+
+def _friction(joint: Joint) -> CoulombFriction | None:
+    if joint.friction is None:
+        return None
+    if joint.stick_stiffness is None:
+        return CoulombFriction(joint.friction)
+    return CoulombFriction(joint.friction, joint.stick_stiffness)

@@ -22,7 +22,7 @@ from fem.problem.effects import Effects
 from geometry.assembly import Assembly
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
-from geometry.spacing import clearance_offsets
+from geometry.spacing import spacing_offsets
 
 
 class Flavour(StrEnum):
@@ -192,15 +192,17 @@ class Deck:
     """Rayleigh damping, bulk viscosity and gravity."""
     motion: Motion | None = None
     """Initial motion; None: at rest."""
-    initial_clearance: float = 0.0
-    """Blocks are spaced by it [mm]."""
+    clearance: float = 0.0
+    """Gap along the normal of every facet before the load acts [mm]."""
+    spacing: float = 0.0
+    """Distance by which neighbours are moved apart [mm] (`geometry.spacing`)."""
     notes: tuple[str, ...] = ()
     """Where the deck differs from the scene, one line each."""
 
     @cached_property
-    def spacing(self) -> FloatArray:
+    def offsets(self) -> FloatArray:
         """Translation of each block from its conforming place, (n_blocks, 3) [mm]."""
-        return clearance_offsets(self.assembly, self.initial_clearance)
+        return spacing_offsets(self.assembly, self.spacing)
 
     @property
     def held_blocks(self) -> IntArray:

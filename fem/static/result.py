@@ -91,7 +91,7 @@ def pair_resultants(result: StaticResult) -> tuple[FloatArray, FloatArray]:
     where = np.empty_like(corners)
     for block in np.unique(surfaces.block_s):
         mine = surfaces.block_s == block
-        nodes = deformable.assembly.nodes(int(block)) + deformable.spacing[block]
+        nodes = deformable.assembly.nodes(int(block)) + deformable.offsets[block]
         where[mine] = nodes[surfaces.quads_s[mine]]
     first = surfaces.pair_start[:-1]
     force = np.add.reduceat(corners.sum(axis=1), first, axis=0)

@@ -19,7 +19,7 @@ from geometry.families.sine_block import (
 from geometry.families.tube import hexagon_tube, sine_tube
 from geometry.joints import UnmatchedJoint
 from geometry.load_case import LoadCase, LoadCaseError, face_pressure, load_case
-from geometry.mesh import MeshError
+from geometry.mesh import FloatArray, MeshError
 from geometry.units import check_size
 from validation.errors import InputError
 from validation.scene.families import (
@@ -29,7 +29,7 @@ from validation.scene.families import (
     PlanarSineScene,
 )
 from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import AssemblyScene, BrickScene, Scene, TubeScene
+from validation.scene.read import AssemblyScene, BrickScene, DeformableScene, Scene, TubeScene
 
 
 @dataclass(frozen=True)
@@ -159,6 +159,33 @@ def build_load(scene: AssemblyScene, assembly: Assembly) -> LoadCase:
         )
     except LoadCaseError as error:
         raise InputError(str(error)) from None
+
+
+def build_weight(scene: DeformableScene, assembly: Assembly) -> FloatArray | None:
+    """Weight of rigid blocks under ``effects.gravity``, about their mass centroids.
+
+    Deformable blocks carry theirs node by node (`fem.assembly.deformable`).
+
+    Returns
+    -------
+    FloatArray | None
+        (n_blocks, 6) [N, N mm]; None where the scene names no gravity.
+
+    Raises
+    ------
+    InputError
+        Gravity without a density.
+    """
+    if scene.effects.gravity is None:
+        return None
+    if scene.material is None:
+        raise InputError(
+            "effects.gravity: blocks weigh by material.density, and [material] is missing; add it, "
+            "or remove effects.gravity"
+        )
+    wrenches = np.zeros((assembly.n_blocks, 6))
+    wrenches[:, :3] = np.outer(scene.material.density * assembly.volumes, scene.effects.gravity)
+    return wrenches
 
 
 def build_blocks(scene: AssemblyScene) -> HexahedralBlocks:

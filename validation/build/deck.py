@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from fem.assembly.deformable import OUTER_FACES
+from fem.decks.abaqus.deck import check_abaqus
 from fem.decks.calculix.deck import check_calculix
 from fem.decks.keywords import DeckError
 from fem.decks.model import as_nodal_forces, deck_model
-from fem.decks.names import check_deck
 from fem.decks.placement import canonical
 from fem.decks.statement import (
     CircumferentialLoad,
@@ -133,7 +133,8 @@ def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
             effects.finite_sliding,
         ),
         effects=_effects(effects, fem, static=static),
-        initial_clearance=scene.contact.initial_clearance,
+        clearance=scene.contact.clearance,
+        spacing=scene.contact.spacing,
     )
     if flavour is Flavour.PAIRS and isinstance(deck.loads[0], CircumferentialLoad):
         deck = replace(deck, loads=(as_nodal_forces(deck, deck.loads[0]),))
@@ -176,7 +177,8 @@ def _contact_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) ->
         )
     if flavour is Flavour.CALCULIX:
         notes += [
-            "contact: the law is a table of 200 points, linear between them",
+            "contact: the law is a table of 200 points, linear between them"
+            + (", moved by the clearance" if contact is not None and contact.clearance else ""),
             "contact: no spring where surfaces are apart by more than 1e-3 sqrt(area of a node)",
             "contact: NODE TO SURFACE; the normal at a node is that of one facet of the other "
             "surface",
@@ -346,5 +348,5 @@ def _with_notes(deck: Deck, notes: list[str]) -> Deck:
     if deck.flavour is Flavour.CALCULIX:
         check_calculix(deck)
     else:
-        check_deck(deck)
+        check_abaqus(deck)
     return deck

@@ -40,6 +40,11 @@ def build_own_blocks(scene: MeshScene, name: str) -> HexahedralBlocks:
         For input that describes no assembly, and for one that stays rigid: which block has no
         hexahedra.
     """
+    if scene.contact is not None and scene.contact.spacing > 0.0:
+        raise InputError(
+            f"{name}: contact.spacing: got {scene.contact.spacing:g} mm, but own blocks have no "
+            "layers to move apart; expected contact.clearance, or places with gaps"
+        )
     try:
         assembly = _assembly(scene, name)
         check_size(assembly)
@@ -142,6 +147,21 @@ def contact_distance(assembly: PolyhedralAssembly) -> IntArray:
     return np.where(reached, distance, last).astype(np.int64)
 
 
+def refuse_two_weights(scene: MeshScene, name: str) -> None:
+    """Refuse a weight that is stated twice.
+
+    Raises
+    ------
+    InputError
+        Gravity in the load and among the effects.
+    """
+    if scene.load.gravity is not None and scene.effects.gravity is not None:
+        raise InputError(
+            f"{name}: load.gravity and effects.gravity: got both, and blocks would weigh twice; "
+            "expected one of them"
+        )
+
+
 def own_load(scene: MeshScene, name: str, assembly: Assembly) -> LoadCase:
     """Loads on whole blocks, with the density of the material.
 
@@ -152,6 +172,7 @@ def own_load(scene: MeshScene, name: str, assembly: Assembly) -> LoadCase:
     """
     assert scene.material is not None
     density, given = scene.material.density, scene.load.density
+    refuse_two_weights(scene, name)
     if "density" in scene.load.model_fields_set and given != density:
         raise InputError(
             f"{name}: load.density is {given:g} and material.density {density:g} t/mm³; expected "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -59,10 +59,15 @@ def compare(
 
 def clearance(
     scene: SceneArgument,
+    *,
     gap: Annotated[
         list[float] | None,
-        typer.Option("--gap", metavar="MM", help="Initial clearance; repeatable."),
+        typer.Option("--gap", metavar="MM", help="Initial gap; repeatable."),
     ] = None,
+    kind: Annotated[
+        Literal["clearance", "spacing"],
+        typer.Option(help="Gaps along every normal, or blocks moved apart, as in the paper."),
+    ] = "clearance",
     settings: SetOption = None,
     json: JsonOption = None,
     output: Annotated[Path | None, folder_option("the figure", "out/SCENE-clearance")] = None,
@@ -80,7 +85,7 @@ def clearance(
     checked = require_deformable(file, "clearance")
     with Outputs(json, folder, ("clearance.png",), scene=file) as outputs:
         with status(outputs.console, f"{file.name}: static states"):
-            rows = clearance_rows(file.name, checked, tuple(gap) if gap else GAPS)
+            rows = clearance_rows(file.name, checked, tuple(gap) if gap else GAPS, kind)
         print_rows(file.name, rows, outputs.console)
         outputs.write(
             "picture", "clearance.png", lambda path: draw_clearance(file.name, rows, path)

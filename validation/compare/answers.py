@@ -7,15 +7,14 @@ whole tube; p_eff, p_max; force resultants per interface; time of each.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
-from geometry.assembly import Assembly, BoolArray
+from geometry.assembly import BoolArray
 from geometry.joints import between_layers
-from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from mbd import Norm
 from validation.build.blocks import require_matching
@@ -181,7 +180,7 @@ def compare(
     fem = fem_section(scene, name)
     deformable = build_comparable(scene, name)
     assembly = deformable.assembly
-    load = with_weight(scene_load(scene, name, assembly), scene, assembly)
+    load = scene_load(scene, name, assembly)
     rigid: dict[Norm, RigidRun] = {}
     for norm in Norm:
         chosen = scene.model_copy(update={"rigid": scene.rigid.model_copy(update={"norm": norm})})
@@ -199,18 +198,6 @@ def compare(
         )
     steps = decompose(name, scene, static)
     return _collect(name, rigid, static, dynamic, steps)
-
-
-def with_weight(load: LoadCase, scene: DeformableScene, assembly: Assembly) -> LoadCase:
-    """Load of rigid blocks that weigh what the deformable ones do under ``effects.gravity``."""
-    if scene.effects.gravity is None:
-        return load
-    assert scene.material is not None
-    wrenches = np.zeros((assembly.n_blocks, 6))
-    wrenches[:, :3] = np.outer(scene.material.density * assembly.volumes, scene.effects.gravity)
-    if load.body_wrenches is not None:
-        wrenches += load.body_wrenches
-    return replace(load, body_wrenches=wrenches)
 
 
 def build_comparable(scene: DeformableScene, name: str) -> DeformableAssembly:

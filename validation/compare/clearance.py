@@ -1,5 +1,6 @@
 """`tubelock clearance`: what the initial gap between the blocks does, the paper's great unknown.
 
+A gap is a clearance along every normal, or comes about by moving the blocks apart: two answers.
 The paper spaced its blocks by a small gap "for stabilization" and does not print it. Each gap is a
 static solution of the same scene; the factor by which the paper scales its displacement pictures
 hints at which gap it used.
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from rich.console import Console
@@ -22,14 +24,17 @@ from validation.run.static import run_tube_static
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 
+#: How a gap comes about: ``contact.clearance`` or ``contact.spacing``.
+Kind = Literal["clearance", "spacing"]
 GAPS = (0.0, 0.003, 0.01, 0.03, 0.1)
 
 
 @dataclass(frozen=True)
 class ClearanceRow:
-    """The static state with one initial clearance."""
+    """The static state with one initial gap."""
 
-    initial_clearance: float
+    kind: Kind
+    gap: float
     """[mm]"""
     max_displacement: float
     """[mm]"""
@@ -46,21 +51,26 @@ class ClearanceRow:
 
 
 def clearance_row(
-    name: str, scene: DeformableScene, gap: float, store: FlexibilityStore | None = None
+    name: str,
+    scene: DeformableScene,
+    gap: float,
+    store: FlexibilityStore | None = None,
+    kind: Kind = "clearance",
 ) -> ClearanceRow:
-    """Solve the scene with one initial clearance."""
+    """Solve the scene with one initial gap."""
     fem = fem_section(scene, name)
     assert scene.contact is not None
     spaced = scene.model_copy(
         update={
-            "contact": scene.contact.model_copy(update={"initial_clearance": gap}),
+            "contact": scene.contact.model_copy(update={kind: gap}),
             "fem": fem.model_copy(update={"method": Method.STATIC}),
         }
     )
-    run = run_tube_static(f"{name}, clearance {gap:g} mm", spaced, store=store)
+    run = run_tube_static(f"{name}, {kind} {gap:g} mm", spaced, store=store)
     blocks = run.deformable.deformable_blocks.tolist()
     return ClearanceRow(
-        initial_clearance=gap,
+        kind=kind,
+        gap=gap,
         max_displacement=run.largest_displacement,
         p_eff=run.contact.p_eff,
         p_max=run.contact.p_max_face,
@@ -72,9 +82,9 @@ def clearance_row(
 
 
 def clearance_rows(
-    name: str, scene: DeformableScene, gaps: tuple[float, ...]
+    name: str, scene: DeformableScene, gaps: tuple[float, ...], kind: Kind = "clearance"
 ) -> list[ClearanceRow]:
-    """Solve the scene with every initial clearance.
+    """Solve the scene with every initial gap.
 
     Raises
     ------
@@ -82,16 +92,16 @@ def clearance_rows(
         For gaps that are none, or a scene that cannot be solved.
     """
     if not gaps or not all(np.isfinite(gaps)) or min(gaps) < 0:
-        raise InputError(f"--gap: got {list(gaps)}, expected one or more clearances in mm, 0 or up")
+        raise InputError(f"--gap: got {list(gaps)}, expected one or more lengths in mm, 0 or up")
     store = FlexibilityStore()
-    return [clearance_row(name, scene, gap, store) for gap in gaps]
+    return [clearance_row(name, scene, gap, store, kind) for gap in gaps]
 
 
 def print_rows(name: str, rows: list[ClearanceRow], console: Console) -> None:
     """Print the study."""
-    table = Table(title=f"{name}: static state over the initial clearance", title_justify="left")
+    table = Table(title=f"{name}: static state over the {rows[0].kind}", title_justify="left")
     for head in (
-        "clearance [mm]",
+        f"{rows[0].kind} [mm]",
         "|u| max [mm]",
         "p_eff [MPa]",
         "p_max [MPa]",
@@ -103,7 +113,7 @@ def print_rows(name: str, rows: list[ClearanceRow], console: Console) -> None:
         table.add_column(head, justify="right")
     for row in rows:
         table.add_row(
-            f"{row.initial_clearance:g}",
+            f"{row.gap:g}",
             f"{row.max_displacement:.4g}",
             f"{row.p_eff:.3g}",
             f"{row.p_max:.3g}",
@@ -117,7 +127,7 @@ def print_rows(name: str, rows: list[ClearanceRow], console: Console) -> None:
 
 def draw_clearance(name: str, rows: list[ClearanceRow], path: Path) -> None:
     """Draw displacement and pressures over the clearance."""
-    gap = [row.initial_clearance for row in rows]
+    gap = [row.gap for row in rows]
     figure, (left, right) = subplots(1, 2, size=(10.5, 4.4))
     left.plot(gap, [row.max_displacement for row in rows], "o-", color=BLUE)
     left.set_ylabel("largest displacement [mm]")
@@ -128,8 +138,8 @@ def draw_clearance(name: str, rows: list[ClearanceRow], path: Path) -> None:
     right.set_ylabel("contact pressure [MPa]")
     right.legend(frameon=False)
     for axes in (left, right):
-        axes.set_xlabel("initial clearance [mm]")
+        axes.set_xlabel(f"{rows[0].kind} [mm]")
         axes.set_ylim(bottom=0.0)
         axes.grid(alpha=0.3)
-    figure.suptitle(f"{name}: static state over the initial clearance", x=0.02, ha="left")
+    figure.suptitle(f"{name}: static state over the {rows[0].kind}", x=0.02, ha="left")
     save_figure(figure, path)

@@ -1,7 +1,7 @@
 """Why rigid and deformable answers differ: one assumption changed at a time.
 
 rigid blocks (uniform foundation) → the same as stiff finite elements on linear springs → the
-scene's contact law → the scene's elasticity → the scene's initial clearance. The first two agree
+scene's contact law → the scene's elasticity → the scene's initial gaps. The first two agree
 where the finite elements are right; each later row shows what its own step does.
 """
 
@@ -20,7 +20,7 @@ from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.linear_step.sparse import SparseSolverError
 from fem.static.result import StaticResult
 from fem.static.solve import StaticError, StaticOptions, solve_static
-from validation.run.deformable import TubeRun, build_deformable
+from validation.run.deformable import TubeRun, build_deformable, gap_words
 from validation.scene.read import DeformableScene
 
 #: Stiffer by this factor, blocks deform a thousandth of what the contact springs do.
@@ -79,10 +79,10 @@ def decompose(name: str, scene: DeformableScene, static: TubeRun) -> list[Step]:
         Its static answer, the last step.
     """
     assert scene.contact is not None
-    clearance = scene.contact.initial_clearance
+    opened = scene.contact.opened
     closed = static.deformable
-    if clearance > 0:
-        contact = scene.contact.model_copy(update={"initial_clearance": 0.0})
+    if opened:
+        contact = scene.contact.model_copy(update={"clearance": 0.0, "spacing": 0.0})
         closed = build_deformable(scene.model_copy(update={"contact": contact}), name)
     law = closed.contact.law
     mean = np.array([static.contact.mean_overclosure])
@@ -95,7 +95,7 @@ def decompose(name: str, scene: DeformableScene, static: TubeRun) -> list[Step]:
         ),
         ("with the scene's contact law", stiff),
     ]
-    if clearance > 0:
+    if opened:
         tasks.append((_ELASTICITY, closed))
     steps, store = [], FlexibilityStore()
     for words, problem in tasks:
@@ -105,6 +105,6 @@ def decompose(name: str, scene: DeformableScene, static: TubeRun) -> list[Step]:
             continue
         if result.converged:
             steps.append(_step(words, result))
-    last = f"with the initial clearance of {clearance:g} mm" if clearance > 0 else _ELASTICITY
+    last = f"with the initial gaps{gap_words(scene.contact)}" if opened else _ELASTICITY
     found = static.contact
     return [*steps, Step(last, found.p_eff, found.p_max_face, found.effective_count_percent)]

@@ -41,6 +41,8 @@ MARGIN = 2.0
 
 #: Effects that are on or off, without a value.
 _SWITCHES = (EffectName.ELASTIC_FRAME, EffectName.FINITE_ROTATION, EffectName.FINITE_SLIDING)
+#: Effects that ``[contact]`` names.
+_GAPS = (EffectName.CLEARANCE, EffectName.SPACING)
 #: Effects that only a motion has.
 _DAMPING = (EffectName.RAYLEIGH, EffectName.BULK_VISCOSITY)
 #: Effects of large motions, which the probe leaves out and judges from its motion.
@@ -97,8 +99,8 @@ class EffectsDecision:
 
 def has_effect(scene: DeformableScene, effect: EffectName) -> bool:
     """Whether a scene has an effect."""
-    if effect is EffectName.INITIAL_CLEARANCE:
-        return scene.contact is not None and scene.contact.initial_clearance > 0.0
+    if effect in _GAPS:
+        return scene.contact is not None and getattr(scene.contact, effect) > 0.0
     return bool(getattr(scene.effects, effect))
 
 
@@ -109,9 +111,9 @@ def with_effect(scene: DeformableScene, effect: EffectName) -> DeformableScene:
 
 def without_effect(scene: DeformableScene, effect: EffectName) -> DeformableScene:
     """Scene without an effect."""
-    if effect is EffectName.INITIAL_CLEARANCE:
+    if effect in _GAPS:
         assert scene.contact is not None
-        contact = scene.contact.model_copy(update={"initial_clearance": 0.0})
+        contact = scene.contact.model_copy(update={effect: 0.0})
         return scene.model_copy(update={"contact": contact})
     absent = False if effect in _SWITCHES else None
     return scene.model_copy(update={"effects": scene.effects.model_copy(update={effect: absent})})
@@ -153,9 +155,8 @@ def setting_words(scene: DeformableScene, effect: EffectName) -> str:
     """Value of an effect in a scene."""
     if effect in _SWITCHES:
         return "on"
-    if effect is EffectName.INITIAL_CLEARANCE:
-        assert scene.contact is not None
-        return f"{scene.contact.initial_clearance:g} mm"
+    if effect in _GAPS:
+        return f"{getattr(scene.contact, effect):g} mm"
     value = getattr(scene.effects, effect)
     if effect is EffectName.GRAVITY:
         return ", ".join(f"{g:g}" for g in value) + " mm/s²"

@@ -111,7 +111,7 @@ def bare(scene: DeformableScene) -> DeformableScene:
     fem = scene.fem.model_copy(
         update={"method": Method.EXPLICIT, "damping": Damping.STATIC, "frames": 0}
     )
-    contact = scene.contact.model_copy(update={"initial_clearance": 0.0})
+    contact = scene.contact.model_copy(update={"clearance": 0.0, "spacing": 0.0})
     return scene.model_copy(update={"fem": fem, "contact": contact, "effects": EffectsSection()})
 
 
@@ -143,7 +143,7 @@ def _with_mass_damping(coefficient: float) -> Callable[[DeformableScene], Deform
 def _with_clearance(clearance: float) -> Callable[[DeformableScene], DeformableScene]:
     def add(scene: DeformableScene) -> DeformableScene:
         assert scene.contact is not None
-        contact = scene.contact.model_copy(update={"initial_clearance": clearance})
+        contact = scene.contact.model_copy(update={"clearance": clearance})
         return scene.model_copy(update={"contact": contact})
 
     return add
@@ -157,7 +157,7 @@ def effects_of(scene: DeformableScene, mass_damping: float) -> tuple[Effect, ...
     viscosity = own.bulk_viscosity or BulkViscositySection()
     friction = own.friction or FrictionSection(coefficient=FRICTION)
     gravity = own.gravity or GRAVITY
-    clearance = (scene.contact.initial_clearance if scene.contact else 0.0) or CLEARANCE
+    clearance = (scene.contact.clearance if scene.contact else 0.0) or CLEARANCE
     return (
         Effect("friction", f"μ = {friction.coefficient:g}", _with(friction=friction)),
         Effect(
@@ -180,7 +180,7 @@ def effects_of(scene: DeformableScene, mass_damping: float) -> tuple[Effect, ...
         Effect("finite rotation", "on", _with(finite_rotation=True)),
         Effect("finite sliding", "on", _with(finite_sliding=True)),
         Effect("frame elasticity", "on", _with(elastic_frame=True)),
-        Effect("initial clearance", f"{clearance:g} mm", _with_clearance(clearance)),
+        Effect("clearance", f"{clearance:g} mm", _with_clearance(clearance)),
         Effect("gravity", f"{abs(gravity[2]):g} mm/s² down", _with(gravity=gravity)),
     )
 

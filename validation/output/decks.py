@@ -209,7 +209,8 @@ def deck_json(deck: Deck) -> dict[str, Any]:
         "loads": [{"kind": type(load).__name__, "blocks": len(load.blocks)} for load in deck.loads],
         "end_time": deck.step.end_time,
         "ramp_time": deck.step.ramp_time,
-        "initial_clearance": deck.initial_clearance,
+        "clearance": deck.clearance,
+        "spacing": deck.spacing,
         "notes": list(deck.notes),
     }
 

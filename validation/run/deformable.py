@@ -67,6 +67,14 @@ def contact_law(section: ContactSection) -> ContactLaw:
         raise InputError(str(error)) from None
 
 
+def gap_words(section: ContactSection | None) -> str:
+    """Gaps before the load acts, to follow other words; nothing where there are none."""
+    if section is None:
+        return ""
+    given = (("clearance", section.clearance), ("spacing", section.spacing))
+    return "".join(f", {name} {value:g} mm" for name, value in given if value)
+
+
 def fem_section(scene: DeformableScene, name: str) -> FemSection:
     """How the scene is to be solved.
 
@@ -182,7 +190,8 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
             element=fem.element,
             law=contact_law(scene.contact),
             normals=ContactNormals.CURRENT,
-            initial_clearance=scene.contact.initial_clearance,
+            clearance=scene.contact.clearance,
+            spacing=scene.contact.spacing,
             frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
             friction=friction,
             finite_sliding=scene.effects.finite_sliding or bool(blocks.unmatched),
@@ -266,7 +275,7 @@ class TubeRun:
 
     def positions(self, block: int) -> FloatArray:
         """Nodes of a block before the load acts, spacing included, (n_nodes, 3) [mm]."""
-        placed: FloatArray = self.deformable.assembly.nodes(block) + self.deformable.spacing[block]
+        placed: FloatArray = self.deformable.assembly.nodes(block) + self.deformable.offsets[block]
         return placed
 
     @property
@@ -330,8 +339,7 @@ class TubeRun:
     @property
     def title(self) -> str:
         """Scene, load, method and mesh, for pictures."""
-        clearance = 0.0 if self.scene.contact is None else self.scene.contact.initial_clearance
-        gap = f", initial clearance {clearance:g} mm" if clearance else ""
+        gap = gap_words(self.scene.contact)
         if not self.is_tube:
             blocks = len(self.deformable.deformable_blocks)
             plural = "s" if blocks > 1 else ""

@@ -12,10 +12,11 @@ from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import Mechanism, RigidResult, analyse
+from validation.build.own_blocks import refuse_two_weights
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
 from validation.run.further import Further, further_answers, further_json
 from validation.run.rigid import certificate_json
-from validation.scene.polyhedra import PolyhedralScene
+from validation.scene.polyhedra import BodyLoadSection, MeshScene, PolyhedralScene
 from validation.scene.read import SceneFile
 
 
@@ -60,7 +61,7 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
     """
     start = time.process_time()
     assembly = build_polyhedra(scene, file.folder)
-    loads = build_body_loads(scene.load, assembly)
+    loads = build_body_loads(_body_load(file.name, scene), assembly)
     load = loads.load_case(assembly)
     built = time.process_time() - start
     result = analyse(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
@@ -71,6 +72,17 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
         seconds["further"] = extra = further.cpu_seconds
     seconds["total"] = built + result.cpu_seconds["total"] + extra
     return PolyhedralRun(file.name, scene, assembly, loads, load, result, further, seconds)
+
+
+def _body_load(name: str, scene: PolyhedralScene) -> BodyLoadSection:
+    """Loads on whole blocks; own blocks may state their weight among the effects."""
+    if not isinstance(scene, MeshScene) or scene.effects.gravity is None:
+        return scene.load
+    refuse_two_weights(scene, name)
+    stated: dict[str, Any] = {"gravity": scene.effects.gravity}
+    if scene.material is not None:
+        stated["density"] = scene.material.density
+    return scene.load.model_copy(update=stated)
 
 
 def polyhedra_json(run: PolyhedralRun) -> dict[str, Any]:

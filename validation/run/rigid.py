@@ -13,10 +13,10 @@ import numpy as np
 from geometry.assembly import Assembly
 from geometry.files.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
 from geometry.joints import UnmatchedJoint
-from geometry.load_case import LoadCase
+from geometry.load_case import LoadCase, with_body_wrenches
 from geometry.mesh import FloatArray
 from mbd import Mechanism, RigidResult, SelfStress, analyse, block_wrenches
-from validation.build.blocks import build_blocks, require_assembly, require_matching
+from validation.build.blocks import build_blocks, build_weight, require_assembly, require_matching
 from validation.run.further import Further, further_answers, further_json
 from validation.scene.read import DeformableScene, SceneFile
 
@@ -89,12 +89,15 @@ def build_matching(file: SceneFile) -> BuiltScene:
 
 def analyse_rigid(built: BuiltScene) -> RigidRun:
     """Analyse a built scene."""
-    scene, assembly, load = built.scene, built.assembly, built.load
+    scene, assembly = built.scene, built.assembly
+    live = block_wrenches(assembly, built.load)
+    weight = build_weight(scene, assembly)
+    load = built.load if weight is None else with_body_wrenches(built.load, weight)
     result = analyse(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
     seconds = {"build": built.cpu_seconds, **result.cpu_seconds}
     seconds["total"] = built.cpu_seconds + result.cpu_seconds["total"]
-    live = block_wrenches(assembly, load)
-    further = further_answers(assembly, load.fixed, (np.zeros_like(live), live), scene.rigid)
+    dead = np.zeros_like(live) if weight is None else weight
+    further = further_answers(assembly, load.fixed, (dead, live), scene.rigid)
     if further is not None:
         seconds["further"] = further.cpu_seconds
         seconds["total"] += further.cpu_seconds

@@ -26,7 +26,7 @@ def load_steps(scene: DeformableScene, fem: FemSection) -> int:
     """Parts in which the load is applied."""
     if fem.load_steps is not None:
         return fem.load_steps
-    closing = scene.contact is not None and scene.contact.initial_clearance > 0.0
+    closing = scene.contact is not None and scene.contact.opened
     return _CLOSING_STEPS if closing and scene.effects.friction is not None else 1
 
 

@@ -38,8 +38,30 @@ class ContactSection(Section):
     """Slope at which the exponential law goes on linearly [MPa/mm]; None: the default cap."""
     stiffness: Positive | None = None
     """Slope of the linear law [MPa/mm]."""
-    initial_clearance: NonNegative = 0.0
-    """Gap made by spacing the blocks before the load acts [mm]."""
+    clearance: NonNegative = 0.0
+    """Gap along the normal of every facet before the load acts [mm]: blocks made too small by
+    half of it."""
+    spacing: NonNegative = 0.0
+    """Distance by which neighbouring blocks are moved apart before the load acts, their size kept
+    [mm], as the paper's group did: inclined joints open by less or more. Both add up."""
+
+    @property
+    def opened(self) -> bool:
+        """Whether gaps are to be closed before blocks press on each other."""
+        return self.clearance > 0.0 or self.spacing > 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _which_gap(cls, data: Any) -> Any:
+        """Refuse the key that meant one gap to the solver and another one to a deck."""
+        if isinstance(data, dict) and "initial_clearance" in data:
+            value = data["initial_clearance"]
+            raise ValueError(
+                f"contact.initial_clearance: got {value!r}, which meant two things; write "
+                f"contact.clearance = {value} (a gap along every normal, as runs took it) or "
+                f"contact.spacing = {value} (blocks moved apart, as decks wrote it)"
+            )
+        return data
 
     @model_validator(mode="after")
     def _linear_needs_stiffness(self) -> ContactSection:
@@ -84,8 +106,10 @@ class EffectName(StrEnum):
 
     FRICTION = "friction"
     GRAVITY = "gravity"
-    INITIAL_CLEARANCE = "initial_clearance"
-    """``contact.initial_clearance``"""
+    CLEARANCE = "clearance"
+    """``contact.clearance``"""
+    SPACING = "spacing"
+    """``contact.spacing``"""
     ELASTIC_FRAME = "elastic_frame"
     FINITE_ROTATION = "finite_rotation"
     FINITE_SLIDING = "finite_sliding"

@@ -103,7 +103,7 @@ def _overclosed() -> Finding:
     assembly = stack(2)
     load = pressed(assembly, 0.01)
     return refusal(
-        lambda: deformable(assembly, load, initial_clearance=-1.0),
+        lambda: deformable(assembly, load, clearance=-1.0),
         ContactError,
         "overlap at the start",
         "between blocks",

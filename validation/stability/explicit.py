@@ -130,7 +130,7 @@ def _forced() -> Finding:
 def _impact() -> Finding:
     assembly = stack(1, top_fixed=True)
     load = replace(pressed(assembly, 0.0), fixed=assembly.fixed)
-    stated = deformable(assembly, load, material=CONCRETE, initial_clearance=0.1)
+    stated = deformable(assembly, load, material=CONCRETE, clearance=0.1)
     model = replace(explicit_assembly(stated).model, loads=())
     group = model.groups[0]
     velocity = np.zeros((1, group.n_nodes, 3))

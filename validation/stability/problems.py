@@ -76,7 +76,7 @@ def deformable(
     material: Material = COLUMN,
     element: ElementType = ElementType.INCOMPATIBLE,
     law: ContactLaw | None = None,
-    initial_clearance: float = 0.0,
+    clearance: float = 0.0,
 ) -> DeformableAssembly:
     """Deformable blocks with reference normals, whose closed forms are exact."""
     return deformable_assembly(
@@ -86,7 +86,7 @@ def deformable(
         element=element,
         law=law,
         normals=ContactNormals.REFERENCE,
-        initial_clearance=initial_clearance,
+        clearance=clearance,
     )
 
 

@@ -168,7 +168,7 @@ def _energy(stated: DeformableAssembly, displacements: tuple[FloatArray, ...]) -
 def _turning() -> Finding:
     assembly = tube(2, SineBlockDivisions(12, 2, 4))
     stated = deformable_assembly(
-        assembly, load_case(assembly, "tunnel", 0.01), CONCRETE, initial_clearance=0.1
+        assembly, load_case(assembly, "tunnel", 0.01), CONCRETE, clearance=0.1
     )
     result = solve_static(stated)
     least = _energy(stated, result.displacements)

@@ -15,7 +15,16 @@ from fem.contact.law import ExponentialLaw
 from fem.decks.abaqus.model import boundary_lines, model_lines
 from fem.decks.abaqus.step import step_lines
 from fem.decks.faces import ElementFaces, Patches, contact_patches, element_faces
-from fem.decks.keywords import element_lines, entry_lines, keyword, label, node_lines, real, reals
+from fem.decks.keywords import (
+    DeckError,
+    element_lines,
+    entry_lines,
+    keyword,
+    label,
+    node_lines,
+    real,
+    reals,
+)
 from fem.decks.names import (
     ALL,
     CONTACT,
@@ -27,7 +36,7 @@ from fem.decks.names import (
     check_deck,
 )
 from fem.decks.placement import placement_rows
-from fem.decks.statement import CircumferentialLoad, Deck, Flavour
+from fem.decks.statement import CircumferentialLoad, Deck, Flavour, Procedure
 from fem.element.hexahedron import ElementType
 from geometry.block import Block
 from geometry.mesh import IntArray
@@ -46,7 +55,7 @@ def abaqus_lines(deck: Deck) -> Iterator[str]:
     DeckError
         What Abaqus has no words for, by name.
     """
-    check_deck(deck)
+    check_abaqus(deck)
     patches = contact_patches(deck) if _has_pairs(deck) else None
     yield from heading_lines(deck)
     for number, shape in enumerate(deck.assembly.shapes):
@@ -55,6 +64,25 @@ def abaqus_lines(deck: Deck) -> Iterator[str]:
     yield from model_lines(deck)
     yield from boundary_lines(deck)
     yield from step_lines(deck, patches)
+
+
+def check_abaqus(deck: Deck) -> None:
+    """Refuse what Abaqus cannot express.
+
+    Raises
+    ------
+    DeckError
+        By name.
+    """
+    check_deck(deck)
+    static = deck.step.procedure is Procedure.STATIC
+    small = deck.joint is not None and not deck.joint.finite_sliding
+    if deck.clearance != 0.0 and not (deck.flavour is Flavour.PAIRS and static and small):
+        raise DeckError(
+            f"contact.clearance: got {deck.clearance:g} mm, a gap along every normal, which Abaqus "
+            "prescribes for pairs of small sliding in a static step alone (*Clearance); expected "
+            "contact.spacing, flavour pairs with fem.method=static, or flavour calculix"
+        )
 
 
 def _has_pairs(deck: Deck) -> bool:
@@ -86,11 +114,12 @@ def heading_lines(deck: Deck) -> Iterator[str]:
     if deck.joint is not None and isinstance(deck.joint.law, ExponentialLaw):
         stiffness = deck.joint.law.maximum_stiffness
         yield f"maximum contact stiffness: {real(stiffness) if isfinite(stiffness) else 'none'}"
-    yield f"initial clearance: {real(deck.initial_clearance)}"
-    if deck.initial_clearance != 0.0:
+    yield f"clearance along every normal: {real(deck.clearance)}"
+    yield f"spacing of the blocks: {real(deck.spacing)}"
+    if deck.spacing != 0.0:
         for block in range(assembly.n_blocks):
             place = reals(assembly.translations[block])
-            yield f"place without clearance: {block_label(deck, block)} {place}"
+            yield f"place without spacing: {block_label(deck, block)} {place}"
     for note in deck.notes:
         yield f"note: {note}"
 
@@ -159,7 +188,7 @@ def _section(deck: Deck) -> Iterator[str]:
 
 def _assembly(deck: Deck) -> Iterator[str]:
     assembly = deck.assembly
-    places = assembly.translations + deck.spacing
+    places = assembly.translations + deck.offsets
     yield "**"
     yield keyword("Assembly", name=label(assembly.name))
     for block in range(assembly.n_blocks):

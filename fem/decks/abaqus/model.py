@@ -98,7 +98,7 @@ def _initial_motion(deck: Deck) -> Iterator[str]:
         return
     yield keyword("Initial Conditions", type="ROTATING VELOCITY")
     for block in range(assembly.n_blocks):
-        centre = (assembly.nodes(block) + deck.spacing[block]).mean(axis=0)
+        centre = (assembly.nodes(block) + deck.offsets[block]).mean(axis=0)
         target = f"{block_label(deck, block)}.{ALL}"
         yield f"{target}, {reals([spin, *motion.velocity])}"
         yield reals([*centre, *(centre + _AXIS_LENGTH * angular / spin)])

@@ -79,6 +79,14 @@ def _contact_pairs(deck: Deck, patches: Patches) -> Iterator[str]:
             f"{block_label(deck, pair.block_s)}.{pair.patch_s}, "
             f"{block_label(deck, pair.block_m)}.{pair.patch_m}"
         )
+    if deck.clearance == 0.0:
+        return
+    yield "** Gaps along the normals, whatever the coordinates say."
+    for pair in patches.pairs:
+        yield (
+            f"*Clearance, master={block_label(deck, pair.block_m)}.{pair.patch_m}, "
+            f"slave={block_label(deck, pair.block_s)}.{pair.patch_s}, value={real(deck.clearance)}"
+        )
 
 
 def pair_keyword(deck: Deck) -> str:

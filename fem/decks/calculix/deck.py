@@ -120,8 +120,10 @@ def check_calculix(deck: Deck) -> None:
         raise DeckError("initial: a static step has no initial motion; remove it")
 
 
-def law_table(law: ContactLaw) -> FloatArray:
+def law_table(law: ContactLaw, clearance: float = 0.0) -> FloatArray:
     """Pressure and overclosure of a contact law as a table for CalculiX, (n <= 200, 2).
+
+    A clearance along every normal [mm] is said here: surfaces press on each other from there on.
 
     Linear between the points: with the paper's constants pressures differ by less than
     0.03 %. The last point lies on the law's linear end, far outside any overclosure.
@@ -135,7 +137,9 @@ def law_table(law: ContactLaw) -> FloatArray:
     pressure = law.pressure(overclosure)
     slope = float(law.stiffness(overclosure[-1:] + 1e-9)[0])
     last = [pressure[-1] + slope * (_FAR - overclosure[-1]), _FAR]
-    return np.vstack([np.column_stack([pressure, overclosure]), last])
+    table = np.vstack([np.column_stack([pressure, overclosure]), last])
+    table[:, 1] += clearance
+    return table
 
 
 # ---------------------------------------------------------------------------------------------
@@ -154,7 +158,7 @@ def _contact(deck: Deck, patches: Patches) -> Iterator[str]:
     assert joint is not None
     yield keyword("Surface Interaction", name=JOINT)
     yield "*Surface Behavior, pressure-overclosure=TABULAR"
-    for row in law_table(joint.law).tolist():
+    for row in law_table(joint.law, deck.clearance).tolist():
         yield reals(row)
     if joint.friction is not None:
         assert joint.stick_stiffness is not None

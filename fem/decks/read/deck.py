@@ -35,8 +35,18 @@ SUPPORTED = (
     *("END PART", "ASSEMBLY", "INSTANCE", "END INSTANCE", "ORIENTATION", "END ASSEMBLY"),
     *("SECTION CONTROLS", "MATERIAL", "DENSITY", "ELASTIC", "DAMPING", "SURFACE INTERACTION"),
     *("SURFACE BEHAVIOR", "FRICTION", "AMPLITUDE", "INITIAL CONDITIONS", "CONTACT"),
-    *("CONTACT INCLUSIONS", "CONTACT PROPERTY ASSIGNMENT", "CONTACT PAIR", "BOUNDARY", "STEP"),
-    *("STATIC", "DYNAMIC", "BULK VISCOSITY", "DSLOAD", "DLOAD", "CLOAD", "OUTPUT"),
+    *("CONTACT INCLUSIONS", "CONTACT PROPERTY ASSIGNMENT", "CONTACT PAIR", "CLEARANCE"),
+    *(
+        "BOUNDARY",
+        "STEP",
+        "STATIC",
+        "DYNAMIC",
+        "BULK VISCOSITY",
+        "DSLOAD",
+        "DLOAD",
+        "CLOAD",
+        "OUTPUT",
+    ),
     *("NODE OUTPUT", "ELEMENT OUTPUT", "CONTACT OUTPUT", "ENERGY OUTPUT", "END STEP"),
 )
 
@@ -121,7 +131,8 @@ def _build(cards: list[Card], heading: Heading) -> Deck:
         joint=None if behavior is None else read_joint(sections, behavior, heading),
         effects=read_effects(sections),
         motion=read_motion(sections),
-        initial_clearance=float(heading_value(heading, "initial clearance", 1)[0]),
+        clearance=float(heading_value(heading, "clearance along every normal", 1)[0]),
+        spacing=float(heading_value(heading, "spacing of the blocks", 1)[0]),
         notes=tuple(heading.notes),
     )
 

@@ -43,7 +43,7 @@ def read_heading(cards: list[Card]) -> Heading:
             raise DeckError(f"line {number}: got {text[:40]!r}, expected a line 'name: value'")
         if key == "note":
             heading.notes.append(value)
-        elif key == "place without clearance":
+        elif key == "place without spacing":
             heading.places.append(numbers(number, value.partition(" ")[2], 3))
         else:
             heading.values[key] = value

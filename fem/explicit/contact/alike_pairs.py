@@ -150,7 +150,7 @@ def _relative_placement(
     assembly = deformable.assembly
     m, s = pair.blocks
     to_master = assembly.rotations[m].T
-    place = assembly.translations + deformable.spacing
+    place = assembly.translations + deformable.offsets
     return to_master @ assembly.rotations[s], to_master @ (place[s] - place[m])
 
 

@@ -19,7 +19,7 @@ from fem.explicit.contact.paired import FaceContact
 from fem.explicit.contact.search import BlockSurface
 from fem.explicit.contact.sliding import SlidingContact, sliding_state
 from fem.explicit.setup.cell_hold import cell_hold
-from fem.problem.effects import Effects
+from fem.problem.effects import EffectError, Effects
 from fem.problem.model import Amplitude, BlockGroup, InteractionModel, Model, NodalLoad, Support
 from geometry.mesh import FloatArray, IntArray
 
@@ -107,7 +107,7 @@ def explicit_assembly(
     orbits
         Blocks to compute once; by default every block is computed.
     effects
-        Damping and the like; by default none.
+        Damping and the like; by default none. Gravity is that of the assembly.
     amplitude
         Factor of all loads in time; None: constant.
     friction
@@ -123,6 +123,8 @@ def explicit_assembly(
         Friction with reference normals or too stiff a stick.
     SymmetryError
         Finite sliding of a sector.
+    EffectError
+        Effects with another gravity than the assembly has.
     """
     orbits = no_symmetry(deformable) if orbits is None else orbits
     chosen = _representatives(deformable, orbits)
@@ -145,11 +147,26 @@ def explicit_assembly(
             groups=tuple(_some_copies(g, k) for g, k in zip(model.groups, kept, strict=True)),
             supports=tuple(_some_support(s, kept[s.group]) for s in model.supports),
             loads=tuple(_some_load(f, kept[f.group], amplitude) for f in model.loads),
-            effects=Effects() if effects is None else effects,
+            effects=_with_gravity(effects, deformable.gravity),
             interactions=(contact,) if hold is None else (contact, hold),
         ),
         sliding=searched,
     )
+
+
+def _with_gravity(effects: Effects | None, gravity: FloatArray | None) -> Effects:
+    """Effects with the gravity of the assembly, which is stated there and nowhere else."""
+    if effects is None:
+        return Effects(gravity=gravity)
+    if effects.gravity is None:
+        return replace(effects, gravity=gravity)
+    if gravity is None or (effects.gravity != gravity).any():
+        stated = "none" if gravity is None else gravity.tolist()
+        raise EffectError(
+            f"effects.gravity: got {effects.gravity.tolist()} where the assembly has {stated}; "
+            "expected it in `deformable_assembly` alone, for static and explicit runs alike"
+        )
+    return effects
 
 
 def _face_contact(
@@ -193,7 +210,7 @@ def _sliding_contact(
                     copy=int(max(copy_of[block], 0)),
                     rotation=assembly.rotations[block],
                     nodes=nodes,
-                    reference=(assembly.nodes(block) + deformable.spacing[block])[nodes],
+                    reference=(assembly.nodes(block) + deformable.offsets[block])[nodes],
                     quads=local.reshape(quads.shape).astype(np.int64),
                 )
             )

@@ -1,0 +1,176 @@
+"""One scene, one problem: solvers and exported decks mean the same gaps and the same weight."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fem.assembly.deformable import DeformableAssembly, Frames, deformable_assembly
+from fem.contact.law import ExponentialLaw
+from fem.decks.calculix.deck import law_table
+from fem.decks.model import deck_assembly
+from fem.decks.statement import Flavour
+from fem.element.material import Material
+from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.setup.quasi_static import recommended_times
+from fem.explicit.solve import StopCriterion, solve
+from fem.problem.effects import AdaptiveMassDamping, EffectError, Effects
+from fem.problem.loads import SmoothStepAmplitude
+from fem.static.solve import solve_static
+from geometry.families.box_column import ColumnBox, box_column
+from geometry.load_case import face_pressure
+from validation.build.deck import build_deck
+from validation.errors import InputError
+from validation.output.decks import export_deck, import_deck
+from validation.run.deformable import build_deformable
+from validation.run.polyhedra import run_polyhedra
+from validation.run.rigid import run_rigid
+from validation.scene.read import SceneFile, check_scene, load_scene, scene_data
+
+COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2")
+STATIC = (*COARSE, "fem.method=static", "effects.friction={coefficient=0.2, stick_stiffness=1e3}")
+CONCRETE = Material(2.4e-9, 33_000.0, 0.2)
+GRAVITY = np.array([0.0, 0.0, -9810.0])
+
+
+@pytest.mark.parametrize(
+    ("setting", "flavour"),
+    [
+        ("contact.spacing=0.01", Flavour.GENERAL),
+        ("contact.spacing=0.01", Flavour.PAIRS),
+        ("contact.clearance=0.01", Flavour.PAIRS),
+        ("effects.gravity=[0.0, 0.0, -9.81e6]", Flavour.GENERAL),
+        ("effects.gravity=[0.0, 0.0, -9.81e6]", Flavour.PAIRS),
+    ],
+)
+def test_an_exported_deck_states_what_the_scene_solves(setting, flavour, tmp_path: Path) -> None:
+    """Coordinates go through decimals: 1e-13 mm, over c0 = 1e-3 mm, is 1e-10 of a pressure, and
+    the static solutions agree to their residual of 1e-8 times a gain of contact below 1e2."""
+    file = load_scene("tsb1-pipe", [*STATIC, setting])
+    export_deck(file, flavour, tmp_path / "a.inp")
+    imported = deck_assembly(import_deck(tmp_path / "a.inp"))
+    ours = build_deformable(file.scene, "tube")  # type: ignore[arg-type]
+    assert imported.contact.friction == ours.contact.friction
+    answers = [solve_static(problem) for problem in (ours, imported)]
+    assert answers[0].max_displacement > 1e-3
+    for name in ("displacements", "pressures"):
+        a, b = (np.concatenate([np.ravel(v) for v in getattr(r, name)]) for r in answers)
+        assert np.abs(a - b).max() < 1e-6 * np.abs(a).max()
+    moved = answers[0].displacements
+    a, b = (explicit_assembly(p).contact_state(moved).pressures for p in (ours, imported))
+    assert np.abs(a - b).max() < 1e-8 * np.abs(a).max()
+
+
+def test_clearance_and_spacing_are_two_gaps() -> None:
+    """A uniform gap is 0.01 mm on every facet; blocks moved apart open wavy joints unevenly."""
+    gaps = {}
+    for kind in ("clearance", "spacing"):
+        file = load_scene("tsb1-pipe", [*COARSE, f"contact.{kind}=0.01"])
+        gaps[kind] = build_deformable(file.scene, kind).surfaces.initial_gaps  # type: ignore[arg-type]
+    # Facets coincide up to rounding of coordinates of 400 mm.
+    assert np.abs(gaps["clearance"] - 0.01).max() < 1e-12
+    assert gaps["spacing"].min() < 0.005
+    assert gaps["spacing"].max() > 0.011
+
+
+@pytest.mark.parametrize("setting", ["fem.method=explicit", "effects.finite_sliding=true"])
+def test_abaqus_refuses_a_clearance_that_it_has_no_words_for(setting) -> None:
+    settings = [*COARSE, setting, "fem.end_time=1.0", "contact.clearance=0.01"]
+    for flavour in (Flavour.GENERAL, Flavour.PAIRS):
+        if flavour is Flavour.PAIRS and "sliding" in setting:
+            settings.append("fem.method=explicit")
+        with pytest.raises(InputError, match=r"contact\.clearance: got 0\.01 mm"):
+            build_deck(load_scene("tsb1-pipe", settings), flavour)
+
+
+def test_the_table_for_calculix_is_moved_by_the_clearance() -> None:
+    law, clearance = ExponentialLaw(), 0.01
+    pressure, overclosure = law_table(law, clearance)[:-1].T
+    assert np.allclose(law.pressure(overclosure - clearance), pressure, rtol=1e-12, atol=1e-15)
+    deck = build_deck(
+        load_scene("tsb1-pipe", [*COARSE, "contact.clearance=0.01"]), Flavour.CALCULIX
+    )
+    assert any("moved by the clearance" in note for note in deck.notes)
+
+
+def test_the_key_that_meant_two_things_is_refused_with_what_to_write() -> None:
+    with pytest.raises(InputError) as refused:
+        load_scene("tsb1-pipe", ["contact.initial_clearance=0.01"])
+    assert "contact.clearance = 0.01" in str(refused.value)
+    assert "contact.spacing = 0.01" in str(refused.value)
+
+
+def weighing_column() -> DeformableAssembly:
+    """Two boxes, the lower one standing; the upper one's weight is twenty times the pressure."""
+    boxes = box_column([ColumnBox((40.0, 40.0, 60.0), (2, 2, 2))] * 2)
+    load = face_pressure(boxes, np.array([1]), "z+", 1e-4)
+    return deformable_assembly(boxes, load, CONCRETE, frames=Frames.DEFORMABLE, gravity=GRAVITY)
+
+
+def test_gravity_of_the_assembly_reaches_an_explicit_run() -> None:
+    """Static and explicit carry the same weight: the joint bears the upper box and the pressure.
+
+    The static state is reached to a residual of 1e-6 of the forces.
+    """
+    column = weighing_column()
+    effects = Effects(adaptive_mass_damping=AdaptiveMassDamping())
+    times = recommended_times(explicit_assembly(column, effects=effects).model, damped=True)
+    ramp = SmoothStepAmplitude(times.ramp_time)
+    stated = explicit_assembly(column, effects=effects, amplitude=ramp)
+    stop = StopCriterion(residual=1e-6, not_before=times.ramp_time)
+    explicit = solve(stated.model, end_time=4 * times.end_time, stop=stop)
+    dynamic = stated.contact_state(explicit.displacements)
+    static = solve_static(column).contact_state
+    bears = 40.0**2 * (1e-4 + CONCRETE.density * 9810.0 * 60.0)
+    for state in (static, dynamic):
+        assert state.pressures @ state.areas == pytest.approx(bears, rel=1e-5)
+
+
+def test_gravity_is_stated_once() -> None:
+    column = weighing_column()
+    assert np.array_equal(explicit_assembly(column).model.effects.gravity, GRAVITY)
+    same = explicit_assembly(column, effects=Effects(gravity=GRAVITY.copy()))
+    assert np.array_equal(same.model.effects.gravity, GRAVITY)
+    with pytest.raises(EffectError, match="where the assembly has"):
+        explicit_assembly(column, effects=Effects(gravity=2.0 * GRAVITY))
+
+
+def test_rigid_blocks_carry_the_weight_that_the_scene_states() -> None:
+    """A column's lowest joint bears the pressure and all that stands above it."""
+    gravity = "effects.gravity=[0.0, 0.0, -9810.0]"
+    weightless, heavy = (run_rigid(load_scene("column", s)) for s in ((), (gravity,)))
+    found = []
+    for run in (weightless, heavy):
+        joints = run.assembly.interfaces
+        lowest = joints.block_m[run.result.contact_index] == 0
+        found.append(run.result.contact_forces[lowest].sum())
+    above = heavy.assembly.volumes[1:].sum()
+    density = heavy.scene.material.density  # type: ignore[union-attr]
+    # The equilibrium's residual is below 1e-6 of the forces.
+    assert found[1] - found[0] == pytest.approx(density * 9810.0 * above, rel=1e-5)
+    data = scene_data("column")[1] | {"effects": {"gravity": GRAVITY.tolist()}}
+    del data["material"]
+    with pytest.raises(InputError, match=r"effects\.gravity: blocks weigh by material\.density"):
+        run_rigid(SceneFile(name="column", scene=check_scene(data)))
+
+
+def test_a_weight_stated_twice_is_refused(tmp_path: Path) -> None:
+    faces = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
+    faces += "f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"
+    (tmp_path / "cube.obj").write_text(faces)
+    (tmp_path / "cubes.toml").write_text(
+        '[block]\ntype = "mesh"\nunits = "cm"\n'
+        '[[parts]]\nfile = "cube.obj"\nplaces = [{fixed = true}, {at = [0.0, 0.0, 10.0]}]\n'
+    )
+    scene = str(tmp_path / "cubes.toml")
+    both = ("load.gravity=[0.0, 0.0, -9810.0]", "effects.gravity=[0.0, 0.0, -9810.0]")
+    for setting in both:
+        file = load_scene(scene, [setting])
+        forces = run_polyhedra(file, file.scene).result.contact_forces  # type: ignore[arg-type]
+        # 1 cm³ of the default density; the equilibrium's residual is below 1e-6.
+        assert forces.sum() == pytest.approx(1e3 * 2.4e-9 * 9810.0, rel=1e-5)
+    twice = load_scene(scene, both)
+    with pytest.raises(InputError, match="weigh twice"):
+        run_polyhedra(twice, twice.scene)  # type: ignore[arg-type]
