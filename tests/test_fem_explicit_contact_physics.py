@@ -99,12 +99,9 @@ def on_incline(ratio, *, coefficient=0.3, time=4e-3):
     size = (40.0, 30.0, 20.0)
     penalty = 200.0
     sink = CONCRETE.density * down * size[2] / penalty
-    deformable = block_on_floor(size, law=LinearPenalty(penalty), lift=-sink)
-    statement = explicit_assembly(
-        deformable,
-        effects=Effects(gravity=np.array([slope * down, 0.0, -down])),
-        friction=CoulombFriction(coefficient),
-    )
+    gravity = np.array([slope * down, 0.0, -down])
+    deformable = block_on_floor(size, law=LinearPenalty(penalty), lift=-sink, gravity=gravity)
+    statement = explicit_assembly(deformable, friction=CoulombFriction(coefficient))
     result = solve(statement.model, end_time=time)
     mass = statement.model.groups[0].lumped_mass
     return float(mass @ result.displacements[0][0, :, 0] / mass.sum()), result
@@ -149,9 +146,8 @@ def test_no_friction_is_vanishing_friction_to_the_bit():
 
 def test_friction_history_is_in_the_checkpoint(tmp_path):
     """A run with friction continued from a checkpoint ends in the same bits."""
-    deformable = block_on_floor(lift=-1e-4)
-    effects = Effects(gravity=np.array([4000.0, 0.0, -9000.0]))
-    model = explicit_assembly(deformable, effects=effects, friction=CoulombFriction(0.3)).model
+    deformable = block_on_floor(lift=-1e-4, gravity=np.array([4000.0, 0.0, -9000.0]))
+    model = explicit_assembly(deformable, friction=CoulombFriction(0.3)).model
     path = tmp_path / "checkpoint.npz"
     seen = []
 
@@ -245,9 +241,9 @@ def test_time_step_counts_contact():
     the step of the free block it is thrown off.
     """
     sink = CONCRETE.density * GRAVITY * 20.0 / 1e5
-    deformable = block_on_floor(law=LinearPenalty(1e5), lift=-sink)
-    effects = Effects(gravity=np.array([0.0, 0.0, -GRAVITY]))
-    model = explicit_assembly(deformable, effects=effects).model
+    gravity = np.array([0.0, 0.0, -GRAVITY])
+    deformable = block_on_floor(law=LinearPenalty(1e5), lift=-sink, gravity=gravity)
+    model = explicit_assembly(deformable).model
     with_contact = critical_time_step(model).critical_time_step
     without = critical_time_step(deformable.model).critical_time_step
     assert with_contact < 0.5 * without
@@ -271,11 +267,8 @@ def test_column_under_its_weight_sinks_by_the_inverse_of_the_law():
     weight leaves: the mean over the facets is exact by equilibrium, to the residual reached.
     """
     law = ExponentialLaw()
-    deformable = block_on_floor(law=law)
-    effects = Effects(
-        gravity=np.array([0.0, 0.0, -1e3 * GRAVITY]),
-        adaptive_mass_damping=AdaptiveMassDamping(interval=50),
-    )
+    deformable = block_on_floor(law=law, gravity=np.array([0.0, 0.0, -1e3 * GRAVITY]))
+    effects = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
     result = solve(explicit_assembly(deformable, effects=effects).model, end_time=4e-3)
     pressure = CONCRETE.density * 1e3 * GRAVITY * 20.0
     found, overclosure = matched_pressures(deformable, result.displacements)

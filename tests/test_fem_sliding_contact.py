@@ -367,11 +367,9 @@ def test_a_column_of_boxes_of_different_mesh_carries_its_weight():
         0.0,
         assembly.fixed,
     )
-    deformable = deformable_assembly(assembly, load, CONCRETE, finite_sliding=True)
-    effects = Effects(
-        gravity=np.array([0.0, 0.0, -9810.0]),
-        adaptive_mass_damping=AdaptiveMassDamping(interval=50),
-    )
+    gravity = np.array([0.0, 0.0, -9810.0])
+    deformable = deformable_assembly(assembly, load, CONCRETE, finite_sliding=True, gravity=gravity)
+    effects = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
     statement = explicit_assembly(deformable, effects=effects)
     result = solve(statement.model, end_time=0.05, stop=StopCriterion(1e-6))
     found = sliding_state(statement.model.interactions[0], statement.expand(result.displacements))

@@ -68,7 +68,7 @@ COLUMNS: dict[Quantity, dict[str, str]] = {
 
 #: Of this version is the canonical text that identifies a study.
 _FORMAT = 1
-#: Sections that no rigid-block answer depends on.
+#: Sections that no rigid-block answer depends on, but for what blocks weigh.
 _DEFORMABLE = ("material", "contact", "effects", "fem")
 #: More values of one parameter than this are a slip of the pen.
 _MOST_VALUES = 100_000
@@ -129,7 +129,9 @@ class Study:
         """Text that is the same for equal studies, whatever their files look like."""
         scene = check_scene(self._data(self.design(0)), self.name).model_dump(mode="json")
         if self.quantity == "rigid":
+            weight = _weight(scene)
             scene = {key: value for key, value in scene.items() if key not in _DEFORMABLE}
+            scene |= weight
         content = {
             "format": _FORMAT,
             "quantity": self.quantity,
@@ -322,6 +324,14 @@ def _range(place: str, given: Mapping[str, Any]) -> tuple[Value, ...]:
         raise InputError(f"{place}: the range has {count} values, more than {_MOST_VALUES}")
     whole = all(isinstance(given[key], int) for key in given)
     return tuple((int if whole else float)(start + k * step) for k in range(count))
+
+
+def _weight(scene: Mapping[str, Any]) -> dict[str, Any]:
+    """What rigid blocks weigh by: nothing where the scene names no gravity."""
+    gravity = (scene.get("effects") or {}).get("gravity")
+    if gravity is None:
+        return {}
+    return {"weight": {"gravity": gravity, "density": (scene.get("material") or {}).get("density")}}
 
 
 def _refuse_twice(

@@ -1,0 +1,110 @@
+"""Which keys of a scene an answer used: sections tell what is read of them while a method runs.
+
+One mechanism in place of a list of cases: a key that is set and was not read cannot have changed
+the answer. It is named, in words and in the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from typing import Any
+
+from pydantic import BaseModel
+
+#: A key by the class of its section and its name there.
+_Key = tuple[type, str]
+_READ: ContextVar[set[_Key] | None] = ContextVar("keys that are read", default=None)
+
+
+class Recorded(BaseModel):
+    """A section that tells, while `recording` is on, which of its values are read."""
+
+    def __getattribute__(self, name: str) -> Any:
+        read = _READ.get()
+        if read is not None and not name.startswith("_"):
+            kind = type(self)
+            if name in kind.__pydantic_fields__:
+                read.add((kind, name))
+        return super().__getattribute__(name)
+
+    def model_dump(self, **options: Any) -> dict[str, Any]:
+        """Return plain data; what is in it counts as read."""
+        data = super().model_dump(**options)
+        for name in data:
+            getattr(self, name)
+        return data
+
+
+@dataclass
+class KeyUse:
+    """What was read of a scene."""
+
+    scene: BaseModel
+    """The scene as it was given."""
+    _read: set[_Key] = field(default_factory=set)
+
+    @property
+    def unused(self) -> tuple[str, ...]:
+        """Keys that were set and not read, as ``section.key``, in the order of the scene."""
+        return tuple(dict.fromkeys(self._unread(self.scene, "")))
+
+    def _unread(self, section: BaseModel, place: str) -> Iterator[str]:
+        kind = type(section)
+        values = section.__dict__
+        for name in kind.model_fields:
+            if name not in section.model_fields_set:
+                continue
+            inner = list(_sections(values[name]))
+            for key, part in inner:
+                yield from self._unread(part, f"{place}{name}{key}.")
+            if not inner and (kind, name) not in self._read and not _nothing(values[name]):
+                yield f"{place}{name}"
+
+    @property
+    def words(self) -> str:
+        """Keys that were not read, whole sections as such; nothing where all were."""
+        unused = self.unused
+        given = self._given()
+        said = []
+        for key in unused:
+            section = key.partition(".")[0]
+            mine = [k for k in unused if k.startswith(f"{section}.")]
+            whole = len(mine) > 1 and len(mine) == sum(k.startswith(f"{section}.") for k in given)
+            said.append(f"[{section}]" if whole else key)
+        return ", ".join(dict.fromkeys(said))
+
+    def _given(self) -> tuple[str, ...]:
+        return KeyUse(self.scene).unused
+
+
+def _sections(value: Any) -> Iterator[tuple[str, BaseModel]]:
+    """Sections that a value is made of and how their keys go on; none for a plain value."""
+    if isinstance(value, BaseModel):
+        yield "", value
+    elif isinstance(value, Mapping):
+        for key, part in value.items():
+            if isinstance(part, BaseModel):
+                yield f".{key}", part
+    elif isinstance(value, tuple | list):
+        for part in value:
+            if isinstance(part, BaseModel):
+                yield "", part
+
+
+def _nothing(value: Any) -> bool:
+    """Whether a value states nothing: absent, off or empty."""
+    return value is None or value is False or (isinstance(value, tuple | dict) and not value)
+
+
+@contextmanager
+def recording(scene: BaseModel) -> Iterator[KeyUse]:
+    """Record what is read of a scene's sections, of its copies too, while a method runs."""
+    use = KeyUse(scene)
+    token = _READ.set(use._read)
+    try:
+        yield use
+    finally:
+        _READ.reset(token)
