@@ -317,5 +317,18 @@ def test_other_endings_are_refused(tubelock) -> None:  # noqa: F811
     assert Path("tube.pdf").read_bytes()[:4] == b"%PDF"
 
 
+def test_one_block_is_drawn_with_all_its_measures(tubelock) -> None:  # noqa: F811
+    settings = ("block.height=150", "block.shift=0.25", *COARSE)
+    assert tubelock("show", "tsb1-pipe", "--block", *_set(settings), "-o", "block.svg")[0] == 0
+    words = Path("block.svg").read_text("utf-8")  # words stay words
+    for measure in ("h = 150 mm", "a = 20 mm", "f = 1.5 waves", "s = 0.25", "n = 4", "t = 40 mm"):
+        assert measure in words
+    assert "= 120 mm" in words  # r_i
+    status, _, error = tubelock("show", "thb0-pipe", "--block", "-o", "other.png")
+    assert status == 2
+    assert "'hexagon'" in error
+    assert not Path("other.png").exists()
+
+
 def _set(settings: tuple[str, ...]) -> list[str]:
     return [word for setting in settings for word in ("--set", setting)]

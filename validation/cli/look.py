@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from validation.cli.completion import complete_scenes
 from validation.cli.options import SceneArgument, SetOption
+
+if TYPE_CHECKING:
+    from validation.scene.read import SceneFile
 
 
 def scenes(
@@ -49,6 +52,10 @@ def show(
         Path, typer.Option("-o", "--output", metavar="FILE.png|svg|pdf", help="Picture to write.")
     ] = Path("tube.png"),
     settings: SetOption = None,
+    *,
+    block: Annotated[
+        bool, typer.Option("--block", help="One Sine Block with its measures instead.")
+    ] = False,
 ) -> None:
     """Draw a scene: blocks, frame, load and supports."""
     from validation.output.files import require_picture
@@ -60,7 +67,9 @@ def show(
     file = load_scene(scene, settings or ())
     require_picture(output)
     with Outputs(files={"-o": output}, scene=file) as outputs:
-        if isinstance(file.scene, PolyhedralScene):
+        if block:
+            _draw_one_block(file, output)
+        elif isinstance(file.scene, PolyhedralScene):
             from validation.build.polyhedra import build_polyhedra
             from validation.output.pictures.polyhedra import draw_blocks
 
@@ -74,3 +83,21 @@ def show(
             title = f"{file.name}: {load_words(file.scene)}"
             draw_assembly(built.assembly, built.load, output, title=title)
         outputs.say("picture", output)
+
+
+def _draw_one_block(file: SceneFile, output: Path) -> None:
+    """Draw one block of a tube of Sine Blocks with the measures of its scene."""
+    from validation.build.blocks import block_parameters
+    from validation.errors import InputError
+    from validation.output.pictures.block import draw_block
+    from validation.run.rigid import build_scene
+    from validation.scene.read import TubeScene
+
+    if not isinstance(file.scene, TubeScene):
+        raise InputError(
+            f"--block: {file.name} has blocks of type {file.scene.block.type!r}; the drawing with "
+            'measures is that of block.type = "sine", such as tsb1-pipe'
+        )
+    assembly = build_scene(file, command="show").assembly
+    title = f"{file.name}: Sine Block TSB(h, a, f, s, n, r_i, t)"
+    draw_block(assembly, block_parameters(file.scene), output, title=title)
