@@ -421,7 +421,12 @@ def test_explicit_deck_says_the_physics(tube) -> None:
     found = {card.keyword: card for card in cards}
     assert found["DAMPING"].parameters == {"ALPHA": "2.0", "BETA": "1.e-08"}
     assert found["SURFACE BEHAVIOR"].parameters == {"PRESSURE-OVERCLOSURE": "EXPONENTIAL"}
-    assert found["SURFACE BEHAVIOR"].data == ["0.001, 0.0001, 1000.0"]
+    assert found["SURFACE BEHAVIOR"].data == ["0.001, 0.0001"]
+    capped = tube_deck(tube, joint=Joint(ExponentialLaw(1e-3, 1e-4, 1000.0)))
+    cards = read_cards(text_of(capped))
+    assert next(c for c in cards if c.keyword == "SURFACE BEHAVIOR").data == [
+        "0.001, 0.0001, 1000.0"
+    ]
     assert found["AMPLITUDE"].parameters["DEFINITION"] == "SMOOTH STEP"
     assert found["BULK VISCOSITY"].data == ["0.06, 1.2"]
     assert found["CONTACT INCLUSIONS"].parameters == {"ALL EXTERIOR": ""}

@@ -7,14 +7,15 @@ import pytest
 
 from fem.contact.law import ContactLawError, ExponentialLaw, LinearPenalty
 
-UNCAPPED = ExponentialLaw(maximum_stiffness=math.inf)
+UNCAPPED = ExponentialLaw()
+CAPPED = ExponentialLaw(maximum_stiffness=1000.0)
 LAWS = [
     UNCAPPED,
-    ExponentialLaw(),
+    CAPPED,
     ExponentialLaw(1e-2, 1e-3, 50.0),
     LinearPenalty(800.0),
 ]
-IDS = ["uncapped", "default", "soft", "linear"]
+IDS = ["uncapped", "capped", "soft", "linear"]
 
 
 def sample(law):
@@ -35,6 +36,25 @@ def test_the_table_of_the_law():
     # Three printed digits: half a unit of the third, 0.005 µm and 0.5 % of the leading digit.
     assert np.abs(x * 1e3 - overclosure).max() < 0.0051
     assert np.abs(UNCAPPED.stiffness(x) / stiffness - 1.0).max() < 0.005
+
+
+def test_the_law_of_the_text_has_no_cap_unless_one_is_named():
+    """p = p_c0/(e - 1) X (eˣ - 1) far above 0.883 MPa, where a cap of 1000 MPa/mm would begin."""
+    x = np.array([7e-3, 9e-3, 15e-3])
+    exponent = x / 1e-3 + 1.0
+    expected = 1e-4 / (math.e - 1.0) * exponent * np.expm1(exponent)
+    # X carries a rounding of X itself, eˣ then one of X times it: 16 eps.
+    assert np.allclose(ExponentialLaw().pressure(x), expected, rtol=1e-14, atol=0)
+    assert (CAPPED.pressure(x) < 0.95 * expected).all()
+    assert CAPPED.constants.linear_pressure == pytest.approx(0.883, abs=5e-4)
+
+
+def test_blocks_may_start_as_deep_as_ten_megapascal():
+    """An exponential presses with 10 MPa at 8.8 µm; capped, it ends at 6.6 µm."""
+    deepest = ExponentialLaw().largest_initial_overclosure
+    assert ExponentialLaw().pressure(deepest) == pytest.approx(10.0, rel=1e-12)
+    assert CAPPED.largest_initial_overclosure == CAPPED.constants.linear_start
+    assert LinearPenalty(800.0).largest_initial_overclosure == 1e-3
 
 
 def test_pressure_at_zero_clearance_is_the_datum():
@@ -74,7 +94,7 @@ def test_overclosure_inverts_pressure(law):
 
 
 def test_the_cap_is_met_smoothly():
-    law = ExponentialLaw()
+    law = CAPPED
     c = law.constants
     before, after = np.nextafter(c.linear_start, 0.0), c.linear_start
     # Neighbouring floats: the pressure may change by stiffness · spacing, the rest is rounding.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem.assembly.contact_state import ContactState
+from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.explicit.contact.quadrature import gauss_points
 from geometry.assembly import Assembly
 from geometry.measures import BlockMeasures, block_measures, measures
@@ -66,6 +67,38 @@ def contact_measures(assembly: Assembly, state: ContactState) -> ContactMeasures
         mean_overclosure=float(pressing @ state.point_overclosures) / area if area else 0.0,
         force=float(state.point_areas @ state.point_pressures),
         per_block=per_block,
+    )
+
+
+@dataclass(frozen=True)
+class CapAction:
+    """Where the maximum stiffness of an exponential law acted: there it is another law."""
+
+    maximum_stiffness: float
+    """[MPa/mm]"""
+    pressure: float
+    """Pressure from which it acts [MPa]."""
+    points: int
+    """Integration points at which it acted."""
+    pressing_points: int
+    """Integration points that press."""
+    force_share: float
+    """Contact force of those points over all contact force [-]."""
+
+
+def cap_action(law: ContactLaw, state: ContactState) -> CapAction | None:
+    """Where the cap of a law acted; None for a law without one."""
+    if not (isinstance(law, ExponentialLaw) and np.isfinite(law.maximum_stiffness)):
+        return None
+    force = state.point_areas * state.point_pressures
+    acted = state.point_overclosures > law.constants.linear_start
+    total = float(force.sum())
+    return CapAction(
+        maximum_stiffness=law.maximum_stiffness,
+        pressure=law.constants.linear_pressure,
+        points=int(acted.sum()),
+        pressing_points=int((force > 0.0).sum()),
+        force_share=float(force[acted].sum()) / total if total else 0.0,
     )
 
 

@@ -32,8 +32,12 @@ from geometry.mesh import FloatArray
 #: Overclosures are taken as at most this: its square times any stiffness is still a float [mm].
 LARGEST_OVERCLOSURE = 1e90
 
-#: The exponential ends here at the latest, so that eˣ stays far from overflow [-].
-LARGEST_EXPONENT = 200.0
+#: The exponential ends here at the latest, far above any strength (5e14 MPa with the paper's
+#: constants): products and squares of what lies beyond are still floats [-].
+LARGEST_EXPONENT = 40.0
+
+#: Blocks whose surfaces press with more than this before any load acts are badly placed [MPa].
+LARGEST_INITIAL_PRESSURE = 10.0
 
 #: Below this the stored energy is summed as a series: its closed form loses digits [-].
 _SERIES_END = 0.5
@@ -205,12 +209,13 @@ class _Law:
 
     @property
     def largest_initial_overclosure(self) -> float:
-        """Overclosure at which the curve of the law ends [mm]; deeper starts are refused.
+        """Overclosure beyond which blocks are refused at the start [mm].
 
-        The exponential ends where it continues linearly. A linear penalty has no such end: it
-        takes a micrometre, which the coordinates of a mesh may well be off by.
+        Where the law presses with `LARGEST_INITIAL_PRESSURE`, or where its exponential ends. A
+        micrometre is always allowed, which the coordinates of a mesh may well be off by.
         """
-        return max(self.constants.linear_start, 1e-3)
+        hard = float(self.overclosure(LARGEST_INITIAL_PRESSURE))
+        return max(min(self.constants.linear_start, hard), 1e-3)
 
 
 def _require_positive(law: str, name: str, value: float, *, finite: bool = True) -> None:
@@ -224,8 +229,8 @@ def _require_positive(law: str, name: str, value: float, *, finite: bool = True)
 class ExponentialLaw(_Law):
     """Abaqus' exponential pressure-overclosure law.
 
-    p = p_c0 / (e - 1) X (eˣ - 1) with X = overclosure / c0 + 1, zero for X <= 0; beyond the
-    overclosure at which its slope reaches the maximum stiffness it continues linearly.
+    p = p_c0 / (e - 1) X (eˣ - 1) with X = overclosure / c0 + 1, zero for X <= 0. With a maximum
+    stiffness it continues linearly beyond the overclosure at which its slope reaches that.
 
     Raises
     ------
@@ -238,11 +243,10 @@ class ExponentialLaw(_Law):
     """c0 [mm]"""
     pressure_at_zero_clearance: float = 1e-4
     """p_c0 [MPa]"""
-    maximum_stiffness: float = 1000.0
-    """Third data item [MPa/mm]; infinity for none. Abaqus does not publish its default for
-    penalty contact. 1000 is above the stiffness at any pressure below 0.87 MPa (with the other
-    two as above) and changes no result of the paper's tubes; 100 adds a quarter to their
-    displacements."""
+    maximum_stiffness: float = math.inf
+    """Third data item [MPa/mm]; infinity, the law of the text, for none. A cap is another law:
+    with the other two as above 1000 acts above 0.883 MPa and takes more than a tenth off the peak
+    pressures of the paper's tubes. Abaqus does not publish its default for penalty contact."""
 
     def __post_init__(self) -> None:
         for name in ("clearance_at_zero_pressure", "pressure_at_zero_clearance"):

@@ -242,7 +242,7 @@ def _start_state(system: LocalSystem, start: StaticResult | None) -> _State:
     area = float(surfaces.areas.sum())
     load = float(np.linalg.norm(system.external_force, axis=1).sum())
     law = contact.law
-    least = max(float(law.pressure(0.0)), 1e-9 * law.constants.linear_stiffness)
+    least = max(float(law.pressure(0.0)), 1e-9 * law.touching_stiffness)
     pressure = max(load / area if area else 0.0, least)
     at = np.full(surfaces.weights.shape, float(law.overclosure(pressure)))
     stiffness = float(law.stiffness(law.overclosure(pressure)))

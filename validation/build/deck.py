@@ -168,7 +168,8 @@ def _contact_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) ->
     contact = scene.contact
     if contact is not None and contact.law == "exponential" and contact.maximum_stiffness is None:
         notes.append(
-            "contact: no maximum stiffness in the scene; the third value is tubelock's default"
+            "contact: the law has no maximum stiffness; Abaqus/Explicit takes one of its own where "
+            "penalty contact is given none: contact.maximum_stiffness names one for both"
         )
     if flavour is Flavour.GENERAL:
         notes.append(
@@ -177,7 +178,7 @@ def _contact_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) ->
         )
     if flavour is Flavour.CALCULIX:
         notes += [
-            "contact: the law is a table of 200 points, linear between them"
+            "contact: the law is a table of 200 points, linear between them and above 10 MPa"
             + (", moved by the clearance" if contact is not None and contact.clearance else ""),
             "contact: no spring where surfaces are apart by more than 1e-3 sqrt(area of a node)",
             "contact: NODE TO SURFACE; the normal at a node is that of one facet of the other "

@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from fem.assembly.measures import CapAction
 from fem.explicit.output.history import History
 from fem.explicit.solve import ExplicitResult
 from geometry.files.mesh_io import write_hex_mesh, write_surface
@@ -228,9 +229,21 @@ def print_blocks(run: TubeRun, console: Console) -> None:
         f"{contact['p_max_face']:.5g} MPa mean of block maxima (facets), "
         f"{contact['p_max_point']:.5g} MPa at a point",
     )
+    if run.cap is not None:
+        table.add_row("cap of the contact law", _cap_words(run.cap))
     table.add_row("effective contact elements", f"{contact['effective_count_percent']:.2f} %")
     table.add_row("mean overclosure", f"{contact['mean_overclosure']:.4g} mm where surfaces press")
     seconds = ", ".join(f"{k} {v:.3f}" for k, v in data["cpu_seconds"].items())
     table.add_row("CPU seconds", seconds)
     table.add_row("peak memory", f"{data['peak_memory_mb']:.0f} MB")
     console.print(table)
+
+
+def _cap_words(cap: CapAction) -> str:
+    """Where a maximum stiffness acted, in words."""
+    if not cap.points:
+        return f"{cap.maximum_stiffness:g} MPa/mm acts above {cap.pressure:.3g} MPa: nowhere"
+    return (
+        f"{cap.maximum_stiffness:g} MPa/mm acted above {cap.pressure:.3g} MPa: at {cap.points} of "
+        f"{cap.pressing_points} pressing points, {100 * cap.force_share:.3g} % of the contact force"
+    )

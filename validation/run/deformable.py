@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+import math
+from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
 from functools import cached_property
 from typing import Any
@@ -16,7 +17,7 @@ from fem.assembly.deformable import (
     Frames,
     deformable_assembly,
 )
-from fem.assembly.measures import ContactMeasures, contact_measures
+from fem.assembly.measures import CapAction, ContactMeasures, cap_action, contact_measures
 from fem.contact.friction import CoulombFriction, FrictionError
 from fem.contact.law import ContactLaw, ContactLawError, ExponentialLaw, LinearPenalty
 from fem.contact.surfaces import ContactError, ContactNormals
@@ -55,13 +56,11 @@ def contact_law(section: ContactSection) -> ContactLaw:
         if section.law == "linear":
             assert section.stiffness is not None
             return LinearPenalty(section.stiffness)
-        cap = (
-            {}
-            if section.maximum_stiffness is None
-            else {"maximum_stiffness": section.maximum_stiffness}
-        )
+        cap = section.maximum_stiffness
         return ExponentialLaw(
-            section.clearance_at_zero_pressure, section.pressure_at_zero_clearance, **cap
+            section.clearance_at_zero_pressure,
+            section.pressure_at_zero_clearance,
+            math.inf if cap is None else cap,
         )
     except ContactLawError as error:
         raise InputError(str(error)) from None
@@ -321,6 +320,11 @@ class TubeRun:
         """The paper's measures of the contact pressures, and more."""
         return contact_measures(self.deformable.assembly, self.contact_state)
 
+    @cached_property
+    def cap(self) -> CapAction | None:
+        """Where the maximum stiffness of the contact law acted; None for a law without one."""
+        return cap_action(self.deformable.contact.law, self.contact_state)
+
     @property
     def largest_displacement(self) -> float:
         """Largest nodal displacement [mm]."""
@@ -392,6 +396,7 @@ def tube_json(run: TubeRun, peak_memory_mb: float) -> dict[str, Any]:
             "min": min(float(p[:, 2].min()) for p in principal),
         },
         "contact": contact_report(run),
+        "contact_cap": None if run.cap is None else asdict(run.cap),
         **run.solver,
         "cpu_seconds": run.cpu_seconds,
         "peak_memory_mb": peak_memory_mb,

@@ -11,8 +11,13 @@ from typing import Any
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.surfaces import refuse_overlap
-from fem.explicit.output.checkpoint import CheckpointError
-from fem.explicit.setup.assembly import ExplicitAssembly, explicit_assembly
+from fem.explicit.output.checkpoint import CheckpointError, OtherProblemError
+from fem.explicit.setup.assembly import (
+    COUNTED_PRESSURE,
+    ExplicitAssembly,
+    counted_stiffness,
+    explicit_assembly,
+)
 from fem.explicit.setup.quasi_static import RecommendedTimes, quasi_static_report, recommended_times
 from fem.explicit.solve import (
     ExplicitResult,
@@ -30,7 +35,7 @@ from fem.problem.time_step import TimeStepError
 from validation.build.effects import build_effects
 from validation.errors import InputError
 from validation.run.deformable import NO_SECTOR, TubeRun, build_deformable, fem_section
-from validation.scene.deformable import Damping, Method
+from validation.scene.deformable import Damping, FemSection, Method
 from validation.scene.read import DeformableScene
 
 
@@ -46,10 +51,22 @@ class ExplicitStatement:
     """Duration of the smooth step of the loads [s]."""
     end_time: float
     """Latest end of the run [s]."""
+    counted_pressure: float
+    """Pressure whose contact stiffness the critical time step counts in where no cap is
+    below it [MPa]."""
+
+
+#: Contact pressures that the critical time step counts in, one after the other [MPa]: a run whose
+#: contact outgrows its time step starts again with the next.
+_COUNTED_PRESSURES = tuple(COUNTED_PRESSURE * 4.0**k for k in range(6))
 
 
 def explicit_statement(
-    scene: DeformableScene, name: str, deformable: DeformableAssembly
+    scene: DeformableScene,
+    name: str,
+    deformable: DeformableAssembly,
+    *,
+    counted_pressure: float = COUNTED_PRESSURE,
 ) -> ExplicitStatement:
     """State the explicit problem of a scene.
 
@@ -85,6 +102,7 @@ def explicit_statement(
             effects=effects,
             amplitude=SmoothStepAmplitude(ramp) if ramp > 0 else None,
             friction=deformable.contact.friction,
+            counted_pressure=counted_pressure,
         )
     except InputError:
         raise
@@ -92,7 +110,7 @@ def explicit_statement(
         raise InputError(f"{name}: {error}") from None
     hold = times.end_time - times.ramp_time
     end = ramp + hold if fem.end_time is None else fem.end_time
-    return ExplicitStatement(stated, times, ramp, end)
+    return ExplicitStatement(stated, times, ramp, end, counted_pressure)
 
 
 def run_tube_explicit(
@@ -123,6 +141,8 @@ def run_tube_explicit(
     checkpoint, resume
         As in `fem.explicit.solve.solve`.
 
+    A run whose contact grows stiffer than its time step allows starts again with a shorter one.
+
     Raises
     ------
     InputError
@@ -133,43 +153,31 @@ def run_tube_explicit(
     deformable = build_deformable(scene, name) if deformable is None else deformable
     if statement is None:
         statement = explicit_statement(scene, name, deformable)
-    whole = statement.assembly
-    copies = whole.orbits.order
     built = time.process_time()
-    # A run that is not damped to the static state watches the residual and goes on.
-    bound = fem.residual if fem.damping is Damping.STATIC else 0.0
-    stop = StopCriterion(residual=bound, not_before=statement.ramp_time)
-
-    def frame(found: Frame) -> None:
-        if on_frame is not None:
-            on_frame(replace(found, displacements=whole.expand(found.displacements)))
-
-    def tell(found: Progress) -> None:
-        if progress is not None:
-            progress(replace(found, energies=found.energies.times(copies)))
-
-    last = statement.end_time
-    try:
-        result = solve(
-            whole.model,
-            end_time=last,
-            time_step=fem.time_step,
-            safety_factor=fem.safety_factor,
-            precision=fem.precision,
-            threads=fem.threads,
-            sample_interval=fem.sample_interval,
-            stop=stop,
-            output=Output(
-                progress=None if progress is None else tell,
-                on_frame=frame if on_frame is not None and fem.frames > 0 else None,
-                frame_interval=last / max(fem.frames - 1, 1),
+    restarts = 0
+    while True:
+        try:
+            result = _solved(
+                fem,
+                statement,
+                progress=progress,
+                on_frame=on_frame,
                 checkpoint=checkpoint,
-            ),
-            resume=resume,
-        )
-    except (ModelError, TimeStepError, CheckpointError, UnstableRun) as error:
-        raise InputError(f"{name}: {error}") from None
-    result = _of_all(result, copies)
+                resume=resume,
+            )
+            break
+        except (UnstableRun, OtherProblemError) as error:
+            # A checkpoint may be that of a run that had started again.
+            counted = None if fem.time_step is not None else _more_counted(deformable, statement)
+            if counted is None:
+                raise InputError(f"{name}: {error}") from None
+            if isinstance(error, UnstableRun):
+                resume, restarts = None, restarts + 1
+            statement = explicit_statement(scene, name, deformable, counted_pressure=counted)
+        except (ModelError, TimeStepError, CheckpointError) as error:
+            raise InputError(f"{name}: {error}") from None
+    whole = statement.assembly
+    result = _of_all(result, whole.orbits.order)
     solved = time.process_time()
     displacements = whole.expand(result.displacements)
     contact_state = whole.contact_state(result.displacements)
@@ -186,10 +194,61 @@ def run_tube_explicit(
         deformable=deformable,
         displacements=displacements,
         contact_state=contact_state,
-        solver=explicit_numbers(result, statement),
+        solver=explicit_numbers(result, statement) | {"restarts": restarts},
         cpu_seconds=seconds,
     )
     return run, result
+
+
+def _more_counted(deformable: DeformableAssembly, statement: ExplicitStatement) -> float | None:
+    """Next contact pressure to count in [MPa]; None where more of it counts no more stiffness."""
+    law = deformable.contact.law
+    now = counted_stiffness(law, statement.counted_pressure)
+    more = (p for p in _COUNTED_PRESSURES if p > statement.counted_pressure)
+    return next((p for p in more if counted_stiffness(law, p) > now), None)
+
+
+def _solved(
+    fem: FemSection,
+    statement: ExplicitStatement,
+    *,
+    progress: Callable[[Progress], None] | None,
+    on_frame: Callable[[Frame], None] | None,
+    checkpoint: Path | None,
+    resume: Path | None,
+) -> ExplicitResult:
+    whole = statement.assembly
+    copies = whole.orbits.order
+    # A run that is not damped to the static state watches the residual and goes on.
+    bound = fem.residual if fem.damping is Damping.STATIC else 0.0
+    stop = StopCriterion(residual=bound, not_before=statement.ramp_time)
+
+    def frame(found: Frame) -> None:
+        if on_frame is not None:
+            on_frame(replace(found, displacements=whole.expand(found.displacements)))
+
+    def tell(found: Progress) -> None:
+        if progress is not None:
+            progress(replace(found, energies=found.energies.times(copies)))
+
+    last = statement.end_time
+    return solve(
+        whole.model,
+        end_time=last,
+        time_step=fem.time_step,
+        safety_factor=fem.safety_factor,
+        precision=fem.precision,
+        threads=fem.threads,
+        sample_interval=fem.sample_interval,
+        stop=stop,
+        output=Output(
+            progress=None if progress is None else tell,
+            on_frame=frame if on_frame is not None and fem.frames > 0 else None,
+            frame_interval=last / max(fem.frames - 1, 1),
+            checkpoint=checkpoint,
+        ),
+        resume=resume,
+    )
 
 
 def _of_all(result: ExplicitResult, copies: int) -> ExplicitResult:
@@ -214,6 +273,7 @@ def explicit_numbers(result: ExplicitResult, statement: ExplicitStatement) -> di
         "time": result.time,
         "time_step": result.time_step,
         "critical_time_step": result.critical.critical_time_step,
+        "counted_pressure": statement.counted_pressure,
         "residual": result.residual,
         "newton_iterations": None,
         "energies": None

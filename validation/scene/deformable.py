@@ -35,7 +35,8 @@ class ContactSection(Section):
     pressure_at_zero_clearance: Positive = 1.0e-4
     """p_c0 of the exponential law [MPa]."""
     maximum_stiffness: Positive | None = None
-    """Slope at which the exponential law goes on linearly [MPa/mm]; None: the default cap."""
+    """Slope at which the exponential law goes on linearly [MPa/mm]; None: nowhere, the law as it is
+    written. A run says where a cap acted."""
     stiffness: Positive | None = None
     """Slope of the linear law [MPa/mm]."""
     clearance: NonNegative = 0.0

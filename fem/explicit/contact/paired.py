@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numba
@@ -121,6 +122,25 @@ def check_stick(friction: CoulombFriction, counted_stiffness: float) -> None:
         )
 
 
+def largest_stiffness(system: System, nodal_areas: Callable[[int], FloatArray | None]) -> float:
+    """Stiffness of a law that is stable: (ω_bulk² + ω_contact²)/4 = 1/Δt² [MPa/mm].
+
+    Parameters
+    ----------
+    system
+        Its time step and bodies.
+    nodal_areas
+        Contact area of the nodes of a group, as `FaceContact.nodal_areas`.
+    """
+    bulk = critical_time_step(replace(system.model, interactions=()))
+    square = 4.0 / system.time_step**2 - 4.0 / bulk.critical_time_step**2
+    return square / max(
+        float((areas / group.lumped_mass).max())
+        for k, group in enumerate(system.model.groups)
+        if (areas := nodal_areas(k)) is not None
+    )
+
+
 class _BoundContact:
     """Arrays of one run."""
 
@@ -231,15 +251,9 @@ class _BoundContact:
         return *where, least
 
     def _largest_stiffness(self, system: System) -> float:
-        """Stiffness of the law that is stable: (ω_bulk² + ω_contact²)/4 = 1/Δt² [MPa/mm]."""
+        """Stiffness of the law that is stable at the time step [MPa/mm]."""
         if self._allowed is None:
-            bulk = critical_time_step(replace(system.model, interactions=()))
-            square = 4.0 / system.time_step**2 - 4.0 / bulk.critical_time_step**2
-            self._allowed = square / max(
-                float((areas / group.lumped_mass).max())
-                for k, group in enumerate(system.model.groups)
-                if (areas := self._statement.nodal_areas(k)) is not None
-            )
+            self._allowed = largest_stiffness(system, self._statement.nodal_areas)
         return self._allowed
 
     def dissipation(self) -> float:

@@ -16,7 +16,7 @@ from fem.assembly.contact_state import ContactState
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
 from fem.explicit.body import Body
-from fem.explicit.contact.paired import check_stick, shifted
+from fem.explicit.contact.paired import check_stick, largest_stiffness, shifted
 from fem.explicit.contact.paired_kernel import add_travel
 from fem.explicit.contact.quadrature import bilinear
 from fem.explicit.contact.search import (
@@ -60,6 +60,11 @@ class SlidingContact:
 
     def nodal_stiffness(self, group: int) -> FloatArray | None:
         """Stiffness to count on each node, as `fem.explicit.contact.paired.FaceContact` does."""
+        areas = self.nodal_areas(group)
+        return None if areas is None else self.counted_stiffness * areas
+
+    def nodal_areas(self, group: int) -> FloatArray | None:
+        """`nodal_stiffness` for a law of stiffness one, largest of all copies; (n_nodes,) [mm²]."""
         mine = [s for s in self.surfaces if s.group == group]
         if not mine:
             return None
@@ -70,7 +75,7 @@ class SlidingContact:
             area = np.linalg.norm(facet_area_vectors(surface.reference[surface.quads]), axis=1)
             np.add.at(total, surface.nodes[surface.quads], 0.25 * area[:, None])
             largest = np.maximum(largest, total)
-        return moving * self.counted_stiffness * largest
+        return moving * largest
 
     @cached_property
     def at_start(self) -> ContactState:
@@ -101,6 +106,7 @@ class BoundSlidingContact:
     def __init__(self, statement: SlidingContact, bodies: tuple[Body, ...]) -> None:
         self._statement = statement
         self._law = shifted(statement.law.constants, statement.clearance)
+        self._allowed: float | None = None
         self.points = _points(statement)
         points = self.points
         self._force = np.zeros_like(points.position)
@@ -194,19 +200,27 @@ class BoundSlidingContact:
         return 0.0 if self._dissipated is None else float(self._dissipated[0])
 
     def fault(self, system: System) -> str | None:
-        """Where the stiffness of the law exceeds what the time step counted in."""
+        """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
         counted = self._statement.counted_stiffness
         if self._statement.law.constants.linear_stiffness <= counted or not len(self._gap):
             return None
         deepest = int(np.argmin(self._gap))
-        stiffness = float(self._statement.law.stiffness(-self._gaps()[deepest]))
-        if stiffness <= counted:
+        overclosure, law = -self._gaps()[deepest], self._statement.law
+        stiffness, pressure = float(law.stiffness(overclosure)), float(law.pressure(overclosure))
+        if stiffness <= counted or stiffness <= self._largest_stiffness(system):
             return None
         return (
-            f"contact of block {int(self.points.block[deepest])}: stiffness {stiffness:.3g} "
-            f"MPa/mm; the time step {system.time_step:.4g} s counts {counted:.3g}; take a smaller "
-            "fem.safety_factor or set contact.maximum_stiffness"
+            f"contact of block {int(self.points.block[deepest])} presses with {pressure:.3g} MPa "
+            f"and a stiffness of {stiffness:.3g} MPa/mm; the time step {system.time_step:.4g} s "
+            f"allows {self._largest_stiffness(system):.3g}; take a smaller fem.safety_factor or "
+            "set contact.maximum_stiffness"
         )
+
+    def _largest_stiffness(self, system: System) -> float:
+        """Stiffness of the law that is stable at the time step [MPa/mm]."""
+        if self._allowed is None:
+            self._allowed = largest_stiffness(system, self._statement.nodal_areas)
+        return self._allowed
 
     def arrays(self) -> dict[str, LaneArray]:
         """Arrays that evolve, by name."""

@@ -30,6 +30,10 @@ class CheckpointError(ValueError):
     """A checkpoint that cannot be used: missing, damaged, or of another problem."""
 
 
+class OtherProblemError(CheckpointError):
+    """A whole checkpoint, but of another model, time step or precision."""
+
+
 def write_checkpoint(path: Path, system: System, state: State, history: History) -> None:
     """Write state and history; atomically replaces an older file."""
     path = Path(path)
@@ -72,7 +76,7 @@ def read_checkpoint(path: Path, system: System, state: State) -> History:
             "from the beginning"
         )
     if str(contents["fingerprint"]) != fingerprint(system):
-        raise CheckpointError(
+        raise OtherProblemError(
             f"checkpoint {path}: belongs to another model, time step or precision; "
             "run the same scene with the same options or remove the file"
         )

@@ -24,7 +24,7 @@ from fem.problem.model import Amplitude, BlockGroup, InteractionModel, Model, No
 from geometry.mesh import FloatArray, IntArray
 
 #: Pressure whose stiffness the critical time step counts in where the law has no cap [MPa].
-COUNTED_PRESSURE = 10.0
+COUNTED_PRESSURE = 1.0
 
 
 @dataclass(frozen=True)
@@ -97,6 +97,7 @@ def explicit_assembly(
     amplitude: Amplitude | None = None,
     friction: CoulombFriction | None = None,
     finite_sliding: bool | None = None,
+    counted_pressure: float = COUNTED_PRESSURE,
 ) -> ExplicitAssembly:
     """State the explicit problem of an assembly.
 
@@ -117,6 +118,9 @@ def explicit_assembly(
         that blocks may slide far and surfaces need not conform; otherwise matched facets stay
         matched and no search exists. None: as the assembly says.
 
+    counted_pressure
+        Pressure whose stiffness the critical time step counts in, see `counted_stiffness` [MPa].
+
     Raises
     ------
     FrictionError
@@ -136,8 +140,13 @@ def explicit_assembly(
     kept = [deformable.copy_of[blocks] for blocks in chosen]
     friction = deformable.contact.friction if friction is None else friction
     sliding = deformable.contact.finite_sliding if finite_sliding is None else finite_sliding
-    searched = _sliding_contact(deformable, orbits, copy_of, friction) if sliding else None
-    contact: InteractionModel = searched or _face_contact(deformable, orbits, copy_of, friction)
+    counted = counted_stiffness(deformable.contact.law, counted_pressure)
+    searched = None
+    if sliding:
+        searched = _sliding_contact(deformable, orbits, copy_of, friction, counted)
+    contact: InteractionModel = searched or _face_contact(
+        deformable, orbits, copy_of, friction, counted
+    )
     hold = cell_hold(deformable, orbits, chosen)
     return ExplicitAssembly(
         deformable=deformable,
@@ -174,6 +183,7 @@ def _face_contact(
     orbits: Orbits,
     copy_of: IntArray,
     friction: CoulombFriction | None,
+    counted: float,
 ) -> FaceContact:
     return FaceContact(
         pairs=alike_pairs(deformable, orbits, copy_of),
@@ -181,7 +191,7 @@ def _face_contact(
         law=deformable.contact.law,
         normals=deformable.contact.normals,
         clearance=deformable.surfaces.clearance,
-        counted_stiffness=counted_stiffness(deformable.contact.law),
+        counted_stiffness=counted,
         friction=friction,
     )
 
@@ -191,6 +201,7 @@ def _sliding_contact(
     orbits: Orbits,
     copy_of: IntArray,
     friction: CoulombFriction | None,
+    counted: float,
 ) -> SlidingContact:
     if orbits.order != 1:
         raise SymmetryError(
@@ -219,7 +230,7 @@ def _sliding_contact(
         n_nodes=tuple(group.n_nodes for group in deformable.model.groups),
         law=deformable.contact.law,
         clearance=deformable.surfaces.clearance,
-        counted_stiffness=counted_stiffness(deformable.contact.law),
+        counted_stiffness=counted,
         friction=friction,
     )
 

@@ -1,0 +1,92 @@
+"""A cap on the contact law is named, says where it acted, and no run has one unasked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fem.decks.statement import Flavour
+from fem.problem.time_step import critical_time_step
+from tests.test_validation_own_fem import column, overclosure
+from validation.build.deck import build_deck
+from validation.errors import InputError
+from validation.output.deformable import print_blocks
+from validation.run.deformable import build_deformable, tube_json
+from validation.run.explicit import explicit_statement, run_tube_explicit
+from validation.run.static import run_tube_static
+from validation.scene.read import DeformableScene, SceneFile, check_scene
+
+#: Above 0.883 MPa, where a cap of 1000 MPa/mm begins.
+PRESSURE = 2.0
+
+
+def changed(pressure: float, **sections: dict[str, object]) -> DeformableScene:
+    data = column(pressure).model_dump(mode="json")
+    for name, values in sections.items():
+        data[name] = data[name] | values
+    scene = check_scene(data)
+    assert isinstance(scene, DeformableScene)
+    return scene
+
+
+def test_a_scene_without_a_cap_follows_the_law_of_the_text() -> None:
+    run = run_tube_static("column", column(PRESSURE))
+    # Without lateral strain every joint closes by the law's inverse, every box by p h / E; the
+    # residual is 1e-8 of the load, and a joint is as stiff as the boxes within tenfold.
+    top = 2 * overclosure(PRESSURE) + PRESSURE * 160.0 / 33e3
+    assert run.largest_displacement == pytest.approx(top, rel=1e-7)
+    assert tube_json(run, 0.0)["contact_cap"] is None
+
+
+def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
+    from rich.console import Console
+
+    capped = changed(PRESSURE, contact={"maximum_stiffness": 1000.0})
+    run = run_tube_static("column", capped)
+    found = tube_json(run, 0.0)["contact_cap"]
+    points = 2 * 3 * 2 * 4
+    assert found["points"] == found["pressing_points"] == points
+    assert found["force_share"] == pytest.approx(1.0, rel=1e-12)
+    # Linear from the cap on: 1.117 MPa at 1000 MPa/mm more for each joint.
+    start = run.deformable.contact.law.constants
+    deep = start.linear_start + (PRESSURE - start.linear_pressure) / 1000.0
+    np.testing.assert_allclose(run.contact_state.point_overclosures, deep, rtol=1e-7)
+    print_blocks(run, Console(width=300))
+    assert f"at {points} of {points} pressing points, 100 %" in capsys.readouterr().out
+    idle = run_tube_static("column", changed(0.5, contact={"maximum_stiffness": 1000.0}))
+    assert tube_json(idle, 0.0)["contact_cap"]["points"] == 0
+
+
+def test_decks_carry_a_cap_and_say_where_there_is_none() -> None:
+    plain = build_deck(SceneFile(name="column", scene=column(PRESSURE)), Flavour.GENERAL)
+    assert any("no maximum stiffness" in note for note in plain.notes)
+    scene = changed(PRESSURE, contact={"maximum_stiffness": 1000.0})
+    capped = build_deck(SceneFile(name="column", scene=scene), Flavour.GENERAL)
+    assert not any("no maximum stiffness" in note for note in capped.notes)
+    assert capped.joint is not None
+    assert capped.joint.law == run_law(scene)
+
+
+def run_law(scene: DeformableScene) -> object:
+    from validation.run.deformable import contact_law
+
+    assert scene.contact is not None
+    return contact_law(scene.contact)
+
+
+def test_a_run_that_outgrows_its_time_step_starts_again() -> None:
+    """8 MPa is eight times what the first time step counts in, beyond its margin of safety."""
+    pressure = 8.0
+    stated = explicit_statement(column(pressure), "column", build_deformable(column(pressure), ""))
+    longest = critical_time_step(stated.assembly.model).critical_time_step
+    run, result = run_tube_explicit("column", column(pressure))
+    assert result.critical.critical_time_step < longest
+    assert run.solver["restarts"] >= 1
+    assert run.solver["counted_pressure"] >= 4.0
+    top = 2 * overclosure(pressure) + pressure * 160.0 / 33e3
+    # Damped until the residual is 1e-4 of the load.
+    assert run.largest_displacement == pytest.approx(top, rel=1e-3)
+    # A time step that the scene gives stays: the remedy is named instead.
+    given = {"time_step": 0.99 * longest, "sample_interval": 1}
+    with pytest.raises(InputError, match=r"presses with .* MPa.*time step .* allows"):
+        run_tube_explicit("column", changed(pressure, fem=given))
