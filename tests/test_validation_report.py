@@ -12,6 +12,7 @@ import pytest
 
 from tests.chromium import BROWSER, Page
 from tests.test_validation_paper import coarse_evidence, picture_is_drawn
+from validation.output.program import program
 
 pytestmark = pytest.mark.slow
 
@@ -27,14 +28,17 @@ def report(tmp_path_factory) -> Path:
 
 def test_the_page_stands_alone(report) -> None:
     text = report.read_text("utf-8")
-    # What a browser would fetch: nothing but data in the page and the folder's own pictures.
+    # What a browser would fetch: nothing but data in the page, which is sent alone.
     page = re.sub(r'<script type="text/plain".*?</script>', "", text, flags=re.S)
     sources = re.findall(r'(?:src|href)="([^"#][^"]*)"', page)
     assert sources
-    assert all(s.startswith(("data:image/webp;base64,", "figures/")) for s in sources)
-    for source in sources:
-        if source.startswith("figures/"):
-            assert (report.parent / source).exists()
+    assert all(s.startswith("data:image/webp;base64,") for s in sources)
+    # A picture and what came out stand before the first table.
+    assert (
+        0 < page.index('class="lead"') < page.index("statements judged here") < page.index("<table")
+    )
+    assert page.index("<img") < page.index("<table")
+    assert program() in page
     for heading in ("Claims", "Tables", "Figures", "Cost", "Errata", "Repeat"):
         assert f"<h2>{heading}</h2>" in page
     assert page.count("tubelock reproduce claims ") >= 40
@@ -75,6 +79,8 @@ def test_the_page_in_a_browser(report, tmp_path, width) -> None:
     pytest.importorskip("tornado")
     pytest.importorskip("trame_vtk")
 
+    turned: list[np.ndarray] = []
+
     async def visit() -> np.ndarray:
         async with Page(tmp_path / "browser", width, 844) as page:
             await page.open(report)
@@ -87,7 +93,12 @@ def test_the_page_in_a_browser(report, tmp_path, width) -> None:
             )
             await asyncio.sleep(2)  # the scene is unzipped and drawn after the canvas is there
             picture = await page.screenshot()
-            await page.evaluate("1")
+            await page.evaluate(
+                "document.querySelector('.view iframe').contentDocument.dispatchEvent("
+                "new KeyboardEvent('keydown', {key: 'ArrowRight'}))"
+            )
+            await asyncio.sleep(1)
+            turned.append(open_pixels(await page.screenshot()) - open_pixels(picture))
             assert page.errors == []
             outside = [
                 url
@@ -107,3 +118,5 @@ def test_the_page_in_a_browser(report, tmp_path, width) -> None:
     # The canvas is white but for the tube: coloured facets and dark edges, and not all of it.
     assert 0.02 < drawn.mean() < 0.9
     assert (stage.max(axis=2) - stage.min(axis=2) > 0.2).mean() > 0.005
+    # An arrow key turns it.
+    assert (np.abs(turned[0]) > 0.1).mean() > 0.005

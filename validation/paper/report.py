@@ -38,6 +38,7 @@ from validation.output.pictures.view_3d import (
     viewer_page,
     webp,
 )
+from validation.output.program import program
 from validation.output.provenance import Provenance, stamped
 from validation.paper.claims.claim import Truth
 from validation.paper.claims.judge import JudgedClaim, claims_json, judge_claims
@@ -47,6 +48,9 @@ from validation.paper.figures import CostRow, FigureFile, cost_rows, draw_figure
 from validation.paper.tables import VARIANTS, TableRow, compute_tables, tables_json
 from validation.run.deformable import TubeRun
 from validation.run.rigid import RigidRun
+
+#: Preprint of 1 April 2026, https://arxiv.org/abs/2604.00836.
+_PAPER_DOI = "doi:10.48550/arXiv.2604.00836"
 
 
 class Extent(StrEnum):
@@ -269,7 +273,7 @@ def page_text(report: Report) -> str:
         title="The Sine Block: the paper beside our results",
         subtitle=_subtitle(report),
         navigation="".join(f'<a href="#{key}">{name}</a>' for key, name, _ in sections),
-        body=_summary_html(report)
+        body=_lead_html(report)
         + "".join(
             f'<section id="{key}"><h2>{name}</h2>{text}</section>' for key, name, text in sections
         ),
@@ -286,9 +290,9 @@ def _subtitle(report: Report) -> str:
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     return _escape(
         "Influence of the geometry on the mechanical performance of tubular interlockings: A "
-        "study of the Sine Block (Macek, Weiß, Akpanya, Brepols, Holthusen, Niemeyer), "
-        f"recomputed with tubelock on {today} ({machine}; extent: {report.extent}; "
-        f"{report.cpu_seconds:.0f} CPU seconds)."
+        "study of the Sine Block (Macek, Weiß, Akpanya, Brepols, Holthusen, Niemeyer; 2026, "
+        f"{_PAPER_DOI}), recomputed with tubelock {program()} on {today} ({machine}; extent: "
+        f"{report.extent}; {report.cpu_seconds:.0f} CPU seconds)."
     )
 
 
@@ -317,6 +321,21 @@ _KINDS = {
     Truth.UNDECIDABLE: "open",
     Truth.NOT_COMPUTED: "open",
 }
+
+
+def _lead_html(report: Report) -> str:
+    """What the reader sees first: a picture and what came out."""
+    if report.views:
+        picture, words = report.views[0].poster, report.views[0].title
+    elif report.figures:
+        picture, words = _webp_of(report.figures[0].path), report.figures[0].caption
+    else:
+        return _summary_html(report)
+    return (
+        f'<div class="lead"><figure><img src="{_data_uri(picture)}" alt="{_escape(words)}">'
+        f"<figcaption>{_escape(words)}</figcaption></figure>"
+        f"<div>{_summary_html(report)}</div></div>"
+    )
 
 
 def _summary_html(report: Report) -> str:
@@ -415,7 +434,8 @@ def _view_html(view: View3d) -> str:
         f'<div class="view" data-view="{view.name}"><h3>{_escape(view.title)}</h3>'
         f'<div class="stage"><img src="{_data_uri(view.poster)}" alt="{_escape(view.title)}">'
         f'<button type="button">Turn in 3D</button></div>{bar}'
-        f'<p class="soft">{_escape(view.note)} Drag to turn, pinch or scroll to zoom.</p></div>'
+        f'<p class="soft">{_escape(view.note)} Drag or arrow keys to turn; pinch, scroll, + and − '
+        "to zoom.</p></div>"
     )
 
 
@@ -424,16 +444,19 @@ def _data_uri(image: bytes) -> str:
 
 
 def _figure_html(figure: FigureFile) -> str:
+    picture, caption = _data_uri(_webp_of(figure.path)), _escape(figure.caption)
+    return (
+        f'<figure><img src="{picture}" alt="{caption}" loading="lazy">'
+        f"<figcaption>{caption} <code>{_escape(figure.command)}</code></figcaption></figure>"
+    )
+
+
+def _webp_of(path: Path) -> bytes:
+    """Picture of a figure, to stand in the page: it is sent alone."""
     import matplotlib.image
 
-    pixels = matplotlib.image.imread(figure.path)
-    picture = _data_uri(webp((255 * pixels[..., :3]).astype(np.uint8)))
-    caption = _escape(figure.caption)
-    return (
-        f'<figure><a href="figures/{figure.path.name}"><img src="{picture}" alt="{caption}" '
-        f'loading="lazy"></a><figcaption>{caption} <code>{_escape(figure.command)}</code>'
-        "</figcaption></figure>"
-    )
+    pixels = matplotlib.image.imread(path)
+    return webp((255 * pixels[..., :3]).astype(np.uint8))
 
 
 def _cost_html(rows: list[CostRow]) -> str:
