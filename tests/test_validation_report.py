@@ -41,7 +41,7 @@ def test_the_page_stands_alone(report) -> None:
     assert program() in page
     for heading in ("Claims", "Tables", "Figures", "Cost", "Errata", "Repeat"):
         assert f"<h2>{heading}</h2>" in page
-    assert page.count("tubelock reproduce claims ") >= 40
+    assert page.count("<span>reproduce</span> <span>claims</span>") >= 40
     assert {p.name for p in (report.parent / "data").iterdir()} == {
         "tables.json",
         "claims.json",

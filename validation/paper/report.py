@@ -285,6 +285,12 @@ def _escape(value: object) -> str:
     return html.escape(str(value))
 
 
+def _command_html(command: str) -> str:
+    """Command to copy; its lines break between words, never at a hyphen."""
+    words = " ".join(f"<span>{_escape(word)}</span>" for word in command.split())
+    return f"<code>{words}</code>"
+
+
 def _subtitle(report: Report) -> str:
     today = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
@@ -371,8 +377,10 @@ def _claims_html(claims: list[JudgedClaim]) -> str:
             _escape(item.claim.statement),
             f'<span class="verdict {_KINDS[item.verdict.truth]}">{item.verdict.truth}</span>',
             _escape(item.verdict.number),
-            f"<code>tubelock reproduce claims {_escape(item.claim.name)}"
-            f"{' --fem' if item.claim.deformable else ''}</code>",
+            _command_html(
+                f"tubelock reproduce claims {item.claim.name}"
+                f"{' --fem' if item.claim.deformable else ''}"
+            ),
         )
         for item in claims
     ]
@@ -401,7 +409,7 @@ def _tables_html(rows: list[TableRow]) -> str:
                 found = {r.quantity: r for r in group if r.case == case}
                 lines.append([case, *(_cell(found.get(q)) for q in _HEADS)])
             text += _table(["load case", *_HEADS.values()], lines, f"{block}, {words}")
-    return text + "<p><code>tubelock reproduce tables</code></p>"
+    return text + f"<p>{_command_html('tubelock reproduce tables')}</p>"
 
 
 def _cell(row: TableRow | None) -> str:
@@ -447,7 +455,7 @@ def _figure_html(figure: FigureFile) -> str:
     picture, caption = _data_uri(_webp_of(figure.path)), _escape(figure.caption)
     return (
         f'<figure><img src="{picture}" alt="{caption}" loading="lazy">'
-        f"<figcaption>{caption} <code>{_escape(figure.command)}</code></figcaption></figure>"
+        f"<figcaption>{caption} {_command_html(figure.command)}</figcaption></figure>"
     )
 
 
@@ -479,7 +487,7 @@ def _errata_html(errata: list[ShownErratum]) -> str:
             _escape(item.erratum.printed),
             _escape(item.erratum.meant),
             _escape(item.shown.words),
-            f"<code>{_escape(item.erratum.command)}</code>",
+            _command_html(item.erratum.command),
         )
         for item in errata
     ]
@@ -501,9 +509,7 @@ def _repeat_html(report: Report) -> str:
         ("one load case", "tubelock mbd tsb1-pipe"),
         ("one load case with deformable blocks", "tubelock fem tsb1-pipe"),
     ]
-    table = _table(
-        ("what", "command"), [(_escape(a), f"<code>{_escape(b)}</code>") for a, b in rows]
-    )
+    table = _table(("what", "command"), [(_escape(a), _command_html(b)) for a, b in rows])
     return (
         table + "<p>The numbers of this page lie as JSON, CSV and SQLite in <code>data</code>.</p>"
     )
