@@ -27,6 +27,10 @@ class LoadCaseName(StrEnum):
     SHAFT = "shaft"
 
 
+#: Cases that load one layer.
+_ONE_LAYER = (LoadCaseName.BEAM, LoadCaseName.SHAFT)
+
+
 class LoadCaseError(ValueError):
     """A load case that the assembly cannot take."""
 
@@ -152,7 +156,8 @@ def load_case(
     Raises
     ------
     LoadCaseError
-        For a non-finite pressure, an unknown case or a layer that does not exist.
+        For a non-finite pressure, an unknown case, a layer that does not exist or of a case that
+        loads no single one.
     """
     try:
         case = LoadCaseName(name)
@@ -161,6 +166,11 @@ def load_case(
         raise LoadCaseError(f"load.case: got {name!r}, expected one of {known}") from None
     if not np.isfinite(pressure):
         raise LoadCaseError(f"load.pressure: got {pressure}, expected a finite pressure in MPa")
+    if layer is not None and case not in _ONE_LAYER:
+        raise LoadCaseError(
+            f"load.layer: got {layer}, but {case} loads no single layer; remove it, or choose "
+            f"load.case = {' or '.join(_ONE_LAYER)}"
+        )
     chosen = loaded_layer(assembly) if layer is None else layer
     if not 1 <= chosen <= assembly.n_layers:
         raise LoadCaseError(

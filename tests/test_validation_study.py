@@ -28,6 +28,7 @@ scene = "brick-stack"
 load.pressure = { from = 0.01, to = 0.04, step = 0.01 }
 "load.layer" = [1, 2, 3, 9]
 [settings]
+load.case = "beam"
 mesh.divisions = [2, 1, 1]
 assembly = { columns = 2, layers = 3 }
 """

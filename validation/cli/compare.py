@@ -38,6 +38,7 @@ def compare(
     from validation.output.outputs import Outputs
     from validation.run.box import peak_memory_mb
     from validation.scene.read import load_scene, require_deformable, with_auto
+    from validation.scene.usage import recording
 
     file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
     folder = default_folder(output, json, f"{file.name}-compare")
@@ -45,9 +46,10 @@ def compare(
         checked, decision = decided(require_deformable(file, "compare"), file.name, outputs.console)
         refuse_cell(checked, file.name, "compare")
         answers.build_comparable(checked, file.name)
-        with explicit_progress() as progress:
+        with explicit_progress() as progress, recording(checked) as use:
             found = answers.compare(file.name, checked, explicit=explicit, progress=progress)
         report.print_comparison(found, outputs.console)
+        outputs.tell_unused(use)
         peak = peak_memory_mb()
         outputs.console.print(f"peak memory {peak:.0f} MB")
         outputs.write("picture", report.PICTURE, lambda path: report.draw_comparison(found, path))
@@ -79,14 +81,16 @@ def clearance(
     from validation.output.console import status
     from validation.output.outputs import Outputs
     from validation.scene.read import load_scene, require_deformable
+    from validation.scene.usage import recording
 
     file = load_scene(scene, settings or ())
     folder = default_folder(output, json, f"{file.name}-clearance")
     checked = require_deformable(file, "clearance")
     with Outputs(json, folder, ("clearance.png",), scene=file) as outputs:
-        with status(outputs.console, f"{file.name}: static states"):
+        with status(outputs.console, f"{file.name}: static states"), recording(checked) as use:
             rows = clearance_rows(file.name, checked, tuple(gap) if gap else GAPS, kind)
         print_rows(file.name, rows, outputs.console)
+        outputs.tell_unused(use)
         outputs.write(
             "picture", "clearance.png", lambda path: draw_clearance(file.name, rows, path)
         )

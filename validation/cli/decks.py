@@ -33,12 +33,16 @@ def export(
     from validation.output.decks import export_deck, print_export
     from validation.output.outputs import Outputs
     from validation.scene.read import load_scene
+    from validation.scene.usage import recording
 
     if flavour not in set(Flavour):
         raise InputError(f"--flavour {flavour}: expected one of {', '.join(Flavour)}")
     file = load_scene(scene, settings or ())
     with Outputs(files={"-o": output}, scene=file) as outputs:
-        print_export(export_deck(file, Flavour(flavour), output), outputs.console)
+        with recording(file.scene) as use:
+            written = export_deck(file, Flavour(flavour), output)
+        print_export(written, outputs.console)
+        outputs.tell_unused(use)
 
 
 def import_(

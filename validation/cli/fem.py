@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from fem.explicit.solve import ExplicitResult
     from fem.problem.model import BlockGroup
     from validation.output.outputs import Outputs
+    from validation.run.deformable import TubeRun
     from validation.scene.deformable import BoxScene
     from validation.scene.read import DeformableScene
 
@@ -147,31 +148,49 @@ def _solve_box(name: str, scene: BoxScene, outputs: Outputs, resume: Path | None
     from validation.output.deformable import print_box, write_box_files
     from validation.run.box import box_json, check_end_time, run_box
     from validation.scene.deformable import Method
+    from validation.scene.usage import recording
 
-    if scene.fem.method is Method.EXPLICIT:
-        check_end_time(scene)
-    else:
-        refuse_resume(resume)
-    box = build_box(scene)
-    kept = _kept(outputs, scene, box.model.groups)
-    with explicit_progress() as progress:
-        run = run_box(name, scene, box=box, progress=progress, resume=resume, **kept)
+    with recording(scene) as use:
+        if scene.fem.method is Method.EXPLICIT:
+            check_end_time(scene)
+        else:
+            refuse_resume(resume)
+        box = build_box(scene)
+        kept = _kept(outputs, scene, box.model.groups)
+        with explicit_progress() as progress:
+            run = run_box(name, scene, box=box, progress=progress, resume=resume, **kept)
     if run.explicit is not None:
         check_finished(run.explicit, outputs)
     print_box(run, outputs.console)
+    outputs.tell_unused(use)
     write_box_files(run, outputs)
     outputs.write_json(box_json(run))
 
 
 def _solve_blocks(name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None) -> None:
     """Solve blocks in contact and write what the command promises."""
+    from validation.output.deformable import print_blocks, write_block_files
+    from validation.run.box import peak_memory_mb
+    from validation.run.deformable import tube_json
+    from validation.scene.usage import recording
+
+    with recording(scene) as use:
+        run, result = _blocks_in_contact(name, scene, outputs, resume)
+    print_blocks(run, outputs.console)
+    outputs.tell_unused(use)
+    write_block_files(run, result, outputs)
+    outputs.write_json(tube_json(run, peak_memory_mb()))
+
+
+def _blocks_in_contact(
+    name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None
+) -> tuple[TubeRun, ExplicitResult | None]:
+    """Decide the effects, build and solve; what an explicit run keeps beside its state."""
     from validation.build.cell import is_cell
     from validation.effects.cell import cell_table, probed_cell_error
     from validation.effects.report import decided
     from validation.output.console import explicit_progress, status
-    from validation.output.deformable import print_blocks, write_block_files
-    from validation.run.box import peak_memory_mb
-    from validation.run.deformable import build_deformable, fem_section, tube_json
+    from validation.run.deformable import build_deformable, fem_section
     from validation.run.explicit import explicit_statement, run_tube_explicit
     from validation.run.static import run_tube_static
     from validation.scene.deformable import Method
@@ -212,7 +231,4 @@ def _solve_blocks(name: str, scene: DeformableScene, outputs: Outputs, resume: P
         check_finished(result, outputs)
     spent = run.cpu_seconds
     spent |= {"build": spent["build"] + built, "total": spent["total"] + built}
-    run = replace(run, solver=run.solver | added, cpu_seconds=spent)
-    print_blocks(run, outputs.console)
-    write_block_files(run, result, outputs)
-    outputs.write_json(tube_json(run, peak_memory_mb()))
+    return replace(run, solver=run.solver | added, cpu_seconds=spent), result

@@ -28,6 +28,7 @@ def mbd(
     from validation.output.outputs import Outputs
     from validation.scene.polyhedra import PolyhedralScene
     from validation.scene.read import load_scene
+    from validation.scene.usage import recording
 
     file = load_scene(scene, settings or ())
     folder = default_folder(output, json, file.name)
@@ -36,8 +37,10 @@ def mbd(
         from validation.run.polyhedra import polyhedra_json, run_polyhedra
 
         with Outputs(json, folder, polyhedra.FILES, scene=file) as outputs:
-            bodies = run_polyhedra(file, file.scene)
+            with recording(file.scene) as use:
+                bodies = run_polyhedra(file, file.scene)
             polyhedra.print_polyhedra(bodies, outputs.console)
+            outputs.tell_unused(use)
             polyhedra.write_polyhedra(bodies, outputs)
             outputs.write_json(polyhedra_json(bodies))
         return
@@ -45,8 +48,10 @@ def mbd(
     from validation.run.rigid import rigid_json, run_rigid
 
     with Outputs(json, folder, rigid.FILES, scene=file) as outputs:
-        run = run_rigid(file)
+        with recording(file.scene) as use:
+            run = run_rigid(file)
         rigid.print_rigid(run, outputs.console)
+        outputs.tell_unused(use)
         rigid.write_rigid(run, outputs)
         outputs.write_json(rigid_json(run))
 
@@ -71,6 +76,7 @@ def explode(
     from validation.output.outputs import Outputs
     from validation.run.explosion import explosion_json, run_explosion
     from validation.scene.read import load_scene
+    from validation.scene.usage import recording
 
     file = load_scene(scene, settings or ())
     folder = default_folder(output, json, file.name)
@@ -78,8 +84,10 @@ def explode(
     if picture is not None:
         require_picture(picture)
     with Outputs(json, files={"-o": picture}, scene=file) as outputs:
-        run = run_explosion(file)
+        with recording(file.scene) as use:
+            run = run_explosion(file)
         print_explosion(run, outputs.console)
+        outputs.tell_unused(use)
         if picture is not None:
             from validation.output.pictures.explosion import draw_explosion
 

@@ -84,7 +84,7 @@ def sweep(
     from validation.study import report
     from validation.study import run as runs
     from validation.study.store import Older, ResultFile, require_parquet
-    from validation.study.study import load_study
+    from validation.study.study import load_study, refuse_idle_parameters
 
     stated = load_study(study, settings or ())
     path = Path("out") / f"{stated.name}.sqlite" if output is None else output
@@ -94,6 +94,8 @@ def sweep(
     with Outputs(json, files=files, stores={"-o": path}, reads=stated.reads) as outputs:
         if parquet is not None:
             require_parquet()
+        if not path.exists():
+            refuse_idle_parameters(stated)
         # A lost scheduler is told in one line of ours, not in a page of its client's.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         runner: runs.Runner = (

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from validation.scene.read import SceneFile
+    from validation.scene.usage import KeyUse
 
 
 @dataclass
@@ -45,6 +46,7 @@ class Outputs:
     """Files that the call reads, beside those of its scene."""
     scene: SceneFile | None = None
     """Scene that the call is about; what is written names it."""
+    _unused: tuple[str, ...] | None = field(default=None, repr=False)
     _open: ExitStack = field(default_factory=ExitStack, repr=False)
 
     @cached_property
@@ -147,10 +149,16 @@ class Outputs:
                 stamp_vtu(path, self.origin)
             self.say(words, path)
 
+    def tell_unused(self, use: KeyUse) -> None:
+        """Name the keys of the scene on which the answer does not depend, here and in the data."""
+        self._unused = use.unused
+        if self._unused:
+            self.console.print(f"{'unused':9} {use.words} (no part of this answer)")
+
     def write_json(self, data: Any) -> None:
         """Write the data where ``--json`` says, with the version of its keys and its origin."""
         if self.json is not None:
-            write_json(self.json, stamped(data, self.origin))
+            write_json(self.json, stamped(data, self.origin, self._unused))
 
 
 def _same(a: Path, b: Path) -> bool:

@@ -70,10 +70,14 @@ def _words(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def stamped(data: Any, origin: Provenance) -> dict[str, Any]:
-    """Data of an answer with version and origin; a list stands under ``rows``."""
+def stamped(data: Any, origin: Provenance, unused: tuple[str, ...] | None = None) -> dict[str, Any]:
+    """Data of an answer with version and origin; a list stands under ``rows``.
+
+    ``unused_keys`` are those of the scene on which the answer does not depend; None: not known.
+    """
     content = data if isinstance(data, dict) else {"rows": data}
-    return {"json_version": JSON_VERSION, **content, "provenance": origin.as_json()}
+    named = {} if unused is None else {"unused_keys": list(unused)}
+    return {"json_version": JSON_VERSION, **content, **named, "provenance": origin.as_json()}
 
 
 def stamp_vtu(path: Path, origin: Provenance) -> None:

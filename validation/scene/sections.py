@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
 from geometry.load_case import LoadCaseName
 from mbd import Norm, Solver
 from mbd.friction import FrictionLaw
+from validation.scene.usage import Recorded
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -21,7 +22,7 @@ def _leaves(annotation: Any) -> set[Any]:
     return set().union(*(_leaves(part) for part in inner)) if inner else {annotation}
 
 
-class Section(BaseModel):
+class Section(Recorded):
     """Base of all sections: frozen, and unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)

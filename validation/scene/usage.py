@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -22,13 +22,15 @@ _READ: ContextVar[set[_Key] | None] = ContextVar("keys that are read", default=N
 class Recorded(BaseModel):
     """A section that tells, while `recording` is on, which of its values are read."""
 
-    def __getattribute__(self, name: str) -> Any:
-        read = _READ.get()
-        if read is not None and not name.startswith("_"):
-            kind = type(self)
-            if name in kind.__pydantic_fields__:
-                read.add((kind, name))
-        return super().__getattribute__(name)
+    if not TYPE_CHECKING:  # a type checker would take every name for a value
+
+        def __getattribute__(self, name: str) -> Any:
+            read = _READ.get()
+            if read is not None and not name.startswith("_"):
+                kind = type(self)
+                if name in kind.model_fields:
+                    read.add((kind, name))
+            return super().__getattribute__(name)
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """Return plain data; what is in it counts as read."""
@@ -60,7 +62,8 @@ class KeyUse:
             inner = list(_sections(values[name]))
             for key, part in inner:
                 yield from self._unread(part, f"{place}{name}{key}.")
-            if not inner and (kind, name) not in self._read and not _nothing(values[name]):
+            idle = not inner and (kind, name) not in self._read
+            if idle and not _nothing(values[name]) and not _single(kind, name):
                 yield f"{place}{name}"
 
     @property
@@ -99,6 +102,12 @@ def _nothing(value: Any) -> bool:
     return value is None or value is False or (isinstance(value, tuple | dict) and not value)
 
 
+def _single(kind: type[BaseModel], name: str) -> bool:
+    """Whether a key has one value that it can have: the name of what a section is."""
+    annotation = kind.model_fields[name].annotation
+    return get_origin(annotation) is Literal and len(get_args(annotation)) == 1
+
+
 @contextmanager
 def recording(scene: BaseModel) -> Iterator[KeyUse]:
     """Record what is read of a scene's sections, of its copies too, while a method runs."""
@@ -108,3 +117,6 @@ def recording(scene: BaseModel) -> Iterator[KeyUse]:
         yield use
     finally:
         _READ.reset(token)
+        outer = _READ.get()
+        if outer is not None:
+            outer |= use._read

@@ -34,6 +34,7 @@ from validation.scene.read import (
     check_scene,
     scene_data,
 )
+from validation.scene.usage import recording
 from validation.study.builtin import builtin_study_text, nearest
 
 Quantity = Literal["rigid", "fem"]
@@ -374,6 +375,7 @@ class Row:
     """``failed``: nothing could be computed, `message` says why. A tube that carries no load is
     ``ok``: that is an answer."""
     message: str
+    """Why it failed; of an answer, the parameters on which it does not depend."""
     parameters: dict[str, Value]
     results: dict[str, Any]
     """By the names in `COLUMNS`; empty if failed."""
@@ -405,22 +407,53 @@ def run_design(study_text: str, number: int) -> Row:
     # Other threads of the process may be at work on other designs; fem may use several itself.
     clock = time.thread_time if rigid else time.process_time
     start = clock()
-    message, results = "", {}
+    failure, results, idle = "", {}, []
     try:
         file = study.scene_file(number)
-        results = _rigid_results(file) if rigid else _fem_results(file)
+        with recording(file.scene) as use:
+            results = _rigid_results(file) if rigid else _fem_results(file)
+        idle = [path for path, _ in study.parameters if path in use.unused]
     except Exception as error:
         words = " ".join(str(error).split()) or "no message"
-        message = words if isinstance(error, ValueError) else f"{type(error).__name__}: {words}"
+        failure = words if isinstance(error, ValueError) else f"{type(error).__name__}: {words}"
     return Row(
         number=number,
-        status="failed" if message else "ok",
-        message=message,
+        status="failed" if failure else "ok",
+        message=failure or "; ".join(f"{path}: no part of this answer" for path in idle),
         parameters=study.design(number),
         results=results,
         cpu_seconds=clock() - start,
         worker=(os.getpid(), time.process_time()),
     )
+
+
+def refuse_idle_parameters(study: Study) -> None:
+    """Refuse a rigid study that varies what no rigid answer depends on: its rows would be equal.
+
+    The first and the last design say it. Answers of deformable blocks take long: there each row
+    says it (`Row.message`).
+
+    Raises
+    ------
+    InputError
+        Naming the parameters.
+    """
+    if study.quantity != "rigid":
+        return
+    idle = {path for path, values in study.parameters if len(values) > 1}
+    for number in (0, study.n_designs - 1):
+        try:
+            file = study.scene_file(number)
+            with recording(file.scene) as use:
+                _rigid_results(file)
+        except ValueError:
+            return  # a design that cannot be computed says nothing; its row will say why
+        idle &= set(use.unused)
+    if idle:
+        raise InputError(
+            f"{study.name}: {', '.join(sorted(idle))}: no answer of rigid blocks depends on it, so "
+            'rows would be equal; remove it from [parameters], or ask quantity = "fem"'
+        )
 
 
 def failed_row(study: Study, number: int, message: str) -> Row:
