@@ -22,7 +22,7 @@ $(VENV)/.installed: pyproject.toml
 demo: setup
 	$(BIN)/tubelock demo --output $(OUT)
 
-test: setup lint types floors
+test: setup lint types floors spelling
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 check: setup lint types floors

@@ -38,7 +38,7 @@ def test_schema_accepts_every_builtin_scene(judge: jsonschema.Draft7Validator, n
 @pytest.mark.parametrize(
     ("section", "key", "value"),
     [
-        ("block", "hieght", 200.0),
+        ("block", "heigth", 200.0),
         ("block", "type", "sphere"),
         ("block", "height", -1.0),
         ("mesh", "around", 0),
