@@ -20,7 +20,7 @@ from fem.explicit.output.energy import Energies, copy_energies, energies
 from fem.explicit.output.history import History
 from fem.explicit.output.interrupt import StopRequest, stop_requests
 from fem.explicit.state import BodyState, State, initial_body_state, world_vectors
-from fem.explicit.step import System, set_applied_force, set_internal_force, step
+from fem.explicit.step import System, bound, set_applied_force, set_internal_force, step
 from fem.problem.model import Model
 from fem.problem.time_step import CriticalTimeStep, TimeStepError, critical_time_step
 from geometry.mesh import FloatArray
@@ -155,7 +155,7 @@ def prepare(
         for k in range(len(model.groups))
     )
     kernels = SERIAL if threads == 1 else PARALLEL
-    interactions = tuple(i.bind(bodies) for i in model.interactions)
+    interactions = tuple(bound(i, bodies) for i in model.interactions)
     return System(model, bodies, time_step, kernels, interactions)
 
 

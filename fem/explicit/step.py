@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -19,14 +19,14 @@ from fem.explicit.body import Body, BodyLoad
 from fem.explicit.kernels import KernelSet, add_at, dot_at, dot_lanes, enforce, hold
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import BodyState, State
-from fem.problem.model import Model
+from fem.problem.model import InteractionModel, Model, ModelError
 from geometry.mesh import FloatArray
 
 
 class Interaction(Protocol):
     """Forces between blocks (contact), one more term of the step.
 
-    Made by `fem.problem.model.InteractionModel.bind`; may hold work arrays of its own.
+    Made by `ExplicitInteraction.bind`; may hold work arrays of its own.
     """
 
     def add_force(self, system: System, state: State) -> None:
@@ -43,6 +43,30 @@ class Interaction(Protocol):
 
     def arrays(self) -> dict[str, LaneArray]:
         """Arrays that evolve and must be in a checkpoint, by name; written in place."""
+
+
+@runtime_checkable
+class ExplicitInteraction(InteractionModel, Protocol):
+    """Statement of forces between blocks that the loop can compute."""
+
+    def bind(self, bodies: tuple[Body, ...]) -> Interaction:
+        """Prepare the force for the loop."""
+
+
+def bound(model: InteractionModel, bodies: tuple[Body, ...]) -> Interaction:
+    """Force of an interaction, prepared for the loop.
+
+    Raises
+    ------
+    ModelError
+        For an interaction that the explicit method cannot compute.
+    """
+    if not isinstance(model, ExplicitInteraction):
+        raise ModelError(
+            f"interaction {type(model).__name__}: the explicit method cannot compute it; expected "
+            "contact of `fem.explicit.contact`"
+        )
+    return model.bind(bodies)
 
 
 @dataclass(frozen=True)

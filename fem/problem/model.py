@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy.sparse import bsr_array
@@ -22,10 +22,6 @@ from fem.element.hexahedron import (
 from fem.element.material import Material
 from fem.problem.effects import Effects
 from geometry.mesh import FloatArray, HexMesh, IntArray
-
-if TYPE_CHECKING:
-    from fem.explicit.body import Body
-    from fem.explicit.step import Interaction
 
 Amplitude = Callable[[float], float]
 """Factor of a load or a displacement as a function of time [s]."""
@@ -249,16 +245,16 @@ def nodal_load(
 
 
 class InteractionModel(Protocol):
-    """Statement of forces between blocks, such as contact; frozen."""
+    """Statement of forces between blocks, such as contact; frozen.
+
+    What a method needs besides, it says itself: `fem.explicit.step.ExplicitInteraction`.
+    """
 
     def touched_nodes(self, group: int) -> IntArray:
         """Nodes of the group's mesh on which forces may act, (n,)."""
 
     def nodal_stiffness(self, group: int) -> FloatArray | None:
         """Stiffness to count on each node for the critical time step, (n_nodes,) [N/mm]."""
-
-    def bind(self, bodies: tuple[Body, ...]) -> Interaction:
-        """Prepare the force for the loop."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from fem.explicit.kernels.layout import LaneArray, aligned_zeros
 from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.solve import initial_state
 from fem.explicit.state import State
-from fem.explicit.step import System, step
+from fem.explicit.step import System, bound, step
 
 #: Parameters that are effects, in each module of kernels, and functions that only effects use.
 _EFFECTS: dict[types.ModuleType, tuple[set[str], set[str]]] = {
@@ -173,8 +173,8 @@ def bare_run(system: System, steps: int, kernels: BareKernels | None = None) -> 
     kernels = bare_kernels() if kernels is None else kernels
     bodies, dt = system.bodies, system.time_step
     (contact,) = system.model.interactions
-    bound: Any = contact.bind(bodies)
-    data, work, law = bound._data, bound._work, bound._constants
+    force: Any = bound(contact, bodies)
+    data, work, law = force._data, force._work, force._constants
     shapes = [(body.n_rows, 3, body.lanes) for body in bodies]
     u, v, inner = ([aligned_zeros(s, np.float64) for s in shapes] for _ in range(3))
     applied = [aligned_zeros((b.n_applied, 3, b.lanes), np.float64) for b in bodies]
@@ -191,7 +191,7 @@ def bare_run(system: System, steps: int, kernels: BareKernels | None = None) -> 
                 factor = 1.0 if load.amplitude is None else load.amplitude(time)
                 np.add.at(applied[k].ravel(), load.applied_index, factor * load.values)
         kernels.contact_forces(data, tuple(a.ravel() for a in u), work, law)
-        for k, (body, found) in enumerate(zip(bodies, bound._collections, strict=True)):
+        for k, (body, found) in enumerate(zip(bodies, force._collections, strict=True)):
             contact_kernels.collect_forces(
                 found.chunks, found.pointer, found.entries, data, work, body.lanes,
                 applied[k].ravel(),
