@@ -12,6 +12,7 @@ from fem.explicit.kernels.layout import (
     block_rows,
     from_lanes,
     padded_lanes,
+    runs,
     to_lanes,
 )
 from fem.explicit.viscosity import element_viscosity
@@ -171,14 +172,53 @@ def test_update_is_one_central_difference_step(dtype):
     np.testing.assert_allclose(dissipated[:, 1].sum(axis=0), after, rtol=0, atol=90 * tolerance)
 
 
-def test_scatter_adds_repeated_indices():
+def scattered(rng: np.random.Generator) -> np.ndarray:
+    """Positions below 60 in no order: neighbours by the dozen, gaps and repeats."""
+    return rng.permutation(np.concatenate([np.arange(3, 32), rng.integers(30, 60, 40)]))
+
+
+def test_runs_hold_every_position_once_and_in_order():
+    index = scattered(np.random.default_rng(3))
+    found, order = runs(index)
+    np.testing.assert_array_equal(found.index, np.sort(index))
+    np.testing.assert_array_equal(index[order], found.index)
+    # A run of neighbours is one run: loops over it are long.
+    assert np.diff(found.pointer).max() >= 29 - 2
+    none, order = runs(np.empty(0, np.int64))
+    assert len(none.start) == len(order) == len(none.index) == 0
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_scatter_adds_repeated_indices(dtype):
     rng = np.random.default_rng(3)
-    target, values = rng.standard_normal(20), rng.standard_normal(50)
-    index = rng.integers(0, 20, 50)
+    index = scattered(rng)
+    target = rng.standard_normal(60).astype(dtype)
+    values = rng.standard_normal(len(index))
+    found, order = runs(index)
     result = target.copy()
-    kernels.add_at(result, index, values, 0.5)
-    # The same additions in the same order.
+    kernels.add_at(result, found.start, found.pointer, values[order], 0.5)
+    # The same additions in the same order: repeats of a position keep theirs.
     np.testing.assert_array_equal(result, reference.add_at(target, index, values, 0.5))
+    total = kernels.dot_at(target, found.start, found.pointer, values[order])
+    size = np.abs(target[index] * values).sum()
+    # A sum of n products in any order: n roundings of at most the sum of the sizes.
+    assert abs(total - target[index].astype(np.float64) @ values) <= 2 * len(index) * 2**-53 * size
+
+
+def test_held_components_are_put_back_and_their_damping_is_given():
+    rng = np.random.default_rng(4)
+    index = np.unique(scattered(rng))
+    found, order = runs(index)
+    np.testing.assert_array_equal(order, np.arange(len(index)))
+    u, v, mass = rng.standard_normal(60), rng.standard_normal(60), rng.uniform(1, 2, len(index))
+    others = np.setdiff1d(np.arange(60), index)
+    free = u[others].copy(), v[others].copy()
+    lost = -0.5 * 0.3 * mass @ v[index] ** 2
+    given = kernels.hold(found.start, found.pointer, mass, 0.3, u, v)
+    assert abs(given - lost) <= 4 * len(index) * 2**-53 * abs(lost)
+    assert not u[index].any()
+    assert not v[index].any()
+    np.testing.assert_array_equal((u[others], v[others]), free)
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])

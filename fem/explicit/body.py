@@ -14,7 +14,14 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from fem.explicit.kernels.layout import BlockRows, LaneArray, block_rows, padded_lanes
+from fem.explicit.kernels.layout import (
+    BlockRows,
+    LaneArray,
+    Runs,
+    block_rows,
+    padded_lanes,
+    runs,
+)
 from fem.explicit.rate_form import RateFormModel, rate_form_model
 from fem.explicit.viscosity import ElementViscosity, element_viscosity
 from fem.problem.model import (
@@ -30,27 +37,39 @@ from geometry.mesh import FloatArray, HexMesh, IntArray
 
 
 @dataclass(frozen=True)
+class FollowingForces:
+    """Forces that turn with the frame of their block."""
+
+    forces: FloatArray
+    """Placement-frame forces at a block that has not turned, (n, 3) [N]."""
+    copies: IntArray
+    """Block of each, (n,)."""
+    order: IntArray
+    """Which of the 3 n components each entry of the load is, (3 n,)."""
+
+
+@dataclass(frozen=True)
 class BodyLoad:
     """One nodal load, scattered into flat arrays."""
 
     amplitude: Amplitude | None
     """Factor in time; None: one."""
-    applied_index: IntArray
-    """Positions in the flat applied force, (3 n,)."""
-    velocity_index: IntArray
-    """Positions in the flat velocity, (3 n,)."""
+    applied: Runs
+    """Positions in the flat applied force."""
+    velocity: Runs
+    """Positions in the flat velocity, of the same entries."""
     values: FloatArray
     """Placement-frame forces, (3 n,) [N]."""
-    copies: IntArray | None
-    """Copy of each of the n forces when they follow the block frame."""
+    following: FollowingForces | None
+    """What `values` are to be made of when they follow the block frame."""
 
 
 @dataclass(frozen=True)
 class HeldComponents:
     """Displacement components, along the axes of the placement frame, that stay zero."""
 
-    index: IntArray
-    """Flat positions, (n,)."""
+    runs: Runs
+    """Flat positions."""
     mass: FloatArray
     """Of the nodes, (n,) [t]."""
 
@@ -245,12 +264,15 @@ def _body_load(
 ) -> BodyLoad:
     row = rows.row[load.nodes]
     local = np.einsum("nij,ni->nj", group.rotations[load.copies], load.forces)
+    # Rows of the applied force have the order of the rows: both sort the entries alike.
+    velocity, order = runs(_components(row * 3 * lanes + load.copies, lanes))
+    applied_row = applied[row].astype(np.int64)
     return BodyLoad(
         amplitude=load.amplitude,
-        applied_index=_components(applied[row].astype(np.int64) * 3 * lanes + load.copies, lanes),
-        velocity_index=_components(row * 3 * lanes + load.copies, lanes),
-        values=local.ravel(),
-        copies=load.copies if load.follows_block else None,
+        applied=runs(_components(applied_row * 3 * lanes + load.copies, lanes))[0],
+        velocity=velocity,
+        values=local.ravel()[order],
+        following=FollowingForces(local, load.copies, order) if load.follows_block else None,
     )
 
 
@@ -284,7 +306,8 @@ def _body_supports(
     along = (np.abs(local).sum(axis=1) == 1.0) & (np.abs(local).max(axis=1) == 1.0)
     simple = along & (value == 0.0)
     still, moving = order[simple[order]], order[~simple[order]]
-    held = HeldComponents(base[still] + lanes * axis[still], mass[still])
+    positions, sorting = runs(base[still] + lanes * axis[still])
+    held = HeldComponents(positions, mass[still][sorting])
     support = BodySupport(
         base=base[moving],
         direction=np.ascontiguousarray(local[moving]),

@@ -53,7 +53,8 @@ def load_forces(body: Body, now: BodyState, time: float) -> FloatArray:
     force = np.zeros((body.n_rows, 3, body.lanes))
     flat = force.ravel()
     for load in body.loads:
-        add_at(flat, load.velocity_index, load_values(load, now), load_factor(load, time))
+        values, factor = load_values(load, now), load_factor(load, time)
+        add_at(flat, load.velocity.start, load.velocity.pointer, values, factor)
     return force
 
 
@@ -73,7 +74,7 @@ def free_part(body: Body, force: FloatArray) -> FloatArray:
     free = force.copy()
     flat = free.ravel()
     if body.held is not None:
-        flat[body.held.index] = 0.0
+        flat[body.held.runs.index] = 0.0
     if support is None:
         return free
     for axis in range(3):

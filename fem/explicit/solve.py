@@ -191,7 +191,7 @@ def initial_state(
         if body.rate_form is None:
             set_internal_force(system, body, now, sample=False)
             forget_rates(now)
-        set_applied_force(body, now, 0.0)
+        set_applied_force(system, body, now, 0.0)
     for interaction in system.interactions:
         interaction.add_force(system, state)
     for body, now in zip(system.bodies, state.bodies, strict=True):
@@ -231,8 +231,9 @@ def _stop_supported(body: Body, now: BodyState) -> None:
     """Remove the supported components of the first velocity: supports start from rest."""
     flat = now.velocity.ravel()
     if body.held is not None:
-        flat[body.held.index] = 0.0
-        now.displacement.ravel()[body.held.index] = 0.0
+        held = body.held.runs.index
+        flat[held] = 0.0
+        now.displacement.ravel()[held] = 0.0
     support = body.support
     if support is None:
         return

@@ -69,6 +69,16 @@ class StiffnessDampingState:
 
 
 @dataclass
+class LoadState:
+    """What is known of the loads since the last step, so that it is not computed again."""
+
+    factor: FloatArray
+    """Amplitudes that the applied force holds, (n_loads,); NaN: none yet."""
+    power: FloatArray
+    """Power at amplitude one and the velocity of the state, (n_loads,) [N mm/s]; NaN: not yet."""
+
+
+@dataclass
 class BodyState:
     """Arrays of one group, placement frame, (n_rows, 3, lanes)."""
 
@@ -80,6 +90,8 @@ class BodyState:
     """Of the last step [N]."""
     applied_force: LaneArray | None
     """Loads and contact of the last step, (n_applied, 3, lanes) [N]."""
+    loads: LoadState | None
+    """Where there are loads."""
     kinetic: FloatArray
     """Partial sums of the kinetic energy at the last sample, (n_chunks, lanes) [N mm]."""
     strain_energy: FloatArray
@@ -150,6 +162,7 @@ def initial_body_state(
         applied_force=None
         if body.applied_row is None
         else aligned_zeros((body.n_applied, 3, body.lanes), body.dtype),
+        loads=LoadState(*np.full((2, len(body.loads)), np.nan)) if body.loads else None,
         kinetic=np.zeros((n_chunks, body.lanes)),
         strain_energy=np.zeros(body.lanes),
         frame=block_frame(body, keep_increment=damped)

@@ -97,14 +97,14 @@ def step(system: System, state: State, *, sample: bool = False) -> None:
     """
     for body, now in zip(system.bodies, state.bodies, strict=True):
         set_internal_force(system, body, now, sample=sample)
-        set_applied_force(body, now, system.time(state))
+        set_applied_force(system, body, now, system.time(state))
     for interaction in system.interactions:
         interaction.add_force(system, state)
     for body, now in zip(system.bodies, state.bodies, strict=True):
         before = load_power(body, now, system.time(state))
         advance(system, body, now, state.mass_damping, sample=sample)
         enforce_support(system, body, now, state)
-        after = load_power(body, now, system.time(state))
+        after = load_power(body, now, system.time(state), moved=True)
         half = 0.5 * system.time_step
         now.external_work.add(half * before, half * after)
     state.step += 1
@@ -222,14 +222,21 @@ def add_bulk_viscosity(
     )
 
 
-def set_applied_force(body: Body, now: BodyState, time: float) -> None:
+def set_applied_force(system: System, body: Body, now: BodyState, time: float) -> None:
     """Loads at ``time``; contact adds to them."""
-    if now.applied_force is None:
+    force, loads = now.applied_force, now.loads
+    if force is None:
         return
-    now.applied_force[:] = 0.0
-    flat = now.applied_force.ravel()
-    for load in body.loads:
-        add_at(flat, load.applied_index, load_values(load, now), load_factor(load, time))
+    factors = [load_factor(load, time) for load in body.loads]
+    if loads is not None:
+        turning = any(load.following is not None for load in body.loads)
+        if not (turning or system.interactions) and np.array_equal(loads.factor, factors):
+            return
+        loads.factor[:] = factors
+    force[:] = 0.0
+    for load, factor in zip(body.loads, factors, strict=True):
+        runs = load.applied
+        add_at(force.ravel(), runs.start, runs.pointer, load_values(load, now), factor)
 
 
 def load_factor(load: BodyLoad, time: float) -> float:
@@ -239,21 +246,36 @@ def load_factor(load: BodyLoad, time: float) -> float:
 
 def load_values(load: BodyLoad, now: BodyState) -> FloatArray:
     """Placement-frame forces at amplitude one, turned with the block frame if they follow it."""
-    if load.copies is None or now.frame is None:
+    following = load.following
+    if following is None or now.frame is None:
         return load.values
-    forces = load.values.reshape(-1, 3)
-    turned = forces + np.einsum("ijn,nj->ni", now.frame.turn[:, :, load.copies], forces)
-    values: FloatArray = turned.ravel()
+    turn = now.frame.turn[:, :, following.copies]
+    turned = following.forces + np.einsum("ijn,nj->ni", turn, following.forces)
+    values: FloatArray = turned.ravel()[following.order]
     return values
 
 
-def load_power(body: Body, now: BodyState, time: float) -> float:
-    """Power of the loads at the velocity that the state holds [N mm/s]."""
-    flat = now.velocity.ravel()
+def load_power(body: Body, now: BodyState, time: float, *, moved: bool = False) -> float:
+    """Power of the loads at the velocity that the state holds [N mm/s].
+
+    Parameters
+    ----------
+    body, now
+        Loads and velocity.
+    time
+        Of the amplitudes and of the block frames [s].
+    moved
+        Whether the velocity has changed since the last call: then the sum over the loaded nodes
+        is taken anew; else only for forces that have turned.
+    """
     power = 0.0
-    for load in body.loads:
-        values = load_values(load, now)
-        power += load_factor(load, time) * dot_at(flat, load.velocity_index, values)
+    for k, load in enumerate(body.loads):
+        assert now.loads is not None
+        known = now.loads.power
+        if moved or load.following is not None or np.isnan(known[k]):
+            runs, values = load.velocity, load_values(load, now)
+            known[k] = dot_at(now.velocity.ravel(), runs.start, runs.pointer, values)
+        power += load_factor(load, time) * float(known[k])
     return power
 
 
@@ -287,7 +309,8 @@ def enforce_support(system: System, body: Body, now: BodyState, state: State) ->
     u, v = now.displacement.ravel(), now.velocity.ravel()
     lost_before = lost_after = 0.0
     if body.held is not None:
-        lost_after += hold(body.held.index, body.held.mass, loss, u, v)
+        runs = body.held.runs
+        lost_after += hold(runs.start, runs.pointer, body.held.mass, loss, u, v)
     support = body.support
     if support is not None:
         time, dt = system.time(state), system.time_step

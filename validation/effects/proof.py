@@ -33,7 +33,7 @@ from fem.explicit.step import System, bound, step
 _EFFECTS: dict[types.ModuleType, tuple[set[str], set[str]]] = {
     motion: (
         {"keep", "acceleration", "kinetic", "loss", "dissipated"},
-        {"add_at", "dot_at", "dot_lanes", "hold", "enforce"},
+        {"dot_lanes", "enforce"},
     ),
     stiffness: ({"torque"}, {"cross_add"}),
     contact_kernels: (
@@ -189,7 +189,7 @@ def bare_run(system: System, steps: int, kernels: BareKernels | None = None) -> 
             applied[k][:] = 0.0
             for load in body.loads:
                 factor = 1.0 if load.amplitude is None else load.amplitude(time)
-                np.add.at(applied[k].ravel(), load.applied_index, factor * load.values)
+                np.add.at(applied[k].ravel(), load.applied.index, factor * load.values)
         kernels.contact_forces(data, tuple(a.ravel() for a in u), work, law)
         for k, (body, found) in enumerate(zip(bodies, force._collections, strict=True)):
             contact_kernels.collect_forces(

@@ -29,15 +29,8 @@ from fem.explicit.kernels.frame import (
     placement_frame_force,
     placement_frame_force_parallel,
 )
-from fem.explicit.kernels.motion import (
-    add_at,
-    dot_at,
-    dot_lanes,
-    enforce,
-    hold,
-    update,
-    update_parallel,
-)
+from fem.explicit.kernels.motion import dot_lanes, enforce, update, update_parallel
+from fem.explicit.kernels.runs import add_at, dot_at, hold
 from fem.explicit.kernels.stiffness import (
     stiffness_product,
     stiffness_product_parallel,

@@ -125,6 +125,43 @@ def equal_work(pointer: IntArray, n_chunks: int = N_CHUNKS) -> IntArray:
     return np.unique(boundary).astype(np.int64)
 
 
+@dataclass(frozen=True)
+class Runs:
+    """Positions in a flat array as runs of neighbours, in the order of the memory."""
+
+    start: IntArray
+    """First position of each run, (n_runs,)."""
+    pointer: IntArray
+    """First entry of each run, (n_runs + 1,)."""
+
+    @property
+    def index(self) -> IntArray:
+        """Position of every entry, (n,)."""
+        length = np.diff(self.pointer)
+        offset: IntArray = np.arange(self.pointer[-1]) - np.repeat(self.pointer[:-1], length)
+        return np.repeat(self.start, length) + offset
+
+
+def runs(index: IntArray) -> tuple[Runs, IntArray]:
+    """Gather positions to runs.
+
+    Parameters
+    ----------
+    index
+        Positions in a flat array, (n,); may repeat.
+
+    Returns
+    -------
+    tuple[Runs, IntArray]
+        The runs, and which position each of their entries was, (n,): equal ones keep their order.
+    """
+    order: IntArray = np.argsort(index, kind="stable").astype(np.int64)
+    sorted_index = index[order]
+    first = np.flatnonzero(np.diff(sorted_index, prepend=-2) != 1).astype(np.int64)
+    pointer = np.append(first, len(index)).astype(np.int64)
+    return Runs(sorted_index[first].astype(np.int64), pointer), order
+
+
 def to_lanes(values: FloatArray, order: IntArray, dtype: npt.DTypeLike) -> LaneArray:
     """(n_copies, n_nodes, 3) in mesh numbering to padded (n_rows, 3, n_lanes)."""
     n_copies, n_nodes, n_components = values.shape

@@ -1,6 +1,6 @@
 # mypy: disable-error-code="no-untyped-def, untyped-decorator"
 
-"""Central difference update, supports, loads and sums."""
+"""Central difference update, moving supports and sums."""
 
 from __future__ import annotations
 
@@ -167,22 +167,6 @@ def update_parallel(
 
 
 @njit(cache=True, **OPTIONS)
-def add_at(target, index, values, factor):
-    """``target[index] += factor · values`` on a flat array, repeated indices adding up."""
-    for k in range(len(index)):
-        target[index[k]] += factor * values[k]
-
-
-@njit(cache=True, **OPTIONS)
-def dot_at(array, index, values):
-    """Sum of ``array[index] · values`` on a flat array, in float64."""
-    total = 0.0
-    for k in range(len(index)):
-        total += np.float64(array[index[k]]) * values[k]
-    return total
-
-
-@njit(cache=True, **OPTIONS)
 def dot_lanes(a, b, total):
     """Write a · b of every copy to ``total`` (lanes,), in float64; a, b (n_rows, 3, lanes)."""
     total[:] = 0.0
@@ -190,35 +174,6 @@ def dot_lanes(a, b, total):
         for j in range(a.shape[1]):
             for k in range(a.shape[2]):
                 total[k] += np.float64(a[i, j, k]) * b[i, j, k]
-
-
-@njit(cache=True, **OPTIONS)
-def hold(index, mass, loss, displacement, velocity):
-    """Put held components back to zero after an `update`.
-
-    Parameters
-    ----------
-    index, mass
-        Flat positions (n,) and masses (n,) [t].
-    loss
-        α Δt / 2 of the mass-proportional damping, or None.
-    displacement, velocity
-        Flat arrays.
-
-    Returns
-    -------
-    float
-        What to add to the dissipation of the mass damping, which `update` took with the
-        velocity before this correction.
-    """
-    lost = 0.0
-    for k in range(len(index)):
-        at = index[k]
-        if loss is not None:
-            lost -= 0.5 * loss * mass[k] * np.float64(velocity[at]) ** 2
-        displacement[at] = 0.0
-        velocity[at] = 0.0
-    return lost
 
 
 @njit(cache=True, **OPTIONS)
