@@ -67,25 +67,37 @@ class FrictionalContacts:
         relative: FloatArray = (self.matrix.T @ displacement).reshape(-1, 3)
         return relative
 
+    def slip_size(self, tangential: FloatArray) -> FloatArray:
+        """Return the friction work per μ λ_n of slips along the tangents, (n, 2) to (n,).
+
+        Their length; for the pyramid the larger of the two parts.
+        """
+        size: FloatArray = (
+            np.linalg.norm(tangential, axis=1)
+            if self.law is FrictionLaw.CONE
+            else np.abs(tangential).max(axis=1)
+        )
+        return size
+
+    def shear_size(self, tangential: FloatArray) -> FloatArray:
+        """Return the size of tangential forces that the law compares with μ λ_n, (n, 2) to (n,)."""
+        size: FloatArray = (
+            np.linalg.norm(tangential, axis=1)
+            if self.law is FrictionLaw.CONE
+            else np.abs(tangential).sum(axis=1)
+        )
+        return size
+
     def smallest_work(self, displacement: FloatArray) -> FloatArray:
         """Return the least work of an admissible force with λ_n = 1 at each contact, (n,)."""
         relative = self.slip(displacement)
-        tangential = (
-            np.linalg.norm(relative[:, 1:], axis=1)
-            if self.law is FrictionLaw.CONE
-            else np.abs(relative[:, 1:]).max(axis=1)
-        )
-        work: FloatArray = relative[:, 0] - self.friction * tangential
+        work: FloatArray = relative[:, 0] - self.friction * self.slip_size(relative[:, 1:])
         return work
 
     def projected(self, forces: FloatArray) -> FloatArray:
         """Nearest admissible forces along the tangents, (n, 3): cuts what the solver overshot."""
         normal = np.maximum(forces[:, 0], 0.0)
-        tangential = (
-            np.linalg.norm(forces[:, 1:], axis=1)
-            if self.law is FrictionLaw.CONE
-            else np.abs(forces[:, 1:]).sum(axis=1)
-        )
+        tangential = self.shear_size(forces[:, 1:])
         limit = self.friction * normal
         scale = np.where(tangential > limit, limit / np.maximum(tangential, 1e-300), 1.0)
         return np.column_stack([normal, forces[:, 1:] * scale[:, None]])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from geometry.assembly import AssemblyError
@@ -64,6 +66,53 @@ def running_bond_wall(
         for shape in shapes:
             blocks.append((shape, np.eye(3), np.array([x, 0.0, row * height])))
             x += length if shape is whole else length / 2
+    fixed = np.zeros(len(blocks), dtype=bool)
+    fixed[0] = True
+    return polyhedral_assembly("wall", blocks, fixed, detection)
+
+
+def wall_of_rows(
+    size: tuple[float, float, float],
+    rows: Sequence[Sequence[float]],
+    detection: DetectionOptions | None = None,
+) -> PolyhedralAssembly:
+    """Stack rows of bricks of given widths on a fixed foundation; openings may be left.
+
+    Parameters
+    ----------
+    size
+        Length (x), depth (y) and height (z) of a whole brick [mm].
+    rows
+        From the bottom: widths in bricks from left to right, an opening as a negative width.
+    detection
+        What counts as contact.
+
+    Raises
+    ------
+    AssemblyError
+        For sizes that are not positive, widths of zero, rows of different lengths.
+    """
+    if not (np.isfinite(size).all() and min(size) > 0):
+        raise AssemblyError(f"block.size: got {list(size)}, expected three positive lengths in mm")
+    lengths = [sum(abs(width) for width in row) for row in rows]
+    if not lengths or not np.allclose(lengths, lengths[0]) or any(0 in row for row in rows):
+        raise AssemblyError(
+            f"rows: got {lengths} bricks in a row, expected rows of one length, no width of zero"
+        )
+    length, depth, height = size
+    shapes = {
+        width: box((width * length, depth, height), f"brick of {width:g}")
+        for width in sorted({width for row in rows for width in row if width > 0})
+    }
+    base = box((lengths[0] * length, depth, height), "foundation")
+    blocks = [(base, np.eye(3), np.array([0.0, 0.0, -height]))]
+    for layer, row in enumerate(rows):
+        starts = length * np.cumsum([0.0, *np.abs(row)])
+        blocks += [
+            (shapes[width], np.eye(3), np.array([x, 0.0, layer * height]))
+            for width, x in zip(row, starts, strict=False)
+            if width > 0
+        ]
     fixed = np.zeros(len(blocks), dtype=bool)
     fixed[0] = True
     return polyhedral_assembly("wall", blocks, fixed, detection)

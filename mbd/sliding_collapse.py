@@ -1,0 +1,382 @@
+"""Collapse by sliding that does not dilate: non-associated friction, with a certificate.
+
+Limit analysis (`mbd.friction.collapse_load`) lets a sliding joint open by n·δ = μ ‖δ_t‖: an
+associated flow that dry joints do not show, and an upper bound for what they carry. Here a joint
+that presses does not open. Wanted is the least factor α at which forces and a motion exist with
+
+- equilibrium, G λ + f_dead + α f_live = 0, and admissible forces, ‖λ_t‖ <= μ λ_n, λ_n >= 0;
+- no overlap, δ_n >= 0, and no opening under pressure, λ_n δ_n = 0;
+- friction against the slip, and at its limit where there is any: λ_tᵀδ_t = -μ λ_n ‖δ_t‖;
+- work of the live load, f_liveᵀd > 0 (scaled to 1).
+
+This is a mathematical program with equilibrium constraints. All products together are the defect
+Σ (λ_n δ_n + μ λ_n ‖δ_t‖ + λ_tᵀδ_t) >= 0, by virtual work Σ μ λ_n ‖δ_t‖ - f_deadᵀd - α, of which
+only the sum is bilinear. α + ρ · defect is minimised by sequential linear programs in a trust
+region (HiGHS) from the associated state, ρ rising until the defect is nil.
+
+A solution proves itself (`check_sliding`): at α the blocks can begin to slide with every law of
+dry friction obeyed. Nothing proves that no smaller α exists: the program is not convex, the answer
+a local minimum. Between it and the associated factor the blocks may stand or slide, depending on
+how they came there.
+
+References: Ferris and Tin-Loi, "Limit analysis of frictional block assemblies as a mathematical
+program with complementarity constraints", Int. J. Mech. Sci. 43 (2001); Gilbert, Casapulla and
+Ahmed, "Limit analysis of masonry block structures with non-associative frictional joints using
+linear programming", Comput. Struct. 84 (2006).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.optimize
+import scipy.sparse as sp
+
+from geometry.mesh import FloatArray
+from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
+from mbd.friction import FrictionalContacts, FrictionLaw, collapse_load
+
+#: Largest violation of any law in a certified state; see `SlidingCheck` for what it is relative to.
+SLIDING_TOLERANCE = EQUILIBRIUM_TOLERANCE
+#: Weights ρ of the defect, in the order tried. At 1 the factor drops out of α + ρ · defect; just
+#: above it the path is least bound to the state that it starts from.
+_PENALTIES = (1.5, 6.0, 24.0, 96.0)
+#: Most linear programs for one penalty.
+_MOST_STEPS = 40
+#: First radius of the trust region over the largest normal force and the largest slip …
+_FIRST_REACH = 0.5
+#: … and the radius at which a path ends.
+_LAST_REACH = 1e-9
+#: Friction limits below this fraction of the largest are none.
+_UNPRESSED = 1e-12
+#: Predicted decrease of the merit (a factor of order one) that is round-off of a linear program.
+_SETTLED = 1e-10
+
+
+@dataclass(frozen=True)
+class SlidingCheck:
+    """How well forces and a motion obey the laws of joints that slide without opening."""
+
+    residual: float
+    """‖G λ + f‖ / ‖f‖ with f = f_dead + α f_live."""
+    excess: float
+    """Largest of ‖λ_t‖ - μ λ_n and -λ_n over the largest force; 0 where all are admissible."""
+    overlap: float
+    """Largest closing of a contact over the largest relative displacement."""
+    opening_work: float
+    """Σ λ_n δ_n / |f|ᵀ|d|: pressure on joints that open, the dilation that is not allowed."""
+    slipping_defect: float
+    """Σ (μ λ_n ‖δ_t‖ + λ_tᵀδ_t) / |f|ᵀ|d|: friction below its limit or not against the slip."""
+
+    @property
+    def largest(self) -> float:
+        """Largest violation of any law."""
+        return max(
+            self.residual,
+            self.excess,
+            self.overlap,
+            abs(self.opening_work),
+            abs(self.slipping_defect),
+        )
+
+
+@dataclass(frozen=True)
+class SlidingCollapse:
+    """A factor at which the blocks can begin to slide without dilation, and the proof."""
+
+    factor: float
+    """α, a local minimum over such states; infinity where the associated factor is infinite."""
+    associated: float
+    """Factor of limit analysis with dilation: no larger load can be carried."""
+    forces: FloatArray
+    """(λ_n, λ_1, λ_2) of each contact, (n_contacts, 3) [N]."""
+    mechanism: FloatArray | None
+    """d with f_liveᵀd > 0, ‖d‖ = 1, (n_rows,); None where none was found."""
+    check: SlidingCheck | None
+    """Every law multiplied out; None where no motion was found."""
+    programs: int
+    """Linear programs solved."""
+    status: str
+    """What happened and what that means."""
+
+    @property
+    def certified(self) -> bool:
+        """Whether forces and motion obey every law to `SLIDING_TOLERANCE`."""
+        return self.check is not None and self.check.largest <= SLIDING_TOLERANCE
+
+
+def check_sliding(
+    contacts: FrictionalContacts, load: FloatArray, forces: FloatArray, mechanism: FloatArray
+) -> SlidingCheck:
+    """Multiply out every law of sliding without dilation.
+
+    Parameters
+    ----------
+    contacts
+        Of `mbd.friction.frictional_contacts`.
+    load
+        f_dead + α f_live, (n_rows,) [N].
+    forces
+        (λ_n, λ_1, λ_2), (n_contacts, 3) [N].
+    mechanism
+        d, (n_rows,).
+    """
+    tiny = 1e-300
+    normal, shear = forces[:, 0], forces[:, 1:]
+    slip = contacts.slip(mechanism)
+    opening, sliding = slip[:, 0], slip[:, 1:]
+    limit = contacts.friction * normal
+    outside = np.maximum(contacts.shear_size(shear) - limit, -normal)
+    friction_work = limit * contacts.slip_size(sliding) + np.sum(shear * sliding, axis=1)
+    # Not the work of the contact forces: a wall that rocks on its edges has none.
+    work = float(np.abs(load) @ np.abs(mechanism)) + tiny
+    imbalance = np.linalg.norm(contacts.matrix @ forces.ravel() + load)
+    return SlidingCheck(
+        residual=float(imbalance / max(float(np.linalg.norm(load)), tiny)),
+        excess=max(float(outside.max(initial=0.0)), 0.0) / (float(np.abs(forces).max()) + tiny),
+        overlap=max(-float(opening.min(initial=0.0)), 0.0) / (float(np.abs(slip).max()) + tiny),
+        opening_work=float(normal @ opening) / work,
+        slipping_defect=float(friction_work.sum()) / work,
+    )
+
+
+@dataclass(frozen=True)
+class _State:
+    """An iterate: forces and a motion, each possible by itself; their products are the defect."""
+
+    forces: FloatArray
+    """(n, 3)"""
+    motion: FloatArray
+    """d with f_liveᵀd = 1, (n_rows,)."""
+    factor: float
+    slip: FloatArray
+    """Size of the slip at each contact, (n,)."""
+    defect: float
+
+    def merit(self, penalty: float) -> float:
+        return self.factor + penalty * self.defect
+
+
+@dataclass(frozen=True)
+class _Programs:
+    """Linear constraints on x = (λ, α, d, w), w no less than the slip; loads of order one."""
+
+    contacts: FrictionalContacts
+    dead: FloatArray
+    live: FloatArray
+    equal: sp.csc_array
+    target: FloatArray
+    above: sp.csc_array
+    """Rows whose products with x are not positive."""
+
+    def state(self, forces: FloatArray, factor: float, motion: FloatArray) -> _State:
+        """Evaluate forces (n, 3), a factor and a motion (n_rows,)."""
+        slip = self.contacts.slip_size(self.contacts.slip(motion)[:, 1:])
+        dissipated = self.contacts.friction * float(forces[:, 0] @ slip)
+        defect = dissipated - float(self.dead @ motion) - factor
+        return _State(forces, motion, factor, slip, defect)
+
+    def step(
+        self, state: _State, penalty: float, reach: tuple[float, float]
+    ) -> tuple[_State, float] | None:
+        """Minimise the merit with products linearised, pressures and slips within reach.
+
+        Returns
+        -------
+        tuple[_State, float] | None
+            Next state and predicted decrease; None where HiGHS gives up.
+        """
+        n, mu = self.contacts.n_contacts, self.contacts.friction
+        pressure, load = slice(0, 3 * n, 3), 3 * n
+        motion, slip = slice(load + 1, load + 1 + len(self.dead)), slice(-n, None)
+        cost = np.zeros(self.equal.shape[1])
+        cost[pressure] = penalty * mu * state.slip
+        cost[load] = 1.0 - penalty
+        cost[motion] = -penalty * self.dead
+        cost[slip] = penalty * mu * state.forces[:, 0]
+        bounds = np.column_stack([np.full(len(cost), -np.inf), np.full(len(cost), np.inf)])
+        for part, centre, radius in (
+            (pressure, state.forces[:, 0], reach[0]),
+            (slip, state.slip, reach[1]),
+        ):
+            bounds[part, 0] = np.maximum(centre - radius, 0.0)
+            bounds[part, 1] = centre + radius
+        constraints: dict[str, Any] = {"A_eq": self.equal, "A_ub": self.above, "bounds": bounds}
+        found = scipy.optimize.linprog(
+            cost,
+            b_eq=self.target,
+            b_ub=np.zeros(self.above.shape[0]),
+            method="highs",
+            **constraints,
+        )
+        if found.x is None or found.fun is None:
+            return None
+        product = penalty * mu * float(state.forces[:, 0] @ state.slip)
+        predicted = state.merit(penalty) - (found.fun - product)
+        forces = self.contacts.projected(found.x[: 3 * n].reshape(-1, 3))
+        return self.state(forces, float(found.x[load]), found.x[motion]), predicted
+
+
+def _programs(contacts: FrictionalContacts, dead: FloatArray, live: FloatArray) -> _Programs:
+    n, rows, mu = contacts.n_contacts, len(dead), contacts.friction
+    sides = np.array([[-mu, 1, 1], [-mu, 1, -1], [-mu, -1, 1], [-mu, -1, -1]], dtype=np.float64)
+    slips = contacts.matrix.T.tocsr()
+    normal, tangential = slips[0::3], [slips[1::3], slips[2::3]]
+    one = sp.eye_array(n)
+    above: list[list[Any]] = [
+        [sp.kron(one, sides), sp.csr_array((4 * n, 1 + rows)), sp.csr_array((4 * n, n))],
+        [None, sp.hstack([sp.csr_array((n, 1)), -normal]), None],
+    ]
+    for part in tangential:
+        for sign in (1.0, -1.0):
+            above.append([None, sp.hstack([sp.csr_array((n, 1)), sign * part]), -one])
+    equal: list[list[Any]] = [
+        [contacts.matrix, sp.csc_array(live[:, None]), sp.csc_array((rows, rows)), None],
+        [None, sp.csc_array((1, 1)), sp.csc_array(live[None, :]), sp.csc_array((1, n))],
+    ]
+    return _Programs(
+        contacts,
+        dead,
+        live,
+        equal=sp.block_array(equal).tocsc(),
+        target=np.concatenate([-dead, [1.0]]),
+        above=sp.block_array(above).tocsc(),
+    )
+
+
+def _descend(programs: _Programs, state: _State, penalty: float) -> tuple[_State, int]:
+    """Follow the merit down until no linear program promises a decrease; programs solved."""
+    reach = _FIRST_REACH
+    radii = (float(state.forces[:, 0].max(initial=0.0)), float(state.slip.max(initial=0.0)))
+    for count in range(_MOST_STEPS):
+        found = programs.step(state, penalty, (reach * radii[0], reach * radii[1]))
+        if found is None or found[1] <= _SETTLED:
+            return state, count + 1
+        following, predicted = found
+        gained = state.merit(penalty) - following.merit(penalty)
+        if gained > 0.1 * predicted:
+            state = following
+        if gained > 0.7 * predicted:
+            reach *= 2.0
+        elif gained < 0.25 * predicted:
+            reach *= 0.4
+        if reach < _LAST_REACH:
+            break
+    return state, _MOST_STEPS
+
+
+def sliding_collapse(
+    contacts: FrictionalContacts, dead: FloatArray, live: FloatArray
+) -> SlidingCollapse:
+    """Search the least α at which the blocks can begin to slide without dilation.
+
+    The linear programs use the pyramid. With `FrictionLaw.CONE` the motion is chosen, and the state
+    judged, by the cone: forces inside the pyramid reach it where joints slide along their
+    tangents, as in plane walls and arches; elsewhere the state may fail to be certified.
+
+    Parameters
+    ----------
+    contacts
+        Of `mbd.friction.frictional_contacts`.
+    dead, live
+        Generalized forces, (n_rows,) [N].
+
+    Raises
+    ------
+    FrictionError
+        When the live load is zero, or the dead load alone cannot be carried.
+    """
+    linear = replace(contacts, law=FrictionLaw.PYRAMID)
+    start = collapse_load(linear, dead, live)
+    if start.mechanism is None:
+        return SlidingCollapse(
+            start.factor, start.factor, start.forces, None, None, 0, f"not sought: {start.status}"
+        )
+    scale, size = float(np.linalg.norm(dead)) or 1.0, float(np.linalg.norm(live))
+    programs = _programs(linear, dead / scale, live / size)
+    motion = start.mechanism / float(start.mechanism @ programs.live)
+    state = programs.state(start.forces / scale, start.factor * size / scale, motion)
+    solved = 0
+    for penalty in _PENALTIES:
+        state, count = _descend(programs, state, penalty)
+        solved += count
+        if state.defect <= 0.01 * SLIDING_TOLERANCE * max(abs(state.factor), 1.0):
+            break
+    factor = state.factor * scale / size
+    found = _judged(contacts, scale * state.forces, state.motion, (dead, live, factor))
+    if not found.certified and contacts.law is FrictionLaw.CONE:
+        # The pyramid leaves slips between its tangents open; the cone does not.
+        motion = _least_dissipation(contacts, state.forces, programs.dead, programs.live)
+        found = _judged(contacts, scale * state.forces, motion, (dead, live, factor))
+    found = replace(found, associated=start.factor, programs=solved)
+    return replace(found, status=_status(found))
+
+
+def _judged(
+    contacts: FrictionalContacts,
+    forces: FloatArray,
+    motion: FloatArray,
+    loading: tuple[FloatArray, FloatArray, float],
+) -> SlidingCollapse:
+    """Multiply a state out under dead + α live."""
+    dead, live, factor = loading
+    unit = motion / np.linalg.norm(motion)
+    check = check_sliding(contacts, dead + factor * live, forces, unit)
+    return SlidingCollapse(factor, np.inf, forces, unit, check, 0, "")
+
+
+def _least_dissipation(
+    contacts: FrictionalContacts, forces: FloatArray, dead: FloatArray, live: FloatArray
+) -> FloatArray:
+    """Return the motion with f_liveᵀd = 1 of least Σ μ λ_n ‖δ_t‖ - f_deadᵀd by the cone; (n_rows,).
+
+    Pressures fixed, the defect is convex in the motion.
+    """
+    import clarabel
+
+    weight = contacts.friction * forces[:, 0]
+    pressed = np.flatnonzero(weight > _UNPRESSED * weight.max(initial=0.0))
+    n, rows = len(pressed), len(dead)
+    slips = contacts.matrix.T.tocsr()
+    # (s, δ_1, δ_2) in a second-order cone at each contact that presses.
+    picks = sp.csc_array((np.ones(n), (3 * np.arange(n), np.arange(n))), shape=(3 * n, n))
+    tangential = slips[(3 * pressed[:, None] + np.array([0, 1, 2])).ravel()]
+    tangential = sp.diags_array(np.tile([0.0, 1.0, 1.0], n)) @ tangential
+    constraint: list[list[Any]] = [
+        [sp.csc_array(live[None, :]), sp.csc_array((1, n))],
+        [-slips[0::3], sp.csc_array((contacts.n_contacts, n))],
+        [-tangential, -picks],
+    ]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
+    # Bounds what blocks that nothing presses may do.
+    loose = sp.diags_array(np.concatenate([np.full(rows, 1e-9), np.zeros(n)]))
+    solution = clarabel.DefaultSolver(
+        sp.csc_matrix(loose),
+        np.concatenate([-dead, weight[pressed]]),
+        sp.csc_matrix(sp.block_array(constraint)),
+        np.concatenate([[1.0], np.zeros(contacts.n_contacts + 3 * n)]),
+        [
+            clarabel.ZeroConeT(1),
+            clarabel.NonnegativeConeT(contacts.n_contacts),
+            *[clarabel.SecondOrderConeT(3)] * n,
+        ],
+        settings,
+    ).solve()
+    return np.asarray(solution.x)[:rows]
+
+
+def _status(found: SlidingCollapse) -> str:
+    if found.certified:
+        return (
+            f"can slide without dilation from {found.factor:.6g} times the live load (certified; "
+            f"a local minimum), cannot stand beyond {found.associated:.6g}"
+        )
+    return (
+        f"no certified state of sliding without dilation: the best violates a law by "
+        f'{found.check.largest if found.check else np.nan:.1e}; try rigid.friction_law = "pyramid" '
+        "or another friction"
+    )
