@@ -94,6 +94,19 @@ class FrictionalContacts:
         work: FloatArray = relative[:, 0] - self.friction * self.slip_size(relative[:, 1:])
         return work
 
+    def world(self, forces: FloatArray, normals: FloatArray) -> FloatArray:
+        """Forces (normal, first, second tangent) as vectors on block s, (n_contacts, 3) [N].
+
+        Parameters
+        ----------
+        forces
+            (n_contacts, 3) [N].
+        normals
+            Of the contacts, (n_contacts, 3).
+        """
+        tangential: FloatArray = np.einsum("nk,nki->ni", forces[:, 1:], self.tangents)
+        return forces[:, :1] * normals + tangential
+
     def projected(self, forces: FloatArray) -> FloatArray:
         """Nearest admissible forces along the tangents, (n, 3): cuts what the solver overshot."""
         normal = np.maximum(forces[:, 0], 0.0)

@@ -8,12 +8,15 @@ import numpy as np
 from rich.console import Console
 
 from geometry.files.mesh_io import write_triangles
+from mbd.resultants import JointResultants
 from validation.output.console import two_columns
 from validation.output.outputs import Outputs
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
 from validation.output.text import add_further_rows, certificate_words
 from validation.run.polyhedra import PolyhedralRun, contact_triangles, mechanism_motion
 
+#: Resultants below this part of the largest normal force are round-off.
+_NOTHING = 1e-9
 #: Files of a rigid result.
 FILES = ("contacts.vtu", "contacts.png", "mechanism.png")
 
@@ -36,11 +39,14 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
     verdict = "interlocked" if result.classification.locked else "not interlocked"
     table.add_row("verdict (frictionless)", f"{verdict}: {result.mechanism}")
     table.add_row("certificate", certificate_words(result))
-    table.add_row("equilibrium", result.equilibrium.status)
-    if result.equilibrium.holds and result.contact_forces.max(initial=0.0) > 0:
-        table.add_row("largest contact force", f"{result.contact_forces.max():.5g} N")
-        table.add_row("largest patch pressure", f"{run.patch_pressures.max():.5g} MPa")
+    if run.further is None or run.further.friction is None:
+        table.add_row("equilibrium", result.equilibrium.status)
     add_further_rows(table, run.further)
+    if run.carried.holds and run.normal_forces.max(initial=0.0) > 0:
+        table.add_row("largest contact force", f"{run.normal_forces.max():.5g} N")
+        table.add_row("largest patch pressure", f"{run.patch_pressures.max():.5g} MPa")
+        for words, value in joint_words(run.joints):
+            table.add_row(words, value)
     bare = int((interfaces.patch < 0).sum())
     points = f", {bare} without area (edges that cross, corners that stand)" if bare else ""
     table.add_row(
@@ -58,18 +64,41 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
     console.print(table)
 
 
+def joint_words(joints: JointResultants) -> list[tuple[str, str]]:
+    """Say where the largest resultants of joints are."""
+    eccentricity = np.linalg.norm(joints.eccentricity, axis=1)
+    rows = []
+    for name, values, unit in (
+        ("normal force N", joints.normal_force, "N"),
+        ("shear force T", joints.shear_force, "N"),
+        ("bending moment M", joints.bending_moment, "N mm"),
+        ("eccentricity M/N", eccentricity, "mm"),
+    ):
+        k = int(np.argmax(values))
+        blocks = f"{joints.block_m[k]}–{joints.block_s[k]}"
+        if values[k] > _NOTHING * max(float(joints.normal_force.max()), 1e-300):
+            rows.append((f"largest {name}", f"{values[k]:.5g} {unit} (joint {blocks})"))
+    return rows
+
+
 def write_contacts(run: PolyhedralRun, path: Path) -> None:
     """Write the contact polygons with pressures, normals and blocks as `.vtu` triangles."""
     interfaces = run.assembly.interfaces
     polygons, patches = interfaces.polygons, interfaces.patches
     triangles, owner = contact_triangles(run)
     patch = polygons.patch[owner]
+    carried = {}
+    if run.carried.holds:  # an attempt that failed is no field
+        carried = {
+            "patch_pressure": run.patch_pressures[patch],
+            "patch_traction": run.patch_tractions[patch],
+        }
     write_triangles(
         path,
         polygons.corners,
         triangles,
         {
-            "patch_pressure": run.patch_pressures[patch],
+            **carried,
             "normal": patches.normals[patch],
             "block_m": patches.block_m[patch].astype(np.int32),
             "block_s": patches.block_s[patch].astype(np.int32),

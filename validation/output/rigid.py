@@ -16,7 +16,7 @@ FILES = ("contact_pressures.vtu", "contact_pressures.png", "mechanism.vtu", "mec
 
 def write_rigid(run: RigidRun, outputs: Outputs) -> None:
     """Write what the result shows; nothing without a folder."""
-    if run.result.equilibrium.holds:
+    if run.carried.holds:
         outputs.write("pressures", "contact_pressures.vtu", lambda path: write_pressures(run, path))
         outputs.write("picture", "contact_pressures.png", lambda path: draw_pressures(run, path))
     if mechanism_displacements(run) is not None:
@@ -33,9 +33,10 @@ def print_rigid(run: RigidRun, console: Console) -> None:
         supported = CLASS_WORDS[result.supported_classification.mechanism]
         table.add_row("mechanism (as supported)", supported)
     table.add_row("certificate", certificate_words(result))
-    table.add_row("equilibrium", result.equilibrium.status)
-    if result.measures is not None:
-        m = result.measures
+    if run.further is None or run.further.friction is None:
+        table.add_row("equilibrium", result.equilibrium.status)
+    if run.measures is not None:
+        m = run.measures
         table.add_row("effective contact elements", f"{m.effective_count_percent:.2f} %")
         table.add_row("effective contact area", f"{m.effective_area_percent:.2f} %")
         table.add_row("p_eff", f"{m.p_eff:.5g} MPa mean of the effective elements")

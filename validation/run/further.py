@@ -11,7 +11,7 @@ import numpy as np
 from geometry.assembly import BoolArray
 from geometry.contact_assembly import ContactAssembly
 from geometry.mesh import FloatArray, IntArray
-from mbd import contact_jacobian
+from mbd import RigidResult, contact_jacobian
 from mbd.friction import (
     CollapseLoad,
     FrictionalEquilibrium,
@@ -21,6 +21,7 @@ from mbd.friction import (
     frictional_equilibrium,
 )
 from mbd.margin import Margin, interlocking_margin
+from mbd.resultants import JointResultants
 from validation.errors import InputError
 from validation.scene.sections import RigidSection
 
@@ -35,6 +36,56 @@ class Further:
     free_blocks: IntArray
     """Block number of each position among the free blocks."""
     cpu_seconds: float
+    friction_forces: FloatArray | None = None
+    """Forces on block s that carry the load with friction; None where none do; (n_contacts, 3)."""
+
+
+@dataclass(frozen=True)
+class Carried:
+    """The contact forces of the answer that was asked for: with friction, if it was asked."""
+
+    holds: bool
+    """Whether they balance the load."""
+    forces: FloatArray
+    """On block s of each contact, zero where nothing holds; (n_contacts, 3) [N]."""
+    words: str
+    """The answer as a headline says it."""
+    mechanism: FloatArray | None
+    """What the load drives, (n_rows,), where it is not carried."""
+
+    def normal_forces(self, normals: FloatArray) -> FloatArray:
+        """Part along the normals of the contacts, (n_contacts,) [N]."""
+        normal: FloatArray = np.maximum(np.einsum("ni,ni->n", self.forces, normals), 0.0)
+        return normal
+
+
+def carried(
+    result: RigidResult, further: Further | None, normals: FloatArray, friction: float | None
+) -> Carried:
+    """Contact forces of the answer that was asked for.
+
+    Parameters
+    ----------
+    result
+        The answer without friction.
+    further
+        What else was asked.
+    normals
+        Of the contacts of the result, (n_contacts, 3).
+    friction
+        μ that was asked, None for none.
+    """
+    asked = None if further is None else further.friction
+    if further is None or asked is None:
+        holds = result.equilibrium.holds
+        forces = result.contact_forces[:, None] * normals * holds
+        return Carried(holds, forces, str(result.mechanism), result.equilibrium.mechanism)
+    forces = np.zeros_like(normals) if further.friction_forces is None else further.friction_forces
+    verdict = "carried" if asked.holds else "not carried" if asked.mechanism is not None else ""
+    words = f"{verdict or 'undecided'} with friction μ = {friction:g}"
+    if asked.holds:
+        words += f" (without: {result.mechanism})"
+    return Carried(asked.holds, forces, words, asked.mechanism)
 
 
 def further_answers(
@@ -66,20 +117,24 @@ def further_answers(
     start = time.process_time()
     contacts = contact_jacobian(assembly, fixed)
     dead, live = (_generalized(w, contacts.free_blocks, contacts.length) for w in wrenches)
-    friction = collapse = margin = None
+    friction = collapse = margin = forces = None
     try:
         frictional = frictional_contacts(
             assembly, contacts, section.friction or 0.0, section.friction_law
         )
         if section.friction is not None:
             friction = frictional_equilibrium(frictional, dead + live)
+            if friction.holds:
+                normals = assembly.interfaces.normals[contacts.index]
+                forces = frictional.world(friction.forces, normals)
         if section.collapse:
             collapse = collapse_load(frictional, dead, live)
     except FrictionError as error:
         raise InputError(f"rigid: {error}") from None
     if section.margin:
         margin = interlocking_margin(contacts.jacobian, contacts.areas)
-    return Further(friction, collapse, margin, contacts.free_blocks, time.process_time() - start)
+    seconds = time.process_time() - start
+    return Further(friction, collapse, margin, contacts.free_blocks, seconds, forces)
 
 
 def _generalized(wrench: FloatArray, free: IntArray, length: float) -> FloatArray:
@@ -90,6 +145,26 @@ def _generalized(wrench: FloatArray, free: IntArray, length: float) -> FloatArra
 
 def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
+
+
+def joints_json(joints: JointResultants) -> list[dict[str, Any]]:
+    """Resultants of each joint as plain data, the force on block s."""
+    eccentricity, points = joints.eccentricity, joints.points
+    columns = {
+        "normal_force": joints.normal_force,
+        "shear_force": joints.shear_force,
+        "bending_moment": joints.bending_moment,
+        "twisting_moment": joints.twisting_moment,
+    }
+    return [
+        {
+            "blocks": [int(joints.block_m[k]), int(joints.block_s[k])],
+            **{name: float(values[k]) for name, values in columns.items()},
+            "eccentricity": eccentricity[k].tolist(),
+            "point": points[k].tolist(),
+        }
+        for k in range(len(joints.block_m))
+    ]
 
 
 def further_json(further: Further | None) -> dict[str, Any]:

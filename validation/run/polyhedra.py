@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,19 @@ import numpy as np
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
+from geometry.polyhedra.facet_contact import ContactPolygons
 from mbd import Mechanism, RigidResult, analyse
+from mbd.resultants import JointResultants, joint_resultants
 from validation.build.own_blocks import refuse_two_weights
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
-from validation.run.further import Further, further_answers, further_json
+from validation.run.further import (
+    Carried,
+    Further,
+    carried,
+    further_answers,
+    further_json,
+    joints_json,
+)
 from validation.run.rigid import certificate_json
 from validation.scene.polyhedra import BodyLoadSection, MeshScene, PolyhedralScene
 from validation.scene.read import SceneFile
@@ -34,21 +44,68 @@ class PolyhedralRun:
     cpu_seconds: dict[str, float]
     """CPU time of each stage, building and checks included [s]."""
 
+    @cached_property
+    def carried(self) -> Carried:
+        """Contact forces of the answer that was asked for."""
+        normals = self.assembly.interfaces.normals[self.result.contact_index]
+        return carried(self.result, self.further, normals, self.scene.rigid.friction)
+
     @property
-    def patch_forces(self) -> FloatArray:
-        """Sum of the contact forces of each patch, (n_patches,) [N]."""
-        interfaces = self.assembly.interfaces
-        total = np.zeros(len(interfaces.patches.areas))
-        patch = interfaces.patch[self.result.contact_index]
-        flat = patch >= 0
-        np.add.at(total, patch[flat], self.result.contact_forces[flat])
-        return total
+    def normal_forces(self) -> FloatArray:
+        """Normal part of those forces, (n_contacts,) [N]."""
+        normals = self.assembly.interfaces.normals[self.result.contact_index]
+        return self.carried.normal_forces(normals)
 
     @property
     def patch_pressures(self) -> FloatArray:
-        """Mean pressure of each patch, (n_patches,) [MPa]."""
-        pressures: FloatArray = self.patch_forces / self.assembly.interfaces.patches.areas
-        return pressures
+        """Mean pressure of each patch; zero where nothing holds; (n_patches,) [MPa]."""
+        return self._of_patches(self.normal_forces) / self.assembly.interfaces.patches.areas
+
+    @property
+    def patch_tractions(self) -> FloatArray:
+        """Mean traction on block s of each patch, (n_patches, 3) [MPa]."""
+        areas = self.assembly.interfaces.patches.areas
+        return self._of_patches(self.carried.forces) / areas[:, None]
+
+    @cached_property
+    def joints(self) -> JointResultants:
+        """Resultants of the forces between each two blocks."""
+        index, found = self.result.contact_index, self.assembly.interfaces
+        pairs = np.unique(np.column_stack([found.block_m[index], found.block_s[index]]), axis=0)
+        centroids = _joint_centroids(self.assembly, pairs)
+        return joint_resultants(found, index, self.carried.forces, centroids)
+
+    def _of_patches(self, values: FloatArray) -> FloatArray:
+        """Sum of what acts at the contacts of each patch."""
+        interfaces = self.assembly.interfaces
+        total = np.zeros((len(interfaces.patches.areas), *values.shape[1:]))
+        patch = interfaces.patch[self.result.contact_index]
+        flat = patch >= 0
+        np.add.at(total, patch[flat], values[flat])
+        return total
+
+
+def _joint_centroids(assembly: PolyhedralAssembly, pairs: IntArray) -> FloatArray:
+    """Centroid of the contact area of each pair of blocks, (n_pairs, 3) [mm].
+
+    Pairs that only touch at points get the mean of those.
+    """
+    found, n = assembly.interfaces, assembly.n_blocks
+    middles, areas, owner = polygon_centroids(found.polygons)
+    keys = pairs[:, 0] * n + pairs[:, 1]
+    patch = found.polygons.patch[owner]
+    of_area = found.patches.block_m[patch] * n + found.patches.block_s[patch]
+    bare = found.patch < 0
+    of_point = (found.block_m * n + found.block_s)[bare]
+    only = ~np.isin(of_point, of_area)
+    key = np.concatenate([of_area, of_point[only]])
+    points = np.concatenate([middles, found.centroids[bare][only]])
+    weight = np.concatenate([areas, np.ones(int(only.sum()))])
+    known = np.isin(key, keys)
+    row = np.searchsorted(keys, key[known])
+    total = np.zeros((len(keys), 3))
+    np.add.at(total, row, weight[known, None] * points[known])
+    return total / np.bincount(row, weights=weight[known], minlength=len(keys))[:, None]
 
 
 def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
@@ -99,8 +156,11 @@ def polyhedra_json(run: PolyhedralRun) -> dict[str, Any]:
             "iterations": result.equilibrium.iterations,
             "status": result.equilibrium.status,
         },
-        "largest_contact_force": float(result.contact_forces.max(initial=0.0)),
-        "largest_patch_pressure": float(run.patch_pressures.max(initial=0.0)),
+        "answer": run.carried.words,
+        "carried": run.carried.holds,
+        "largest_contact_force": _largest(run.normal_forces, run),
+        "largest_patch_pressure": _largest(run.patch_pressures, run),
+        "joints": joints_json(run.joints) if run.carried.holds else [],
         "n_blocks": result.n_blocks,
         "n_contacts": result.n_contacts,
         "n_patches": len(interfaces.patches.areas),
@@ -112,9 +172,26 @@ def polyhedra_json(run: PolyhedralRun) -> dict[str, Any]:
     }
 
 
+def _largest(values: FloatArray, run: PolyhedralRun) -> float | None:
+    """Largest of some values, where forces hold the load; else there is none."""
+    return float(values.max(initial=0.0)) if run.carried.holds else None
+
+
+def polygon_centroids(polygons: ContactPolygons) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Centroid and area of each triangle of the contact polygons, and the polygon it is of."""
+    triangles, owner = polygon_triangles(polygons)
+    p = polygons.corners[triangles]
+    areas = 0.5 * np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
+    return p.mean(axis=1), areas, owner
+
+
 def contact_triangles(run: PolyhedralRun) -> tuple[IntArray, IntArray]:
     """Contact polygons as fans: places of their corners, (n, 3), and the polygon of each, (n,)."""
-    polygons = run.assembly.interfaces.polygons
+    return polygon_triangles(run.assembly.interfaces.polygons)
+
+
+def polygon_triangles(polygons: ContactPolygons) -> tuple[IntArray, IntArray]:
+    """Contact polygons as fans: places of their corners, (n, 3), and the polygon of each, (n,)."""
     count = np.diff(polygons.start)
     fans, owner = [np.zeros((0, 3), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for k in range(1, int(count.max(initial=2)) - 1):
@@ -128,13 +205,14 @@ def contact_triangles(run: PolyhedralRun) -> tuple[IntArray, IntArray]:
 def mechanism_motion(run: PolyhedralRun) -> FloatArray | None:
     """(δt, δθ) of each block under the certified mechanism, (n_blocks, 6); None if locked.
 
-    Prefers the mechanism that the load drives. Scaled so that the farthest-moving centroid or
-    block corner moves by about 1.
+    None, too, where friction was asked for and holds the blocks. Prefers the mechanism that the
+    load drives. Scaled so that the farthest-moving centroid or block corner moves by about 1.
     """
     result, assembly = run.result, run.assembly
     certificate = result.classification.certificate
-    motion = result.equilibrium.mechanism
-    if motion is None and isinstance(certificate, Mechanism):
+    motion = run.carried.mechanism
+    stands = run.carried.holds and run.scene.rigid.friction is not None
+    if motion is None and isinstance(certificate, Mechanism) and not stands:
         motion = certificate.virtual_displacement.ravel()
     if motion is None:
         return None

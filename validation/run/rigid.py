@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,26 @@ from geometry.files.mesh_io import assembly_mesh, interface_surface, write_hex_m
 from geometry.joints import UnmatchedJoint
 from geometry.load_case import LoadCase, with_body_wrenches
 from geometry.mesh import FloatArray
-from mbd import Mechanism, RigidResult, SelfStress, analyse, block_wrenches
+from mbd import (
+    Measures,
+    Mechanism,
+    RigidResult,
+    SelfStress,
+    analyse,
+    block_measures,
+    block_wrenches,
+    measures,
+)
+from mbd.resultants import JointResultants, joint_resultants
 from validation.build.blocks import build_blocks, build_weight, require_assembly, require_matching
-from validation.run.further import Further, further_answers, further_json
+from validation.run.further import (
+    Carried,
+    Further,
+    carried,
+    further_answers,
+    further_json,
+    joints_json,
+)
 from validation.scene.read import DeformableScene, SceneFile
 
 
@@ -34,6 +52,44 @@ class RigidRun:
     """CPU time of each stage, building included [s]."""
     further: Further | None = None
     """Friction, collapse load, margin, where the scene asks for them."""
+
+    @cached_property
+    def carried(self) -> Carried:
+        """Contact forces of the answer that was asked for."""
+        normals = self.assembly.interfaces.normals[self.result.contact_index]
+        return carried(self.result, self.further, normals, self.scene.rigid.friction)
+
+    @cached_property
+    def contact_pressures(self) -> FloatArray:
+        """Pressures of that answer, (n_contacts,) [MPa]."""
+        index, found = self.result.contact_index, self.assembly.interfaces
+        return self.carried.normal_forces(found.normals[index]) / found.areas[index]
+
+    @cached_property
+    def measures(self) -> Measures | None:
+        """The paper's measures of those pressures; None where nothing holds."""
+        if self.further is None or self.further.friction is None:
+            return self.result.measures
+        if not self.carried.holds:
+            return None
+        index, found = self.result.contact_index, self.assembly.interfaces
+        measured = self.result.measured_blocks
+        of_blocks = block_measures(
+            measured,
+            found.block_m[index],
+            found.block_s[index],
+            self.contact_pressures,
+            found.areas[index],
+        )
+        eligible, areas = self.assembly.eligible_facets(), self.assembly.eligible_areas()
+        return measures(of_blocks, eligible[measured], areas[measured])
+
+    @cached_property
+    def joints(self) -> JointResultants:
+        """Resultants of the forces between each two blocks."""
+        return joint_resultants(
+            self.assembly.interfaces, self.result.contact_index, self.carried.forces
+        )
 
 
 @dataclass(frozen=True)
@@ -127,7 +183,7 @@ def certificate_json(result: RigidResult) -> dict[str, Any] | None:
 def rigid_json(run: RigidRun) -> dict[str, Any]:
     """Return the result as plain data, numbers in full precision."""
     result = run.result
-    measures = None if result.measures is None else dataclasses.asdict(result.measures)
+    found = None if run.measures is None else dataclasses.asdict(run.measures)
     return {
         "scene": run.name,
         "mechanism": str(result.mechanism),
@@ -139,7 +195,10 @@ def rigid_json(run: RigidRun) -> dict[str, Any]:
             "iterations": result.equilibrium.iterations,
             "status": result.equilibrium.status,
         },
-        "measures": measures,
+        "answer": run.carried.words,
+        "carried": run.carried.holds,
+        "measures": found,
+        "joints": joints_json(run.joints) if run.carried.holds else [],
         "n_blocks": result.n_blocks,
         "n_contacts": result.n_contacts,
         **further_json(run.further),
@@ -155,10 +214,13 @@ def mechanism_displacements(run: RigidRun) -> FloatArray | None:
     Returns
     -------
     FloatArray | None
-        Displacements of the nodes of `assembly_mesh`, largest 1, (n_nodes, 3); None if locked.
+        Displacements of the nodes of `assembly_mesh`, largest 1, (n_nodes, 3); None if locked, or
+        where friction was asked for and holds the blocks.
     """
     assembly, result = run.assembly, run.result
-    driven = result.equilibrium.mechanism
+    driven = run.carried.mechanism
+    if run.carried.holds and run.scene.rigid.friction is not None:
+        return None
     certificate = result.classification.certificate
     if driven is not None:
         motion, held = driven.reshape(-1, 6), run.load.fixed
@@ -203,8 +265,9 @@ def write_pressures(run: RigidRun, path: Path) -> None:
         path,
         interface_surface(run.assembly, index),
         {
-            "contact_pressure": run.result.contact_pressures,
-            "contact_force": run.result.contact_forces,
+            "contact_pressure": run.contact_pressures,
+            "contact_force": run.contact_pressures * interfaces.areas[index],
+            "traction": run.carried.forces / interfaces.areas[index, None],
             "area": interfaces.areas[index],
             "normal": interfaces.normals[index],
             "block_m": interfaces.block_m[index].astype(np.int32),

@@ -10,6 +10,7 @@ from pydantic.json_schema import JsonSchemaValue
 
 from fem.element.hexahedron import ElementType
 from fem.problem.model import Formulation
+from validation.scene.plausibility import WholeScene
 from validation.scene.sections import Finite, NonNegative, Positive, Section
 
 Vector = tuple[Finite, Finite, Finite]
@@ -266,7 +267,7 @@ class FemSection(Section):
     """Steps between two samples of the energies."""
 
 
-class DeformableSections(Section):
+class DeformableSections(WholeScene):
     """Sections of scenes whose blocks may also be deformable; not needed for the rigid answer."""
 
     material: MaterialSection | None = None
@@ -325,7 +326,7 @@ class InitialSection(Section):
     """About the centroid [rad/s]."""
 
 
-class BoxScene(Section):
+class BoxScene(WholeScene):
     """One deformable box, or several uncoupled copies of it."""
 
     block: BoxSection

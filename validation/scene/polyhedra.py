@@ -9,6 +9,7 @@ from pydantic import Field
 
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement
 from validation.scene.deformable import DeformableSections
+from validation.scene.plausibility import WholeScene
 from validation.scene.sections import Finite, Positive, RigidSection, Section
 
 Vector = tuple[Finite, Finite, Finite]
@@ -50,7 +51,7 @@ class DetectionSection(Section):
     """``vertices``: exact for flat faces; ``centroids``: for finely meshed curved faces."""
 
 
-class _PolyhedralScene(Section):
+class _PolyhedralScene(WholeScene):
     """What all of these scenes share."""
 
     load: BodyLoadSection = BodyLoadSection()

@@ -31,6 +31,7 @@ from validation.scene.families import (
     OsteomorphicScene,
     PlanarSineScene,
 )
+from validation.scene.plausibility import implausible
 from validation.scene.polyhedra import POLYHEDRAL_TYPES, MeshScene, PolyhedralScene
 from validation.scene.sections import (
     Finite,
@@ -321,9 +322,13 @@ def check_scene(data: Mapping[str, Any], source: str = "scene") -> Scene:
         raise InputError(f"{source}: block.type: {got}, expected one of {known}")
     model = SCENE_TYPES[kind]
     try:
-        return model.model_validate(data)
+        scene = model.model_validate(data)
     except ValidationError as error:
         raise InputError(f"{source}: {_one_line(error, model)}") from None
+    slip = implausible(scene, scene.plausibility.accept)
+    if slip is not None:
+        raise InputError(f"{source}: {slip}")
+    return scene
 
 
 # ---------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
 from validation.scene.docstrings import field_docstrings
+from validation.scene.quantities import unit_of
 from validation.scene.read import SCENE_TYPES
 
 #: Version of the schema's dialect that editors of TOML know.
@@ -34,7 +35,28 @@ def _described(found: JsonSchemaValue, section: type) -> JsonSchemaValue:
             if "$ref" in key:
                 key["allOf"] = [{"$ref": key.pop("$ref")}]
             key["description"] = about[name].replace("``", "`")
+            if unit_of(about[name]) is not None:
+                keys[name] = _with_units(key)
     return found
+
+
+def _with_units(key: JsonSchemaValue) -> JsonSchemaValue:
+    """Schema of a key whose numbers may also be texts with a unit."""
+    changed = {
+        word: value for word, value in key.items() if word not in ("prefixItems", "items", "anyOf")
+    }
+    for word in ("prefixItems", "items", "anyOf"):
+        value = key.get(word)
+        if isinstance(value, dict):
+            changed[word] = _with_units(value)
+        elif isinstance(value, list):
+            changed[word] = [_with_units(part) for part in value]
+    if key.get("type") != "number":
+        return changed
+    outside: JsonSchemaValue = {
+        word: changed.pop(word) for word in ("default", "description") if word in changed
+    }
+    return {"anyOf": [changed, {"type": "string", "pattern": "^[-+.0-9]"}], **outside}
 
 
 def _without_null(key: JsonSchemaValue) -> JsonSchemaValue:

@@ -9,6 +9,8 @@ from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 from geometry.load_case import LoadCaseName
 from mbd import Norm, Solver
 from mbd.friction import FrictionLaw
+from validation.scene.docstrings import field_docstrings
+from validation.scene.quantities import Unit, converted, unit_of
 from validation.scene.usage import Recorded
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -20,6 +22,11 @@ def _leaves(annotation: Any) -> set[Any]:
     """Return the types that an annotation is made of: {float, None} for ``float | None``."""
     inner = get_args(annotation)
     return set().union(*(_leaves(part) for part in inner)) if inner else {annotation}
+
+
+def _as_number(value: Any, unit: Unit) -> Any:
+    number = converted(value, unit) if isinstance(value, str) else None
+    return value if number is None else number
 
 
 class Section(Recorded):
@@ -36,6 +43,20 @@ class Section(Recorded):
         if kinds & {int, float} and bool not in kinds and any(isinstance(v, bool) for v in given):
             raise ValueError("expected a number")
         return value
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _in_the_unit_of_the_key(cls, value: Any, info: ValidationInfo) -> Any:
+        """Read ``"2400 kg/m3"`` as a number in the unit that the key's docstring names."""
+        name = str(info.field_name)
+        given = value if isinstance(value, list | tuple) else (value,)
+        if not any(isinstance(v, str) for v in given):
+            return value
+        unit = unit_of(field_docstrings(cls).get(name, ""))
+        if unit is None or float not in _leaves(cls.model_fields[name].annotation):
+            return value
+        numbers = [_as_number(v, unit) for v in given]
+        return numbers if isinstance(value, list | tuple) else numbers[0]
 
 
 class TubeAssemblySection(Section):

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -21,6 +21,9 @@ _READ: ContextVar[set[_Key] | None] = ContextVar("keys that are read", default=N
 
 class Recorded(BaseModel):
     """A section that tells, while `recording` is on, which of its values are read."""
+
+    read_at_the_door: ClassVar[bool] = False
+    """Whether reading the scene itself uses all its keys, before any method runs."""
 
     if not TYPE_CHECKING:  # a type checker would take every name for a value
 
@@ -55,6 +58,8 @@ class KeyUse:
 
     def _unread(self, section: BaseModel, place: str) -> Iterator[str]:
         kind = type(section)
+        if isinstance(section, Recorded) and section.read_at_the_door:
+            return
         values = section.__dict__
         for name in kind.model_fields:
             if name not in section.model_fields_set:

@@ -111,8 +111,8 @@ def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str)
 
 def pressure_title(run: RigidRun) -> str:
     """Scene, load, class and measures of a rigid result."""
-    measures = run.result.measures
-    text = f"{run.name}: {load_words(run.scene)}; {run.result.mechanism}"
+    measures = run.measures
+    text = f"{run.name}: {load_words(run.scene)}; {run.carried.words}"
     if measures is not None:
         text += (
             f"\nmean of block maxima {measures.p_max:.3g} MPa, effective mean "
@@ -123,8 +123,7 @@ def pressure_title(run: RigidRun) -> str:
 
 def draw_pressures(run: RigidRun, path: Path) -> None:
     """Draw the contact pressures of a rigid result in equilibrium."""
-    result = run.result
-    facets = interface_facets(run.assembly, result.contact_index, result.contact_pressures)
+    facets = interface_facets(run.assembly, run.result.contact_index, run.contact_pressures)
     draw_pressed_facets(facets, path, title=pressure_title(run))
 
 
@@ -311,12 +310,11 @@ def draw_mechanism(run: RigidRun, path: Path) -> None:
         coloured_blocks(assembly, blocks, size, scale, nodes=moved, faces=faces, lit=True),
         outlines(assembly, blocks, nodes=moved),
     ]
-    result = run.result
-    driven = result.equilibrium.mechanism is not None
+    driven = run.carried.mechanism is not None
     words = "the load drives it" if driven else "the load does not drive it"
     gallery(
         [[Panel(f"first-order motion, drawn {length:.3g} mm at its largest", View(parts, EYE))]],
-        f"{run.name}: {load_words(run.scene)}; {result.mechanism}; a mechanism exists, {words}",
+        f"{run.name}: {load_words(run.scene)}; {run.carried.words}; a mechanism exists, {words}",
         path,
         height=8.0,
         scale=scale,

@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
+from mbd.resultants import chain
 from validation.output.pictures.bodies import sharp_edges
 from validation.output.pictures.canvas import Direction, Dots, Lines, Part, Surface, View
 from validation.output.pictures.gallery import (
@@ -127,7 +128,7 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
     from matplotlib.patches import Patch
 
     assembly, interfaces, result = run.assembly, run.assembly.interfaces, run.result
-    pressures = run.patch_pressures if result.equilibrium.holds else np.zeros(0)
+    pressures = run.patch_pressures if run.carried.holds else np.zeros(0)
     scale = scale_from_zero("mean pressure of a patch [MPa]", PRESSURE_MAP, [pressures])
     pressed = scale.reached[1] > 0.0
     triangles, owner = contact_triangles(run)
@@ -138,8 +139,13 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
     contacts: list[Part] = [_edges(assembly, points, width=1.4, opacity=0.35)]
     if len(triangles):
         contacts.append(Surface(interfaces.polygons.corners, triangles, colour, lit=False))
-    bare = interfaces.patch < 0
     legend = _block_legend()
+    row = chain(run.joints) if pressed else None
+    if row is not None:
+        ends = np.column_stack([np.arange(len(row) - 1), np.arange(1, len(row))])
+        contacts.append(Lines(run.joints.points[row], ends, VERMILION, width=5.0))
+        legend.append(Line2D([], [], color=VERMILION, label="thrust line"))
+    bare = interfaces.patch < 0
     if not pressed:
         legend.append(Patch(color=_PALE, label="contact patches"))
     if bare.any():
@@ -148,12 +154,14 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
             Line2D([], [], color=VERMILION, marker="o", linestyle="", label="without area")
         )
     verdict = "interlocked" if result.classification.locked else "not interlocked"
+    asked = run.scene.rigid.friction is not None
+    answer = run.carried.words if asked else f"{verdict} ({result.mechanism})"
     gallery(
         [
             [Panel("blocks", View(polyhedra_parts(assembly), _EYE))],
             [Panel("contacts found", View(contacts, _EYE))],
         ],
-        f"{run.name}: {load_words(run.scene)}; {verdict} ({result.mechanism})\n"
+        f"{run.name}: {load_words(run.scene)}; {answer}\n"
         f"{result.n_blocks} free blocks, {interfaces.n_contacts} contact points",
         path,
         height=6.0,
@@ -182,11 +190,11 @@ def draw_polyhedral_mechanism(run: PolyhedralRun, motion: FloatArray, path: Path
         moved = motion[block, :3] + np.cross(motion[block, 3:], arm)
         places.append(assembly.points(block) + scale * moved)
     view = View(polyhedra_parts(assembly, places), _EYE)
-    driven = run.result.equilibrium.mechanism is not None
+    driven = run.carried.mechanism is not None
     words = "the load drives it" if driven else "the load does not drive it"
     gallery(
         [[Panel(f"first-order motion, drawn {scale:.3g} mm at its largest", view)]],
-        f"{run.name}: {load_words(run.scene)}; {run.result.mechanism}; a mechanism exists, {words}",
+        f"{run.name}: {load_words(run.scene)}; {run.carried.words}; a mechanism exists, {words}",
         path,
         height=6.5,
         legend=_block_legend(),

@@ -1,0 +1,157 @@
+"""The answer with friction is the one that is shown: forces, joints, field and words."""
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from geometry.families.masonry import circular_arch
+from mbd import contact_jacobian
+from mbd.friction import frictional_contacts, frictional_equilibrium
+from mbd.resultants import JointResultants, chain, joint_resultants
+from validation.output.polyhedra import write_contacts
+from validation.run.polyhedra import PolyhedralRun, polyhedra_json, run_polyhedra
+from validation.run.rigid import rigid_json, run_rigid
+from validation.scene.read import load_scene
+
+ARCH = (
+    "block.thickness=200.0",
+    "block.depth=200.0",
+    "assembly.voussoirs=7",
+    "assembly.embrace=140.0",
+)
+
+
+def arch_run(friction: float) -> PolyhedralRun:
+    file = load_scene("arch", [*ARCH, f"rigid.friction={friction}"])
+    return run_polyhedra(file, file.scene)  # type: ignore[arg-type]
+
+
+def test_normal_forces_of_an_arch_are_those_of_compas_cra() -> None:
+    """Nine straight voussoirs of 20°, the outer two held: 1260, 995, 751, 607 N by its RBE solver.
+
+    Both take the smallest contact forces; theirs lets joints pull at a price, so the last of the
+    three digits may differ.
+    """
+    arch = circular_arch(1000.0, 200.0, 200.0, 7, embrace=140.0, pieces=1)
+    contacts = contact_jacobian(arch)
+    frictional = frictional_contacts(arch, contacts, 0.6)
+    weight = np.zeros((7, 6))
+    weight[:, 2] = -2.4e-9 * 9810.0 * arch.volumes[arch.free_blocks]
+    found = frictional_equilibrium(frictional, weight.ravel())
+    normals = arch.interfaces.normals[contacts.index]
+    joints = joint_resultants(
+        arch.interfaces, contacts.index, frictional.world(found.forces, normals)
+    )
+    theirs = np.array([1260.0, 995.0, 751.0, 607.0])
+    np.testing.assert_allclose(joints.normal_force, [*theirs, *theirs[::-1]], rtol=5e-3)
+
+
+def test_joint_resultants_balance_each_block() -> None:
+    run = arch_run(0.6)
+    assembly, joints = run.assembly, run.joints
+    total = np.zeros((assembly.n_blocks, 6))
+    total[:, :3] = run.loads.dead[:, :3] + run.loads.live[:, :3]
+    for k, (m, s) in enumerate(zip(joints.block_m, joints.block_s, strict=True)):
+        # The moment of a joint is that of its normal force at the point, and a twist.
+        for block, sign in ((m, -1.0), (s, 1.0)):
+            arm = joints.centroids[k] - assembly.centroids[block]
+            total[block, :3] += sign * joints.forces[k]
+            total[block, 3:] += sign * (joints.moments[k] + np.cross(arm, joints.forces[k]))
+    free = ~assembly.fixed
+    largest = float(joints.normal_force.max())
+    # The solver's tolerance on the balance, relative to the load; an arm of the arch's size.
+    assert np.abs(total[free, :3]).max() < 1e-6 * largest
+    assert np.abs(total[free, 3:]).max() < 1e-6 * largest * 1100.0
+
+
+def test_thrust_lies_in_the_joints_and_shear_in_the_cone() -> None:
+    run = arch_run(0.6)
+    joints = run.joints
+    row = chain(joints)
+    assert row is not None
+    assert (joints.block_s[row[:-1]] == joints.block_m[row[1:]]).all()
+    # Joints press and cannot pull: where they act lies within the thickness of 200 mm.
+    radius = np.hypot(joints.points[:, 0], joints.points[:, 2])
+    assert ((radius > 900.0) & (radius < 1100.0)).all()
+    assert (joints.shear_force <= 0.6 * joints.normal_force * (1 + 1e-9)).all()
+    # A mirror image: joints left and right carry the same.
+    np.testing.assert_allclose(joints.normal_force, joints.normal_force[::-1], rtol=1e-6)
+
+
+def test_eccentricity_is_where_a_single_force_acts() -> None:
+    """A force of 5 N at (2, 3) of a joint in the plane z = 0, and a twist about it."""
+
+    class One:
+        block_m, block_s = np.array([0]), np.array([1])
+        centroids, normals = np.array([[2.0, 3.0, 0.0]]), np.array([[0.0, 0.0, 1.0]])
+        areas, n_contacts = np.array([4.0]), 1
+
+    middle = np.array([[1.0, 1.0, 0.0]])
+    joint = joint_resultants(One(), np.array([0]), np.array([[1.0, 0.0, 5.0]]), middle)
+    np.testing.assert_allclose(joint.eccentricity, [[1.0, 2.0, 0.0]])
+    np.testing.assert_allclose(joint.points, [[2.0, 3.0, 0.0]])
+    assert joint.normal_force[0] == pytest.approx(5.0)
+    assert joint.shear_force[0] == pytest.approx(1.0)
+    assert joint.bending_moment[0] == pytest.approx(5.0 * np.hypot(1.0, 2.0))
+    assert joint.twisting_moment[0] == pytest.approx(-2.0)  # x·f_y - y·f_x at (1, 2)
+
+
+def joints_between(*pairs: tuple[int, int]) -> JointResultants:
+    n, zero = len(pairs), np.zeros((len(pairs), 3))
+    m, s = np.array(pairs).T
+    upward = np.tile([0.0, 0.0, 1.0], (n, 1))
+    return JointResultants(m, s, np.ones(n), zero, upward, zero, zero)
+
+
+def test_only_a_row_of_blocks_has_a_line() -> None:
+    order = chain(joints_between((0, 2), (1, 3), (2, 3)))
+    assert order is not None
+    assert order.tolist() == [0, 2, 1]
+    assert chain(joints_between((0, 1), (0, 2), (0, 3))) is None
+    assert chain(joints_between((0, 1), (1, 2), (0, 2))) is None
+    assert chain(joints_between((0, 1), (2, 3), (3, 4), (2, 4))) is None
+
+
+def test_the_field_that_is_written_carries_the_load(tmp_path: Path) -> None:
+    """Before, it was that of the frictionless attempt, which failed."""
+    run = arch_run(0.6)
+    assert not run.result.equilibrium.holds
+    write_contacts(run, tmp_path / "contacts.vtu")
+    mesh = meshio.read(tmp_path / "contacts.vtu")
+    p = mesh.points[mesh.cells_dict["triangle"]]
+    area = 0.5 * np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
+    on_first = mesh.cell_data["block_m"][0] == 0
+    on_last = mesh.cell_data["block_s"][0] == run.assembly.n_blocks - 1
+    traction = mesh.cell_data["patch_traction"][0]
+    lifted = (area[on_first, None] * traction[on_first]).sum(axis=0)
+    lifted -= (area[on_last, None] * traction[on_last]).sum(axis=0)
+    weight = 2.4e-9 * 9810.0 * run.assembly.volumes[~run.assembly.fixed].sum()
+    np.testing.assert_allclose(lifted, [0.0, 0.0, weight], atol=1e-5 * weight)
+    answer = polyhedra_json(run)
+    assert answer["carried"]
+    assert answer["answer"] == "carried with friction μ = 0.6 (without: activated)"
+    assert len(answer["joints"]) == 8
+
+
+def test_an_attempt_that_failed_is_no_field(tmp_path: Path) -> None:
+    run = arch_run(0.05)
+    write_contacts(run, tmp_path / "contacts.vtu")
+    assert "patch_pressure" not in meshio.read(tmp_path / "contacts.vtu").cell_data
+    answer = polyhedra_json(run)
+    assert answer["answer"] == "not carried with friction μ = 0.05"
+    assert answer["largest_contact_force"] is None
+    assert answer["joints"] == []
+
+
+def test_a_tube_shows_the_answer_with_friction() -> None:
+    small = ("mesh.edge=2", "mesh.radial=1", "assembly.layers=2", "rigid.friction=0.6")
+    run = run_rigid(load_scene("thb0-pipe", small))
+    answer = rigid_json(run)
+    assert not answer["equilibrium"]["holds"]
+    assert answer["carried"]
+    assert answer["measures"]["p_max"] > 0.0
+    assert answer["measures"]["p_max"] <= run.contact_pressures.max()
+    without = run_rigid(load_scene("thb0-pipe", small[:-1]))
+    assert rigid_json(without)["joints"] == []
