@@ -15,6 +15,7 @@ from geometry.mesh import (
     IntArray,
     MassProperties,
     QuadSurface,
+    boundary_quads,
     check_mesh,
     grid_faces,
     mass_properties,
@@ -46,6 +47,11 @@ class Block:
         if not self.contact_faces:
             return np.empty((0, 4), dtype=np.int64)
         return np.concatenate([self.faces[name] for name in self.contact_faces])
+
+    @cached_property
+    def surface_nodes(self) -> IntArray:
+        """Nodes on the boundary, each once, sorted; (n,)."""
+        return np.unique(boundary_quads(self.mesh))
 
     def surface(self, name: str) -> QuadSurface:
         """Return the named face group as a surface with centroids, normals and areas."""

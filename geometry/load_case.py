@@ -1,9 +1,8 @@
 """The five load cases of the paper as tractions on block faces, and which frame is released.
 
 Every case exists twice: as physics says (default) and ``as_printed``, the reading that
-reproduces the printed tables. They differ in two cases: *beam* (a true normal pressure,
-against one constant direction) and *shaft* (the full tangential traction, against its resultant
-force at each block's mass centroid, the couple left out).
+reproduces the printed tables. They differ in one case, *shaft*: the full tangential traction,
+against its resultant force alone, acting at the mean of each block's surface nodes.
 """
 
 from __future__ import annotations
@@ -46,7 +45,8 @@ class LoadCase:
     quads: IntArray
     """Corner nodes of each loaded facet in its block's mesh, (n_facets, 4)."""
     centroids: FloatArray
-    """Facet centroids in world coordinates, (n_facets, 3) [mm]."""
+    """Where the force on each facet acts: at its centroid, or `without_couple` at the mean of its
+    block's surface nodes; world coordinates, (n_facets, 3) [mm]."""
     area_vectors: FloatArray
     """Outward vector areas in world coordinates, (n_facets, 3) [mm²]."""
     tractions: FloatArray | None
@@ -56,7 +56,7 @@ class LoadCase:
     fixed: BoolArray
     """Blocks held while the load acts, (n_blocks,)."""
     without_couple: bool = False
-    """Whether each block takes only the resultant force, at its mass centroid."""
+    """Whether each block takes only the resultant force, at the mean of its surface nodes."""
     body_wrenches: FloatArray | None = None
     """Force and moment about each block's mass centroid on top of the facets: weight, pushes at
     points; (n_blocks, 6) [N, N mm]."""
@@ -127,6 +127,14 @@ def _radial(assembly: Assembly, points: FloatArray) -> FloatArray:
     return radial
 
 
+def surface_means(assembly: Assembly) -> FloatArray:
+    """Mean of the surface nodes of each block in world coordinates, (n_blocks, 3) [mm]."""
+    local = np.array([s.mesh.nodes[s.surface_nodes].mean(axis=0) for s in assembly.shapes])
+    turned = np.einsum("bij,bj->bi", assembly.rotations, local[assembly.shape_of])
+    means: FloatArray = turned + assembly.translations
+    return means
+
+
 def load_case(
     assembly: Assembly,
     name: str | LoadCaseName,
@@ -188,24 +196,23 @@ def load_case(
     }[case]
     block, quads, centroids, vectors = _world_surface(assembly, blocks, face)
     tractions: FloatArray | None = None
-    if case is LoadCaseName.SHAFT:
+    shaft = case is LoadCaseName.SHAFT
+    if shaft:
         tractions = pressure * np.cross(assembly.axis, _radial(assembly, centroids))
-    elif case is LoadCaseName.BEAM and as_printed:
-        inward = -_radial(assembly, assembly.centroids[blocks])
-        tractions = np.repeat(pressure * inward, len(block), axis=0)
     fixed = assembly.fixed.copy()
     if case is LoadCaseName.PILLAR:
         fixed[top] = False
+    without_couple = as_printed and shaft
     return LoadCase(
         name=str(case),
         block=block,
         quads=quads,
-        centroids=centroids,
+        centroids=surface_means(assembly)[block] if without_couple else centroids,
         area_vectors=vectors,
         tractions=tractions,
         pressure=pressure,
         fixed=fixed,
-        without_couple=as_printed and case is LoadCaseName.SHAFT,
+        without_couple=without_couple,
     )
 
 

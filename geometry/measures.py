@@ -1,7 +1,7 @@
 """The paper's measures of a contact pressure field (section "Evaluation criteria and measures").
 
-The printed "Effective contact area [%]" is a *count* of surface elements, 100 K_j / k_b averaged
-over the free blocks; the true area of the same elements stands beside it.
+The printed "Effective contact area [%]" is a *count* of surface elements, 100 N_eff,j / k_b
+averaged over the free blocks; that of K_j = ⌊N_eff,j⌋ whole elements and their area stand beside.
 """
 
 from __future__ import annotations
@@ -21,11 +21,18 @@ class Measures:
     """Averages over the free blocks."""
 
     effective_count_percent: float
-    """Mean of 100 K_j / k_b: what the paper prints as effective contact area [%]."""
+    """Mean of 100 K_j / k_b: whole elements counted [%]."""
+    participation_percent: float
+    """Mean of 100 N_eff,j / k_b, not rounded down: what the paper's tables print as effective
+    contact area [%]."""
     effective_area_percent: float
     """Mean of 100 (area of the K_j elements) / (eligible area of the block) [%]."""
     p_eff: float
-    """Effective mean contact pressure: mean over blocks of the mean of the K_j largest [MPa]."""
+    """Effective mean contact pressure as the formula prints it: mean over blocks of the mean of
+    the K_j largest [MPa]."""
+    p_eff_pooled: float
+    """The same pooled over blocks, as the printed tables have it: Σ_j Σ_{i≤K_j} p_ij / Σ_j K_j
+    [MPa]."""
     p_max: float
     """Max–mean contact pressure: mean over the blocks of the block maxima [MPa]."""
 
@@ -36,6 +43,8 @@ class BlockMeasures:
 
     participation: IntArray
     """K_j = ⌊N_eff,j⌋, (n,)."""
+    participation_ratio: FloatArray
+    """N_eff,j = (Σ p)² / Σ p², (n,) [-]."""
     effective_area: FloatArray
     """Area of the K_j elements of largest pressure, (n,) [mm²]."""
     p_eff: FloatArray
@@ -44,11 +53,13 @@ class BlockMeasures:
     """Largest pressure, (n,) [MPa]."""
 
 
-def _block_measures(pressure: FloatArray, area: FloatArray) -> tuple[int, float, float, float]:
-    """K, effective area, p_eff and p_max of one block (eq. participation ratio)."""
+def _block_measures(
+    pressure: FloatArray, area: FloatArray
+) -> tuple[int, float, float, float, float]:
+    """K, N_eff, effective area, p_eff and p_max of one block (eq. participation ratio)."""
     largest = float(pressure.max(initial=0.0))
     if largest <= 0.0:
-        return 0, 0.0, 0.0, 0.0
+        return 0, 0.0, 0.0, 0.0, 0.0
     # Of shares of the largest: squares of the pressures may be no numbers of the machine.
     share = pressure / largest
     ratio = float(share.sum()) ** 2 / float(share @ share)
@@ -57,7 +68,7 @@ def _block_measures(pressure: FloatArray, area: FloatArray) -> tuple[int, float,
     count = int(np.floor(ratio * (1 + 1e-9)))
     # Ties are ordered by area, so the result does not depend on the numbering.
     order = np.lexsort((-area, -np.round(share, 9)))[:count]
-    return count, float(area[order].sum()), float(pressure[order].mean()), largest
+    return count, ratio, float(area[order].sum()), float(pressure[order].mean()), largest
 
 
 def block_measures(
@@ -88,8 +99,8 @@ def block_measures(
         _block_measures(clean[contact[i:j]], areas[contact[i:j]])
         for i, j in zip(first, last, strict=True)
     ]
-    count, area, p_eff, p_max = (np.array(c) for c in zip(*rows, strict=True))
-    return BlockMeasures(count.astype(np.int64), area, p_eff, p_max)
+    count, ratio, area, p_eff, p_max = (np.array(c) for c in zip(*rows, strict=True))
+    return BlockMeasures(count.astype(np.int64), ratio, area, p_eff, p_max)
 
 
 def measures(
@@ -104,9 +115,15 @@ def measures(
     eligible_facets, eligible_areas
         k_b and the area of the surface that can meet a neighbour, (n,) and (n,) [mm²].
     """
+    effective = int(per_block.participation.sum())
+    pooled = float(per_block.participation @ per_block.p_eff) / effective if effective else 0.0
     return Measures(
         effective_count_percent=float(np.mean(100.0 * per_block.participation / eligible_facets)),
+        participation_percent=float(
+            np.mean(100.0 * per_block.participation_ratio / eligible_facets)
+        ),
         effective_area_percent=float(np.mean(100.0 * per_block.effective_area / eligible_areas)),
         p_eff=float(per_block.p_eff.mean()),
+        p_eff_pooled=pooled,
         p_max=float(per_block.p_max.mean()),
     )

@@ -249,10 +249,11 @@ def mass_properties(mesh: HexMesh, density: float = 1.0) -> MassProperties:
 def boundary_quads(mesh: HexMesh) -> IntArray:
     """Facets that belong to one hexahedron only, oriented outward; (n_facets, 4)."""
     quads = mesh.elements[:, HEX_FACES].reshape(-1, 4)
-    _, first, count = np.unique(
-        np.sort(quads, axis=1), axis=0, return_index=True, return_counts=True
-    )
-    outside: IntArray = quads[np.sort(first[count == 1])]
+    corners = np.sort(quads, axis=1)
+    order = np.lexsort(corners.T)
+    same = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
+    alone = ~(np.append(same, False) | np.append(False, same))
+    outside: IntArray = quads[np.sort(order[alone])]
     return outside
 
 

@@ -12,8 +12,8 @@ from geometry.mesh import FloatArray, IntArray
 def block_wrenches(assembly: ContactAssembly, load: LoadCase) -> FloatArray:
     """Force and moment of a load about each block's mass centroid.
 
-    Facet forces act at facet centroids, as in Algorithm 1 of the paper. For a load without
-    couple the force acts at the mass centroid.
+    Facet forces act at facet centroids, as in Algorithm 1 of the paper, or where the load case
+    says.
 
     Returns
     -------
@@ -23,9 +23,8 @@ def block_wrenches(assembly: ContactAssembly, load: LoadCase) -> FloatArray:
     wrench = np.zeros((assembly.n_blocks, 6))
     force = load.facet_forces
     np.add.at(wrench[:, :3], load.block, force)
-    if not load.without_couple:
-        arm = load.centroids - assembly.centroids[load.block]
-        np.add.at(wrench[:, 3:], load.block, np.cross(arm, force))
+    arm = load.centroids - assembly.centroids[load.block]
+    np.add.at(wrench[:, 3:], load.block, np.cross(arm, force))
     if load.body_wrenches is not None:
         wrench += load.body_wrenches
     return wrench

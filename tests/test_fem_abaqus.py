@@ -18,6 +18,7 @@ from fem.decks.placement import canonical, canonical_axis_angle, rotation_matrix
 from fem.decks.read.cards import Card, read_cards
 from fem.decks.read.deck import read_deck
 from fem.decks.statement import (
+    BodyForceLoad,
     Deck,
     DeckStep,
     Flavour,
@@ -43,6 +44,7 @@ from tests.conftest import random_rotation, tsb
 
 CONCRETE = Material(2.4e-9, 33_000.0, 0.2)
 EXPLICIT = DeckStep(Procedure.EXPLICIT, 0.5, 0.1, safety_factor=0.9)
+BODY_FORCE = BodyForceLoad(np.array([5]), np.array([[1e-3, 0.2 / 3.0, -2e-5]]))
 STATIC = DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=False)
 
 
@@ -179,7 +181,7 @@ def decks(tube: Assembly) -> dict[str, Deck]:
         "nodal shaft": nodal(tube_deck(tube, "shaft", flavour=Flavour.PAIRS, step=STATIC)),
         "shaft as printed": tube_deck(tube, "shaft", as_printed=True),
         "beam": tube_deck(tube, "beam"),
-        "beam as printed": tube_deck(tube, "beam", as_printed=True),
+        "body force": tube_deck(tube, loads=(BODY_FORCE,)),
         "no cap": tube_deck(tube, joint=Joint(ExponentialLaw(1e-3, 1e-4, np.inf))),
         "pairs, cap": tube_deck(
             tube, flavour=Flavour.PAIRS, step=STATIC, joint=Joint(ExponentialLaw(1e-3, 1e-4, 77.0))
@@ -212,7 +214,7 @@ DECK_NAMES = (
     *("pipe", "pairs", "explicit pairs", "friction", "shaft", "nodal shaft", "shaft as printed"),
     *(
         "beam",
-        "beam as printed",
+        "body force",
         "pillar",
         "spacing",
         "pairs, clearance",
@@ -405,6 +407,16 @@ def test_nodal_forces_of_the_deck_have_the_resultant_of_the_scene(tube, case, as
         found = nodal_forces(deck, deck.loads[0], block).sum(axis=0)
         wanted = case_.facet_forces[case_.block == block].sum(axis=0)
         assert np.abs(found - wanted).max() < 1e-9 * np.linalg.norm(wanted)
+
+
+def test_nodal_forces_of_a_body_force_have_its_resultant(tube) -> None:
+    """Force density times volume, at the mass centroid."""
+    deck = tube_deck(tube, loads=(BODY_FORCE,))
+    forces = nodal_forces(deck, deck.loads[0], 5)
+    wanted = BODY_FORCE.force_density[0] * tube.volumes[5]
+    np.testing.assert_allclose(forces.sum(axis=0), wanted, rtol=1e-12)
+    moment = np.cross(tube.nodes(5) - tube.centroids[5], forces).sum(axis=0)
+    assert np.abs(moment).max() < 1e-10 * np.linalg.norm(wanted) * 160.0
 
 
 def test_the_same_problem_gives_the_same_text() -> None:

@@ -55,6 +55,26 @@ def test_contact_counts_for_both_blocks_and_averages_are_plain_means() -> None:
     assert overall.effective_area_percent == pytest.approx((50 + 50 + 50) / 3)
 
 
+def test_pooled_mean_weighs_blocks_by_their_effective_elements() -> None:
+    """Block 0 alone on four elements of 1, block 1 on one of 6: (4 · 1 + 6) / 5, not (1 + 6) / 2.
+
+    And nothing of a block that no neighbour touches.
+    """
+    m, s = np.array([0, 0, 0, 0, 1]), np.array([3, 3, 3, 3, 3])
+    pressures = np.array([1.0, 1.0, 1.0, 1.0, 6.0])
+    found = block_measures(np.arange(3), m, s, pressures, np.ones(5))
+    overall = measures(found, np.full(3, 8), np.full(3, 8.0))
+    assert overall.p_eff_pooled == pytest.approx(2.0, rel=1e-14)
+    assert overall.p_eff == pytest.approx(7 / 3, rel=1e-14)
+    # N_eff = 36 / 14 is not rounded down, K = 2 is.
+    found = one_block([1.0, 3.0, 2.0])
+    overall = measures(found, np.array([4]), np.array([4.0]))
+    assert overall.participation_percent == pytest.approx(100 * 36 / 14 / 4, rel=1e-14)
+    assert overall.effective_count_percent == 50.0
+    idle = measures(one_block([0.0, 0.0]), np.array([4]), np.array([4.0]))
+    assert idle.p_eff_pooled == idle.participation_percent == 0.0
+
+
 @pytest.mark.parametrize("size", [1e-290, 1e290])
 def test_measures_grow_with_the_pressure_however_large_or_small(size: float) -> None:
     """Counts are of shares, pressures proportional: also where squares are no numbers."""

@@ -8,9 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geometry.assembly import Assembly, AssemblyError, moved
-from geometry.families.sine_block import BlockParameterError, SineBlockDivisions
-from geometry.families.tube import sine_tube
+from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
+from geometry.families.sine_block import (
+    BlockParameterError,
+    LayerTurn,
+    SineBlockDivisions,
+    wave,
+    waves_of_turn,
+)
+from geometry.families.tube import hexagon_tube, sine_tube
 from geometry.load_case import LoadCaseError, load_case
+from mbd import analyse
 from tests.conftest import random_rotation, tsb
 
 
@@ -110,6 +118,95 @@ def test_bad_parameters_are_refused(change: dict[str, float], message: str) -> N
 def test_element_counts_that_cannot_conform_name_those_that_would() -> None:
     with pytest.raises(BlockParameterError, match="multiple of 3: try 24 or 27"):
         sine_tube(tsb(), SineBlockDivisions(25, 2, 2), 1)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "turn", "share"),
+    [
+        (1.0, "half block", 1 / 2),
+        (1.0, "one wave", 1 / 2),
+        (1.5, "half block", 1 / 3),
+        (1.5, 2, 2 / 3),
+        (2.0, "half block", 1 / 2),
+        (2.0, "one wave", 1 / 4),
+        (2.0, 0, 0.0),
+    ],
+)
+def test_odd_layers_turn_by_whole_waves(frequency: float, turn: str | int, share: float) -> None:
+    """Whatever the whole number of waves, every contact facet of a free block meets another."""
+    block = tsb(frequency=frequency)
+    named = LayerTurn(turn) if isinstance(turn, str) else turn
+    tube = sine_tube(block, SineBlockDivisions(12, 2, 2), 2, named)
+    first = [tube.rotations[tube.layer == k][0] for k in (0, 1, 2)]
+    angle = np.arctan2(first[1][1, 0], first[1][0, 0])
+    assert angle == pytest.approx(share * block.block_angle, abs=1e-14)
+    np.testing.assert_array_equal(first[0], first[2])
+    ends = np.concatenate([tube.interfaces.block_m, tube.interfaces.block_s])
+    met = np.bincount(ends, minlength=tube.n_blocks)
+    assert (met[tube.free_blocks] == tube.eligible_facets()[tube.free_blocks]).all()
+
+
+@pytest.mark.parametrize(
+    ("turn", "message"),
+    [
+        (0.75, r"cut into each other by up to 28\.3 mm.*try 0 or 1"),
+        (2.5, "try 0 or 2"),
+        (3, "has 3; expected 0 to 2: 0 is the same tube"),
+        (-1, "2 is the same tube"),
+        (float("nan"), "whole number of waves"),
+    ],
+)
+def test_turns_that_make_blocks_collide_name_the_nearest(turn: float, message: str) -> None:
+    with pytest.raises(BlockParameterError, match=message):
+        sine_tube(tsb(), SineBlockDivisions(24, 2, 2), 1, turn)
+
+
+def test_meshes_that_miss_after_a_turn_name_counts_and_turns() -> None:
+    """Four waves: one wave needs whole quarters of the block, the half block only halves."""
+    sine_tube(tsb(frequency=2.0), SineBlockDivisions(18, 2, 2), 1)
+    message = r"multiple of 4: try 16 or 20, or assembly\.turn = 2"
+    with pytest.raises(BlockParameterError, match=message):
+        sine_tube(tsb(frequency=2.0), SineBlockDivisions(18, 2, 2), 1, LayerTurn.ONE_WAVE)
+
+
+@pytest.mark.parametrize("turn", [0.25, 0.5, 1.3])
+def test_depth_of_a_collision_is_that_of_the_faces(turn: float) -> None:
+    """2 a |sin π turn| against the faces themselves, sampled: of second order in the step."""
+    block = tsb(frequency=2.0)
+    u = np.linspace(0.0, 1.0, 4001)
+    outer = np.full_like(u, block.outer_radius)
+    apart = wave(block, u, outer) - wave(block, u + turn / block.waves_per_block, outer)
+    with pytest.raises(BlockParameterError) as error:
+        waves_of_turn(block, turn)
+    depth = float(str(error.value).split("up to ")[1].split(" mm")[0])
+    assert depth == pytest.approx(np.abs(apart).max(), rel=5.1e-3)
+
+
+def test_s_and_s_plus_one_are_one_tube_upside_down() -> None:
+    """Under a load that knows no direction: why s = 0.5 and 1.5 are one design of the study."""
+    found = []
+    for shift in (0.5, 1.5):
+        tube = sine_tube(tsb(shift), SineBlockDivisions(12, 2, 4), 2)
+        result = analyse(tube, load_case(tube, "pipe", 0.01))
+        found.append(np.sort(result.contact_pressures))
+    np.testing.assert_allclose(found[0], found[1], atol=1e-8 * found[0].max())
+
+
+@pytest.mark.parametrize("family", ["sine", "hexagon"])
+def test_shaft_as_printed_acts_at_the_mean_of_the_surface_nodes(family: str) -> None:
+    """The named faces of both blocks are their whole surface: an independent list of its nodes."""
+    if family == "sine":
+        tube = sine_tube(tsb(0.5), SineBlockDivisions(12, 3, 4), 1)
+    else:
+        block = HexagonBlockParameters(4, 120.0, 40.0)
+        tube = hexagon_tube(block, HexagonBlockDivisions(4, 3), 1)
+    load = load_case(tube, "shaft", 0.01, as_printed=True)
+    for b in np.unique(load.block).tolist():
+        shape = tube.shape(b)
+        surface = np.unique(np.concatenate([q.ravel() for q in shape.faces.values()]))
+        np.testing.assert_array_equal(shape.surface_nodes, surface)
+        mean = tube.nodes(b)[surface].mean(axis=0)
+        np.testing.assert_allclose(load.centroids[load.block == b] - mean, 0.0, atol=1e-12)
 
 
 def test_no_layers_and_missing_layers_are_refused(small_tube: Assembly) -> None:

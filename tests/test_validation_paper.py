@@ -15,6 +15,8 @@ from validation.paper.claims.claim import Truth
 from validation.paper.claims.judge import claims, judge_claims
 from validation.paper.errata import errata, show_errata
 from validation.paper.evidence import Evidence, StudyTable
+from validation.paper.reading import ingredients, sensitivity, to_the_digit
+from validation.paper.tables import compute_tables, tables_json
 from validation.run.rigid import RigidRun
 
 AXES = ((0.0, 0.5), (1.0, 1.5, 2.0), (2, 3, 4, 5, 6), (30.0, 40.0, 50.0, 60.0))
@@ -43,9 +45,10 @@ class CoarseEvidence(Evidence):
         coarse = {"mesh.around": 24, "mesh.radial": 3, "mesh.axial": 6}
         if scene.startswith("thb"):
             coarse = {"mesh.edge": 8, "mesh.radial": 3}
-        named = {setting.partition("=")[0] for setting in settings}
-        mesh = [f"{key}={value}" for key, value in coarse.items() if key not in named]
-        return super().rigid(scene, *settings, *mesh)
+        given = {k: v for k, _, v in (setting.partition("=") for setting in settings)}
+        mesh = [f"{key}={min(value, int(given.get(key, value)))}" for key, value in coarse.items()]
+        rest = [setting for setting in settings if not setting.startswith("mesh.")]
+        return super().rigid(scene, *rest, *mesh)
 
     def fem_mesh(self, _: str, /) -> tuple[int, int, int]:
         return 12, 2, 4
@@ -95,6 +98,57 @@ def test_s_a_half_lower_is_judged_by_count(tmp_path) -> None:
     assert verdict.truth is Truth.TRUE
     assert verdict.values["lower"] == 240
     assert verdict.values["mean_ratio"] == pytest.approx(0.995, rel=1e-12)
+
+
+# ---------------------------------------------------------------------------------------------
+# The reading of the tables
+
+
+@pytest.mark.parametrize(
+    ("quantity", "printed", "value", "met"),
+    [
+        ("effective", 32.0, 32.049, True),
+        ("effective", 32.0, 32.051, False),
+        ("p_max", 0.23, 0.2295, True),
+        ("p_max", 0.23, 0.2294, False),
+        ("p_eff", 0.011, None, False),
+    ],
+)
+def test_to_the_digit_is_to_the_printed_digit(quantity, printed, value, met) -> None:
+    """Trailing zeros are printed too: 0.230 is three digits, not two."""
+    assert to_the_digit(quantity, printed, value) is met
+
+
+def test_every_printed_number_has_its_row_and_both_readings(tmp_path) -> None:
+    tables = compute_tables(Console(quiet=True), coarse_evidence(tmp_path).rigid)
+    data = tables_json(tables)
+    assert (data["of"], len(data["rows"]), len(data["classes"])) == (33, 33, 15)
+    assert data["to_the_digit"] == sum(row["to_the_digit"] for row in data["rows"])
+    for row in tables.rows:
+        assert row.relative_difference == pytest.approx(row.ours / row.paper - 1)
+        # The readings differ where they say: p_eff everywhere, all of shaft.
+        if row.case != "shaft" and row.quantity != "p_eff":
+            assert row.physical == row.ours
+    shaft = [r for r in tables.rows if (r.block, r.case, r.quantity) == ("TSB1", "shaft", "p_max")]
+    assert shaft[0].physical > 1.2 * shaft[0].ours
+
+
+def test_each_ingredient_moves_what_it_says(tmp_path) -> None:
+    solve = coarse_evidence(tmp_path).rigid
+    whole, *without = sensitivity(solve)
+    assert whole.of == 33
+    moved = {item.ingredient: set(item.moved(whole)) for item in without}
+    assert set(moved) == {ingredient.name for ingredient in ingredients()}
+    parts = {name: {place.split()[2] for place in places} for name, places in moved.items()}
+    assert parts["pooled-p-eff"] == {"p_eff"}
+    assert parts["counted-elements"] == parts["not-rounded-down"] == {"effective"}
+    for name in ("beam-pressure", "shaft-force", "shaft-point"):
+        case = name.partition("-")[0]
+        assert {place.split()[1] for place in moved[name]} == {case}
+        assert len(moved[name]) >= 4
+    assert {place.split()[0] for place in moved["tsb2-wave"]} == {"TSB2"}
+    # One tube upside down: no load that knows no direction feels it.
+    assert not {p for p in moved["tsb2-wave"] if p.split()[1] in ("pipe", "tunnel")}
 
 
 # ---------------------------------------------------------------------------------------------

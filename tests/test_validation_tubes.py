@@ -75,6 +75,7 @@ def test_json_and_files_of_a_static_tube(tubelock) -> None:  # noqa: F811
     data = json.loads(Path("run.json").read_text())
     assert {
         "p_eff",
+        "p_eff_pooled",
         "p_max_face",
         "p_max_point",
         "effective_count_percent",

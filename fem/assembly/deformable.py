@@ -289,8 +289,11 @@ def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray |
         local = load.tractions[mine] @ rotation
         forces = traction_forces(mesh.nodes, load.quads[mine], local)
     if load.without_couple:
-        share = block_lumped_mass(mesh, 1.0)
-        forces = np.outer(share / share.sum(), forces.sum(axis=0))
+        # Equal shares on all surface nodes: their resultant acts at the mean of these nodes.
+        surface = assembly.shape(block).surface_nodes
+        resultant = forces.sum(axis=0)
+        forces = np.zeros_like(forces)
+        forces[surface] = resultant / len(surface)
     return forces
 
 

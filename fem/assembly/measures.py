@@ -20,6 +20,8 @@ class ContactMeasures:
 
     p_eff: float
     """Mean over blocks of the mean of their K largest facet pressures [MPa]."""
+    p_eff_pooled: float
+    """The same pooled over blocks: mean of the K largest of all of them together [MPa]."""
     p_max_face: float
     """Mean over blocks of their largest facet pressure, the paper's max-mean [MPa]."""
     p_max_point: float
@@ -60,6 +62,7 @@ def contact_measures(assembly: Assembly, state: ContactState) -> ContactMeasures
     area = float(pressing.sum())
     return ContactMeasures(
         p_eff=overall.p_eff,
+        p_eff_pooled=overall.p_eff_pooled,
         p_max_face=overall.p_max,
         p_max_point=float(state.point_pressures.max(initial=0.0)),
         effective_count_percent=overall.effective_count_percent,

@@ -226,7 +226,7 @@ def loads_of_case(assembly: Assembly, case: LoadCase) -> tuple[DeckLoad, ...]:
             "(a deck has gravity and body forces, no moment on a solid block)"
         )
     if case.without_couple:
-        return (_body_force(assembly, case),)
+        return (_surface_node_forces(assembly, case),)
     blocks, face = _loaded_faces(assembly, case)
     if case.tractions is None:
         return (PressureLoad(blocks, face, case.pressure),)
@@ -243,11 +243,15 @@ def loads_of_case(assembly: Assembly, case: LoadCase) -> tuple[DeckLoad, ...]:
     return (CircumferentialLoad(blocks, face, case.pressure),)
 
 
-def _body_force(assembly: Assembly, case: LoadCase) -> BodyForceLoad:
+def _surface_node_forces(assembly: Assembly, case: LoadCase) -> NodalForceLoad:
+    """Spread each block's resultant evenly over its surface nodes."""
+    total = np.zeros((assembly.n_blocks, 3))
+    np.add.at(total, case.block, case.facet_forces)
     blocks = np.unique(case.block)
-    forces = np.zeros((assembly.n_blocks, 3))
-    np.add.at(forces, case.block, case.facet_forces)
-    return BodyForceLoad(blocks, forces[blocks] / assembly.volumes[blocks, None])
+    nodes = [assembly.shape(int(b)).surface_nodes for b in blocks]
+    shares = [np.tile(total[b] / len(n), (len(n), 1)) for b, n in zip(blocks, nodes, strict=True)]
+    count = [len(n) for n in nodes]
+    return NodalForceLoad(np.repeat(blocks, count), np.concatenate(nodes), np.concatenate(shares))
 
 
 def _loaded_faces(assembly: Assembly, case: LoadCase) -> tuple[IntArray, str]:

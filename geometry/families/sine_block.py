@@ -12,6 +12,7 @@ Source: section "Sine Block" of the paper. What the paper leaves open was settle
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
@@ -67,10 +68,60 @@ class SineBlockParameters:
         """Angle spanned by one block, 2π/n [rad]."""
         return 2 * np.pi / self.blocks_per_layer
 
-    @property
-    def layer_turn(self) -> float:
-        """Turn of the odd layers: the whole number ⌊f⌋ of waves nearest to half a block [rad]."""
-        return int(self.frequency) * self.block_angle / self.waves_per_block
+
+class LayerTurn(StrEnum):
+    """By how much every second layer is turned, in words."""
+
+    HALF_BLOCK = "half block"
+    """The whole number ⌊f⌋ of waves nearest to half a block: as a bond of bricks, and best."""
+    ONE_WAVE = "one wave"
+    """One wave at every frequency, as the paper's parameter study was made."""
+
+
+def waves_of_turn(block: SineBlockParameters, turn: LayerTurn | float) -> int:
+    """Return the whole number of waves by which every second layer is turned.
+
+    Only after whole waves do the faces of two layers meet.
+
+    Parameters
+    ----------
+    block
+        Its frequency says how many waves a block has.
+    turn
+        In words, or a number of waves from 0 (joints in line) to less than a block's 2f.
+
+    Raises
+    ------
+    BlockParameterError
+        For a turn after which blocks would cut into each other, with the nearest that works.
+    """
+    waves = block.waves_per_block
+    if turn is LayerTurn.HALF_BLOCK:
+        return int(block.frequency)
+    if turn is LayerTurn.ONE_WAVE:
+        return 1 % waves
+    if not np.isfinite(turn):
+        raise BlockParameterError(f"assembly.turn: got {turn}, expected a whole number of waves")
+    if turn != round(turn):
+        # z of the two faces differ by a [sin(x + 2π turn) - sin x], at most 2 a |sin π turn|.
+        depth = 2 * block.amplitude * abs(np.sin(np.pi * turn))
+        raise BlockParameterError(
+            f"assembly.turn: got {turn:g} waves, after which the blocks of two layers would cut "
+            f"into each other by up to {depth:.3g} mm; expected a whole number of waves: try "
+            f"{_whole_turns(turn, waves)}"
+        )
+    if not 0 <= turn < waves:
+        raise BlockParameterError(
+            f"assembly.turn: got {turn:g} waves of a block that has {waves}; expected 0 to "
+            f"{waves - 1}: {round(turn) % waves} is the same tube"
+        )
+    return round(turn)
+
+
+def _whole_turns(turn: float, waves: int) -> str:
+    """Name the whole numbers of waves next to a turn, of those that a block has."""
+    near = sorted({int(np.floor(turn)) % waves, int(np.ceil(turn)) % waves})
+    return " or ".join(str(k) for k in near)
 
 
 @dataclass(frozen=True)
@@ -149,18 +200,45 @@ def check_parameters(block: SineBlockParameters) -> None:
         )
 
 
-def conforming_around(block: SineBlockParameters, around: int) -> bool:
-    """Whether layers turned by ⌊f⌋ waves meet node on node."""
-    return (int(block.frequency) * around) % block.waves_per_block == 0
+def check_conforming(
+    block: SineBlockParameters, divisions: SineBlockDivisions, turned_waves: int
+) -> None:
+    """Refuse element counts with which layers turned by some waves do not meet node on node.
 
-
-def check_divisions(block: SineBlockParameters, divisions: SineBlockDivisions) -> None:
-    """Refuse element counts that cannot conform.
+    Parameters
+    ----------
+    block, divisions
+        Shape and element counts.
+    turned_waves
+        By how many waves every second layer is turned.
 
     Raises
     ------
     BlockParameterError
-        Naming the count and the nearest counts that would conform.
+        Naming the nearest counts that conform, and the turns that conform with this count.
+    """
+    waves, around = block.waves_per_block, divisions.around
+    if (turned_waves * around) % waves == 0:
+        return
+    step = waves // int(np.gcd(waves, turned_waves))
+    near = [n for n in (around // step * step, (around // step + 1) * step) if n]
+    turns = [k for k in range(1, waves) if (k * around) % waves == 0]
+    nearest = min(turns, key=lambda k: abs(k - turned_waves), default=None)
+    other = "" if nearest is None else f", or assembly.turn = {nearest}"
+    raise BlockParameterError(
+        f"mesh.around: got {around}; with {waves} waves per block the layers turn by "
+        f"{turned_waves}/{waves} of a block and would not meet node on node; expected a multiple "
+        f"of {step}: try {' or '.join(str(n) for n in near)}{other}"
+    )
+
+
+def check_divisions(block: SineBlockParameters, divisions: SineBlockDivisions) -> None:
+    """Refuse element counts that mesh no block.
+
+    Raises
+    ------
+    BlockParameterError
+        Naming the count and what to do.
     """
     for name in ("around", "radial", "axial"):
         value = getattr(divisions, name)
@@ -176,20 +254,6 @@ def check_divisions(block: SineBlockParameters, divisions: SineBlockDivisions) -
         raise BlockParameterError(
             f"mesh.around: got {divisions.around} elements for {block.waves_per_block} waves; "
             f"expected at least two per wave: try {4 * block.waves_per_block} or more"
-        )
-    if not conforming_around(block, divisions.around):
-        waves = block.waves_per_block
-        near = [n for n in range(divisions.around, 0, -1) if conforming_around(block, n)][:1]
-        near += [
-            n
-            for n in range(divisions.around, divisions.around + waves + 1)
-            if conforming_around(block, n)
-        ][:1]
-        raise BlockParameterError(
-            f"mesh.around: got {divisions.around}; with {waves} waves per block the layers turn by "
-            f"{int(block.frequency)}/{waves} of a block and would not meet node on node; expected "
-            f"a multiple of {waves // int(np.gcd(waves, int(block.frequency)))}: "
-            f"try {' or '.join(str(n) for n in near)}"
         )
 
 

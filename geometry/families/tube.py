@@ -17,11 +17,15 @@ from geometry.families.hexagon_block import (
     top_hexagon_frame,
 )
 from geometry.families.sine_block import (
+    LayerTurn,
     SineBlockDivisions,
     SineBlockParameters,
     bottom_frame_block,
+    check_conforming,
+    check_parameters,
     sine_block,
     top_frame_block,
+    waves_of_turn,
 )
 from geometry.mesh import FloatArray
 
@@ -36,11 +40,16 @@ def axial_rotations(angles: FloatArray) -> FloatArray:
     return rotation
 
 
-def sine_tube(block: SineBlockParameters, divisions: SineBlockDivisions, layers: int) -> Assembly:
+def sine_tube(
+    block: SineBlockParameters,
+    divisions: SineBlockDivisions,
+    layers: int,
+    turn: LayerTurn | float = LayerTurn.HALF_BLOCK,
+) -> Assembly:
     """Assemble n blocks in each of L free layers and two frame layers of half height.
 
-    Layer k occupies z in [(k - 1) h, k h]; odd layers are turned towards larger θ by ⌊f⌋
-    waves. Blocks are numbered layer by layer, n blocks in each, towards larger θ.
+    Layer k occupies z in [(k - 1) h, k h]; odd layers are turned towards larger θ. Blocks are
+    numbered layer by layer, n blocks in each, towards larger θ.
 
     Parameters
     ----------
@@ -48,6 +57,8 @@ def sine_tube(block: SineBlockParameters, divisions: SineBlockDivisions, layers:
         Shape [mm] and element counts of the free block.
     layers
         L, at least 1.
+    turn
+        Of the odd layers, in words or in waves (`waves_of_turn`).
 
     Raises
     ------
@@ -56,13 +67,24 @@ def sine_tube(block: SineBlockParameters, divisions: SineBlockDivisions, layers:
     """
     n = block.blocks_per_layer
     _check_layers(layers)
+    angle = _turn_angle(block, divisions, turn)
     shapes = (
         sine_block(block, divisions),
         bottom_frame_block(block, divisions),
         top_frame_block(block, divisions),
     )
     elevation = np.concatenate([[0.0], block.height * np.arange(layers + 1)])
-    return _tube("sine-tube", shapes, n, block.layer_turn, elevation)
+    return _tube("sine-tube", shapes, n, angle, elevation)
+
+
+def _turn_angle(
+    block: SineBlockParameters, divisions: SineBlockDivisions, turn: LayerTurn | float
+) -> float:
+    """Angle of the odd layers [rad], after refusing turns and meshes that do not fit."""
+    check_parameters(block)
+    waves = waves_of_turn(block, turn)
+    check_conforming(block, divisions, waves)
+    return waves * block.block_angle / block.waves_per_block
 
 
 def hexagon_tube(
@@ -96,19 +118,25 @@ def hexagon_tube(
     return _tube("hexagon-tube", shapes, n, block.block_angle / 2, elevation)
 
 
-def sine_cell(block: SineBlockParameters, divisions: SineBlockDivisions) -> Assembly:
+def sine_cell(
+    block: SineBlockParameters,
+    divisions: SineBlockDivisions,
+    turn: LayerTurn | float = LayerTurn.HALF_BLOCK,
+) -> Assembly:
     """Two layers that a long tube of Sine Blocks repeats, and the images that they meet.
 
-    Layers 1 and 2 are those of `sine_tube`; layer 3 is the image of layer 1, two heights up.
+    Layers 1 and 2 are those of `sine_tube`, whose arguments these are; layer 3 is the image of
+    layer 1, two heights up.
 
     Raises
     ------
     AssemblyError, BlockParameterError
         When no such tube exists.
     """
+    angle = _turn_angle(block, divisions, turn)
     shape = sine_block(block, divisions)
     elevation = block.height * np.arange(3, dtype=np.float64)
-    return _cell("sine-cell", shape, block.blocks_per_layer, block.layer_turn, elevation)
+    return _cell("sine-cell", shape, block.blocks_per_layer, angle, elevation)
 
 
 def hexagon_cell(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> Assembly:

@@ -117,7 +117,7 @@ def _blocks(scene: AssemblyScene) -> Assembly:
     if isinstance(scene, PlanarSineScene | OsteomorphicScene):
         return _wall(scene)
     divisions = SineBlockDivisions(**scene.mesh.model_dump())
-    return sine_tube(block_parameters(scene), divisions, scene.assembly.layers)
+    return sine_tube(block_parameters(scene), divisions, scene.assembly.layers, scene.assembly.turn)
 
 
 def _wall(scene: PlanarSineScene | OsteomorphicScene) -> Assembly:

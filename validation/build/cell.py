@@ -73,7 +73,7 @@ def build_cell(scene: DeformableScene, name: str) -> Assembly:
             assembly = hexagon_cell(block, HexagonBlockDivisions(**tube.mesh.model_dump()))
         else:
             divisions = SineBlockDivisions(**tube.mesh.model_dump())
-            assembly = sine_cell(block_parameters(tube), divisions)
+            assembly = sine_cell(block_parameters(tube), divisions, tube.assembly.turn)
         check_size(assembly)
     except ValueError as error:
         raise InputError(f"{name}: {error}") from None

@@ -40,9 +40,9 @@ def _tables(folder: Path, console: Console) -> Iterator[Path]:
     from validation.paper.tables import compute_tables, print_tables, tables_json
 
     console.print("The paper's tables next to ours (rigid blocks, frictionless contact):")
-    rows = compute_tables(console)
-    print_tables(rows, console)
-    write_json(str(folder / "tables.json"), stamped(tables_json(rows), Provenance()))
+    found = compute_tables(console)
+    print_tables(found, console)
+    write_json(str(folder / "tables.json"), stamped(tables_json(found), Provenance()))
     yield folder / "tables.json"
 
 

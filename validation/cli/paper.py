@@ -50,14 +50,14 @@ def _evidence(
 
 
 def tables(json: JsonOption = None) -> None:
-    """Every row of the paper's tables: ours beside the printed value."""
+    """Every number of the paper's tables beside ours, and which rounds to the printed digits."""
     from validation.output.outputs import Outputs
     from validation.paper.tables import compute_tables, print_tables, tables_json
 
     with Outputs(json) as outputs:
-        rows = compute_tables(outputs.console)
-        print_tables(rows, outputs.console)
-        outputs.write_json(tables_json(rows))
+        found = compute_tables(outputs.console)
+        print_tables(found, outputs.console)
+        outputs.write_json(tables_json(found))
 
 
 def figures(

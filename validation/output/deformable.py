@@ -26,6 +26,7 @@ from validation.output.files import write_whole
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
 from validation.output.pictures.boxes import draw_box, draw_energies
+from validation.output.text import p_eff_words
 from validation.run.box import BoxRun, box_json, peak_memory_mb
 from validation.run.deformable import TubeRun, tube_json
 from validation.scene.deformable import Method
@@ -223,7 +224,7 @@ def print_blocks(run: TubeRun, console: Console) -> None:
     contact = data["contact"]
     table.add_row("contact search", data["contact_search"])
     _add_slip(table, data["slip"])
-    table.add_row("p_eff", f"{contact['p_eff']:.5g} MPa mean of the effective elements")
+    table.add_row("p_eff", p_eff_words(contact["p_eff"], contact["p_eff_pooled"]))
     table.add_row(
         "p_max",
         f"{contact['p_max_face']:.5g} MPa mean of block maxima (facets), "

@@ -7,7 +7,12 @@ from rich.console import Console
 from validation.output.console import two_columns
 from validation.output.outputs import Outputs
 from validation.output.pictures.assemblies import draw_mechanism, draw_pressures
-from validation.output.text import CLASS_WORDS, add_further_rows, certificate_words
+from validation.output.text import (
+    CLASS_WORDS,
+    add_further_rows,
+    certificate_words,
+    p_eff_words,
+)
 from validation.run.rigid import RigidRun, mechanism_displacements, write_mechanism, write_pressures
 
 #: Files of a rigid result.
@@ -39,7 +44,7 @@ def print_rigid(run: RigidRun, console: Console) -> None:
         m = run.measures
         table.add_row("effective contact elements", f"{m.effective_count_percent:.2f} %")
         table.add_row("effective contact area", f"{m.effective_area_percent:.2f} %")
-        table.add_row("p_eff", f"{m.p_eff:.5g} MPa mean of the effective elements")
+        table.add_row("p_eff", p_eff_words(m.p_eff, m.p_eff_pooled))
         table.add_row("p_max", f"{m.p_max:.5g} MPa mean of block maxima")
     add_further_rows(table, run.further)
     table.add_row("blocks, contacts", f"{result.n_blocks} free, {result.n_contacts}")

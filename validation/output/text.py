@@ -33,6 +33,14 @@ def certificate_words(result: RigidResult) -> str:
     return "none"
 
 
+def p_eff_words(per_block: float, pooled: float) -> str:
+    """Say the effective mean pressure both ways [MPa]."""
+    return (
+        f"{per_block:.5g} MPa mean of the blocks' effective elements; {pooled:.5g} MPa pooled "
+        "over all blocks"
+    )
+
+
 def add_further_rows(table: Table, further: Further | None) -> None:
     """Add a row for each answer to a table of words and values."""
     if further is None:

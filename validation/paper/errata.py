@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -12,14 +12,16 @@ import scipy.sparse as sp
 from rich.console import Console
 from rich.table import Table
 
-from geometry.families.sine_block import SineBlockParameters, wave
+from geometry.families.sine_block import LayerTurn, SineBlockParameters, wave, waves_of_turn
 from geometry.load_case import load_case
 from mbd import contact_jacobian, generalized_force, solve_linear_programs
 from validation.build.blocks import block_parameters
 from validation.errors import InputError
 from validation.paper.evidence import Evidence
 from validation.paper.naming import chosen_by_name
+from validation.paper.reading import Ingredient, ingredients, sensitivity
 from validation.paper.reference import reference
+from validation.paper.tables import number
 from validation.run.rigid import build_scene
 from validation.scene.read import TubeScene, load_scene
 
@@ -124,34 +126,23 @@ def _degenerate_program(_: Evidence) -> Shown:
     )
 
 
-def _count_against_area(evidence: Evidence) -> Shown:
-    words, values = [], {}
-    for case in ("pipe", "tunnel", "pillar"):
-        measures = evidence.case("TSB1", case).result.measures
-        assert measures is not None
-        printed = reference()["table"]["TSB1"][case]["effective"]
-        count, area = measures.effective_count_percent, measures.effective_area_percent
-        words.append(f"{case}: printed {printed:g}, count {count:.1f}, area {area:.1f} %")
-        values[case] = {"printed": printed, "count": count, "area": area}
-    return Shown("TSB1, " + "; ".join(words), values)
+def _ingredient(ingredient: Ingredient) -> Erratum:
+    """Erratum of one ingredient of the reading that gives the tables."""
 
-
-def _both_readings(evidence: Evidence, case: str) -> Shown:
-    words, values = [], {}
-    for block in ("TSB1", "TSB2"):
-        found = {}
-        for name, flag in (("as_printed", "true"), ("physical", "false")):
-            run = evidence.rigid(f"{block.lower()}-{case}", f"load.as_printed={flag}")
-            assert run.result.measures is not None
-            found[name] = (run.result.measures.p_eff, run.result.measures.p_max)
-        row = reference()["table"][block][case]
-        words.append(
-            f"{block} p_eff, p_max: printed {row['p_eff']:g}, {row['p_max']:g}; so read "
-            f"{found['as_printed'][0]:.3f}, {found['as_printed'][1]:.3f}; as physics says "
-            f"{found['physical'][0]:.3f}, {found['physical'][1]:.3f}"
+    def show(evidence: Evidence) -> Shown:
+        whole, without = sensitivity(evidence.rigid, [ingredient])
+        moved = without.moved(whole)
+        among = moved or without.differences
+        place, error = max(among.items(), key=lambda item: abs(item[1]))
+        more = "" if ingredient.more is None else f"; {ingredient.more(evidence.rigid)}"
+        return Shown(
+            f"{whole.to_the_digit} of {whole.of} numbers to the last digit with it, "
+            f"{without.to_the_digit} without: it moves {len(moved)}, {place} from "
+            f"{100 * whole.differences[place]:+.1f} to {100 * error:+.1f} % off{more}",
+            {"with": asdict(whole), "without": asdict(without), "moved": moved},
         )
-        values[block] = found
-    return Shown("; ".join(words) + " MPa", values)
+
+    return Erratum(ingredient.name, ingredient.text, ingredient.tables, show)
 
 
 def _tsb1() -> SineBlockParameters:
@@ -223,7 +214,7 @@ def _layer_shift(_: Evidence) -> Shown:
         below, above = wave(block, across + turn, outer), wave(block, across, outer)
         return float(np.abs(above - below).max())
 
-    third = block.layer_turn / block.block_angle
+    third = waves_of_turn(block, LayerTurn.HALF_BLOCK) / block.waves_per_block
     return Shown(
         f"TSB1: turned by half a block the faces miss each other by up to {misfit(0.5):.1f} mm; "
         f"turned by {third:.3f} of a block (one wave) by {misfit(third):.1e} mm",
@@ -280,27 +271,7 @@ def errata() -> list[Erratum]:
             "self-stress, and solves the corrected program as a check",
             _degenerate_program,
         ),
-        Erratum(
-            "count-against-area",
-            "“Effective contact area [%]”, “summing the areas of the surface elements”",
-            "the printed percentages are counts of surface elements; the true area stands beside "
-            "them",
-            _count_against_area,
-        ),
-        Erratum(
-            "shaft-couple",
-            "shaft: tangential surface loads on the outer faces of layer 7",
-            "the printed numbers come out only if the couple of the traction about each block's "
-            "centroid is left out; load.as_printed = true does so",
-            lambda evidence: _both_readings(evidence, "shaft"),
-        ),
-        Erratum(
-            "beam-direction",
-            "beam: a constant surface load on the outer surface of one block",
-            "p_eff comes out with one constant direction, p_max better with a true normal "
-            "pressure; load.as_printed = true takes the constant direction",
-            lambda evidence: _both_readings(evidence, "beam"),
-        ),
+        *(_ingredient(ingredient) for ingredient in ingredients()),
         Erratum(
             "density-unit",
             "ρ = 2400 · 10⁻¹² kg/mm³; α and β without units",
@@ -398,3 +369,34 @@ def print_errata(found: list[ShownErratum], console: Console) -> None:
         table.add_row("shown", item.shown.words)
         table.add_row("command", item.erratum.command)
         console.print(table)
+    without = [item for item in found if "without" in item.shown.values]
+    if without:
+        console.print(_sensitivity_table(without))
+
+
+def _sensitivity_table(found: list[ShownErratum]) -> Table:
+    """One line a number: its error, and the error without each ingredient that moves it."""
+    title = "Errors of the tables' numbers [%], and without an ingredient where that moves them"
+    table = Table(title=title, title_justify="left")
+    table.add_column("number", no_wrap=True)
+    heads = ("printed", "ours", "error", *(item.erratum.name for item in found))
+    for head in heads:
+        table.add_column(head.replace("-", " "), justify="right")
+    whole = found[0].shown.values["with"]
+    table.add_row("to the digit", "", "", *_counts(found))
+    for place, error in whole["differences"].items():
+        block, case, quantity = place.split()
+        moved = [item.shown.values["moved"].get(place) for item in found]
+        table.add_row(
+            place,
+            number(quantity, reference()["table"][block][case][quantity]),
+            number(quantity, whole["values"][place], 2),
+            f"{100 * error:+.1f}",
+            *("" if other is None else f"{100 * other:+.1f}" for other in moved),
+        )
+    return table
+
+
+def _counts(found: list[ShownErratum]) -> list[str]:
+    values = [found[0].shown.values["with"], *(item.shown.values["without"] for item in found)]
+    return [f"{v['to_the_digit']}/{v['of']}" for v in values]

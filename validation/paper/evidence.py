@@ -18,6 +18,7 @@ from rich.console import Console
 
 from validation.errors import InputError
 from validation.output.console import status
+from validation.paper.reading import solve_row
 from validation.paper.reference import reference
 from validation.run.rigid import RigidRun, run_rigid
 from validation.scene.read import load_scene
@@ -40,7 +41,7 @@ _PATHS = (
     "block.amplitude",
 )
 #: Load cases that are the same as printed and as physics says.
-_ONE_READING = ("pipe", "tunnel", "pillar")
+_ONE_READING = ("pipe", "tunnel", "pillar", "beam")
 
 
 @dataclass(frozen=True)
@@ -157,8 +158,8 @@ class Evidence:
         return self._rigid[key]
 
     def case(self, block: str, case: str) -> RigidRun:
-        """A row of the paper's tables, as printed, at 84 × 8 × 20."""
-        return self.rigid(f"{block.lower()}-{case}", "load.as_printed=true")
+        """A row of the paper's tables, on their mesh and read as they are."""
+        return solve_row(self.rigid, block, case)
 
     def tsb(self, scene: str, design: Design, *settings: str) -> RigidRun:
         """Rigid-block result of a design at the resolution of the tables."""

@@ -1,8 +1,10 @@
-"""Tables sin-force-equilibrium, cosin-force-equilibrium and the hexagon table, beside ours."""
+"""Tables sin-force-equilibrium, cosin-force-equilibrium and the hexagon table, beside ours.
+
+Ours stands twice: read as the tables are (`validation.paper.reading`), and as physics says.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -10,14 +12,18 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from validation.paper.reading import DECIMALS, Solve, as_read, solve_row, to_the_digit
 from validation.paper.reference import reference
 from validation.run.rigid import RigidRun, run_rigid
-from validation.scene.builtin import builtin_names
 from validation.scene.read import load_scene
 
-QUANTITIES = ("mechanism", "effective", "p_eff", "p_max")
-VARIANTS = ("as_printed", "physical")
-NOT_BUILT = "not built yet"
+#: Words of the quantities.
+HEADS = {
+    "mechanism": "mechanism",
+    "effective": "effective elements [%]",
+    "p_eff": "p_eff [MPa]",
+    "p_max": "p_max [MPa]",
+}
 
 
 @dataclass(frozen=True)
@@ -29,115 +35,147 @@ class TableRow:
     case: str
     """Load case."""
     quantity: str
-    """``mechanism``, ``effective`` [%, a count of elements], ``p_eff`` or ``p_max`` [MPa]."""
-    variant: str
-    """``as_printed`` (the reading that reproduces the table) or ``physical``."""
-    paper: str | float
+    """``effective`` [%, a count of elements], ``p_eff`` or ``p_max`` [MPa]."""
+    paper: float
     """The printed value."""
-    ours: str | float | None
-    """Ours; None where no equilibrium exists."""
+    ours: float | None
+    """Ours, read as the tables are; None where no equilibrium exists."""
     relative_difference: float | None
-    """(ours - paper) / paper; None for words."""
+    """(ours - paper) / paper."""
+    to_the_digit: bool
+    """Whether ours rounds to the printed value."""
+    physical: float | None
+    """Ours as physics says: the whole traction, p_eff as the formula says."""
 
 
-def _ours(run: RigidRun) -> dict[str, str | float | None]:
-    measures = run.result.measures
-    return {
-        "mechanism": str(run.result.mechanism),
-        "effective": None if measures is None else measures.effective_count_percent,
-        "p_eff": None if measures is None else measures.p_eff,
-        "p_max": None if measures is None else measures.p_max,
-    }
+@dataclass(frozen=True)
+class ClassRow:
+    """One mechanism class of the paper and ours."""
+
+    block: str
+    case: str
+    paper: str
+    ours: str
 
 
-def _difference(paper: str | float, ours: str | float | None) -> float | None:
-    if isinstance(ours, float) and not isinstance(paper, str):
-        return (ours - paper) / paper
-    return None
+@dataclass(frozen=True)
+class Tables:
+    """The paper's three tables beside ours."""
+
+    rows: list[TableRow]
+    """One a number."""
+    classes: list[ClassRow]
+    """One a load case."""
+
+    @property
+    def to_the_digit(self) -> int:
+        """Numbers that round to what is printed."""
+        return sum(row.to_the_digit for row in self.rows)
+
+    @property
+    def classes_met(self) -> int:
+        """Mechanism classes that agree."""
+        return sum(row.paper == row.ours for row in self.classes)
 
 
-def compute_tables(
-    console: Console, solve: Callable[[str, str], RigidRun] | None = None
-) -> list[TableRow]:
-    """Compute every printed row, in both variants, with a progress bar on ``console``.
+def run_scene(scene: str, *settings: str) -> RigidRun:
+    """Compute a built-in scene with overrides anew."""
+    return run_rigid(load_scene(scene, settings))
+
+
+def compute_tables(console: Console, solve: Solve = run_scene) -> Tables:
+    """Compute every printed row, with a progress bar on ``console``.
 
     Parameters
     ----------
     console
         For the progress bar.
     solve
-        Computes a scene with one override; by default anew.
+        Computes a scene with overrides; by default anew.
     """
-    rows = []
-    tasks = [
-        (block, case, variant)
-        for block, cases in reference()["table"].items()
-        for case in cases
-        for variant in VARIANTS
-    ]
-    for block, case, variant in track(tasks, description="tables", console=console, transient=True):
+    tables = Tables([], [])
+    tasks = [(block, case) for block, cases in reference()["table"].items() for case in cases]
+    for block, case in track(tasks, description="tables", console=console, transient=True):
         printed = reference()["table"][block][case]
-        scene = f"{block.lower()}-{case}"
-        if scene not in builtin_names():
-            ours: dict[str, str | float | None] = dict.fromkeys(QUANTITIES, NOT_BUILT)
-        else:
-            setting = f"load.as_printed={str(variant == 'as_printed').lower()}"
-            if solve is None:
-                run = run_rigid(load_scene(scene, [setting]))
-            else:
-                run = solve(scene, setting)
-            ours = _ours(run)
-        rows += [
-            TableRow(
-                block=block,
-                case=case,
-                quantity=quantity,
-                variant=variant,
-                paper=printed[quantity],
-                ours=ours[quantity],
-                relative_difference=_difference(printed[quantity], ours[quantity]),
-            )
-            for quantity in QUANTITIES
-            if quantity in printed
-        ]
-    return rows
+        run = solve_row(solve, block, case)
+        mechanism = str(run.result.mechanism)
+        tables.classes.append(ClassRow(block, case, printed["mechanism"], mechanism))
+        if "p_max" in printed:
+            tables.rows.extend(_rows(block, case, run, _physical(solve, block, case, run)))
+    return tables
 
 
-def tables_json(rows: list[TableRow]) -> list[dict[str, Any]]:
-    """Rows as plain data."""
-    return [asdict(row) for row in rows]
+def _physical(solve: Solve, block: str, case: str, run: RigidRun) -> RigidRun:
+    """Return the row as physics says; only the shaft's load differs."""
+    return solve_row(solve, block, case, "load.as_printed=false") if case == "shaft" else run
 
 
-def _cell(row: TableRow) -> str:
-    if row.ours is None:
-        return "no equilibrium"
-    if isinstance(row.ours, str):
-        return row.ours
-    if row.relative_difference is None:
-        return f"{row.ours:.4g}"
-    return f"{row.ours:.4g} ({100 * row.relative_difference:+.1f} %)"
+def _rows(block: str, case: str, run: RigidRun, physical: RigidRun) -> list[TableRow]:
+    printed = reference()["table"][block][case]
+    read, measures = as_read(run.result.measures), physical.result.measures
+    true = as_read(measures) | {"p_eff": None if measures is None else measures.p_eff}
+    found = []
+    for quantity in DECIMALS:
+        paper, ours = printed[quantity], read[quantity]
+        off = None if ours is None else (ours - paper) / paper
+        met = to_the_digit(quantity, paper, ours)
+        found.append(TableRow(block, case, quantity, paper, ours, off, met, true[quantity]))
+    return found
 
 
-def print_tables(rows: list[TableRow], console: Console) -> None:
-    """Print one table per block and variant, in the paper's columns."""
-    heads = {
-        "mechanism": "mechanism",
-        "effective": "effective elements [%]",
-        "p_eff": "p_eff [MPa]",
-        "p_max": "p_max [MPa]",
+def tables_json(tables: Tables) -> dict[str, Any]:
+    """Tables as plain data."""
+    return {
+        "to_the_digit": tables.to_the_digit,
+        "of": len(tables.rows),
+        "rows": [asdict(row) for row in tables.rows],
+        "classes": [asdict(row) for row in tables.classes],
     }
-    for block in dict.fromkeys(row.block for row in rows):
-        for variant in VARIANTS:
-            words = "as printed" if variant == "as_printed" else "as physics says"
-            table = Table(title=f"{block}, {words}: paper | ours", title_justify="left")
-            table.add_column("load case")
-            for head in heads.values():
-                table.add_column(head)
-            group = [row for row in rows if row.block == block and row.variant == variant]
-            for case in dict.fromkeys(row.case for row in group):
-                found = {row.quantity: row for row in group if row.case == case}
-                cells = [
-                    f"{found[q].paper} | {_cell(found[q])}" if q in found else "–" for q in heads
-                ]
-                table.add_row(case, *cells)
-            console.print(table)
+
+
+def number(quantity: str, value: float | None, more: int = 0) -> str:
+    """Write a number with as many decimals as the paper prints, or some more."""
+    return "no equilibrium" if value is None else f"{value:.{DECIMALS[quantity] + more}f}"
+
+
+def count_words(tables: Tables) -> str:
+    """Say how many numbers and classes are met."""
+    return (
+        f"{tables.to_the_digit} of {len(tables.rows)} numbers to the last printed digit, "
+        f"{tables.classes_met} of {len(tables.classes)} mechanism classes"
+    )
+
+
+def print_tables(tables: Tables, console: Console) -> None:
+    """Print one table per block: every number on a line of its own, the count at the end."""
+    for block in dict.fromkeys(row.block for row in tables.classes):
+        table = Table(title=f"{block}, read as the tables are", title_justify="left")
+        for head in ("load case", "quantity"):
+            table.add_column(head)
+        for head in ("paper", "ours", "difference", "to the digit", "as physics says"):
+            table.add_column(head, justify="right")
+        for found in tables.classes:
+            if found.block == block:
+                same = "yes" if found.paper == found.ours else "no"
+                table.add_row(found.case, "mechanism", found.paper, found.ours, "", same, "")
+                _add_numbers(table, [r for r in tables.rows if _of(r, found)])
+        console.print(table)
+    console.print(count_words(tables))
+
+
+def _of(row: TableRow, found: ClassRow) -> bool:
+    return (row.block, row.case) == (found.block, found.case)
+
+
+def _add_numbers(table: Table, rows: list[TableRow]) -> None:
+    for row in rows:
+        off = row.relative_difference
+        table.add_row(
+            "",
+            HEADS[row.quantity],
+            number(row.quantity, row.paper),
+            number(row.quantity, row.ours, 2),
+            "" if off is None else f"{100 * off:+.1f} %",
+            "yes" if row.to_the_digit else "no",
+            number(row.quantity, row.physical, 2),
+        )

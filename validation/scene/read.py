@@ -13,8 +13,16 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+)
 
+from geometry.families.sine_block import LayerTurn
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
 from validation.scene.deformable import (
@@ -64,6 +72,24 @@ class SineBlockSection(Section):
     """t [mm]"""
 
 
+class SineTubeAssemblySection(TubeAssemblySection):
+    """``[assembly]`` of a tube of Sine Blocks."""
+
+    turn: LayerTurn | float = LayerTurn.HALF_BLOCK
+    """Turn of every second layer: ``half block`` (the whole number ⌊f⌋ of waves nearest to half a
+    block; the default, for at f = 2 its pressures are less than half), ``one wave`` (the paper's
+    parameter study) or a number of waves. At f = 1 and 1.5 the two are the same."""
+
+    @field_validator("turn", mode="wrap")
+    @classmethod
+    def _words_or_waves(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        try:
+            return handler(value)
+        except ValidationError:
+            words = ", ".join(f'"{turn}"' for turn in LayerTurn)
+            raise ValueError(f"expected {words} or a whole number of waves") from None
+
+
 class TubeMeshSection(Section):
     """``[mesh]`` of a tube: elements of one block in each direction."""
 
@@ -78,7 +104,7 @@ class TubeScene(DeformableSections):
     """A tube of Sine Blocks."""
 
     block: SineBlockSection
-    assembly: TubeAssemblySection
+    assembly: SineTubeAssemblySection
     mesh: TubeMeshSection
     load: TubeLoadSection
     rigid: RigidSection = RigidSection()

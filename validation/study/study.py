@@ -50,6 +50,7 @@ COLUMNS: dict[Quantity, dict[str, str]] = {
         "effective_count_percent": "REAL",
         "effective_area_percent": "REAL",
         "p_eff": "REAL",
+        "p_eff_pooled": "REAL",
         "p_max": "REAL",
         "n_blocks": "INTEGER",
         "n_contacts": "INTEGER",
@@ -60,6 +61,7 @@ COLUMNS: dict[Quantity, dict[str, str]] = {
         "sigma_1_max": "REAL",
         "sigma_3_min": "REAL",
         "p_eff": "REAL",
+        "p_eff_pooled": "REAL",
         "p_max": "REAL",
         "residual": "REAL",
         "energy_balance": "REAL",
@@ -474,7 +476,8 @@ def _rigid_results(file: SceneFile) -> dict[str, Any]:
         "iterations": result.equilibrium.iterations,
     }
     measures = result.measures
-    for name in ("effective_count_percent", "effective_area_percent", "p_eff", "p_max"):
+    names = ("effective_count_percent", "effective_area_percent", "p_eff", "p_eff_pooled", "p_max")
+    for name in names:
         found[name] = None if measures is None else getattr(measures, name)
     return found
 
@@ -504,6 +507,7 @@ def _fem_results(file: SceneFile) -> dict[str, Any]:
         "sigma_1_max": data["principal_stress"]["max"],
         "sigma_3_min": data["principal_stress"]["min"],
         "p_eff": contact.get("p_eff"),
+        "p_eff_pooled": contact.get("p_eff_pooled"),
         "p_max": contact.get("p_max_face"),
         "residual": data.get("residual"),
         "energy_balance": data.get("energy_balance"),

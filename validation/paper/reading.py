@@ -1,0 +1,272 @@
+"""The reading of the paper that gives its tables: ingredients, each of which can be left out.
+
+The text leaves open, or says otherwise than the numbers show, on which mesh, with which mean, with
+which wave and with which loads the tables were made. What follows was found by trying; leaving out
+an ingredient shows how many of the printed numbers then still come out to the last digit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from geometry.load_case import LoadCase, surface_means
+from geometry.measures import Measures
+from mbd import analyse
+from validation.paper.reference import reference
+from validation.run.rigid import RigidRun
+
+#: Quantities of a table's row, and the decimals that are printed.
+DECIMALS = {"effective": 1, "p_eff": 3, "p_max": 3}
+#: Elements of a block on which the tables were made: 84 round, 24 through the wall, 20 high; 40 on
+#: each edge of the hexagon.
+_MESH = {
+    "TSB": ("mesh.around=84", "mesh.radial=24", "mesh.axial=20"),
+    "THB": ("mesh.edge=40", "mesh.radial=24"),
+}
+#: Those of the built-in scenes, a third of the elements through the wall.
+_SCENE_MESH = {"TSB": ("mesh.radial=8",), "THB": ("mesh.edge=28", "mesh.radial=8")}
+
+#: Numbers that differ by less, relatively, are the same one.
+_ROUND_OFF = 1e-6
+
+Values = dict[str, float | None]
+"""Effective elements [%], p_eff and p_max [MPa] of one row; None without equilibrium."""
+
+
+class Solve(Protocol):
+    """Computes a built-in scene with overrides, by rigid blocks."""
+
+    def __call__(self, scene: str, *settings: str) -> RigidRun:
+        """Scene and ``section.key=value`` overrides, the later ones winning."""
+
+
+def table_settings(block: str) -> tuple[str, ...]:
+    """Overrides that make a scene the one of the tables: mesh and loads."""
+    return (*_MESH[block[:3]], "load.as_printed=true")
+
+
+def solve_row(solve: Solve, block: str, case: str, *settings: str) -> RigidRun:
+    """Rigid-block result of a row of the tables, with changes."""
+    return solve(f"{block.lower()}-{case}", *table_settings(block), *settings)
+
+
+def as_read(measures: Measures | None) -> Values:
+    """Return the numbers of a row as the tables take them: elements counted, p_eff pooled."""
+    if measures is None:
+        return dict.fromkeys(DECIMALS)
+    return {
+        "effective": measures.participation_percent,
+        "p_eff": measures.p_eff_pooled,
+        "p_max": measures.p_max,
+    }
+
+
+def to_the_digit(quantity: str, printed: float, value: float | None) -> bool:
+    """Whether a value rounds to what is printed."""
+    decimals = DECIMALS[quantity]
+    return value is not None and f"{value:.{decimals}f}" == f"{printed:.{decimals}f}"
+
+
+@dataclass(frozen=True)
+class Ingredient:
+    """One choice of the reading, and what becomes of a row without it."""
+
+    name: str
+    """Short, for the command line."""
+    text: str
+    """What the paper says."""
+    tables: str
+    """What its tables do."""
+    without: Callable[[Solve, str, str], Values | None]
+    """Numbers of a row (block, case) without it; None: this row does not depend on it."""
+    more: Callable[[Solve], str] | None = None
+    """Says what else shows it."""
+
+
+def _per_block(solve: Solve, block: str, case: str) -> Values | None:
+    measures = solve_row(solve, block, case).result.measures
+    return None if measures is None else as_read(measures) | {"p_eff": measures.p_eff}
+
+
+def _whole_elements(solve: Solve, block: str, case: str) -> Values | None:
+    measures = solve_row(solve, block, case).result.measures
+    if measures is None:
+        return None
+    return as_read(measures) | {"effective": measures.effective_count_percent}
+
+
+def _true_area(solve: Solve, block: str, case: str) -> Values | None:
+    measures = solve_row(solve, block, case).result.measures
+    if measures is None:
+        return None
+    return as_read(measures) | {"effective": measures.effective_area_percent}
+
+
+def _other_mesh(solve: Solve, block: str, case: str) -> Values | None:
+    return as_read(solve_row(solve, block, case, *_SCENE_MESH[block[:3]]).result.measures)
+
+
+def _other_wave(solve: Solve, block: str, case: str) -> Values | None:
+    if block != "TSB2":
+        return None
+    return as_read(solve_row(solve, block, case, "block.shift=0.5").result.measures)
+
+
+def _one_direction(load: LoadCase) -> LoadCase:
+    """Load of one constant direction, inward through the middle of the loaded face."""
+    inward = -load.area_vectors.sum(axis=0)
+    inward /= np.linalg.norm(inward)
+    return replace(load, tractions=np.tile(load.pressure * inward, (len(load.block), 1)))
+
+
+def _with_load(change: Callable[[RigidRun], LoadCase], only: str) -> Callable[..., Values | None]:
+    """Rows of one load case with another load on the same blocks."""
+
+    def without(solve: Solve, block: str, case: str) -> Values | None:
+        if case != only:
+            return None
+        run = solve_row(solve, block, case)
+        return as_read(analyse(run.assembly, change(run), norm=run.scene.rigid.norm).measures)
+
+    return without
+
+
+def _at_mass_centroid(run: RigidRun) -> LoadCase:
+    return replace(run.load, centroids=run.assembly.centroids[run.load.block])
+
+
+def _radii(solve: Solve) -> str:
+    """Say how far from the axis both points of a block lie."""
+    run = solve_row(solve, "TSB1", "shaft")
+    block = int(run.load.block[0])
+    points = surface_means(run.assembly)[block], run.assembly.centroids[block]
+    mean, mass = (float(np.hypot(*point[:2])) for point in points)
+    return f"in TSB1 they are {mean:.1f} and {mass:.1f} mm from the axis"
+
+
+def _full_traction(solve: Solve, block: str, case: str) -> Values | None:
+    if case != "shaft":
+        return None
+    return as_read(solve_row(solve, block, case, "load.as_printed=false").result.measures)
+
+
+def ingredients() -> tuple[Ingredient, ...]:
+    """Return the ingredients of the reading."""
+    return (
+        Ingredient(
+            "pooled-p-eff",
+            "p_eff is the mean over the blocks of the mean of the K_j largest pressures",
+            "the mean of all effective elements of all blocks together, Σ Σ p_ij / Σ K_j",
+            _per_block,
+        ),
+        Ingredient(
+            "counted-elements",
+            "effective contact area [%], from the areas of the surface elements",
+            "100 N_eff,j / k_b: elements are counted",
+            _true_area,
+        ),
+        Ingredient(
+            "not-rounded-down",
+            "K_j = ⌊N_eff,j⌋, the participation ratio rounded down",
+            "the percentages take N_eff,j as it is",
+            _whole_elements,
+        ),
+        Ingredient(
+            "mesh-of-the-tables",
+            "names no mesh; the smallest sum of squared forces depends on it",
+            "84 × 24 × 20 elements a block (THB0: 40 on an edge × 24), not 84 × 8 × 20 (28 × 8)",
+            _other_mesh,
+        ),
+        Ingredient(
+            "tsb2-wave",
+            "s = 0.5; from which edge the wave runs is in no formula",
+            "TSB2 has a valley at its left edge: block.shift = 1.5, not 0.5",
+            _other_wave,
+        ),
+        Ingredient(
+            "beam-pressure",
+            "beam: a constant surface load on the outer surface of one block",
+            "the true normal pressure, not one constant direction",
+            _with_load(lambda run: _one_direction(run.load), "beam"),
+        ),
+        Ingredient(
+            "shaft-force",
+            "shaft: tangential surface loads on the outer faces of layer 7",
+            "only the resultant force of each block; with the full traction comes its couple",
+            _full_traction,
+        ),
+        Ingredient(
+            "shaft-point",
+            "moments are taken about the mass centroid",
+            "the resultant acts at the mean of the block's surface nodes, not at its mass centroid",
+            _with_load(_at_mass_centroid, "shaft"),
+            _radii,
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """The tables without one ingredient of the reading."""
+
+    ingredient: str
+    """Its name; ``all of them`` for the reading as it is."""
+    to_the_digit: int
+    """Numbers that round to what is printed."""
+    of: int
+    """Numbers."""
+    values: dict[str, float | None]
+    """Ours by ``block case quantity``; None without equilibrium."""
+    differences: dict[str, float]
+    """(ours - printed) / printed, the error vector; not a number without equilibrium."""
+
+    def moved(self, whole: Sensitivity) -> dict[str, float]:
+        """Return the errors of the numbers that are not those of another reading."""
+        return {
+            place: error
+            for place, error in self.differences.items()
+            if not abs(error - whole.differences[place]) <= _ROUND_OFF
+        }
+
+
+def sensitivity(solve: Solve, chosen: Sequence[Ingredient] | None = None) -> list[Sensitivity]:
+    """Leave out one ingredient after the other; the first entry is the reading as it is.
+
+    Parameters
+    ----------
+    solve
+        Computes a scene.
+    chosen
+        What is left out; by default every ingredient.
+    """
+    rows = [
+        (block, case, {q: row[q] for q in DECIMALS})
+        for block, cases in reference()["table"].items()
+        for case, row in cases.items()
+        if "p_max" in row
+    ]
+    whole = [as_read(solve_row(solve, block, case).result.measures) for block, case, _ in rows]
+    found = [_entry("all of them", rows, whole)]
+    for ingredient in ingredients() if chosen is None else chosen:
+        changed = [ingredient.without(solve, block, case) for block, case, _ in rows]
+        values = [c if c is not None else w for c, w in zip(changed, whole, strict=True)]
+        found.append(_entry(ingredient.name, rows, values))
+    return found
+
+
+def _entry(
+    name: str, rows: list[tuple[str, str, dict[str, float]]], values: list[Values]
+) -> Sensitivity:
+    found, differences, met = {}, {}, 0
+    for (block, case, printed), ours in zip(rows, values, strict=True):
+        for quantity, number in printed.items():
+            value = ours[quantity]
+            met += to_the_digit(quantity, number, value)
+            place = f"{block} {case} {quantity}"
+            found[place] = value
+            differences[place] = float("nan") if value is None else value / number - 1
+    return Sensitivity(name, met, len(found), found, differences)
