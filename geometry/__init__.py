@@ -1,1 +1,61 @@
-"""What is built, supported and loaded: meshes, blocks, assemblies, load cases."""
+"""What is built, supported and loaded: meshes, blocks, assemblies, load cases.
+
+What most need::
+
+    from geometry import SineBlock, pipe, tube
+
+    blocks = tube(
+        SineBlock(height=200, amplitude=20, frequency=1.5, blocks_per_layer=4,
+                  inner_radius=120, thickness=40),
+        layers=2, mesh=(24, 2, 4),
+    )
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from geometry.assembly import Assembly
+    from geometry.families.hexagon_block import HexagonBlockParameters as HexagonBlock
+    from geometry.families.sine_block import SineBlockParameters as SineBlock
+    from geometry.families.tube import tube
+    from geometry.files.mesh_io import contact_mesh
+    from geometry.load_case import Load, beam, pillar, pipe, shaft, tunnel
+
+__all__ = [
+    "Assembly",
+    "HexagonBlock",
+    "Load",
+    "SineBlock",
+    "beam",
+    "contact_mesh",
+    "pillar",
+    "pipe",
+    "shaft",
+    "tube",
+    "tunnel",
+]
+
+#: Where each name comes from: imported when it is asked for, for commands start sooner without.
+_PLACES = {
+    "Assembly": ("geometry.assembly", "Assembly"),
+    "HexagonBlock": ("geometry.families.hexagon_block", "HexagonBlockParameters"),
+    "Load": ("geometry.load_case", "Load"),
+    "SineBlock": ("geometry.families.sine_block", "SineBlockParameters"),
+    "beam": ("geometry.load_case", "beam"),
+    "contact_mesh": ("geometry.files.mesh_io", "contact_mesh"),
+    "pillar": ("geometry.load_case", "pillar"),
+    "pipe": ("geometry.load_case", "pipe"),
+    "shaft": ("geometry.load_case", "shaft"),
+    "tube": ("geometry.families.tube", "tube"),
+    "tunnel": ("geometry.load_case", "tunnel"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'geometry' has no attribute {name!r}")
+    module, there = _PLACES[name]
+    return getattr(import_module(module), there)

@@ -216,6 +216,57 @@ def load_case(
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Load:
+    """One of the five load cases, not yet on an assembly."""
+
+    case: LoadCaseName
+    """Which."""
+    pressure: float
+    """[MPa]"""
+    layer: int | None = None
+    """Loaded layer of beam and shaft; None: ⌊L/2⌋ + 1."""
+    as_printed: bool = False
+    """The reading that reproduces the paper's tables (see the module's text)."""
+
+    def on(self, assembly: Assembly) -> LoadCase:
+        """Tractions on the facets of an assembly, and what it is held by.
+
+        Raises
+        ------
+        LoadCaseError
+            As `load_case`.
+        """
+        return load_case(
+            assembly, self.case, self.pressure, as_printed=self.as_printed, layer=self.layer
+        )
+
+
+def pipe(pressure: float) -> Load:
+    """Pressure on the inner faces of all free blocks [MPa]."""
+    return Load(case=LoadCaseName.PIPE, pressure=pressure)
+
+
+def tunnel(pressure: float) -> Load:
+    """Pressure on the outer faces of all free blocks [MPa]."""
+    return Load(case=LoadCaseName.TUNNEL, pressure=pressure)
+
+
+def pillar(pressure: float) -> Load:
+    """Pressure on the flat top of the top frame, which is released [MPa]."""
+    return Load(case=LoadCaseName.PILLAR, pressure=pressure)
+
+
+def beam(pressure: float, layer: int | None = None) -> Load:
+    """Pressure on the outer face of one block of a layer, by default of the middle one [MPa]."""
+    return Load(case=LoadCaseName.BEAM, pressure=pressure, layer=layer)
+
+
+def shaft(pressure: float, layer: int | None = None) -> Load:
+    """Tangential traction on the outer faces of a layer, by default of the middle one [MPa]."""
+    return Load(case=LoadCaseName.SHAFT, pressure=pressure, layer=layer)
+
+
 def face_pressure(assembly: Assembly, blocks: IntArray, face: str, pressure: float) -> LoadCase:
     """Build a pressure on one named face of some blocks; the assembly's fixed blocks are held.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Protocol, cast
 
 from geometry.contact_assembly import ContactAssembly
 from geometry.load_case import LoadCase
@@ -53,9 +54,21 @@ class RigidResult:
         return len(self.contact_forces)
 
 
+class RigidStatement(Protocol):
+    """A statement of a problem, such as `fem.Problem`, of which rigid blocks read two things."""
+
+    @property
+    def blocks(self) -> ContactAssembly:
+        """What is built."""
+
+    @property
+    def rigid_load(self) -> LoadCase:
+        """Loads and supports, weight included."""
+
+
 def analyse(
-    assembly: ContactAssembly,
-    load: LoadCase,
+    assembly: ContactAssembly | RigidStatement,
+    load: LoadCase | None = None,
     *,
     norm: Norm = Norm.FORCE,
     solver: Solver = Solver.NEWTON,
@@ -65,9 +78,9 @@ def analyse(
     Parameters
     ----------
     assembly
-        Blocks and conforming interfaces.
+        Blocks and conforming interfaces; or a whole statement, which has its load.
     load
-        Tractions and supports.
+        Tractions and supports of blocks that come without.
     norm
         What the contact forces minimise: ``force`` as printed, ``pressure`` for design.
     solver
@@ -79,6 +92,10 @@ def analyse(
         `RigidResult.equilibrium` says whether the load is carried; nothing is called
         equilibrium above a relative residual of 1e-6.
     """
+    if load is None:
+        statement = cast("RigidStatement", assembly)
+        return analyse(statement.blocks, statement.rigid_load, norm=norm, solver=solver)
+    assembly = cast("ContactAssembly", assembly)
     seconds: dict[str, float] = {}
     clock = time.process_time()
 

@@ -16,7 +16,15 @@ from geometry.families.tube import sine_tube
 from geometry.load_case import load_case
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)
-TSB1 = SineBlockParameters(200.0, 20.0, 1.5, 0.0, 4, 120.0, 40.0)
+TSB1 = SineBlockParameters(
+    height=200.0,
+    amplitude=20.0,
+    frequency=1.5,
+    shift=0.0,
+    blocks_per_layer=4,
+    inner_radius=120.0,
+    thickness=40.0,
+)
 
 
 def tunnel(clearance, **options):

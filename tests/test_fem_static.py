@@ -36,7 +36,15 @@ from mbd import Norm, analyse
 CONCRETE = Material(2.4e-9, 33e3, 0.2)
 #: Without lateral strain a column is one-dimensional.
 CORK = Material(2.4e-9, 1000.0, 0.0)
-TSB1 = SineBlockParameters(200.0, 20.0, 1.5, 0.0, 4, 120.0, 40.0)
+TSB1 = SineBlockParameters(
+    height=200.0,
+    amplitude=20.0,
+    frequency=1.5,
+    shift=0.0,
+    blocks_per_layer=4,
+    inner_radius=120.0,
+    thickness=40.0,
+)
 
 
 def tube(layers=1, divisions=(12, 2, 4)):

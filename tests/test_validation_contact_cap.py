@@ -12,7 +12,7 @@ from validation.build.deck import build_deck
 from validation.errors import InputError
 from validation.output.deformable import print_blocks
 from validation.run.deformable import build_deformable, tube_json
-from validation.run.explicit import explicit_statement, run_tube_explicit
+from validation.run.explicit import run_tube_explicit, scene_statement
 from validation.run.static import run_tube_static
 from validation.scene.read import DeformableScene, SceneFile, check_scene
 
@@ -77,7 +77,7 @@ def run_law(scene: DeformableScene) -> object:
 def test_a_run_that_outgrows_its_time_step_starts_again() -> None:
     """8 MPa is eight times what the first time step counts in, beyond its margin of safety."""
     pressure = 8.0
-    stated = explicit_statement(column(pressure), "column", build_deformable(column(pressure), ""))
+    stated = scene_statement(column(pressure), "column", build_deformable(column(pressure), ""))
     longest = critical_time_step(stated.assembly.model).critical_time_step
     run, result = run_tube_explicit("column", column(pressure))
     assert result.critical.critical_time_step < longest

@@ -86,3 +86,7 @@ class Material:
         matrix[[0, 1, 2], [0, 1, 2]] = self.constrained_modulus
         matrix[[3, 4, 5], [3, 4, 5]] = self.shear_modulus
         return matrix
+
+
+#: The concrete of the paper.
+concrete = Material(2.4e-9, 33_000.0, 0.2)

@@ -34,9 +34,15 @@ class BlockParameterError(ValueError):
     """Parameters that describe no block: what was got, what is expected, what to do."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SineBlockParameters:
-    """The seven parameters of TSB(h, a, f, s, n, r_i, t)."""
+    """The seven parameters of TSB(h, a, f, s, n, r_i, t).
+
+    Raises
+    ------
+    BlockParameterError
+        For parameters that describe no block.
+    """
 
     height: float
     """h [mm]"""
@@ -44,7 +50,7 @@ class SineBlockParameters:
     """a, at the outer radius [mm]; zero gives a plain cylindrical brick."""
     frequency: float
     """f, waves per *half* block; 2f must be a whole number."""
-    shift: float
+    shift: float = 0.0
     """s, phase in units of π; 0.5 is the Cosine Block."""
     blocks_per_layer: int
     """n"""
@@ -52,6 +58,9 @@ class SineBlockParameters:
     """r_i [mm]"""
     thickness: float
     """t [mm]"""
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
 
     @property
     def waves_per_block(self) -> int:
@@ -305,7 +314,6 @@ def sine_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Blo
         Faces ``inner``, ``outer`` (curved), ``left``, ``right`` (flat, radial) and ``bottom``,
         ``top`` (wavy); the last four can meet neighbours.
     """
-    check_parameters(block)
     check_divisions(block, divisions)
     return _build(
         block,

@@ -28,6 +28,7 @@ from geometry.families.sine_block import (
     waves_of_turn,
 )
 from geometry.mesh import FloatArray
+from geometry.units import check_size
 
 
 def axial_rotations(angles: FloatArray) -> FloatArray:
@@ -116,6 +117,45 @@ def hexagon_tube(
     elevation = block.layer_pitch * np.arange(layers + 2, dtype=np.float64)
     n = block.blocks_per_layer
     return _tube("hexagon-tube", shapes, n, block.block_angle / 2, elevation)
+
+
+def tube(
+    block: SineBlockParameters | HexagonBlockParameters,
+    *,
+    layers: int,
+    mesh: tuple[int, ...],
+    turn: LayerTurn | float = LayerTurn.HALF_BLOCK,
+) -> Assembly:
+    """Assemble a tube, its frame layers included.
+
+    Parameters
+    ----------
+    block
+        Shape [mm].
+    layers
+        Free layers L, at least 1.
+    mesh
+        Elements of one block: around, radial, axial for Sine Blocks; along an edge and radial for
+        hexagon-based ones.
+    turn
+        Of every second layer of Sine Blocks, in words or in waves (`waves_of_turn`).
+
+    Raises
+    ------
+    AssemblyError, BlockParameterError
+        When no such tube exists, or its lengths cannot be millimetres.
+    """
+    expected = 3 if isinstance(block, SineBlockParameters) else 2
+    if len(mesh) != expected:
+        raise AssemblyError(f"mesh: got {mesh}, expected {expected} numbers of elements")
+    if isinstance(block, HexagonBlockParameters) and turn != LayerTurn.HALF_BLOCK:
+        raise AssemblyError(f"turn: got {turn}, but hexagon-based blocks turn by half a block")
+    if isinstance(block, SineBlockParameters):
+        built = sine_tube(block, SineBlockDivisions(*mesh), layers, turn)
+    else:
+        built = hexagon_tube(block, HexagonBlockDivisions(*mesh), layers)
+    check_size(built)
+    return built
 
 
 def sine_cell(

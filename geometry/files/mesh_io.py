@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, QuadSurface, check_mesh
+
+if TYPE_CHECKING:
+    import pyvista as pv
 
 
 def _write(path: Path, mesh: Any) -> None:
@@ -141,3 +144,26 @@ def interface_surface(assembly: Assembly, contacts: IntArray | None = None) -> Q
         turned = np.einsum("fij,fcj->fci", assembly.rotations[block[rows]], local)
         corners[rows] = turned + assembly.translations[block[rows], None, :]
     return QuadSurface(corners.reshape(-1, 3), np.arange(4 * len(chosen)).reshape(-1, 4))
+
+
+def contact_mesh(
+    assembly: Assembly, contacts: IntArray | None = None, **values: FloatArray
+) -> pv.PolyData:
+    """Contact facets as a mesh that pyvista draws.
+
+    Parameters
+    ----------
+    assembly
+        Blocks and their interfaces.
+    contacts
+        Positions in `assembly.interfaces`, such as `mbd.RigidResult.contact_index`; all by default.
+    **values
+        One value for each contact, such as ``pressure``, by the name that the mesh gives it.
+    """
+    import pyvista as pv
+
+    surface = interface_surface(assembly, contacts)
+    mesh = pv.PolyData.from_regular_faces(surface.nodes, surface.quads)
+    for name, value in values.items():
+        mesh.cell_data[name] = value
+    return mesh

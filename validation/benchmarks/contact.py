@@ -47,7 +47,15 @@ from validation.benchmarks.stopwatch import best_cpu_seconds
 from validation.output.files import prepare_json, write_json
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
-TSB1 = SineBlockParameters(200.0, 20.0, 1.5, 0.0, 4, 120.0, 40.0)
+TSB1 = SineBlockParameters(
+    height=200.0,
+    amplitude=20.0,
+    frequency=1.5,
+    shift=0.0,
+    blocks_per_layer=4,
+    inner_radius=120.0,
+    thickness=40.0,
+)
 
 #: Elements round, through and along one block.
 MESHES = {960: (24, 4, 10), 3888: (36, 6, 18), 15360: (60, 8, 32)}

@@ -57,8 +57,17 @@ def require_matching(name: str, unmatched: tuple[UnmatchedJoint, ...], remedy: s
 
 
 def block_parameters(scene: TubeScene) -> SineBlockParameters:
-    """Return the block of a tube scene."""
-    return SineBlockParameters(**scene.block.model_dump(exclude={"type"}))
+    """Return the block of a tube scene.
+
+    Raises
+    ------
+    InputError
+        For parameters that describe no block.
+    """
+    try:
+        return SineBlockParameters(**scene.block.model_dump(exclude={"type"}))
+    except BlockParameterError as error:
+        raise InputError(str(error)) from None
 
 
 def require_assembly(scene: Scene, name: str, command: str) -> AssemblyScene:

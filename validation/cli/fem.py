@@ -191,7 +191,7 @@ def _blocks_in_contact(
     from validation.effects.report import decided
     from validation.output.console import explicit_progress, status
     from validation.run.deformable import build_deformable, fem_section
-    from validation.run.explicit import explicit_statement, run_tube_explicit
+    from validation.run.explicit import run_tube_explicit, scene_statement
     from validation.run.static import run_tube_static
     from validation.scene.deformable import Method
 
@@ -203,7 +203,7 @@ def _blocks_in_contact(
     deformable = build_deformable(scene, name)
     statement = None
     if fem.method is Method.EXPLICIT:
-        statement = explicit_statement(scene, name, deformable)
+        statement = scene_statement(scene, name, deformable)
     built = time.process_time() - start
     added = {}
     if decision is not None:

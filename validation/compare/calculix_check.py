@@ -107,7 +107,15 @@ def tube_deck(divisions: SineBlockDivisions, flavour: Flavour = Flavour.CALCULIX
     One wave per block, and a tenth of the paper's c0: on coarse meshes CalculiX takes other
     normals than we do, and it loses nodes that slide over a rim by 1e-3 of a facet.
     """
-    block = SineBlockParameters(200.0, 20.0, 0.5, 0.0, 4, 120.0, 40.0)
+    block = SineBlockParameters(
+        height=200.0,
+        amplitude=20.0,
+        frequency=0.5,
+        shift=0.0,
+        blocks_per_layer=4,
+        inner_radius=120.0,
+        thickness=40.0,
+    )
     assembly = canonical(sine_tube(block, divisions, 1))
     case = load_case(assembly, "pipe", 0.01)
     return Deck(

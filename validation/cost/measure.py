@@ -27,7 +27,7 @@ from validation.cost.settings import (
 )
 from validation.errors import InputError
 from validation.run.deformable import TubeRun, build_deformable
-from validation.run.explicit import explicit_statement, run_tube_explicit
+from validation.run.explicit import run_tube_explicit, scene_statement
 from validation.run.rigid import analyse_rigid, build_scene
 from validation.run.static import run_tube_static
 from validation.scene.read import SceneFile, TubeScene
@@ -210,7 +210,7 @@ def _timed(setting: CostSetting, scene: TubeScene, name: str) -> TubeScene:
     if setting.method != "explicit" or usual:
         return scene
     assert scene.fem is not None
-    times = explicit_statement(scene, name, build_deformable(scene, name)).recommended
+    times = scene_statement(scene, name, build_deformable(scene, name)).recommended
     ramp = setting.ramp_factor * times.ramp_time
     changed: dict[str, Any] = {"ramp_time": ramp}
     if setting.hold_periods is not None:

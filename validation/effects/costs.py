@@ -24,7 +24,7 @@ from validation.build.cell import refuse_cell
 from validation.build.effects import PAPER_RAYLEIGH
 from validation.errors import InputError
 from validation.run.deformable import TubeRun, build_deformable, fem_section
-from validation.run.explicit import explicit_statement, run_tube_explicit
+from validation.run.explicit import run_tube_explicit, scene_statement
 from validation.scene.deformable import (
     BulkViscositySection,
     Damping,
@@ -198,7 +198,7 @@ def compiled_forms() -> frozenset[tuple[str, str]]:
 
 def ready(scene: DeformableScene, name: str) -> tuple[System, State]:
     """Model of a scene at its first step."""
-    statement = explicit_statement(scene, name, build_deformable(scene, name))
+    statement = scene_statement(scene, name, build_deformable(scene, name))
     model = statement.assembly.model
     system = prepare(model, time_step=0.5 * critical_time_step(model).critical_time_step)
     return system, initial_state(system)
@@ -270,7 +270,7 @@ def effect_costs(
     say("no effect")
     first_bits = _bits(base, name)
     system, state = ready(base, name)
-    statement = explicit_statement(base, name, build_deformable(base, name))
+    statement = scene_statement(base, name, build_deformable(base, name))
     answer = None
     if answers:
         found, result = run_tube_explicit(name, base)

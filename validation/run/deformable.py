@@ -15,9 +15,9 @@ from fem.assembly.deformable import (
     DeformableAssembly,
     DeformableAssemblyError,
     Frames,
-    deformable_assembly,
 )
 from fem.assembly.measures import CapAction, ContactMeasures, cap_action, contact_measures
+from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction, FrictionError
 from fem.contact.law import ContactLaw, ContactLawError, ExponentialLaw, LinearPenalty
 from fem.contact.surfaces import ContactError, ContactNormals
@@ -162,8 +162,8 @@ def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCas
     return build_load(scene, assembly)
 
 
-def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
-    """Build the deformable blocks of a scene.
+def build_problem(scene: DeformableScene, name: str) -> Problem:
+    """State the problem of a scene, whatever method is to solve it.
 
     Where facets do not match, or the scene asks for it, contact searches facets that face each
     other (`Contact.finite_sliding`): explicit runs only.
@@ -180,22 +180,34 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
     _check_load(name, blocks.load, scene.material.young_modulus)
     if fem.method is Method.STATIC:
         _check_static(scene, name, blocks)
-    friction = build_friction(scene.effects)
+    return Problem(
+        blocks.assembly,
+        blocks.load,
+        build_material(scene.material),
+        element=fem.element,
+        law=contact_law(scene.contact),
+        normals=ContactNormals.CURRENT,
+        clearance=scene.contact.clearance,
+        spacing=scene.contact.spacing,
+        frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
+        friction=build_friction(scene.effects),
+        finite_sliding=scene.effects.finite_sliding or bool(blocks.unmatched),
+        finite_rotation=scene.effects.finite_rotation,
+        gravity=scene.effects.gravity,
+    )
+
+
+def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
+    """Build the deformable blocks of a scene.
+
+    Raises
+    ------
+    InputError
+        When it describes nothing that can be solved.
+    """
+    problem = build_problem(scene, name)
     try:
-        return deformable_assembly(
-            blocks.assembly,
-            blocks.load,
-            build_material(scene.material),
-            element=fem.element,
-            law=contact_law(scene.contact),
-            normals=ContactNormals.CURRENT,
-            clearance=scene.contact.clearance,
-            spacing=scene.contact.spacing,
-            frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
-            friction=friction,
-            finite_sliding=scene.effects.finite_sliding or bool(blocks.unmatched),
-            gravity=None if scene.effects.gravity is None else np.array(scene.effects.gravity),
-        )
+        return problem.deformable
     except (ContactError, DeformableAssemblyError, FrictionError, AssemblyError) as error:
         raise InputError(f"{name}: {error}") from None
 

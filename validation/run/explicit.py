@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.symmetry import largest_cyclic_orbits
-from fem.contact.surfaces import refuse_overlap
+from fem.assembly.symmetry import SymmetryError
 from fem.explicit.output.checkpoint import CheckpointError, OtherProblemError
-from fem.explicit.setup.assembly import (
-    COUNTED_PRESSURE,
-    ExplicitAssembly,
-    counted_stiffness,
-    explicit_assembly,
-)
-from fem.explicit.setup.quasi_static import RecommendedTimes, quasi_static_report, recommended_times
+from fem.explicit.setup.assembly import COUNTED_PRESSURE
+from fem.explicit.setup.quasi_static import quasi_static_report
+from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
 from fem.explicit.solve import (
     ExplicitResult,
     Frame,
@@ -28,8 +23,7 @@ from fem.explicit.solve import (
     UnstableRun,
     solve,
 )
-from fem.problem.loads import SmoothStepAmplitude
-from fem.problem.mass_scaling import added_mass_share, scale_masses
+from fem.problem.mass_scaling import added_mass_share
 from fem.problem.model import ModelError
 from fem.problem.time_step import TimeStepError
 from validation.build.effects import build_effects
@@ -39,29 +33,7 @@ from validation.scene.deformable import Damping, FemSection, Method
 from validation.scene.read import DeformableScene
 
 
-@dataclass(frozen=True)
-class ExplicitStatement:
-    """The explicit problem of a scene and the times of its run."""
-
-    assembly: ExplicitAssembly
-    """Representative blocks with loads, effects and contact."""
-    recommended: RecommendedTimes
-    """What the lowest frequency that the load excites recommends."""
-    ramp_time: float
-    """Duration of the smooth step of the loads [s]."""
-    end_time: float
-    """Latest end of the run [s]."""
-    counted_pressure: float
-    """Pressure whose contact stiffness the critical time step counts in where no cap is
-    below it [MPa]."""
-
-
-#: Contact pressures that the critical time step counts in, one after the other [MPa]: a run whose
-#: contact outgrows its time step starts again with the next.
-_COUNTED_PRESSURES = tuple(COUNTED_PRESSURE * 4.0**k for k in range(6))
-
-
-def explicit_statement(
+def scene_statement(
     scene: DeformableScene,
     name: str,
     deformable: DeformableAssembly,
@@ -78,39 +50,22 @@ def explicit_statement(
         When its effects or its symmetry do not fit.
     """
     fem = fem_section(scene, name)
-    damped = fem.damping is Damping.STATIC
     try:
-        if fem.mass_scaling is not None:
-            model = scale_masses(deformable.model, fem.mass_scaling)
-            deformable = replace(deformable, model=model)
-        sliding = deformable.contact.finite_sliding
-        # Blocks that may slide far may leave their sector: the whole tube is computed.
-        whole = fem.symmetry == "none" or (sliding and fem.symmetry == "auto")
-        orbits = None if whole else largest_cyclic_orbits(deformable)
-        if fem.symmetry == "sector" and orbits is not None and orbits.order == 1:
-            raise InputError(f"{name}: {NO_SECTOR}")
-        effects = build_effects(scene.effects, fem)
-        plain = explicit_assembly(deformable, orbits=orbits, effects=effects)
-        if plain.sliding is not None:
-            start = plain.sliding.at_start
-            refuse_overlap(start.block_m, start.block_s, start.deepest, deformable.contact.law)
-        times = recommended_times(plain.model, damped=damped)
-        ramp = times.ramp_time if fem.ramp_time is None else fem.ramp_time
-        stated = explicit_assembly(
+        return explicit_statement(
             deformable,
-            orbits=orbits,
-            effects=effects,
-            amplitude=SmoothStepAmplitude(ramp) if ramp > 0 else None,
-            friction=deformable.contact.friction,
+            effects=build_effects(scene.effects, fem),
+            symmetry=fem.symmetry,
+            ramp_time=fem.ramp_time,
+            end_time=fem.end_time,
+            mass_scaling=fem.mass_scaling,
             counted_pressure=counted_pressure,
         )
     except InputError:
         raise
+    except SymmetryError as error:
+        raise InputError(f"{name}: {NO_SECTOR if fem.symmetry == 'sector' else error}") from None
     except ValueError as error:
         raise InputError(f"{name}: {error}") from None
-    hold = times.end_time - times.ramp_time
-    end = ramp + hold if fem.end_time is None else fem.end_time
-    return ExplicitStatement(stated, times, ramp, end, counted_pressure)
 
 
 def run_tube_explicit(
@@ -133,7 +88,7 @@ def run_tube_explicit(
     deformable
         Already built; built anew by default.
     statement
-        Of that, already stated (`explicit_statement`); stated anew by default.
+        Of that, already stated (`scene_statement`); stated anew by default.
     progress
         Called at every sample.
     on_frame
@@ -152,7 +107,7 @@ def run_tube_explicit(
     fem = fem_section(scene, name)
     deformable = build_deformable(scene, name) if deformable is None else deformable
     if statement is None:
-        statement = explicit_statement(scene, name, deformable)
+        statement = scene_statement(scene, name, deformable)
     built = time.process_time()
     restarts = 0
     while True:
@@ -168,12 +123,12 @@ def run_tube_explicit(
             break
         except (UnstableRun, OtherProblemError) as error:
             # A checkpoint may be that of a run that had started again.
-            counted = None if fem.time_step is not None else _more_counted(deformable, statement)
+            counted = None if fem.time_step is not None else statement.more_counted()
             if counted is None:
                 raise InputError(f"{name}: {error}") from None
             if isinstance(error, UnstableRun):
                 resume, restarts = None, restarts + 1
-            statement = explicit_statement(scene, name, deformable, counted_pressure=counted)
+            statement = scene_statement(scene, name, deformable, counted_pressure=counted)
         except (ModelError, TimeStepError, CheckpointError) as error:
             raise InputError(f"{name}: {error}") from None
     whole = statement.assembly
@@ -198,14 +153,6 @@ def run_tube_explicit(
         cpu_seconds=seconds,
     )
     return run, result
-
-
-def _more_counted(deformable: DeformableAssembly, statement: ExplicitStatement) -> float | None:
-    """Next contact pressure to count in [MPa]; None where more of it counts no more stiffness."""
-    law = deformable.contact.law
-    now = counted_stiffness(law, statement.counted_pressure)
-    more = (p for p in _COUNTED_PRESSURES if p > statement.counted_pressure)
-    return next((p for p in more if counted_stiffness(law, p) > now), None)
 
 
 def _solved(

@@ -1,0 +1,135 @@
+"""The statement of a problem: blocks, load, material and what acts between blocks, stated once.
+
+Rigid, static and explicit answers are asked of the same statement; an answer that cannot have part
+of it refuses it by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from fem.assembly.deformable import DeformableAssembly, Frames, deformable_assembly
+from fem.contact.friction import CoulombFriction
+from fem.contact.law import ContactLaw, ExponentialLaw
+from fem.contact.surfaces import ContactNormals
+from fem.element.hexahedron import ElementType
+from fem.element.material import Material
+from geometry.assembly import Assembly
+from geometry.load_case import Load, LoadCase, with_body_wrenches
+from geometry.mesh import FloatArray
+
+
+class ProblemError(ValueError):
+    """A statement that an answer cannot have: which part, and what to do."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Blocks that touch, held and loaded.
+
+    Lengths are in mm, forces in N, stresses in MPa, times in s, masses in t.
+
+    Raises
+    ------
+    ProblemError
+        A gravity that is no finite vector, clearances that are not finite.
+    """
+
+    blocks: Assembly
+    """What is built, frame included."""
+    load: Load | LoadCase
+    """What acts and which blocks are held; a `Load` is put on the blocks."""
+    material: Material
+    """Of all blocks."""
+    _: KW_ONLY
+    element: ElementType = ElementType.INCOMPATIBLE
+    """Hexahedron."""
+    law: ContactLaw = field(default_factory=ExponentialLaw)
+    """Contact pressure as a function of overclosure."""
+    normals: ContactNormals = ContactNormals.CURRENT
+    """Which normals measure gaps."""
+    clearance: float = 0.0
+    """Gap along the normal of every facet before the load acts [mm]."""
+    spacing: float = 0.0
+    """Distance by which neighbours are moved apart, their size kept [mm]."""
+    frames: Frames = Frames.RIGID
+    """How held blocks are modelled."""
+    friction: CoulombFriction | float | None = None
+    """Of all joints; a number is the coefficient [-]; None: absent."""
+    finite_sliding: bool = False
+    """Whether explicit runs search for the facets that face each other."""
+    finite_rotation: bool = False
+    """Whether blocks may turn by any angle."""
+    gravity: Sequence[float] | FloatArray | None = None
+    """Uniform acceleration, (3,) [mm/s²]; None: absent."""
+
+    def __post_init__(self) -> None:
+        for name in ("clearance", "spacing"):
+            value = getattr(self, name)
+            if not np.isfinite(value):
+                raise ProblemError(f"{name}: got {value}, expected a finite length in mm")
+        gravity = self.acceleration
+        if gravity is not None and (gravity.shape != (3,) or not np.isfinite(gravity).all()):
+            raise ProblemError(f"gravity: got {self.gravity}, expected three finite mm/s²")
+
+    @property
+    def acceleration(self) -> FloatArray | None:
+        """Gravity, (3,) [mm/s²]; None: absent."""
+        return None if self.gravity is None else np.asarray(self.gravity, dtype=np.float64)
+
+    @cached_property
+    def load_case(self) -> LoadCase:
+        """Tractions on facets, and what is held while they act."""
+        return self.load.on(self.blocks) if isinstance(self.load, Load) else self.load
+
+    @cached_property
+    def rigid_load(self) -> LoadCase:
+        """The same for rigid blocks, whose weight acts at their mass centroids.
+
+        Raises
+        ------
+        ProblemError
+            For what rigid blocks without friction do not have.
+        """
+        for name in ("friction", "clearance", "spacing"):
+            if getattr(self, name):
+                raise ProblemError(
+                    f"{name}: got {getattr(self, name)}; rigid blocks here are frictionless and "
+                    "touch: ask a problem without it (dataclasses.replace), or mbd.friction"
+                )
+        if self.acceleration is None:
+            return self.load_case
+        weight = np.zeros((self.blocks.n_blocks, 6))
+        weight[:, :3] = np.outer(self.material.density * self.blocks.volumes, self.acceleration)
+        return with_body_wrenches(self.load_case, weight)
+
+    @cached_property
+    def deformable(self) -> DeformableAssembly:
+        """Deformable blocks in contact, for the static and the explicit solver.
+
+        Raises
+        ------
+        ContactError, DeformableAssemblyError, AssemblyError, FrictionError
+            As `fem.assembly.deformable.deformable_assembly`.
+        """
+        friction = self.friction
+        if isinstance(friction, int | float):
+            friction = CoulombFriction(friction) if friction else None
+        return deformable_assembly(
+            self.blocks,
+            self.load_case,
+            self.material,
+            element=self.element,
+            law=self.law,
+            normals=self.normals,
+            clearance=self.clearance,
+            spacing=self.spacing,
+            frames=self.frames,
+            friction=friction,
+            finite_sliding=self.finite_sliding,
+            gravity=self.acceleration,
+        )

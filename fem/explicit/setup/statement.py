@@ -1,0 +1,116 @@
+"""The explicit problem of deformable blocks and the times of its run, stated once.
+
+Times that nobody gives are those that the lowest excited frequency recommends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.symmetry import SymmetryError, largest_cyclic_orbits
+from fem.contact.surfaces import refuse_overlap
+from fem.explicit.setup.assembly import (
+    COUNTED_PRESSURE,
+    ExplicitAssembly,
+    counted_stiffness,
+    explicit_assembly,
+)
+from fem.explicit.setup.quasi_static import RecommendedTimes, recommended_times
+from fem.problem.effects import Effects
+from fem.problem.loads import SmoothStepAmplitude
+from fem.problem.mass_scaling import scale_masses
+
+#: Contact pressures that the critical time step counts in, one after the other [MPa].
+_COUNTED_PRESSURES = tuple(COUNTED_PRESSURE * 4.0**k for k in range(6))
+
+
+@dataclass(frozen=True)
+class ExplicitStatement:
+    """The explicit problem of an assembly and the times of its run."""
+
+    assembly: ExplicitAssembly
+    """Representative blocks with loads, effects and contact."""
+    recommended: RecommendedTimes
+    """What the lowest frequency that the load excites recommends."""
+    ramp_time: float
+    """Duration of the smooth step of the loads [s]."""
+    end_time: float
+    """Latest end of the run [s]."""
+    counted_pressure: float
+    """Pressure whose contact stiffness the critical time step counts in where no cap is
+    below it [MPa]."""
+
+    def more_counted(self) -> float | None:
+        """Next contact pressure to count in [MPa]; None where more of it counts no more stiffness.
+
+        A run whose contact outgrows its time step starts again with it.
+        """
+        law = self.assembly.deformable.contact.law
+        now = counted_stiffness(law, self.counted_pressure)
+        more = (p for p in _COUNTED_PRESSURES if p > self.counted_pressure)
+        return next((p for p in more if counted_stiffness(law, p) > now), None)
+
+
+def explicit_statement(
+    deformable: DeformableAssembly,
+    *,
+    effects: Effects,
+    symmetry: Literal["auto", "none", "sector", "periodic cell"] = "auto",
+    ramp_time: float | None = None,
+    end_time: float | None = None,
+    mass_scaling: float | None = None,
+    counted_pressure: float = COUNTED_PRESSURE,
+) -> ExplicitStatement:
+    """State the explicit problem of an assembly.
+
+    Parameters
+    ----------
+    deformable
+        Blocks, loads, supports, contact.
+    effects
+        Damping and rotation.
+    symmetry
+        ``none``: every block is computed; ``sector``: it must be possible that one block of each
+        layer stands for all; else that is done where it is exact.
+    ramp_time, end_time
+        [s]; None: recommended. The load stays as long after another ramp.
+    mass_scaling
+        Step that every element is to allow, over the shortest; None: absent.
+    counted_pressure
+        Pressure whose contact stiffness the critical time step counts in [MPa].
+
+    Raises
+    ------
+    SymmetryError
+        A sector that is none.
+    ContactError, EffectError, FrictionError, ModelError, TimeStepError
+        What cannot be run.
+    """
+    if mass_scaling is not None:
+        deformable = replace(deformable, model=scale_masses(deformable.model, mass_scaling))
+    sliding = deformable.contact.finite_sliding
+    # Blocks that may slide far may leave their sector: the whole tube is computed.
+    whole = symmetry == "none" or (sliding and symmetry == "auto")
+    orbits = None if whole else largest_cyclic_orbits(deformable)
+    if symmetry == "sector" and orbits is not None and orbits.order == 1:
+        raise SymmetryError(
+            "symmetry: got a sector, but the load or the supports are not the same on every block "
+            "of a layer; expected none"
+        )
+    plain = explicit_assembly(deformable, orbits=orbits, effects=effects)
+    if plain.sliding is not None:
+        start = plain.sliding.at_start
+        refuse_overlap(start.block_m, start.block_s, start.deepest, deformable.contact.law)
+    times = recommended_times(plain.model, damped=effects.adaptive_mass_damping is not None)
+    ramp = times.ramp_time if ramp_time is None else ramp_time
+    stated = explicit_assembly(
+        deformable,
+        orbits=orbits,
+        effects=effects,
+        amplitude=SmoothStepAmplitude(ramp) if ramp > 0 else None,
+        counted_pressure=counted_pressure,
+    )
+    end = ramp + times.end_time - times.ramp_time if end_time is None else end_time
+    return ExplicitStatement(stated, times, ramp, end, counted_pressure)
