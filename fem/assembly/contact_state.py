@@ -8,7 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
-from fem.contact.surfaces import facet_corners, point_kinematics, point_normals
+from fem.contact.surfaces import (
+    corner_overclosures,
+    facet_corners,
+    point_kinematics,
+    point_normals,
+)
 from fem.problem.loads import FACET_VALUES
 from geometry.mesh import FloatArray, IntArray
 
@@ -40,6 +45,8 @@ class ContactState:
     """(n_points,) [MPa]"""
     point_overclosures: FloatArray
     """(n_points,) [mm]"""
+    corner_overclosures: FloatArray | None = None
+    """At the corners of matched facets, (n_facets, 4) [mm]; None where a search found them."""
 
     @property
     def n_facets(self) -> int:
@@ -191,4 +198,5 @@ def matched_state(
         point_areas=surfaces.weights.ravel(),
         point_pressures=pressures.ravel(),
         point_overclosures=overclosures.ravel(),
+        corner_overclosures=corner_overclosures(surfaces, moved, deformable.contact.normals),
     )

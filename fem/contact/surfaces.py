@@ -313,6 +313,33 @@ def point_normals(
     return _current_frame(surfaces, corner_displacements, d).normal
 
 
+#: Values at the corners of a facet of the bilinear function through its Gauss points.
+_TO_CORNERS: FloatArray = np.linalg.inv(FACET_VALUES).astype(np.float64)
+
+
+def corner_overclosures(
+    surfaces: ContactSurfaces,
+    corner_displacements: FloatArray,
+    normals: ContactNormals = ContactNormals.CURRENT,
+) -> FloatArray:
+    """Overclosures at the corners of facets, (n, 4) [mm].
+
+    Between them a gap is bilinear but for the turning of the normal: its extremes are here.
+    Tangents and d are bilinear, so their values at the Gauss points say those at the corners.
+    """
+    d = surfaces.offsets + np.einsum("pa,fai->fpi", _DIFFERENCE, corner_displacements)
+    tangents: FloatArray = surfaces.tangents
+    if normals is ContactNormals.CURRENT:
+        turned: FloatArray = np.einsum("pak,fai->fpki", _MEAN_SLOPES, corner_displacements)
+        tangents = tangents + turned
+    first, second = np.einsum("cp,fpki->kfci", _TO_CORNERS, tangents)
+    vector: FloatArray = np.cross(first, second)
+    normal: FloatArray = vector / np.linalg.norm(vector, axis=2, keepdims=True)
+    distance = np.einsum("cp,fpi->fci", _TO_CORNERS, d)
+    overclosures: FloatArray = -np.einsum("fci,fci->fc", normal, distance) - surfaces.clearance
+    return overclosures
+
+
 def _cross_matrix(vector: FloatArray) -> FloatArray:
     """[v]× with [v]× w = v × w; (..., 3, 3)."""
     return -np.cross(vector[..., None, :], np.eye(3))

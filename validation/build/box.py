@@ -52,7 +52,7 @@ def build_material(section: MaterialSection) -> Material:
         For constants no elastic material has.
     """
     try:
-        return Material(**section.model_dump())
+        return Material(section.density, section.young_modulus, section.poisson_ratio)
     except MaterialError as error:
         raise InputError(str(error)) from None
 

@@ -26,9 +26,9 @@ from validation.output.files import write_whole
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
 from validation.output.pictures.boxes import draw_box, draw_energies
-from validation.output.text import p_eff_words
 from validation.run.box import BoxRun, box_json, peak_memory_mb
 from validation.run.deformable import TubeRun, tube_json
+from validation.run.measures import Measure, place_words, value_words
 from validation.scene.deformable import Method
 
 _HISTORY = ("history.csv", "energies.png", "frame_*.vtu", "frames.pvd")
@@ -218,18 +218,11 @@ def print_blocks(run: TubeRun, console: Console) -> None:
         table.add_row("Newton iterations", f"{data['newton_iterations']}")
     if data["residual"] is not None:
         table.add_row("force residual", f"{data['residual']:.2e}")
-    table.add_row("largest displacement", f"{data['max_displacement']:.6g} mm")
-    stress = data["principal_stress"]
-    table.add_row("principal stress", f"{stress['max']:.5g} … {stress['min']:.5g} MPa")
+    _add_measures(table, run.measures)
     contact = data["contact"]
     table.add_row("contact search", data["contact_search"])
     _add_slip(table, data["slip"])
-    table.add_row("p_eff", p_eff_words(contact["p_eff"], contact["p_eff_pooled"]))
-    table.add_row(
-        "p_max",
-        f"{contact['p_max_face']:.5g} MPa mean of block maxima (facets), "
-        f"{contact['p_max_point']:.5g} MPa at a point",
-    )
+    table.add_row("p_eff, pooled", f"{contact['p_eff_pooled']:.5g} MPa as the paper's tables")
     if run.cap is not None:
         table.add_row("cap of the contact law", _cap_words(run.cap))
     table.add_row("effective contact elements", f"{contact['effective_count_percent']:.2f} %")
@@ -238,6 +231,26 @@ def print_blocks(run: TubeRun, console: Console) -> None:
     table.add_row("CPU seconds", seconds)
     table.add_row("peak memory", f"{data['peak_memory_mb']:.0f} MB")
     console.print(table)
+
+
+#: How measures are named in the table, and what is to be known of each beside its place.
+_MEASURES = {
+    "max_displacement": ("largest displacement", ""),
+    "p_eff": ("p_eff", "mean of the effective elements"),
+    "p_max": ("p_max", "mean of block maxima (facets)"),
+    "p_max_point": ("p_max at a point", ""),
+    "sigma_1_max": ("tension σ₁ at a point", ""),
+    "sigma_3_min": ("compression σ₃ at a point", ""),
+    "sigma_1_averaged": ("tension σ₁ averaged", "over a ball of radius {averaging_radius:g} mm; "),
+}
+
+
+def _add_measures(table: Table, found: dict[str, Measure]) -> None:
+    """Print each measure with its error and its place."""
+    for name, (title, remark) in _MEASURES.items():
+        measure = found[name]
+        told = remark.format(**measure.place) if measure.place is not None else remark
+        table.add_row(title, f"{value_words(measure)} {told}{place_words(measure)}".rstrip())
 
 
 def _cap_words(cap: CapAction) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
 from functools import cached_property
 from typing import Any
@@ -30,6 +30,7 @@ from validation.build.blocks import HexahedralBlocks, build_blocks, build_load, 
 from validation.build.box import build_material
 from validation.build.cell import build_cell, is_cell
 from validation.errors import InputError
+from validation.run.measures import Measure, joints_json, run_measures
 from validation.run.slip import largest_slip
 from validation.run.words import load_words
 from validation.scene.deformable import ContactSection, EffectsSection, FemSection, Method
@@ -262,6 +263,9 @@ class TubeRun:
     """Numbers of the solver: residual, iterations or steps, energies, …"""
     cpu_seconds: dict[str, float]
     """CPU time of each stage [s]."""
+    errors: dict[str, float] = field(default_factory=dict)
+    """Estimated error of discretisation of each measure, in its unit; empty where none was asked
+    for."""
 
     @cached_property
     def _principal(self) -> tuple[FloatArray, ...]:
@@ -333,6 +337,11 @@ class TubeRun:
         return contact_measures(self.deformable.assembly, self.contact_state)
 
     @cached_property
+    def measures(self) -> dict[str, Measure]:
+        """What the run answers: each number with its error, unit and place."""
+        return run_measures(self)
+
+    @cached_property
     def cap(self) -> CapAction | None:
         """Where the maximum stiffness of the contact law acted; None for a law without one."""
         return cap_action(self.deformable.contact.law, self.contact_state)
@@ -383,9 +392,9 @@ class TubeRun:
 def contact_report(run: TubeRun) -> dict[str, float]:
     """Contact numbers of a run, without the values of each block."""
     return {
-        field.name: getattr(run.contact, field.name)
-        for field in fields(run.contact)
-        if field.name != "per_block"
+        number.name: getattr(run.contact, number.name)
+        for number in fields(run.contact)
+        if number.name != "per_block"
     }
 
 
@@ -407,6 +416,8 @@ def tube_json(run: TubeRun, peak_memory_mb: float) -> dict[str, Any]:
             "max": max(float(p[:, 0].max()) for p in principal),
             "min": min(float(p[:, 2].min()) for p in principal),
         },
+        "measures": {name: measure.as_json() for name, measure in run.measures.items()},
+        "joints": joints_json(run),
         "contact": contact_report(run),
         "contact_cap": None if run.cap is None else asdict(run.cap),
         **run.solver,

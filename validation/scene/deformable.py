@@ -25,6 +25,9 @@ class MaterialSection(Section):
     """[MPa]"""
     poisson_ratio: Annotated[float, Field(gt=-1.0, lt=0.5, allow_inf_nan=False)]
     """[-]"""
+    averaging_radius: Positive = 10.0
+    """Radius of the ball over which tension is averaged, for concrete of the order of its
+    aggregate [mm]."""
 
 
 class ContactSection(Section):

@@ -1,0 +1,318 @@
+"""Largest pressures and stresses of a deformed assembly, with their place.
+
+Pressures are largest at corners of facets: between them a gap is bilinear, so the law evaluated
+there is what the solution says at a point, and it converges like the displacement, where the mean
+over a facet converges like the size of the facet. Stresses are sampled at the integration points
+inside elements and never averaged across them: at the acute edge of a block the limit depends on
+the direction from which it is approached, and a nodal average of it means nothing.
+
+No criterion of cracking lives at a point. `averaged` stresses are means over the part of a ball
+that lies in the block, of the radius of a material length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from fem.assembly.contact_state import ContactState
+from fem.assembly.deformable import DeformableAssembly
+from fem.contact.law import ContactLaw
+from fem.element.hexahedron import ElementType, chunks, gauss_gradients
+from fem.element.stress import integration_point_stress, integration_points, principal_stress
+from fem.problem.model import BlockGroup
+from fem.problem.recovery import block_displacements
+from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray
+
+#: Centres of balls lie this part of the radius apart: the mean over a ball changes little there.
+_CENTRE_SPACING = 0.25
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A largest value and where it is."""
+
+    value: float
+    """[MPa], or [mm] of a displacement."""
+    blocks: tuple[int, ...]
+    """The block, or the two that press on each other."""
+    position: FloatArray
+    """World axes, before the load acts, (3,) [mm]."""
+    face: str | None
+    """Named face of the first block that the element or facet lies on; None inside."""
+
+
+def largest_pressure(
+    deformable: DeformableAssembly, law: ContactLaw, state: ContactState
+) -> Peak | None:
+    """Largest contact pressure at a point; None without contact.
+
+    At corners of matched facets; where a search found facets, at their integration points.
+    """
+    if not state.n_facets:
+        return None
+    if state.corner_overclosures is None:
+        point = int(np.argmax(state.point_pressures))
+        facet, where = int(state.facet[point]), state.positions[point]
+        value = float(state.point_pressures[point])
+    else:
+        facet, corner = divmod(int(np.argmax(state.corner_overclosures)), 4)
+        value = float(law.pressure(state.corner_overclosures[facet, corner]))
+        surfaces = deformable.surfaces
+        block, node = int(surfaces.block_m[facet]), surfaces.quads_m[facet, corner]
+        where = deformable.assembly.nodes(block)[node] + deformable.offsets[block]
+    pair = int(state.block_m[facet]), int(state.block_s[facet])
+    return Peak(value, pair, where, _nearest_face(deformable, pair[0], where))
+
+
+def largest_displacement(
+    deformable: DeformableAssembly, displacements: tuple[FloatArray, ...]
+) -> Peak:
+    """Node that moves most, and by how much [mm]."""
+    best: tuple[float, int, int] = (-1.0, 0, 0)
+    for block in deformable.deformable_blocks.tolist():
+        u = displacements[deformable.group_of[block]][deformable.copy_of[block]]
+        size = np.linalg.norm(u, axis=1)
+        best = max(best, (float(size.max()), block, int(size.argmax())))
+    value, block, node = best
+    where = deformable.assembly.nodes(block)[node] + deformable.offsets[block]
+    return Peak(value, (block,), where, _nearest_face(deformable, block, where))
+
+
+@dataclass(frozen=True)
+class StressPeaks:
+    """Largest and least principal stresses of an assembly."""
+
+    sigma_1: Peak
+    """Largest first principal stress at an integration point."""
+    sigma_3: Peak
+    """Least third principal stress there."""
+    sigma_1_averaged: Peak
+    """Largest first principal stress of the stress averaged over a ball; the ball's centre."""
+    averaging_radius: float
+    """Radius of that ball [mm]."""
+
+
+def stress_peaks(
+    deformable: DeformableAssembly,
+    displacements: tuple[FloatArray, ...],
+    *,
+    averaging_radius: float,
+    finite_rotation: bool = False,
+) -> StressPeaks:
+    """Sample the stresses inside all elements.
+
+    Parameters
+    ----------
+    deformable
+        Blocks, supports, material.
+    displacements
+        Of each group, world axes, (n_copies, n_nodes, 3) [mm].
+    averaging_radius
+        Radius of the ball over which stresses are averaged [mm].
+    finite_rotation
+        Whether the rigid rotation of each block is removed first.
+    """
+    found = [
+        _group_peaks(deformable, k, u, averaging_radius, finite_rotation=finite_rotation)
+        for k, u in enumerate(displacements)
+    ]
+    return StressPeaks(
+        sigma_1=max((f[0] for f in found), key=_value),
+        sigma_3=min((f[1] for f in found), key=_value),
+        sigma_1_averaged=max((f[2] for f in found), key=_value),
+        averaging_radius=averaging_radius,
+    )
+
+
+def _value(peak: Peak) -> float:
+    return peak.value
+
+
+def _group_peaks(
+    deformable: DeformableAssembly,
+    number: int,
+    displacement: FloatArray,
+    radius: float,
+    *,
+    finite_rotation: bool,
+) -> tuple[Peak, Peak, Peak]:
+    group = deformable.model.groups[number]
+    local, _ = block_displacements(group, displacement, finite_rotation=finite_rotation)
+    stress = integration_point_stress(group.mesh, group.material, group.element, local)
+    principal = principal_stress(stress)
+    points = integration_points(group.mesh, group.element)
+    per_element = len(points) // group.mesh.n_elements
+
+    def peak(values: FloatArray, at: FloatArray, copy: int, row: int, element: int | None) -> Peak:
+        block = _block_of(deformable, number, copy)
+        where = deformable.assembly.place(block, at[row][None])[0] + deformable.offsets[block]
+        face = None if element is None else _element_face(deformable, block, element, at[row])
+        return Peak(float(values[copy, row]), (block,), where, face)
+
+    first, third = principal[:, :, 0], principal[:, :, 2]
+    copy, row = np.unravel_index(int(first.argmax()), first.shape)
+    largest = peak(first, points, int(copy), int(row), int(row) // per_element)
+    copy, row = np.unravel_index(int(third.argmin()), third.shape)
+    least = peak(third, points, int(copy), int(row), int(row) // per_element)
+    balls = ball_averages(group, points, radius)
+    averaged = principal_stress(balls.averaged(stress))[:, :, 0]
+    copy, row = np.unravel_index(int(averaged.argmax()), averaged.shape)
+    return largest, least, peak(averaged, balls.centres, int(copy), int(row), None)
+
+
+@dataclass(frozen=True)
+class BallAverages:
+    """Means over the parts of balls that lie in a block."""
+
+    centres: FloatArray
+    """In the block's own position, (n_balls, 3) [mm]."""
+    cells: csr_array
+    """Share of each integration point in each cell, (n_cells, n_points): an element where those
+    are small against the balls, else a point."""
+    weights: csr_array
+    """Share of each cell in each ball, (n_balls, n_cells)."""
+
+    def averaged(self, stress: FloatArray) -> FloatArray:
+        """Averages of stresses (n_copies, n_points, 6), (n_copies, n_balls, 6) [MPa]."""
+        return np.stack([self.weights @ (self.cells @ copy) for copy in stress])
+
+
+def ball_averages(group: BlockGroup, points: FloatArray, radius: float) -> BallAverages:
+    """Balls around centres of elements, a quarter of the radius apart or an element's size.
+
+    Parameters
+    ----------
+    group
+        The block.
+    points
+        Its integration points, (n_points, 3) [mm].
+    radius
+        Of the balls [mm]; a ball always holds the points of the element in its middle.
+    """
+    volumes = point_volumes(group.mesh, group.element)
+    per_element = len(points) // group.mesh.n_elements
+    centroids = points.reshape(-1, per_element, 3).mean(axis=1)
+    small = np.cbrt(volumes.sum() / group.mesh.n_elements) < _CENTRE_SPACING * radius
+    together = per_element if small else 1
+    cells = _shares(volumes, np.arange(len(points)), together * np.arange(len(points) // together))
+    kept = _apart(centroids, _CENTRE_SPACING * radius)
+    places = centroids if small else points
+    near = cKDTree(places).query_ball_point(centroids[kept], radius)
+    own = kept[:, None] if small else kept[:, None] * per_element + np.arange(per_element)
+    members = [np.union1d(a, b) for a, b in zip(near, own, strict=True)]
+    starts = np.cumsum([0, *(len(m) for m in members[:-1])])
+    sizes = volumes.reshape(-1, together).sum(axis=1)
+    weights = _shares(sizes, np.concatenate(members).astype(np.int64), starts)
+    return BallAverages(centroids[kept], cells, weights)
+
+
+def _shares(volumes: FloatArray, members: IntArray, starts: IntArray) -> csr_array:
+    """Mean over groups of members, weighted by volume; (n_groups, n) of groups by their starts."""
+    given = volumes[members]
+    counts = np.diff([*starts, len(members)])
+    total = np.repeat(np.add.reduceat(given, starts), counts)
+    pointer = np.concatenate([starts, [len(members)]])
+    return csr_array((given / total, members, pointer), shape=(len(starts), len(volumes)))
+
+
+def point_volumes(mesh: HexMesh, element: ElementType) -> FloatArray:
+    """Volume of each integration point, (n_elements · n_points,) [mm³]."""
+    parts = [gauss_gradients(mesh.nodes[mesh.elements[p]])[1] for p in chunks(mesh.n_elements)]
+    volumes = np.concatenate(parts)
+    if element is ElementType.REDUCED:
+        volumes = volumes.sum(axis=1)
+    return volumes.ravel()
+
+
+def _apart(points: FloatArray, spacing: float) -> IntArray:
+    """One point of each cube of that size, (n,)."""
+    cells = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
+    _, first = np.unique(cells, axis=0, return_index=True)
+    return np.sort(first)
+
+
+# ---------------------------------------------------------------------------------------------
+# Places
+
+
+def _block_of(deformable: DeformableAssembly, group: int, copy: int) -> int:
+    mine = (deformable.group_of == group) & (deformable.copy_of == copy)
+    return int(np.flatnonzero(mine)[0])
+
+
+def _element_face(
+    deformable: DeformableAssembly, block: int, element: int, at: FloatArray
+) -> str | None:
+    """Named face nearest to a point among those that its element lies on."""
+    shape = deformable.assembly.shape(block)
+    own = np.sort(shape.mesh.elements[element][HEX_FACES], axis=1)
+    best: tuple[float, str | None] = (np.inf, None)
+    for name, quads in shape.faces.items():
+        sides = (np.sort(quads, axis=1)[:, None] == own[None]).all(axis=2)
+        for quad in quads[sides.any(axis=1)]:
+            distance = float(np.linalg.norm(shape.mesh.nodes[quad].mean(axis=0) - at))
+            best = min(best, (distance, name), key=lambda pair: pair[0])
+    return best[1]
+
+
+def _nearest_face(deformable: DeformableAssembly, block: int, where: FloatArray) -> str | None:
+    """Named face with the facet nearest to a point; contact faces first where two meet."""
+    assembly = deformable.assembly
+    shape = assembly.shape(block)
+    nodes = assembly.nodes(block) + deformable.offsets[block]
+    names = [*shape.contact_faces, *(n for n in shape.faces if n not in shape.contact_faces)]
+    distances = {
+        name: float(np.linalg.norm(nodes[np.unique(shape.faces[name])] - where, axis=1).min())
+        for name in names
+    }
+    return min(distances, key=lambda name: distances[name], default=None)
+
+
+# ---------------------------------------------------------------------------------------------
+# Joints
+
+
+@dataclass(frozen=True)
+class JointForce:
+    """What one joint transmits by contact, on its second block."""
+
+    blocks: tuple[int, int]
+    """Master and opposing block."""
+    force: FloatArray
+    """Resultant of the normal contact forces, world axes, (3,) [N]."""
+    moment: FloatArray
+    """About the middle of the joint's facets, (3,) [N mm]."""
+    middle: FloatArray
+    """Area-weighted middle of its facets, (3,) [mm]."""
+    area: float
+    """Area of its facets [mm²]."""
+
+
+def joint_forces(state: ContactState) -> tuple[JointForce, ...]:
+    """Resultants of every pair of blocks in contact; friction is not in them."""
+    m, s = state.block_m[state.facet], state.block_s[state.facet]
+    low, high = np.minimum(m, s), np.maximum(m, s)
+    forces = np.where((s == high)[:, None], state.point_forces, -state.point_forces)
+    pairs, joint = np.unique(np.column_stack([low, high]), axis=0, return_inverse=True)
+    joint = joint.ravel()
+    order = np.argsort(joint, kind="stable")
+    ends = np.cumsum(np.bincount(joint, minlength=len(pairs)))
+    found = []
+    for pair, mine in zip(pairs.tolist(), np.split(order, ends[:-1]), strict=True):
+        area = state.point_areas[mine]
+        middle = area @ state.positions[mine] / area.sum()
+        arms = state.positions[mine] - middle
+        found.append(
+            JointForce(
+                blocks=(pair[0], pair[1]),
+                force=forces[mine].sum(axis=0),
+                moment=np.cross(arms, forces[mine]).sum(axis=0),
+                middle=middle,
+                area=float(area.sum()),
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,150 @@
+"""Peaks of pressure and stress: exact where the state is, and in the right place."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fem.assembly.peaks import ball_averages, joint_forces, largest_pressure, stress_peaks
+from fem.contact.surfaces import ContactNormals, corner_overclosures, point_kinematics
+from fem.element.stress import integration_points
+from fem.problem.loads import FACET_VALUES
+from tests.test_validation_own_fem import column
+from validation.output.deformable import print_blocks
+from validation.run.deformable import TubeRun, build_deformable
+from validation.run.measures import Measure, value_words
+from validation.run.static import run_tube_static
+
+PRESSURE = 0.5
+
+
+@pytest.fixture(scope="module")
+def pressed() -> TubeRun:
+    """Three boxes of 100 × 80 mm under 0.5 MPa: uniaxial stress, the same pressure everywhere."""
+    return run_tube_static("column", column(PRESSURE))
+
+
+@pytest.mark.parametrize("normals", ContactNormals)
+def test_overclosures_at_corners_are_those_of_the_surfaces(normals: ContactNormals) -> None:
+    """Flat facets that stay parallel to themselves: the gap is bilinear and n does not turn.
+
+    Corners are moved along the normal alone, alike on both sides of a facet but for a gap that
+    differs from corner to corner by less than 1e-9 of a side.
+    """
+    surfaces = build_deformable(column(PRESSURE), "column").surfaces
+    rng = np.random.default_rng(1)
+    gap = 1e-8 * rng.standard_normal((surfaces.n_facets, 4))
+    moved = np.zeros((surfaces.n_facets, 8, 3))
+    moved[:, 4:] = gap[:, :, None] * surfaces.normals[:, :1]
+    found = corner_overclosures(surfaces, moved, normals)
+    # Slopes of 1e-9 turn the normal by as much: relative changes of 1e-18, beside round-off.
+    assert np.abs(found + gap).max() < 1e-13
+    at_points = point_kinematics(surfaces, moved, normals).overclosure
+    assert np.abs(found @ FACET_VALUES.T - at_points).max() < 1e-13
+
+
+def test_a_uniform_state_is_its_own_peak(pressed: TubeRun) -> None:
+    found = pressed.measures
+    # The static residual is 1e-8 of the load; a joint is as stiff as the boxes within tenfold.
+    assert found["p_max_point"].value == pytest.approx(PRESSURE, rel=1e-6)
+    assert found["p_max"].value == pytest.approx(PRESSURE, rel=1e-6)
+    assert found["sigma_3_min"].value == pytest.approx(-PRESSURE, rel=1e-6)
+    assert abs(found["sigma_1_max"].value) < 1e-6 * PRESSURE
+    assert abs(found["sigma_1_averaged"].value) < 1e-6 * PRESSURE
+    assert found["max_displacement"].value == pressed.largest_displacement
+    where = found["max_displacement"].place
+    assert where is not None
+    assert where["blocks"] == [2]
+    assert where["position"][2] == pytest.approx(160.0)
+    assert where["face"] == "z+"
+
+
+def test_joints_carry_the_load(pressed: TubeRun) -> None:
+    joints = joint_forces(pressed.contact_state)
+    assert [j.blocks for j in joints] == [(0, 1), (1, 2)]
+    for joint in joints:
+        # On the upper block: up, with the whole load; no moment about the middle of the joint.
+        assert joint.area == pytest.approx(8000.0, rel=1e-12)
+        np.testing.assert_allclose(joint.force, [0.0, 0.0, 4000.0], atol=4000.0 * 1e-6)
+        assert np.abs(joint.moment).max() < 4000.0 * 100.0 * 1e-6
+
+
+def test_balls_average_over_the_part_in_the_block(pressed: TubeRun) -> None:
+    """A constant stays; a linear field becomes its value at the ball's part in the block."""
+    group = pressed.deformable.model.groups[0]
+    points = integration_points(group.mesh, group.element)
+    for radius in (1.0, 20.0, 60.0, 1e3):
+        balls = ball_averages(group, points, radius)
+        stress = np.zeros((1, len(points), 6))
+        stress[0, :, 0], stress[0, :, 1] = 3.0, points[:, 2]
+        averaged = balls.averaged(stress)
+        np.testing.assert_allclose(averaged[..., 0], 3.0, rtol=1e-13)
+        # A ball that holds the whole block averages to its middle, small ones to their centre.
+        if radius == 1e3:
+            np.testing.assert_allclose(averaged[..., 1], 25.0, rtol=1e-12)
+        if radius == 1.0:
+            np.testing.assert_allclose(averaged[0, :, 1], balls.centres[:, 2], rtol=1e-12)
+
+
+def test_a_bent_block_is_torn_where_it_bends_most() -> None:
+    """Displacements of pure bending, σxx = E z / R: the peak is the integration point farthest out.
+
+    Full integration sees the strain of the corner displacements exactly in the quadratic field's
+    own x-direction: σ_xx at a Gauss point is E times the mean slope between its element's corners.
+    """
+    deformable = build_deformable(column(PRESSURE), "column")
+    group, radius = deformable.model.groups[0], 1e6
+    shape = [(g.n_copies, g.n_nodes, 3) for g in deformable.model.groups]
+    displacements = tuple(np.zeros(s) for s in shape)
+    x = deformable.assembly.shapes[0].mesh.nodes
+    displacements[0][0] = np.column_stack([x[:, 0] * x[:, 2], 0 * x[:, 0], 0 * x[:, 0]]) / radius
+    found = stress_peaks(deformable, displacements, averaging_radius=1e3)
+    z = integration_points(group.mesh, group.element)[:, 2].max()
+    # Beside ε_xx = z/R there is a shear x/R: σ₁ of the plane state with both.
+    assert found.sigma_1.position[2] == pytest.approx(z, rel=1e-12)
+    assert found.sigma_1.face is not None
+    assert found.sigma_1.blocks == (0,)
+    # The mean over the whole block: half the height, half the length in shear.
+    tension, shear = 33e3 * 25.0 / radius, 16.5e3 * 50.0 / radius
+    mean = tension / 2 + np.hypot(tension / 2, shear)
+    assert found.sigma_1_averaged.value == pytest.approx(mean, rel=1e-9)
+
+
+def test_pressure_peaks_at_the_corner_that_is_pressed_most() -> None:
+    """A block turned about one edge: the gap is linear, so the law is known at the far corners."""
+    deformable = build_deformable(column(PRESSURE), "column")
+    turn = 1e-4
+    displacements = tuple(np.zeros((g.n_copies, g.n_nodes, 3)) for g in deformable.model.groups)
+    for block in (1, 2):
+        x = deformable.assembly.nodes(block)
+        group, copy = deformable.group_of[block], deformable.copy_of[block]
+        displacements[group][copy][:, 2] = -turn * x[:, 0]
+    from fem.assembly.contact_state import matched_pressures, matched_state
+
+    pressures, overclosures = matched_pressures(deformable, displacements)
+    state = matched_state(deformable, displacements, pressures, overclosures)
+    law = deformable.contact.law
+    peak = largest_pressure(deformable, law, state)
+    assert peak is not None
+    # Normals turned by 1e-4 change the gap by 1e-8 of itself; the law multiplies by 1 + X = 7.
+    reach = float(deformable.assembly.nodes(1)[:, 0].max())
+    assert peak.value == pytest.approx(float(law.pressure(reach * turn)), rel=1e-7)
+    assert peak.value > 1.2 * pressures.max()
+    assert peak.position[0] == pytest.approx(reach)
+    assert peak.blocks == (0, 1)
+
+
+def test_values_print_the_digits_their_error_leaves() -> None:
+    assert value_words(Measure(1.2345, "MPa", 0.0432)) == "1.234 ± 0.043 MPa"
+    assert value_words(Measure(1.2345, "MPa", 4.0)) == "1.2 ± 4.0 MPa"
+    assert value_words(Measure(123.45, "MPa", 43.0)) == "123 ± 43 MPa"
+    assert value_words(Measure(0.5, "MPa")) == "0.5 MPa"
+
+
+def test_places_are_printed(pressed: TubeRun, capsys: pytest.CaptureFixture[str]) -> None:
+    from rich.console import Console
+
+    print_blocks(pressed, Console(width=300))
+    text = capsys.readouterr().out
+    assert "p_max at a point" in text
+    assert "blocks 0 and 1, layer 0" in text or "blocks 1 and 2, layer" in text
