@@ -44,7 +44,7 @@ class Frames(StrEnum):
 
 
 #: Outer face of a held block in the first and in the last layer, the first that exists.
-OUTER_FACES = {"first": ("bottom", "z-"), "last": ("top", "z+")}
+_OUTER_FACES = {"first": ("bottom", "z-"), "last": ("top", "z+")}
 
 
 @dataclass(frozen=True)
@@ -325,6 +325,30 @@ def _nodal_loads(
     return tuple(loads)
 
 
+def outer_face(assembly: Assembly, block: int) -> str:
+    """Face at which a held block that deforms is held.
+
+    Raises
+    ------
+    DeformableAssemblyError
+        A block inside the assembly, or without an outer face.
+    """
+    ends = {0: "first", int(assembly.layer.max()): "last"}
+    end, shape = ends.get(int(assembly.layer[block])), assembly.shape(block)
+    if end is None:
+        raise DeformableAssemblyError(
+            f"{assembly.name}: block {block} is held inside the assembly; expected held blocks in "
+            "the first or last layer, or rigid frames"
+        )
+    names = [name for name in _OUTER_FACES[end] if name in shape.faces]
+    if not names:
+        raise DeformableAssemblyError(
+            f"{assembly.name}: block {block} ({shape.name}) has no outer face to hold; expected "
+            f"one named {' or '.join(_OUTER_FACES[end])}, or rigid frames"
+        )
+    return names[0]
+
+
 def _supports(
     assembly: Assembly,
     load: LoadCase,
@@ -333,26 +357,12 @@ def _supports(
 ) -> tuple[Support, ...]:
     """Hold the outer faces of held blocks that deform."""
     supports = []
-    last = int(assembly.layer.max())
-    for end, layer in (("first", 0), ("last", last)):
-        held = np.flatnonzero(load.fixed & (group_of >= 0) & (assembly.layer == layer))
-        for number in np.unique(group_of[held]):
-            blocks = held[group_of[held] == number]
-            shape = assembly.shape(int(blocks[0]))
-            names = [name for name in OUTER_FACES[end] if name in shape.faces]
-            if not names:
-                raise DeformableAssemblyError(
-                    f"{assembly.name}: block {int(blocks[0])} ({shape.name}) has no outer face to "
-                    f"hold; expected one named {' or '.join(OUTER_FACES[end])}, or rigid frames"
-                )
-            nodes = np.unique(shape.faces[names[0]])
+    held = np.flatnonzero(load.fixed & (group_of >= 0))
+    for layer in np.unique(assembly.layer[held]):
+        there = held[assembly.layer[held] == layer]
+        for number in np.unique(group_of[there]):
+            blocks = there[group_of[there] == number]
+            first = int(blocks[0])
+            nodes = np.unique(assembly.shape(first).faces[outer_face(assembly, first)])
             supports.append(fixed_nodes(int(number), nodes, copies=copy_of[blocks]))
-    inside = np.flatnonzero(
-        load.fixed & (group_of >= 0) & (assembly.layer != 0) & (assembly.layer != last)
-    )
-    if len(inside):
-        raise DeformableAssemblyError(
-            f"{assembly.name}: block {int(inside[0])} is held inside the assembly; expected held "
-            "blocks in the first or last layer, or rigid frames"
-        )
     return tuple(supports)

@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.assembly.deformable import OUTER_FACES
+from fem.assembly.deformable import DeformableAssemblyError, Frames, outer_face
+from fem.assembly.statement import Problem
 from fem.decks.abaqus.deck import check_abaqus
 from fem.decks.calculix.deck import check_calculix
 from fem.decks.keywords import DeckError
@@ -36,18 +37,16 @@ from fem.problem.effects import Effects
 from fem.problem.time_step import TimeStepError, critical_time_step
 from geometry.assembly import Assembly, AssemblyError
 from geometry.block import box_block
-from geometry.load_case import LoadCase
 from geometry.mesh import MeshError
-from validation.build.blocks import require_matching
+from validation.build.blocks import HexahedralBlocks, require_matching
 from validation.build.box import build_material, copy_placements
 from validation.build.cell import refuse_cell
 from validation.build.effects import build_effects
 from validation.errors import InputError
 from validation.run.deformable import (
     build_hexahedra,
-    contact_law,
+    build_problem,
     fem_section,
-    held_at_faces,
     scene_load,
 )
 from validation.scene.deformable import BoxScene, Damping, EffectsSection, FemSection, Method
@@ -84,7 +83,13 @@ def build_deck(file: SceneFile, flavour: Flavour) -> Deck:
             return _box_deck(file.name, scene, flavour)
         if isinstance(scene, DeformableScene):
             return _tube_deck(file.name, scene, flavour)
-    except (DeckError, AssemblyError, MeshError, TimeStepError) as error:
+    except (
+        DeckError,
+        DeformableAssemblyError,
+        AssemblyError,
+        MeshError,
+        TimeStepError,
+    ) as error:
         raise InputError(f"{file.name}: {error}") from None
     raise InputError(
         f"{file.name}: block.type {scene.block.type!r} has no [material]; a deck is written of "
@@ -98,8 +103,6 @@ def build_deck(file: SceneFile, flavour: Flavour) -> Deck:
 
 def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     fem, effects = fem_section(scene, name), scene.effects
-    assert scene.material is not None
-    assert scene.contact is not None
     refuse_cell(scene, name, "export")
     blocks = build_hexahedra(scene, name)
     if flavour is not Flavour.GENERAL:
@@ -111,6 +114,7 @@ def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
         )
     assembly = canonical(blocks.assembly)
     case = scene_load(scene, name, assembly)
+    problem = build_problem(scene, name, HexahedralBlocks(assembly, case, blocks.unmatched))
     static = flavour is Flavour.CALCULIX or (
         flavour is Flavour.PAIRS and fem.method is Method.STATIC
     )
@@ -121,20 +125,20 @@ def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
         name=name,
         flavour=flavour,
         assembly=assembly,
-        material=build_material(scene.material),
-        element=fem.element,
+        material=problem.material,
+        element=problem.element,
         step=step,
-        holds=tuple(_tube_holds(assembly, case, elastic=held_at_faces(scene))),
+        holds=tuple(_tube_holds(problem)),
         loads=loads_of_case(assembly, case),
         joint=Joint(
-            contact_law(scene.contact),
+            problem.law,
             None if friction is None else friction.coefficient,
             None if friction is None else friction.stick_stiffness,
             effects.finite_sliding,
         ),
-        effects=_effects(effects, fem, static=static),
-        clearance=scene.contact.clearance,
-        spacing=scene.contact.spacing,
+        effects=replace(_effects(effects, fem, static=static), gravity=problem.acceleration),
+        clearance=problem.clearance,
+        spacing=problem.spacing,
     )
     if flavour is Flavour.PAIRS and isinstance(deck.loads[0], CircumferentialLoad):
         deck = replace(deck, loads=(as_nodal_forces(deck, deck.loads[0]),))
@@ -142,25 +146,12 @@ def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     return _with_notes(deck, notes + _step_notes(fem, effects, flavour, static=static))
 
 
-def _tube_holds(assembly: Assembly, case: LoadCase, *, elastic: bool) -> list[Hold]:
+def _tube_holds(problem: Problem) -> list[Hold]:
     """Held blocks: all nodes, or the outer faces of frame blocks that deform."""
-    blocks = np.flatnonzero(case.fixed).tolist()
-    if not elastic:
+    blocks = np.flatnonzero(problem.load_case.fixed).tolist()
+    if problem.frames is Frames.RIGID:
         return [Hold(block) for block in blocks]
-    return [Hold(block, _outer_face(assembly, block)) for block in blocks]
-
-
-def _outer_face(assembly: Assembly, block: int) -> str:
-    """Face at which a deformable frame block is held."""
-    end = "first" if assembly.layer[block] == 0 else "last"
-    faces = assembly.shape(block).faces
-    names = [name for name in OUTER_FACES[end] if name in faces]
-    if not names:
-        raise DeckError(
-            f"effects.elastic_frame: block {block} has no face named "
-            f"{' or '.join(OUTER_FACES[end])} to hold; use rigid frames"
-        )
-    return names[0]
+    return [Hold(block, outer_face(problem.blocks, block)) for block in blocks]
 
 
 def _contact_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) -> list[str]:

@@ -163,8 +163,8 @@ def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCas
     return build_load(scene, assembly)
 
 
-def build_problem(scene: DeformableScene, name: str) -> Problem:
-    """State the problem of a scene, whatever method is to solve it.
+def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -> Problem:
+    """State the problem of a scene on its blocks, whatever is to solve it: a method or a deck.
 
     Where facets do not match, or the scene asks for it, contact searches facets that face each
     other (`Contact.finite_sliding`): explicit runs only.
@@ -177,10 +177,7 @@ def build_problem(scene: DeformableScene, name: str) -> Problem:
     fem = fem_section(scene, name)
     assert scene.material is not None
     assert scene.contact is not None
-    blocks = build_hexahedra(scene, name)
     _check_load(name, blocks.load, scene.material.young_modulus)
-    if fem.method is Method.STATIC:
-        _check_static(scene, name, blocks)
     return Problem(
         blocks.assembly,
         blocks.load,
@@ -206,7 +203,10 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
     InputError
         When it describes nothing that can be solved.
     """
-    problem = build_problem(scene, name)
+    blocks = build_hexahedra(scene, name)
+    if fem_section(scene, name).method is Method.STATIC:
+        _check_static(scene, name, blocks)
+    problem = build_problem(scene, name, blocks)
     try:
         return problem.deformable
     except (ContactError, DeformableAssemblyError, FrictionError, AssemblyError) as error:
