@@ -9,13 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from geometry.block import Block
+from geometry.errors import RefusedError
 from geometry.interface import Interfaces, match_facets
 from geometry.mesh import FloatArray, IntArray
 
 BoolArray = npt.NDArray[np.bool_]
 
 
-class AssemblyError(ValueError):
+class AssemblyError(RefusedError):
     """An assembly that cannot be built as asked."""
 
 

@@ -13,6 +13,7 @@ from enum import StrEnum
 import numpy as np
 
 from geometry.assembly import Assembly, BoolArray
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -30,7 +31,7 @@ class LoadCaseName(StrEnum):
 _ONE_LAYER = (LoadCaseName.BEAM, LoadCaseName.SHAFT)
 
 
-class LoadCaseError(ValueError):
+class LoadCaseError(RefusedError):
     """A load case that the assembly cannot take."""
 
 

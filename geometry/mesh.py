@@ -14,6 +14,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from geometry.errors import RefusedError
+
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
@@ -46,7 +48,7 @@ HEX_FACES: IntArray = np.array(
 )
 
 
-class MeshError(ValueError):
+class MeshError(RefusedError):
     """A mesh that cannot be used: the message names the element and what is wrong with it."""
 
 

@@ -23,6 +23,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.contact_assembly import ContactAssembly
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
@@ -41,7 +42,7 @@ class FrictionLaw(StrEnum):
     """Four-sided pyramid inside the cone: linear, a little weaker."""
 
 
-class FrictionError(ValueError):
+class FrictionError(RefusedError):
     """A friction coefficient that means nothing."""
 
 

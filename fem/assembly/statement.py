@@ -19,11 +19,12 @@ from fem.contact.surfaces import ContactNormals
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from geometry.assembly import Assembly
+from geometry.errors import RefusedError
 from geometry.load_case import Load, LoadCase, with_body_wrenches
 from geometry.mesh import FloatArray
 
 
-class ProblemError(ValueError):
+class ProblemError(RefusedError):
     """A statement that an answer cannot have: which part, and what to do."""
 
 

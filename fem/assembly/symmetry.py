@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fem.assembly.deformable import DeformableAssembly
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 
 #: Relative deviation of placements (in block sizes), rotations and loads that still counts as
@@ -21,7 +22,7 @@ from geometry.mesh import FloatArray, IntArray
 _TOLERANCE = 1e-9
 
 
-class SymmetryError(ValueError):
+class SymmetryError(RefusedError):
     """A symmetry that the model does not have: what breaks it."""
 
 

@@ -23,10 +23,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.compilation import njit
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 
 
-class FrictionError(ValueError):
+class FrictionError(RefusedError):
     """Friction that cannot be used: the constant and its range."""
 
 

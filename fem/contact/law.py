@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from geometry.compilation import njit
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 
 #: Overclosures are taken as at most this: its square times any stiffness is still a float [mm].
@@ -43,7 +44,7 @@ LARGEST_INITIAL_PRESSURE = 10.0
 _SERIES_END = 0.5
 
 
-class ContactLawError(ValueError):
+class ContactLawError(RefusedError):
     """A contact law that cannot be used: the message names the constant and its range."""
 
 

@@ -26,10 +26,11 @@ import numpy as np
 from fem.contact.law import ContactLaw
 from fem.problem.loads import FACET_SLOPES, FACET_VALUES
 from geometry.assembly import Assembly
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 
 
-class ContactError(ValueError):
+class ContactError(RefusedError):
     """Contact that cannot be computed: which faces, what is wrong, what to do."""
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 
 #: Longest line written: what CalculiX reads, half of what Abaqus does.
@@ -24,7 +25,7 @@ ENTRIES_PER_LINE = 16
 _LABEL = re.compile(r"[A-Z][A-Z0-9_-]{0,79}")
 
 
-class DeckError(ValueError):
+class DeckError(RefusedError):
     """A deck that cannot be written or read: line, what was got, what was expected."""
 
 

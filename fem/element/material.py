@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 
 
-class MaterialError(ValueError):
+class MaterialError(RefusedError):
     """A material that cannot be used: the message names the constant and its allowed range."""
 
 

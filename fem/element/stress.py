@@ -27,13 +27,14 @@ from fem.element.hexahedron import (
     mean_gradients,
 )
 from fem.element.material import Material
+from geometry.errors import RefusedError
 from geometry.mesh import CORNERS, FloatArray, HexMesh, gauss_points, shape_values
 
 #: Rows and columns of the six components xx, yy, zz, xy, yz, xz.
 VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 
 
-class DisplacementShapeError(ValueError):
+class DisplacementShapeError(RefusedError):
     """Displacements that do not belong to the mesh: got and expected shapes."""
 
 

@@ -37,10 +37,11 @@ from fem.element.hexahedron import (
 from fem.element.material import Material
 from fem.element.time_step import characteristic_length
 from fem.explicit.kernels.rate_form import rate_form_step
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, HexMesh, IntArray, check_mesh
 
 
-class RateFormError(ValueError):
+class RateFormError(RefusedError):
     """Input the rate form cannot use: got, expected."""
 
 

@@ -23,6 +23,7 @@ from fem.explicit.state import BodyState, State, initial_body_state, world_vecto
 from fem.explicit.step import System, bound, set_applied_force, set_internal_force, step
 from fem.problem.model import Model
 from fem.problem.time_step import CriticalTimeStep, TimeStepError, critical_time_step
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 
 #: A block that holds this many times the energy put into the whole model runs away.
@@ -31,7 +32,7 @@ RUNAWAY = 100.0
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
 
 
-class UnstableRun(RuntimeError):  # noqa: N818
+class UnstableRun(RefusedError):  # noqa: N818
     """The solution grows without bound: time, block and remedy are in the message."""
 
 

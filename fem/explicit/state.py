@@ -12,10 +12,11 @@ from fem.explicit.kernels.layout import LaneArray, aligned_zeros, from_lanes, to
 from fem.explicit.rate_form import RateFormState
 from fem.explicit.rate_form import initial_state as initial_rate_form
 from fem.problem.effects import Effects
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 
 
-class StateError(ValueError):
+class StateError(RefusedError):
     """An initial state that does not fit the model."""
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 
 
-class EffectError(ValueError):
+class EffectError(RefusedError):
     """An effect with a coefficient that no solver can use."""
 
 

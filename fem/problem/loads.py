@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from fem.element.hexahedron import block_lumped_mass
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, HexMesh, IntArray
 
 #: Natural coordinates of the four corners of a facet, (4, 2).
@@ -24,7 +25,7 @@ FACET_CORNERS: FloatArray = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype
 FACET_POINTS: FloatArray = FACET_CORNERS / math.sqrt(3.0)
 
 
-class LoadError(ValueError):
+class LoadError(RefusedError):
     """A load that cannot be applied: got, expected, what to do."""
 
 

@@ -21,6 +21,7 @@ from fem.element.hexahedron import (
 )
 from fem.element.material import Material
 from fem.problem.effects import Effects
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, HexMesh, IntArray
 
 Amplitude = Callable[[float], float]
@@ -37,7 +38,7 @@ class Formulation(Enum):
     like-for-like; reduced elements, finite rotations of elements, double precision."""
 
 
-class ModelError(ValueError):
+class ModelError(RefusedError):
     """A model no solver can use: the message says what was got, what was expected."""
 
 

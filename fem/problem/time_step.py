@@ -20,10 +20,11 @@ from fem.element.hexahedron import gauss_gradients, mean_gradients
 from fem.element.time_step import characteristic_length, characteristic_time_step
 from fem.problem.effects import Effects
 from fem.problem.model import BlockGroup, Model
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 
 
-class TimeStepError(ValueError):
+class TimeStepError(RefusedError):
     """A time step that would make the run unstable or endless."""
 
 

@@ -50,6 +50,7 @@ from fem.static.linear_step.linearisation import (
 )
 from fem.static.linear_step.sparse import SparseSolver
 from fem.static.result import StaticResult, loose_blocks
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 
 #: First holding springs relative to the tangent contact stiffness on a block at the start.
@@ -79,7 +80,7 @@ _NEAR = 1e-2
 _FALLBACK_LOAD_STEPS = 4
 
 
-class StaticError(ValueError):
+class StaticError(RefusedError):
     """A static problem that has no solution, or none that was found: what to do."""
 
 

@@ -17,6 +17,7 @@ from enum import StrEnum
 import numpy as np
 
 from geometry.block import Block
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, HexMesh, check_mesh, grid_faces, structured_hexahedra
 
 #: Grid directions (radial, around, axial) are right-handed in this order.
@@ -30,7 +31,7 @@ _FACE_NAMES = {
 }
 
 
-class BlockParameterError(ValueError):
+class BlockParameterError(RefusedError):
     """Parameters that describe no block: what was got, what is expected, what to do."""
 
 

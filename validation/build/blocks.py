@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import Assembly
+from geometry.errors import RefusedError
 from geometry.families.box_column import ColumnBox, box_column, unmatched_joints
 from geometry.families.brick_stack import brick_stack
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
@@ -19,7 +20,7 @@ from geometry.families.sine_block import (
 from geometry.families.tube import hexagon_tube, sine_tube
 from geometry.joints import UnmatchedJoint
 from geometry.load_case import LoadCase, LoadCaseError, face_pressure, load_case
-from geometry.mesh import FloatArray, MeshError
+from geometry.mesh import FloatArray
 from geometry.units import check_size
 from validation.errors import InputError
 from validation.scene.families import (
@@ -103,7 +104,7 @@ def build_assembly(scene: AssemblyScene) -> Assembly:
         assembly = _blocks(scene)
         check_size(assembly)
         return assembly
-    except (BlockParameterError, AssemblyError, MeshError) as error:
+    except RefusedError as error:
         raise InputError(str(error)) from None
 
 

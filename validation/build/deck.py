@@ -11,11 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.assembly.deformable import DeformableAssemblyError, Frames, outer_face
+from fem.assembly.deformable import Frames, outer_face
 from fem.assembly.statement import Problem
 from fem.decks.abaqus.deck import check_abaqus
 from fem.decks.calculix.deck import check_calculix
-from fem.decks.keywords import DeckError
 from fem.decks.model import as_nodal_forces, deck_model
 from fem.decks.placement import canonical
 from fem.decks.statement import (
@@ -34,10 +33,10 @@ from fem.decks.statement import (
 )
 from fem.element.hexahedron import ElementType
 from fem.problem.effects import Effects
-from fem.problem.time_step import TimeStepError, critical_time_step
-from geometry.assembly import Assembly, AssemblyError
+from fem.problem.time_step import critical_time_step
+from geometry.assembly import Assembly
 from geometry.block import box_block
-from geometry.mesh import MeshError
+from geometry.errors import RefusedError
 from validation.build.blocks import HexahedralBlocks, require_matching
 from validation.build.box import build_material, copy_placements
 from validation.build.cell import refuse_cell
@@ -83,13 +82,7 @@ def build_deck(file: SceneFile, flavour: Flavour) -> Deck:
             return _box_deck(file.name, scene, flavour)
         if isinstance(scene, DeformableScene):
             return _tube_deck(file.name, scene, flavour)
-    except (
-        DeckError,
-        DeformableAssemblyError,
-        AssemblyError,
-        MeshError,
-        TimeStepError,
-    ) as error:
+    except RefusedError as error:
         raise InputError(f"{file.name}: {error}") from None
     raise InputError(
         f"{file.name}: block.type {scene.block.type!r} has no [material]; a deck is written of "

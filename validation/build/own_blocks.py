@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block
+from geometry.errors import RefusedError
 from geometry.files.block_files import read_blocks
 from geometry.files.hexahedral_solids import file_hexahedra, hexahedral_block
 from geometry.joints import UnmatchedJoint, matched_area
@@ -53,7 +54,7 @@ def build_own_blocks(scene: MeshScene, name: str) -> HexahedralBlocks:
             assembly, DetectionOptions(detection.tolerance, detection.angle, detection.points)
         )
         check_assembly(surfaces)
-    except (AssemblyError, MeshError) as error:
+    except RefusedError as error:
         raise InputError(f"{name}: {error}") from None
     assembly = replace(assembly, layer=contact_distance(surfaces))
     unmatched = unmatched_joints(assembly, surfaces)

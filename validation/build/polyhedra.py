@@ -10,12 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from geometry.assembly import AssemblyError, BoolArray
 from geometry.contact_assembly import ContactAssembly
+from geometry.errors import RefusedError
 from geometry.families.masonry import circular_arch, running_bond_wall
 from geometry.families.platonic_layers import cubes_layer, octahedra_layer, tetrahedra_layer
 from geometry.families.voxels import voxel_assembly
 from geometry.files.block_files import read_blocks
 from geometry.load_case import LoadCase
-from geometry.mesh import FloatArray, MeshError
+from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.checks import check_assembly
 from geometry.polyhedra.options import DetectionOptions
@@ -54,7 +55,7 @@ def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
         assembly = _build(scene, folder)
         check_assembly(assembly)
         return assembly
-    except (AssemblyError, MeshError) as error:
+    except RefusedError as error:
         raise InputError(str(error)) from None
 
 

@@ -13,13 +13,12 @@ import numpy as np
 
 from fem.assembly.deformable import Contact, DeformableAssembly
 from fem.assembly.measures import contact_measures
-from fem.assembly.symmetry import SymmetryError
 from fem.contact.law import LinearPenalty
 from fem.problem.model import BlockGroup
 from fem.static.linear_step.condensed import FlexibilityStore
-from fem.static.linear_step.sparse import SparseSolverError
 from fem.static.result import StaticResult
-from fem.static.solve import StaticError, StaticOptions, solve_static
+from fem.static.solve import StaticOptions, solve_static
+from geometry.errors import RefusedError
 from validation.run.deformable import TubeRun, build_deformable, gap_words
 from validation.scene.read import DeformableScene
 
@@ -101,7 +100,7 @@ def decompose(name: str, scene: DeformableScene, static: TubeRun) -> list[Step]:
     for words, problem in tasks:
         try:
             result = solve_static(problem, StaticOptions(tolerance=1e-4), store=store)
-        except (StaticError, SymmetryError, SparseSolverError):
+        except RefusedError:
             continue
         if result.converged:
             steps.append(_step(words, result))

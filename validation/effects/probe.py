@@ -11,15 +11,13 @@ import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.measures import contact_measures
-from fem.assembly.symmetry import SymmetryError
-from fem.problem.model import ModelError
 from fem.problem.recovery import best_rotations
 from fem.static.linear_step.condensed import FlexibilityStore
-from fem.static.linear_step.sparse import SparseSolverError
 from fem.static.result import StaticResult
 from fem.static.rotation import solve_static_with_rotation
 from fem.static.rotation_load import finite_rotation_loads
-from fem.static.solve import StaticError, StaticOptions, solve_static
+from fem.static.solve import StaticOptions, solve_static
+from geometry.errors import RefusedError
 from validation.errors import InputError
 from validation.run.deformable import TubeRun, build_deformable
 from validation.scene.deformable import Method
@@ -117,7 +115,7 @@ def _static_state(
     options = StaticOptions(symmetry=1 if whole else None, tolerance=_TOLERANCE)
     try:
         result = solve_static(deformable, options, start=start, store=store)
-    except (StaticError, SymmetryError, SparseSolverError, ModelError) as error:
+    except RefusedError as error:
         raise InputError(_unsolved(name, str(error))) from None
     if not result.converged:
         raise InputError(_unsolved(name, result.status))
@@ -240,7 +238,7 @@ def without_finite_rotation(
     options = StaticOptions(symmetry=1 if whole else None, tolerance=_TOLERANCE)
     try:
         again = solve_static_with_rotation(deformable, options, store=store)
-    except (StaticError, SymmetryError, SparseSolverError, ModelError):
+    except RefusedError:
         model = deformable.model
         added = finite_rotation_loads(model, result.displacements)
         turning = replace(deformable, model=replace(model, loads=(*model.loads, *added)))

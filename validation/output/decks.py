@@ -17,8 +17,9 @@ from fem.decks.read.cards import read_cards
 from fem.decks.read.deck import read_deck
 from fem.decks.statement import Deck, Flavour
 from fem.decks.write import write_deck
+from geometry.errors import RefusedError
 from geometry.files.mesh_io import assembly_mesh, read_hex_mesh, write_hex_mesh
-from geometry.mesh import HexMesh, MeshError, corner_jacobians, mass_properties
+from geometry.mesh import HexMesh, corner_jacobians, mass_properties
 from validation.build.deck import build_deck
 from validation.errors import InputError
 from validation.output.console import two_columns
@@ -116,7 +117,7 @@ def import_mesh(path: Path) -> HexMesh:
         if path.suffix.lower() == ".inp":
             _check_mesh_alone(path)
         return read_hex_mesh(path)
-    except (MeshError, DeckError) as error:
+    except RefusedError as error:
         text = str(error)
         raise InputError(text if str(path) in text else f"{path}: {text}") from None
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from fem.explicit.output.checkpoint import CheckpointError
 from fem.explicit.solve import (
     ExplicitResult,
     Frame,
@@ -19,14 +18,12 @@ from fem.explicit.solve import (
     Progress,
     Status,
     StopCriterion,
-    UnstableRun,
     solve,
 )
 from fem.problem.mass_scaling import added_mass_share
-from fem.problem.model import ModelError
 from fem.problem.recovery import Recovered, recover
-from fem.problem.time_step import TimeStepError
 from fem.static.linear import LinearStaticResult, solve_linear_static
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from validation.build.box import BoxModel, build_box
 from validation.errors import InputError
@@ -95,7 +92,7 @@ def run_box(
             output = _output(scene, progress, on_frame, checkpoint)
             explicit = _explicit(scene, box, output, resume)
             displacements = explicit.displacements[0]
-    except (ModelError, TimeStepError, CheckpointError, UnstableRun) as error:
+    except RefusedError as error:
         raise InputError(str(error)) from None
     solved = time.process_time()
     recovered = recover(

@@ -13,17 +13,17 @@ import numpy as np
 from fem.assembly.contact_state import ContactState
 from fem.assembly.deformable import (
     DeformableAssembly,
-    DeformableAssemblyError,
     Frames,
 )
 from fem.assembly.measures import CapAction, ContactMeasures, cap_action, contact_measures
 from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction, FrictionError
 from fem.contact.law import ContactLaw, ContactLawError, ExponentialLaw, LinearPenalty
-from fem.contact.surfaces import ContactError, ContactNormals
+from fem.contact.surfaces import ContactNormals
 from fem.problem.model import Formulation
 from fem.problem.recovery import recover
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import Assembly
+from geometry.errors import RefusedError
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from validation.build.blocks import HexahedralBlocks, build_blocks, build_load, require_matching
@@ -209,7 +209,7 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
     problem = build_problem(scene, name, blocks)
     try:
         return problem.deformable
-    except (ContactError, DeformableAssemblyError, FrictionError, AssemblyError) as error:
+    except RefusedError as error:
         raise InputError(f"{name}: {error}") from None
 
 

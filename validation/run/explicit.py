@@ -10,7 +10,7 @@ from typing import Any
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import SymmetryError
-from fem.explicit.output.checkpoint import CheckpointError, OtherProblemError
+from fem.explicit.output.checkpoint import OtherProblemError
 from fem.explicit.setup.assembly import COUNTED_PRESSURE
 from fem.explicit.setup.quasi_static import quasi_static_report
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
@@ -24,8 +24,7 @@ from fem.explicit.solve import (
     solve,
 )
 from fem.problem.mass_scaling import added_mass_share
-from fem.problem.model import ModelError
-from fem.problem.time_step import TimeStepError
+from geometry.errors import RefusedError
 from validation.build.effects import build_effects
 from validation.errors import InputError
 from validation.run.deformable import NO_SECTOR, TubeRun, build_deformable, fem_section
@@ -129,7 +128,7 @@ def run_tube_explicit(
             if isinstance(error, UnstableRun):
                 resume, restarts = None, restarts + 1
             statement = scene_statement(scene, name, deformable, counted_pressure=counted)
-        except (ModelError, TimeStepError, CheckpointError) as error:
+        except RefusedError as error:
             raise InputError(f"{name}: {error}") from None
     whole = statement.assembly
     result = _of_all(result, whole.orbits.order)

@@ -6,13 +6,11 @@ import time
 from typing import Any
 
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.symmetry import SymmetryError
-from fem.problem.model import ModelError
 from fem.static.linear_step.condensed import FlexibilityStore
-from fem.static.linear_step.sparse import SparseSolverError
 from fem.static.result import StaticResult
 from fem.static.rotation import solve_static_with_rotation
-from fem.static.solve import StaticError, StaticOptions, solve_static
+from fem.static.solve import StaticOptions, solve_static
+from geometry.errors import RefusedError
 from validation.errors import InputError
 from validation.run.deformable import NO_SECTOR, TubeRun, build_deformable, fem_section
 from validation.scene.deformable import FemSection, Method
@@ -63,7 +61,7 @@ def run_tube_static(
             result = solve_static_with_rotation(deformable, options, store=store)
         else:
             result = solve_static(deformable, options, store=store)
-    except (StaticError, SymmetryError, SparseSolverError, ModelError) as error:
+    except RefusedError as error:
         raise InputError(f"{name}: {error}") from None
     if fem.symmetry == "sector" and result.symmetry == 1:
         raise InputError(f"{name}: {NO_SECTOR}")

@@ -20,13 +20,14 @@ from scipy.sparse import bsr_array
 from fem.explicit.output.history import COLUMNS, History
 from fem.explicit.state import State
 from fem.explicit.step import System
+from geometry.errors import RefusedError
 
 FORMAT = 2
 
 Contents = dict[str, np.ndarray[Any, Any]]
 
 
-class CheckpointError(ValueError):
+class CheckpointError(RefusedError):
     """A checkpoint that cannot be used: missing, damaged, or of another problem."""
 
 

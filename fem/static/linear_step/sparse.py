@@ -17,6 +17,7 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array, csr_matrix, triu
 from scipy.sparse.linalg import splu
 
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 
 Solve = Callable[[FloatArray], FloatArray]
@@ -31,7 +32,7 @@ class SparseSolver(StrEnum):
     """SciPy."""
 
 
-class SparseSolverError(ValueError):
+class SparseSolverError(RefusedError):
     """A matrix that cannot be factored, or a library that is not there."""
 
 
