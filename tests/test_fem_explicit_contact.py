@@ -8,6 +8,7 @@ from fem.assembly.deformable import Frames, deformable_assembly
 from fem.assembly.symmetry import cyclic_orbits, no_symmetry
 from fem.contact.friction import CoulombFriction, friction_tractions
 from fem.contact.surfaces import ContactNormals, corner_forces, point_kinematics
+from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.element.material import Material
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.assembly import explicit_assembly
@@ -15,7 +16,7 @@ from fem.explicit.setup.quasi_static import quasi_static_report, recommended_tim
 from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
 from fem.explicit.state import world_vectors
 from fem.problem.effects import AdaptiveMassDamping, Effects
-from fem.problem.loads import FACET_SLOPES, FACET_VALUES, SmoothStepAmplitude
+from fem.problem.loads import SmoothStepAmplitude
 from fem.static.solve import solve_static
 from geometry.assembly import moved
 from geometry.families.sine_block import SineBlockDivisions

@@ -14,7 +14,7 @@ from fem.element.material import Material
 from fem.explicit.contact.search import BlockSurface, closest_points
 from fem.explicit.contact.sliding import SlidingContact, sliding_state
 from fem.explicit.damping import applied_forces
-from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.setup.assembly import counted_stiffness, explicit_assembly
 from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
@@ -55,7 +55,7 @@ def contact(surfaces, groups, law, **options):
         n_nodes=tuple(g.n_nodes for g in groups),
         law=law,
         clearance=0.0,
-        counted_stiffness=law.constants.linear_stiffness,
+        counted_stiffness=counted_stiffness(law),
         **options,
     )
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from fem.element.facet import bilinear
 from fem.explicit.contact.quadrature import (
-    bilinear,
     convex_pieces,
     cut_points,
     gauss_points,

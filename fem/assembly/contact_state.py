@@ -14,7 +14,7 @@ from fem.contact.surfaces import (
     point_kinematics,
     point_normals,
 )
-from fem.problem.loads import FACET_VALUES
+from fem.element.facet import FACET_VALUES
 from geometry.mesh import FloatArray, IntArray
 
 

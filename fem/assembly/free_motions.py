@@ -10,14 +10,17 @@ residual does not count the force of that constraint.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from fem.assembly.local_system import LocalSystem
-from fem.static.linear_step.linearisation import NodalInverse
 from geometry.assembly import BoolArray
 from geometry.mesh import FloatArray
+
+#: Displacements that nodal forces cause: (n_nodes, 3) [N] to (n_nodes, 3) [mm].
+NodalInverse = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)

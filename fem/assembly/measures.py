@@ -8,7 +8,7 @@ import numpy as np
 
 from fem.assembly.contact_state import ContactState
 from fem.contact.law import ContactLaw, ExponentialLaw
-from fem.explicit.contact.quadrature import gauss_points
+from fem.element.facet import facet_areas
 from geometry.assembly import Assembly
 from geometry.measures import BlockMeasures, block_measures, measures
 from geometry.mesh import FloatArray
@@ -107,9 +107,9 @@ def cap_action(law: ContactLaw, state: ContactState) -> CapAction | None:
 
 def _facets_that_fit(assembly: Assembly, state: ContactState) -> FloatArray:
     """How many of the facets that a search found cover the contact faces of each block."""
-    whole = np.array(
-        [gauss_points(s.mesh.nodes[s.contact_quads]).weights.sum() for s in assembly.shapes]
-    )[assembly.shape_of]
+    whole = np.array([facet_areas(s.mesh.nodes, s.contact_quads).sum() for s in assembly.shapes])[
+        assembly.shape_of
+    ]
     ends = np.concatenate([state.block_m, state.block_s])
     met = np.bincount(ends, minlength=assembly.n_blocks)
     covered = np.bincount(ends, np.tile(state.areas, 2), minlength=assembly.n_blocks)

@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from fem.contact.law import ContactLaw
-from fem.problem.loads import FACET_SLOPES, FACET_VALUES
+from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray

@@ -14,45 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
+from fem.element.facet import FACET_VALUES, facet_area_vectors
 from fem.element.hexahedron import block_lumped_mass
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, HexMesh, IntArray
 
-#: Natural coordinates of the four corners of a facet, (4, 2).
-FACET_CORNERS: FloatArray = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
-
-#: The 2 × 2 Gauss points of a facet, all of weight one, (4, 2).
-FACET_POINTS: FloatArray = FACET_CORNERS / math.sqrt(3.0)
-
 
 class LoadError(RefusedError):
     """A load that cannot be applied: got, expected, what to do."""
-
-
-def _facet_shapes() -> tuple[FloatArray, FloatArray]:
-    """Bilinear shape functions (4 points, 4 corners) and their derivatives (4, 4, 2)."""
-    factor = 1.0 + FACET_POINTS[:, None, :] * FACET_CORNERS[None, :, :]
-    values = factor.prod(axis=2) / 4.0
-    slopes = np.stack([FACET_CORNERS[:, k] * factor[:, :, 1 - k] / 4.0 for k in range(2)], axis=2)
-    return values, slopes
-
-
-#: Bilinear shape functions at the Gauss points, (4 points, 4 corners), and their derivatives,
-#: (4, 4, 2).
-FACET_VALUES, FACET_SLOPES = _facet_shapes()
-
-
-def facet_area_vectors(nodes: FloatArray, quads: IntArray) -> FloatArray:
-    """Vector area per natural area, dx/dr × dx/ds, at the Gauss points of each facet.
-
-    Returns
-    -------
-    FloatArray
-        (..., n_facets, 4 points, 3) [mm²]; their sum over the points is the exact vector area
-        of the facet, whatever its warp.
-    """
-    tangents = np.einsum("pak,...fai->...fpki", FACET_SLOPES, nodes[..., quads, :])
-    return np.cross(tangents[..., 0, :], tangents[..., 1, :])
 
 
 def scatter_to_nodes(corner_forces: FloatArray, quads: IntArray, n_nodes: int) -> FloatArray:

@@ -21,13 +21,13 @@ from typing import Protocol
 
 import numpy as np
 
+from fem.assembly.free_motions import NodalInverse
 from fem.assembly.local_system import LocalSystem
 from fem.contact.law import ContactLaw
 from fem.contact.surfaces import ContactNormals, PointKinematics, curvature_tangent
 from fem.static.linear_step.linearisation import (
     Linearisation,
     LinearStep,
-    NodalInverse,
     UnheldBlocksError,
 )
 from geometry.mesh import FloatArray

@@ -14,7 +14,7 @@ import numpy as np
 
 from fem.assembly.local_system import LocalSystem
 from fem.contact.friction import CoulombFriction, friction_tractions
-from fem.problem.loads import FACET_VALUES
+from fem.element.facet import FACET_VALUES
 from fem.static.linear_step.linearisation import Linearisation
 from geometry.mesh import FloatArray
 

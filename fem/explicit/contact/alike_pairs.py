@@ -17,7 +17,7 @@ import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import Orbits
-from fem.problem.loads import FACET_SLOPES, FACET_VALUES
+from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from geometry.mesh import FloatArray, IntArray
 
 #: Placements (in block sizes and as rotations) that differ by less are the same.

@@ -15,6 +15,7 @@ import numpy as np
 from fem.contact.friction import CoulombFriction, FrictionError
 from fem.contact.law import ContactLaw, LawConstants
 from fem.contact.surfaces import ContactNormals
+from fem.element.facet import FACET_VALUES
 from fem.explicit.body import Body
 from fem.explicit.contact.alike_pairs import AlikePairs, unit_widths
 from fem.explicit.contact.paired_kernel import (
@@ -31,7 +32,6 @@ from fem.explicit.kernels import SERIAL
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros, equal_work
 from fem.explicit.state import State
 from fem.explicit.step import Interaction, System
-from fem.problem.loads import FACET_VALUES
 from fem.problem.time_step import critical_time_step
 from geometry.mesh import FloatArray, IntArray
 

@@ -15,9 +15,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from fem.element.facet import bilinear
 from geometry.mesh import FloatArray, IntArray
-
-_SIGNS: FloatArray = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 #: Pieces smaller than this share of their facet are rounding.
 _SLIVER = 1e-8
@@ -27,13 +26,6 @@ _ON_EDGE = 1e-7
 
 #: Barycentric coordinates of three points that integrate quadratic functions on a triangle.
 _TRIANGLE: FloatArray = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
-
-
-def bilinear(xi: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Shape functions (..., 4) and slopes (..., 4, 2) at natural coordinates (..., 2)."""
-    factor = 1.0 + xi[..., None, :] * _SIGNS
-    slopes = 0.25 * _SIGNS * factor[..., ::-1]
-    return 0.25 * factor.prod(axis=-1), slopes
 
 
 @dataclass(frozen=True)

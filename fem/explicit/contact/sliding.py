@@ -15,10 +15,10 @@ import numpy as np
 from fem.assembly.contact_state import ContactState
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
+from fem.element.facet import bilinear
 from fem.explicit.body import Body
 from fem.explicit.contact.paired import check_stick, largest_stiffness, shifted
 from fem.explicit.contact.paired_kernel import add_travel
-from fem.explicit.contact.quadrature import bilinear
 from fem.explicit.contact.search import (
     BlockSurface,
     SlidingPoints,

@@ -15,10 +15,10 @@ import numpy as np
 import scipy.linalg
 
 from fem.contact.law import ContactLaw
+from fem.element.facet import FACET_VALUES
 from fem.explicit.contact.alike_pairs import AlikePairs
 from fem.explicit.contact.paired import FaceContact
 from fem.explicit.contact.sliding import SlidingContact
-from fem.problem.loads import FACET_VALUES
 from fem.problem.model import BlockGroup, Model
 from geometry.mesh import FloatArray, IntArray
 

@@ -29,6 +29,7 @@ import numpy.typing as npt
 import scipy.linalg
 from scipy.sparse import csc_array, csr_array
 
+from fem.assembly.free_motions import NodalInverse
 from fem.assembly.local_system import LocalSystem, constraint_transform
 from fem.problem.model import BlockGroup
 from fem.static.linear_step.block_tridiagonal import (
@@ -40,7 +41,6 @@ from fem.static.linear_step.block_tridiagonal import (
 from fem.static.linear_step.condensation import CondensedBlock, condense
 from fem.static.linear_step.linearisation import (
     Linearisation,
-    NodalInverse,
     UnheldBlocksError,
     gradient_matrix,
 )
