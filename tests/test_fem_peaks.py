@@ -7,8 +7,8 @@ import pytest
 
 from fem.assembly.peaks import ball_averages, joint_forces, largest_pressure, stress_peaks
 from fem.contact.surfaces import ContactNormals, corner_overclosures, point_kinematics
+from fem.element.facet import FACET_VALUES
 from fem.element.stress import integration_points
-from fem.problem.loads import FACET_VALUES
 from tests.test_validation_own_fem import column
 from validation.output.deformable import print_blocks
 from validation.run.deformable import TubeRun, build_deformable
