@@ -64,6 +64,8 @@ class Frame:
     """[s]"""
     displacements: tuple[FloatArray, ...]
     """Of each group, (n_copies, n_nodes, 3) [mm]."""
+    last: bool = False
+    """Whether the run ended here."""
 
 
 class Status(StrEnum):
@@ -275,7 +277,7 @@ class Output:
     progress: Callable[[Progress], None] | None = None
     """Called at every sample."""
     on_frame: Callable[[Frame], None] | None = None
-    """Called with the displacements every `frame_interval`."""
+    """Called with the displacements every `frame_interval`, and at the end."""
     frame_interval: float = math.inf
     """[s]"""
     checkpoint: Path | None = None
@@ -407,7 +409,7 @@ class _Run:
                 adapt(system, state, adaptive)
             if request.requested:
                 status = Status.INTERRUPTED
-            self.frame()
+            self.frame(ended=status is Status.CONVERGED)
             self.checkpoint(force=status is Status.INTERRUPTED)
         return status
 
@@ -453,15 +455,16 @@ class _Run:
             return True
         return self.frame_number(number) > self.frame_number(number - 1)
 
-    def frame(self) -> None:
-        """Pass the displacements on when a frame is due."""
+    def frame(self, *, ended: bool = False) -> None:
+        """Pass the displacements on when a frame is due, and where the run ended."""
         state = self.state
-        if self.output.on_frame is None or not self.frame_due(state.step):
+        ended = ended or state.step == self.n_steps
+        if self.output.on_frame is None or not (ended or self.frame_due(state.step)):
             return
         fields = displacements_of(self.system, state)
-        last = self.frame_number(self.n_steps - 1) + 1
-        number = last if state.step == self.n_steps else self.frame_number(state.step)
-        self.output.on_frame(Frame(number, self.system.time(state), fields))
+        # The end comes after all that were due before, where it lies between two of them.
+        number = self.frame_number(state.step - 1) + 1 if ended else self.frame_number(state.step)
+        self.output.on_frame(Frame(number, self.system.time(state), fields, last=ended))
 
     def checkpoint(self, *, force: bool) -> None:
         """Write the checkpoint when it is time."""

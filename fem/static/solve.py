@@ -110,6 +110,8 @@ class StaticOptions:
     """Linear problems solved at most for one load step."""
     load_steps: int = 1
     """Equal parts in which the load is applied."""
+    keep_steps: bool = False
+    """Whether the result holds the state after each of them."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.tolerance) and self.tolerance > 0.0):
@@ -234,6 +236,8 @@ class _State:
     residuals: tuple[float, ...] = ()
     converged: bool = False
     saddles: int = 0
+    path: tuple[tuple[float, FloatArray], ...] = ()
+    """Load factor and displacement after each load step, where they are kept."""
 
 
 def _start_state(system: LocalSystem, start: StaticResult | None) -> _State:
@@ -283,6 +287,11 @@ def _load_up(problem: _Problem, state: _State, parts: int) -> _State:
         if not reached.converged and _has_potential(problem):
             reached = _descend(problem, replace(state, residuals=reached.residuals))
         state = _advance_friction(problem, reached)
+        if problem.options.keep_steps:
+            # Inner nodes follow contact nodes and load linearly, and the step knows the whole load.
+            share = state.load_factor
+            whole = share * problem.step.complete(state.displacement / share)
+            state = replace(state, path=(*state.path, (share, whole)))
     if not state.converged and parts < _FALLBACK_LOAD_STEPS:
         again = replace(first, residuals=state.residuals)
         return _load_up(problem, again, _FALLBACK_LOAD_STEPS)
@@ -550,6 +559,7 @@ def _result(
         residual=state.residuals[-1],
         converged=state.converged,
         status=_status(state, options, loose),
+        steps=tuple((factor, tuple(system.expand(u))) for factor, u in state.path),
         loose_blocks=loose,
         residuals=state.residuals,
         strain_energy=float(share @ strain.sum(axis=1)),

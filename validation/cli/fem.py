@@ -129,15 +129,26 @@ def check_finished(result: ExplicitResult, outputs: Outputs) -> None:
 
 
 def _kept(
-    outputs: Outputs, scene: BoxScene | DeformableScene, groups: Sequence[BlockGroup]
+    outputs: Outputs,
+    scene: BoxScene | DeformableScene,
+    groups: Sequence[BlockGroup],
+    *,
+    resumed: bool,
 ) -> dict[str, Any]:
     """Checkpoint and writer of frames of an explicit run; neither without a folder."""
     from validation.output.fields import FrameWriter
 
     if outputs.folder is None:
         return {}
-    finite = scene.effects.finite_rotation
-    writer = FrameWriter(outputs.folder, groups, finite_rotation=finite)
+    fem = scene.fem
+    assert fem is not None
+    writer = FrameWriter(
+        outputs.folder,
+        groups,
+        fem.frames,
+        finite_rotation=scene.effects.finite_rotation,
+        resumed=resumed,
+    )
     return {"checkpoint": outputs.path(CHECKPOINT), "on_frame": writer}
 
 
@@ -156,7 +167,7 @@ def _solve_box(name: str, scene: BoxScene, outputs: Outputs, resume: Path | None
         else:
             refuse_resume(resume)
         box = build_box(scene)
-        kept = _kept(outputs, scene, box.model.groups)
+        kept = _kept(outputs, scene, box.model.groups, resumed=resume is not None)
         with explicit_progress() as progress:
             run = run_box(name, scene, box=box, progress=progress, resume=resume, **kept)
     if run.explicit is not None:
@@ -215,9 +226,11 @@ def _blocks_in_contact(
     result = None
     if statement is None:
         with status(outputs.console, f"{name}: static Newton"):
-            run = run_tube_static(name, scene, deformable=deformable)
+            kept = _kept(outputs, scene, deformable.model.groups, resumed=False)
+            frames = kept.get("on_frame")
+            run = run_tube_static(name, scene, deformable=deformable, on_frame=frames)
     else:
-        kept = _kept(outputs, scene, deformable.model.groups)
+        kept = _kept(outputs, scene, deformable.model.groups, resumed=resume is not None)
         with explicit_progress() as progress:
             run, result = run_tube_explicit(
                 name,

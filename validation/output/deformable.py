@@ -29,7 +29,7 @@ from validation.output.pictures.boxes import draw_box, draw_energies
 from validation.run.box import BoxRun, box_json, peak_memory_mb
 from validation.run.deformable import TubeRun, tube_json
 from validation.run.measures import Measure, place_words, value_words
-from validation.scene.deformable import Method
+from validation.scene.deformable import FemSection, Method
 
 _HISTORY = ("history.csv", "energies.png", "frame_*.vtu", "frames.pvd")
 #: Files of a run of single boxes.
@@ -54,6 +54,7 @@ def write_block_files(run: TubeRun, result: ExplicitResult | None, outputs: Outp
         outputs.write("picture", file, lambda path, draw=draw: draw(run, path))  # type: ignore[misc]
     if result is not None:
         _write_history(result.history, run.name, outputs)
+    _name_frames(run.scene.fem, outputs)
 
 
 def _write_fields(run: TubeRun, path: Path) -> None:
@@ -116,17 +117,22 @@ def write_box_files(run: BoxRun, outputs: Outputs) -> None:
     outputs.write("picture", "result.png", lambda path: draw_box(run, path))
     if run.explicit is not None:
         _write_history(run.explicit.history, run.name, outputs)
+    _name_frames(run.scene.fem, outputs)
 
 
 def _write_history(history: History, name: str, outputs: Outputs) -> None:
-    """Write energies over time as table and picture, and name the frames written on the way."""
+    """Write energies over time as table and picture."""
 
     def table(path: Path) -> None:
         write_whole(path, lambda partial: partial.write_text(history.csv(), "utf-8"))
 
     outputs.write("history", "history.csv", table)
     outputs.write("picture", "energies.png", lambda path: draw_energies(history, path, title=name))
-    if outputs.folder is not None and outputs.path("frames.pvd").exists():
+
+
+def _name_frames(fem: FemSection | None, outputs: Outputs) -> None:
+    """Name the frames written on the way."""
+    if fem is not None and fem.frames > 0 and outputs.folder is not None:
         outputs.say("frames", outputs.path("frames.pvd"))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -98,24 +99,79 @@ def facet_owners(
 
 
 class FrameWriter:
-    """Writes frames as ``frame_000.vtu`` … and a ``frames.pvd`` that names their times."""
+    """Writes frames as ``frame_0000.vtu`` … and a ``frames.pvd`` that names their times.
+
+    Where a run may end early, more frames come than were asked for: while it runs up to twice as
+    many are kept, every second one goes when there are more, and at the end those stay that are
+    spread best, the last always.
+    """
 
     def __init__(
-        self, folder: Path, groups: Sequence[BlockGroup], *, finite_rotation: bool
+        self,
+        folder: Path,
+        groups: Sequence[BlockGroup],
+        count: int,
+        *,
+        finite_rotation: bool,
+        resumed: bool = False,
     ) -> None:
         self.folder = folder
         self.groups = groups
+        self.count = count
         self.finite_rotation = finite_rotation
-        self.times: dict[str, float] = {}
+        self.kept: dict[int, float] = self._known() if resumed else {}
+        """Time of each frame by its number."""
+        numbers = sorted(self.kept)
+        self.stride = max(1, numbers[1] - numbers[0]) if len(numbers) > 1 else 1
 
     def __call__(self, frame: Frame) -> None:
         """Write one frame and bring the collection up to date."""
-        name = f"frame_{frame.number:04d}.vtu"
+        if frame.number == 0:  # nothing is left of an earlier run, or of a first try
+            for path in self.folder.glob("frame_*.vtu"):
+                path.unlink()
+            self.kept, self.stride = {}, 1
+        if frame.number % self.stride and not frame.last:
+            return
         fields = field_data(self.groups, frame.displacements, finite_rotation=self.finite_rotation)
-        write_hex_mesh(self.folder / name, groups_mesh(self.groups), point_data=fields)
-        self.times[name] = frame.time
+        mesh = groups_mesh(self.groups)
+        write_hex_mesh(self.folder / _frame_name(frame.number), mesh, point_data=fields)
+        self.kept[frame.number] = frame.time
+        if frame.last:
+            self._finish()
+        elif len(self.kept) > 2 * self.count:
+            self.stride *= 2
+            self._drop([number for number in self.kept if number % self.stride])
+        self._write_collection()
+
+    def _finish(self) -> None:
+        """Keep as many frames as were asked for, numbered one after the other."""
+        numbers = sorted(self.kept)
+        if len(numbers) > self.count:
+            keep = _spread([self.kept[number] for number in numbers], self.count)
+            self._drop([number for k, number in enumerate(numbers) if k not in keep])
+        times = [self.kept[number] for number in sorted(self.kept)]
+        for place, number in enumerate(sorted(self.kept)):
+            (self.folder / _frame_name(number)).replace(self.folder / _frame_name(place))
+        self.kept = dict(enumerate(times))
+
+    def _drop(self, numbers: Sequence[int]) -> None:
+        for number in numbers:
+            (self.folder / _frame_name(number)).unlink(missing_ok=True)
+            del self.kept[number]
+
+    def _known(self) -> dict[int, float]:
+        """Frames that the run wrote before it was interrupted."""
+        try:
+            text = (self.folder / "frames.pvd").read_text("utf-8")
+        except OSError:
+            return {}
+        found = re.findall(r'timestep="([^"]+)" file="frame_(\d+)\.vtu"', text)
+        return {int(number): float(time) for time, number in found}
+
+    def _write_collection(self) -> None:
         lines = [
-            f'    <DataSet timestep="{time!r}" file="{name}"/>' for name, time in self.times.items()
+            f'    <DataSet timestep="{self.kept[number]!r}" file="{_frame_name(number)}"/>'
+            for number in sorted(self.kept)
         ]
         text = "\n".join(
             [
@@ -127,3 +183,17 @@ class FrameWriter:
             ]
         )
         write_whole(self.folder / "frames.pvd", lambda path: path.write_text(text + "\n", "utf-8"))
+
+
+def _spread(times: Sequence[float], count: int) -> set[int]:
+    """Places of so many times that lie as evenly as can be, the last always among them."""
+    chosen = [len(times) - 1]
+    for place in range(count - 2, -1, -1):
+        wanted = times[-1] * place / (count - 1)
+        among = range(place, chosen[-1])  # enough are left for those before
+        chosen.append(min(among, key=lambda k: abs(times[k] - wanted)))
+    return set(chosen)
+
+
+def _frame_name(number: int) -> str:
+    return f"frame_{number:04d}.vtu"

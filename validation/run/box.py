@@ -27,6 +27,7 @@ from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from validation.build.box import BoxModel, build_box
 from validation.errors import InputError
+from validation.run.frames import frame_interval, static_frames
 from validation.scene.deformable import BoxScene, Damping, Method
 
 
@@ -88,8 +89,9 @@ def run_box(
         if scene.fem.method is Method.STATIC:
             static = solve_linear_static(box.model)
             displacements = static.displacements[0]
+            _static_frames(scene.fem.frames, displacements, on_frame)
         else:
-            output = _output(scene, progress, on_frame, checkpoint)
+            output = _output(scene, box, progress, on_frame, checkpoint)
             explicit = _explicit(scene, box, output, resume)
             displacements = explicit.displacements[0]
     except RefusedError as error:
@@ -110,17 +112,29 @@ def run_box(
     return BoxRun(name, scene, box, displacements, recovered, explicit, static, seconds)
 
 
+def _static_frames(
+    count: int, displacements: FloatArray, on_frame: Callable[[Frame], None] | None
+) -> None:
+    """Frames of a linear static run: parts of the load, and as much of the displacements."""
+    if on_frame is None or count == 0:
+        return
+    parts = max(count - 1, 1)
+    steps = [(k / parts, (k / parts * displacements,)) for k in range(1, parts + 1)]
+    for found in static_frames(count, steps):
+        on_frame(found)
+
+
 def _output(
     scene: BoxScene,
+    box: BoxModel,
     progress: Callable[[Progress], None] | None,
     on_frame: Callable[[Frame], None] | None,
     checkpoint: Path | None,
 ) -> Output:
-    frames = scene.fem.frames
     return Output(
         progress=progress,
-        on_frame=on_frame if frames > 0 else None,
-        frame_interval=check_end_time(scene) / max(frames - 1, 1),
+        on_frame=on_frame if scene.fem.frames > 0 else None,
+        frame_interval=frame_interval(scene.fem, check_end_time(scene), box.ramp_time),
         checkpoint=checkpoint,
     )
 

@@ -28,6 +28,7 @@ from geometry.errors import RefusedError
 from validation.build.effects import build_effects
 from validation.errors import InputError
 from validation.run.deformable import NO_SECTOR, TubeRun, build_deformable, fem_section
+from validation.run.frames import frame_interval
 from validation.scene.deformable import Damping, FemSection, Method
 from validation.scene.read import DeformableScene
 
@@ -190,7 +191,7 @@ def _solved(
         output=Output(
             progress=None if progress is None else tell,
             on_frame=frame if on_frame is not None and fem.frames > 0 else None,
-            frame_interval=last / max(fem.frames - 1, 1),
+            frame_interval=frame_interval(fem, last, statement.ramp_time),
             checkpoint=checkpoint,
         ),
         resume=resume,

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from fem.assembly.deformable import DeformableAssembly
+from fem.explicit.solve import Frame
 from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.result import StaticResult
 from fem.static.rotation import solve_static_with_rotation
@@ -13,6 +16,7 @@ from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
 from validation.errors import InputError
 from validation.run.deformable import NO_SECTOR, TubeRun, build_deformable, fem_section
+from validation.run.frames import static_frames
 from validation.scene.deformable import FemSection, Method
 from validation.scene.read import DeformableScene
 
@@ -25,13 +29,15 @@ def load_steps(scene: DeformableScene, fem: FemSection) -> int:
     if fem.load_steps is not None:
         return fem.load_steps
     closing = scene.contact is not None and scene.contact.opened
-    return _CLOSING_STEPS if closing and scene.effects.friction is not None else 1
+    least = _CLOSING_STEPS if closing and scene.effects.friction is not None else 1
+    return max(least, fem.frames - 1)  # each frame after the first is a load step
 
 
 def static_options(scene: DeformableScene, fem: FemSection) -> StaticOptions:
     """Options of the static solver: the largest exact sector unless the scene forbids it."""
     return StaticOptions(
-        symmetry=1 if fem.symmetry == "none" else None, load_steps=load_steps(scene, fem)
+        symmetry=1 if fem.symmetry == "none" else None,
+        load_steps=load_steps(scene, fem),
     )
 
 
@@ -41,10 +47,12 @@ def run_tube_static(
     *,
     deformable: DeformableAssembly | None = None,
     store: FlexibilityStore | None = None,
+    on_frame: Callable[[Frame], None] | None = None,
 ) -> TubeRun:
     """Solve a tube for its static state by Newton's method.
 
-    Runs that share a ``store`` condense the same blocks once.
+    Runs that share a ``store`` condense the same blocks once; ``on_frame`` is called with the
+    states of the load steps.
 
     Raises
     ------
@@ -54,7 +62,8 @@ def run_tube_static(
     start = time.process_time()
     fem = fem_section(scene, name)
     deformable = build_deformable(scene, name) if deformable is None else deformable
-    options = static_options(scene, fem)
+    keep = on_frame is not None and fem.frames > 0
+    options = replace(static_options(scene, fem), keep_steps=keep)
     built = time.process_time()
     try:
         if scene.effects.finite_rotation is True:
@@ -68,6 +77,9 @@ def run_tube_static(
     if not result.converged:
         raise InputError(f"{name}: {result.status}")
     solved = time.process_time()
+    if on_frame is not None and keep:
+        for found in static_frames(fem.frames, [*result.steps[:-1], (1.0, result.displacements)]):
+            on_frame(found)
     seconds = {
         "build": built - start,
         "solve": solved - built,

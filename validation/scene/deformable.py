@@ -265,7 +265,8 @@ class FemSection(Section):
     """Sector: one block of each layer stands for all; exact for cyclic loads. Auto: where exact.
     Periodic cell: two layers stand for the middle of a long tube."""
     frames: Annotated[int, Field(ge=0)] = 0
-    """Frames written for ParaView, the first and the last included."""
+    """Frames written for ParaView, spread over what was run, the first and the end included; of a
+    static run the load steps, of which there are then at least as many."""
     sample_interval: Annotated[int, Field(ge=1)] = 50
     """Steps between two samples of the energies."""
 
