@@ -84,7 +84,7 @@ class Assembly:
     @cached_property
     def centroids(self) -> FloatArray:
         """Mass centroid of each block in world coordinates, (n_blocks, 3) [mm]."""
-        local = np.array([shape.mass_properties.centroid for shape in self.shapes])
+        local = np.array([shape.centroid for shape in self.shapes])
         turned = np.einsum("bij,bj->bi", self.rotations, local[self.shape_of])
         centroids: FloatArray = turned + self.translations
         return centroids
@@ -92,7 +92,7 @@ class Assembly:
     @cached_property
     def volumes(self) -> FloatArray:
         """Volume of each block, (n_blocks,) [mm³]."""
-        local = np.array([shape.mass_properties.volume for shape in self.shapes])
+        local = np.array([shape.volume for shape in self.shapes])
         volumes: FloatArray = local[self.shape_of]
         return volumes
 

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from geometry.mesh import (
+    FloatArray,
     HexMesh,
     IntArray,
     MassProperties,
@@ -20,6 +21,7 @@ from geometry.mesh import (
     grid_faces,
     mass_properties,
     structured_hexahedra,
+    volume_and_centroid,
 )
 
 
@@ -40,6 +42,20 @@ class Block:
     def mass_properties(self) -> MassProperties:
         """Volume, centroid and inertia for unit density, from the mesh."""
         return mass_properties(self.mesh)
+
+    @cached_property
+    def _extent(self) -> tuple[float, FloatArray]:
+        return volume_and_centroid(self.mesh)
+
+    @property
+    def volume(self) -> float:
+        """Volume of the mesh [mm³]."""
+        return self._extent[0]
+
+    @property
+    def centroid(self) -> FloatArray:
+        """Mass centroid of the mesh, (3,) [mm]."""
+        return self._extent[1]
 
     @cached_property
     def contact_quads(self) -> IntArray:

@@ -1,4 +1,8 @@
-"""Conforming interfaces: facets of two blocks that coincide, corner on corner."""
+"""Conforming interfaces: facets of two blocks that coincide, corner on corner.
+
+Blocks are copies of few shapes, and tubes place the same two shapes beside each other in the same
+way again and again: each way is searched once, and turned to wherever it occurs.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,8 @@ from geometry.mesh import FloatArray, IntArray
 
 #: Coincidence tolerance relative to the smallest facet's size.
 _RELATIVE_TOLERANCE = 1e-5
+#: Relative placements that differ by less (of rotations; of translations in block sizes) are one.
+_SAME_PLACEMENT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,11 @@ class Interfaces:
     """Facet area, (n_contacts,) [mm²]."""
     pair_start: IntArray
     """First contact of each block pair, and the total at the end; (n_pairs + 1,)."""
+    pair_class: IntArray
+    """Pairs of one number are congruent: their contacts, in the order of this list, are the same
+    seen from block m; (n_pairs,)."""
+    pair_rotations: FloatArray
+    """Rotation of block m of each pair, (n_pairs, 3, 3)."""
 
     @property
     def n_contacts(self) -> int:
@@ -52,37 +63,94 @@ class Interfaces:
 
 
 @dataclass(frozen=True)
-class _WorldFacets:
-    """All contact facets of all blocks in world coordinates."""
+class _Facets:
+    """Contact facets of one shape in its own frame, and where they lie."""
 
-    block: IntArray
-    facet: IntArray
     quads: IntArray
     corners: FloatArray
+    centroids: FloatArray
+    tree: cKDTree
+    """Of the centroids."""
+    centre: FloatArray
+    radius: float
+
+    @property
+    def smallest(self) -> float:
+        """Shortest diagonal."""
+        diagonal = self.corners[:, 2] - self.corners[:, 0]
+        return float(np.linalg.norm(diagonal, axis=1).min(initial=np.inf))
 
 
-def _world_facets(
-    shapes: Sequence[Block],
-    shape_of: IntArray,
-    rotations: FloatArray,
-    translations: FloatArray,
-) -> _WorldFacets:
-    blocks, facets, quads, corners = [], [], [], []
-    for number, shape in enumerate(shapes):
-        copies = np.flatnonzero(shape_of == number)
-        local = shape.contact_quads
-        placed = np.einsum("bij,fcj->bfci", rotations[copies], shape.mesh.nodes[local])
-        placed += translations[copies, None, None, :]
-        blocks.append(np.repeat(copies, len(local)))
-        facets.append(np.tile(np.arange(len(local)), len(copies)))
-        quads.append(np.tile(local, (len(copies), 1)))
-        corners.append(placed.reshape(-1, 4, 3))
-    return _WorldFacets(
-        np.concatenate(blocks),
-        np.concatenate(facets),
-        np.concatenate(quads),
-        np.concatenate(corners),
-    )
+def _facets(shape: Block) -> _Facets:
+    quads = shape.contact_quads
+    corners = shape.mesh.nodes[quads]
+    centroids = corners.mean(axis=1)
+    ends = corners.reshape(-1, 3) if len(quads) else np.zeros((1, 3))
+    centre = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
+    radius = float(np.linalg.norm(ends - centre, axis=1).max())
+    return _Facets(quads, corners, centroids, cKDTree(centroids), centre, radius)
+
+
+@dataclass(frozen=True)
+class _Placement:
+    """Two shapes beside each other: s placed in the frame of m, and the pairs where that occurs."""
+
+    shape_m: int
+    shape_s: int
+    rotation: FloatArray
+    translation: FloatArray
+    pairs: IntArray
+
+
+@dataclass(frozen=True)
+class _Match:
+    """Facets of one placement that coincide, in the order of m's facets."""
+
+    facet_m: IntArray
+    facet_s: IntArray
+    order_s: IntArray
+    """Order of s's corners that meets m's, (n, 4)."""
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Placed copies of shapes."""
+
+    shape_of: IntArray
+    rotations: FloatArray
+    translations: FloatArray
+
+
+def _near_pairs(facets: Sequence[_Facets], blocks: _Blocks) -> IntArray:
+    """Pairs (m, s), m < s, of blocks whose bounding spheres meet, sorted; (n, 2)."""
+    local = np.array([f.centre for f in facets])[blocks.shape_of]
+    radius = np.array([f.radius for f in facets])[blocks.shape_of]
+    centre = np.einsum("bij,bj->bi", blocks.rotations, local) + blocks.translations
+    reach = 2.0 * float(radius.max(initial=0.0)) * (1 + 1e-9)
+    pairs: IntArray = cKDTree(centre).query_pairs(reach, output_type="ndarray").astype(np.int64)
+    pairs.sort(axis=1)
+    apart = np.linalg.norm(centre[pairs[:, 0]] - centre[pairs[:, 1]], axis=1)
+    pairs = pairs[apart <= (radius[pairs[:, 0]] + radius[pairs[:, 1]]) * (1 + 1e-9)]
+    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+
+
+def _placements(pairs: IntArray, size: float, blocks: _Blocks) -> list[_Placement]:
+    """Distinct ways in which the blocks of pairs lie beside each other."""
+    m, s = pairs.T
+    shape_of = blocks.shape_of
+    back = blocks.rotations[m].transpose(0, 2, 1)
+    turn = back @ blocks.rotations[s]
+    apart = blocks.translations[s] - blocks.translations[m]
+    move = np.einsum("pij,pj->pi", back, apart)
+    rounded = np.column_stack([turn.reshape(-1, 9), move / size]) / _SAME_PLACEMENT
+    key = np.column_stack([shape_of[m], shape_of[s], np.rint(rounded).astype(np.int64)])
+    _, first, member = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(member.ravel(), kind="stable")
+    groups = np.split(order, np.cumsum(np.bincount(member.ravel()))[:-1])
+    return [
+        _Placement(int(shape_of[m[i]]), int(shape_of[s[i]]), turn[i], move[i], group)
+        for i, group in zip(first.tolist(), groups, strict=True)
+    ]
 
 
 def _align_corners(corners_m: FloatArray, corners_s: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -93,6 +161,25 @@ def _align_corners(corners_m: FloatArray, corners_s: FloatArray) -> tuple[IntArr
     )
     best = distance.argmin(axis=0)
     return orders[best], distance[best, np.arange(len(best))]
+
+
+def _match(m: _Facets, s: _Facets, placement: _Placement, tolerance: float) -> _Match:
+    """Find the facets of s, placed, that coincide with facets of m."""
+    if not len(s.quads):
+        none = np.zeros(0, dtype=np.int64)
+        return _Match(none, none, np.zeros((0, 4), dtype=np.int64))
+    # Facets of m in the frame of s; only those inside the box of s's can meet one.
+    there = (m.centroids - placement.translation) @ placement.rotation
+    low, high = s.centroids.min(axis=0) - tolerance, s.centroids.max(axis=0) + tolerance
+    near = np.flatnonzero(((there >= low) & (there <= high)).all(axis=1))
+    nearest = s.tree.query(there[near], distance_upper_bound=tolerance)[1]
+    found = np.asarray(nearest, dtype=np.int64)
+    met = found < len(s.quads)
+    facet_m, facet_s = near[met], found[met]
+    placed = s.corners[facet_s] @ placement.rotation.T + placement.translation
+    order_s, distance = _align_corners(m.corners[facet_m], placed)
+    same = distance <= tolerance
+    return _Match(facet_m[same], facet_s[same], order_s[same])
 
 
 def match_facets(
@@ -114,46 +201,65 @@ def match_facets(
         Facet pairs sorted by (m, s); within a pair in the order of m's facets, so the result
         does not depend on the search.
     """
-    world = _world_facets(shapes, shape_of, rotations, translations)
-    centroid = world.corners.mean(axis=1)
-    diagonal = world.corners[:, 2] - world.corners[:, 0]
-    tolerance = _RELATIVE_TOLERANCE * float(np.linalg.norm(diagonal, axis=1).min(initial=np.inf))
-    pairs = (
-        cKDTree(centroid).query_pairs(tolerance, output_type="ndarray").astype(np.int64)
-        if len(centroid)
-        else np.empty((0, 2), dtype=np.int64)
-    )
-    first, second = pairs[:, 0], pairs[:, 1]
-    swap = world.block[first] > world.block[second]
-    m, s = np.where(swap, second, first), np.where(swap, first, second)
-    keep = world.block[m] != world.block[s]
-    m, s = m[keep], s[keep]
-    order_s, distance = _align_corners(world.corners[m], world.corners[s])
-    keep = distance <= tolerance
-    m, s, order_s = m[keep], s[keep], order_s[keep]
-    order = np.lexsort((world.facet[m], world.block[s], world.block[m]))
-    m, s, order_s = m[order], s[order], order_s[order]
-    return _gather(world, m, s, order_s, centroid)
+    facets = [_facets(shape) for shape in shapes]
+    tolerance = _RELATIVE_TOLERANCE * min(f.smallest for f in facets)
+    size = max(f.radius for f in facets)
+    blocks = _Blocks(shape_of, rotations, translations)
+    pairs = _near_pairs(facets, blocks)
+    placements = _placements(pairs, size, blocks)
+    matches = [
+        _match(facets[placement.shape_m], facets[placement.shape_s], placement, tolerance)
+        for placement in placements
+    ]
+    return _gather(facets, pairs, placements, matches, blocks)
 
 
 def _gather(
-    world: _WorldFacets, m: IntArray, s: IntArray, order_s: IntArray, centroid: FloatArray
+    facets: Sequence[_Facets],
+    pairs: IntArray,
+    placements: Sequence[_Placement],
+    matches: Sequence[_Match],
+    blocks: _Blocks,
 ) -> Interfaces:
-    block_m, block_s = world.block[m], world.block[s]
-    corners = world.corners[m]
-    vector = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    area = np.linalg.norm(vector, axis=1)
-    change = np.flatnonzero((np.diff(block_m) != 0) | (np.diff(block_s) != 0)) + 1
-    start = np.concatenate([[0], change, [len(m)]]) if len(m) else np.zeros(1, dtype=np.int64)
+    """Turn each match to the pairs where its placement occurs."""
+    count = np.zeros(len(pairs), dtype=np.int64)
+    for placement, match in zip(placements, matches, strict=True):
+        count[placement.pairs] = len(match.facet_m)
+    start = np.concatenate([[0], np.cumsum(count)])
+    total = int(start[-1])
+    whole = [np.empty((total, 4), dtype=np.int64) for _ in range(2)]
+    facet = [np.empty(total, dtype=np.int64) for _ in range(2)]
+    centroids, normals, areas = np.empty((total, 3)), np.empty((total, 3)), np.empty(total)
+    number = np.zeros(len(pairs), dtype=np.int64)
+    for n, (placement, match) in enumerate(zip(placements, matches, strict=True)):
+        number[placement.pairs] = n
+        if not len(match.facet_m):
+            continue
+        m, s = facets[placement.shape_m], facets[placement.shape_s]
+        corners = m.corners[match.facet_m]
+        vector = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+        area = np.linalg.norm(vector, axis=1)
+        quads_s = np.take_along_axis(s.quads[match.facet_s], match.order_s, axis=1)
+        normal, centroid = vector / area[:, None], m.centroids[match.facet_m]
+        for pair in placement.pairs.tolist():
+            block, here = pairs[pair, 0], slice(start[pair], start[pair + 1])
+            back = blocks.rotations[block].T
+            whole[0][here], whole[1][here] = m.quads[match.facet_m], quads_s
+            facet[0][here], facet[1][here] = match.facet_m, match.facet_s
+            centroids[here] = centroid @ back + blocks.translations[block]
+            normals[here], areas[here] = normal @ back, area
+    touch = np.flatnonzero(count)
     return Interfaces(
-        block_m=block_m,
-        block_s=block_s,
-        quads_m=world.quads[m],
-        quads_s=np.take_along_axis(world.quads[s], order_s, axis=1),
-        facet_m=world.facet[m],
-        facet_s=world.facet[s],
-        centroids=centroid[m],
-        normals=vector / area[:, None],
-        areas=area,
-        pair_start=start,
+        block_m=np.repeat(pairs[touch, 0], count[touch]),
+        block_s=np.repeat(pairs[touch, 1], count[touch]),
+        quads_m=whole[0],
+        quads_s=whole[1],
+        facet_m=facet[0],
+        facet_s=facet[1],
+        centroids=centroids,
+        normals=normals,
+        areas=areas,
+        pair_start=np.concatenate([[0], np.cumsum(count[touch])]),
+        pair_class=number[touch],
+        pair_rotations=blocks.rotations[pairs[touch, 0]],
     )

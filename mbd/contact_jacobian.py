@@ -5,8 +5,9 @@ characteristic length, so a row is a force in every unit system and no result de
 a virtual displacement is (δt, ℓ δθ), a wrench is (F, M/ℓ).
 
 Two forms of the same operator live here. `MatrixJacobian` holds any matrix. `PairJacobian` uses
-that all contacts between two blocks act through one six-dimensional wrench, so products and
-normal matrices cost little even with 500 000 contacts.
+that all contacts between two blocks act through one six-dimensional wrench, and that congruent
+pairs of blocks have the same contacts, so products and normal matrices cost little even with
+500 000 contacts.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from geometry.assembly import BoolArray
 from geometry.contact_assembly import ContactAssembly
+from geometry.interface import Interfaces
 from geometry.mesh import FloatArray, IntArray
+from mbd.pair_wrenches import CongruentWrenches, PairKind, PairWrenches, SeparateWrenches
 
 
 class ContactJacobian(Protocol):
@@ -93,10 +96,6 @@ class MatrixJacobian:
         return self.matrix
 
 
-#: The 21 pairs (i, j) with i <= j of a symmetric 6 × 6 matrix.
-_UPPER = np.triu_indices(6)
-
-
 def _cross_matrix(vector: FloatArray) -> FloatArray:
     """Skew matrices [v]× of vectors (n, 3): (n, 3, 3)."""
     out = np.zeros((len(vector), 3, 3))
@@ -110,12 +109,11 @@ def _cross_matrix(vector: FloatArray) -> FloatArray:
 class PairJacobian:
     """G of an assembly, contacts grouped by block pair (m, s)."""
 
-    wrenches: FloatArray
-    """Unit wrench (n, (x - x_pair) × n / ℓ) of each contact about its pair's point; (n, 6)."""
-    pair_start: IntArray
-    """First contact of each pair, and the total; (n_pairs + 1,)."""
+    contacts: PairWrenches
+    """Unit wrenches of the contacts, each in the frame of its pair."""
     transfer_m: FloatArray
-    """Moves a pair wrench to block m's centroid; zero where m is fixed; (n_pairs, 6, 6)."""
+    """Moves a pair wrench to block m's centroid and to world axes; zero where m is fixed;
+    (n_pairs, 6, 6)."""
     transfer_s: FloatArray
     """The same for block s, (n_pairs, 6, 6)."""
     row_m: IntArray
@@ -128,40 +126,22 @@ class PairJacobian:
     @property
     def shape(self) -> tuple[int, int]:
         """(6 n_free, n_contacts)."""
-        return 6 * self.n_free, len(self.wrenches)
-
-    @cached_property
-    def _pair_of(self) -> IntArray:
-        count = np.diff(self.pair_start)
-        pair_of: IntArray = np.repeat(np.arange(len(count)), count)
-        return pair_of
+        return 6 * self.n_free, self.contacts.n_contacts
 
     def gap_rates(self, virtual_displacement: FloatArray) -> FloatArray:
         """Gᵀ δq, (n_contacts,)."""
         q = virtual_displacement.reshape(-1, 6)
         relative = np.einsum("pji,pj->pi", self.transfer_s, q[self.row_s])
         relative -= np.einsum("pji,pj->pi", self.transfer_m, q[self.row_m])
-        rates: FloatArray = np.einsum("ci,ci->c", self.wrenches, relative[self._pair_of])
-        return rates
+        return self.contacts.rates(relative)
 
     def resultant(self, forces: FloatArray) -> FloatArray:
         """G λ, (6 n_free,)."""
-        pair_wrench = self._pair_sums(self.wrenches * forces[:, None])
+        pair_wrench = self.contacts.sums(forces)
         total = np.zeros((self.n_free, 6))
         np.add.at(total, self.row_s, np.einsum("pij,pj->pi", self.transfer_s, pair_wrench))
         np.subtract.at(total, self.row_m, np.einsum("pij,pj->pi", self.transfer_m, pair_wrench))
         return total.ravel()
-
-    def _pair_sums(self, values: FloatArray) -> FloatArray:
-        if not len(values):
-            return np.zeros((len(self.pair_start) - 1, values.shape[1]))
-        sums: FloatArray = np.add.reduceat(values, self.pair_start[:-1], axis=0)
-        return sums
-
-    @cached_property
-    def _outer(self) -> FloatArray:
-        """Upper triangles of the wrench outer products, (n_contacts, 21)."""
-        return self.wrenches[:, _UPPER[0]] * self.wrenches[:, _UPPER[1]]
 
     @cached_property
     def _band(self) -> tuple[IntArray, int]:
@@ -177,10 +157,7 @@ class PairJacobian:
 
     def _block_entries(self, weights: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
         """6 × 6 blocks of G diag(weights) Gᵀ: block rows, block columns, values."""
-        upper = self._pair_sums(self._outer * weights[:, None])
-        pair = np.empty((len(upper), 6, 6))
-        pair[:, _UPPER[0], _UPPER[1]] = upper
-        pair[:, _UPPER[1], _UPPER[0]] = upper
+        pair = self.contacts.squares(weights)
         left_m, left_s = self.transfer_m @ pair, self.transfer_s @ pair
         t_m, t_s = self.transfer_m.transpose(0, 2, 1), self.transfer_s.transpose(0, 2, 1)
         rows = np.concatenate([self.row_m, self.row_s, self.row_m, self.row_s])
@@ -219,10 +196,11 @@ class PairJacobian:
 
     def to_matrix(self) -> sp.csc_array:
         """G as a sparse matrix, (6 n_free, n_contacts)."""
-        pair = self._pair_of
-        values_m = -np.einsum("cij,cj->ci", self.transfer_m[pair], self.wrenches)
-        values_s = np.einsum("cij,cj->ci", self.transfer_s[pair], self.wrenches)
-        columns = np.repeat(np.arange(len(self.wrenches)), 6)
+        contacts = self.contacts.separate()
+        pair = contacts.pair_of
+        values_m = -np.einsum("cij,cj->ci", self.transfer_m[pair], contacts.wrenches)
+        values_s = np.einsum("cij,cj->ci", self.transfer_s[pair], contacts.wrenches)
+        columns = np.repeat(np.arange(contacts.n_contacts), 6)
         rows_m = (6 * self.row_m[pair][:, None] + np.arange(6)).ravel()
         rows_s = (6 * self.row_s[pair][:, None] + np.arange(6)).ravel()
         matrix = sp.coo_array(
@@ -256,12 +234,69 @@ class Contacts:
     """Characteristic length ℓ [mm]."""
 
 
-def _transfer(points: FloatArray, centroids: FloatArray, length: float) -> FloatArray:
-    """Matrices that move a wrench (F, M/ℓ) from points to centroids, (n, 6, 6)."""
+def _transfer(
+    points: FloatArray, centroids: FloatArray, length: float, axes: FloatArray | None
+) -> FloatArray:
+    """Matrices that move a wrench (F, M/ℓ) from points to centroids, (n, 6, 6).
+
+    ``axes`` (n, 3, 3) turn it to world axes as well, where it is given in others.
+    """
     out = np.zeros((len(points), 6, 6))
     out[:, range(6), range(6)] = 1.0
     out[:, 3:, :3] = _cross_matrix(points - centroids) / length
-    return out
+    if axes is None:
+        return out
+    turn = np.zeros_like(out)
+    turn[:, :3, :3] = turn[:, 3:, 3:] = axes
+    return out @ turn
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """Contacts between pairs of blocks, of which one at least is free."""
+
+    index: IntArray
+    """Position of each contact in the assembly's interfaces."""
+    start: IntArray
+    """First contact of each pair, and the total."""
+    points: FloatArray
+    normals: FloatArray
+    length: float
+
+    @cached_property
+    def middle(self) -> FloatArray:
+        """Mean of the contact points of each pair, (n_pairs, 3) [mm]."""
+        if not len(self.points):
+            return np.zeros((0, 3))
+        total = np.add.reduceat(self.points, self.start[:-1], axis=0)
+        middle: FloatArray = total / np.diff(self.start)[:, None]
+        return middle
+
+    def wrenches(self, points: FloatArray, normals: FloatArray) -> FloatArray:
+        """Unit wrenches of normals at points given from their pair's middle, (n, 6)."""
+        return np.hstack([normals, np.cross(points, normals) / self.length])
+
+
+def _separate(pairs: _Pairs) -> SeparateWrenches:
+    """Contacts of which nothing more is known, in world axes."""
+    arm = pairs.points - np.repeat(pairs.middle, np.diff(pairs.start), axis=0)
+    return SeparateWrenches(pairs.wrenches(arm, pairs.normals), pairs.start)
+
+
+def _congruent(pairs: _Pairs, interfaces: Interfaces) -> tuple[CongruentWrenches, FloatArray]:
+    """Contacts of each kind of pair once, in the axes of block m; and these axes."""
+    of = np.searchsorted(interfaces.pair_start, pairs.index[pairs.start[:-1]], side="right") - 1
+    axes, kind_of = interfaces.pair_rotations[of], interfaces.pair_class[of]
+    kinds = []
+    for kind in np.unique(kind_of).tolist():
+        mine = np.flatnonzero(kind_of == kind)
+        first = int(mine[0])
+        here = slice(int(pairs.start[first]), int(pairs.start[first + 1]))
+        arm = (pairs.points[here] - pairs.middle[first]) @ axes[first]
+        contacts = pairs.start[mine][:, None] + np.arange(here.stop - here.start)
+        normals = pairs.normals[here] @ axes[first]
+        kinds.append(PairKind(pairs.wrenches(arm, normals), mine, contacts))
+    return CongruentWrenches(tuple(kinds), pairs.start), axes
 
 
 def contact_jacobian(assembly: ContactAssembly, fixed: BoolArray | None = None) -> Contacts:
@@ -285,26 +320,22 @@ def contact_jacobian(assembly: ContactAssembly, fixed: BoolArray | None = None) 
     block_m, block_s = interfaces.block_m[index], interfaces.block_s[index]
     change = np.flatnonzero((np.diff(block_m) != 0) | (np.diff(block_s) != 0)) + 1
     start = np.concatenate([[0], change, [len(index)]]) if len(index) else np.zeros(1, dtype=int)
-    count = np.diff(start)
-    points = interfaces.centroids[index]
-    normals = interfaces.normals[index]
     length = assembly.characteristic_length
-    if len(index):
-        middle = np.add.reduceat(points, start[:-1], axis=0) / count[:, None]
+    pairs = _Pairs(index, start, interfaces.centroids[index], interfaces.normals[index], length)
+    contacts: PairWrenches
+    if isinstance(interfaces, Interfaces):
+        contacts, axes = _congruent(pairs, interfaces)
     else:
-        middle = np.zeros((0, 3))
-    arm = points - np.repeat(middle, count, axis=0)
-    wrenches = np.hstack([normals, np.cross(arm, normals) / length])
-
+        contacts, axes = _separate(pairs), None
+    middle = pairs.middle
     number = np.cumsum(~held) - 1
     pair_m, pair_s = block_m[start[:-1]], block_s[start[:-1]]
-    transfer_m = _transfer(middle, assembly.centroids[pair_m], length)
-    transfer_s = _transfer(middle, assembly.centroids[pair_s], length)
+    transfer_m = _transfer(middle, assembly.centroids[pair_m], length, axes)
+    transfer_s = _transfer(middle, assembly.centroids[pair_s], length, axes)
     transfer_m[held[pair_m]] = 0.0
     transfer_s[held[pair_s]] = 0.0
     jacobian = PairJacobian(
-        wrenches=wrenches,
-        pair_start=start,
+        contacts=contacts,
         transfer_m=transfer_m,
         transfer_s=transfer_s,
         row_m=np.where(held[pair_m], number[pair_s], number[pair_m]),

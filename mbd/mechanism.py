@@ -119,7 +119,8 @@ def smallest_singular_pair(jacobian: ContactJacobian) -> tuple[float, FloatArray
     for _ in range(8):
         subspace = np.linalg.qr(np.column_stack([solve(v) for v in subspace.T]))[0]
     rates = np.column_stack([jacobian.gap_rates(v) for v in subspace.T])
-    _, values, right = np.linalg.svd(rates, full_matrices=False)
+    # The triangle of the tall matrix has its singular values and right vectors.
+    _, values, right = np.linalg.svd(np.linalg.qr(rates, mode="r"))
     vector: FloatArray = subspace @ right[-1]
     return float(values[-1]) / largest, vector
 

@@ -11,13 +11,16 @@ from geometry.block import box_block
 from geometry.families.sine_block import SineBlockDivisions, sine_block
 from geometry.files.mesh_io import read_hex_mesh, write_hex_mesh
 from geometry.mesh import (
+    CORNERS,
     HexMesh,
     MeshError,
     QuadSurface,
     boundary_quads,
     check_mesh,
     corner_jacobians,
+    jacobians,
     mass_properties,
+    volume_and_centroid,
 )
 from tests.conftest import random_rotation, tsb
 
@@ -127,3 +130,14 @@ def test_unreadable_mesh_is_refused_in_one_line(tmp_path) -> None:
     path.write_text("<VTKFile")
     with pytest.raises(MeshError, match="cannot be read as a mesh"):
         read_hex_mesh(path)
+
+
+def test_short_ways_to_volume_centroid_and_corners() -> None:
+    """Two Gauss points are enough for both, edges for corners: against three and the gradients."""
+    block = sine_block(tsb(0.3), SineBlockDivisions(12, 3, 4))
+    mesh = HexMesh(block.mesh.nodes + np.array([1e4, -2e4, 0.0]), block.mesh.elements)
+    slow = mass_properties(mesh)
+    volume, centroid = volume_and_centroid(mesh)
+    assert volume == pytest.approx(slow.volume, rel=1e-12)
+    np.testing.assert_allclose(centroid, slow.centroid, atol=1e-8)
+    np.testing.assert_allclose(corner_jacobians(mesh), jacobians(mesh, CORNERS), rtol=1e-9)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geometry.assembly import Assembly, AssemblyError, moved
+from geometry.assembly import Assembly, AssemblyError, moved, renumbered
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.families.sine_block import (
     BlockParameterError,
@@ -118,6 +118,38 @@ def test_bad_parameters_are_refused(change: dict[str, float], message: str) -> N
 def test_element_counts_that_cannot_conform_name_those_that_would() -> None:
     with pytest.raises(BlockParameterError, match="multiple of 3: try 24 or 27"):
         sine_tube(tsb(), SineBlockDivisions(25, 2, 2), 1)
+
+
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_interfaces_are_those_of_a_search_among_all_facets(shuffled: bool) -> None:
+    """Each way two blocks lie side by side is searched once: against all pairs, in the world."""
+    tube = sine_tube(tsb(0.4), SineBlockDivisions(12, 2, 3), 3)
+    tube = moved(tube, random_rotation(2), np.array([5.0, -8.0, 300.0]))
+    if shuffled:
+        tube = renumbered(tube, np.random.default_rng(1).permutation(tube.n_blocks))
+    owner, corners = [], []
+    for b in range(tube.n_blocks):
+        quads = tube.shape(b).contact_quads
+        owner.append(np.full(len(quads), b))
+        corners.append(tube.nodes(b)[quads])
+    block, corner = np.concatenate(owner), np.concatenate(corners)
+    centroid = corner.mean(axis=1)
+    apart = np.linalg.norm(centroid[:, None] - centroid[None], axis=2)
+    i, j = np.nonzero((apart < 1e-6) & (block[:, None] < block[None]))
+    found = tube.interfaces
+    assert found.n_contacts == len(i)
+    expected = np.column_stack([block[i], block[j], np.round(centroid[i], 6)])
+    ours = np.column_stack([found.block_m, found.block_s, np.round(found.centroids, 6)])
+    np.testing.assert_allclose(
+        ours[np.lexsort(ours.T)], expected[np.lexsort(expected.T)], atol=2e-6
+    )
+    for n in range(found.n_contacts):
+        m, s = int(found.block_m[n]), int(found.block_s[n])
+        mine, other = tube.nodes(m)[found.quads_m[n]], tube.nodes(s)[found.quads_s[n]]
+        np.testing.assert_allclose(mine, other, atol=1e-9)
+        vector = 0.5 * np.cross(mine[2] - mine[0], mine[3] - mine[1])
+        np.testing.assert_allclose(found.normals[n] * found.areas[n], vector, atol=1e-9)
+    assert len(np.unique(found.pair_class)) < found.n_pairs
 
 
 @pytest.mark.parametrize(

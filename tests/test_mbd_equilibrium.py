@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, moved
 from geometry.block import Block
 from geometry.families.brick_stack import brick_stack
 from geometry.families.sine_block import SineBlockDivisions
@@ -26,7 +26,8 @@ from mbd import (
     generalized_force,
     newton_equilibrium,
 )
-from tests.conftest import tsb
+from mbd.pair_wrenches import CongruentWrenches
+from tests.conftest import random_rotation, tsb
 
 
 def random_jacobian(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
@@ -329,3 +330,37 @@ def test_a_load_that_is_no_number_is_refused() -> None:
     for wrong in (np.inf, np.nan):
         with pytest.raises(ValueError, match="infs or NaNs"):
             newton_equilibrium(matrix, np.array([1.0, wrong]))
+
+
+@pytest.mark.parametrize("kind", ["tube", "wall"])
+def test_congruent_pairs_give_the_jacobian_of_each_contact(kind: str) -> None:
+    """G from kinds of pairs, turned, against the wrench of every contact in world axes."""
+    if kind == "tube":
+        assembly = sine_tube(tsb(0.3, blocks_per_layer=3), SineBlockDivisions(12, 2, 3), 3)
+    else:
+        assembly = brick_stack((100.0, 60.0, 50.0), (4, 3, 2), columns=2, layers=3)
+    assembly = moved(assembly, random_rotation(5), np.array([30.0, -70.0, 20.0]))
+    contacts = contact_jacobian(assembly)
+    jacobian, found = contacts.jacobian, assembly.interfaces
+    assert isinstance(jacobian.contacts, CongruentWrenches)
+    assert len(jacobian.contacts.kinds) < found.n_pairs
+    number = np.full(assembly.n_blocks, -1)
+    number[contacts.free_blocks] = np.arange(len(contacts.free_blocks))
+    expected = np.zeros((len(contacts.free_blocks), 6, len(contacts.index)))
+    for column, i in enumerate(contacts.index.tolist()):
+        for block, sign in ((found.block_m[i], -1.0), (found.block_s[i], 1.0)):
+            arm = (found.centroids[i] - assembly.centroids[block]) / contacts.length
+            wrench = np.concatenate([found.normals[i], np.cross(arm, found.normals[i])])
+            if number[block] >= 0:
+                expected[number[block], :, column] += sign * wrench
+    matrix = expected.reshape(-1, len(contacts.index))
+    np.testing.assert_allclose(jacobian.to_matrix().toarray(), matrix, atol=1e-13)
+    rng = np.random.default_rng(0)
+    motion, weights = rng.standard_normal(len(matrix)), rng.random(matrix.shape[1])
+    # Sums of n_contacts terms of order one.
+    within = 1e-15 * matrix.shape[1] * 10
+    np.testing.assert_allclose(jacobian.gap_rates(motion), matrix.T @ motion, atol=within)
+    np.testing.assert_allclose(jacobian.resultant(weights), matrix @ weights, atol=within)
+    solution = jacobian.normal_solver(weights, 1e-2)(motion)
+    normal = matrix @ np.diag(weights) @ matrix.T + 1e-2 * np.eye(len(matrix))
+    np.testing.assert_allclose(normal @ solution, motion, atol=1e-10 * np.abs(solution).max())

@@ -23,6 +23,7 @@ from mbd import (
     generalized_force,
     newton_equilibrium,
 )
+from mbd.pair_wrenches import SeparateWrenches
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.problems import pressed, relative, scaled, stack, tube
 
@@ -209,11 +210,9 @@ def _offset() -> Finding:
 
 
 def _repeated(jacobian: PairJacobian, times: int) -> PairJacobian:
-    return replace(
-        jacobian,
-        wrenches=np.repeat(jacobian.wrenches, times, axis=0),
-        pair_start=jacobian.pair_start * times,
-    )
+    once = jacobian.contacts.separate()
+    many = SeparateWrenches(np.repeat(once.wrenches, times, axis=0), once.pair_start * times)
+    return replace(jacobian, contacts=many)
 
 
 def _repetition_law(times: int, least: int = 0) -> Finding:
