@@ -216,6 +216,7 @@ def run_to_static(deformable, orbits=None, **options):
     times = recommended_times(explicit_assembly(deformable).model, damped=True)
     statement = explicit_assembly(
         deformable,
+        counted_pressure=10.0,  # above what presses here: runs do not have to start again
         orbits=orbits,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
         amplitude=SmoothStepAmplitude(times.ramp_time),

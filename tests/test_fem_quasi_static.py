@@ -101,7 +101,12 @@ def test_little_kinetic_energy_is_not_static():
     assert times.ramp_time == pytest.approx(10.0 / times.frequency)
     paper = Effects(rayleigh=RayleighDamping(2.0, 1e-8), bulk_viscosity=BulkViscosity())
     ramp = 2.0 / times.frequency
-    statement = explicit_assembly(deformable, effects=paper, amplitude=SmoothStepAmplitude(ramp))
+    statement = explicit_assembly(
+        deformable,
+        counted_pressure=10.0,  # above what presses here
+        effects=paper,
+        amplitude=SmoothStepAmplitude(ramp),
+    )
     result = solve(
         statement.model, end_time=3.0 * ramp, stop=StopCriterion(1e-12), sample_interval=10
     )
@@ -124,6 +129,7 @@ def test_elastic_frames_reach_the_static_state():
     times = recommended_times(explicit_assembly(deformable).model, damped=True)
     statement = explicit_assembly(
         deformable,
+        counted_pressure=10.0,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
         amplitude=SmoothStepAmplitude(times.ramp_time),
     )

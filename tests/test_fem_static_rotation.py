@@ -49,7 +49,10 @@ def test_explicit_dynamics_ends_in_the_same_state(turned):
         explicit_assembly(deformable, effects=effects, amplitude=None).model, damped=True
     )
     stated = explicit_assembly(
-        deformable, effects=effects, amplitude=SmoothStepAmplitude(times.ramp_time)
+        deformable,
+        counted_pressure=10.0,  # above what presses here
+        effects=effects,
+        amplitude=SmoothStepAmplitude(times.ramp_time),
     )
     run = solve(
         stated.model,

@@ -47,6 +47,7 @@ def test_the_page_stands_alone(report) -> None:
         "claims.json",
         "errata.json",
         "cost.json",
+        "sensitivity.json",
     }
 
 

@@ -314,6 +314,9 @@ class CondensedStep:
         except UnresistedMotionError as error:
             blocks = [int(self._system.blocks[s]) for s in slots[error.level]]
             raise UnheldBlocksError("too few contacts press", tuple(blocks)) from None
+        except np.linalg.LinAlgError:
+            # Stiffness beyond all bounds leaves the points of a facet no compliance of their own.
+            raise UnheldBlocksError("contact presses beyond all bounds", ()) from None
         return _Factored(points, rows, factor, slots, span)
 
     def _active_points(self, linear: Linearisation) -> _Points:
