@@ -60,6 +60,7 @@ def coarse_evidence(
     """Evidence whose parameter study is the synthetic one."""
     evidence = CoarseEvidence(folder, Console(quiet=True), deformable=deformable)
     evidence.__dict__["study"] = synthetic_study() if study is None else study
+    evidence.__dict__["half_block"] = evidence.study
     return evidence
 
 
@@ -98,6 +99,22 @@ def test_s_a_half_lower_is_judged_by_count(tmp_path) -> None:
     assert verdict.truth is Truth.TRUE
     assert verdict.values["lower"] == 240
     assert verdict.values["mean_ratio"] == pytest.approx(0.995, rel=1e-12)
+
+
+def test_claims_that_the_turn_decides_say_so(tmp_path) -> None:
+    """Designs of f = 2 that are better with the other turn, s = 0.5 worse: both are named."""
+    evidence = coarse_evidence(tmp_path)
+    rows = {k: dict(row) for k, row in evidence.study.rows.items()}
+    for key, row in rows.items():
+        if key[0] == 0.5:
+            row["p_max"] *= 1.5
+    evidence.__dict__["half_block"] = StudyTable(rows, evidence.study.axes, evidence.study.mesh)
+    lower, falls = (i.verdict for i in judge_claims(evidence, ["cosine-lower", "flattens"]))
+    assert lower.truth is Truth.TRUE
+    assert lower.values["half_block"]["verdict"] == "false"
+    assert "one wave alone; half a block: lower in 0 of 240" in lower.number
+    assert falls.values["half_block"]["verdict"] == str(falls.truth)
+    assert "alone" not in falls.number
 
 
 # ---------------------------------------------------------------------------------------------

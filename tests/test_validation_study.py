@@ -106,8 +106,21 @@ def test_the_built_in_study_is_the_printed_parameter_space() -> None:
     for path, values in study.parameters:
         assert list(values) == printed()["parameter_study"][path.removeprefix("block.")]
     # Every frequency must meet node on node at the study's mesh: 2f divides the count around.
-    around = study.scene_file(0).scene.mesh.around
-    assert all(around % round(2 * f) == 0 for f in (1.0, 1.5, 2.0))
+    scene = study.scene_file(0).scene
+    assert all(scene.mesh.around % round(2 * f) == 0 for f in (1.0, 1.5, 2.0))
+    assert scene.assembly.turn == "one wave"
+
+
+def test_the_half_block_study_is_its_designs_of_f_2_turned_otherwise() -> None:
+    one, half = load_study("paper-480"), load_study("half-block-160")
+    designs = [one.design(k) for k in range(one.n_designs)]
+    assert [half.design(k) for k in range(half.n_designs)] == [
+        d for d in designs if d["block.frequency"] == 2.0
+    ]
+    other = one.scene_file(next(k for k, d in enumerate(designs) if d == half.design(0))).scene
+    mine = half.scene_file(0).scene
+    assert mine.assembly.turn == "half block"
+    assert (mine.block, mine.mesh, mine.load) == (other.block, other.mesh, other.load)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from geometry.families.sine_block import LayerTurn
 from validation.errors import InputError
 from validation.output.console import status
-from validation.paper.reading import solve_row
+from validation.paper.reading import MESH_OF_TABLES, solve_row
 from validation.paper.reference import reference
 from validation.run.rigid import RigidRun, run_rigid
 from validation.scene.read import load_scene
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 #: shift, frequency, blocks per layer, thickness [mm], amplitude [mm].
 Design = tuple[float, float, int, float, float]
 STUDY = "paper-480"
+#: Its designs with f = 2, every second layer turned by half a block instead of one wave.
+HALF_BLOCK_STUDY = "half-block-160"
 _PATHS = (
     "block.shift",
     "block.frequency",
@@ -120,29 +123,47 @@ class Evidence:
     deformable: bool = False
     """Whether deformable runs may be computed."""
     full: bool = False
-    """The resolution of the tables, 84 × 8 × 20, in the parameter study as well; finer FEM."""
+    """The resolution of the tables, 84 × 24 × 20, in the parameter study as well; finer FEM."""
     workers: int | None = None
     """Processes of the parameter study; None: one per core."""
     cpu_seconds: dict[str, float] = field(default_factory=dict)
     """CPU time of what was computed, by its name [s]."""
+    turn: LayerTurn = LayerTurn.ONE_WAVE
+    """Turn of every second layer in the parameter study; the paper's, or another reading."""
     _rigid: dict[tuple[str, tuple[str, ...]], RigidRun] = field(default_factory=dict)
     _fem: dict[tuple[str, str], TubeRun] = field(default_factory=dict)
 
     @property
     def study_settings(self) -> list[str]:
         """Overrides of the built-in study."""
-        return ["mesh.around=84", "mesh.radial=8", "mesh.axial=20"] if self.full else []
+        return ["mesh.radial=24"] if self.full else []
 
     @cached_property
     def study(self) -> StudyTable:
         """The 480 designs."""
-        study: Study = load_study(STUDY, self.study_settings)
-        name = f"{STUDY}{'-full' if self.full else ''}.sqlite"
+        return self._swept(STUDY, "parameter study")
+
+    @cached_property
+    def half_block(self) -> StudyTable:
+        """The 480 designs with the half-block turn: those of f = 2 are other ones."""
+        other = self._swept(HALF_BLOCK_STUDY, "half-block study")
+        return replace(self.study, rows=self.study.rows | other.rows)
+
+    def with_half_block(self) -> Evidence:
+        """Return the same evidence, the parameter study with the half-block turn."""
+        other = replace(self, turn=LayerTurn.HALF_BLOCK)
+        other.__dict__["study"] = self.half_block
+        return other
+
+    def _swept(self, built_in: str, words: str) -> StudyTable:
+        """Rows of a built-in study, computed where the result file lacks them."""
+        study: Study = load_study(built_in, self.study_settings)
+        name = f"{built_in}{'-full' if self.full else ''}.sqlite"
         with ResultFile(self.folder / name, study, Older.RENEW) as results:
             with sweep_progress(results) as show:
                 sweep(results, LocalRunner(study, self.workers), on_row=show)
             table = read_table(results)
-        self.cpu_seconds["parameter study"] = table.cpu_seconds
+        self.cpu_seconds[words] = table.cpu_seconds
         return table
 
     def rigid(self, scene: str, *settings: str) -> RigidRun:
@@ -162,9 +183,10 @@ class Evidence:
         return solve_row(self.rigid, block, case)
 
     def tsb(self, scene: str, design: Design, *settings: str) -> RigidRun:
-        """Rigid-block result of a design at the resolution of the tables."""
+        """Rigid-block result of a design of the study at the resolution of the tables."""
         values = [f"{path}={value}" for path, value in zip(_PATHS, design, strict=True)]
-        return self.rigid(scene, *values, *settings)
+        turn = f'assembly.turn="{self.turn}"'
+        return self.rigid(scene, *MESH_OF_TABLES["TSB"], turn, *values, *settings)
 
     def fem(self, block: str, case: str) -> TubeRun | None:
         """Deformable result of a load case; None where it may not be computed."""

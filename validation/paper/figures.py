@@ -319,7 +319,7 @@ def draw_cost(evidence: Evidence, path: Path) -> None:
             "s",
             markersize=4,
             color="#009E73",
-            label="rigid blocks, tubelock: 84 × 8 × 20 elements per block",
+            label="rigid blocks, tubelock: more than 20 000 contacts",
         )
     deformable = evidence.fem_runs()
     if deformable:

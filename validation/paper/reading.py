@@ -23,7 +23,7 @@ from validation.run.rigid import RigidRun
 DECIMALS = {"effective": 1, "p_eff": 3, "p_max": 3}
 #: Elements of a block on which the tables were made: 84 round, 24 through the wall, 20 high; 40 on
 #: each edge of the hexagon.
-_MESH = {
+MESH_OF_TABLES = {
     "TSB": ("mesh.around=84", "mesh.radial=24", "mesh.axial=20"),
     "THB": ("mesh.edge=40", "mesh.radial=24"),
 }
@@ -46,7 +46,7 @@ class Solve(Protocol):
 
 def table_settings(block: str) -> tuple[str, ...]:
     """Overrides that make a scene the one of the tables: mesh and loads."""
-    return (*_MESH[block[:3]], "load.as_printed=true")
+    return (*MESH_OF_TABLES[block[:3]], "load.as_printed=true")
 
 
 def solve_row(solve: Solve, block: str, case: str, *settings: str) -> RigidRun:

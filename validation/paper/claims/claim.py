@@ -50,6 +50,8 @@ class Claim:
     """Computes and judges."""
     deformable: bool = False
     """Whether the deformable runs are needed."""
+    of_turn: bool = False
+    """Whether the layers' turn may decide: judged with the half-block turn too."""
 
 
 NOT_COMPUTED = Verdict(Truth.NOT_COMPUTED, "needs the deformable run: add --fem", {})

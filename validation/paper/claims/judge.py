@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rich.console import Console
@@ -47,13 +47,22 @@ def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[Jud
     InputError
         For a name that no claim has.
     """
-    return [
-        JudgedClaim(
-            claim,
-            NOT_COMPUTED if claim.deformable and not evidence.deformable else claim.judge(evidence),
-        )
-        for claim in check_claims(names)
-    ]
+    return [JudgedClaim(claim, _verdict(claim, evidence)) for claim in check_claims(names)]
+
+
+def _verdict(claim: Claim, evidence: Evidence) -> Verdict:
+    """Judge one claim; where it holds for one turn of the layers alone, say so."""
+    if claim.deformable and not evidence.deformable:
+        return NOT_COMPUTED
+    verdict = claim.judge(evidence)
+    if not claim.of_turn:
+        return verdict
+    other = claim.judge(evidence.with_half_block())
+    values = verdict.values | {"half_block": {"verdict": str(other.truth), **other.values}}
+    number = verdict.number
+    if other.truth is not verdict.truth:
+        number += f". So with the turn of one wave alone; half a block: {other.number}"
+    return replace(verdict, number=number, values=values)
 
 
 def claims_json(found: list[JudgedClaim]) -> list[dict[str, Any]]:

@@ -132,27 +132,33 @@ def _thick_depends_less(evidence: Evidence) -> Verdict:
 
 
 def _fine_is_worse(evidence: Evidence) -> Verdict:
+    """Ask how p_max of the largest f compares with that of the smallest, and what that grows with.
+
+    All three together: at the largest n and a the ratio is above 1, and it grows with n and a.
+    """
     p, (shifts, frequencies, numbers, thicknesses, amplitudes) = (
         evidence.study.p_max,
         evidence.study.axes,
     )
-    a = amplitudes[-1]
-    worse_f = worse_n = total_f = total_n = 0
-    for s in shifts:
-        for t in thicknesses:
-            for n in numbers:
-                worse_f += p[s, frequencies[-1], int(n), t, a] > p[s, frequencies[0], int(n), t, a]
-                total_f += 1
-            for f in frequencies:
-                worse_n += p[s, f, int(numbers[-1]), t, a] > p[s, f, int(numbers[0]), t, a]
-                total_n += 1
+    low, high = frequencies[0], frequencies[-1]
+
+    def ratio(s: float, n: float, t: float, a: float) -> float:
+        return p[s, high, int(n), t, a] / p[s, low, int(n), t, a]
+
+    a, n = amplitudes[-1], numbers[-1]
+    tubes = [(s, t) for s in shifts for t in thicknesses]
+    ratios = [ratio(s, n, t, a) for s, t in tubes]
+    with_n = sum(r > ratio(s, numbers[0], t, a) for (s, t), r in zip(tubes, ratios, strict=True))
+    with_a = sum(r > ratio(s, n, t, amplitudes[0]) for (s, t), r in zip(tubes, ratios, strict=True))
+    worse = sum(r > 1 for r in ratios)
     return judged(
-        worse_f > total_f / 2 and worse_n > total_n / 2,
-        f"at a = {a:g} mm, f = {frequencies[-1]:g} is worse than f = {frequencies[0]:g} in "
-        f"{worse_f} of {total_f} tubes, n = {numbers[-1]:g} worse than n = {numbers[0]:g} in "
-        f"{worse_n} of {total_n}",
-        worse_with_frequency=[worse_f, total_f],
-        worse_with_n=[worse_n, total_n],
+        min(worse, with_n, with_a) > len(tubes) / 2,
+        f"at a = {a:g} mm, n = {n:g}, f = {high:g} is worse than f = {low:g} in {worse} of "
+        f"{len(tubes)} tubes (× {np.mean(ratios):.2f} on average); that ratio is larger than at "
+        f"n = {numbers[0]:g} in {with_n}, than at a = {amplitudes[0]:g} in {with_a}",
+        ratios=ratios,
+        grows_with_n=with_n,
+        grows_with_amplitude=with_a,
     )
 
 
@@ -235,7 +241,7 @@ def _best(evidence: Evidence) -> Verdict:
     )
     return judged(
         best == (0.5, 2.0, 2, 60.0, 25.0),
-        f"lowest at 84 × 8 × 20: {words}",
+        f"lowest at 84 × 24 × 20: {words}",
         lowest=[[*key, value] for key, value in fine.items()],
     )
 
@@ -245,8 +251,9 @@ def _cosine_is_lower(evidence: Evidence) -> Verdict:
     ratio = np.array([p[(0.5, *key[1:])] / value for key, value in p.items() if key[0] == 0.0])
     lower = int((ratio < 1).sum())
     return judged(
-        lower > 0.9 * len(ratio),
-        f"lower in {lower} of {len(ratio)} designs, mean ratio {ratio.mean():.3f}",
+        lower > len(ratio) / 2 and float(ratio.mean()) < 1.0,
+        f"lower in {lower} of {len(ratio)} designs, mean ratio {ratio.mean():.3f} (said without "
+        "“all”: in most, and on average)",
         lower=lower,
         designs=len(ratio),
         mean_ratio=float(ratio.mean()),
@@ -293,12 +300,13 @@ def _comparable_p_eff(evidence: Evidence) -> Verdict:
     one, two = (run.result.measures for run in _rows(evidence, "pipe"))
     assert one is not None
     assert two is not None
-    apart = abs(two.p_eff / one.p_eff - 1)
+    apart = abs(two.p_eff_pooled / one.p_eff_pooled - 1)
     return judged(
         apart < _TENTH and two.p_max < one.p_max,
-        f"p_eff {one.p_eff:.4f} and {two.p_eff:.4f} MPa ({100 * apart:.1f} % apart), "
+        f"p_eff {one.p_eff_pooled:.4f} and {two.p_eff_pooled:.4f} MPa ({100 * apart:.1f} % apart), "
         f"p_max {one.p_max:.3f} and {two.p_max:.3f} MPa",
-        p_eff=[one.p_eff, two.p_eff],
+        p_eff=[one.p_eff_pooled, two.p_eff_pooled],
+        p_eff_per_block=[one.p_eff, two.p_eff],
         p_max=[one.p_max, two.p_max],
     )
 
@@ -443,7 +451,7 @@ def _hexagon_wider(evidence: Evidence) -> Verdict:
     cosine = evidence.case("TSB2", "tunnel").result.measures
     assert hexagon is not None
     assert cosine is not None
-    more, twice = hexagon.p_eff / cosine.p_eff, hexagon.p_max / cosine.p_max
+    more, twice = hexagon.p_eff_pooled / cosine.p_eff_pooled, hexagon.p_max / cosine.p_max
     return judged(
         hexagon.effective_count_percent > cosine.effective_count_percent
         and abs(more - 1.3) < _TENTH
@@ -489,18 +497,21 @@ STUDY_CLAIMS = (
         "The Sine Block has no kinematic mechanism for all a > 0",
         "tab:kinematic-mechanism",
         _locked,
+        of_turn=True,
     ),
     Claim(
         "falls-with-amplitude",
         "For all configurations p_max decreases monotonically with increasing amplitude",
         "subsec:MBD_results",
         _falls_with_amplitude,
+        of_turn=True,
     ),
     Claim(
         "flattens",
         "The reduction is most pronounced for small amplitudes; the curves progressively flatten",
         "subsec:MBD_results",
         _flattens,
+        of_turn=True,
     ),
     Claim(
         "saturates",
@@ -513,12 +524,14 @@ STUDY_CLAIMS = (
         "For all a, n and f, increasing the thickness systematically reduces p_max",
         "subsec:MBD_results",
         _falls_with_thickness,
+        of_turn=True,
     ),
     Claim(
         "thick-depends-less",
         "For large thicknesses p_max depends less on the other parameters",
         "subsec:MBD_results",
         _thick_depends_less,
+        of_turn=True,
     ),
     Claim(
         "fine-is-worse",
@@ -526,36 +539,42 @@ STUDY_CLAIMS = (
         "particularly at a = 25, n = 6",
         "subsec:MBD_results",
         _fine_is_worse,
+        of_turn=True,
     ),
     Claim(
         "wave-threshold",
         "Above a threshold of n_w = 2 f n, amplitudes of about 10 mm or more raise p_max",
         "subsec:MBD_results",
         _wave_threshold,
+        of_turn=True,
     ),
     Claim(
         "fewer-larger",
         "At the same n_w, fewer blocks consistently exhibit lower contact pressures",
         "subsec:MBD_results",
         _fewer_larger,
+        of_turn=True,
     ),
     Claim(
         "fewer-larger-example",
         "f = 2, n = 2 yields lower pressures than f = 1, n = 4 (both n_w = 8, s = 0)",
         "subsec:MBD_results",
         _example_of_fewer,
+        of_turn=True,
     ),
     Claim(
         "best",
         "a = 25, f = 2, s = 0.5, n = 2, t = 60 performs best",
         "subsec:MBD_results",
         _best,
+        of_turn=True,
     ),
     Claim(
         "cosine-lower",
         "s = 0.5 exhibits slightly lower p_max than s = 0",
         "subsec:MBD_results",
         _cosine_is_lower,
+        of_turn=True,
     ),
     Claim(
         "thickness-minor",
