@@ -22,7 +22,12 @@ from fem.assembly.contact_state import ContactState
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.law import ContactLaw
 from fem.element.hexahedron import ElementType, chunks, gauss_gradients
-from fem.element.stress import integration_point_stress, integration_points, principal_stress
+from fem.element.stress import (
+    corner_extrapolation,
+    integration_point_stress,
+    integration_points,
+    principal_stress,
+)
 from fem.problem.model import BlockGroup
 from fem.problem.recovery import block_displacements
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray
@@ -68,6 +73,26 @@ def largest_pressure(
     return Peak(value, pair, where, _nearest_face(deformable, pair[0], where))
 
 
+def mean_of_block_maxima(
+    deformable: DeformableAssembly, law: ContactLaw, state: ContactState
+) -> float:
+    """Mean over free blocks of their largest pressure at a corner of a facet [MPa].
+
+    The limit of the same mean over facets as these shrink; that of integration points where a
+    search found facets.
+    """
+    if state.corner_overclosures is None:
+        pressure = np.zeros(state.n_facets)
+        np.maximum.at(pressure, state.facet, state.point_pressures)
+    else:
+        pressure = law.pressure(state.corner_overclosures.max(axis=1))
+    assembly = deformable.assembly
+    largest = np.zeros(assembly.n_blocks)
+    for block in (state.block_m, state.block_s):
+        np.maximum.at(largest, assembly.originals[block], pressure)
+    return float(largest[assembly.free_blocks].mean())
+
+
 def largest_displacement(
     deformable: DeformableAssembly, displacements: tuple[FloatArray, ...]
 ) -> Peak:
@@ -94,6 +119,11 @@ class StressPeaks:
     """Largest first principal stress of the stress averaged over a ball; the ball's centre."""
     averaging_radius: float
     """Radius of that ball [mm]."""
+    sigma_1_at_corners: float
+    """Largest first principal stress at a corner of an element, continued from its own integration
+    points: what those may hide [MPa]."""
+    sigma_3_at_corners: float
+    """Least third principal stress there [MPa]."""
 
 
 def stress_peaks(
@@ -125,6 +155,8 @@ def stress_peaks(
         sigma_3=min((f[1] for f in found), key=_value),
         sigma_1_averaged=max((f[2] for f in found), key=_value),
         averaging_radius=averaging_radius,
+        sigma_1_at_corners=max(f[3] for f in found),
+        sigma_3_at_corners=min(f[4] for f in found),
     )
 
 
@@ -139,7 +171,7 @@ def _group_peaks(
     radius: float,
     *,
     finite_rotation: bool,
-) -> tuple[Peak, Peak, Peak]:
+) -> tuple[Peak, Peak, Peak, float, float]:
     group = deformable.model.groups[number]
     local, _ = block_displacements(group, displacement, finite_rotation=finite_rotation)
     stress = integration_point_stress(group.mesh, group.material, group.element, local)
@@ -161,7 +193,26 @@ def _group_peaks(
     balls = ball_averages(group, points, radius)
     averaged = principal_stress(balls.averaged(stress))[:, :, 0]
     copy, row = np.unravel_index(int(averaged.argmax()), averaged.shape)
-    return largest, least, peak(averaged, balls.centres, int(copy), int(row), None)
+    mean = peak(averaged, balls.centres, int(copy), int(row), None)
+    at_corners = _corner_extremes(group, stress, principal)
+    return largest, least, mean, *at_corners
+
+
+def _corner_extremes(
+    group: BlockGroup, stress: FloatArray, principal: FloatArray
+) -> tuple[float, float]:
+    """Largest σ₁ and least σ₃ at corners of the elements that hold half of the extreme inside."""
+    weights = corner_extrapolation(group.element)
+    per_element = weights.shape[1]
+    stress = stress.reshape(-1, per_element, 6)
+    values = principal.reshape(-1, per_element, 3)
+    first, third = values[:, :, 0].max(axis=1), values[:, :, 2].min(axis=1)
+    high = stress[first >= 0.5 * first.max()]
+    low = stress[third <= 0.5 * third.min()]
+    return (
+        float(principal_stress(np.einsum("cp,epi->eci", weights, high))[:, :, 0].max()),
+        float(principal_stress(np.einsum("cp,epi->eci", weights, low))[:, :, 2].min()),
+    )
 
 
 @dataclass(frozen=True)

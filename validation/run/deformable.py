@@ -16,6 +16,7 @@ from fem.assembly.deformable import (
     Frames,
 )
 from fem.assembly.measures import CapAction, ContactMeasures, cap_action, contact_measures
+from fem.assembly.peaks import StressPeaks, stress_peaks
 from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction, FrictionError
 from fem.contact.law import ContactLaw, ContactLawError, ExponentialLaw, LinearPenalty
@@ -335,6 +336,17 @@ class TubeRun:
     def contact(self) -> ContactMeasures:
         """The paper's measures of the contact pressures, and more."""
         return contact_measures(self.deformable.assembly, self.contact_state)
+
+    @cached_property
+    def stress_peaks(self) -> StressPeaks:
+        """Extremes of the stresses inside elements."""
+        assert self.scene.material is not None
+        return stress_peaks(
+            self.deformable,
+            self.displacements,
+            averaging_radius=self.scene.material.averaging_radius,
+            finite_rotation=self.scene.effects.finite_rotation,
+        )
 
     @cached_property
     def measures(self) -> dict[str, Measure]:

@@ -267,6 +267,9 @@ class FemSection(Section):
     frames: Annotated[int, Field(ge=0)] = 0
     """Frames written for ParaView, spread over what was run, the first and the end included; of a
     static run the load steps, of which there are then at least as many."""
+    error_estimate: bool = True
+    """Whether `tubelock fem` solves two coarser meshes to estimate the error of every measure: a
+    quarter more time."""
     sample_interval: Annotated[int, Field(ge=1)] = 50
     """Steps between two samples of the energies."""
 

@@ -1,0 +1,92 @@
+"""Error of discretisation of every measure of a deformable run, from two coarser meshes.
+
+A run on a mesh with 1/r of the elements along every edge differs from the run by Δ. If the error
+falls like the size of an element, that of the run is Δ / (r - 1); measures of higher order have
+less. Coarse meshes need not lie in their asymptotic range, and a difference may vanish by chance:
+so two of them are solved, about two thirds and half as fine, the larger estimate counts, and a
+factor of safety (as in Roache's grid convergence index) comes on top.
+
+Peaks are known from two sides (`validation.run.measures.bracketed`). Contact forces are in balance
+on facets, so means over them lie below a peak of pressure and values at their corners, continued
+outwards by a steep law, above it: an estimate is at least the distance. Stresses inside elements
+and at their corners lie on the same side: what an element hides comes on top of what the mesh
+leaves out.
+
+References: P. J. Roache, Perspective: a method for uniform reporting of grid refinement studies,
+J. Fluids Eng. 116 (1994) 405-413.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from fem.explicit.solve import Status
+from validation.build.coarser import coarser
+from validation.errors import InputError
+from validation.run.deformable import TubeRun
+from validation.run.explicit import run_tube_explicit
+from validation.run.measures import bracketed
+from validation.run.static import run_tube_static
+from validation.scene.deformable import Method
+from validation.scene.read import DeformableScene
+
+#: Elements along an edge of the coarser meshes over those of the run.
+SHARES = (2.0 / 3.0, 0.5)
+
+#: Factor of safety; `tests/test_validation_error_estimate.py` measures how often it suffices.
+SAFETY = 1.5
+
+#: Peaks that lie inside elements.
+_INSIDE = ("sigma_1_max", "sigma_3_min")
+
+
+def estimated_errors(
+    run: TubeRun, solve: Callable[[str, DeformableScene], TubeRun] | None = None
+) -> dict[str, float]:
+    """Estimate the error of each measure, in its unit; empty where no coarser mesh can be solved.
+
+    Parameters
+    ----------
+    run
+        The run whose measures are judged.
+    solve
+        Solves a scene; by default the method of the run.
+    """
+    solve = _again if solve is None else solve
+    estimates: dict[str, list[float]] = {}
+    for scene in (coarser(run.scene, share) for share in SHARES):
+        if scene is None:
+            continue
+        try:
+            coarse = solve(run.name, scene)
+        except InputError:
+            continue
+        ratio = run.deformable.model.n_elements / coarse.deformable.model.n_elements
+        refinement = ratio ** (1.0 / 3.0)
+        if not refinement > 1.0:
+            continue
+        for name, measure in run.measures.items():
+            change = abs(measure.value - coarse.measures[name].value)
+            estimates.setdefault(name, []).append(SAFETY * change / (refinement - 1.0))
+    sides = bracketed(run)
+    return {
+        name: max(found) + sides[name] if name in _INSIDE else max(*found, sides.get(name, 0.0))
+        for name, found in estimates.items()
+    }
+
+
+def _again(name: str, scene: DeformableScene) -> TubeRun:
+    """Solve a scene by its own method.
+
+    Raises
+    ------
+    InputError
+        A scene that cannot be solved, or a run that was interrupted.
+    """
+    assert scene.fem is not None
+    if scene.fem.method is Method.STATIC:
+        return run_tube_static(name, scene)
+    run, result = run_tube_explicit(name, scene)
+    if result.status is Status.INTERRUPTED:
+        raise InputError(f"{name}: interrupted")
+    return run
