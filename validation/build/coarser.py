@@ -36,7 +36,7 @@ def _values(scene: Any, share: float) -> dict[str, Any]:
     if isinstance(scene, TubeScene):
         waves = round(2 * scene.block.frequency)
         return {
-            "around": _fewer(mesh.around, share, waves),
+            "around": max(_fewer(mesh.around, share, waves), min(mesh.around, 2 * waves)),
             "radial": _fewer(mesh.radial, share),
             "axial": _fewer(mesh.axial, share),
         }
