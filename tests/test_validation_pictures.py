@@ -239,6 +239,9 @@ def polyhedral_pictures(path: Path) -> None:
     file = load_scene("arch")
     run = run_polyhedra(file, file.scene)  # type: ignore[arg-type]
     draw_polyhedra(run, path)
+    assert mechanism_motion(run) is None  # it stands
+    sliding = load_scene("arch", ("rigid.friction=0.1",))
+    run = run_polyhedra(sliding, sliding.scene)  # type: ignore[arg-type]
     motion = mechanism_motion(run)
     assert motion is not None
     draw_polyhedral_mechanism(run, motion, path)

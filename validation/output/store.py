@@ -214,8 +214,9 @@ class Store:
         statement = "SELECT sql FROM sqlite_master WHERE name = 'rows'"
         if self._connection.execute(statement).fetchone()[0] != self.layout.table:
             raise InputError(
-                f"{self.path}: its columns are not those of this version of tubelock; give another "
-                "file, or use the version that wrote it"
+                f"{self.path}: its columns are not those of this version of tubelock: it was "
+                "written by another one, or is damaged; give another file, or use the version "
+                "that wrote it"
             )
 
     def _check_about(self, about: Mapping[str, str]) -> None:

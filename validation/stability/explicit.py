@@ -44,6 +44,8 @@ CASES = Cases("explicit")
 
 #: Ten metres per second [mm/s].
 IMPACT_SPEED = 10_000.0
+#: Largest stiffness of the contact of that case [MPa/mm].
+IMPACT_STIFFNESS = 1000.0
 
 
 def free_cube(effects: Effects | None = None) -> Model:
@@ -125,12 +127,15 @@ def _forced() -> Finding:
 
 @CASES.add(
     "impact-10-m-per-s",
-    "A brick hits its support at 10 m/s, no damping: the error in energy falls with the step",
+    "A brick hits its support at 10 m/s, no damping, contact capped at 1000 MPa/mm: the error in "
+    "energy falls with the step",
 )
 def _impact() -> Finding:
     assembly = stack(1, top_fixed=True)
     load = replace(pressed(assembly, 0.0), fixed=assembly.fixed)
-    stated = deformable(assembly, load, material=CONCRETE, clearance=0.1)
+    # Without a cap the blow would press with gigapascals, which no step of this length resolves.
+    law = ExponentialLaw(maximum_stiffness=IMPACT_STIFFNESS)
+    stated = deformable(assembly, load, material=CONCRETE, clearance=0.1, law=law)
     model = replace(explicit_assembly(stated).model, loads=())
     group = model.groups[0]
     velocity = np.zeros((1, group.n_nodes, 3))
