@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 from rich.table import Table
 
 from mbd import Mechanism, MechanismClass, RigidResult, SelfStress
+from mbd.force_range import ForceRanges
 from validation.run.further import Further
 
 #: What each class means.
@@ -41,6 +43,24 @@ def p_eff_words(per_block: float, pooled: float) -> str:
     )
 
 
+def range_words(ranges: ForceRanges) -> str:
+    """Say how many joints have a range of forces and no value, and which is the widest."""
+    wide, unbounded = int(ranges.undetermined.sum()), int(ranges.unbounded.sum())
+    of = f"of {len(ranges.least)} joints"
+    if wide == 0:
+        return f"determined: every admissible state has the same force in each {of}"
+    bound = f", {unbounded} of them without bound (self-stress)" if unbounded else ""
+    k = int(np.argmax(np.where(ranges.unbounded, -1.0, ranges.width)))
+    if unbounded == len(ranges.least):
+        k = int(ranges.least.argmax())
+    pair = f"blocks {ranges.block_m[k]} and {ranges.block_s[k]}"
+    most = "any" if ranges.unbounded[k] else f"{ranges.largest[k]:.4g} N"
+    return (
+        f"undetermined in {wide} {of}{bound}; between {pair}: least {ranges.least[k]:.4g} N, "
+        f"least-norm {ranges.shown[k]:.4g} N, largest {most}"
+    )
+
+
 def add_further_rows(table: Table, further: Further | None) -> None:
     """Add a row for each answer to a table of words and values."""
     if further is None:
@@ -57,6 +77,10 @@ def add_further_rows(table: Table, further: Further | None) -> None:
         if c.mechanism is not None:
             proof = f"; mechanism bounds it by {c.upper_bound:.6g}, residual {c.residual:.1e}"
         table.add_row("collapse", c.status + proof)
+    if further.sliding is not None:
+        table.add_row("sliding, no dilation", further.sliding.status)
+    if further.ranges is not None:
+        table.add_row("reaction", range_words(further.ranges))
     if further.margin is not None:
         m = further.margin
         block = int(further.free_blocks[m.block])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,12 @@ from geometry.assembly import BoolArray
 from geometry.contact_assembly import ContactAssembly
 from geometry.mesh import FloatArray, IntArray
 from mbd import RigidResult, contact_jacobian
+from mbd.contact_jacobian import Contacts
+from mbd.equilibrium import column_weights, equilibrium
+from mbd.force_range import ForceRanges, force_ranges
 from mbd.friction import (
     CollapseLoad,
+    FrictionalContacts,
     FrictionalEquilibrium,
     FrictionError,
     collapse_load,
@@ -21,7 +25,9 @@ from mbd.friction import (
     frictional_equilibrium,
 )
 from mbd.margin import Margin, interlocking_margin
+from mbd.plane import plane_problem
 from mbd.resultants import JointResultants
+from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
 from validation.errors import InputError
 from validation.scene.sections import RigidSection
 
@@ -36,6 +42,8 @@ class Further:
     free_blocks: IntArray
     """Block number of each position among the free blocks."""
     cpu_seconds: float
+    sliding: SlidingCollapse | None = None
+    ranges: ForceRanges | None = None
     friction_forces: FloatArray | None = None
     """Forces on block s that carry the load with friction; None where none do; (n_contacts, 3)."""
 
@@ -112,12 +120,13 @@ def further_answers(
     InputError
         When the collapse load is asked for, but nothing can grow or the rest is not carried.
     """
-    if section.friction is None and not section.collapse and not section.margin:
+    asked = (section.collapse, section.sliding, section.ranges, section.margin)
+    if section.friction is None and not any(asked):
         return None
     start = time.process_time()
     contacts = contact_jacobian(assembly, fixed)
     dead, live = (_generalized(w, contacts.free_blocks, contacts.length) for w in wrenches)
-    friction = collapse = margin = forces = None
+    friction = collapse = sliding = margin = forces = None
     try:
         frictional = frictional_contacts(
             assembly, contacts, section.friction or 0.0, section.friction_law
@@ -129,12 +138,63 @@ def further_answers(
                 forces = frictional.world(friction.forces, normals)
         if section.collapse:
             collapse = collapse_load(frictional, dead, live)
+        if section.sliding:
+            sliding = _sliding(assembly, contacts, frictional, (dead, live))
     except FrictionError as error:
         raise InputError(f"rigid: {error}") from None
     if section.margin:
         margin = interlocking_margin(contacts.jacobian, contacts.areas)
+    ranges = _ranges(contacts, frictional, friction, dead + live, section)
     seconds = time.process_time() - start
-    return Further(friction, collapse, margin, contacts.free_blocks, seconds, forces)
+    return Further(
+        friction=friction,
+        collapse=collapse,
+        margin=margin,
+        free_blocks=contacts.free_blocks,
+        cpu_seconds=seconds,
+        sliding=sliding,
+        ranges=ranges,
+        friction_forces=forces,
+    )
+
+
+def _sliding(
+    assembly: ContactAssembly,
+    contacts: Contacts,
+    frictional: FrictionalContacts,
+    loads: tuple[FloatArray, FloatArray],
+) -> SlidingCollapse:
+    """Collapse by sliding without dilation, in the plane where the problem is plane."""
+    for axis in range(3):
+        try:
+            plane = plane_problem(assembly, contacts, frictional, axis)
+            dead, live = (plane.load(load) for load in loads)
+        except FrictionError:
+            continue
+        found = sliding_collapse(plane.contacts, dead, live)
+        if found.mechanism is None:
+            return found
+        motion = np.zeros(len(loads[0]))
+        motion[plane.rows] = found.mechanism
+        return replace(found, mechanism=motion)
+    return sliding_collapse(frictional, *loads)
+
+
+def _ranges(
+    contacts: Contacts,
+    frictional: FrictionalContacts,
+    friction: FrictionalEquilibrium | None,
+    load: FloatArray,
+    section: RigidSection,
+) -> ForceRanges | None:
+    """Ranges of the joints' forces, where they are asked for and forces balance the load."""
+    if not section.ranges:
+        return None
+    if friction is not None:
+        return force_ranges(contacts, load, friction.forces[:, 0], frictional=frictional)
+    weights = column_weights(section.norm, contacts.areas)
+    shown = equilibrium(contacts.jacobian, load, solver=section.solver, weights=weights)
+    return force_ranges(contacts, load, shown.forces) if shown.holds else None
 
 
 def _generalized(wrench: FloatArray, free: IntArray, length: float) -> FloatArray:
@@ -195,6 +255,10 @@ def further_json(further: Further | None) -> dict[str, Any]:
             "mechanism": None if c.mechanism is None else c.mechanism.reshape(-1, 6).tolist(),
             "status": c.status,
         }
+    if further.sliding is not None:
+        data["sliding"] = _sliding_json(further.sliding)
+    if further.ranges is not None:
+        data["ranges"] = _ranges_json(further.ranges)
     if further.margin is not None:
         m = further.margin
         data["margin"] = {
@@ -204,3 +268,34 @@ def further_json(further: Further | None) -> dict[str, Any]:
             "load": m.load,
         }
     return data
+
+
+def _sliding_json(found: SlidingCollapse) -> dict[str, Any]:
+    check = None if found.check is None else asdict(found.check)
+    mechanism = found.mechanism
+    return {
+        "factor": _finite(found.factor),
+        "associated_factor": _finite(found.associated),
+        "certified": found.certified,
+        "check": check,
+        "mechanism": None if mechanism is None else mechanism.reshape(-1, 6).tolist(),
+        "status": found.status,
+    }
+
+
+def _ranges_json(ranges: ForceRanges) -> dict[str, Any]:
+    joints = [
+        {
+            "blocks": [int(ranges.block_m[k]), int(ranges.block_s[k])],
+            "least": float(ranges.least[k]),
+            "least_norm": float(ranges.shown[k]),
+            "largest": _finite(float(ranges.largest[k])),
+            "unbounded": bool(ranges.unbounded[k]),
+        }
+        for k in range(len(ranges.least))
+    ]
+    return {
+        "joints": joints,
+        "undetermined": int(ranges.undetermined.sum()),
+        "unbounded": int(ranges.unbounded.sum()),
+    }

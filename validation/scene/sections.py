@@ -89,5 +89,9 @@ class RigidSection(Section):
     """``cone`` (exact) or ``pyramid`` (inside it, linear)."""
     collapse: bool = False
     """Asks how far the live load can grow until the first mechanism."""
+    sliding: bool = False
+    """Asks at which live load joints can begin to slide without opening (`collapse` lets them)."""
+    ranges: bool = False
+    """Asks for the least and the largest normal force of each joint over all admissible states."""
     margin: bool = False
     """Asks which load on a single block is carried worst, and how well."""

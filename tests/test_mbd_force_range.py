@@ -1,0 +1,150 @@
+"""Ranges of the joints' forces: statics by hand, friction, self-stress, the scene's answer."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from geometry.families.masonry import box, circular_arch, running_bond_wall
+from geometry.families.platonic_layers import tetrahedra_layer
+from geometry.mesh import FloatArray
+from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
+from mbd import contact_jacobian, newton_equilibrium
+from mbd.force_range import ForceRanges, force_ranges
+from mbd.friction import frictional_contacts, frictional_equilibrium
+from validation.cli.app import app
+from validation.compare.closed_forms import body_force
+
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def _ranges(assembly: PolyhedralAssembly, load: FloatArray) -> ForceRanges:
+    contacts = contact_jacobian(assembly)
+    shown = newton_equilibrium(contacts.jacobian, load)
+    assert shown.holds
+    found = force_ranges(contacts, load, shown.forces)
+    assert found is not None
+    return found
+
+
+def _table(supports: list[float], load_at: float) -> tuple[PolyhedralAssembly, FloatArray]:
+    """A plank 100 long on narrow fixed blocks at x, 1 N pressing down at ``load_at``."""
+    plank = box((100.0, 10.0, 10.0), "plank")
+    places = [(plank, np.eye(3), np.zeros(3))]
+    places += [
+        (box((2.0, 10.0, 10.0), f"support {x:g}"), np.eye(3), np.array([x - 1.0, 0.0, -10.0]))
+        for x in supports
+    ]
+    fixed = np.array([False, *[True] * len(supports)])
+    assembly = polyhedral_assembly("table", places, fixed)
+    contacts = contact_jacobian(assembly)
+    arm = np.array([load_at, 5.0, 10.0]) - assembly.centroids[0]
+    wrench = np.concatenate([DOWN, np.cross(arm, DOWN) / contacts.length])
+    return assembly, wrench
+
+
+def test_two_supports_leave_the_width_of_their_faces() -> None:
+    # Pressure can move within each face of width 2: by the lever rule the left force is
+    # (70 ± 1 - 40)/(70 ± 1 - 20 ∓ 1), at least 29/50 … (the corners that are nearest or farthest).
+    found = _ranges(*_table([20.0, 70.0], 40.0))
+    corners = [(right - 40.0) / (right - left) for left in (19.0, 21.0) for right in (69.0, 71.0)]
+    np.testing.assert_allclose(found.least, [min(corners), 1 - max(corners)], rtol=1e-6)
+    np.testing.assert_allclose(found.largest, [max(corners), 1 - min(corners)], rtol=1e-6)
+    assert found.undetermined.all()
+
+
+def test_a_third_support_takes_all_or_nothing() -> None:
+    # Under the load itself it can carry everything; without it the other two do.
+    found = _ranges(*_table([20.0, 40.0, 70.0], 40.0))
+    assert found.least[1] == pytest.approx(0.0, abs=1e-7)
+    assert found.largest[1] == pytest.approx(1.0, rel=1e-6)
+    assert (found.least <= found.shown + 1e-9).all()
+    assert (found.shown <= found.largest + 1e-9).all()
+
+
+def test_a_stack_is_determined() -> None:
+    shape = box((10.0, 10.0, 10.0))
+    places = [(shape, np.eye(3), np.array([0.0, 0.0, 10.0 * k])) for k in range(4)]
+    stack = polyhedral_assembly("stack", places, np.array([True, False, False, False]))
+    found = _ranges(stack, body_force(stack, DOWN))
+    # Each joint carries what stands on it, nothing else.
+    np.testing.assert_allclose(found.least, [3000.0, 2000.0, 1000.0], rtol=1e-6)
+    np.testing.assert_allclose(found.largest, found.least, rtol=1e-6)
+    assert not found.undetermined.any()
+
+
+def test_a_locked_layer_can_be_prestressed_without_bound() -> None:
+    layer = tetrahedra_layer(50.0, 2, 2)
+    found = _ranges(layer, body_force(layer, DOWN))
+    assert found.unbounded.all()
+    assert (found.least <= found.shown + 1e-9 * found.load).all()
+
+
+def test_friction_widens_every_range() -> None:
+    # Every state without friction is one with it.
+    wall = running_bond_wall((200.0, 100.0, 80.0), 2, 2)
+    contacts, load = contact_jacobian(wall), body_force(wall, DOWN)
+    without = _ranges(wall, load)
+    frictional = frictional_contacts(wall, contacts, 0.5)
+    shown = frictional_equilibrium(frictional, load).forces[:, 0]
+    found = force_ranges(contacts, load, shown, frictional=frictional)
+    assert found is not None
+    slack = 1e-6 * found.load
+    assert (found.least <= without.least + slack).all()
+    assert (found.largest >= without.largest - slack).all()
+    assert found.width.sum() > without.width.sum() + slack
+
+
+def test_arch_ranges_are_thrust_lines() -> None:
+    # The horizontal thrust of an arch in the plane lies in one interval; forces at the two
+    # springings mirror each other.
+    arch = circular_arch(1000.0, 150.0, 300.0, 7)
+    contacts, load = contact_jacobian(arch), body_force(arch, DOWN)
+    frictional = frictional_contacts(arch, contacts, 0.8)
+    shown = frictional_equilibrium(frictional, load).forces[:, 0]
+    found = force_ranges(contacts, load, shown, frictional=frictional)
+    assert found is not None
+    np.testing.assert_allclose(found.least, found.least[::-1], rtol=1e-5)
+    np.testing.assert_allclose(found.largest, found.largest[::-1], rtol=1e-5)
+    # Joints press more towards the springings, whatever the state.
+    half = found.least[:4]
+    assert all(a > b for a, b in pairwise(half))
+
+
+def test_no_admissible_state_has_no_ranges() -> None:
+    shape = box((10.0, 10.0, 10.0))
+    blocks = [(shape, np.eye(3), np.zeros(3)), (shape, np.eye(3), np.array([0.0, 0.0, 10.0]))]
+    pair = polyhedral_assembly("pair", blocks, np.array([True, False]))
+    contacts = contact_jacobian(pair)
+    load = -body_force(pair, DOWN)
+    assert force_ranges(contacts, load, np.zeros(len(contacts.index))) is None
+
+
+def test_scene_answers_with_ranges_and_sliding(tmp_path: Path) -> None:
+    import json
+
+    from typer.testing import CliRunner
+
+    scene = tmp_path / "wall.toml"
+    scene.write_text(
+        '[block]\ntype = "wall"\nsize = [200, 100, 80]\n[assembly]\ncolumns = 2\nrows = 2\n'
+        "[load]\ngravity = [0, 0, -9810]\nacceleration = [981, 0, 0]\n"
+        "[rigid]\nfriction = 0.6\ncollapse = true\nsliding = true\nranges = true\n"
+    )
+    answer = tmp_path / "answer.json"
+    run = CliRunner().invoke(app, ["mbd", str(scene), "--json", str(answer)])
+    assert run.exit_code == 0, run.output
+    data = json.loads(answer.read_text())
+    assert "undetermined in" in run.output
+    joints = data["ranges"]["joints"]
+    assert data["ranges"]["undetermined"] > 0
+    assert all(j["least"] <= j["least_norm"] + 1e-6 <= j["largest"] + 2e-6 for j in joints)
+    sliding, collapse = data["sliding"], data["collapse"]
+    assert sliding["certified"]
+    # Sliding without dilation needs no more than limit analysis allows.
+    assert sliding["factor"] <= collapse["factor"] * (1 + 1e-6)
+    assert sliding["associated_factor"] == pytest.approx(collapse["factor"], rel=1e-6)
+    assert np.asarray(sliding["mechanism"]).shape == (5, 6)
