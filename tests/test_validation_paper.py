@@ -17,7 +17,9 @@ from validation.paper.errata import errata, show_errata
 from validation.paper.evidence import Evidence, StudyTable
 from validation.paper.reading import ingredients, sensitivity, to_the_digit
 from validation.paper.tables import compute_tables, tables_json
-from validation.run.rigid import RigidRun
+from validation.run.rigid import RigidRun, run_rigid
+from validation.run.shared import SharedTubes
+from validation.scene.read import load_scene
 
 AXES = ((0.0, 0.5), (1.0, 1.5, 2.0), (2, 3, 4, 5, 6), (30.0, 40.0, 50.0, 60.0))
 AMPLITUDES = (10.0, 15.0, 20.0, 25.0)
@@ -148,6 +150,19 @@ def test_every_printed_number_has_its_row_and_both_readings(tmp_path) -> None:
             assert row.physical == row.ours
     shaft = [r for r in tables.rows if (r.block, r.case, r.quantity) == ("TSB1", "shaft", "p_max")]
     assert shaft[0].physical > 1.2 * shaft[0].ours
+
+
+def test_tubes_that_are_built_once_give_the_results_of_each_scene() -> None:
+    tubes = SharedTubes()
+    mesh = ["mesh.around=12", "mesh.radial=2", "mesh.axial=4", "assembly.layers=2"]
+    for scene, more in (("tsb1-pipe", []), ("tsb1-shaft", []), ("tsb1-pipe", ["block.shift=0.5"])):
+        file = load_scene(scene, [*mesh, *more])
+        shared, alone = tubes.run(file), run_rigid(file)
+        assert (shared.name, shared.scene) == (alone.name, alone.scene)
+        np.testing.assert_array_equal(
+            shared.result.contact_pressures, alone.result.contact_pressures
+        )
+        assert shared.cpu_seconds["build"] > 0
 
 
 def test_each_ingredient_moves_what_it_says(tmp_path) -> None:

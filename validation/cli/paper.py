@@ -22,7 +22,7 @@ FemOption = Annotated[
 FullOption = Annotated[
     bool, typer.Option("--full", help="Fine meshes, in the parameter study as well.")
 ]
-QuickOption = Annotated[bool, typer.Option("--quick", help="Rigid blocks only: about a minute.")]
+QuickOption = Annotated[bool, typer.Option("--quick", help="Rigid blocks only: three CPU minutes.")]
 WorkersOption = Annotated[
     int | None, typer.Option("--workers", metavar="N", help="Processes; by default one per core.")
 ]

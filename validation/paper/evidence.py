@@ -21,7 +21,8 @@ from validation.errors import InputError
 from validation.output.console import status
 from validation.paper.reading import MESH_OF_TABLES, solve_row
 from validation.paper.reference import reference
-from validation.run.rigid import RigidRun, run_rigid
+from validation.run.rigid import RigidRun
+from validation.run.shared import SharedTubes
 from validation.scene.read import load_scene
 from validation.study.report import sweep_progress
 from validation.study.run import LocalRunner, sweep
@@ -130,6 +131,7 @@ class Evidence:
     """CPU time of what was computed, by its name [s]."""
     turn: LayerTurn = LayerTurn.ONE_WAVE
     """Turn of every second layer in the parameter study; the paper's, or another reading."""
+    _tubes: SharedTubes = field(default_factory=SharedTubes)
     _rigid: dict[tuple[str, tuple[str, ...]], RigidRun] = field(default_factory=dict)
     _fem: dict[tuple[str, str], TubeRun] = field(default_factory=dict)
 
@@ -173,7 +175,7 @@ class Evidence:
         key = (scene, settings)
         if key not in self._rigid:
             start = time.process_time()
-            self._rigid[key] = run_rigid(load_scene(scene, settings))
+            self._rigid[key] = self._tubes.run(load_scene(scene, settings))
             spent = time.process_time() - start
             self.cpu_seconds["rigid"] = self.cpu_seconds.get("rigid", 0.0) + spent
         return self._rigid[key]

@@ -65,7 +65,7 @@ class Extent(StrEnum):
     """How much is computed."""
 
     QUICK = "quick"
-    """Rigid blocks only: about a minute."""
+    """Rigid blocks only: about three minutes of CPU time."""
     NORMAL = "normal"
     """And deformable blocks on a coarse mesh: some minutes."""
     FULL = "full"

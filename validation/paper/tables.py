@@ -14,7 +14,8 @@ from rich.table import Table
 
 from validation.paper.reading import DECIMALS, Solve, as_read, solve_row, to_the_digit
 from validation.paper.reference import reference
-from validation.run.rigid import RigidRun, run_rigid
+from validation.run.rigid import RigidRun
+from validation.run.shared import SharedTubes
 from validation.scene.read import load_scene
 
 #: Words of the quantities.
@@ -78,12 +79,7 @@ class Tables:
         return sum(row.paper == row.ours for row in self.classes)
 
 
-def run_scene(scene: str, *settings: str) -> RigidRun:
-    """Compute a built-in scene with overrides anew."""
-    return run_rigid(load_scene(scene, settings))
-
-
-def compute_tables(console: Console, solve: Solve = run_scene) -> Tables:
+def compute_tables(console: Console, solve: Solve | None = None) -> Tables:
     """Compute every printed row, with a progress bar on ``console``.
 
     Parameters
@@ -91,8 +87,14 @@ def compute_tables(console: Console, solve: Solve = run_scene) -> Tables:
     console
         For the progress bar.
     solve
-        Computes a scene with overrides; by default anew.
+        Computes a scene with overrides; by default anew, the blocks of each table once.
     """
+    if solve is None:
+        tubes = SharedTubes()
+
+        def solve(scene: str, *settings: str) -> RigidRun:
+            return tubes.run(load_scene(scene, settings))
+
     tables = Tables([], [])
     tasks = [(block, case) for block, cases in reference()["table"].items() for case in cases]
     for block, case in track(tasks, description="tables", console=console, transient=True):
