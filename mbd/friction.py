@@ -33,6 +33,10 @@ from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 CERTIFICATE_TOLERANCE = 1e-6
 
 
+#: Coefficients of dry materials stay below 2; beyond this a number is something else.
+MOST_FRICTION = 10.0
+
+
 class FrictionLaw(StrEnum):
     """How the Coulomb cone is represented."""
 
@@ -150,10 +154,15 @@ def frictional_contacts(
     Raises
     ------
     FrictionError
-        For a negative or non-finite coefficient.
+        For a coefficient that is negative, not finite, or above `MOST_FRICTION`.
     """
     if not (np.isfinite(friction) and friction >= 0):
         raise FrictionError(f"rigid.friction: got {friction}, expected 0 or a positive number")
+    if friction > MOST_FRICTION:
+        raise FrictionError(
+            f"rigid.friction: got {friction:g}, expected a coefficient up to {MOST_FRICTION:g}; an "
+            "angle of friction φ is given as its tangent: 30° is 0.577"
+        )
     normals = assembly.interfaces.normals[contacts.index]
     axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
     first = np.cross(normals, axis)

@@ -67,7 +67,14 @@ def test_without_pressure_the_anchor_follows():
     assert traction.shape == (1, 1, 2)
 
 
-@pytest.mark.parametrize(("mu", "stiffness"), [(0.0, 1.0), (-0.1, 1.0), (0.1, np.inf)])
+@pytest.mark.parametrize(
+    ("mu", "stiffness"), [(0.0, 1.0), (-0.1, 1.0), (0.1, np.inf), (30.0, 1.0), (np.nan, 1.0)]
+)
 def test_unusable_constants_are_refused(mu, stiffness):
     with pytest.raises(FrictionError, match=r"effects\.friction"):
         CoulombFriction(mu, stiffness)
+
+
+def test_an_angle_in_place_of_a_coefficient_is_named():
+    with pytest.raises(FrictionError, match=r"got 30, expected up to 10; an angle .* tangent"):
+        CoulombFriction(30.0)

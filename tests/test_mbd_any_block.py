@@ -405,6 +405,8 @@ def test_collapse_answers_what_cannot_be_asked() -> None:
     assert never.certified
     with pytest.raises(FrictionError, match=r"rigid\.friction"):
         _with_friction(assembly, -0.1)
+    with pytest.raises(FrictionError, match=r"rigid\.friction: got 30, .* tangent"):
+        _with_friction(assembly, 30.0)
 
 
 def test_friction_zero_is_the_frictionless_answer() -> None:

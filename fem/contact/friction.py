@@ -26,6 +26,9 @@ from geometry.compilation import njit
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 
+#: Coefficients of dry materials stay below 2; beyond this a number is something else.
+MOST_FRICTION = 10.0
+
 
 class FrictionError(RefusedError):
     """Friction that cannot be used: the constant and its range."""
@@ -38,7 +41,7 @@ class CoulombFriction:
     Raises
     ------
     FrictionError
-        For a constant that is not positive and finite.
+        For a constant that is not positive and finite, or a coefficient above `MOST_FRICTION`.
     """
 
     coefficient: float
@@ -56,6 +59,11 @@ class CoulombFriction:
                     f"effects.friction.{name}: got {value}, expected a finite positive number "
                     "(leave friction out for none)"
                 )
+        if self.coefficient > MOST_FRICTION:
+            raise FrictionError(
+                f"effects.friction.coefficient: got {self.coefficient:g}, expected up to "
+                f"{MOST_FRICTION:g}; an angle of friction φ is given as its tangent: 30° is 0.577"
+            )
 
 
 @njit(cache=True)

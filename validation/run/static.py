@@ -17,6 +17,7 @@ from geometry.errors import RefusedError
 from validation.errors import InputError
 from validation.run.deformable import NO_SECTOR, TubeRun, build_deformable, fem_section
 from validation.run.frames import static_frames
+from validation.run.held_by_friction import require_held_by_friction
 from validation.scene.deformable import FemSection, Method
 from validation.scene.read import DeformableScene
 
@@ -61,7 +62,9 @@ def run_tube_static(
     """
     start = time.process_time()
     fem = fem_section(scene, name)
-    deformable = build_deformable(scene, name) if deformable is None else deformable
+    if deformable is None:
+        require_held_by_friction(name, scene)
+        deformable = build_deformable(scene, name)
     keep = on_frame is not None and fem.frames > 0
     options = replace(static_options(scene, fem), keep_steps=keep)
     built = time.process_time()

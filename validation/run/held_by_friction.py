@@ -1,0 +1,165 @@
+"""Blocks that friction alone would have to hold, and does not: said before a static run.
+
+Facets pass forces somewhere inside their corners. If rigid blocks in contact at all corners of all
+facets have a motion that friction does not stop, and that the load drives, no static state exists
+near the shape as built; Newton's method would look for it in vain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geometry.assembly import Assembly, BoolArray
+from geometry.interface import Interfaces
+from geometry.load_case import LoadCase, with_body_wrenches
+from geometry.mesh import FloatArray, IntArray
+from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibrium
+from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equilibrium
+from validation.build.blocks import build_weight
+from validation.errors import InputError
+from validation.run.deformable import build_hexahedra
+from validation.scene.read import DeformableScene
+
+#: More contact points than this are left to the static solver: the cone program takes minutes.
+_MOST_POINTS = 20_000
+
+
+@dataclass(frozen=True)
+class _AtCorners:
+    """An assembly whose contacts are the corners of its facets."""
+
+    assembly: Assembly
+    interfaces: Interfaces
+
+    @property
+    def name(self) -> str:
+        return self.assembly.name
+
+    @property
+    def fixed(self) -> BoolArray:
+        return self.assembly.fixed
+
+    @property
+    def n_blocks(self) -> int:
+        return self.assembly.n_blocks
+
+    @property
+    def free_blocks(self) -> IntArray:
+        return self.assembly.free_blocks
+
+    @property
+    def centroids(self) -> FloatArray:
+        return self.assembly.centroids
+
+    @property
+    def volumes(self) -> FloatArray:
+        return self.assembly.volumes
+
+    @property
+    def characteristic_length(self) -> float:
+        return self.assembly.characteristic_length
+
+    def eligible_facets(self) -> IntArray:
+        return self.assembly.eligible_facets()
+
+    def eligible_areas(self) -> FloatArray:
+        return self.assembly.eligible_areas()
+
+
+def _at_corners(assembly: Assembly) -> _AtCorners:
+    found = assembly.interfaces
+    corners = np.zeros((found.n_contacts, 4, 3))
+    for block in np.unique(found.block_m):
+        here = found.block_m == block
+        corners[here] = assembly.nodes(int(block))[found.quads_m[here]]
+    points = replace(
+        found,
+        block_m=np.repeat(found.block_m, 4),
+        block_s=np.repeat(found.block_s, 4),
+        quads_m=np.repeat(found.quads_m, 4, axis=0),
+        quads_s=np.repeat(found.quads_s, 4, axis=0),
+        facet_m=np.repeat(found.facet_m, 4),
+        facet_s=np.repeat(found.facet_s, 4),
+        centroids=corners.reshape(-1, 3),
+        normals=np.repeat(found.normals, 4, axis=0),
+        areas=np.repeat(found.areas / 4.0, 4),
+        pair_start=4 * found.pair_start,
+    )
+    return _AtCorners(assembly, points)
+
+
+def require_held_by_friction(name: str, scene: DeformableScene) -> None:
+    """Refuse a static run of blocks that slide or tip whatever friction does.
+
+    Costs nothing without friction, one rigid equilibrium where contact alone holds the load.
+
+    Raises
+    ------
+    InputError
+        With the motion, where one is certified.
+    """
+    section = scene.effects.friction
+    if section is None or (scene.fem is not None and scene.fem.symmetry == "periodic cell"):
+        return
+    blocks = build_hexahedra(scene, name)
+    if blocks.unmatched or not blocks.load.fixed.any():
+        return
+    weight = build_weight(scene, blocks.assembly)
+    load = blocks.load if weight is None else with_body_wrenches(blocks.load, weight)
+    words = sliding_words(blocks.assembly, load, section.coefficient)
+    if words is not None:
+        raise InputError(
+            f"{name}: no static state: {words}, and friction of {section.coefficient:g} does not "
+            "stop it; expected a load that is carried: raise effects.friction.coefficient, turn "
+            'the load, hold more blocks, or follow the motion with fem.method = "explicit"'
+        )
+
+
+def sliding_words(assembly: Assembly, load: LoadCase, friction: float) -> str | None:
+    """Say which block slides or tips on which; None where nothing certainly does.
+
+    Parameters
+    ----------
+    assembly
+        Blocks with matched facets.
+    load
+        Tractions, weights and supports.
+    friction
+        Coefficient μ.
+    """
+    if not 0 < 4 * assembly.interfaces.n_contacts <= _MOST_POINTS:
+        return None
+    points = _at_corners(assembly)
+    contacts = contact_jacobian(points, load.fixed)
+    force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
+    if newton_equilibrium(contacts.jacobian, force).holds:
+        return None
+    frictional = frictional_contacts(points, contacts, friction)
+    answer = frictional_equilibrium(frictional, force)
+    if answer.mechanism is None:
+        return None
+    return _motion_words(contacts, frictional, answer.mechanism)
+
+
+def _motion_words(contacts: Contacts, frictional: FrictionalContacts, motion: FloatArray) -> str:
+    """Name the joint that moves most and how."""
+    relative = frictional.slip(motion)
+    most = int(np.linalg.norm(relative, axis=1).argmax())
+    m, s = int(contacts.block_m[most]), int(contacts.block_s[most])
+    joint = (contacts.block_m == m) & (contacts.block_s == s)
+    opening = relative[joint, 0]
+    slip = np.einsum("ni,nij->nj", relative[joint, 1:], frictional.tangents[joint])
+    largest = float(np.linalg.norm(relative[most]))
+    # All points of a joint that slides move alike; of one that tips they open unequally.
+    if np.ptp(opening) > 0.1 * largest:
+        return f"block {s} tips on block {m}"
+    way = slip.mean(axis=0)
+    size = float(np.linalg.norm(way))
+    if size < 0.1 * largest:
+        return f"block {s} lifts off block {m}"
+    words = ", ".join(
+        f"{part:.2f}" for part in np.where(np.abs(way) < 5e-3 * size, 0.0, way / size)
+    )
+    return f"block {s} slides on block {m} along ({words})"
