@@ -9,7 +9,7 @@ OUT    ?= out/demo
 export OMP_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: setup demo test check lint types floors spelling format benchmark docs wheel clean
+.PHONY: setup demo test processor check lint types floors spelling format benchmark docs wheel clean
 
 setup: $(VENV)/.installed
 
@@ -24,6 +24,12 @@ demo: setup
 
 test: setup lint types floors spelling
 	$(BIN)/python -m pytest -n 2 --dist worksteal
+
+# What is compiled, on a processor without wide vectors: no test may depend on the processor.
+processor: setup
+	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= $(BIN)/python -m pytest -n 2 \
+	  tests/test_fem_kernels.py tests/test_fem_contact_law.py tests/test_fem_explicit_contact.py \
+	  tests/test_fem_rate_form.py tests/test_validation_bare_build.py
 
 check: setup lint types floors
 	$(BIN)/python -m pytest -n 2 -m "not slow"

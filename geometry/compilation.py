@@ -21,13 +21,14 @@ import pickle
 import stat
 import sys
 import tempfile
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import llvmlite
 import numba
-from numba.core import config
+from numba.core import config, event
 from numba.core.caching import CompileResultCacheImpl, NullCache
 from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
@@ -52,6 +53,45 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         return dispatcher
 
     return compiled
+
+
+class Compiling(event.Listener):  # type: ignore[misc]
+    """Counts the CPU time that functions are compiled in, and tells when the first one is."""
+
+    def __init__(self, tell: Callable[[], None] | None) -> None:
+        self.cpu_seconds = 0.0
+        self._tell = tell
+        self._depth = 0  # a function is compiled with those it calls
+        self._start = 0.0
+
+    def on_start(self, _: Any) -> None:
+        """Start the clock at the outermost function."""
+        if self._tell is not None:
+            self._tell()
+            self._tell = None
+        if self._depth == 0:
+            self._start = time.process_time()
+        self._depth += 1
+
+    def on_end(self, _: Any) -> None:
+        """Stop it there."""
+        self._depth -= 1
+        if self._depth == 0:
+            self.cpu_seconds += time.process_time() - self._start
+
+
+@contextlib.contextmanager
+def compiling(tell: Callable[[], None] | None = None) -> Iterator[Compiling]:
+    """Watch over what is compiled inside: work is timed without it, and people are told once.
+
+    Parameters
+    ----------
+    tell
+        Called before the first function is compiled; never where all are loaded.
+    """
+    listener = Compiling(tell)
+    with event.install_listener("numba:compile", listener):
+        yield listener
 
 
 class KernelCache(NullCache):  # type: ignore[misc]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from geometry.compilation import KernelCache, njit, source_digest
+from geometry.compilation import KernelCache, compiling, njit, source_digest
 
 ROOT = Path(__file__).parents[1]
 CHOICES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
@@ -146,3 +146,24 @@ def test_an_edit_of_the_contact_law_changes_the_key_of_the_loop_that_calls_it(
             command, cwd=tmp_path, capture_output=True, text=True, check=True
         ).stdout.strip()
         assert (answer != source_digest(module)) is changes
+
+
+def test_compilation_is_counted_and_told_once() -> None:
+    told: list[str] = []
+
+    @njit()
+    def inner(x: float) -> float:
+        return 2.0 * x
+
+    @njit()
+    def outer(x: float) -> float:
+        return inner(x) + 1.0
+
+    with compiling(lambda: told.append("now")) as first:
+        assert outer(1.0) == 3.0
+    assert told == ["now"]
+    assert first.cpu_seconds > 0.0
+    with compiling(lambda: told.append("again")) as second:
+        assert outer(2.0) == 5.0
+    assert told == ["now"]
+    assert second.cpu_seconds == 0.0

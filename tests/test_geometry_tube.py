@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from geometry.assembly import Assembly, AssemblyError, moved, renumbered
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
+from geometry.families.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
 from geometry.families.sine_block import (
     BlockParameterError,
     LayerTurn,
@@ -266,3 +267,20 @@ def test_graded_walls_conform_nest_and_keep_the_volume(grading: float) -> None:
 def test_a_grading_that_is_no_ratio_is_refused() -> None:
     with pytest.raises(BlockParameterError, match="radial_grading"):
         sine_tube(tsb(0.0), SineBlockDivisions(12, 3, 4, radial_grading=0.0), 1)
+
+
+def test_elements_that_meet_the_wave_at_its_zeros_are_refused() -> None:
+    """Two elements a wave: with shift 0 the Sine Block was a plain one, and its tube activated."""
+    with pytest.raises(BlockParameterError, match=r"amplitude of \S+ mm for 20 mm; try 12"):
+        sine_tube(tsb(0.0), SineBlockDivisions(6, 2, 2), 1)
+    cosine = sine_tube(tsb(0.5), SineBlockDivisions(6, 2, 2), 1)
+    z = cosine.shapes[0].mesh.nodes[:, 2]
+    assert np.ptp(z) == pytest.approx(200.0 + 2 * 20.0)
+    # Four corners a wave reach at least 1/√2 of the amplitude, whatever the phase.
+    for shift in np.linspace(0.0, 1.0, 9):
+        sine_tube(tsb(shift), SineBlockDivisions(12, 2, 2), 1)
+    wall = WallBlock(200.0, 40.0, 120.0, 8.0)
+    with pytest.raises(AssemblyError, match="for 8 mm; expected more elements"):
+        planar_sine_wall(wall, 1.5, 0.0, (6, 2, 2), columns=1, layers=1)
+    with pytest.raises(AssemblyError, match="for 8 mm; expected more elements"):
+        osteomorphic_wall(wall, (8, 1, 2), columns=1, layers=1)

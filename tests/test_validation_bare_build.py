@@ -20,7 +20,7 @@ from validation.effects.proof import (
 )
 from validation.scene.read import DeformableScene, load_scene
 
-TINY = ["assembly.layers=1", "mesh.around=6", "mesh.radial=1", "mesh.axial=2"]
+TINY = ["assembly.layers=1", "block.shift=0.5", "mesh.around=6", "mesh.radial=1", "mesh.axial=2"]
 
 #: Forms of a process that has run the separate loop, then those that the solver adds.
 FORMS = """

@@ -17,6 +17,7 @@ import numpy as np
 
 from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block
+from geometry.families.sine_block import LEAST_REACHED
 from geometry.mesh import FloatArray, HexMesh, check_mesh, grid_faces, structured_hexahedra
 
 #: Height of a joint above its mean plane at (x from the block's middle, y from the inner face).
@@ -88,6 +89,25 @@ def _flat(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.zeros(np.broadcast(x, y).shape)
 
 
+def _check_sampled(outline: WallBlock, divisions: tuple[int, int, int], profile: Profile) -> None:
+    """Refuse elements whose corners meet a joint only near its zeros: the wall would be plain.
+
+    Raises
+    ------
+    AssemblyError
+        Naming the amplitude that would be left.
+    """
+    x = np.linspace(-0.5, 0.5, divisions[0] + 1) * outline.width
+    y = np.linspace(0.0, outline.thickness, divisions[1] + 1)
+    reached = float(np.abs(profile(x[:, None], y)).max())
+    if reached < LEAST_REACHED * outline.amplitude:
+        raise AssemblyError(
+            f"mesh.divisions: got {list(divisions)}; the corners of the elements meet the joint "
+            f"near its zeros, and the blocks would have an amplitude of {reached:.3g} mm for "
+            f"{outline.amplitude:g} mm; expected more elements along x or y"
+        )
+
+
 def _wall(
     name: str,
     outline: WallBlock,
@@ -100,6 +120,7 @@ def _wall(
 ) -> Assembly:
     """Stack rows whose blocks have joints ``profiles`` (below, above), odd rows moved by offset."""
     below, above = profiles
+    _check_sampled(outline, divisions, above)
     h = outline.height
     half = (divisions[0], divisions[1], max(1, round(divisions[2] / 2)))
     shapes = (

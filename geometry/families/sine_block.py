@@ -31,6 +31,10 @@ _FACE_NAMES = {
 }
 
 
+#: Part of the amplitude that corners of elements must reach; four corners a wave reach 0.707.
+LEAST_REACHED = 0.7
+
+
 class BlockParameterError(RefusedError):
     """Parameters that describe no block: what was got, what is expected, what to do."""
 
@@ -264,6 +268,16 @@ def check_divisions(block: SineBlockParameters, divisions: SineBlockDivisions) -
         raise BlockParameterError(
             f"mesh.around: got {divisions.around} elements for {block.waves_per_block} waves; "
             f"expected at least two per wave: try {4 * block.waves_per_block} or more"
+        )
+    corners = np.linspace(0.0, 1.0, divisions.around + 1)
+    outer = np.array(block.inner_radius + block.thickness)
+    reached = float(np.abs(wave(block, corners, outer)).max())
+    if reached < LEAST_REACHED * block.amplitude:
+        raise BlockParameterError(
+            f"mesh.around: got {divisions.around}; with block.shift = {block.shift:g} the corners "
+            "of the elements meet the wave near its zeros, and the block would have an amplitude "
+            f"of {reached:.3g} mm for {block.amplitude:g} mm; try {4 * block.waves_per_block} or "
+            "more"
         )
 
 

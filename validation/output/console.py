@@ -72,7 +72,10 @@ def progress(*columns: ProgressColumn) -> Iterator[Progress]:
 
 @contextmanager
 def explicit_progress() -> Iterator[Callable[[Sample], None]]:
-    """Live bar with time, step, energies and remaining time; yields the callback that feeds it."""
+    """Live bar with time, step, energies and remaining time; yields the callback that feeds it.
+
+    Says so where loops must be compiled first: the bar stands still meanwhile.
+    """
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=24),
@@ -80,7 +83,14 @@ def explicit_progress() -> Iterator[Callable[[Sample], None]]:
         TextColumn("{task.fields[state]}", markup=False),
         TimeRemainingColumn(),
     )
-    with progress(*columns) as bar:
+    console = _console(stderr=True)
+
+    def tell() -> None:
+        console.print("compiling the loops of this kind of run: half a minute, once")
+
+    from geometry.compilation import compiling
+
+    with progress(*columns) as bar, compiling(tell):
         task = bar.add_task("explicit", total=None, state="")
 
         def show(sample: Sample) -> None:

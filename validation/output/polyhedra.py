@@ -7,16 +7,21 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from geometry.files.hexahedral_solids import six_sided_hexahedra
 from geometry.files.mesh_io import write_triangles
+from geometry.mesh import MeshError
 from mbd.resultants import JointResultants
 from validation.output.console import two_columns
 from validation.output.outputs import Outputs
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
 from validation.output.text import add_further_rows, certificate_words
 from validation.run.polyhedra import PolyhedralRun, contact_triangles, mechanism_motion
+from validation.scene.polyhedra import MeshScene
 
 #: Resultants below this part of the largest normal force are round-off.
 _NOTHING = 1e-9
+#: Files that hold surfaces alone.
+_SURFACES = {".stl", ".obj", ".ply"}
 #: Files of a rigid result.
 FILES = ("contacts.vtu", "contacts.png", "mechanism.png")
 
@@ -58,10 +63,25 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
         f"{len(interfaces.patches.areas)}, {interfaces.patches.areas.sum():.5g} mm², gaps up to "
         f"{run.assembly.tolerance:.3g} mm count as contact",
     )
-    table.add_row("volume mesh", "none (triangulated blocks): rigid answer only")
+    table.add_row("volume mesh", volume_words(run))
     seconds = ", ".join(f"{stage} {value:.3f}" for stage, value in run.cpu_seconds.items())
     table.add_row("CPU seconds", seconds)
     console.print(table)
+
+
+def volume_words(run: PolyhedralRun) -> str:
+    """Say whether the blocks can be deformable as well."""
+    if not isinstance(run.scene, MeshScene):
+        return "none (triangulated blocks): rigid answer only"
+    surfaces = [part for part in run.scene.parts if Path(part.file).suffix.lower() in _SURFACES]
+    if len(surfaces) < len(run.scene.parts):
+        return "`tubelock fem` takes hexahedra from the files, or says which block has none"
+    try:
+        for shape in run.assembly.shapes:
+            six_sided_hexahedra(shape, 1)
+    except MeshError as error:
+        return f"none: rigid answer only ({error})"
+    return "six flat sides each: `tubelock fem` divides them into hexahedra"
 
 
 def joint_words(joints: JointResultants) -> list[tuple[str, str]]:

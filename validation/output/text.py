@@ -12,7 +12,7 @@ from validation.run.further import Further
 #: What each class means.
 CLASS_WORDS = {
     MechanismClass.LOCKED: "locked: no block can move",
-    MechanismClass.SUPPRESSED: "suppressed: blocks could move, the load holds them",
+    MechanismClass.SUPPRESSED: "suppressed: blocks could move, but none of it goes with the load",
     MechanismClass.NEUTRAL: "neutral: blocks could move, the load neither drives nor holds them",
     MechanismClass.ACTIVATED: "activated: blocks can move, and the load drives them",
     MechanismClass.UNDECIDED: "undecided: no proof of either was found within tolerance",

@@ -109,6 +109,9 @@ def run_box(
     }
     if explicit is not None:
         seconds["loop"] = explicit.cpu_seconds
+        if explicit.compile_seconds:
+            seconds["solve"] -= explicit.compile_seconds
+            seconds["compile"] = explicit.compile_seconds
     return BoxRun(name, scene, box, displacements, recovered, explicit, static, seconds)
 
 

@@ -138,8 +138,9 @@ def run_tube_explicit(
     contact_state = whole.contact_state(result.displacements)
     seconds = {
         "build": built - start,
-        "solve": solved - built,
+        "solve": solved - built - result.compile_seconds,
         "loop": result.cpu_seconds,
+        **({"compile": result.compile_seconds} if result.compile_seconds else {}),
         "total": time.process_time() - start,
     }
     run = TubeRun(

@@ -50,6 +50,7 @@ from validation.scene.sections import (
     TubeAssemblySection,
     TubeLoadSection,
 )
+from validation.scene.size import too_large
 
 
 class SineBlockSection(Section):
@@ -354,6 +355,9 @@ def check_scene(data: Mapping[str, Any], source: str = "scene") -> Scene:
     slip = implausible(scene, scene.plausibility.accept)
     if slip is not None:
         raise InputError(f"{source}: {slip}")
+    size = too_large(scene)
+    if size is not None:
+        raise InputError(f"{source}: {size}")
     return scene
 
 
