@@ -393,7 +393,9 @@ def _one_line(error: ValidationError, model: type[BaseModel]) -> str:
     else:
         line = _wrong_value(first, place, model)
     more = len(problems) - 1
-    return line + (f" (and {more} more)" if more else "")
+    line += f" (and {more} more)" if more else ""
+    # Names of keys may hold anything, line breaks too.
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
 
 
 def _wrong_value(problem: Any, place: str, model: type[BaseModel]) -> str:

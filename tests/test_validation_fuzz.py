@@ -1,0 +1,149 @@
+"""Whatever stands at a key of a scene: it is read, or refused in one line and in time."""
+
+from __future__ import annotations
+
+import math
+import time
+import tomllib
+import typing
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pydantic
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from validation.build.blocks import build_blocks
+from validation.build.polyhedra import build_body_loads, build_polyhedra
+from validation.errors import InputError
+from validation.scene.builtin import builtin_names, builtin_text
+from validation.scene.polyhedra import PolyhedralScene
+from validation.scene.read import SCENE_TYPES, check_scene, load_scene
+
+#: CPU seconds that a refusal may take.
+LONGEST = 10.0
+
+NUMBERS = st.one_of(
+    st.floats(),
+    st.integers(),
+    st.sampled_from([0, -1, 10**29, 10**400, 2**63, 5e-324, 1e308, math.inf, math.nan, -0.0]),
+)
+WORDS = st.one_of(
+    st.text(max_size=12),
+    st.sampled_from(["$x^{2$", "[/x]", "auto", "nan", "1e999", "1e400 mm", "-9.81 m/s2", "\x00"]),
+)
+VALUES = st.recursive(
+    st.one_of(NUMBERS, WORDS, st.booleans(), st.none()),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4), st.dictionaries(st.text(max_size=6), inner, max_size=2)
+    ),
+    max_leaves=5,
+)
+
+
+def keys(model: type[pydantic.BaseModel], start: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Every key of a kind of scene, sections too."""
+    for name, field in model.model_fields.items():
+        yield (*start, name)
+        for part in (field.annotation, *typing.get_args(field.annotation)):
+            if isinstance(part, type) and issubclass(part, pydantic.BaseModel):
+                yield from keys(part, (*start, name))
+
+
+def kind_of(name: str) -> type[pydantic.BaseModel]:
+    return SCENE_TYPES[tomllib.loads(builtin_text(name))["block"]["type"]]
+
+
+PLACES = [(name, path) for name in builtin_names() for path in keys(kind_of(name))]
+
+
+def refusal(work: Callable[[], object]) -> str:
+    """What is said where something is refused; nothing where it is done. No other error passes."""
+    try:
+        work()
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def changed(name: str, path: tuple[str, ...], value: Any) -> dict[str, Any]:
+    data: dict[str, Any] = tomllib.loads(builtin_text(name))
+    section: Any = data
+    for key in path[:-1]:
+        inner = section.setdefault(key, {})
+        section = inner if isinstance(inner, dict) else {}
+    section[path[-1]] = value
+    return data
+
+
+@settings(max_examples=1200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(place=st.sampled_from(PLACES), value=VALUES)
+def test_every_value_of_every_key_is_read_or_refused_in_one_line(
+    place: tuple[str, tuple[str, ...]], value: Any
+) -> None:
+    start = time.process_time()
+    words = refusal(lambda: check_scene(changed(*place, value), "scene"))
+    assert time.process_time() - start < LONGEST
+    assert words.startswith("scene: ") or not words
+    assert "\n" not in words
+    assert "expected one of  " not in words
+
+
+#: Scenes that are built in a blink, and places whose values change what is built.
+SMALL = {
+    "tsb1-pipe": ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"],
+    "thb0-pipe": ["assembly.layers=1", "mesh.edge=2", "mesh.radial=1"],
+    "brick-stack": ["mesh.divisions=[2,1,1]"],
+    "planar-sine": ["assembly.columns=1", "assembly.layers=1", "mesh.divisions=[12,2,2]"],
+    "osteomorphic": ["assembly.columns=1", "assembly.layers=1", "mesh.divisions=[4,2,2]"],
+    "arch": ["assembly.voussoirs=4"],
+    "wall": ["assembly.rows=1", "assembly.columns=2"],
+    "octahedra": ["assembly.rings=0"],
+}
+BUILT = [
+    (name, path)
+    for name in SMALL
+    for path in keys(kind_of(name))
+    if len(path) == 2 and path[0] in {"block", "load", "assembly", "detection", "mesh"}
+]
+
+
+@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    place=st.sampled_from(BUILT),
+    value=st.one_of(
+        st.floats(allow_nan=False, allow_infinity=False),
+        st.integers(-1, 6),
+        st.lists(st.floats(-1e300, 1e300), min_size=3, max_size=3),
+    ),
+)
+def test_what_is_read_is_built_or_refused_in_one_line(
+    place: tuple[str, tuple[str, ...]], value: Any
+) -> None:
+    name, path = place
+    key = ".".join(path)
+
+    def build() -> None:
+        scene = load_scene(name, [*SMALL[name], f"{key}={value!r}"]).scene
+        if isinstance(scene, PolyhedralScene):
+            build_body_loads(scene.load, build_polyhedra(scene, Path()))
+        else:
+            build_blocks(scene)  # type: ignore[arg-type]
+
+    assert "\n" not in refusal(build)
+
+
+def test_scenes_beyond_the_memory_of_a_machine_are_refused_at_once() -> None:
+    for name, change, remedy in (
+        ("tsb1-pipe", "mesh.radial=1000000", "fewer elements"),
+        ("tsb1-pipe", "assembly.layers=100000000000000000000000000000", "fewer blocks"),
+        ("wall", "assembly.columns=100000000", "fewer of them"),
+        ("octahedra", "assembly.rings=1000000", "fewer of them"),
+        ("cantilever", "mesh.divisions=[100000, 10000, 1000]", "fewer elements"),
+    ):
+        start = time.process_time()
+        with pytest.raises(InputError, match=f"GB of memory.*{remedy}"):
+            load_scene(name, [change])
+        assert time.process_time() - start < 1.0
