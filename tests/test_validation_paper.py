@@ -114,9 +114,9 @@ def test_claims_that_the_turn_decides_say_so(tmp_path) -> None:
     lower, falls = (i.verdict for i in judge_claims(evidence, ["cosine-lower", "flattens"]))
     assert lower.truth is Truth.TRUE
     assert lower.values["half_block"]["verdict"] == "false"
-    assert "one wave alone; half a block: lower in 0 of 240" in lower.number
+    assert "one wave; with half a block false: lower in 0 of 240" in lower.number
     assert falls.values["half_block"]["verdict"] == str(falls.truth)
-    assert "alone" not in falls.number
+    assert "one wave" not in falls.number
 
 
 # ---------------------------------------------------------------------------------------------

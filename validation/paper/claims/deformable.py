@@ -249,9 +249,10 @@ def _valleys_tsb2(evidence: Evidence) -> Verdict:
     ratio = float(bottom.max() / top.max())
     return judged(
         ratio > 1.5,
-        f"peaks of σ₁ {_list(top)} MPa at the top, {_list(bottom)} MPa at the bottom: one part "
-        f"is higher by {max(ratio, 1 / ratio):.1f}, but the {'top' if ratio < 1 else 'bottom'} one "
-        "(the reverse for s = -0.5, the same tube upside down)",
+        f"peaks of σ₁ {_list(top)} MPa at the top, {_list(bottom)} MPa at the bottom: the "
+        f"{'top' if ratio < 1 else 'bottom'} ones are higher, {max(ratio, 1 / ratio):.1f} times. "
+        "With the wave of the tables (valley at the left edge) alone: the other way is the same "
+        "tube upside down",
         top=top.tolist(),
         bottom=bottom.tolist(),
     )

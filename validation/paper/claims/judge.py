@@ -61,7 +61,10 @@ def _verdict(claim: Claim, evidence: Evidence) -> Verdict:
     values = verdict.values | {"half_block": {"verdict": str(other.truth), **other.values}}
     number = verdict.number
     if other.truth is not verdict.truth:
-        number += f". So with the turn of one wave alone; half a block: {other.number}"
+        number += (
+            f". The layers' turn decides: that is for one wave; with half a block {other.truth}: "
+            f"{other.number}"
+        )
     return replace(verdict, number=number, values=values)
 
 

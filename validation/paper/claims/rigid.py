@@ -217,15 +217,19 @@ def _example_of_fewer(evidence: Evidence) -> Verdict:
     few: Design = (0.0, 2.0, 2, 40.0, 20.0)
     many: Design = (0.0, 1.0, 4, 40.0, 20.0)
     p = evidence.study.p_max
-    everywhere = all(
+    lower = [
         p[0.0, 2.0, 2, t, a] < p[0.0, 1.0, 4, t, a]
         for t in evidence.study.axes[3]
         for a in evidence.study.axes[4]
-    )
+    ]
     return judged(
-        everywhere,
+        all(lower),
         f"{p[few]:.3f} against {p[many]:.3f} MPa (a = 20, t = 40), "
-        + ("and so for every a and t" if everywhere else "but not for every a and t"),
+        + (
+            "and so for every a and t"
+            if all(lower)
+            else f"but not for every a and t: lower in {sum(lower)} of {len(lower)}"
+        ),
         few=p[few],
         many=p[many],
     )
@@ -334,13 +338,14 @@ def _near(target: float, case: str, *, count: bool) -> Callable[[Evidence], Verd
 # Load transfer
 
 
-def _by_layer(run: RigidRun) -> tuple[IntArray, FloatArray]:
-    """Free layers and the mean of the block maxima in each."""
+def _by_layer(run: RigidRun, measure: str = "p_max") -> tuple[IntArray, FloatArray]:
+    """Free layers and the mean over the blocks of each of a measure of theirs."""
     result = run.result
     assert result.per_block is not None
+    values = getattr(result.per_block, measure)
     layer = run.assembly.layer[result.measured_blocks]
     layers = np.unique(layer)
-    return layers, np.array([result.per_block.p_max[layer == k].mean() for k in layers])
+    return layers, np.array([values[layer == k].mean() for k in layers])
 
 
 def _blocks_alike(evidence: Evidence) -> Verdict:
@@ -378,18 +383,31 @@ def _layers_alike(evidence: Evidence) -> Verdict:
 
 
 def _shaft_layer(evidence: Evidence) -> Verdict:
-    printed: list[list[int]] = []
-    physical: list[list[int]] = []
-    for name, run in zip(("tsb1", "tsb2"), _rows(evidence, "shaft"), strict=True):
-        for found, one in ((printed, run), (physical, evidence.rigid(f"{name}-shaft"))):
-            layers, p = _by_layer(one)
-            found.append([int(k) for k in layers[p > 0.999 * p.max()]])
+    """Ask by the paper's two measures in which layer the contact is hardest, in both readings."""
+    found: dict[str, dict[str, list[int]]] = {}
+    for name, run in zip(("TSB1", "TSB2"), _rows(evidence, "shaft"), strict=True):
+        physical = evidence.rigid(f"{name.lower()}-shaft")
+        for words, one in (("as printed", run), ("full traction", physical)):
+            for measure in ("p_eff", "p_max"):
+                layers, p = _by_layer(one, measure)
+                hardest = [int(k) for k in layers[p > 0.999 * p.max()]]
+                found.setdefault(f"{measure} {words}", {})[name] = hardest
     return judged(
-        all(7 in layers for layers in printed),
-        f"largest block maxima in layers {printed[0]} (TSB1) and {printed[1]} (TSB2) as printed, "
-        f"{physical[0]} and {physical[1]} with the full traction",
-        as_printed=printed,
-        physical=physical,
+        all(layers == [7] for layers in found["p_eff as printed"].values()),
+        "layers of the largest mean of the blocks' effective pressures: "
+        + _layer_words(found["p_eff as printed"])
+        + " read as the tables are, "
+        + _layer_words(found["p_eff full traction"])
+        + " with the full traction"
+        + "; of the largest block maxima: "
+        + _layer_words(found["p_max as printed"]),
+        **found,
+    )
+
+
+def _layer_words(found: dict[str, list[int]]) -> str:
+    return " and ".join(
+        f"{', '.join(str(k) for k in layers)} ({name})" for name, layers in found.items()
     )
 
 
