@@ -9,7 +9,7 @@ OUT    ?= out/demo
 export OMP_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: setup demo test processor check lint types floors spelling format benchmark docs wheel clean
+.PHONY: setup demo test processor check lint types floors spelling format bench benchmark docs wheel clean
 
 setup: $(VENV)/.installed
 
@@ -50,6 +50,11 @@ spelling: setup
 format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+# Rates of all solvers beside the machine's roofline, one line in validation/benchmarks/history.jsonl;
+# says what has become slower.
+bench: setup
+	$(BIN)/python -m validation.benchmarks.history
 
 benchmark: setup
 	$(BIN)/python -m validation.benchmarks.rigid

@@ -121,13 +121,14 @@ def test_update_is_one_central_difference_step(dtype):
     rng = np.random.default_rng(2)
     n, lanes = 30, 8
     mass = rng.uniform(1.0, 2.0, n).astype(dtype)
-    internal, u, v = (rng.standard_normal((n, 3, lanes)).astype(dtype) for _ in range(3))
+    internal, old, u, v = (rng.standard_normal((n, 3, lanes)).astype(dtype) for _ in range(4))
     applied_row = np.full(n, -1, dtype=np.int32)
     applied_row[5:12] = np.arange(7)
     applied = rng.standard_normal((7, 3, lanes)).astype(dtype)
     gravity = rng.standard_normal((3, lanes)).astype(dtype)
-    dt, damping = 0.01, 30.0
-    force = -internal.astype(np.float64)
+    dt, damping, ratio = 0.01, 30.0, dtype(0.3)
+    viscous = ratio * (internal.astype(np.float64) - old)
+    force = -internal.astype(np.float64) - viscous
     force[5:12] += applied
     expected = reference.update(
         time_step=dt,
@@ -140,7 +141,7 @@ def test_update_is_one_central_difference_step(dtype):
     )
     half = 0.5 * damping * dt
     chunks = np.array([0, 4, 17, 30])
-    kinetic, dissipated = np.zeros((3, lanes)), np.ones((3, 2, lanes))
+    kinetic, dissipated, work = np.zeros((3, lanes)), np.ones((3, 2, lanes)), np.ones((3, 2, lanes))
     new_u, new_v = u.copy(), v.copy()
     kernels.update(
         chunks,
@@ -149,6 +150,9 @@ def test_update_is_one_central_difference_step(dtype):
         dtype((1 - half) / (1 + half)),
         mass,
         internal,
+        ratio,
+        old,
+        work,
         applied_row,
         applied,
         gravity,
@@ -170,6 +174,10 @@ def test_update_is_one_central_difference_step(dtype):
     np.testing.assert_allclose(dissipated[:, 0].sum(axis=0), 3 + loss, atol=90 * tolerance)
     after = 0.5 * dt * damping * (m * mean * new_v).sum(axis=(0, 1))
     np.testing.assert_allclose(dissipated[:, 1].sum(axis=0), after, rtol=0, atol=90 * tolerance)
+    done = (viscous * mean).sum(axis=(0, 1))
+    np.testing.assert_allclose(work[:, 0].sum(axis=0), 3 + done, rtol=0, atol=90 * tolerance)
+    after = 0.5 * (viscous * new_v).sum(axis=(0, 1))
+    np.testing.assert_allclose(work[:, 1].sum(axis=0), after, rtol=0, atol=90 * tolerance)
 
 
 def scattered(rng: np.random.Generator) -> np.ndarray:

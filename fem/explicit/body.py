@@ -139,6 +139,15 @@ class Body:
         return float(self.mass.astype(np.float64).sum())
 
     @cached_property
+    def supported(self) -> IntArray:
+        """Flat positions of all components of nodes that are held or moved, (n,)."""
+        held = np.empty(0, np.int64) if self.held is None else self.held.runs.index
+        if self.support is None:
+            return held
+        moved = self.support.base[:, None] + self.lanes * np.arange(3)
+        return np.union1d(held, moved)
+
+    @cached_property
     def second_moment(self) -> FloatArray:
         """Σ m X Xᵀ about the mass centroid, (3, 3) [t mm²]."""
         reference = self.reference.astype(np.float64)

@@ -14,7 +14,7 @@ from fem.explicit.body import Body
 from fem.explicit.kernels import add_at
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import BodyState, State
-from fem.explicit.step import System, load_factor, load_values
+from fem.explicit.step import System, damped_internal_force, load_factor, load_values
 from fem.problem.effects import AdaptiveMassDamping
 from geometry.mesh import FloatArray
 
@@ -93,10 +93,11 @@ def residual(system: System, state: State) -> Residual:
     unbalanced = loads = internal = 0.0
     for body, now in zip(system.bodies, state.bodies, strict=True):
         weight = gravity_forces(body)
-        total = applied_forces(body, now) + weight - now.internal_force
+        inner = damped_internal_force(system, now)
+        total = applied_forces(body, now) + weight - inner
         unbalanced += _square(free_part(body, total))
         loads += _square(load_forces(body, now, time) + weight)
-        internal += _square(now.internal_force)
+        internal += _square(inner)
     return Residual(math.sqrt(unbalanced), math.sqrt(loads or internal))
 
 
@@ -123,10 +124,10 @@ def settling(system: System, state: State) -> float | None:
     return math.sqrt(speed / moved) / frequency
 
 
-def restoring_forces(body: Body, now: BodyState, time: float) -> FloatArray:
+def restoring_forces(system: System, body: Body, now: BodyState, time: float) -> FloatArray:
     """Internal minus contact forces, free components, (n_rows, 3, lanes) [N]."""
     contact = applied_forces(body, now) - load_forces(body, now, time)
-    return free_part(body, now.internal_force - contact)
+    return free_part(body, damped_internal_force(system, now) - contact)
 
 
 def remember(system: System, state: State) -> None:
@@ -135,7 +136,7 @@ def remember(system: System, state: State) -> None:
     for body, now in zip(system.bodies, state.bodies, strict=True):
         assert now.remembered is not None
         now.remembered[0] = now.displacement - system.time_step * now.velocity
-        now.remembered[1] = restoring_forces(body, now, time)
+        now.remembered[1] = restoring_forces(system, body, now, time)
 
 
 def active_frequency(system: System, state: State) -> float | None:
@@ -149,7 +150,7 @@ def active_frequency(system: System, state: State) -> float | None:
     for body, now in zip(system.bodies, state.bodies, strict=True):
         assert now.remembered is not None
         moved = now.displacement - system.time_step * now.velocity - now.remembered[0]
-        change = restoring_forces(body, now, time) - now.remembered[1]
+        change = restoring_forces(system, body, now, time) - now.remembered[1]
         stiffness += float(np.vdot(moved, change))
         inertia += float(np.einsum("n,njk,njk->", body.mass, moved, moved))
     if not (stiffness > 0.0 and inertia > 0.0):

@@ -209,6 +209,8 @@ def initial_state(
 def forget_rates(now: BodyState) -> None:
     """Start rates from zero: the first evaluation has no step before it."""
     damping, viscous = now.stiffness_damping, now.viscous
+    if now.elastic_before is not None:
+        now.elastic_before.force[:] = now.internal_force
     if damping is not None:
         if now.frame is None:
             now.internal_force[:] = damping.elastic

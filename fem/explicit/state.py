@@ -56,8 +56,20 @@ class ViscousState:
 
 
 @dataclass
+class ElasticForceBefore:
+    """What stiffness-proportional damping needs when `update` makes its force in passing."""
+
+    force: LaneArray
+    """K u of the last step, (n_rows, 3, lanes) [N]."""
+    work: FloatArray
+    """See `fem.explicit.kernels.update`, (n_chunks, 2, lanes), per unit of time step."""
+    support_loss: Work
+    """Correction of the dissipation at supported nodes."""
+
+
+@dataclass
 class StiffnessDampingState:
-    """Elastic forces of the last step, from which β K v follows."""
+    """Elastic forces of the last step, from which β K v follows, where more is added to K u."""
 
     elastic: LaneArray
     """K u of the last step, (n_rows, 3, lanes) [N]."""
@@ -88,7 +100,7 @@ class BodyState:
     velocity: LaneArray
     """Half a step earlier [mm/s]."""
     internal_force: LaneArray
-    """Of the last step [N]."""
+    """Of the last step [N]; without the damping force where there is `elastic_before`."""
     applied_force: LaneArray | None
     """Loads and contact of the last step, (n_applied, 3, lanes) [N]."""
     loads: LoadState | None
@@ -102,7 +114,9 @@ class BodyState:
     viscous: ViscousState | None
     """With bulk viscosity."""
     stiffness_damping: StiffnessDampingState | None
-    """With stiffness-proportional damping."""
+    """With stiffness-proportional damping and block frames or bulk viscosity."""
+    elastic_before: ElasticForceBefore | None
+    """With stiffness-proportional damping and neither."""
     mass_damping_work: FloatArray | None
     """With mass-proportional damping: (n_chunks, 2, lanes), see `fem.explicit.kernels.update`."""
     rate_form: RateFormState | None
@@ -155,6 +169,7 @@ def initial_body_state(
     n_chunks = len(body.rows.chunks) - 1
     shared = body.rate_form is None
     damped = effects.stiffness_damping is not None and shared
+    alone = not effects.finite_rotation and body.viscosity is None
     mass_damped = effects.mass_damping is not None or effects.adaptive_mass_damping is not None
     state = BodyState(
         displacement=_placement_lanes(body, displacement, "displacement"),
@@ -170,7 +185,8 @@ def initial_body_state(
         if effects.finite_rotation and shared
         else None,
         viscous=_viscous_state(body),
-        stiffness_damping=_stiffness_damping_state(body) if damped else None,
+        stiffness_damping=_stiffness_damping_state(body) if damped and not alone else None,
+        elastic_before=_elastic_force_before(body) if damped and alone else None,
         mass_damping_work=np.zeros((n_chunks, 2, body.lanes)) if mass_damped else None,
         rate_form=None if shared else _rate_form_state(body, displacement),
         remembered=None
@@ -216,6 +232,15 @@ def _viscous_state(body: Body) -> ViscousState | None:
         strain=aligned_zeros(elements, body.dtype),
         stress=aligned_zeros(elements, body.dtype),
         dissipated=np.zeros((n_chunks, body.lanes)),
+    )
+
+
+def _elastic_force_before(body: Body) -> ElasticForceBefore:
+    n_chunks = len(body.rows.chunks) - 1
+    return ElasticForceBefore(
+        force=aligned_zeros((body.n_rows, 3, body.lanes), body.dtype),
+        work=np.zeros((n_chunks, 2, body.lanes)),
+        support_loss=Work(),
     )
 
 

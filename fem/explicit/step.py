@@ -10,13 +10,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from fem.explicit import block_frame, rate_form
 from fem.explicit.body import Body, BodyLoad
-from fem.explicit.kernels import KernelSet, add_at, dot_at, dot_lanes, enforce, hold
+from fem.explicit.kernels import KernelSet, add_at, dot_at, dot_lanes, enforce, hold, viscous_power
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import BodyState, State
 from fem.problem.model import InteractionModel, Model, ModelError
@@ -118,6 +118,9 @@ def set_internal_force(system: System, body: Body, now: BodyState, *, sample: bo
     frame, kernels = now.frame, system.kernels
     if frame is not None:
         block_frame.fit(body, frame, now.displacement, kernels)
+    if now.elastic_before is not None:
+        before = now.elastic_before
+        before.force, now.internal_force = now.internal_force, before.force
     displacement = now.local_displacement
     torque = None if frame is None else frame.torque
     stiffness_force(body, displacement, now.internal_force, kernels, torque)
@@ -186,6 +189,24 @@ def add_stiffness_damping(system: System, body: Body, now: BodyState) -> None:
         damping.dissipated.ravel(),
         body.lanes,
     )
+
+
+def damping_ratio(system: System, now: BodyState) -> Any:
+    """β/Δt in the precision of the arrays, where `update` makes the damping force; or None."""
+    if now.elastic_before is None:
+        return None
+    coefficient = system.model.effects.stiffness_damping
+    assert coefficient is not None
+    return now.internal_force.dtype.type(coefficient / system.time_step)
+
+
+def damped_internal_force(system: System, now: BodyState) -> LaneArray:
+    """Internal force of the last step with all viscous terms, (n_rows, 3, lanes) [N]."""
+    if now.elastic_before is None:
+        return now.internal_force
+    change = now.internal_force - now.elastic_before.force
+    force: LaneArray = now.internal_force + damping_ratio(system, now) * change
+    return force
 
 
 def add_bulk_viscosity(
@@ -292,6 +313,9 @@ def advance(
         None if mass_damping is None else real((1.0 - half) / (1.0 + half)),
         body.mass,
         now.internal_force,
+        damping_ratio(system, now),
+        None if now.elastic_before is None else now.elastic_before.force,
+        None if now.elastic_before is None else now.elastic_before.work,
         body.applied_row,
         now.applied_force,
         body.acceleration,
@@ -305,6 +329,7 @@ def advance(
 
 def enforce_support(system: System, body: Body, now: BodyState, state: State) -> None:
     """Prescribed components of displacement and velocity, and the work of moving supports."""
+    viscous_before = supported_viscous_power(system, body, now)
     loss = None if state.mass_damping is None else 0.5 * state.mass_damping * system.time_step
     u, v = now.displacement.ravel(), now.velocity.ravel()
     lost_before = lost_after = 0.0
@@ -331,3 +356,22 @@ def enforce_support(system: System, body: Body, now: BodyState, state: State) ->
         lost_before, lost_after = lost_before + more_before, lost_after + more_after
     if loss is not None:
         now.support_loss.add(lost_before, lost_after)
+    if now.elastic_before is not None:
+        # `update` took the velocity before this correction.
+        change = supported_viscous_power(system, body, now) - viscous_before
+        now.elastic_before.support_loss.add(0.0, 0.5 * change)
+
+
+def supported_viscous_power(system: System, body: Body, now: BodyState) -> float:
+    """Power of the damping force of `update` at supported nodes [N mm/s]; 0 where there is none."""
+    before = now.elastic_before
+    if before is None or not len(body.supported):
+        return 0.0
+    power: float = viscous_power(
+        body.supported,
+        damping_ratio(system, now),
+        now.internal_force.ravel(),
+        before.force.ravel(),
+        now.velocity.ravel(),
+    )
+    return power

@@ -32,8 +32,17 @@ from fem.explicit.step import System, bound, step
 #: Parameters that are effects, in each module of kernels, and functions that only effects use.
 _EFFECTS: dict[types.ModuleType, tuple[set[str], set[str]]] = {
     motion: (
-        {"keep", "acceleration", "kinetic", "loss", "dissipated"},
-        {"dot_lanes", "enforce"},
+        {
+            "keep",
+            "acceleration",
+            "kinetic",
+            "loss",
+            "dissipated",
+            "ratio",
+            "elastic_before",
+            "viscous_work",
+        },
+        {"dot_lanes", "enforce", "viscous_power"},
     ),
     stiffness: ({"torque"}, {"cross_add"}),
     contact_kernels: (
@@ -129,8 +138,8 @@ def shared_kernels() -> BareKernels:
         *first, mass, internal, row, applied, displacement, velocity = arguments
         chunks, time_step, gain = first
         motion.update(
-            chunks, time_step, gain, None, mass, internal, row, applied, None, displacement,
-            velocity, None, None, None,
+            chunks, time_step, gain, None, mass, internal, None, None, None, row, applied, None,
+            displacement, velocity, None, None, None,
         )  # fmt: skip
 
     def product(*arguments: Any) -> None:

@@ -29,7 +29,13 @@ from fem.explicit.kernels.frame import (
     placement_frame_force,
     placement_frame_force_parallel,
 )
-from fem.explicit.kernels.motion import dot_lanes, enforce, update, update_parallel
+from fem.explicit.kernels.motion import (
+    dot_lanes,
+    enforce,
+    update,
+    update_parallel,
+    viscous_power,
+)
 from fem.explicit.kernels.runs import add_at, dot_at, hold
 from fem.explicit.kernels.stiffness import (
     stiffness_product,
@@ -66,6 +72,7 @@ __all__ = [
     "stiffness_product_parallel",
     "update",
     "update_parallel",
+    "viscous_power",
     "viscous_pressure",
     "viscous_pressure_parallel",
 ]

@@ -105,7 +105,10 @@ def _mass_damping(now: BodyState) -> float:
 def _stiffness_damping(system: System, now: BodyState) -> float:
     if now.rate_form is not None:
         return float(now.rate_form.work[3].sum())
-    damping = now.stiffness_damping
+    before, damping = now.elastic_before, now.stiffness_damping
+    if before is not None:
+        done = float(before.work[:, 0].sum() - before.work[:, 1].sum())
+        return system.time_step * (done + before.support_loss.now)
     if damping is None:
         return 0.0
     # Without block frames the kernel was given the velocity as the increment.
