@@ -189,7 +189,7 @@ def _solve_blocks(name: str, scene: DeformableScene, outputs: Outputs, resume: P
 
     with recording(scene) as use:
         run, result = _blocks_in_contact(name, scene, outputs, resume)
-        if fem_section(scene, name).error_estimate:
+        if fem_section(run.scene, name).error_estimate:  # its effects are decided
             with status(outputs.console, f"{name}: two coarser meshes, for the errors"):
                 run = replace(run, errors=estimated_errors(run))
         measured = tube_json(run, peak_memory_mb())
