@@ -181,12 +181,22 @@ def _solve_box(name: str, scene: BoxScene, outputs: Outputs, resume: Path | None
 def _solve_blocks(name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None) -> None:
     """Solve blocks in contact and write what the command promises."""
     from validation.output.console import status
-    from validation.output.deformable import print_blocks, write_block_files
+    from validation.output.deformable import print_blocks, print_curved, write_block_files
     from validation.run.box import peak_memory_mb
     from validation.run.deformable import fem_section, tube_json
     from validation.run.estimate import estimated_errors
     from validation.scene.usage import recording
 
+    if scene.fem is not None and scene.fem.degree > 1:
+        from validation.run.curved import run_curved
+
+        refuse_resume(resume)
+        with recording(scene) as use, status(outputs.console, f"{name}: curved elements"):
+            curved = run_curved(name, scene)
+        print_curved(curved, outputs.console)
+        outputs.tell_unused(use)
+        outputs.write_json(curved.as_json() | {"peak_memory_mb": peak_memory_mb()})
+        return
     with recording(scene) as use:
         run, result = _blocks_in_contact(name, scene, outputs, resume)
         if fem_section(run.scene, name).error_estimate:  # its effects are decided

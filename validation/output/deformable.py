@@ -27,8 +27,10 @@ from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
 from validation.output.pictures.boxes import draw_box, draw_energies
 from validation.run.box import BoxRun, box_json, peak_memory_mb
+from validation.run.curved import CurvedRun
 from validation.run.deformable import TubeRun, tube_json
 from validation.run.measures import Measure, place_words, value_words
+from validation.run.words import load_words
 from validation.scene.deformable import FemSection, Method
 
 _HISTORY = ("history.csv", "energies.png", "frame_*.vtu", "frames.pvd")
@@ -254,9 +256,28 @@ _MEASURES = {
 def _add_measures(table: Table, found: dict[str, Measure]) -> None:
     """Print each measure with its error and its place."""
     for name, (title, remark) in _MEASURES.items():
+        if name not in found:
+            continue
         measure = found[name]
         told = remark.format(**measure.place) if measure.place is not None else remark
         table.add_row(title, f"{value_words(measure)} {told}{place_words(measure)}".rstrip())
+
+
+def print_curved(run: CurvedRun, console: Console) -> None:
+    """Print the numbers of a run with curved elements."""
+    layers = run.scene.assembly.layers
+    table = two_columns(
+        f"{run.name}, {layers} layer{'s' if layers > 1 else ''}: {load_words(run.scene)}; static "
+        f"FEM, {run.n_elements} curved elements of degree {run.degree} per block"
+    )
+    table.add_row("unknowns of a block", f"{run.n_unknowns}")
+    table.add_row("Newton iterations", f"{run.iterations}")
+    table.add_row("force residual", f"{run.residual:.2e}")
+    _add_measures(table, run.measures)
+    table.add_row("errors", f"changes from degree {run.degree - 1}")
+    table.add_row("files", "no fields and pictures: curved elements give numbers only")
+    table.add_row("CPU seconds", f"{run.cpu_seconds:.3f}")
+    console.print(table)
 
 
 def _cap_words(cap: CapAction) -> str:

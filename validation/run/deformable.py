@@ -96,6 +96,11 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
             f"{name}: effects.auto is decided by `tubelock fem` and `compare`; here, write the "
             "effects that it names and remove effects.auto"
         )
+    if scene.fem.degree > 1:
+        raise InputError(
+            f"{name}: fem.degree: got {scene.fem.degree}; curved elements are solved by `tubelock "
+            "fem` alone: expected 1"
+        )
     if scene.fem.formulation is Formulation.RATE_FORM:
         raise InputError(
             f'{name}: fem.formulation: got "rate form", which has no contact; expected "shared '

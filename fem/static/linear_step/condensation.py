@@ -12,6 +12,7 @@ doi:10.1137/0710032, for nested dissection.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,15 +119,45 @@ def condense(group: BlockGroup, retained: IntArray) -> CondensedBlock:
         Nodes to keep, (n_c,), sorted and unique.
     """
     mesh = group.mesh
-    uses = np.bincount(mesh.elements.ravel(), minlength=mesh.n_nodes)
+
+    def stiffness(some: IntArray) -> FloatArray:
+        corners = mesh.nodes[mesh.elements[some]]
+        return element_stiffness(corners, group.material, group.element)
+
+    return condense_elements(mesh.elements, mesh.nodes, stiffness, retained)
+
+
+def condense_elements(
+    elements_of: IntArray,
+    positions: FloatArray,
+    stiffness_of: Callable[[IntArray], FloatArray],
+    retained: IntArray,
+) -> CondensedBlock:
+    """Eliminate all nodes of a mesh of any elements but the retained ones.
+
+    Parameters
+    ----------
+    elements_of
+        Nodes of each element, (n_elements, n).
+    positions
+        Of the nodes, (n_nodes, 3) [mm].
+    stiffness_of
+        Stiffness matrices of some elements, (m, 3 n, 3 n) [N/mm].
+    retained
+        Nodes to keep, (n_c,), sorted and unique.
+    """
+    n_nodes = len(positions)
+    uses = np.bincount(elements_of.ravel(), minlength=n_nodes)
     uses[retained] += 1
-    centres = mesh.nodes[mesh.elements].mean(axis=1)
+    centres = positions[elements_of].mean(axis=1)
+    # A brick of so many trilinear elements has about as many nodes as one of degree three.
+    leaf = _LEAF_ELEMENTS if elements_of.shape[1] == 8 else 1
     parts: list[_Part] = []
 
     def visit(elements: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
         """Boundary nodes of a set of elements, their uses in it, condensed stiffness."""
-        if len(elements) <= _LEAF_ELEMENTS:
-            nodes, count, matrix = _assemble(group, elements)
+        if len(elements) <= leaf:
+            nodes, count, matrix = _assemble(elements_of[elements], stiffness_of(elements))
         else:
             nodes, count, matrix = _merge(*(visit(half) for half in _halves(elements, centres)))
         inside = count == uses[nodes]
@@ -136,10 +167,10 @@ def condense(group: BlockGroup, retained: IntArray) -> CondensedBlock:
         parts.append(part)
         return nodes[~inside], count[~inside], rest
 
-    nodes, _, stiffness = visit(np.arange(mesh.n_elements))
+    nodes, _, stiffness = visit(np.arange(len(elements_of)))
     if not np.array_equal(nodes, retained):
         raise AssertionError("condensation: retained nodes are not what remained")
-    return CondensedBlock(retained, stiffness, mesh.n_nodes, tuple(parts))
+    return CondensedBlock(retained, stiffness, n_nodes, tuple(parts))
 
 
 def _halves(elements: IntArray, centres: FloatArray) -> tuple[IntArray, IntArray]:
@@ -151,12 +182,10 @@ def _halves(elements: IntArray, centres: FloatArray) -> tuple[IntArray, IntArray
     return order[:middle], order[middle:]
 
 
-def _assemble(group: BlockGroup, elements: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
-    corners = group.mesh.elements[elements]
+def _assemble(corners: IntArray, matrices: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
     nodes, local, count = np.unique(corners, return_inverse=True, return_counts=True)
     local = local.reshape(corners.shape)
-    matrices = element_stiffness(group.mesh.nodes[corners], group.material, group.element)
-    dofs = (3 * local[:, :, None] + np.arange(3)).reshape(len(elements), 24)
+    dofs = (3 * local[:, :, None] + np.arange(3)).reshape(len(corners), -1)
     stiffness = np.zeros((3 * len(nodes), 3 * len(nodes)))
     np.add.at(stiffness, (dofs[:, :, None], dofs[:, None, :]), matrices)
     return nodes, count, stiffness

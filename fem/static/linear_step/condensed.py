@@ -82,7 +82,7 @@ def rigid_motions(group: BlockGroup, nodes: IntArray) -> FloatArray:
     return motions.reshape(-1, 6)
 
 
-def _pseudo_inverse(stiffness: FloatArray, rigid: FloatArray) -> FloatArray:
+def symmetric_pseudo_inverse(stiffness: FloatArray, rigid: FloatArray) -> FloatArray:
     """(S + s R̂ R̂ᵀ)⁻¹ - R̂ R̂ᵀ / s with R̂ an orthonormal basis of the rigid motions."""
     shifted = np.array(stiffness, order="F")
     scale = float(np.diag(stiffness).mean())
@@ -197,7 +197,7 @@ class CondensedStep:
             # Motions that no prescribed component feels.
             rigid = rigid @ scipy.linalg.null_space(rigid[~is_free], rcond=1e-9)
         rigid = rigid[free]
-        inverse = _pseudo_inverse(stiffness[np.ix_(free, free)], rigid)
+        inverse = symmetric_pseudo_inverse(stiffness[np.ix_(free, free)], rigid)
         return Flexibility(condensed, stiffness, free, inverse, rigid)
 
     def _reduce_loads(self) -> None:

@@ -1,0 +1,149 @@
+"""Curved hexahedra of any degree: Lagrange polynomials on Gauss-Lobatto points, tensor products.
+
+Nodes, points and functions are numbered with the last direction fastest. Geometry and displacement
+use the same functions (isoparametric elements); stiffness is integrated with one Gauss point more
+than the degree in each direction.
+
+Reference: Karniadakis and Sherwin (2005), Spectral/hp Element Methods, chapter 2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from fem.element.material import Material
+from fem.element.stress import strain_operator
+from geometry.mesh import FloatArray, MeshError
+
+
+def lobatto_points(degree: int) -> FloatArray:
+    """Gauss-Lobatto points on [-1, 1], (degree + 1,)."""
+    inner = legendre.Legendre.basis(degree).deriv().roots() if degree > 1 else np.empty(0)
+    points: FloatArray = np.concatenate([[-1.0], np.sort(np.real(inner)), [1.0]])
+    return points
+
+
+def line_basis(degree: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lagrange polynomials on the Gauss-Lobatto points and their slopes, (n, degree + 1) each."""
+    nodes = lobatto_points(degree)
+    to_nodal = np.linalg.inv(legendre.legvander(nodes, degree))
+    slopes = np.stack(
+        [legendre.legval(x, legendre.legder(np.eye(degree + 1)[k])) for k in range(degree + 1)],
+        axis=-1,
+    )
+    return legendre.legvander(x, degree) @ to_nodal, slopes @ to_nodal
+
+
+@dataclass(frozen=True)
+class TensorPoints:
+    """Values of the functions of an element, or of its face, at points of a tensor grid."""
+
+    values: FloatArray
+    """(n_points, n_functions)"""
+    slopes: FloatArray
+    """By each natural coordinate, (n_points, n_functions, dimension)."""
+    weights: FloatArray
+    """Of the quadrature, (n_points,); zero where the points are no quadrature."""
+
+
+def tensor_points(
+    degree: int, x: FloatArray, weights: FloatArray | None = None, *, dimension: int = 3
+) -> TensorPoints:
+    """Functions of degree ``degree`` at the tensor grid of the points ``x`` of a line."""
+    value, slope = line_basis(degree, x)
+    line = np.zeros(len(x)) if weights is None else weights
+    factors = [[slope if k == d else value for k in range(dimension)] for d in range(dimension)]
+    values, products = _product([value] * dimension), _product([line] * dimension)
+    slopes = [_product(chosen) for chosen in factors]
+    return TensorPoints(values, np.stack(slopes, axis=-1), products)
+
+
+def _product(factors: list[FloatArray]) -> FloatArray:
+    """Tensor product, the last factor fastest."""
+    product = factors[0]
+    for factor in factors[1:]:
+        product = np.asarray(np.kron(product, factor), dtype=np.float64)
+    return product
+
+
+def gauss_line(n: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss points and weights on [-1, 1]."""
+    points, weights = legendre.leggauss(n)
+    return points, weights
+
+
+@dataclass(frozen=True)
+class LagrangeElement:
+    """Hexahedra of one degree in one material."""
+
+    degree: int
+    """Of the polynomials, at least one."""
+    material: Material
+    """Elastic constants."""
+
+    @cached_property
+    def quadrature(self) -> TensorPoints:
+        """Points of the stiffness: degree + 1 in each direction."""
+        return tensor_points(self.degree, *gauss_line(self.degree + 1))
+
+    def gradients(self, coordinates: FloatArray, at: TensorPoints) -> tuple[FloatArray, FloatArray]:
+        """Gradients of the functions and volumes of points of one element.
+
+        Parameters
+        ----------
+        coordinates
+            Nodes, (n_functions, 3) [mm].
+        at
+            Points.
+
+        Returns
+        -------
+        tuple[FloatArray, FloatArray]
+            (n_points, n_functions, 3) [1/mm] and (n_points,) [mm³].
+
+        Raises
+        ------
+        MeshError
+            An element that folds at one of the points.
+        """
+        jacobian = np.einsum("ai,pak->pik", coordinates, at.slopes)
+        determinant = np.linalg.det(jacobian)
+        if not (determinant > 0.0).all():
+            raise MeshError(
+                f"curved element: Jacobian {determinant.min():.3g} mm³, it folds; expected "
+                "elements that do not: more of them, or less grading"
+            )
+        gradients = np.einsum("pak,pki->pai", at.slopes, np.linalg.inv(jacobian))
+        return gradients, determinant * at.weights
+
+    def stiffness(self, coordinates: FloatArray) -> FloatArray:
+        """Stiffness of elements, (n_elements, n_functions, 3) to (n, 3 n_f, 3 n_f) [N/mm]."""
+        elasticity = self.material.elasticity_matrix()
+        matrices = []
+        for nodes in coordinates:
+            gradients, volume = self.gradients(nodes, self.quadrature)
+            strain = strain_operator(gradients)
+            weighted = (volume[:, None, None] * (elasticity @ strain)).reshape(-1, strain.shape[2])
+            matrices.append(strain.reshape(-1, strain.shape[2]).T @ weighted)
+        return np.stack(matrices)
+
+    def stress(
+        self, coordinates: FloatArray, displacement: FloatArray, at: TensorPoints
+    ) -> FloatArray:
+        """Stress of one element at points, (n_points, 6) [MPa].
+
+        Parameters
+        ----------
+        coordinates, displacement
+            Of its nodes, (n_functions, 3) [mm].
+        at
+            Points.
+        """
+        gradients, _ = self.gradients(coordinates, at)
+        strain = strain_operator(gradients) @ displacement.ravel()
+        stress: FloatArray = strain @ self.material.elasticity_matrix().T
+        return stress
