@@ -8,29 +8,15 @@ import numpy as np
 
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
-from geometry.families.box_column import ColumnBox, box_column, unmatched_joints
-from geometry.families.brick_stack import brick_stack
-from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
-from geometry.families.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
-from geometry.families.sine_block import (
-    BlockParameterError,
-    SineBlockDivisions,
-    SineBlockParameters,
-)
-from geometry.families.tube import hexagon_tube, sine_tube
+from geometry.families.sine_block import BlockParameterError, SineBlockParameters
 from geometry.joints import UnmatchedJoint
-from geometry.load_case import LoadCase, LoadCaseError, face_pressure, load_case
+from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray
 from geometry.units import check_size
 from validation.errors import InputError
-from validation.scene.families import (
-    BoxesScene,
-    HexagonTubeScene,
-    OsteomorphicScene,
-    PlanarSineScene,
-)
+from validation.scene.family import AssemblyScene
 from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import AssemblyScene, BrickScene, DeformableScene, Scene, TubeScene
+from validation.scene.read import DeformableScene, Scene, TubeScene
 
 
 @dataclass(frozen=True)
@@ -66,7 +52,7 @@ def block_parameters(scene: TubeScene) -> SineBlockParameters:
         For parameters that describe no block.
     """
     try:
-        return SineBlockParameters(**scene.block.model_dump(exclude={"type"}))
+        return scene.shape
     except BlockParameterError as error:
         raise InputError(str(error)) from None
 
@@ -101,54 +87,11 @@ def build_assembly(scene: AssemblyScene) -> Assembly:
         When the parameters describe no assembly.
     """
     try:
-        assembly = _blocks(scene)
+        assembly = scene.build()
         check_size(assembly)
         return assembly
     except RefusedError as error:
         raise InputError(str(error)) from None
-
-
-def _blocks(scene: AssemblyScene) -> Assembly:
-    if isinstance(scene, BrickScene):
-        return brick_stack(
-            scene.block.size,
-            scene.mesh.divisions,
-            columns=scene.assembly.columns,
-            layers=scene.assembly.layers,
-        )
-    if isinstance(scene, BoxesScene):
-        return box_column([ColumnBox(box.size, box.divisions) for box in scene.block.boxes])
-    if isinstance(scene, HexagonTubeScene):
-        return hexagon_tube(
-            HexagonBlockParameters(**scene.block.model_dump(exclude={"type"})),
-            HexagonBlockDivisions(**scene.mesh.model_dump()),
-            scene.assembly.layers,
-        )
-    if isinstance(scene, PlanarSineScene | OsteomorphicScene):
-        return _wall(scene)
-    divisions = SineBlockDivisions(**scene.mesh.model_dump())
-    return sine_tube(block_parameters(scene), divisions, scene.assembly.layers, scene.assembly.turn)
-
-
-def _wall(scene: PlanarSineScene | OsteomorphicScene) -> Assembly:
-    outline = WallBlock(
-        scene.block.width, scene.block.thickness, scene.block.height, scene.block.amplitude
-    )
-    if isinstance(scene, OsteomorphicScene):
-        return osteomorphic_wall(
-            outline,
-            scene.mesh.divisions,
-            columns=scene.assembly.columns,
-            layers=scene.assembly.layers,
-        )
-    return planar_sine_wall(
-        outline,
-        scene.block.frequency,
-        scene.block.shift,
-        scene.mesh.divisions,
-        columns=scene.assembly.columns,
-        layers=scene.assembly.layers,
-    )
 
 
 def build_load(scene: AssemblyScene, assembly: Assembly) -> LoadCase:
@@ -160,14 +103,8 @@ def build_load(scene: AssemblyScene, assembly: Assembly) -> LoadCase:
         When the assembly cannot take it.
     """
     try:
-        if isinstance(scene, BoxesScene):
-            top = np.array([assembly.n_blocks - 1])
-            return face_pressure(assembly, top, "z+", scene.load.pressure)
-        load = scene.load
-        return load_case(
-            assembly, load.case, load.pressure, as_printed=load.as_printed, layer=load.layer
-        )
-    except LoadCaseError as error:
+        return scene.build_load(assembly)
+    except RefusedError as error:
         raise InputError(str(error)) from None
 
 
@@ -207,6 +144,4 @@ def build_blocks(scene: AssemblyScene) -> HexahedralBlocks:
         When the parameters describe no assembly, or it cannot take the load.
     """
     assembly = build_assembly(scene)
-    # Blocks of all other families match by construction, or are refused by their shape.
-    unmatched = unmatched_joints(assembly) if isinstance(scene, BoxesScene) else ()
-    return HexahedralBlocks(assembly, build_load(scene, assembly), unmatched)
+    return HexahedralBlocks(assembly, build_load(scene, assembly), scene.unmatched(assembly))

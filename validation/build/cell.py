@@ -9,21 +9,17 @@ the number of layers. `validation.effects.cell` measures it.
 from __future__ import annotations
 
 from geometry.assembly import Assembly
-from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
-from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import hexagon_cell, sine_cell
 from geometry.load_case import LoadCaseName
 from geometry.units import check_size
-from validation.build.blocks import block_parameters
 from validation.errors import InputError
-from validation.scene.families import HexagonTubeScene
-from validation.scene.read import DeformableScene, TubeScene
+from validation.scene.family import RoundScene, round_types
+from validation.scene.read import DeformableScene
 
 #: Loads that are the same on every layer.
 _REPEATING = (LoadCaseName.PIPE, LoadCaseName.TUNNEL)
 
 
-def check_cell(scene: DeformableScene, name: str) -> TubeScene | HexagonTubeScene:
+def check_cell(scene: DeformableScene, name: str) -> RoundScene:
     """Return the scene if a periodic cell can stand for it.
 
     Raises
@@ -32,10 +28,10 @@ def check_cell(scene: DeformableScene, name: str) -> TubeScene | HexagonTubeScen
         Where the layers do not repeat: what breaks it, and what to do.
     """
     head, remedy = f'{name}: fem.symmetry = "periodic cell"', 'expected that, or "auto"'
-    if not isinstance(scene, TubeScene | HexagonTubeScene):
+    if not isinstance(scene, RoundScene):
         raise InputError(
             f"{head}: got block.type {scene.block.type!r}, whose layers are not those of a tube; "
-            'expected "sine" or "hexagon" blocks, or symmetry "auto"'
+            f'expected {round_types()} blocks, or symmetry "auto"'
         )
     if scene.load.case not in _REPEATING:
         raise InputError(
@@ -68,12 +64,7 @@ def build_cell(scene: DeformableScene, name: str) -> Assembly:
     """
     tube = check_cell(scene, name)
     try:
-        if isinstance(tube, HexagonTubeScene):
-            block = HexagonBlockParameters(**tube.block.model_dump(exclude={"type"}))
-            assembly = hexagon_cell(block, HexagonBlockDivisions(**tube.mesh.model_dump()))
-        else:
-            divisions = SineBlockDivisions(**tube.mesh.model_dump())
-            assembly = sine_cell(block_parameters(tube), divisions, tube.assembly.turn)
+        assembly = tube.build_cell()
         check_size(assembly)
     except ValueError as error:
         raise InputError(f"{name}: {error}") from None

@@ -33,7 +33,7 @@ from validation.errors import InputError
 from validation.run.deformable import build_deformable, fem_section
 from validation.run.slip import largest_slip
 from validation.scene.deformable import AutoSection, Damping, EffectName, Method
-from validation.scene.families import BoxesScene
+from validation.scene.family import AssemblyScene
 from validation.scene.read import DeformableScene
 
 #: An effect is left out when the probe's change is below the tolerance over this.
@@ -142,7 +142,8 @@ def candidates(scene: DeformableScene, name: str, auto: AutoSection) -> tuple[Ef
             continue
         if effect in _SWITCHES:
             written = effect in scene.effects.model_fields_set
-            useless = effect is EffectName.ELASTIC_FRAME and isinstance(scene, BoxesScene)
+            stands = isinstance(scene, AssemblyScene) and scene.stands
+            useless = effect is EffectName.ELASTIC_FRAME and stands
             impossible = effect is EffectName.FINITE_SLIDING and not explicit
             if not (written or useless or impossible):
                 found.append(effect)

@@ -21,9 +21,8 @@ from geometry.errors import RefusedError
 from validation.errors import InputError
 from validation.run.deformable import TubeRun, build_deformable
 from validation.scene.deformable import Method
-from validation.scene.families import BoxesScene, HexagonTubeScene, PlanarSineScene
 from validation.scene.polyhedra import MeshScene
-from validation.scene.read import DeformableScene, TubeScene
+from validation.scene.read import DeformableScene
 
 #: Residual at which a probe stops: three digits beyond what it has to tell.
 _TOLERANCE = 1e-5
@@ -168,51 +167,33 @@ def without_motion(scene: DeformableScene) -> DeformableScene:
 
 def _coarse_mesh(scene: DeformableScene, fineness: int) -> dict[str, Any]:
     """Values of ``[mesh]`` that are lower in the probe; none where the mesh is given."""
-    if isinstance(scene, BoxesScene | MeshScene):
+    if isinstance(scene, MeshScene):
         return {}
-    mesh = scene.mesh
-    wave, through, other = (fineness * n for n in (_PER_WAVE, _THROUGH, _OTHER))
-    if isinstance(scene, TubeScene):
-        waves = round(2 * scene.block.frequency)
-        found = {
-            "around": min(scene.mesh.around, wave * waves),
-            "radial": min(scene.mesh.radial, through),
-            "axial": min(scene.mesh.axial, other),
-        }
-    elif isinstance(scene, HexagonTubeScene):
-        found = {
-            "edge": min(scene.mesh.edge, wave),
-            "radial": min(scene.mesh.radial, through),
-        }
-    else:
-        along, depth, height = scene.mesh.divisions
-        waves = round(2 * scene.block.frequency) if isinstance(scene, PlanarSineScene) else 2
-        coarse = (min(along, waves * wave), min(depth, through), min(height, other))
-        return {} if coarse == (along, depth, height) else {"divisions": coarse}
-    return {key: value for key, value in found.items() if value != getattr(mesh, key)}
+    found = scene.coarse_mesh(fineness * _PER_WAVE, fineness * _THROUGH, fineness * _OTHER)
+    own = scene.element_counts
+    return {key: value for key, value in found.items() if value != own[key]}
 
 
 def refinement(scene: DeformableScene, probe: DeformableScene) -> float:
     """How many times as many elements the scene has along an edge of a block, at most."""
-    if isinstance(scene, BoxesScene | MeshScene):
-        return 1.0
     fine, coarse = _element_counts(scene), _element_counts(probe)
+    if not fine:
+        return 1.0
     return max(float(np.max(np.divide(fine[key], coarse[key]))) for key in fine)
 
 
 def mesh_words(scene: DeformableScene) -> str:
     """Elements of a block."""
-    if isinstance(scene, BoxesScene | MeshScene):
-        return "its own mesh"
     counts = _element_counts(scene)
+    if not counts:
+        return "its own mesh"
     flat = np.concatenate([np.atleast_1d(v) for v in counts.values()]).tolist()
     return " × ".join(str(v) for v in flat) + f" elements per block ({', '.join(counts)})"
 
 
 def _element_counts(scene: DeformableScene) -> dict[str, Any]:
-    """Values of ``[mesh]`` that count elements."""
-    values = scene.mesh.model_dump()  # type: ignore[union-attr]
-    return {key: value for key, value in values.items() if not isinstance(value, float)}
+    """Values of ``[mesh]`` that count elements; none where meshes are given."""
+    return {} if isinstance(scene, MeshScene) else scene.element_counts
 
 
 # ---------------------------------------------------------------------------------------------

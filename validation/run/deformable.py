@@ -35,9 +35,9 @@ from validation.run.measures import Measure, joints_json, run_measures
 from validation.run.slip import largest_slip
 from validation.run.words import load_words
 from validation.scene.deformable import ContactSection, EffectsSection, FemSection, Method
-from validation.scene.families import BoxesScene, HexagonTubeScene
+from validation.scene.family import AssemblyScene, RoundScene
 from validation.scene.polyhedra import MeshScene
-from validation.scene.read import DeformableScene, TubeScene
+from validation.scene.read import DeformableScene
 
 #: Why a sector asked for is refused.
 NO_SECTOR = (
@@ -151,7 +151,7 @@ def held_at_faces(scene: DeformableScene) -> bool:
 
     A column of boxes stands on its bottom face: no block of it is rigid.
     """
-    return scene.effects.elastic_frame or isinstance(scene, BoxesScene)
+    return scene.effects.elastic_frame or (isinstance(scene, AssemblyScene) and scene.stands)
 
 
 def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCase:
@@ -403,7 +403,7 @@ class TubeRun:
     @property
     def is_tube(self) -> bool:
         """Whether the blocks stand round an axis, with inner and outer faces."""
-        return isinstance(self.scene, TubeScene | HexagonTubeScene)
+        return isinstance(self.scene, RoundScene)
 
 
 def contact_report(run: TubeRun) -> dict[str, float]:

@@ -16,8 +16,8 @@ from mbd import MechanismClass, classify, contact_jacobian
 from mbd.explosion import FirstOrderExplosion, first_order_explosion
 from validation.build.blocks import build_assembly, require_assembly
 from validation.errors import InputError
-from validation.scene.families import HexagonTubeScene
-from validation.scene.read import SceneFile, TubeScene
+from validation.scene.family import RoundScene, round_types
+from validation.scene.read import SceneFile
 
 #: Displacements looked at, in wall thicknesses.
 STEPS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.25, 0.5, 0.75, 1.0)
@@ -49,21 +49,14 @@ class Explosion:
         return self.first.admissible and self.finite.first_overlap is None
 
 
-def _surface_scene(scene: TubeScene | HexagonTubeScene) -> TubeScene | HexagonTubeScene:
+def _surface_scene(scene: RoundScene) -> RoundScene:
     """Return three layers with a mesh fine enough for surfaces, coarse enough for many distances.
 
     Layers repeat with period two, so more of them show no other pair of neighbours.
     """
-    mesh = scene.mesh.model_dump()
-    if isinstance(scene, TubeScene):
-        waves = round(2 * scene.block.frequency)
-        most = {"around": 12 * waves, "radial": 6, "axial": 8}
-    else:
-        most = {"edge": 12, "radial": 6}
-    coarser = {key: min(mesh[key], limit) for key, limit in most.items()}
+    mesh = scene.mesh.model_copy(update=scene.coarse_mesh(12, 6, 8))
     layers = scene.assembly.model_copy(update={"layers": min(scene.assembly.layers, 3)})
-    mesh_section = scene.mesh.model_copy(update=coarser)
-    return scene.model_copy(update={"mesh": mesh_section, "assembly": layers})
+    return scene.model_copy(update={"mesh": mesh, "assembly": layers})
 
 
 def run_explosion(file: SceneFile) -> Explosion:
@@ -76,10 +69,10 @@ def run_explosion(file: SceneFile) -> Explosion:
     """
     start = time.process_time()
     scene = require_assembly(file.scene, file.name, "explode")
-    if not isinstance(scene, TubeScene | HexagonTubeScene):
+    if not isinstance(scene, RoundScene):
         raise InputError(
             f"{file.name}: block.type {scene.block.type!r} makes no tube; `tubelock explode` needs "
-            'one: block.type = "sine" or "hexagon"'
+            f"one: block.type = {round_types()}"
         )
     assembly = build_assembly(scene)
     try:
@@ -93,7 +86,7 @@ def run_explosion(file: SceneFile) -> Explosion:
     held = classify(contacts.jacobian, push.ravel()).mechanism
     short = build_assembly(_surface_scene(scene))
     surfaces, outward = as_polyhedral(short), outward_directions(short)
-    thickness = scene.block.thickness
+    thickness = scene.thickness
     finite = follow_explosion(surfaces, outward, thickness * np.array(STEPS), TOLERANCE * thickness)
     seconds = time.process_time() - start
     return Explosion(

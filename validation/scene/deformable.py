@@ -325,6 +325,11 @@ class DivisionsSection(Section):
         Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]
     ]
 
+    def at_most(self, along: int, across: int, up: int) -> dict[str, Any]:
+        """Divisions with no more elements than these; nothing where there are no more."""
+        coarse = tuple(min(a, b) for a, b in zip(self.divisions, (along, across, up), strict=True))
+        return {} if coarse == self.divisions else {"divisions": coarse}
+
 
 class InitialSection(Section):
     """``[initial]``: motion at time 0."""

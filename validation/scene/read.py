@@ -11,148 +11,38 @@ import json
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias, get_args
+from typing import Any, TypeAlias, get_args
 
 from pydantic import (
     BaseModel,
     ConfigDict,
-    Field,
     ValidationError,
-    ValidatorFunctionWrapHandler,
-    field_validator,
 )
 
-from geometry.families.sine_block import LayerTurn
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
 from validation.scene.deformable import (
     AutoSection,
     BoxScene,
     DeformableSections,
-    DivisionsSection,
     EffectName,
     parse_share,
 )
-from validation.scene.families import (
-    BoxesScene,
-    HexagonTubeScene,
-    OsteomorphicScene,
-    PlanarSineScene,
-)
+from validation.scene.families import sine
+from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import implausible
 from validation.scene.polyhedra import POLYHEDRAL_TYPES, MeshScene, PolyhedralScene
-from validation.scene.sections import (
-    Finite,
-    NonNegative,
-    Positive,
-    RigidSection,
-    Section,
-    TubeAssemblySection,
-    TubeLoadSection,
-)
 from validation.scene.size import too_large
 
-
-class SineBlockSection(Section):
-    """``[block] type = "sine"``: TSB(h, a, f, s, n, r_i, t)."""
-
-    type: Literal["sine"]
-    height: Positive
-    """h [mm]"""
-    amplitude: NonNegative
-    """a [mm]"""
-    frequency: Positive
-    """f, waves per half block; 2f whole."""
-    shift: Finite = 0.0
-    """s, in units of π."""
-    blocks_per_layer: Annotated[int, Field(ge=2)]
-    """n"""
-    inner_radius: Positive
-    """r_i [mm]"""
-    thickness: Positive
-    """t [mm]"""
-
-
-class SineTubeAssemblySection(TubeAssemblySection):
-    """``[assembly]`` of a tube of Sine Blocks."""
-
-    turn: LayerTurn | float = LayerTurn.HALF_BLOCK
-    """Turn of every second layer: ``half block`` (the whole number ⌊f⌋ of waves nearest to half a
-    block; the default, for at f = 2 its pressures are less than half), ``one wave`` (the paper's
-    parameter study) or a number of waves. At f = 1 and 1.5 the two are the same."""
-
-    @field_validator("turn", mode="wrap")
-    @classmethod
-    def _words_or_waves(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
-        try:
-            return handler(value)
-        except ValidationError:
-            words = ", ".join(f'"{turn}"' for turn in LayerTurn)
-            raise ValueError(f"expected {words} or a whole number of waves") from None
-
-
-class TubeMeshSection(Section):
-    """``[mesh]`` of a tube: elements of one block in each direction."""
-
-    around: Annotated[int, Field(ge=1)]
-    radial: Annotated[int, Field(ge=1)]
-    axial: Annotated[int, Field(ge=1)]
-    radial_grading: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
-    """Length of elements at the inner over that at the outer face; 1: equal."""
-
-
-class TubeScene(DeformableSections):
-    """A tube of Sine Blocks."""
-
-    block: SineBlockSection
-    assembly: SineTubeAssemblySection
-    mesh: TubeMeshSection
-    load: TubeLoadSection
-    rigid: RigidSection = RigidSection()
-
-
-class BrickSection(Section):
-    """``[block] type = "brick"``: a plain brick for planar checks."""
-
-    type: Literal["brick"]
-    size: tuple[Positive, Positive, Positive]
-    """Length, depth (out of the wall), height [mm]."""
-
-
-class StackAssemblySection(Section):
-    """``[assembly]`` of a stack of bricks."""
-
-    columns: Annotated[int, Field(ge=1)] = 1
-    layers: Annotated[int, Field(ge=1)]
-
-
-class BrickScene(DeformableSections):
-    """A stack of bricks between two fixed rows."""
-
-    block: BrickSection
-    assembly: StackAssemblySection
-    mesh: DivisionsSection
-    load: TubeLoadSection
-    rigid: RigidSection = RigidSection()
-
-
-#: Scenes of blocks that meet: what the rigid answer and load cases are for.
-AssemblyScene: TypeAlias = (
-    TubeScene | BrickScene | HexagonTubeScene | PlanarSineScene | OsteomorphicScene | BoxesScene
-)
+TubeScene = sine.TubeScene
 #: Scenes of blocks that meet and can be hexahedra: what deformable blocks are for.
 DeformableScene: TypeAlias = AssemblyScene | MeshScene
 Scene: TypeAlias = AssemblyScene | BoxScene | PolyhedralScene
 
 #: Scene class by ``[block] type``.
 SCENE_TYPES: dict[str, type[Scene]] = {
-    "sine": TubeScene,
-    "brick": BrickScene,
+    **AssemblyScene.families,
     "box": BoxScene,
-    "hexagon": HexagonTubeScene,
-    "planar-sine": PlanarSineScene,
-    "osteomorphic": OsteomorphicScene,
-    "boxes": BoxesScene,
     **POLYHEDRAL_TYPES,
 }
 

@@ -1,0 +1,137 @@
+"""A family of blocks is one file: its record is found by its name, and everything works with it."""
+
+from __future__ import annotations
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from validation.scene import families
+from validation.scene.builtin import builtin_names
+from validation.scene.family import AssemblyScene, RoundScene, round_types
+from validation.scene.read import SCENE_TYPES, load_scene
+
+#: A family that nobody knows of: a tube of plain bricks, as short as a record can be.
+NEW = '''
+from typing import Literal
+
+from validation.scene.family import BlockSection, RoundScene
+from validation.scene.families.sine import TubeMeshSection
+from validation.scene.sections import Positive
+
+
+class PlainSection(BlockSection):
+    """``[block] type = "plain"``: a piece of a cylinder."""
+
+    type: Literal["plain"]
+    inner_radius: Positive
+    thickness: Positive
+
+
+class PlainScene(RoundScene):
+    """A tube of plain bricks."""
+
+    block: PlainSection
+    mesh: TubeMeshSection
+
+    def build(self):
+        from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+        from geometry.families.tube import sine_tube
+
+        shape = SineBlockParameters(
+            height=100.0, amplitude=0.0, frequency=1.0, blocks_per_layer=4,
+            inner_radius=self.block.inner_radius, thickness=self.block.thickness,
+        )
+        return sine_tube(shape, SineBlockDivisions(**self.mesh.model_dump()), self.assembly.layers)
+'''
+SCENE = """
+[block]
+type = "plain"
+inner_radius = 120.0
+thickness = 40.0
+[assembly]
+layers = 2
+[mesh]
+around = 8
+radial = 2
+axial = 2
+[load]
+case = "tunnel"
+[material]
+density = 2.4e-9
+young_modulus = 33000.0
+poisson_ratio = 0.2
+[contact]
+[fem]
+method = "static"
+"""
+USE = """
+import json
+from fem.decks.statement import Flavour
+from validation.build.deck import build_deck
+from validation.run.explosion import run_explosion
+from validation.run.rigid import run_rigid
+from validation.run.static import run_tube_static
+from validation.scene.family import round_types
+from validation.scene.read import load_scene
+from validation.scene.schema import scene_schema
+file = load_scene("plain.toml")
+schema = scene_schema()["properties"]["block"]["properties"]["type"]["enum"]
+print(json.dumps({
+    "rigid": str(run_rigid(file).result.mechanism),
+    "static": run_tube_static(file.name, file.scene).contact.p_eff,
+    "deck": build_deck(file, Flavour.GENERAL).name,
+    "explodes": run_explosion(file).explodes,
+    "schema": "plain" in schema,
+    "round": round_types(),
+}))
+"""
+
+
+def test_a_new_family_is_one_file(tmp_path: Path) -> None:
+    """A file beside the others is found; rigid, static, deck, explosion and schema take it."""
+    import json
+    import shutil
+
+    room = tmp_path / "validation"
+    shutil.copytree(Path(families.__file__).parents[2], room)
+    (room / "scene" / "families" / "plain.py").write_text(NEW)
+    (tmp_path / "plain.toml").write_text(SCENE)
+    run = subprocess.run(
+        [sys.executable, "-c", USE], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    found = json.loads(run.stdout)
+    assert found["rigid"] in ("neutral", "suppressed", "activated", "locked")
+    assert found["static"] > 0.0
+    assert found["deck"] == "plain"
+    assert found["schema"]
+    assert found["round"] == '"sine" or "plain" or "hexagon"'
+
+
+def test_every_family_is_in_the_table_once() -> None:
+    assert AssemblyScene.families.items() <= SCENE_TYPES.items()
+    assert set(AssemblyScene.families) == {
+        *("sine", "hexagon", "brick", "planar-sine", "osteomorphic", "boxes"),
+    }
+    assert round_types() == '"sine" or "hexagon"'
+    for scene in AssemblyScene.families.values():
+        module = importlib.import_module(scene.__module__)
+        assert module.__name__.startswith("validation.scene.families.")
+
+
+@pytest.mark.parametrize("name", builtin_names())
+def test_coarse_meshes_have_no_more_elements(name: str) -> None:
+    scene = load_scene(name).scene
+    if not isinstance(scene, AssemblyScene):
+        return
+    counts, coarse = scene.element_counts, scene.coarse_mesh(6, 2, 3)
+    for key, value in coarse.items():
+        assert value != counts[key] or isinstance(scene, RoundScene)
+        pairs = (
+            zip(value, counts[key], strict=True) if key == "divisions" else [(value, counts[key])]
+        )
+        assert all(0 < a <= b for a, b in pairs)

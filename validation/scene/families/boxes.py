@@ -1,0 +1,70 @@
+"""Columns of boxes, ``[block] type = "boxes"``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from validation.scene.family import AssemblyScene, BlockSection
+from validation.scene.sections import Finite, Positive, Section
+
+if TYPE_CHECKING:
+    from geometry.assembly import Assembly
+    from geometry.joints import UnmatchedJoint
+    from geometry.load_case import LoadCase
+
+
+class StackedBoxSection(Section):
+    """One box of a column."""
+
+    size: tuple[Positive, Positive, Positive]
+    """Along x, y, z [mm]."""
+    divisions: tuple[
+        Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]
+    ]
+    """Elements along x, y, z."""
+
+
+class BoxesSection(BlockSection):
+    """``[block] type = "boxes"``: a column of boxes, from the bottom up."""
+
+    type: Literal["boxes"]
+    boxes: Annotated[tuple[StackedBoxSection, ...], Field(min_length=2)]
+    """Centred on the z axis."""
+
+
+class TopPressureSection(Section):
+    """``[load]`` of a column of boxes."""
+
+    pressure: Finite = 0.01
+    """On the top face, pushing down [MPa]."""
+
+
+class BoxesScene(AssemblyScene):
+    """A column of boxes: its bottom face is held, a pressure acts on its top."""
+
+    stands: ClassVar[bool] = True
+
+    block: BoxesSection
+    load: TopPressureSection = TopPressureSection()
+
+    def build(self) -> Assembly:
+        """Build the column."""
+        from geometry.families.box_column import ColumnBox, box_column
+
+        return box_column([ColumnBox(box.size, box.divisions) for box in self.block.boxes])
+
+    def build_load(self, assembly: Assembly) -> LoadCase:
+        """Press on the top."""
+        import numpy as np
+
+        from geometry.load_case import face_pressure
+
+        return face_pressure(assembly, np.array([assembly.n_blocks - 1]), "z+", self.load.pressure)
+
+    def unmatched(self, assembly: Assembly) -> tuple[UnmatchedJoint, ...]:
+        """Joints of boxes with different meshes."""
+        from geometry.families.box_column import unmatched_joints
+
+        return unmatched_joints(assembly)

@@ -1,0 +1,113 @@
+"""Tubes of Sine Blocks, ``[block] type = "sine"``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator
+
+from geometry.families.sine_block import LayerTurn, SineBlockDivisions, SineBlockParameters
+from validation.scene.family import BlockSection, RoundScene
+from validation.scene.sections import (
+    Finite,
+    NonNegative,
+    Positive,
+    Section,
+    TubeAssemblySection,
+    TubeLoadSection,
+)
+
+if TYPE_CHECKING:
+    from geometry.assembly import Assembly
+
+
+class SineBlockSection(BlockSection):
+    """``[block] type = "sine"``: TSB(h, a, f, s, n, r_i, t)."""
+
+    type: Literal["sine"]
+    height: Positive
+    """h [mm]"""
+    amplitude: NonNegative
+    """a [mm]"""
+    frequency: Positive
+    """f, waves per half block; 2f whole."""
+    shift: Finite = 0.0
+    """s, in units of π."""
+    blocks_per_layer: Annotated[int, Field(ge=2)]
+    """n"""
+    inner_radius: Positive
+    """r_i [mm]"""
+    thickness: Positive
+    """t [mm]"""
+
+
+class SineTubeAssemblySection(TubeAssemblySection):
+    """``[assembly]`` of a tube of Sine Blocks."""
+
+    turn: LayerTurn | float = LayerTurn.HALF_BLOCK
+    """Turn of every second layer: ``half block`` (the whole number ⌊f⌋ of waves nearest to half a
+    block; the default, for at f = 2 its pressures are less than half), ``one wave`` (the paper's
+    parameter study) or a number of waves. At f = 1 and 1.5 the two are the same."""
+
+    @field_validator("turn", mode="wrap")
+    @classmethod
+    def _words_or_waves(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        try:
+            return handler(value)
+        except ValidationError:
+            words = ", ".join(f'"{turn}"' for turn in LayerTurn)
+            raise ValueError(f"expected {words} or a whole number of waves") from None
+
+
+class TubeMeshSection(Section):
+    """``[mesh]`` of a tube: elements of one block in each direction."""
+
+    around: Annotated[int, Field(ge=1)]
+    radial: Annotated[int, Field(ge=1)]
+    axial: Annotated[int, Field(ge=1)]
+    radial_grading: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
+    """Length of elements at the inner over that at the outer face; 1: equal."""
+
+
+class TubeScene(RoundScene):
+    """A tube of Sine Blocks."""
+
+    block: SineBlockSection
+    assembly: SineTubeAssemblySection
+    mesh: TubeMeshSection
+    load: TubeLoadSection
+
+    @property
+    def shape(self) -> SineBlockParameters:
+        """Of the free block.
+
+        Raises
+        ------
+        BlockParameterError
+            For parameters that describe no block.
+        """
+        return SineBlockParameters(**self.block.model_dump(exclude={"type"}))
+
+    @property
+    def _divisions(self) -> SineBlockDivisions:
+        return SineBlockDivisions(**self.mesh.model_dump())
+
+    def build(self) -> Assembly:
+        """Build the tube."""
+        from geometry.families.tube import sine_tube
+
+        return sine_tube(self.shape, self._divisions, self.assembly.layers, self.assembly.turn)
+
+    def build_cell(self) -> Assembly:
+        """Build two layers and their images."""
+        from geometry.families.tube import sine_cell
+
+        return sine_cell(self.shape, self._divisions, self.assembly.turn)
+
+    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
+        """Limit the elements along a wave, through the wall and along the axis."""
+        return {
+            "around": min(self.mesh.around, wave * round(2 * self.block.frequency)),
+            "radial": min(self.mesh.radial, through),
+            "axial": min(self.mesh.axial, other),
+        }

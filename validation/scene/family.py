@@ -1,0 +1,124 @@
+"""What a family of hexahedral blocks is: one record that says how its scenes are read and built.
+
+A family is one file in `validation.scene.families` with one subclass of `AssemblyScene`; the type
+of its ``[block]`` names it. Nothing else lists families.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, get_args
+
+from validation.scene.deformable import DeformableSections
+from validation.scene.sections import RigidSection, Section, TubeAssemblySection, TubeLoadSection
+
+if TYPE_CHECKING:
+    from geometry.assembly import Assembly
+    from geometry.joints import UnmatchedJoint
+    from geometry.load_case import LoadCase
+
+
+class BlockSection(Section):
+    """``[block]``: its type names the family."""
+
+    type: str
+
+
+class AssemblyScene(DeformableSections):
+    """A scene of blocks that meet: what the rigid answer and load cases are for."""
+
+    #: Scene class of each family by the type of its block.
+    families: ClassVar[dict[str, type[AssemblyScene]]] = {}
+    #: Whether held blocks stand on their outer faces; else they are rigid unless the scene says so.
+    stands: ClassVar[bool] = False
+
+    block: BlockSection
+    load: Section
+    rigid: RigidSection = RigidSection()
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        super().__pydantic_init_subclass__(**options)
+        section: Any = cls.model_fields["block"].annotation
+        for kind in get_args(section.model_fields["type"].annotation):
+            cls.families[kind] = cls
+
+    def build(self) -> Assembly:
+        """Build the blocks.
+
+        Raises
+        ------
+        RefusedError
+            When the parameters describe no assembly.
+        """
+        raise NotImplementedError
+
+    def build_load(self, assembly: Assembly) -> LoadCase:
+        """Put the load on the blocks.
+
+        Raises
+        ------
+        RefusedError
+            When they cannot take it.
+        """
+        from geometry.load_case import load_case
+
+        load = self.load
+        assert isinstance(load, TubeLoadSection)
+        return load_case(
+            assembly, load.case, load.pressure, as_printed=load.as_printed, layer=load.layer
+        )
+
+    def unmatched(self, assembly: Assembly) -> tuple[UnmatchedJoint, ...]:  # noqa: ARG002
+        """Joints where facets do not match; most families match by construction or refuse."""
+        return ()
+
+    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:  # noqa: ARG002
+        """Values of ``[mesh]`` with at most so many elements; none where meshes are given.
+
+        Parameters
+        ----------
+        wave
+            Along a wave of the joints, or along an edge.
+        through
+            Through the thickness.
+        other
+            In the direction that is left.
+        """
+        return {}
+
+    @property
+    def element_counts(self) -> dict[str, Any]:
+        """Values of ``[mesh]`` that count elements; none where meshes are given."""
+        mesh = getattr(self, "mesh", None)
+        if mesh is None:
+            return {}
+        return {k: v for k, v in mesh.model_dump().items() if not isinstance(v, float)}
+
+
+class RoundScene(AssemblyScene):
+    """A scene of blocks that stand round an axis, with inner and outer faces, in layers."""
+
+    assembly: TubeAssemblySection
+    mesh: Section
+    load: TubeLoadSection
+
+    @property
+    def thickness(self) -> float:
+        """Of the wall [mm]."""
+        return float(self.block.thickness)  # type: ignore[attr-defined]
+
+    def build_cell(self) -> Assembly:
+        """Build the two layers that a long tube repeats, and their images.
+
+        Raises
+        ------
+        RefusedError
+            When the parameters describe no tube.
+        """
+        raise NotImplementedError
+
+
+def round_types() -> str:
+    """Types of block that make tubes, in words."""
+    found = [k for k, family in AssemblyScene.families.items() if issubclass(family, RoundScene)]
+    return " or ".join(f'"{kind}"' for kind in sorted(found, reverse=True))
