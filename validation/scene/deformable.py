@@ -11,7 +11,7 @@ from pydantic.json_schema import JsonSchemaValue
 from fem.element.hexahedron import ElementType
 from fem.problem.model import Formulation
 from validation.scene.plausibility import WholeScene
-from validation.scene.sections import Finite, NonNegative, Positive, Section
+from validation.scene.sections import Finite, NonNegative, Positive, Section, fewer
 
 Vector = tuple[Finite, Finite, Finite]
 
@@ -324,6 +324,13 @@ class DivisionsSection(Section):
     divisions: tuple[
         Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]
     ]
+
+    def share(self, share: float, multiple: int) -> dict[str, Any]:
+        """Divisions with about a share of the elements, along x a multiple of a number."""
+        along, across, up = self.divisions
+        return {
+            "divisions": (fewer(along, share, multiple), fewer(across, share), fewer(up, share))
+        }
 
     def at_most(self, along: int, across: int, up: int) -> dict[str, Any]:
         """Divisions with no more elements than these; nothing where there are no more."""

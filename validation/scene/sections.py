@@ -59,6 +59,13 @@ class Section(Recorded):
         return numbers if isinstance(value, list | tuple) else numbers[0]
 
 
+def fewer(count: int, share: float, multiple: int = 1) -> int:
+    """About a share of a number of elements, a multiple of another, at least one of those."""
+    if count % multiple:
+        return count
+    return max(1, round(share * count / multiple)) * multiple
+
+
 class TubeAssemblySection(Section):
     """``[assembly]`` of a tube."""
 

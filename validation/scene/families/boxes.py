@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field
 
 from validation.scene.family import AssemblyScene, BlockSection
-from validation.scene.sections import Finite, Positive, Section
+from validation.scene.sections import Finite, Positive, Section, fewer
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
@@ -68,3 +68,13 @@ class BoxesScene(AssemblyScene):
         from geometry.families.box_column import unmatched_joints
 
         return unmatched_joints(assembly)
+
+    def coarser(self, share: float) -> Self | None:
+        """Divide every box into fewer elements."""
+        boxes = tuple(
+            box.model_copy(update={"divisions": tuple(fewer(n, share) for n in box.divisions)})
+            for box in self.block.boxes
+        )
+        if boxes == self.block.boxes:
+            return None
+        return self.model_copy(update={"block": self.block.model_copy(update={"boxes": boxes})})

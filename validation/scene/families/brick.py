@@ -49,3 +49,7 @@ class BrickScene(AssemblyScene):
     def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
         """Limit the elements along, across and up."""
         return self.mesh.at_most(2 * wave, through, other)
+
+    def fewer_elements(self, share: float) -> dict[str, Any]:
+        """Keep an even number along the brick, whose neighbours stand on its halves."""
+        return self.mesh.share(share, 2)

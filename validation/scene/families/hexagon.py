@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field
 
 from validation.scene.family import BlockSection, RoundScene
-from validation.scene.sections import Positive, Section, TubeAssemblySection, TubeLoadSection
+from validation.scene.sections import Positive, Section, TubeAssemblySection, TubeLoadSection, fewer
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
@@ -64,3 +64,10 @@ class HexagonTubeScene(RoundScene):
     def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:  # noqa: ARG002
         """Limit the elements along an edge and through the wall."""
         return {"edge": min(self.mesh.edge, wave), "radial": min(self.mesh.radial, through)}
+
+    def fewer_elements(self, share: float) -> dict[str, Any]:
+        """Keep an even number along an edge."""
+        return {
+            "edge": fewer(self.mesh.edge, share, 2),
+            "radial": fewer(self.mesh.radial, share),
+        }

@@ -15,6 +15,7 @@ from validation.scene.sections import (
     Section,
     TubeAssemblySection,
     TubeLoadSection,
+    fewer,
 )
 
 if TYPE_CHECKING:
@@ -110,4 +111,13 @@ class TubeScene(RoundScene):
             "around": min(self.mesh.around, wave * round(2 * self.block.frequency)),
             "radial": min(self.mesh.radial, through),
             "axial": min(self.mesh.axial, other),
+        }
+
+    def fewer_elements(self, share: float) -> dict[str, Any]:
+        """Keep at least two elements a wave."""
+        mesh, waves = self.mesh, round(2 * self.block.frequency)
+        return {
+            "around": max(fewer(mesh.around, share, waves), min(mesh.around, 2 * waves)),
+            "radial": fewer(mesh.radial, share),
+            "axial": fewer(mesh.axial, share),
         }

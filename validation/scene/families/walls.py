@@ -65,6 +65,10 @@ class PlanarSineScene(AssemblyScene):
         """Limit the elements along the waves, across and up."""
         return self.mesh.at_most(round(2 * self.block.frequency) * wave, through, other)
 
+    def fewer_elements(self, share: float) -> dict[str, Any]:
+        """Keep whole numbers of elements along a wave."""
+        return self.mesh.share(share, round(2 * self.block.frequency))
+
 
 class OsteomorphicSection(BlockSection):
     """``[block] type = "osteomorphic"``: bricks whose bed joints are saddles."""
@@ -103,3 +107,7 @@ class OsteomorphicScene(AssemblyScene):
     def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
         """Limit the elements along, across and up."""
         return self.mesh.at_most(2 * wave, through, other)
+
+    def fewer_elements(self, share: float) -> dict[str, Any]:
+        """Keep an even number along the block, whose neighbours stand on its halves."""
+        return self.mesh.share(share, 2)
