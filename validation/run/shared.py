@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 from validation.build.blocks import build_load
 from validation.run.rigid import BuiltScene, RigidRun, analyse_rigid, build_matching
-from validation.scene.families import HexagonTubeScene
-from validation.scene.read import SceneFile, TubeScene
+from validation.scene.family import RoundScene
+from validation.scene.read import SceneFile
 
 
 @dataclass
@@ -28,7 +28,7 @@ class SharedTubes:
             When it describes nothing that can be built.
         """
         scene = file.scene
-        if not isinstance(scene, TubeScene | HexagonTubeScene):
+        if not isinstance(scene, RoundScene):
             return analyse_rigid(build_matching(file))
         sections = (scene.block, scene.assembly, scene.mesh)
         key = "\n".join(section.model_dump_json() for section in sections)
