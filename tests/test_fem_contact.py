@@ -1,5 +1,7 @@
 """Contact kinematics: derivatives, balance of forces and moments, deformable assemblies."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -237,3 +239,13 @@ def test_moving_the_tube_moves_the_surfaces():
     assert b.weights == pytest.approx(a.weights, rel=1e-11)
     assert np.abs(b.initial_gaps - a.initial_gaps).max() < 1e-11
     assert np.abs(b.normals - a.normals @ turn.T).max() < 1e-11
+
+
+@pytest.mark.parametrize("normals", list(ContactNormals))
+def test_a_clearance_opens_every_gap_by_itself(surfaces, normals):
+    """Whatever the normals and displacements: overclosures are less by it, gradients the same."""
+    corners = random_corners(surfaces, 1e-2)
+    plain = point_kinematics(surfaces, corners, normals)
+    opened = point_kinematics(replace(surfaces, clearance=0.03), corners, normals)
+    np.testing.assert_allclose(opened.overclosure, plain.overclosure - 0.03, atol=1e-15)
+    np.testing.assert_array_equal(opened.gradient, plain.gradient)

@@ -11,8 +11,10 @@ from fem.contact.friction import CoulombFriction, FrictionError
 from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.contact.surfaces import ContactNormals
 from fem.element.material import Material
+from fem.explicit.damping import applied_forces
 from fem.explicit.setup.assembly import explicit_assembly
 from fem.explicit.solve import Output, UnstableRun, displacements_of, initial_state, prepare, solve
+from fem.explicit.state import world_vectors
 from fem.explicit.step import step
 from fem.problem.effects import AdaptiveMassDamping, Effects, RayleighDamping
 from fem.problem.time_step import critical_time_step
@@ -310,3 +312,35 @@ def test_column_under_its_weight_sinks_by_the_inverse_of_the_law():
     )
     # Lateral expansion under the weight warps the bottom face by less than 1e-2 of the sinking.
     assert overclosure.mean() == pytest.approx(float(law.overclosure(pressure)), rel=1e-2)
+
+
+def floor_forces(model, path):
+    """Forces on the block at the last of some displacements of all its nodes, one row each [mm]."""
+    system = prepare(model, time_step=1e-9)
+    group = model.groups[0]
+    state = initial_state(system)
+    for moved in path:
+        everywhere = (np.tile(moved, (group.n_copies, group.n_nodes, 1)),)
+        there = initial_state(system, displacements=everywhere)
+        for now, new in zip(state.bodies, there.bodies, strict=True):
+            now.displacement[:] = new.displacement
+            now.applied_force[:] = 0.0
+        system.interactions[0].add_force(system, state)
+    return world_vectors(system.bodies[0], applied_forces(system.bodies[0], state.bodies[0]))
+
+
+def test_friction_forgets_when_blocks_lift_off():
+    """Pressed, lifted, moved along, pressed again: no traction, as if it had never touched.
+
+    Pressed and moved along without lifting, it rubs with μ times the pressing force.
+    """
+    deformable = block_on_floor(lift=0.05)
+    model = explicit_assembly(deformable, friction=CoulombFriction(0.3)).model
+    pressed, along = np.array([0.0, 0.0, -0.052]), np.array([0.05, 0.0, 0.0])
+    lifted = np.array([0.0, 0.0, 0.1])
+    fresh = floor_forces(model, [pressed + along])
+    again = floor_forces(model, [pressed, lifted, lifted + along, pressed + along])
+    np.testing.assert_array_equal(again, fresh)
+    assert abs(fresh[..., 0].sum()) < 1e-12 * fresh[..., 2].sum()
+    rubbed = floor_forces(model, [pressed, pressed + along])
+    assert rubbed[..., 0].sum() == pytest.approx(-0.3 * rubbed[..., 2].sum(), rel=1e-12)

@@ -32,10 +32,12 @@ from mbd import (
     Mechanism,
     Norm,
     SelfStress,
+    Solver,
     analyse,
     block_wrenches,
     classify,
     contact_jacobian,
+    equilibrium,
     newton_equilibrium,
     solve_linear_programs,
 )
@@ -469,3 +471,15 @@ def test_limits_shown_beside_closed_forms() -> None:
     assert tilt_limit(groove(0.5), 0.0) == pytest.approx(0.5, abs=1e-6)
     # Ten halvings of [0.09, 0.13] leave 2e-5; the closed form has four digits.
     assert arch_limit(20, steps=10) == pytest.approx(ARCH_LIMIT, abs=1e-4)
+
+
+@pytest.mark.parametrize("slope", [1e-4, 1e-5, 3e-6])
+def test_what_leans_beyond_the_tolerance_is_no_equilibrium(slope: float) -> None:
+    """On a smooth plate nothing balances the part along it: a residual of the slope, not 1e-6."""
+    assembly = _incline()
+    contacts = contact_jacobian(assembly)
+    for lean, holds in ((slope, False), (1e-8, True)):
+        load = _weights(assembly, DOWN + lean * I[0])
+        for solver in (Solver.NEWTON, Solver.CLARABEL):
+            found = equilibrium(contacts.jacobian, load, solver=solver)
+            assert found.holds is holds, (solver, lean, found.status)
