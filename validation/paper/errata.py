@@ -403,20 +403,19 @@ def print_errata(found: list[ShownErratum], console: Console) -> None:
 def _sensitivity_table(found: list[ShownErratum]) -> Table:
     """One line a number: its error, and the error without each ingredient that moves it."""
     title = "Errors of the tables' numbers [%], and without an ingredient where that moves them"
-    table = Table(title=title, title_justify="left")
+    table = Table(title=title, title_justify="left", padding=0)
     table.add_column("number", no_wrap=True)
-    heads = ("printed", "ours", "error", *(item.erratum.name for item in found))
+    heads = ("printed", "error", *(item.erratum.name for item in found))
     for head in heads:
         table.add_column(head.replace("-", " "), justify="right")
     whole = found[0].shown.values["with"]
-    table.add_row("to the digit", "", "", *_counts(found))
+    table.add_row("to the digit", "", *_counts(found))
     for place, error in whole["differences"].items():
         block, case, quantity = place.split()
         moved = [item.shown.values["moved"].get(place) for item in found]
         table.add_row(
             place,
             number(quantity, reference()["table"][block][case][quantity]),
-            number(quantity, whole["values"][place], 2),
             f"{100 * error:+.1f}",
             *("" if other is None else f"{100 * other:+.1f}" for other in moved),
         )
