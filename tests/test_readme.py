@@ -25,3 +25,15 @@ def test_every_command_and_scene_exists() -> None:
     assert {command for command, _ in lines} - commands == set()
     named = {word for _, word in lines if re.fullmatch(r"(tsb|thb)\d-[a-z]+", word)}
     assert named - set(builtin_names()) == set()
+
+
+def test_contributing_points_at_what_is_there() -> None:
+    """Every file and folder that it names exists, but for those that one is to add."""
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    named = re.findall(r"`((?:geometry|mbd|fem|validation|tests|docs)/[\w./]+)`", text)
+    placeholders = ("NAME", "GROUP")
+    there = [path for path in named if not any(word in path for word in placeholders)]
+    assert len(there) > 15
+    assert [path for path in there if not (ROOT / path).exists()] == []
+    links = re.findall(r"\]\(([^)]+)\)", text)
+    assert [link for link in links if not (ROOT / link).exists()] == []
