@@ -174,6 +174,15 @@ def test_the_change_of_degree_covers_the_error() -> None:
         assert abs(measure.value - reference.measures[name].value) < measure.error, name
 
 
+def test_a_cap_says_where_it_acted_and_lowers_the_peak() -> None:
+    plain, capped = curved(2), curved(2, 1, "contact.maximum_stiffness=100")
+    assert plain.as_json()["contact_cap"] is None
+    found = capped.as_json()["contact_cap"]
+    assert 0 < found["points"] < found["pressing_points"]
+    assert 0.0 < found["force_share"] < 1.0
+    assert capped.measures["p_max_point"].value < plain.measures["p_max_point"].value
+
+
 @pytest.mark.parametrize(
     ("settings", "text"),
     [

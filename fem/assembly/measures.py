@@ -91,10 +91,15 @@ class CapAction:
 
 def cap_action(law: ContactLaw, state: ContactState) -> CapAction | None:
     """Where the cap of a law acted; None for a law without one."""
+    return cap_action_at(law, state.point_pressures, state.point_areas)
+
+
+def cap_action_at(law: ContactLaw, pressures: FloatArray, areas: FloatArray) -> CapAction | None:
+    """Where the cap of a law acted, from pressures [MPa] and areas [mm²] of points, (n,) each."""
     if not (isinstance(law, ExponentialLaw) and np.isfinite(law.maximum_stiffness)):
         return None
-    force = state.point_areas * state.point_pressures
-    acted = state.point_overclosures > law.constants.linear_start
+    force = areas * pressures
+    acted = pressures > law.constants.linear_pressure
     total = float(force.sum())
     return CapAction(
         maximum_stiffness=law.maximum_stiffness,

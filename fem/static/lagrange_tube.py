@@ -67,6 +67,8 @@ class TubeState:
     """The block of every layer."""
     pressures: FloatArray
     """At the quadrature points of all joints, (n_points,) [MPa]."""
+    weights: FloatArray
+    """Areas of those points, (n_points,) [mm²]."""
     displacements: FloatArray
     """Of all nodes of the block of each layer, in its own frame, (n_layers, n_nodes, 3) [mm]."""
     iterations: int
@@ -236,7 +238,7 @@ def solve_layered_tube(
         )
     displacements = _recovered(block, joints, force, forces=forces, motion=motion, reduced=reduced)
     pressures = law.pressure(overclosure)
-    return TubeState(block, pressures, displacements, iterations, residual, joints)
+    return TubeState(block, pressures, problem.weights, displacements, iterations, residual, joints)
 
 
 def _linear_problem(

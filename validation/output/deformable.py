@@ -274,6 +274,8 @@ def print_curved(run: CurvedRun, console: Console) -> None:
     table.add_row("Newton iterations", f"{run.iterations}")
     table.add_row("force residual", f"{run.residual:.2e}")
     _add_measures(table, run.measures)
+    if run.cap is not None:
+        table.add_row("cap of the contact law", _cap_words(run.cap))
     table.add_row("errors", f"changes from degree {run.degree - 1}")
     table.add_row("files", "no fields and pictures: curved elements give numbers only")
     table.add_row("CPU seconds", f"{run.cpu_seconds:.3f}")

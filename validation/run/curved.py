@@ -6,11 +6,12 @@ Each measure has the change from one degree less as the estimate of its error.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, NoReturn
 
 import numpy as np
 
+from fem.assembly.measures import CapAction, cap_action_at
 from fem.contact.law import ContactLaw
 from fem.element.lagrange import LagrangeElement, lobatto_points
 from fem.static.lagrange_block import Lattice, face_pressure, seen_block
@@ -62,6 +63,8 @@ class CurvedRun:
     iterations: int
     residual: float
     """Contact forces that the law does not have, over all [-]."""
+    cap: CapAction | None
+    """Where the maximum stiffness of the contact law acted in a sector; None for a law without."""
     cpu_seconds: float
     """Of both degrees [s]."""
 
@@ -74,6 +77,7 @@ class CurvedRun:
             "n_elements": self.n_elements,
             "n_unknowns": self.n_unknowns,
             "measures": {name: measure.as_json() for name, measure in self.measures.items()},
+            "contact_cap": None if self.cap is None else asdict(self.cap),
             "newton_iterations": self.iterations,
             "residual": self.residual,
             "cpu_seconds": {"total": self.cpu_seconds},
@@ -90,6 +94,7 @@ def run_curved(name: str, scene: DeformableScene) -> CurvedRun:
     """
     tube = _checked(name, scene)
     assert tube.fem is not None
+    assert tube.contact is not None
     start = time.process_time()
     try:
         state, found = _solved(tube, tube.fem.degree)
@@ -109,6 +114,7 @@ def run_curved(name: str, scene: DeformableScene) -> CurvedRun:
         n_unknowns=3 * len(lattice.positions),
         iterations=state.iterations,
         residual=state.residual,
+        cap=cap_action_at(contact_law(tube.contact), state.pressures, state.weights),
         cpu_seconds=time.process_time() - start,
     )
 
