@@ -7,8 +7,9 @@ An argument that is None removes its branch when the kernel is compiled: an effe
 is not in the machine code. Rows are worked in fixed chunks and each chunk writes its own rows
 and its own partial sums, so one and two threads give the same bits.
 
-Each loop over chunks exists twice, serial and with ``prange``, as two functions of the module:
-numba's cache does not tell the two apart when one factory makes both.
+Loops over chunks are compiled twice from one source (`fem.explicit.kernels.forms`), for one thread
+and for several; those of `motion` and `stiffness` are written out, for `validation.effects.proof`
+reads their source.
 """
 
 from __future__ import annotations
@@ -16,19 +17,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fem.explicit.kernels.damping import (
-    add_stiffness_damping,
-    add_stiffness_damping_parallel,
-)
-from fem.explicit.kernels.frame import (
-    block_frame_displacement,
-    block_frame_displacement_parallel,
-    displacement_moments,
-    displacement_moments_parallel,
-    fit_frames,
-    placement_frame_force,
-    placement_frame_force_parallel,
-)
+from fem.explicit.kernels import damping, frame, viscosity
+from fem.explicit.kernels.frame import fit_frames
 from fem.explicit.kernels.motion import (
     dot_lanes,
     enforce,
@@ -40,12 +30,6 @@ from fem.explicit.kernels.runs import add_at, dot_at, hold
 from fem.explicit.kernels.stiffness import (
     stiffness_product,
     stiffness_product_parallel,
-)
-from fem.explicit.kernels.viscosity import (
-    add_viscous_force,
-    add_viscous_force_parallel,
-    viscous_pressure,
-    viscous_pressure_parallel,
 )
 
 __all__ = [
@@ -76,6 +60,13 @@ __all__ = [
     "viscous_pressure",
     "viscous_pressure_parallel",
 ]
+
+add_stiffness_damping, add_stiffness_damping_parallel = damping.add_stiffness_damping
+add_viscous_force, add_viscous_force_parallel = viscosity.add_viscous_force
+viscous_pressure, viscous_pressure_parallel = viscosity.viscous_pressure
+displacement_moments, displacement_moments_parallel = frame.displacement_moments
+block_frame_displacement, block_frame_displacement_parallel = frame.block_frame_displacement
+placement_frame_force, placement_frame_force_parallel = frame.placement_frame_force
 
 
 @dataclass(frozen=True)

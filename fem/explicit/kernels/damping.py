@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numba import prange
 
+from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
 from fem.explicit.kernels.lanes import add, lane_operations, multiply_add, scale, store, subtract
 from fem.explicit.kernels.options import OPTIONS
 from geometry.compilation import njit
@@ -32,7 +33,7 @@ def _damping_lanes(width: int) -> Callable[..., Any]:
 
     @njit(**OPTIONS)
     def run(
-        c, i, ratio, displacement, increment, elastic, viscous, force, torque, lost, first, lanes
+        first, lanes, c, i, ratio, displacement, increment, elastic, viscous, force, torque, lost
     ):
         here = c * lanes + first
         x = i * 3 * lanes + first
@@ -54,10 +55,7 @@ def _damping_lanes(width: int) -> Callable[..., Any]:
     return made
 
 
-_damping_8 = _damping_lanes(8)
-_damping_4 = _damping_lanes(4)
-_damping_2 = _damping_lanes(2)
-_damping_1 = _damping_lanes(1)
+_damping_row = over_lanes(_damping_lanes, 8)
 
 
 @njit(**OPTIONS)
@@ -77,72 +75,14 @@ def _stiffness_damping_chunk(
 ):
     lost[c * lanes : (c + 1) * lanes] = 0.0
     for i in range(chunks[c], chunks[c + 1]):
-        if lanes >= 8:
-            for first in range(0, lanes, 8):
-                _damping_8(
-                    c,
-                    i,
-                    ratio,
-                    displacement,
-                    increment,
-                    elastic,
-                    viscous,
-                    force,
-                    torque,
-                    lost,
-                    first,
-                    lanes,
-                )
-        elif lanes == 4:
-            _damping_4(
-                c,
-                i,
-                ratio,
-                displacement,
-                increment,
-                elastic,
-                viscous,
-                force,
-                torque,
-                lost,
-                0,
-                lanes,
-            )
-        elif lanes == 2:
-            _damping_2(
-                c,
-                i,
-                ratio,
-                displacement,
-                increment,
-                elastic,
-                viscous,
-                force,
-                torque,
-                lost,
-                0,
-                lanes,
-            )
-        else:
-            _damping_1(
-                c,
-                i,
-                ratio,
-                displacement,
-                increment,
-                elastic,
-                viscous,
-                force,
-                torque,
-                lost,
-                0,
-                lanes,
-            )
+        _damping_row(
+            0, lanes, c, i, ratio, displacement, increment, elastic, viscous, force, torque, lost
+        )
     for k in range(c * lanes, (c + 1) * lanes):
         dissipated[k] += 0.5 * np.float64(lost[k])
 
 
-@njit(cache=True, **OPTIONS)
+@serial_and_parallel
 def add_stiffness_damping(
     chunks, ratio, displacement, increment, elastic, viscous, force, torque, lost, dissipated, lanes
 ):
@@ -174,28 +114,6 @@ def add_stiffness_damping(
     lanes
         Padded number of copies.
     """
-    for c in range(len(chunks) - 1):
-        _stiffness_damping_chunk(
-            c,
-            chunks,
-            ratio,
-            displacement,
-            increment,
-            elastic,
-            viscous,
-            force,
-            torque,
-            lost,
-            dissipated,
-            lanes,
-        )
-
-
-@njit(cache=True, parallel=True, **OPTIONS)
-def add_stiffness_damping_parallel(
-    chunks, ratio, displacement, increment, elastic, viscous, force, torque, lost, dissipated, lanes
-):
-    """`add_stiffness_damping` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
         _stiffness_damping_chunk(
             c,

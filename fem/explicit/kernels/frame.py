@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numba import prange
 
+from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
 from fem.explicit.kernels.lanes import add, lane_operations, multiply_add, splat, store, subtract
 from fem.explicit.kernels.options import OPTIONS
 from geometry.compilation import njit
@@ -20,7 +21,7 @@ def _moment_lanes(width: int) -> Callable[..., Any]:
     load, zero = lane_operations(width)
 
     @njit(**OPTIONS)
-    def run(c, begin, end, mass, reference, displacement, moment, first, lanes):
+    def run(first, lanes, c, begin, end, mass, reference, displacement, moment):
         xx = zero(displacement)
         xy = zero(displacement)
         xz = zero(displacement)
@@ -70,35 +71,10 @@ def _moment_lanes(width: int) -> Callable[..., Any]:
     return made
 
 
-_moments_16 = _moment_lanes(16)
-_moments_8 = _moment_lanes(8)
-_moments_4 = _moment_lanes(4)
-_moments_2 = _moment_lanes(2)
-_moments_1 = _moment_lanes(1)
+_moments = over_lanes(_moment_lanes, 16)
 
 
-@njit(**OPTIONS)
-def _moment_chunk(c, chunks, mass, reference, displacement, moment, lanes):
-    if lanes >= 8:
-        first = 0
-        while first + 16 <= lanes:
-            _moments_16(
-                c, chunks[c], chunks[c + 1], mass, reference, displacement, moment, first, lanes
-            )
-            first += 16
-        if first < lanes:
-            _moments_8(
-                c, chunks[c], chunks[c + 1], mass, reference, displacement, moment, first, lanes
-            )
-    elif lanes == 4:
-        _moments_4(c, chunks[c], chunks[c + 1], mass, reference, displacement, moment, 0, lanes)
-    elif lanes == 2:
-        _moments_2(c, chunks[c], chunks[c + 1], mass, reference, displacement, moment, 0, lanes)
-    else:
-        _moments_1(c, chunks[c], chunks[c + 1], mass, reference, displacement, moment, 0, lanes)
-
-
-@njit(cache=True, **OPTIONS)
+@serial_and_parallel
 def displacement_moments(chunks, mass, reference, displacement, moment, lanes):
     """Partial sums of m u_j (X_x, X_y, X_z, 1), j = x, y, z, of every copy.
 
@@ -113,15 +89,8 @@ def displacement_moments(chunks, mass, reference, displacement, moment, lanes):
     lanes
         Padded number of copies.
     """
-    for c in range(len(chunks) - 1):
-        _moment_chunk(c, chunks, mass, reference, displacement, moment, lanes)
-
-
-@njit(cache=True, parallel=True, **OPTIONS)
-def displacement_moments_parallel(chunks, mass, reference, displacement, moment, lanes):
-    """`displacement_moments` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
-        _moment_chunk(c, chunks, mass, reference, displacement, moment, lanes)
+        _moments(0, lanes, c, chunks[c], chunks[c + 1], mass, reference, displacement, moment)
 
 
 @njit(**OPTIONS)
@@ -243,7 +212,7 @@ def _frame_lanes(width: int) -> Callable[..., Any]:
     load, zero = lane_operations(width)
 
     @njit(**OPTIONS)
-    def run(begin, end, turn, mean, reference, displacement, local, increment, first, lanes):
+    def run(first, lanes, begin, end, turn, mean, reference, displacement, local, increment):
         none = zero(displacement)
         txx = load(turn, 0 * lanes + first)
         txy = load(turn, 1 * lanes + first)
@@ -281,70 +250,10 @@ def _frame_lanes(width: int) -> Callable[..., Any]:
     return made
 
 
-_frame_8 = _frame_lanes(8)
-_frame_4 = _frame_lanes(4)
-_frame_2 = _frame_lanes(2)
-_frame_1 = _frame_lanes(1)
+_frames = over_lanes(_frame_lanes, 8)
 
 
-@njit(**OPTIONS)
-def _block_frame_chunk(c, chunks, turn, mean, reference, displacement, local, increment, lanes):
-    if lanes >= 8:
-        for first in range(0, lanes, 8):
-            _frame_8(
-                chunks[c],
-                chunks[c + 1],
-                turn,
-                mean,
-                reference,
-                displacement,
-                local,
-                increment,
-                first,
-                lanes,
-            )
-    elif lanes == 4:
-        _frame_4(
-            chunks[c],
-            chunks[c + 1],
-            turn,
-            mean,
-            reference,
-            displacement,
-            local,
-            increment,
-            0,
-            lanes,
-        )
-    elif lanes == 2:
-        _frame_2(
-            chunks[c],
-            chunks[c + 1],
-            turn,
-            mean,
-            reference,
-            displacement,
-            local,
-            increment,
-            0,
-            lanes,
-        )
-    else:
-        _frame_1(
-            chunks[c],
-            chunks[c + 1],
-            turn,
-            mean,
-            reference,
-            displacement,
-            local,
-            increment,
-            0,
-            lanes,
-        )
-
-
-@njit(cache=True, **OPTIONS)
+@serial_and_parallel
 def block_frame_displacement(chunks, turn, mean, reference, displacement, local, increment, lanes):
     """Displacement seen from the block frame, Qᵀ(X + u - ū) - X.
 
@@ -363,17 +272,19 @@ def block_frame_displacement(chunks, turn, mean, reference, displacement, local,
     lanes
         Padded number of copies.
     """
-    for c in range(len(chunks) - 1):
-        _block_frame_chunk(c, chunks, turn, mean, reference, displacement, local, increment, lanes)
-
-
-@njit(cache=True, parallel=True, **OPTIONS)
-def block_frame_displacement_parallel(
-    chunks, turn, mean, reference, displacement, local, increment, lanes
-):
-    """`block_frame_displacement` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
-        _block_frame_chunk(c, chunks, turn, mean, reference, displacement, local, increment, lanes)
+        _frames(
+            0,
+            lanes,
+            chunks[c],
+            chunks[c + 1],
+            turn,
+            mean,
+            reference,
+            displacement,
+            local,
+            increment,
+        )
 
 
 def _placement_lanes(width: int) -> Callable[..., Any]:
@@ -381,7 +292,7 @@ def _placement_lanes(width: int) -> Callable[..., Any]:
     load, _ = lane_operations(width)
 
     @njit(**OPTIONS)
-    def run(begin, end, turn, spin, mass, reference, force, first, lanes):
+    def run(first, lanes, begin, end, turn, spin, mass, reference, force):
         txx = load(turn, 0 * lanes + first)
         txy = load(turn, 1 * lanes + first)
         txz = load(turn, 2 * lanes + first)
@@ -413,26 +324,10 @@ def _placement_lanes(width: int) -> Callable[..., Any]:
     return made
 
 
-_placement_8 = _placement_lanes(8)
-_placement_4 = _placement_lanes(4)
-_placement_2 = _placement_lanes(2)
-_placement_1 = _placement_lanes(1)
+_placements = over_lanes(_placement_lanes, 8)
 
 
-@njit(**OPTIONS)
-def _placement_chunk(c, chunks, turn, spin, mass, reference, force, lanes):
-    if lanes >= 8:
-        for first in range(0, lanes, 8):
-            _placement_8(chunks[c], chunks[c + 1], turn, spin, mass, reference, force, first, lanes)
-    elif lanes == 4:
-        _placement_4(chunks[c], chunks[c + 1], turn, spin, mass, reference, force, 0, lanes)
-    elif lanes == 2:
-        _placement_2(chunks[c], chunks[c + 1], turn, spin, mass, reference, force, 0, lanes)
-    else:
-        _placement_1(chunks[c], chunks[c + 1], turn, spin, mass, reference, force, 0, lanes)
-
-
-@njit(cache=True, **OPTIONS)
+@serial_and_parallel
 def placement_frame_force(chunks, turn, spin, mass, reference, force, lanes):
     """Make block-frame forces torque-free and turn them back, in place: f ← Q (f - m ψ × X).
 
@@ -451,12 +346,5 @@ def placement_frame_force(chunks, turn, spin, mass, reference, force, lanes):
     lanes
         Padded number of copies.
     """
-    for c in range(len(chunks) - 1):
-        _placement_chunk(c, chunks, turn, spin, mass, reference, force, lanes)
-
-
-@njit(cache=True, parallel=True, **OPTIONS)
-def placement_frame_force_parallel(chunks, turn, spin, mass, reference, force, lanes):
-    """`placement_frame_force` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
-        _placement_chunk(c, chunks, turn, spin, mass, reference, force, lanes)
+        _placements(0, lanes, chunks[c], chunks[c + 1], turn, spin, mass, reference, force)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numba import prange
 
+from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
 from fem.explicit.kernels.lanes import (
     add,
     entry,
@@ -30,6 +31,8 @@ def _pressure_lanes(width: int) -> Callable[..., Any]:
 
     @njit(**OPTIONS)
     def run(
+        first,
+        lanes,
         c,
         begin,
         end,
@@ -42,8 +45,6 @@ def _pressure_lanes(width: int) -> Callable[..., Any]:
         strain,
         stress,
         dissipated,
-        first,
-        lanes,
     ):
         none = zero(stress)
         lost = none
@@ -71,119 +72,10 @@ def _pressure_lanes(width: int) -> Callable[..., Any]:
     return made
 
 
-_pressure_16 = _pressure_lanes(16)
-_pressure_8 = _pressure_lanes(8)
-_pressure_4 = _pressure_lanes(4)
-_pressure_2 = _pressure_lanes(2)
-_pressure_1 = _pressure_lanes(1)
+_pressures = over_lanes(_pressure_lanes, 16)
 
 
-@njit(**OPTIONS)
-def _pressure_chunk(
-    c,
-    chunks,
-    element_rows,
-    gradient,
-    linear,
-    quadratic,
-    per_step,
-    displacement,
-    strain,
-    stress,
-    dissipated,
-    lanes,
-):
-    if lanes >= 8:
-        first = 0
-        while first + 16 <= lanes:
-            _pressure_16(
-                c,
-                chunks[c],
-                chunks[c + 1],
-                element_rows,
-                gradient,
-                linear,
-                quadratic,
-                per_step,
-                displacement,
-                strain,
-                stress,
-                dissipated,
-                first,
-                lanes,
-            )
-            first += 16
-        if first < lanes:
-            _pressure_8(
-                c,
-                chunks[c],
-                chunks[c + 1],
-                element_rows,
-                gradient,
-                linear,
-                quadratic,
-                per_step,
-                displacement,
-                strain,
-                stress,
-                dissipated,
-                first,
-                lanes,
-            )
-    elif lanes == 4:
-        _pressure_4(
-            c,
-            chunks[c],
-            chunks[c + 1],
-            element_rows,
-            gradient,
-            linear,
-            quadratic,
-            per_step,
-            displacement,
-            strain,
-            stress,
-            dissipated,
-            0,
-            lanes,
-        )
-    elif lanes == 2:
-        _pressure_2(
-            c,
-            chunks[c],
-            chunks[c + 1],
-            element_rows,
-            gradient,
-            linear,
-            quadratic,
-            per_step,
-            displacement,
-            strain,
-            stress,
-            dissipated,
-            0,
-            lanes,
-        )
-    else:
-        _pressure_1(
-            c,
-            chunks[c],
-            chunks[c + 1],
-            element_rows,
-            gradient,
-            linear,
-            quadratic,
-            per_step,
-            displacement,
-            strain,
-            stress,
-            dissipated,
-            0,
-            lanes,
-        )
-
-
-@njit(cache=True, **OPTIONS)
+@serial_and_parallel
 def viscous_pressure(
     chunks,
     element_rows,
@@ -217,42 +109,13 @@ def viscous_pressure(
     lanes
         Padded number of copies.
     """
-    for c in range(len(chunks) - 1):
-        _pressure_chunk(
-            c,
-            chunks,
-            element_rows,
-            gradient,
-            linear,
-            quadratic,
-            per_step,
-            displacement,
-            strain,
-            stress,
-            dissipated,
-            lanes,
-        )
-
-
-@njit(cache=True, parallel=True, **OPTIONS)
-def viscous_pressure_parallel(
-    chunks,
-    element_rows,
-    gradient,
-    linear,
-    quadratic,
-    per_step,
-    displacement,
-    strain,
-    stress,
-    dissipated,
-    lanes,
-):
-    """`viscous_pressure` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
-        _pressure_chunk(
+        _pressures(
+            0,
+            lanes,
             c,
-            chunks,
+            chunks[c],
+            chunks[c + 1],
             element_rows,
             gradient,
             linear,
@@ -262,7 +125,6 @@ def viscous_pressure_parallel(
             strain,
             stress,
             dissipated,
-            lanes,
         )
 
 
@@ -272,7 +134,7 @@ def _viscous_lanes(width: int) -> Callable[..., Any]:
 
     @njit(**OPTIONS)
     def run(
-        c, begin, end, pointer, corner, gradient, stress, displacement, force, torque, first, lanes
+        first, lanes, c, begin, end, pointer, corner, gradient, stress, displacement, force, torque
     ):
         none = zero(stress)
         for i in range(begin, end):
@@ -302,98 +164,10 @@ def _viscous_lanes(width: int) -> Callable[..., Any]:
     return made
 
 
-_viscous_16 = _viscous_lanes(16)
-_viscous_8 = _viscous_lanes(8)
-_viscous_4 = _viscous_lanes(4)
-_viscous_2 = _viscous_lanes(2)
-_viscous_1 = _viscous_lanes(1)
+_viscous = over_lanes(_viscous_lanes, 16)
 
 
-@njit(**OPTIONS)
-def _viscous_chunk(
-    c, chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
-):
-    if lanes >= 8:
-        first = 0
-        while first + 16 <= lanes:
-            _viscous_16(
-                c,
-                chunks[c],
-                chunks[c + 1],
-                pointer,
-                corner,
-                gradient,
-                stress,
-                displacement,
-                force,
-                torque,
-                first,
-                lanes,
-            )
-            first += 16
-        if first < lanes:
-            _viscous_8(
-                c,
-                chunks[c],
-                chunks[c + 1],
-                pointer,
-                corner,
-                gradient,
-                stress,
-                displacement,
-                force,
-                torque,
-                first,
-                lanes,
-            )
-    elif lanes == 4:
-        _viscous_4(
-            c,
-            chunks[c],
-            chunks[c + 1],
-            pointer,
-            corner,
-            gradient,
-            stress,
-            displacement,
-            force,
-            torque,
-            0,
-            lanes,
-        )
-    elif lanes == 2:
-        _viscous_2(
-            c,
-            chunks[c],
-            chunks[c + 1],
-            pointer,
-            corner,
-            gradient,
-            stress,
-            displacement,
-            force,
-            torque,
-            0,
-            lanes,
-        )
-    else:
-        _viscous_1(
-            c,
-            chunks[c],
-            chunks[c + 1],
-            pointer,
-            corner,
-            gradient,
-            stress,
-            displacement,
-            force,
-            torque,
-            0,
-            lanes,
-        )
-
-
-@njit(cache=True, **OPTIONS)
+@serial_and_parallel
 def add_viscous_force(
     chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
 ):
@@ -416,18 +190,18 @@ def add_viscous_force(
     lanes
         Padded number of copies.
     """
-    for c in range(len(chunks) - 1):
-        _viscous_chunk(
-            c, chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
-        )
-
-
-@njit(cache=True, parallel=True, **OPTIONS)
-def add_viscous_force_parallel(
-    chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
-):
-    """`add_viscous_force` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
-        _viscous_chunk(
-            c, chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
+        _viscous(
+            0,
+            lanes,
+            c,
+            chunks[c],
+            chunks[c + 1],
+            pointer,
+            corner,
+            gradient,
+            stress,
+            displacement,
+            force,
+            torque,
         )

@@ -1,0 +1,65 @@
+"""One source for every width of the vectors, and one for one thread and several."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from fem.explicit.kernels.options import OPTIONS
+from geometry.compilation import njit
+
+
+class Forms(NamedTuple):
+    """A loop over chunks compiled twice."""
+
+    serial: Callable[..., None]
+    """For one thread."""
+    parallel: Callable[..., None]
+    """Chunks shared among threads; the same bits, since each writes its own rows and sums."""
+
+
+def serial_and_parallel(loop: Callable[..., None]) -> Forms:
+    """Compile a loop over ``prange``: one thread takes it for ``range``."""
+    serial = njit(cache=True, **OPTIONS)(loop)
+    return Forms(serial, njit(cache=True, parallel=True, **OPTIONS)(loop))
+
+
+def over_lanes(make: Callable[[int], Callable[..., None]], width: int) -> Callable[..., None]:
+    """Make a walk over the copies from the work on vectors of one width.
+
+    Parameters
+    ----------
+    make
+        ``make(w)`` is a compiled ``run(first, lanes, *arguments)`` for ``w`` copies from ``first``
+        on.
+    width
+        Of the widest vectors, a power of two.
+
+    Returns
+    -------
+    Callable[..., None]
+        ``walk(first, lanes, *arguments)``: all copies from ``first`` on, with the widest vectors
+        that fit, then each narrower one.
+    """
+    run = make(width)
+    rest = over_lanes(make, width // 2) if width > 1 else None
+
+    if rest is None:
+
+        @njit(**OPTIONS)
+        def walk(first, lanes, *arguments):  # type: ignore[no-untyped-def]
+            while first < lanes:
+                run(first, lanes, *arguments)
+                first += 1
+
+    else:
+
+        @njit(**OPTIONS)
+        def walk(first, lanes, *arguments):  # type: ignore[no-untyped-def]
+            while first + width <= lanes:
+                run(first, lanes, *arguments)
+                first += width
+            rest(first, lanes, *arguments)
+
+    made: Callable[..., None] = walk
+    return made
