@@ -23,6 +23,13 @@ def mbd(
     output: Annotated[
         Path | None, folder_option("pressures (.vtu) and picture", "out/SCENE")
     ] = None,
+    *,
+    unlock: Annotated[
+        bool,
+        typer.Option(
+            "--layers-to-unlock", help="Also find with how many layers a locked tube no longer is."
+        ),
+    ] = False,
 ) -> None:
     """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
     from validation.output.outputs import Outputs
@@ -32,6 +39,10 @@ def mbd(
 
     file = load_scene(scene, settings or ())
     folder = default_folder(output, json, file.name)
+    if unlock:
+        from validation.run.unlock import require_tube
+
+        require_tube(file)
     if isinstance(file.scene, PolyhedralScene):
         from validation.output import polyhedra
         from validation.run.polyhedra import polyhedra_json, run_polyhedra
@@ -46,14 +57,21 @@ def mbd(
         return
     from validation.output import rigid
     from validation.run.rigid import rigid_json, run_rigid
+    from validation.run.unlock import frame_warning, layers_to_unlock, unlocking_json
 
     with Outputs(json, folder, rigid.FILES, scene=file) as outputs:
         with recording(file.scene) as use:
             run = run_rigid(file)
         rigid.print_rigid(run, outputs.console)
         outputs.tell_unused(use)
+        warning = frame_warning(file, run)
+        if warning is not None:
+            outputs.console.print(f"{'note':9} {warning}")
+        found = layers_to_unlock(file) if unlock else None
+        if found is not None:
+            outputs.console.print(f"{'unlock':9} {found.words}")
         rigid.write_rigid(run, outputs)
-        outputs.write_json(rigid_json(run))
+        outputs.write_json(rigid_json(run) | unlocking_json(warning, found))
 
 
 def explode(
