@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fem.assembly.contact_state import corner_displacements
 from fem.assembly.symmetry import local_forces
 from fem.contact.surfaces import corner_forces, point_kinematics
 from fem.explicit.solve import Status
-from fem.static.result import corner_displacements, pair_resultants
+from fem.static.result import pair_resultants
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.mesh import FloatArray
 from validation.cli.app import app

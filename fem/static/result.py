@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.assembly.contact_state import ContactState, matched_state
+from fem.assembly.contact_state import ContactState, corner_displacements, matched_state
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.surfaces import corner_forces, facet_pressures, point_kinematics
 from geometry.mesh import FloatArray, IntArray
@@ -111,29 +111,6 @@ def contact_corner_forces(result: StaticResult) -> FloatArray:
     displacement = corner_displacements(deformable, result.displacements)
     kinematics = point_kinematics(surfaces, displacement, deformable.contact.normals)
     return corner_forces(kinematics, surfaces.weights * result.pressures)
-
-
-def corner_displacements(
-    deformable: DeformableAssembly, displacements: tuple[FloatArray, ...]
-) -> FloatArray:
-    """World displacements of the corners of every facet pair, (n_facets, 8, 3) [mm].
-
-    Parameters
-    ----------
-    deformable
-        The model.
-    displacements
-        Of each group in world axes, each (n_copies, n_nodes, 3) [mm].
-    """
-    surfaces = deformable.surfaces
-    corners = np.zeros((surfaces.n_facets, 8, 3))
-    sides = ((surfaces.block_m, surfaces.quads_m), (surfaces.block_s, surfaces.quads_s))
-    for side, (blocks, quads) in enumerate(sides):
-        for group, values in enumerate(displacements):
-            mine = np.flatnonzero(deformable.group_of[blocks] == group)
-            copies = deformable.copy_of[blocks[mine]]
-            corners[mine, 4 * side : 4 * side + 4] = values[copies[:, None], quads[mine]]
-    return corners
 
 
 def loose_blocks(

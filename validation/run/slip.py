@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fem.assembly.contact_state import corner_displacements
 from fem.assembly.deformable import DeformableAssembly
-from fem.static.result import corner_displacements
 from geometry.mesh import FloatArray
 
 
