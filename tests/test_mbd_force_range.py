@@ -14,7 +14,8 @@ from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from mbd import contact_jacobian, newton_equilibrium
 from mbd.force_range import ForceRanges, force_ranges
-from mbd.friction import frictional_contacts, frictional_equilibrium
+from mbd.friction import FrictionLaw, frictional_contacts, frictional_equilibrium
+from mbd.plane import plane_problem
 from validation.cli.app import app
 from validation.compare.closed_forms import body_force
 
@@ -112,6 +113,23 @@ def test_arch_ranges_are_thrust_lines() -> None:
     # Joints press more towards the springings, whatever the state.
     half = found.least[:4]
     assert all(a > b for a, b in pairwise(half))
+
+
+def test_ranges_in_the_plane_are_those_in_space() -> None:
+    # The mean of a state and its mirror image is a state in the plane with the same joint forces.
+    wall = running_bond_wall((200.0, 100.0, 80.0), 2, 2)
+    contacts, load = contact_jacobian(wall), body_force(wall, DOWN + 0.1 * np.eye(3)[0])
+    frictional = frictional_contacts(wall, contacts, 0.5, FrictionLaw.PYRAMID)
+    shown = frictional_equilibrium(frictional, load).forces[:, 0]
+    plane = plane_problem(wall, contacts, frictional, axis=1)
+    space = force_ranges(contacts, load, shown, frictional=frictional)
+    flat = force_ranges(contacts, load, shown, frictional=frictional, plane=plane)
+    assert space is not None
+    assert flat is not None
+    slack = 1e-6 * space.load
+    np.testing.assert_allclose(flat.shown, space.shown)
+    np.testing.assert_allclose(flat.least, space.least, atol=slack)
+    np.testing.assert_allclose(flat.largest, space.largest, atol=slack)
 
 
 def test_no_admissible_state_has_no_ranges() -> None:

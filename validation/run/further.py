@@ -25,7 +25,7 @@ from mbd.friction import (
     frictional_equilibrium,
 )
 from mbd.margin import Margin, interlocking_margin
-from mbd.plane import plane_problem
+from mbd.plane import PlaneProblem, plane_problem
 from mbd.resultants import JointResultants
 from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
 from validation.errors import InputError
@@ -144,7 +144,8 @@ def further_answers(
         raise InputError(f"rigid: {error}") from None
     if section.margin:
         margin = interlocking_margin(contacts.jacobian, contacts.areas)
-    ranges = _ranges(contacts, frictional, friction, dead + live, section)
+    with_friction = None if friction is None else (frictional, friction)
+    ranges = _ranges(assembly, contacts, with_friction, dead + live, section)
     seconds = time.process_time() - start
     return Further(
         friction=friction,
@@ -165,13 +166,9 @@ def _sliding(
     loads: tuple[FloatArray, FloatArray],
 ) -> SlidingCollapse:
     """Collapse by sliding without dilation, in the plane where the problem is plane."""
-    for axis in range(3):
-        try:
-            plane = plane_problem(assembly, contacts, frictional, axis)
-            dead, live = (plane.load(load) for load in loads)
-        except FrictionError:
-            continue
-        found = sliding_collapse(plane.contacts, dead, live)
+    plane = _plane(assembly, contacts, frictional, loads)
+    if plane is not None:
+        found = sliding_collapse(plane.contacts, *(plane.load(load) for load in loads))
         if found.mechanism is None:
             return found
         motion = np.zeros(len(loads[0]))
@@ -180,10 +177,28 @@ def _sliding(
     return sliding_collapse(frictional, *loads)
 
 
-def _ranges(
+def _plane(
+    assembly: ContactAssembly,
     contacts: Contacts,
     frictional: FrictionalContacts,
-    friction: FrictionalEquilibrium | None,
+    loads: tuple[FloatArray, ...],
+) -> PlaneProblem | None:
+    """Return the problem in the plane in which blocks and loads lie; None where there is none."""
+    for axis in range(3):
+        try:
+            plane = plane_problem(assembly, contacts, frictional, axis)
+            for load in loads:
+                plane.load(load)
+        except FrictionError:
+            continue
+        return plane
+    return None
+
+
+def _ranges(
+    assembly: ContactAssembly,
+    contacts: Contacts,
+    friction: tuple[FrictionalContacts, FrictionalEquilibrium] | None,
     load: FloatArray,
     section: RigidSection,
 ) -> ForceRanges | None:
@@ -191,10 +206,13 @@ def _ranges(
     if not section.ranges:
         return None
     if friction is not None:
-        return force_ranges(contacts, load, friction.forces[:, 0], frictional=frictional)
+        frictional, carried_by = friction
+        plane = _plane(assembly, contacts, frictional, (load,))
+        shown = carried_by.forces[:, 0]
+        return force_ranges(contacts, load, shown, frictional=frictional, plane=plane)
     weights = column_weights(section.norm, contacts.areas)
-    shown = equilibrium(contacts.jacobian, load, solver=section.solver, weights=weights)
-    return force_ranges(contacts, load, shown.forces) if shown.holds else None
+    smallest = equilibrium(contacts.jacobian, load, solver=section.solver, weights=weights)
+    return force_ranges(contacts, load, smallest.forces) if smallest.holds else None
 
 
 def _generalized(wrench: FloatArray, free: IntArray, length: float) -> FloatArray:
