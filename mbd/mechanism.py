@@ -25,7 +25,13 @@ import scipy.sparse as sp
 
 from geometry.mesh import FloatArray
 from mbd.contact_jacobian import ContactJacobian
-from mbd.equilibrium import EQUILIBRIUM_TOLERANCE, load_size, newton_equilibrium
+from mbd.equilibrium import (
+    EQUILIBRIUM_TOLERANCE,
+    Equilibrium,
+    clarabel_equilibrium,
+    load_size,
+    newton_equilibrium,
+)
 
 #: Singular values of G below this fraction of the largest count as zero.
 RANK_TOLERANCE = 1e-10
@@ -168,15 +174,27 @@ def classify(jacobian: ContactJacobian, load: FloatArray) -> Classification:
     return _classify_unlocked(jacobian, load, admissible)
 
 
+def _judged(jacobian: ContactJacobian, load: FloatArray) -> Equilibrium:
+    """Equilibrium under a load or the mechanism it drives, by Newton's method where that decides.
+
+    On degenerate contacts it may end without either; the interior point method is slower and
+    seldom does.
+    """
+    found = newton_equilibrium(jacobian, load)
+    if found.holds or found.mechanism is not None:
+        return found
+    return clarabel_equilibrium(jacobian, load)
+
+
 def _classify_unlocked(
     jacobian: ContactJacobian, load: FloatArray, admissible: FloatArray
 ) -> Classification:
-    driven = newton_equilibrium(jacobian, load)
+    driven = _judged(jacobian, load)
     if driven.mechanism is not None:
         return Classification(
             MechanismClass.ACTIVATED, as_mechanism(jacobian, driven.mechanism, load)
         )
-    opposed = newton_equilibrium(jacobian, -load)
+    opposed = _judged(jacobian, -load)
     if not (driven.holds and (opposed.holds or opposed.mechanism is not None)):
         return Classification(MechanismClass.UNDECIDED, as_mechanism(jacobian, admissible, load))
     if opposed.mechanism is not None:

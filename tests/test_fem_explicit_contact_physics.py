@@ -315,12 +315,13 @@ def test_column_under_its_weight_sinks_by_the_inverse_of_the_law():
 
 
 def floor_forces(model, path):
-    """Forces on the block at the last of some displacements of all its nodes, one row each [mm]."""
+    """Forces on the blocks at the last of some displacements, (3,) or one row a block [mm]."""
     system = prepare(model, time_step=1e-9)
     group = model.groups[0]
     state = initial_state(system)
     for moved in path:
-        everywhere = (np.tile(moved, (group.n_copies, group.n_nodes, 1)),)
+        copies = np.broadcast_to(moved, (group.n_copies, 3))
+        everywhere = (np.repeat(copies[:, None], group.n_nodes, axis=1),)
         there = initial_state(system, displacements=everywhere)
         for now, new in zip(state.bodies, there.bodies, strict=True):
             now.displacement[:] = new.displacement
@@ -344,3 +345,16 @@ def test_friction_forgets_when_blocks_lift_off():
     assert abs(fresh[..., 0].sum()) < 1e-12 * fresh[..., 2].sum()
     rubbed = floor_forces(model, [pressed, pressed + along])
     assert rubbed[..., 0].sum() == pytest.approx(-0.3 * rubbed[..., 2].sum(), rel=1e-12)
+
+
+def test_friction_forgets_the_block_that_lifts_off_beside_one_that_stays():
+    """They are lanes of one loop: what the facets of one forget, those of the other keep."""
+    deformable = block_on_floor(lift=0.05, blocks=2)
+    model = explicit_assembly(deformable, friction=CoulombFriction(0.3)).model
+    pressed, along = np.array([0.0, 0.0, -0.052]), np.array([0.05, 0.0, 0.0])
+    lifted = np.array([0.0, 0.0, 0.1])
+    path = [[pressed, pressed], [pressed, lifted], [pressed, lifted + along]]
+    force = floor_forces(model, [*map(np.array, path), np.array([pressed + along] * 2)])
+    across, normal = force[..., 0].sum(axis=1), force[..., 2].sum(axis=1)
+    assert across[0] == pytest.approx(-0.3 * normal[0], rel=1e-12)
+    assert abs(across[1]) < 1e-12 * normal[1]

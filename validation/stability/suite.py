@@ -5,13 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from validation.errors import InputError
-from validation.stability import contact_law, explicit, geometry, process, rigid, static
+from validation.stability import (
+    contact_law,
+    explicit,
+    geometry,
+    invariance,
+    process,
+    rigid,
+    static,
+)
 from validation.stability.case import Case, Outcome, run_case
 
 
 def cases() -> tuple[Case, ...]:
     """Every case of every subject."""
-    subjects = (rigid, contact_law, static, explicit, geometry, process)
+    subjects = (rigid, invariance, contact_law, static, explicit, geometry, process)
     return tuple(case for subject in subjects for case in subject.CASES.found)
 
 
