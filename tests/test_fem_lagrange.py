@@ -18,9 +18,9 @@ from fem.static.lagrange_block import FACES, Lattice, face_pressure, seen_block
 from geometry.families.sine_block import SineBlockParameters, sine_block_points
 from geometry.mesh import FloatArray, MeshError
 from tests.test_validation_own_fem import deformable
+from validation.build.deformable import build_deformable
 from validation.errors import InputError
 from validation.run.curved import CurvedRun, run_curved
-from validation.run.deformable import build_deformable
 from validation.run.static import run_tube_static
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)

@@ -10,8 +10,9 @@ from fem.contact.surfaces import ContactNormals, corner_overclosures, point_kine
 from fem.element.facet import FACET_VALUES
 from fem.element.stress import integration_points
 from tests.test_validation_own_fem import column
+from validation.build.deformable import build_deformable
 from validation.output.deformable import print_blocks
-from validation.run.deformable import TubeRun, build_deformable
+from validation.run.deformable import TubeRun
 from validation.run.measures import Measure, value_words
 from validation.run.static import run_tube_static
 

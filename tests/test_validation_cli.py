@@ -177,7 +177,7 @@ def test_tables_come_out_of_the_open_code(tubelock) -> None:
         # Facets so unequal that they cannot be told apart.
         (["mbd", "tsb1-pipe", "--set", "mesh.radial_grading=1e9"], "or equal to 1000"),
         # More memory than any machine has: 6.7e9 facets for a million layers.
-        (["mbd", "tsb1-pipe", "--set", "assembly.layers=1000000000"], "fewer layers"),
+        (["mbd", "tsb1-pipe", "--set", "assembly.layers=1000000000"], "fewer blocks"),
         (["fem", "tsb1-pipe", "--set", "load.pressure=1e300"], "more than material.young_modulus"),
         # A static run would ignore the checkpoint.
         (["fem", "tsb1-pipe", "--resume", "x.npz"], "a static run keeps no checkpoint"),

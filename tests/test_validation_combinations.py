@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fem.static.solve import StaticOptions, solve_static
+from validation.build.deformable import build_deformable
 from validation.errors import InputError
-from validation.run.deformable import build_deformable
 from validation.run.explicit import run_tube_explicit
 from validation.run.static import run_tube_static
 from validation.scene.read import DeformableScene, load_scene

@@ -9,9 +9,10 @@ from fem.decks.statement import Flavour
 from fem.problem.time_step import critical_time_step
 from tests.test_validation_own_fem import column, overclosure
 from validation.build.deck import build_deck
+from validation.build.deformable import build_deformable
 from validation.errors import InputError
 from validation.output.deformable import print_blocks
-from validation.run.deformable import build_deformable, tube_json
+from validation.run.deformable import tube_json
 from validation.run.explicit import run_tube_explicit, scene_statement
 from validation.run.static import run_tube_static
 from validation.scene.read import DeformableScene, SceneFile, check_scene
@@ -68,7 +69,7 @@ def test_decks_carry_a_cap_and_say_where_there_is_none() -> None:
 
 
 def run_law(scene: DeformableScene) -> object:
-    from validation.run.deformable import contact_law
+    from validation.build.deformable import contact_law
 
     assert scene.contact is not None
     return contact_law(scene.contact)

@@ -17,10 +17,10 @@ from fem.decks.write import deck_lines
 from fem.element.hexahedron import ElementType
 from validation.build.box import build_box
 from validation.build.deck import build_deck
+from validation.build.deformable import build_deformable
 from validation.cli.app import main
 from validation.errors import InputError
 from validation.output.decks import export_deck, import_deck
-from validation.run.deformable import build_deformable
 from validation.scene.builtin import builtin_names
 from validation.scene.read import load_scene
 

@@ -7,8 +7,9 @@ from rich.console import Console
 
 from tests.test_validation_own_fem import column, deformable
 from validation.build.coarser import coarser
+from validation.build.deformable import build_deformable
 from validation.output.deformable import print_blocks
-from validation.run.deformable import TubeRun, build_deformable, tube_json
+from validation.run.deformable import TubeRun, tube_json
 from validation.run.estimate import estimated_errors
 from validation.run.static import run_tube_static
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from validation.build.box import build_box
+from validation.build.deformable import build_deformable
 from validation.output.fields import FrameWriter
 from validation.run.box import run_box
-from validation.run.deformable import build_deformable
 from validation.run.static import run_tube_static
 from validation.scene.read import load_scene
 

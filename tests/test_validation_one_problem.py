@@ -22,9 +22,9 @@ from fem.static.solve import solve_static
 from geometry.families.box_column import ColumnBox, box_column
 from geometry.load_case import face_pressure
 from validation.build.deck import build_deck
+from validation.build.deformable import build_deformable
 from validation.errors import InputError
 from validation.output.decks import export_deck, import_deck
-from validation.run.deformable import build_deformable
 from validation.run.polyhedra import run_polyhedra
 from validation.run.rigid import run_rigid
 from validation.scene.read import SceneFile, check_scene, load_scene, scene_data

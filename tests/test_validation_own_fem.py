@@ -20,9 +20,9 @@ from geometry.mesh import FloatArray, HexMesh, MeshError, mass_properties
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.build.deck import build_deck
+from validation.build.deformable import build_deformable
 from validation.compare.answers import compare
 from validation.errors import InputError
-from validation.run.deformable import build_deformable
 from validation.run.explicit import run_tube_explicit
 from validation.run.static import run_tube_static
 from validation.scene.read import DeformableScene, SceneFile, check_scene, load_scene

@@ -16,10 +16,11 @@ from fem.explicit.solve import Status
 from fem.static.result import pair_resultants
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.mesh import FloatArray
+from validation.build.deformable import build_deformable
 from validation.cli.app import app
 from validation.effects.cell import middle_answer, offered_cell
 from validation.errors import InputError
-from validation.run.deformable import TubeRun, build_deformable
+from validation.run.deformable import TubeRun
 from validation.run.explicit import run_tube_explicit
 from validation.run.static import run_tube_static
 from validation.scene.read import DeformableScene, load_scene

@@ -25,8 +25,9 @@ from geometry.mesh import FloatArray
 from geometry.polyhedra.polyhedron import polyhedron_from_quads
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import QUADS, SECTIONS, brick_corners, overclosure, write_stl
+from validation.build.deformable import build_deformable
 from validation.errors import InputError
-from validation.run.deformable import build_deformable, tube_json
+from validation.run.deformable import tube_json
 from validation.run.explicit import run_tube_explicit
 from validation.run.static import run_tube_static
 from validation.scene.read import DeformableScene, check_scene, load_scene

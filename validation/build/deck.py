@@ -40,14 +40,9 @@ from geometry.errors import RefusedError
 from validation.build.blocks import HexahedralBlocks, require_matching
 from validation.build.box import build_material, copy_placements
 from validation.build.cell import refuse_cell
+from validation.build.deformable import build_hexahedra, build_problem, fem_section, scene_load
 from validation.build.effects import build_effects
 from validation.errors import InputError
-from validation.run.deformable import (
-    build_hexahedra,
-    build_problem,
-    fem_section,
-    scene_load,
-)
 from validation.scene.deformable import BoxScene, Damping, EffectsSection, FemSection, Method
 from validation.scene.read import DeformableScene, SceneFile
 

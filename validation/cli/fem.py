@@ -180,10 +180,11 @@ def _solve_box(name: str, scene: BoxScene, outputs: Outputs, resume: Path | None
 
 def _solve_blocks(name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None) -> None:
     """Solve blocks in contact and write what the command promises."""
+    from validation.build.deformable import fem_section
     from validation.output.console import status
     from validation.output.deformable import print_blocks, print_curved, write_block_files
     from validation.run.box import peak_memory_mb
-    from validation.run.deformable import fem_section, tube_json
+    from validation.run.deformable import tube_json
     from validation.run.estimate import estimated_errors
     from validation.scene.usage import recording
 
@@ -214,10 +215,10 @@ def _blocks_in_contact(
 ) -> tuple[TubeRun, ExplicitResult | None]:
     """Decide the effects, build and solve; what an explicit run keeps beside its state."""
     from validation.build.cell import is_cell
+    from validation.build.deformable import build_deformable, fem_section
     from validation.effects.cell import cell_table, probed_cell_error
     from validation.effects.report import decided
     from validation.output.console import explicit_progress, status
-    from validation.run.deformable import build_deformable, fem_section
     from validation.run.explicit import run_tube_explicit, scene_statement
     from validation.run.static import run_tube_static
     from validation.scene.deformable import Method

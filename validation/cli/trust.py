@@ -94,10 +94,10 @@ def effects(
 
 def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption = None) -> None:
     """Measure the error of the two-layer periodic cell against the whole tube."""
+    from validation.build.deformable import fem_section
     from validation.effects.cell import cell_error, cell_table
     from validation.output.console import status
     from validation.output.outputs import Outputs
-    from validation.run.deformable import fem_section
     from validation.scene.read import load_scene, require_deformable
 
     file = load_scene(scene, settings or ())

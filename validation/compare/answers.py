@@ -18,15 +18,10 @@ from geometry.joints import between_layers
 from geometry.mesh import FloatArray, IntArray
 from mbd import Norm
 from validation.build.blocks import require_matching
+from validation.build.deformable import build_deformable, build_hexahedra, fem_section, scene_load
 from validation.compare.decomposition import Step, decompose
 from validation.errors import InputError
-from validation.run.deformable import (
-    TubeRun,
-    build_deformable,
-    build_hexahedra,
-    fem_section,
-    scene_load,
-)
+from validation.run.deformable import TubeRun
 from validation.run.explicit import run_tube_explicit
 from validation.run.rigid import BuiltScene, RigidRun, analyse_rigid
 from validation.run.static import run_tube_static

@@ -17,9 +17,9 @@ from rich.console import Console
 from rich.table import Table
 
 from fem.static.linear_step.condensed import FlexibilityStore
+from validation.build.deformable import fem_section
 from validation.errors import InputError
 from validation.output.pictures.gallery import BLUE, ORANGE, VERMILION, save_figure, subplots
-from validation.run.deformable import fem_section
 from validation.run.static import run_tube_static
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene

@@ -19,7 +19,8 @@ from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.result import StaticResult
 from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
-from validation.run.deformable import TubeRun, build_deformable, gap_words
+from validation.build.deformable import build_deformable, gap_words
+from validation.run.deformable import TubeRun
 from validation.scene.read import DeformableScene
 
 #: Stiffer by this factor, blocks deform a thousandth of what the contact springs do.

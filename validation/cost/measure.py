@@ -19,6 +19,7 @@ from fem.explicit.solve import Status
 from geometry.assembly import Assembly
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.mesh import FloatArray, IntArray
+from validation.build.deformable import build_deformable
 from validation.cost.settings import (
     BaseMesh,
     CostSetting,
@@ -26,7 +27,7 @@ from validation.cost.settings import (
     with_setting,
 )
 from validation.errors import InputError
-from validation.run.deformable import TubeRun, build_deformable
+from validation.run.deformable import TubeRun
 from validation.run.explicit import run_tube_explicit, scene_statement
 from validation.run.rigid import analyse_rigid, build_scene
 from validation.run.static import run_tube_static

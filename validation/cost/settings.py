@@ -14,8 +14,8 @@ from typing import Any
 from fem.element.hexahedron import ElementType
 from mbd import Norm
 from validation.build.cell import refuse_cell
+from validation.build.deformable import fem_section
 from validation.errors import InputError
-from validation.run.deformable import fem_section
 from validation.scene.deformable import Damping, Method, RayleighSection
 from validation.scene.read import TubeScene
 

@@ -17,6 +17,7 @@ from typing import Any
 from rich.table import Table
 
 from fem.static.linear_step.condensed import FlexibilityStore
+from validation.build.deformable import build_deformable, fem_section
 from validation.effects.probe import (
     Answer,
     Change,
@@ -30,7 +31,6 @@ from validation.effects.probe import (
     without_finite_rotation,
 )
 from validation.errors import InputError
-from validation.run.deformable import build_deformable, fem_section
 from validation.run.slip import largest_slip
 from validation.scene.deformable import AutoSection, Damping, EffectName, Method
 from validation.scene.family import AssemblyScene

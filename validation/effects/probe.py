@@ -18,8 +18,9 @@ from fem.static.rotation import solve_static_with_rotation
 from fem.static.rotation_load import finite_rotation_loads
 from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
+from validation.build.deformable import build_deformable
 from validation.errors import InputError
-from validation.run.deformable import TubeRun, build_deformable
+from validation.run.deformable import TubeRun
 from validation.scene.deformable import Method
 from validation.scene.polyhedra import MeshScene
 from validation.scene.read import DeformableScene

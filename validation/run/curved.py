@@ -34,8 +34,8 @@ from geometry.families.sine_block import (
 from geometry.mesh import FloatArray, MeshError
 from validation.build.blocks import block_parameters
 from validation.build.box import build_material
+from validation.build.deformable import contact_law
 from validation.errors import InputError
-from validation.run.deformable import contact_law
 from validation.run.measures import Measure
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene, TubeScene

@@ -25,9 +25,10 @@ from fem.explicit.solve import (
 )
 from fem.problem.mass_scaling import added_mass_share
 from geometry.errors import RefusedError
+from validation.build.deformable import NO_SECTOR, build_deformable, fem_section
 from validation.build.effects import build_effects
 from validation.errors import InputError
-from validation.run.deformable import NO_SECTOR, TubeRun, build_deformable, fem_section
+from validation.run.deformable import TubeRun
 from validation.run.frames import frame_interval
 from validation.scene.deformable import Damping, FemSection, Method
 from validation.scene.read import DeformableScene

@@ -18,8 +18,8 @@ from geometry.mesh import FloatArray, IntArray
 from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibrium
 from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equilibrium
 from validation.build.blocks import build_weight
+from validation.build.deformable import build_hexahedra
 from validation.errors import InputError
-from validation.run.deformable import build_hexahedra
 from validation.scene.read import DeformableScene
 
 #: More contact points than this are left to the static solver: the cone program takes minutes.

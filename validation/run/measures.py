@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
+from fem.assembly.contact_state import ContactState
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.measures import ContactMeasures
 from fem.assembly.peaks import (
     Peak,
+    StressPeaks,
     joint_forces,
     largest_displacement,
     largest_pressure,
@@ -16,9 +20,47 @@ from fem.assembly.peaks import (
 )
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
+from validation.scene.read import DeformableScene
 
-if TYPE_CHECKING:
-    from validation.run.deformable import TubeRun
+
+class Answered(Protocol):
+    """What measures need of a run of deformable blocks, `validation.run.deformable.TubeRun`."""
+
+    @property
+    def scene(self) -> DeformableScene:
+        """What was asked."""
+
+    @property
+    def deformable(self) -> DeformableAssembly:
+        """Blocks and their contact."""
+
+    @property
+    def displacements(self) -> tuple[FloatArray, ...]:
+        """Of each group, (n_copies, n_nodes, 3) [mm]."""
+
+    @property
+    def contact_state(self) -> ContactState:
+        """Facets in contact at the end."""
+
+    @property
+    def contact(self) -> ContactMeasures:
+        """The paper's measures of the contact pressures."""
+
+    @property
+    def stress_peaks(self) -> StressPeaks:
+        """Extremes of the stresses inside elements."""
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Estimated error of each measure."""
+
+    @property
+    def measures(self) -> dict[str, Measure]:
+        """The measures themselves."""
+
+    @property
+    def is_tube(self) -> bool:
+        """Whether the blocks stand about an axis."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +82,7 @@ class Measure:
         return found if self.place is None else found | {"place": self.place}
 
 
-def run_measures(run: TubeRun) -> dict[str, Measure]:
+def run_measures(run: Answered) -> dict[str, Measure]:
     """Measure a run: what the paper prints, and what converges.
 
     `p_eff` and `p_max` are the paper's means over facets. `p_max_point` is the largest pressure at
@@ -51,7 +93,7 @@ def run_measures(run: TubeRun) -> dict[str, Measure]:
     return {name: replace(measure, error=run.errors.get(name)) for name, measure in found.items()}
 
 
-def _values(run: TubeRun) -> dict[str, Measure]:
+def _values(run: Answered) -> dict[str, Measure]:
     deformable, scene = run.deformable, run.scene
     assert scene.material is not None
     radius = scene.material.averaging_radius
@@ -75,7 +117,7 @@ def _values(run: TubeRun) -> dict[str, Measure]:
     }
 
 
-def bracketed(run: TubeRun) -> dict[str, float]:
+def bracketed(run: Answered) -> dict[str, float]:
     """How far both sides of each peak lie apart in the run itself [MPa].
 
     Means over facets and integration points against corners of facets, integration points against
@@ -92,7 +134,7 @@ def bracketed(run: TubeRun) -> dict[str, float]:
     }
 
 
-def place(run: TubeRun, peak: Peak) -> dict[str, Any]:
+def place(run: Answered, peak: Peak) -> dict[str, Any]:
     """Say where a value is: blocks, layer, face and position, of tubes also about their axis."""
     assembly = run.deformable.assembly
     found: dict[str, Any] = {
@@ -113,7 +155,7 @@ def about_axis(assembly: Assembly, position: FloatArray) -> dict[str, float]:
     return {"radius": float(np.linalg.norm(radial)), "angle": angle, "height": height}
 
 
-def joints_json(run: TubeRun) -> list[dict[str, Any]]:
+def joints_json(run: Answered) -> list[dict[str, Any]]:
     """What every joint transmits by contact, on the second of its blocks."""
     return [
         {

@@ -14,8 +14,9 @@ from fem.static.result import StaticResult
 from fem.static.rotation import solve_static_with_rotation
 from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
+from validation.build.deformable import NO_SECTOR, build_deformable, fem_section
 from validation.errors import InputError
-from validation.run.deformable import NO_SECTOR, TubeRun, build_deformable, fem_section
+from validation.run.deformable import TubeRun
 from validation.run.frames import static_frames
 from validation.run.held_by_friction import require_held_by_friction
 from validation.scene.deformable import FemSection, Method

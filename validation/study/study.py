@@ -483,8 +483,9 @@ def _rigid_results(file: SceneFile) -> dict[str, Any]:
 
 
 def _fem_results(file: SceneFile) -> dict[str, Any]:
+    from validation.build.deformable import fem_section
     from validation.run.box import box_json, peak_memory_mb, run_box
-    from validation.run.deformable import fem_section, tube_json
+    from validation.run.deformable import tube_json
     from validation.scene.deformable import BoxScene, Method
     from validation.scene.read import DeformableScene
 

@@ -1,0 +1,233 @@
+"""Deformable blocks of a scene: law, friction, load, and the statement that every method takes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from fem.assembly.deformable import (
+    DeformableAssembly,
+    Frames,
+)
+from fem.assembly.statement import Problem
+from fem.contact.friction import CoulombFriction, FrictionError
+from fem.contact.law import ContactLaw, ContactLawError, ExponentialLaw, LinearPenalty
+from fem.contact.surfaces import ContactNormals
+from fem.problem.model import Formulation
+from geometry.assembly import Assembly
+from geometry.errors import RefusedError
+from geometry.load_case import LoadCase
+from validation.build.blocks import HexahedralBlocks, build_blocks, build_load, require_matching
+from validation.build.box import build_material
+from validation.build.cell import build_cell, is_cell
+from validation.errors import InputError
+from validation.scene.deformable import ContactSection, EffectsSection, FemSection, Method
+from validation.scene.family import AssemblyScene
+from validation.scene.polyhedra import MeshScene
+from validation.scene.read import DeformableScene
+
+#: Why a sector asked for is refused.
+NO_SECTOR = (
+    'fem.symmetry: got "sector", but the load or the supports are not the same on every block of a '
+    'layer; expected "auto" or "none"'
+)
+
+
+def contact_law(section: ContactSection) -> ContactLaw:
+    """Contact law of a scene.
+
+    Raises
+    ------
+    InputError
+        For constants that make no law.
+    """
+    try:
+        if section.law == "linear":
+            assert section.stiffness is not None
+            return LinearPenalty(section.stiffness)
+        cap = section.maximum_stiffness
+        return ExponentialLaw(
+            section.clearance_at_zero_pressure,
+            section.pressure_at_zero_clearance,
+            math.inf if cap is None else cap,
+        )
+    except ContactLawError as error:
+        raise InputError(str(error)) from None
+
+
+def gap_words(section: ContactSection | None) -> str:
+    """Gaps before the load acts, to follow other words; nothing where there are none."""
+    if section is None:
+        return ""
+    given = (("clearance", section.clearance), ("spacing", section.spacing))
+    return "".join(f", {name} {value:g} mm" for name, value in given if value)
+
+
+def fem_section(scene: DeformableScene, name: str) -> FemSection:
+    """How the scene is to be solved.
+
+    Raises
+    ------
+    InputError
+        When a section is missing.
+    """
+    for section in ("material", "contact", "fem"):
+        if getattr(scene, section) is None:
+            raise InputError(
+                f"{name}: [{section}] is missing: deformable blocks need it "
+                "(`tubelock scenes tsb1-pipe` shows one)"
+            )
+    assert scene.fem is not None
+    if scene.effects.auto is not None:
+        raise InputError(
+            f"{name}: effects.auto is decided by `tubelock fem` and `compare`; here, write the "
+            "effects that it names and remove effects.auto"
+        )
+    if scene.fem.degree > 1:
+        raise InputError(
+            f"{name}: fem.degree: got {scene.fem.degree}; curved elements are solved by `tubelock "
+            "fem` alone: expected 1"
+        )
+    if scene.fem.formulation is Formulation.RATE_FORM:
+        raise InputError(
+            f'{name}: fem.formulation: got "rate form", which has no contact; expected "shared '
+            'stiffness" (boxes take both)'
+        )
+    return scene.fem
+
+
+def build_friction(effects: EffectsSection) -> CoulombFriction | None:
+    """Friction of a scene; None where it names none.
+
+    Raises
+    ------
+    InputError
+        For a coefficient that cannot be used.
+    """
+    section = effects.friction
+    if section is None:
+        return None
+    try:
+        if section.stick_stiffness is None:
+            return CoulombFriction(section.coefficient)
+        return CoulombFriction(section.coefficient, section.stick_stiffness)
+    except FrictionError as error:
+        raise InputError(str(error)) from None
+
+
+def build_hexahedra(scene: DeformableScene, name: str) -> HexahedralBlocks:
+    """Build the blocks and the load of a scene, every block with hexahedra.
+
+    Raises
+    ------
+    InputError
+        When it describes nothing that can be built, or blocks without hexahedra.
+    """
+    if is_cell(scene):
+        cell = build_cell(scene, name)
+        return HexahedralBlocks(cell, scene_load(scene, name, cell), ())
+    if isinstance(scene, MeshScene):
+        from validation.build.own_blocks import build_own_blocks
+
+        return build_own_blocks(scene, name)
+    return build_blocks(scene)
+
+
+def held_at_faces(scene: DeformableScene) -> bool:
+    """Whether held blocks deform and are held at their outer faces; else they are rigid.
+
+    A column of boxes stands on its bottom face: no block of it is rigid.
+    """
+    return scene.effects.elastic_frame or (isinstance(scene, AssemblyScene) and scene.stands)
+
+
+def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCase:
+    """Build the load of a scene on blocks already built.
+
+    Raises
+    ------
+    InputError
+        When the blocks cannot take it.
+    """
+    if isinstance(scene, MeshScene):
+        from validation.build.own_blocks import own_load
+
+        return own_load(scene, name, assembly)
+    return build_load(scene, assembly)
+
+
+def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -> Problem:
+    """State the problem of a scene on its blocks, whatever is to solve it: a method or a deck.
+
+    Where facets do not match, or the scene asks for it, contact searches facets that face each
+    other (`Contact.finite_sliding`): explicit runs only.
+
+    Raises
+    ------
+    InputError
+        When it describes nothing that can be solved.
+    """
+    fem = fem_section(scene, name)
+    assert scene.material is not None
+    assert scene.contact is not None
+    _check_load(name, blocks.load, scene.material.young_modulus)
+    return Problem(
+        blocks.assembly,
+        blocks.load,
+        build_material(scene.material),
+        element=fem.element,
+        law=contact_law(scene.contact),
+        normals=ContactNormals.CURRENT,
+        clearance=scene.contact.clearance,
+        spacing=scene.contact.spacing,
+        frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
+        friction=build_friction(scene.effects),
+        finite_sliding=scene.effects.finite_sliding or bool(blocks.unmatched),
+        finite_rotation=scene.effects.finite_rotation,
+        gravity=scene.effects.gravity,
+    )
+
+
+def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
+    """Build the deformable blocks of a scene.
+
+    Raises
+    ------
+    InputError
+        When it describes nothing that can be solved.
+    """
+    blocks = build_hexahedra(scene, name)
+    if fem_section(scene, name).method is Method.STATIC:
+        _check_static(scene, name, blocks)
+    problem = build_problem(scene, name, blocks)
+    try:
+        return problem.deformable
+    except RefusedError as error:
+        raise InputError(f"{name}: {error}") from None
+
+
+def _check_load(name: str, load: LoadCase, young_modulus: float) -> None:
+    """Refuse a load beyond the modulus: strains would be of the order of one."""
+    acting = np.abs(load.pressure if load.tractions is None else load.tractions)
+    largest = float(acting.max(initial=0.0)) if acting.ndim else float(acting)
+    if largest > young_modulus:
+        raise InputError(
+            f"{name}: load.pressure: got {largest:g} MPa, more than material.young_modulus = "
+            f"{young_modulus:g} MPa; expected less, for strains would be larger than one: "
+            "give both in MPa"
+        )
+
+
+def _check_static(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -> None:
+    """Refuse a static run of blocks whose contact has to be searched."""
+    if scene.effects.finite_sliding:
+        raise InputError(
+            f'{name}: effects.finite_sliding needs an explicit run: set fem.method = "explicit", '
+            "or leave it out where blocks slide by less than a facet"
+        )
+    require_matching(
+        name,
+        blocks.unmatched,
+        'a static run needs matching facets: mesh both alike there, or set fem.method = "explicit"',
+    )
