@@ -65,6 +65,8 @@ def test_mbd_writes_pressures_and_picture(tubelock) -> None:
     assert {p.name for p in Path("here").iterdir()} == {
         "contact_pressures.vtu",
         "contact_pressures.png",
+        "joints.csv",
+        "joints.vtu",
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import subprocess
@@ -99,6 +100,29 @@ def test_files_of_the_scene_are_no_outputs(tmp_path: Path) -> None:
     assert tomllib.loads(mine.read_text("utf-8"))["block"]["type"] == "sine"
 
 
+def balanced_joints(out: Path, pressure: float) -> None:
+    """Check that the joints of one layer balance its load, and that table and points agree."""
+    with (out / "joints.csv").open(newline="", encoding="utf-8") as file:
+        table = list(csv.DictReader(file))
+    column = {name: np.array([float(row[name]) for row in table]) for name in table[0]}
+    force = np.column_stack([column[f"force_{axis}_N"] for axis in "xyz"])
+    for block in range(4, 8):
+        total = force[column["block_s"] == block].sum(axis=0)
+        total -= force[column["block_m"] == block].sum(axis=0)
+        # Pressure on the inner face of a quarter of the tube: its chord times its height.
+        expected = pressure * 120.0 * np.sqrt(2.0) * 200.0
+        assert np.linalg.norm(total) == pytest.approx(expected, rel=1e-6)
+    size = np.linalg.norm(force, axis=1)
+    assert np.allclose(np.hypot(column["normal_force_N"], column["shear_force_N"]), size, rtol=1e-9)
+    points = meshio.read(out / "joints.vtu")
+    assert np.array_equal(points.point_data["force"], force)
+    assert np.array_equal(points.point_data["block_s"], column["block_s"])
+
+
+def test_joints_of_rigid_blocks_balance_the_load(answer: tuple[Path, dict[str, Any]]) -> None:
+    balanced_joints(answer[0] / "out", 0.01)
+
+
 def test_field_files_of_a_deformable_tube_say_whose_each_row_is(tmp_path: Path) -> None:
     # From the files alone: elements lie in the blocks they name, layers are h high, and what the
     # contact facets press with balances the load p on the inner face of each free block.
@@ -123,6 +147,7 @@ def test_field_files_of_a_deformable_tube_say_whose_each_row_is(tmp_path: Path) 
     )
     assert np.allclose(np.linalg.norm(facets["normal"], axis=1), 1.0, rtol=1e-12)
     assert np.all(facets["gap"][facets["contact_pressure"] > 1.0e-4] < 0.0)
+    balanced_joints(out, pressure)
     for block in range(4, 8):
         total = force[facets["block_s"] == block].sum(axis=0)
         total -= force[facets["block_m"] == block].sum(axis=0)

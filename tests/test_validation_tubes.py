@@ -91,6 +91,8 @@ def test_json_and_files_of_a_static_tube(tubelock) -> None:  # noqa: F811
         "stresses.png",
         "sections.png",
         "displacement.png",
+        "joints.csv",
+        "joints.vtu",
     }
 
 

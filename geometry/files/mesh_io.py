@@ -64,6 +64,16 @@ def write_surface(
     _write(path, meshio.Mesh(surface.nodes, [("quad", surface.quads)], cell_data=data))
 
 
+def write_points(
+    path: Path, points: FloatArray, point_data: Mapping[str, npt.NDArray[Any]]
+) -> None:
+    """Write points, each a vertex of its own, with one row of data per point."""
+    import meshio
+
+    vertices = np.arange(len(points))[:, None]
+    _write(path, meshio.Mesh(points, [("vertex", vertices)], point_data=dict(point_data)))
+
+
 def write_triangles(
     path: Path, points: FloatArray, triangles: IntArray, cell_data: Mapping[str, npt.NDArray[Any]]
 ) -> None:

@@ -23,6 +23,7 @@ from validation.output.fields import (
     point_data,
 )
 from validation.output.files import write_whole
+from validation.output.joints import JOINT_FILES, deformable_resultants, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
 from validation.output.pictures.boxes import draw_box, draw_energies
@@ -44,6 +45,7 @@ BLOCK_FILES = (
     "stresses.png",
     "sections.png",
     "displacement.png",
+    *JOINT_FILES,
     *_HISTORY,
 )
 
@@ -52,6 +54,7 @@ def write_block_files(run: TubeRun, result: ExplicitResult | None, outputs: Outp
     """Write fields, contact pressures, pictures and history; nothing without a folder."""
     outputs.write("fields", "fields.vtu", lambda path: _write_fields(run, path))
     outputs.write("pressures", "contact_pressures.vtu", lambda path: _write_contact(run, path))
+    write_joints(deformable_resultants(run.contact_state), outputs)
     for file, draw in _pictures(run).items():
         outputs.write("picture", file, lambda path, draw=draw: draw(run, path))  # type: ignore[misc]
     if result is not None:

@@ -12,6 +12,7 @@ from geometry.files.mesh_io import write_triangles
 from geometry.mesh import MeshError
 from mbd.resultants import JointResultants
 from validation.output.console import two_columns
+from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
 from validation.output.text import add_further_rows, certificate_words
@@ -23,13 +24,15 @@ _NOTHING = 1e-9
 #: Files that hold surfaces alone.
 _SURFACES = {".stl", ".obj", ".ply"}
 #: Files of a rigid result.
-FILES = ("contacts.vtu", "contacts.png", "mechanism.png")
+FILES = ("contacts.vtu", "contacts.png", "mechanism.png", *JOINT_FILES)
 
 
 def write_polyhedra(run: PolyhedralRun, outputs: Outputs) -> None:
     """Write contacts as field and picture, and the mechanism where there is one."""
     outputs.write("contacts", "contacts.vtu", lambda path: write_contacts(run, path))
     outputs.write("picture", "contacts.png", lambda path: draw_polyhedra(run, path))
+    if run.carried.holds:
+        write_joints(run.joints, outputs)
     motion = mechanism_motion(run)
     if motion is not None:
         outputs.write(

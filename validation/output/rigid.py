@@ -5,6 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 
 from validation.output.console import two_columns
+from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures.assemblies import draw_mechanism, draw_pressures
 from validation.output.text import (
@@ -16,7 +17,13 @@ from validation.output.text import (
 from validation.run.rigid import RigidRun, mechanism_displacements, write_mechanism, write_pressures
 
 #: Files of a rigid result.
-FILES = ("contact_pressures.vtu", "contact_pressures.png", "mechanism.vtu", "mechanism.png")
+FILES = (
+    "contact_pressures.vtu",
+    "contact_pressures.png",
+    "mechanism.vtu",
+    "mechanism.png",
+    *JOINT_FILES,
+)
 
 
 def write_rigid(run: RigidRun, outputs: Outputs) -> None:
@@ -24,6 +31,7 @@ def write_rigid(run: RigidRun, outputs: Outputs) -> None:
     if run.carried.holds:
         outputs.write("pressures", "contact_pressures.vtu", lambda path: write_pressures(run, path))
         outputs.write("picture", "contact_pressures.png", lambda path: draw_pressures(run, path))
+        write_joints(run.joints, outputs)
     if mechanism_displacements(run) is not None:
         outputs.write("mechanism", "mechanism.vtu", lambda path: write_mechanism(run, path))
         outputs.write("picture", "mechanism.png", lambda path: draw_mechanism(run, path))

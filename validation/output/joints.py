@@ -1,0 +1,108 @@
+"""What the joints transmit, as a table and as points with vectors for ParaView."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fem.assembly.contact_state import ContactState
+from geometry.files.mesh_io import write_points
+from geometry.mesh import FloatArray, IntArray
+from mbd.resultants import JointResultants, joint_resultants
+from validation.output.files import write_whole
+from validation.output.outputs import Outputs
+
+#: Files of the resultants.
+JOINT_FILES = ("joints.csv", "joints.vtu")
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Contact points of a deformed assembly, the block of the lower number first."""
+
+    block_m: IntArray
+    block_s: IntArray
+    centroids: FloatArray
+    normals: FloatArray
+    areas: FloatArray
+
+    @property
+    def n_contacts(self) -> int:
+        """Number of points."""
+        return len(self.areas)
+
+
+def deformable_resultants(state: ContactState) -> JointResultants:
+    """Resultants of the normal contact forces of a deformed assembly; friction is not in them."""
+    m, s = state.block_m[state.facet], state.block_s[state.facet]
+    way = np.where(m < s, 1.0, -1.0)[:, None]
+    points = _Points(
+        np.minimum(m, s),
+        np.maximum(m, s),
+        state.positions,
+        way * state.normals,
+        state.point_areas,
+    )
+    return joint_resultants(points, np.arange(len(m)), way * state.point_forces)
+
+
+def write_joints(joints: JointResultants, outputs: Outputs) -> None:
+    """Write both files; nothing without a folder or without joints."""
+    if len(joints.block_m):
+        outputs.write("joints", "joints.csv", lambda path: _write_table(joints, path))
+        outputs.write("joints", "joints.vtu", lambda path: _write_points(joints, path))
+
+
+def _write_table(joints: JointResultants, path: Path) -> None:
+    """One row a joint; forces and moments act on block s, moments about the centroid."""
+    columns = {
+        "block_m": joints.block_m,
+        "block_s": joints.block_s,
+        "area_mm2": joints.areas,
+        **_components("centroid", joints.centroids, "mm"),
+        **_components("normal", joints.normals, ""),
+        **_components("force", joints.forces, "N"),
+        **_components("moment", joints.moments, "Nmm"),
+        "normal_force_N": joints.normal_force,
+        "shear_force_N": joints.shear_force,
+        "bending_moment_Nmm": joints.bending_moment,
+        "twisting_moment_Nmm": joints.twisting_moment,
+        **_components("thrust_point", joints.points, "mm"),
+    }
+
+    def write(partial: Path) -> None:
+        with partial.open("w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file)
+            table.writerow(columns)
+            table.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+
+    write_whole(path, write)
+
+
+def _components(name: str, values: FloatArray, unit: str) -> dict[str, FloatArray]:
+    end = f"_{unit}" if unit else ""
+    return {f"{name}_{axis}{end}": values[:, k] for k, axis in enumerate(_AXES)}
+
+
+def _write_points(joints: JointResultants, path: Path) -> None:
+    """A point at the centroid of each joint, with its vectors."""
+    write_points(
+        path,
+        joints.centroids,
+        {
+            "force": joints.forces,
+            "moment": joints.moments,
+            "normal": joints.normals,
+            "normal_force": joints.normal_force,
+            "shear_force": joints.shear_force,
+            "bending_moment": joints.bending_moment,
+            "eccentricity": joints.eccentricity,
+            "area": joints.areas,
+            "block_m": joints.block_m.astype(np.int32),
+            "block_s": joints.block_s.astype(np.int32),
+        },
+    )
