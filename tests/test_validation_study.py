@@ -302,8 +302,8 @@ def group_ends(group: int) -> bool:
 
 @pytest.fixture
 def many_walls(tmp_path) -> Study:
-    """160 walls of 25 ms each: two seconds on two cores, long enough to be stopped on the way."""
-    text = WALLS.replace("to = 0.04", "to = 0.4").replace("[2, 1, 1]", "[16, 12, 12]")
+    """160 walls of 50 ms each: four seconds on two cores, long enough to be stopped on the way."""
+    text = WALLS.replace("to = 0.04", "to = 0.4").replace("[2, 1, 1]", "[32, 24, 24]")
     (tmp_path / "many.toml").write_text(text)
     return load_study(str(tmp_path / "many.toml"))
 
