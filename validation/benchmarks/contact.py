@@ -126,6 +126,7 @@ def statement(
     times = recommended_times(explicit_assembly(deformable, orbits=orbits).model, damped=True)
     model = explicit_assembly(
         deformable,
+        counted_pressure=4.0,  # above what presses here: no run has to start again
         orbits=orbits,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
         amplitude=SmoothStepAmplitude(times.ramp_time),
