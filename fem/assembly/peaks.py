@@ -341,13 +341,22 @@ class JointForce:
     """Area-weighted middle of its facets, (3,) [mm]."""
     area: float
     """Area of its facets [mm²]."""
+    normal: FloatArray
+    """Area-weighted mean of the normals from the first block to the second, unit, (3,)."""
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    """Vector of length one."""
+    unit: FloatArray = vector / np.linalg.norm(vector)
+    return unit
 
 
 def joint_forces(state: ContactState) -> tuple[JointForce, ...]:
     """Resultants of every pair of blocks in contact; friction is not in them."""
     m, s = state.block_m[state.facet], state.block_s[state.facet]
     low, high = np.minimum(m, s), np.maximum(m, s)
-    forces = np.where((s == high)[:, None], state.point_forces, -state.point_forces)
+    onwards = np.where(s == high, 1.0, -1.0)[:, None]
+    forces, normals = onwards * state.point_forces, onwards * state.normals
     pairs, joint = np.unique(np.column_stack([low, high]), axis=0, return_inverse=True)
     joint = joint.ravel()
     order = np.argsort(joint, kind="stable")
@@ -364,6 +373,7 @@ def joint_forces(state: ContactState) -> tuple[JointForce, ...]:
                 moment=np.cross(arms, forces[mine]).sum(axis=0),
                 middle=middle,
                 area=float(area.sum()),
+                normal=_unit(area @ normals[mine]),
             )
         )
     return tuple(found)

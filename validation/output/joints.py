@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from fem.assembly.contact_state import ContactState
+from fem.assembly.peaks import joint_forces
 from geometry.files.mesh_io import write_points
-from geometry.mesh import FloatArray, IntArray
-from mbd.resultants import JointResultants, joint_resultants
+from geometry.mesh import FloatArray
+from mbd.resultants import JointResultants
 from validation.output.files import write_whole
 from validation.output.outputs import Outputs
 
@@ -20,34 +20,22 @@ JOINT_FILES = ("joints.csv", "joints.vtu")
 _AXES = ("x", "y", "z")
 
 
-@dataclass(frozen=True)
-class _Points:
-    """Contact points of a deformed assembly, the block of the lower number first."""
-
-    block_m: IntArray
-    block_s: IntArray
-    centroids: FloatArray
-    normals: FloatArray
-    areas: FloatArray
-
-    @property
-    def n_contacts(self) -> int:
-        """Number of points."""
-        return len(self.areas)
-
-
 def deformable_resultants(state: ContactState) -> JointResultants:
     """Resultants of the normal contact forces of a deformed assembly; friction is not in them."""
-    m, s = state.block_m[state.facet], state.block_s[state.facet]
-    way = np.where(m < s, 1.0, -1.0)[:, None]
-    points = _Points(
-        np.minimum(m, s),
-        np.maximum(m, s),
-        state.positions,
-        way * state.normals,
-        state.point_areas,
+    joints = joint_forces(state)
+
+    def rows(vectors: list[FloatArray]) -> FloatArray:
+        return np.array(vectors).reshape(-1, 3)
+
+    return JointResultants(
+        block_m=np.array([joint.blocks[0] for joint in joints], dtype=np.int64),
+        block_s=np.array([joint.blocks[1] for joint in joints], dtype=np.int64),
+        areas=np.array([joint.area for joint in joints]),
+        centroids=rows([joint.middle for joint in joints]),
+        normals=rows([joint.normal for joint in joints]),
+        forces=rows([joint.force for joint in joints]),
+        moments=rows([joint.moment for joint in joints]),
     )
-    return joint_resultants(points, np.arange(len(m)), way * state.point_forces)
 
 
 def write_joints(joints: JointResultants, outputs: Outputs) -> None:
