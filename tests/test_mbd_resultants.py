@@ -11,8 +11,8 @@ from mbd import contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from mbd.resultants import JointResultants, chain, joint_resultants
 from validation.output.polyhedra import write_contacts
-from validation.run.polyhedra import PolyhedralRun, polyhedra_json, run_polyhedra
-from validation.run.rigid import rigid_json, run_rigid
+from validation.run.rigid.assembly import rigid_json, run_rigid
+from validation.run.rigid.polyhedra import PolyhedralRun, polyhedra_json, run_polyhedra
 from validation.scene.read import load_scene
 
 ARCH = (

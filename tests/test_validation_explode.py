@@ -15,7 +15,7 @@ from geometry.polyhedra.explosion import follow_explosion, outward_directions
 from mbd.explosion import first_order_explosion
 from tests.conftest import tsb
 from validation.errors import InputError
-from validation.run.explosion import explosion_json, run_explosion
+from validation.run.rigid.explosion import explosion_json, run_explosion
 from validation.scene.read import load_scene
 
 HEXAGONS = hexagon_tube(HexagonBlockParameters(4, 120.0, 40.0), HexagonBlockDivisions(6, 3), 1)
@@ -63,7 +63,7 @@ def test_finite_motion_starts_as_first_order_says() -> None:
 
 @pytest.mark.slow
 def test_scenes_explode_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("validation.run.explosion.STEPS", (0.01, 0.5))
+    monkeypatch.setattr("validation.run.rigid.explosion.STEPS", (0.01, 0.5))
     for name, settings, explodes in (
         ("thb0-pipe", ["mesh.edge=6", "mesh.radial=3"], True),
         ("tsb2-pipe", ["mesh.around=24", "mesh.radial=3", "mesh.axial=4"], False),

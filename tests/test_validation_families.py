@@ -72,8 +72,8 @@ USE = """
 import json
 from fem.decks.statement import Flavour
 from validation.build.deck import build_deck
-from validation.run.explosion import run_explosion
-from validation.run.rigid import run_rigid
+from validation.run.rigid.explosion import run_explosion
+from validation.run.rigid.assembly import run_rigid
 from validation.run.static import run_tube_static
 from validation.scene.family import round_types
 from validation.scene.read import load_scene

@@ -36,8 +36,8 @@ from validation.output.pictures.gallery import (
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
 from validation.output.pictures.sections import section
 from validation.run.box import run_box
-from validation.run.polyhedra import mechanism_motion, run_polyhedra
-from validation.run.rigid import build_scene, run_rigid
+from validation.run.rigid.assembly import build_scene, run_rigid
+from validation.run.rigid.polyhedra import mechanism_motion, run_polyhedra
 from validation.run.static import run_tube_static
 from validation.scene.deformable import BoxScene
 from validation.scene.read import load_scene

@@ -14,7 +14,7 @@ from geometry.families.platonic_layers import tetrahedra_layer, tetrahedron
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.cli.app import app
 from validation.errors import InputError
-from validation.run.polyhedra import polyhedra_json, run_polyhedra
+from validation.run.rigid.polyhedra import polyhedra_json, run_polyhedra
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import SceneFile, load_scene
 
@@ -92,7 +92,7 @@ def test_what_is_not_asked_is_absent_and_what_is_asked_is_answered() -> None:
 
 
 def test_friction_can_be_asked_of_a_tube() -> None:
-    from validation.run.rigid import rigid_json, run_rigid
+    from validation.run.rigid.assembly import rigid_json, run_rigid
 
     settings = ["mesh.edge=6", "mesh.radial=3", "assembly.layers=4"]
     slippery = rigid_json(run_rigid(load_scene("thb0-pipe", [*settings, "rigid.friction=0.01"])))

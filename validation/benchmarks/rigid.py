@@ -27,7 +27,7 @@ from mbd import (
     solve_linear_programs,
 )
 from validation.output.files import prepare_json, write_json
-from validation.run.rigid import build_scene, run_rigid
+from validation.run.rigid.assembly import build_scene, run_rigid
 from validation.scene.read import load_scene
 
 

@@ -49,7 +49,7 @@ def _tables(folder: Path, console: Console) -> Iterator[Path]:
 def _rigid(folder: Path) -> Iterator[Path]:
     """Draw three tubes of rigid blocks, and write their contact pressures."""
     from validation.output.pictures.assemblies import draw_assembly, draw_pressures
-    from validation.run.rigid import run_rigid, write_pressures
+    from validation.run.rigid.assembly import run_rigid, write_pressures
     from validation.run.words import load_words
     from validation.scene.read import load_scene
 

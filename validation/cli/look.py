@@ -77,7 +77,7 @@ def show(
             draw_blocks(build_polyhedra(file.scene, file.folder), output, title=title)
         else:
             from validation.output.pictures.assemblies import draw_assembly
-            from validation.run.rigid import build_scene
+            from validation.run.rigid.assembly import build_scene
 
             built = build_scene(file, command="show")
             title = f"{file.name}: {load_words(file.scene)}"
@@ -90,7 +90,7 @@ def _draw_one_block(file: SceneFile, output: Path) -> None:
     from validation.build.blocks import block_parameters
     from validation.errors import InputError
     from validation.output.pictures.block import draw_block
-    from validation.run.rigid import build_scene
+    from validation.run.rigid.assembly import build_scene
     from validation.scene.read import TubeScene
 
     if not isinstance(file.scene, TubeScene):

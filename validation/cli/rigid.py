@@ -40,12 +40,12 @@ def mbd(
     file = load_scene(scene, settings or ())
     folder = default_folder(output, json, file.name)
     if unlock:
-        from validation.run.unlock import require_tube
+        from validation.run.rigid.unlock import require_tube
 
         require_tube(file)
     if isinstance(file.scene, PolyhedralScene):
         from validation.output import polyhedra
-        from validation.run.polyhedra import polyhedra_json, run_polyhedra
+        from validation.run.rigid.polyhedra import polyhedra_json, run_polyhedra
 
         with Outputs(json, folder, polyhedra.FILES, scene=file) as outputs:
             with recording(file.scene) as use:
@@ -56,8 +56,8 @@ def mbd(
             outputs.write_json(polyhedra_json(bodies))
         return
     from validation.output import rigid
-    from validation.run.rigid import rigid_json, run_rigid
-    from validation.run.unlock import frame_warning, layers_to_unlock, unlocking_json
+    from validation.run.rigid.assembly import rigid_json, run_rigid
+    from validation.run.rigid.unlock import frame_warning, layers_to_unlock, unlocking_json
 
     with Outputs(json, folder, rigid.FILES, scene=file) as outputs:
         with recording(file.scene) as use:
@@ -92,7 +92,7 @@ def explode(
     from validation.output.explosion import print_explosion
     from validation.output.files import require_picture
     from validation.output.outputs import Outputs
-    from validation.run.explosion import explosion_json, run_explosion
+    from validation.run.rigid.explosion import explosion_json, run_explosion
     from validation.scene.read import load_scene
     from validation.scene.usage import recording
 

@@ -23,7 +23,7 @@ from validation.compare.decomposition import Step, decompose
 from validation.errors import InputError
 from validation.run.deformable import TubeRun
 from validation.run.explicit import run_tube_explicit
-from validation.run.rigid import BuiltScene, RigidRun, analyse_rigid
+from validation.run.rigid.assembly import BuiltScene, RigidRun, analyse_rigid
 from validation.run.static import run_tube_static
 from validation.scene.deformable import Damping, Method
 from validation.scene.read import DeformableScene

@@ -29,7 +29,7 @@ from validation.cost.settings import (
 from validation.errors import InputError
 from validation.run.deformable import TubeRun
 from validation.run.explicit import run_tube_explicit, scene_statement
-from validation.run.rigid import analyse_rigid, build_scene
+from validation.run.rigid.assembly import analyse_rigid, build_scene
 from validation.run.static import run_tube_static
 from validation.scene.read import SceneFile, TubeScene
 

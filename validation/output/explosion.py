@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 
 from validation.output.console import two_columns
-from validation.run.explosion import Explosion
+from validation.run.rigid.explosion import Explosion
 
 
 def print_explosion(run: Explosion, console: Console) -> None:

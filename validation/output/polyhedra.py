@@ -16,7 +16,7 @@ from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
 from validation.output.text import add_further_rows, certificate_words
-from validation.run.polyhedra import PolyhedralRun, contact_triangles, mechanism_motion
+from validation.run.rigid.polyhedra import PolyhedralRun, contact_triangles, mechanism_motion
 from validation.scene.polyhedra import MeshScene
 
 #: Resultants below this part of the largest normal force are round-off.

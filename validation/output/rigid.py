@@ -14,7 +14,12 @@ from validation.output.text import (
     certificate_words,
     p_eff_words,
 )
-from validation.run.rigid import RigidRun, mechanism_displacements, write_mechanism, write_pressures
+from validation.run.rigid.assembly import (
+    RigidRun,
+    mechanism_displacements,
+    write_mechanism,
+    write_pressures,
+)
 
 #: Files of a rigid result.
 FILES = (

@@ -7,7 +7,7 @@ from rich.table import Table
 
 from mbd import Mechanism, MechanismClass, RigidResult, SelfStress
 from mbd.force_range import ForceRanges
-from validation.run.further import Further
+from validation.run.rigid.further import Further
 
 #: What each class means.
 CLASS_WORDS = {

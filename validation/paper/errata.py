@@ -22,7 +22,7 @@ from validation.paper.naming import chosen_by_name
 from validation.paper.reading import Ingredient, ingredients, sensitivity
 from validation.paper.reference import reference
 from validation.paper.tables import number
-from validation.run.rigid import RigidRun, build_scene
+from validation.run.rigid.assembly import RigidRun, build_scene
 from validation.scene.read import TubeScene, load_scene
 
 

@@ -30,7 +30,7 @@ from validation.paper.evidence import Evidence, StudyTable
 from validation.paper.reference import reference
 
 if TYPE_CHECKING:
-    from validation.run.rigid import RigidRun
+    from validation.run.rigid.assembly import RigidRun
 
 #: Okabe–Ito, dark enough on white, and a mark each: readable without colour.
 _LINES = (

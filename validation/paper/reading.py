@@ -17,7 +17,7 @@ from geometry.load_case import LoadCase, surface_means
 from geometry.measures import Measures
 from mbd import analyse
 from validation.paper.reference import reference
-from validation.run.rigid import RigidRun
+from validation.run.rigid.assembly import RigidRun
 
 #: Quantities of a table's row, and the decimals that are printed.
 DECIMALS = {"effective": 1, "p_eff": 3, "p_max": 3}

@@ -55,7 +55,7 @@ from validation.paper.tables import (
     tables_json,
 )
 from validation.run.deformable import TubeRun
-from validation.run.rigid import RigidRun
+from validation.run.rigid.assembly import RigidRun
 
 #: Preprint of 1 April 2026, https://arxiv.org/abs/2604.00836.
 _PAPER_DOI = "doi:10.48550/arXiv.2604.00836"

@@ -14,8 +14,8 @@ from rich.table import Table
 
 from validation.paper.reading import DECIMALS, Solve, as_read, solve_row, to_the_digit
 from validation.paper.reference import reference
-from validation.run.rigid import RigidRun
-from validation.run.shared import SharedTubes
+from validation.run.rigid.assembly import RigidRun
+from validation.run.rigid.shared import SharedTubes
 from validation.scene.read import load_scene
 
 #: Words of the quantities.

@@ -464,7 +464,7 @@ def failed_row(study: Study, number: int, message: str) -> Row:
 
 
 def _rigid_results(file: SceneFile) -> dict[str, Any]:
-    from validation.run.rigid import run_rigid
+    from validation.run.rigid.assembly import run_rigid
 
     result = run_rigid(file).result
     found: dict[str, Any] = {

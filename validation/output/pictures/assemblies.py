@@ -43,7 +43,7 @@ from validation.run.words import load_words
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from validation.run.rigid import RigidRun
+    from validation.run.rigid.assembly import RigidRun
 
 PRESSURE = "contact pressure [MPa]"
 
@@ -287,7 +287,7 @@ def draw_mechanism(run: RigidRun, path: Path) -> None:
     path
         Picture to write.
     """
-    from validation.run.rigid import mechanism_displacements
+    from validation.run.rigid.assembly import mechanism_displacements
 
     assembly = run.assembly
     displacement = mechanism_displacements(run)

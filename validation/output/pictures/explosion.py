@@ -15,7 +15,7 @@ from validation.output.pictures.bodies import EYE
 from validation.output.pictures.canvas import Surface, View
 from validation.output.pictures.gallery import BLUE, GREY, VERMILION, Panel, gallery
 from validation.output.pictures.polyhedra import polyhedra_parts
-from validation.run.explosion import Explosion
+from validation.run.rigid.explosion import Explosion
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -22,11 +22,11 @@ from validation.output.pictures.gallery import (
     gallery,
     scale_from_zero,
 )
-from validation.run.polyhedra import contact_triangles
+from validation.run.rigid.polyhedra import contact_triangles
 from validation.run.words import load_words
 
 if TYPE_CHECKING:
-    from validation.run.polyhedra import PolyhedralRun
+    from validation.run.rigid.polyhedra import PolyhedralRun
 
 _EYE: Direction = (1.0, -1.9, 1.5)
 _PALE = "#9ECAE1"
@@ -178,7 +178,7 @@ def draw_polyhedral_mechanism(run: PolyhedralRun, motion: FloatArray, path: Path
     run
         A rigid result that is not locked, or whose load drives a mechanism.
     motion
-        Of `validation.run.polyhedra.mechanism_motion`, (n_blocks, 6).
+        Of `validation.run.rigid.polyhedra.mechanism_motion`, (n_blocks, 6).
     path
         Picture to write.
     """

@@ -17,7 +17,7 @@ from validation.build.blocks import block_parameters
 from validation.paper.claims.claim import Claim, Truth, Verdict, judged
 from validation.paper.evidence import Evidence
 from validation.run.deformable import TubeRun, contact_report
-from validation.run.rigid import RigidRun
+from validation.run.rigid.assembly import RigidRun
 from validation.scene.read import TubeScene
 
 _BLOCKS = ("TSB1", "TSB2")

@@ -11,7 +11,7 @@ from mbd import contact_jacobian
 from validation.paper.claims.claim import Claim, Verdict, judged
 from validation.paper.evidence import Design, Evidence
 from validation.paper.reference import reference
-from validation.run.rigid import RigidRun
+from validation.run.rigid.assembly import RigidRun
 
 #: What "approximately", "comparable", "minor" and "marginal" may mean here.
 _TENTH = 0.10

@@ -17,7 +17,8 @@ from mbd import Mechanism, RigidResult, analyse
 from mbd.resultants import JointResultants, joint_resultants
 from validation.build.own_blocks import refuse_two_weights
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
-from validation.run.further import (
+from validation.run.rigid.assembly import certificate_json
+from validation.run.rigid.further import (
     Carried,
     Further,
     carried,
@@ -25,7 +26,6 @@ from validation.run.further import (
     further_json,
     joints_json,
 )
-from validation.run.rigid import certificate_json
 from validation.scene.polyhedra import BodyLoadSection, MeshScene, PolyhedralScene
 from validation.scene.read import SceneFile
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from mbd import MechanismClass
 from validation.errors import InputError
-from validation.run.rigid import RigidRun, run_rigid
+from validation.run.rigid.assembly import RigidRun, run_rigid
 from validation.scene.families.hexagon import HexagonTubeScene
 from validation.scene.family import RoundScene
 from validation.scene.read import SceneFile

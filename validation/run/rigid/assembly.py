@@ -28,7 +28,7 @@ from mbd import (
 )
 from mbd.resultants import JointResultants, joint_resultants
 from validation.build.blocks import build_blocks, build_weight, require_assembly, require_matching
-from validation.run.further import (
+from validation.run.rigid.further import (
     Carried,
     Further,
     carried,

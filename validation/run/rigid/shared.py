@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, field, replace
 
 from validation.build.blocks import build_load
-from validation.run.rigid import BuiltScene, RigidRun, analyse_rigid, build_matching
+from validation.run.rigid.assembly import BuiltScene, RigidRun, analyse_rigid, build_matching
 from validation.scene.family import RoundScene
 from validation.scene.read import SceneFile
 

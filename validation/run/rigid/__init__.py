@@ -1,0 +1,1 @@
+"""Runs of rigid blocks, what is asked of them beside equilibrium, and runs that share blocks."""
