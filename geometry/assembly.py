@@ -2,42 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from geometry.block import Block
-from geometry.errors import RefusedError
 from geometry.interface import Interfaces, match_facets
 from geometry.mesh import FloatArray, IntArray
-
-BoolArray = npt.NDArray[np.bool_]
-
-
-class AssemblyError(RefusedError):
-    """An assembly that cannot be built as asked."""
+from geometry.placed_blocks import AssemblyError, PlacedBlocks
 
 
-@dataclass(frozen=True)
-class Assembly:
-    """Blocks as placed copies of shapes: x = rotation @ X + translation."""
+@dataclass(frozen=True, kw_only=True)
+class Assembly(PlacedBlocks[Block]):
+    """Blocks with hexahedra in layers, which meet facet on facet."""
 
-    name: str
-    """What reports and decks call it."""
-    shapes: tuple[Block, ...]
-    """Distinct block shapes."""
-    shape_of: IntArray
-    """Shape of each block, (n_blocks,)."""
-    rotations: FloatArray
-    """Rigid rotation of each block, (n_blocks, 3, 3)."""
-    translations: FloatArray
-    """Rigid translation of each block, (n_blocks, 3) [mm]."""
     layer: IntArray
     """Layer of each block: 0 the bottom frame, L + 1 the top frame; (n_blocks,)."""
-    fixed: BoolArray
-    """Whether the block belongs to the frame or is the image of another one, (n_blocks,)."""
     axis: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     """Unit axis of the tube (through `origin`), (3,)."""
     origin: FloatArray = field(default_factory=lambda: np.zeros(3))
@@ -54,47 +35,13 @@ class Assembly:
         return np.arange(self.n_blocks) if self.image_of is None else self.image_of
 
     @property
-    def n_blocks(self) -> int:
-        """Number of blocks, the frame included."""
-        return len(self.shape_of)
-
-    @property
     def n_layers(self) -> int:
         """Number of free layers L."""
         return int(self.layer.max()) - 1
 
-    @property
-    def free_blocks(self) -> IntArray:
-        """Numbers of the blocks outside the frame, (n_free,)."""
-        return np.flatnonzero(~self.fixed)
-
-    def shape(self, block: int) -> Block:
-        """Return the shape of one block."""
-        return self.shapes[int(self.shape_of[block])]
-
-    def place(self, block: int, points: FloatArray) -> FloatArray:
-        """World coordinates of points given in a block's reference position, (n, 3) [mm]."""
-        placed: FloatArray = points @ self.rotations[block].T + self.translations[block]
-        return placed
-
     def nodes(self, block: int) -> FloatArray:
         """World coordinates of a block's mesh nodes, (n_nodes, 3) [mm]."""
         return self.place(block, self.shape(block).mesh.nodes)
-
-    @cached_property
-    def centroids(self) -> FloatArray:
-        """Mass centroid of each block in world coordinates, (n_blocks, 3) [mm]."""
-        local = np.array([shape.centroid for shape in self.shapes])
-        turned = np.einsum("bij,bj->bi", self.rotations, local[self.shape_of])
-        centroids: FloatArray = turned + self.translations
-        return centroids
-
-    @cached_property
-    def volumes(self) -> FloatArray:
-        """Volume of each block, (n_blocks,) [mm³]."""
-        local = np.array([shape.volume for shape in self.shapes])
-        volumes: FloatArray = local[self.shape_of]
-        return volumes
 
     def inertia(self, block: int, density: float) -> FloatArray:
         """Inertia tensor about the block's centroid in world axes, (3, 3) [t mm²]."""
@@ -103,11 +50,6 @@ class Assembly:
             density * rotation @ self.shape(block).mass_properties.inertia @ rotation.T
         )
         return inertia
-
-    @cached_property
-    def characteristic_length(self) -> float:
-        """Length that makes moments comparable to forces: ∛(mean block volume) [mm]."""
-        return float(np.cbrt(self.volumes.mean()))
 
     @cached_property
     def interfaces(self) -> Interfaces:
@@ -153,34 +95,24 @@ class Assembly:
 
 def moved(assembly: Assembly, rotation: FloatArray, translation: FloatArray) -> Assembly:
     """Return the whole assembly after the rigid motion x ↦ rotation @ x + translation."""
-    return Assembly(
-        name=assembly.name,
-        shapes=assembly.shapes,
-        shape_of=assembly.shape_of,
+    return replace(
+        assembly,
         rotations=rotation @ assembly.rotations,
         translations=assembly.translations @ rotation.T + translation,
-        layer=assembly.layer,
-        fixed=assembly.fixed,
         axis=rotation @ assembly.axis,
         origin=rotation @ assembly.origin + translation,
-        unmatched_allowed=assembly.unmatched_allowed,
-        image_of=assembly.image_of,
     )
 
 
 def renumbered(assembly: Assembly, order: IntArray) -> Assembly:
     """Return the same assembly with block ``order[i]`` renamed i."""
     number = np.argsort(order)
-    return Assembly(
-        name=assembly.name,
-        shapes=assembly.shapes,
+    return replace(
+        assembly,
         shape_of=assembly.shape_of[order],
         rotations=assembly.rotations[order],
         translations=assembly.translations[order],
         layer=assembly.layer[order],
         fixed=assembly.fixed[order],
-        axis=assembly.axis,
-        origin=assembly.origin,
-        unmatched_allowed=assembly.unmatched_allowed,
         image_of=None if assembly.image_of is None else number[assembly.image_of[order]],
     )

@@ -12,9 +12,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from geometry.assembly import Assembly, BoolArray
+from geometry.assembly import Assembly
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 
 
 class LoadCaseName(StrEnum):

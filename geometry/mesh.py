@@ -18,6 +18,7 @@ from geometry.errors import RefusedError
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 #: Natural coordinates (r, s, t) of the eight corners, VTK order; (8, 3).
 CORNERS: FloatArray = np.array(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
+from geometry.placed_blocks import AssemblyError
 
 
 def spacing_offsets(assembly: Assembly, spacing: float) -> FloatArray:

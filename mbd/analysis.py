@@ -6,10 +6,10 @@ import time
 from dataclasses import dataclass
 from typing import Protocol, cast
 
-from geometry.contact_assembly import ContactAssembly
 from geometry.load_case import LoadCase
 from geometry.measures import BlockMeasures, Measures, block_measures, measures
 from geometry.mesh import FloatArray, IntArray
+from geometry.placed_blocks import AnyBlocks
 from mbd.contact_jacobian import contact_jacobian
 from mbd.equilibrium import Equilibrium, Norm, Solver, column_weights, equilibrium
 from mbd.generalized_force import generalized_force
@@ -58,7 +58,7 @@ class RigidStatement(Protocol):
     """A statement of a problem, such as `fem.Problem`, of which rigid blocks read two things."""
 
     @property
-    def blocks(self) -> ContactAssembly:
+    def blocks(self) -> AnyBlocks:
         """What is built."""
 
     @property
@@ -67,7 +67,7 @@ class RigidStatement(Protocol):
 
 
 def analyse(
-    assembly: ContactAssembly | RigidStatement,
+    assembly: AnyBlocks | RigidStatement,
     load: LoadCase | None = None,
     *,
     norm: Norm = Norm.FORCE,
@@ -95,7 +95,7 @@ def analyse(
     if load is None:
         statement = cast("RigidStatement", assembly)
         return analyse(statement.blocks, statement.rigid_load, norm=norm, solver=solver)
-    assembly = cast("ContactAssembly", assembly)
+    assembly = cast("AnyBlocks", assembly)
     seconds: dict[str, float] = {}
     clock = time.process_time()
 

@@ -21,10 +21,9 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from geometry.assembly import BoolArray
-from geometry.contact_assembly import ContactAssembly
 from geometry.interface import Interfaces
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.placed_blocks import AnyBlocks
 from mbd.pair_wrenches import CongruentWrenches, PairKind, PairWrenches, SeparateWrenches
 
 
@@ -299,7 +298,7 @@ def _congruent(pairs: _Pairs, interfaces: Interfaces) -> tuple[CongruentWrenches
     return CongruentWrenches(tuple(kinds), pairs.start), axes
 
 
-def contact_jacobian(assembly: ContactAssembly, fixed: BoolArray | None = None) -> Contacts:
+def contact_jacobian(assembly: AnyBlocks, fixed: BoolArray | None = None) -> Contacts:
     """Assemble G for the contacts of an assembly (eq. gap-variation).
 
     Parameters

@@ -26,8 +26,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from geometry.assembly import BoolArray
-from geometry.mesh import FloatArray
+from geometry.mesh import BoolArray, FloatArray
 from mbd.contact_jacobian import ContactJacobian
 
 #: Relative residual above which nothing is called equilibrium (the paper's tolerance).

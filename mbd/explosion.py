@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.contact_assembly import ContactAssembly
 from geometry.mesh import FloatArray
+from geometry.placed_blocks import AnyBlocks
 from mbd.contact_jacobian import contact_jacobian
 from mbd.equilibrium import Equilibrium, newton_equilibrium
 
@@ -41,7 +41,7 @@ class FirstOrderExplosion:
         return self.push.holds
 
 
-def first_order_explosion(assembly: ContactAssembly, directions: FloatArray) -> FirstOrderExplosion:
+def first_order_explosion(assembly: AnyBlocks, directions: FloatArray) -> FirstOrderExplosion:
     """Judge the simultaneous outward motion with the frame released.
 
     Parameters

@@ -27,8 +27,7 @@ import numpy as np
 import scipy.optimize
 import scipy.sparse as sp
 
-from geometry.assembly import BoolArray
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import newton_equilibrium
 from mbd.friction import FrictionalContacts

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.contact_assembly import ContactAssembly
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
+from geometry.placed_blocks import AnyBlocks
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 
@@ -122,7 +122,7 @@ class FrictionalContacts:
 
 
 def _directed(
-    assembly: ContactAssembly, contacts: Contacts, directions: FloatArray
+    assembly: AnyBlocks, contacts: Contacts, directions: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Wrenches (F, M/ℓ) of unit forces along ``directions`` on s and (negative) on m; (n, 6)."""
     points = assembly.interfaces.centroids[contacts.index]
@@ -135,7 +135,7 @@ def _directed(
 
 
 def frictional_contacts(
-    assembly: ContactAssembly,
+    assembly: AnyBlocks,
     contacts: Contacts,
     friction: float,
     law: FrictionLaw = FrictionLaw.CONE,

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.contact_assembly import ContactAssembly
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
+from geometry.placed_blocks import AnyBlocks
 
 
-def block_wrenches(assembly: ContactAssembly, load: LoadCase) -> FloatArray:
+def block_wrenches(assembly: AnyBlocks, load: LoadCase) -> FloatArray:
     """Force and moment of a load about each block's mass centroid.
 
     Facet forces act at facet centroids, as in Algorithm 1 of the paper, or where the load case
@@ -31,7 +31,7 @@ def block_wrenches(assembly: ContactAssembly, load: LoadCase) -> FloatArray:
 
 
 def generalized_force(
-    assembly: ContactAssembly, load: LoadCase, free_blocks: IntArray, length: float
+    assembly: AnyBlocks, load: LoadCase, free_blocks: IntArray, length: float
 ) -> FloatArray:
     """Stack (F, M/ℓ) of the free blocks, the order and scale of the contact Jacobian's rows.
 

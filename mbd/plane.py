@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.contact_assembly import ContactAssembly
 from geometry.mesh import FloatArray, IntArray
+from geometry.placed_blocks import AnyBlocks
 from mbd.contact_jacobian import Contacts
 from mbd.friction import FrictionalContacts, FrictionError
 
@@ -48,7 +48,7 @@ class PlaneProblem:
 
 
 def plane_problem(
-    assembly: ContactAssembly, contacts: Contacts, frictional: FrictionalContacts, axis: int
+    assembly: AnyBlocks, contacts: Contacts, frictional: FrictionalContacts, axis: int
 ) -> PlaneProblem:
     """Reduce to the plane normal to a coordinate axis.
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.assembly import AssemblyError
 from geometry.families.masonry import running_bond_wall, wall_of_rows
+from geometry.placed_blocks import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import contact_jacobian
 from mbd.friction import FrictionalContacts, FrictionError, collapse_load, frictional_contacts

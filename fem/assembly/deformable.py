@@ -24,10 +24,10 @@ from fem.element.material import Material
 from fem.problem.effects import Effects
 from fem.problem.loads import pressure_forces, traction_forces, wrench_forces
 from fem.problem.model import BlockGroup, Model, NodalLoad, Support, block_group, fixed_nodes
-from geometry.assembly import Assembly, BoolArray
+from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.load_case import LoadCase
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.spacing import spacing_offsets
 
 

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem.assembly.local_system import LocalSystem
-from geometry.assembly import BoolArray
-from geometry.mesh import FloatArray
+from geometry.mesh import BoolArray, FloatArray
 
 #: Displacements that nodal forces cause: (n_nodes, 3) [N] to (n_nodes, 3) [mm].
 NodalInverse = Callable[[FloatArray], FloatArray]

@@ -15,10 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.families.sine_block import LEAST_REACHED
 from geometry.mesh import FloatArray, HexMesh, check_mesh, grid_faces, structured_hexahedra
+from geometry.placed_blocks import AssemblyError
 
 #: Height of a joint above its mean plane at (x from the block's middle, y from the inner face).
 Profile = Callable[[FloatArray, FloatArray], FloatArray]

@@ -7,8 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.assembly import Assembly, AssemblyError, BoolArray
-from geometry.mesh import FloatArray, IntArray
+from geometry.assembly import Assembly
+from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.placed_blocks import AssemblyError, PlacedBlocks
 from geometry.polyhedra.facet_contact import ContactPoints, find_contacts
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_block
@@ -17,65 +18,16 @@ from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_block
 _RELATIVE_TOLERANCE = 1e-4
 
 
-@dataclass(frozen=True)
-class PolyhedralAssembly:
-    """Blocks as placed copies of triangulated shapes: x = rotation @ X + translation."""
+@dataclass(frozen=True, kw_only=True)
+class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
+    """Triangulated blocks whose contacts are found without matching nodes."""
 
-    name: str
-    """What reports call it."""
-    shapes: tuple[Polyhedron, ...]
-    """Distinct block shapes."""
-    shape_of: IntArray
-    """Shape of each block, (n_blocks,)."""
-    rotations: FloatArray
-    """Rigid rotation of each block, (n_blocks, 3, 3)."""
-    translations: FloatArray
-    """Rigid translation of each block, (n_blocks, 3) [mm]."""
-    fixed: BoolArray
-    """Whether the block belongs to the frame, (n_blocks,)."""
     detection: DetectionOptions = field(default_factory=DetectionOptions)
     """What counts as contact."""
 
-    @property
-    def n_blocks(self) -> int:
-        """Number of blocks, the frame included."""
-        return len(self.shape_of)
-
-    @property
-    def free_blocks(self) -> IntArray:
-        """Numbers of the blocks outside the frame, (n_free,)."""
-        return np.flatnonzero(~self.fixed)
-
-    def shape(self, block: int) -> Polyhedron:
-        """Return the shape of one block."""
-        return self.shapes[int(self.shape_of[block])]
-
     def points(self, block: int) -> FloatArray:
         """World coordinates of a block's vertices, (n_points, 3) [mm]."""
-        placed: FloatArray = (
-            self.shape(block).points @ self.rotations[block].T + self.translations[block]
-        )
-        return placed
-
-    @cached_property
-    def centroids(self) -> FloatArray:
-        """Mass centroid of each block in world coordinates, (n_blocks, 3) [mm]."""
-        local = np.array([shape.mass_properties.centroid for shape in self.shapes])
-        turned = np.einsum("bij,bj->bi", self.rotations, local[self.shape_of])
-        centroids: FloatArray = turned + self.translations
-        return centroids
-
-    @cached_property
-    def volumes(self) -> FloatArray:
-        """Volume of each block, (n_blocks,) [mm³]."""
-        local = np.array([shape.mass_properties.volume for shape in self.shapes])
-        volumes: FloatArray = local[self.shape_of]
-        return volumes
-
-    @cached_property
-    def characteristic_length(self) -> float:
-        """Length that makes moments comparable to forces: ∛(mean block volume) [mm]."""
-        return float(np.cbrt(self.volumes.mean()))
+        return self.place(block, self.shape(block).points)
 
     @property
     def tolerance(self) -> float:

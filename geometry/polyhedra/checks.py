@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.assembly import AssemblyError
+from geometry.placed_blocks import AssemblyError, check_size
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.overlap import find_overlaps
-from geometry.units import check_size
 
 
 def check_contacts(assembly: PolyhedralAssembly) -> None:

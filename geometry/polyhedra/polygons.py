@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.assembly import BoolArray
-from geometry.mesh import FloatArray, IntArray, MeshError
+from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
 
 #: Smallest area of a triangle that counts, and smallest share of it that faces the right way.
 _TINY = 1e-9

@@ -83,6 +83,16 @@ class Polyhedron:
         inertia = np.trace(second) * np.eye(3) - second
         return MassProperties(volume, volume, reference + centroid, inertia)
 
+    @property
+    def volume(self) -> float:
+        """Volume inside the surface [mm³]."""
+        return self.mass_properties.volume
+
+    @property
+    def centroid(self) -> FloatArray:
+        """Mass centroid of the solid, (3,) [mm]."""
+        return self.mass_properties.centroid
+
 
 def _edge_uses(triangles: IntArray) -> tuple[IntArray, IntArray]:
     """Undirected edges (n, 2), and +1/-1 uses summed and counted: (n, 2) [balance, count]."""

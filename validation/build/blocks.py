@@ -12,7 +12,7 @@ from geometry.families.sine_block import BlockParameterError, SineBlockParameter
 from geometry.joints import UnmatchedJoint
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray
-from geometry.units import check_size
+from geometry.placed_blocks import check_size
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
 from validation.scene.polyhedra import PolyhedralScene

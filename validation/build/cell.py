@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from geometry.assembly import Assembly
 from geometry.load_case import LoadCaseName
-from geometry.units import check_size
+from geometry.placed_blocks import check_size
 from validation.errors import InputError
 from validation.scene.family import RoundScene, round_types
 from validation.scene.read import DeformableScene

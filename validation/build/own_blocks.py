@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.files.block_files import read_blocks
@@ -18,10 +18,10 @@ from geometry.files.hexahedral_solids import file_hexahedra, hexahedral_block
 from geometry.joints import UnmatchedJoint, matched_area
 from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray, MeshError
+from geometry.placed_blocks import AssemblyError, check_size
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from geometry.polyhedra.checks import check_assembly
 from geometry.polyhedra.options import DetectionOptions
-from geometry.units import check_size
 from validation.build.blocks import HexahedralBlocks
 from validation.build.polyhedra import build_body_loads, held_blocks, motion
 from validation.errors import InputError

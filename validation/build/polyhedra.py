@@ -8,15 +8,14 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from geometry.assembly import AssemblyError, BoolArray
-from geometry.contact_assembly import ContactAssembly
 from geometry.errors import RefusedError
 from geometry.families.masonry import circular_arch, running_bond_wall
 from geometry.families.platonic_layers import cubes_layer, octahedra_layer, tetrahedra_layer
 from geometry.families.voxels import voxel_assembly
 from geometry.files.block_files import read_blocks
 from geometry.load_case import LoadCase
-from geometry.mesh import FloatArray
+from geometry.mesh import BoolArray, FloatArray
+from geometry.placed_blocks import AnyBlocks, AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.checks import check_assembly
 from geometry.polyhedra.options import DetectionOptions
@@ -157,7 +156,7 @@ class BodyLoads:
     live: FloatArray
     """The same for what may grow, (n_blocks, 6)."""
 
-    def load_case(self, assembly: ContactAssembly) -> LoadCase:
+    def load_case(self, assembly: AnyBlocks) -> LoadCase:
         """Dead and live load together."""
         return LoadCase(
             name="dead and live load",
@@ -172,7 +171,7 @@ class BodyLoads:
         )
 
 
-def build_body_loads(section: BodyLoadSection, assembly: ContactAssembly) -> BodyLoads:
+def build_body_loads(section: BodyLoadSection, assembly: AnyBlocks) -> BodyLoads:
     """Build weight, accelerations and point forces.
 
     Raises

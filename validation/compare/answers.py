@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
-from geometry.assembly import BoolArray
 from geometry.joints import between_layers
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 from mbd import Norm
 from validation.build.blocks import require_matching
 from validation.build.deformable import build_deformable, build_hexahedra, fem_section, scene_load

@@ -7,14 +7,15 @@ near the shape as built; Newton's method would look for it in vain.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
-from geometry.assembly import Assembly, BoolArray
+from geometry.assembly import Assembly
 from geometry.interface import Interfaces
 from geometry.load_case import LoadCase, with_body_wrenches
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray
 from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibrium
 from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equilibrium
 from validation.build.blocks import build_weight
@@ -26,68 +27,37 @@ from validation.scene.read import DeformableScene
 _MOST_POINTS = 20_000
 
 
-@dataclass(frozen=True)
-class _AtCorners:
+@dataclass(frozen=True, kw_only=True)
+class _AtCorners(Assembly):
     """An assembly whose contacts are the corners of its facets."""
 
-    assembly: Assembly
-    interfaces: Interfaces
+    facets: Interfaces
 
-    @property
-    def name(self) -> str:
-        return self.assembly.name
-
-    @property
-    def fixed(self) -> BoolArray:
-        return self.assembly.fixed
-
-    @property
-    def n_blocks(self) -> int:
-        return self.assembly.n_blocks
-
-    @property
-    def free_blocks(self) -> IntArray:
-        return self.assembly.free_blocks
-
-    @property
-    def centroids(self) -> FloatArray:
-        return self.assembly.centroids
-
-    @property
-    def volumes(self) -> FloatArray:
-        return self.assembly.volumes
-
-    @property
-    def characteristic_length(self) -> float:
-        return self.assembly.characteristic_length
-
-    def eligible_facets(self) -> IntArray:
-        return self.assembly.eligible_facets()
-
-    def eligible_areas(self) -> FloatArray:
-        return self.assembly.eligible_areas()
+    @cached_property
+    def interfaces(self) -> Interfaces:
+        found = self.facets
+        corners = np.zeros((found.n_contacts, 4, 3))
+        for block in np.unique(found.block_m):
+            here = found.block_m == block
+            corners[here] = self.nodes(int(block))[found.quads_m[here]]
+        return replace(
+            found,
+            block_m=np.repeat(found.block_m, 4),
+            block_s=np.repeat(found.block_s, 4),
+            quads_m=np.repeat(found.quads_m, 4, axis=0),
+            quads_s=np.repeat(found.quads_s, 4, axis=0),
+            facet_m=np.repeat(found.facet_m, 4),
+            facet_s=np.repeat(found.facet_s, 4),
+            centroids=corners.reshape(-1, 3),
+            normals=np.repeat(found.normals, 4, axis=0),
+            areas=np.repeat(found.areas / 4.0, 4),
+            pair_start=4 * found.pair_start,
+        )
 
 
 def _at_corners(assembly: Assembly) -> _AtCorners:
-    found = assembly.interfaces
-    corners = np.zeros((found.n_contacts, 4, 3))
-    for block in np.unique(found.block_m):
-        here = found.block_m == block
-        corners[here] = assembly.nodes(int(block))[found.quads_m[here]]
-    points = replace(
-        found,
-        block_m=np.repeat(found.block_m, 4),
-        block_s=np.repeat(found.block_s, 4),
-        quads_m=np.repeat(found.quads_m, 4, axis=0),
-        quads_s=np.repeat(found.quads_s, 4, axis=0),
-        facet_m=np.repeat(found.facet_m, 4),
-        facet_s=np.repeat(found.facet_s, 4),
-        centroids=corners.reshape(-1, 3),
-        normals=np.repeat(found.normals, 4, axis=0),
-        areas=np.repeat(found.areas / 4.0, 4),
-        pair_start=4 * found.pair_start,
-    )
-    return _AtCorners(assembly, points)
+    same = {part.name: getattr(assembly, part.name) for part in fields(assembly)}
+    return _AtCorners(facets=assembly.interfaces, **same)
 
 
 def require_held_by_friction(name: str, scene: DeformableScene) -> None:

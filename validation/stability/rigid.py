@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.assembly import Assembly, AssemblyError, moved
+from geometry.assembly import Assembly, moved
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.load_case import LoadCase, load_case
 from geometry.mesh import FloatArray
+from geometry.placed_blocks import AssemblyError
 from mbd import (
     Classification,
     MatrixJacobian,

@@ -13,7 +13,7 @@ from fem.decks.model import block_nodes
 from fem.decks.names import block_label
 from fem.decks.statement import Deck, Hold, PressureLoad
 from fem.element.hexahedron import ElementType
-from geometry.assembly import BoolArray
+from geometry.mesh import BoolArray
 
 #: Element of each formulation: CalculiX' C3D8 is plain full integration, unlike Abaqus'.
 CALCULIX_ELEMENTS = {

@@ -26,8 +26,8 @@ from fem.decks.read.step import read_loads, read_step
 from fem.decks.statement import Deck, Flavour
 from fem.element.material import MaterialError
 from fem.problem.effects import EffectError
-from geometry.assembly import AssemblyError
 from geometry.mesh import MeshError
+from geometry.placed_blocks import AssemblyError
 
 #: Keywords that are read; everything else is refused by name.
 SUPPORTED = (

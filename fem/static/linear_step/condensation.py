@@ -20,8 +20,7 @@ import scipy.linalg
 
 from fem.element.hexahedron import element_stiffness
 from fem.problem.model import BlockGroup
-from geometry.assembly import BoolArray
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Elements of a part that is not bisected further: smaller costs calls, larger costs products.
 _LEAF_ELEMENTS = 48

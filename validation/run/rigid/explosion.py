@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
+from geometry.placed_blocks import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from geometry.polyhedra.explosion import FiniteExplosion, follow_explosion, outward_directions
 from mbd import MechanismClass, classify, contact_jacobian

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from geometry.assembly import BoolArray
-from geometry.contact_assembly import ContactAssembly
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.placed_blocks import AnyBlocks
 from mbd import RigidResult, contact_jacobian
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import column_weights, equilibrium
@@ -97,7 +96,7 @@ def carried(
 
 
 def further_answers(
-    assembly: ContactAssembly,
+    assembly: AnyBlocks,
     fixed: BoolArray,
     wrenches: tuple[FloatArray, FloatArray],
     section: RigidSection,
@@ -160,7 +159,7 @@ def further_answers(
 
 
 def _sliding(
-    assembly: ContactAssembly,
+    assembly: AnyBlocks,
     contacts: Contacts,
     frictional: FrictionalContacts,
     loads: tuple[FloatArray, FloatArray],
@@ -178,7 +177,7 @@ def _sliding(
 
 
 def _plane(
-    assembly: ContactAssembly,
+    assembly: AnyBlocks,
     contacts: Contacts,
     frictional: FrictionalContacts,
     loads: tuple[FloatArray, ...],
@@ -196,7 +195,7 @@ def _plane(
 
 
 def _ranges(
-    assembly: ContactAssembly,
+    assembly: AnyBlocks,
     contacts: Contacts,
     friction: tuple[FrictionalContacts, FrictionalEquilibrium] | None,
     load: FloatArray,
