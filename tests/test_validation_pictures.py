@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from PIL import Image
+from pypdf import PdfReader
 
 from geometry.assembly import Assembly
 from geometry.block import box_block
@@ -28,11 +31,13 @@ from validation.output.pictures.canvas import Lines, Surface, View
 from validation.output.pictures.gallery import (
     Panel,
     Scale,
+    _Layout,
     gallery,
     round_length,
     scale_from_zero,
     symmetric_scale,
 )
+from validation.output.pictures.look import Look
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
 from validation.output.pictures.sections import section
 from validation.run.box import run_box
@@ -311,6 +316,92 @@ def test_the_ending_of_a_name_is_its_format(ending: str, tmp_path: Path) -> None
     assert b"tubelock 0.1.0+" in text
     if ending == ".svg":  # words stay words
         assert b"a square $x^{2$" in text
+
+
+def test_bodies_stand_where_they_are_seen_in_every_kind_of_file(tmp_path: Path) -> None:
+    """One red square: its box in the page is the same on paper as on the screen, to a dot."""
+    columns = [[Panel("a square", View([square()], (0.0, 0.0, 1.0), margin=0.0))]]
+    gallery(columns, "title", tmp_path / "a.png")
+    with Image.open(tmp_path / "a.png") as picture:
+        pixels = np.asarray(picture.convert("RGB"))
+    rows, places = np.nonzero((pixels == RED).all(axis=2))
+    height, width = pixels.shape[:2]
+    seen = [v.min() / width for v in (places,)] + [places.max() / width]
+    seen += [1 - rows.max() / height, 1 - rows.min() / height]
+
+    gallery(columns, "title", tmp_path / "a.pdf")
+    page = PdfReader(tmp_path / "a.pdf").pages[0]
+    drawn = page.get_contents().get_data().decode("latin1")
+    (place,) = re.findall(r"q ([\d.]+) 0 0 ([\d.]+) ([\d.]+) ([\d.]+) cm /I1 Do", drawn)
+    across, tall, x, y = (float(v) for v in place)
+    wide, high = float(page.mediabox.width), float(page.mediabox.height)
+    found = [x / wide, (x + across) / wide, y / high, (y + tall) / high]
+    np.testing.assert_allclose(found, seen, atol=2.5 / min(width, height))
+
+    gallery(columns, "title", tmp_path / "a.svg")
+    (image,) = re.findall(r"<image[^>]*>", (tmp_path / "a.svg").read_text("utf-8"))
+    # It is turned upside down: its own y counts upwards from the upper edge of the page.
+    assert "scale(1 -1)" in image
+    upper = high - y - tall
+    for name, value in (("x", x), ("width", across), ("height", tall), ("y", -upper)):
+        assert float(re.findall(rf' {name}="([-\d.]+)"', image)[0]) == pytest.approx(value, abs=0.1)
+
+
+@pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
+def test_pictures_have_the_width_and_the_font_that_a_scene_asks_for(kind, tubelock) -> None:  # noqa: F811
+    """170 mm at 8 pt and 90 mm: pixels at 300 an inch, points at 72 an inch."""
+    for width in (170, 90):
+        keys = (f"width={width}", f"format={kind}", "font_size=8", "font=DejaVu Serif")
+        settings = _set(COARSE + tuple(f"pictures.{key}" for key in keys))
+        status, said, _ = tubelock("mbd", "tsb1-pipe", *settings, "-o", "out")
+        path = Path("out", f"contact_pressures.{kind}")
+        assert status == 0
+        assert str(path) in said
+        inches = width / 25.4
+        if kind == "png":
+            with Image.open(path) as picture:
+                assert picture.width == pytest.approx(300 * inches, abs=1)
+        elif kind == "svg":
+            text = path.read_text("utf-8")
+            shown = float(re.findall(r'width="([\d.]+)pt"', text)[0])
+            assert shown == pytest.approx(72 * inches, rel=1e-4)
+            assert "DejaVu Serif" in text
+        else:
+            box = PdfReader(path).pages[0].mediabox
+            assert float(box.width) == pytest.approx(72 * inches, rel=1e-4)
+
+
+def test_a_width_and_a_font_without_meaning_are_refused(tubelock) -> None:  # noqa: F811
+    for setting, words in (
+        ("width=9", "greater than or equal to 40"),
+        ("font=DejaVu Sanz", "DejaVu Sans"),
+        ("format=jpg", "'png', 'svg' or 'pdf'"),
+    ):
+        status, _, error = tubelock("mbd", "tsb1-pipe", "--set", f"pictures.{setting}")
+        assert status == 2
+        assert words in error
+        assert len(error.strip().splitlines()) == 1
+
+
+@given(
+    st.lists(st.lists(st.floats(0.1, 8.0), min_size=1, max_size=3), min_size=1, max_size=5),
+    st.floats(40.0, 400.0),
+    st.floats(4.0, 14.0),
+)
+def test_panels_of_any_shape_lie_apart_on_the_page_asked_for(shapes, width, font_size) -> None:
+    """No panel covers another or leaves the page, in as many rows as there must be."""
+    columns = [[Panel("p", plot=print, shape=s) for s in column] for column in shapes]
+    layout = _Layout(columns, "title", 7.5, 16.0, False, None, Look(width, None, font_size).widest)
+    assert len(layout.boxes) == sum(map(len, shapes))
+    for number, box in enumerate(layout.boxes):
+        assert box.x >= 0
+        assert box.y >= 0
+        assert box.x + box.width <= layout.width
+        assert box.y + box.height <= layout.tall
+        for other in layout.boxes[:number]:
+            beside = box.x + box.width <= other.x or other.x + other.width <= box.x
+            below = box.y + box.height <= other.y or other.y + other.height <= box.y
+            assert beside or below
 
 
 def test_other_endings_are_refused(tubelock) -> None:  # noqa: F811

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 from validation.errors import InputError
 from validation.output.console import text_console
 from validation.output.files import output_folder, prepare_file, write_json
+from validation.output.pictures.look import Look, looking
 from validation.output.provenance import Provenance, stamp_vtu, stamped
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class Outputs:
         InputError
             Naming the two that are one, or what cannot be written.
         """
+        self.names = tuple(self._as_drawn(name) for name in self.names)
         named = list(self._named())
         self._refuse_inputs(named)
         self._refuse_twice(named)
@@ -77,6 +79,7 @@ class Outputs:
                 made.enter_context(output_folder(path.parent))
                 prepare_file(path)
             made.enter_context(output_folder(self.folder))
+            made.enter_context(looking(self._look))
             self._open = made.pop_all()
         return self
 
@@ -130,6 +133,20 @@ class Outputs:
             return False
         return any(fnmatchcase(path.name, name) for name in self.names)
 
+    @cached_property
+    def _look(self) -> Look:
+        """What pictures look like."""
+        if self.scene is None:
+            return Look()
+        asked = self.scene.scene.pictures
+        return Look(asked.width, asked.font, asked.font_size)
+
+    def _as_drawn(self, name: str) -> str:
+        """Name of a file in the folder, a picture's with the ending that the scene asks for."""
+        if self.scene is None or not name.endswith(".png"):
+            return name
+        return f"{name.removesuffix('png')}{self.scene.scene.pictures.format}"
+
     def path(self, name: str) -> Path:
         """Path of a file in the folder; the name is one of `names`."""
         assert self.folder is not None
@@ -137,13 +154,15 @@ class Outputs:
         return self.folder / name
 
     def say(self, words: str, path: Path) -> None:
-        """Say what was written where."""
-        self.console.print(f"{words:9} {path}")
+        """Say what was written where, and what of it could not be as asked for."""
+        notes = f" ({'; '.join(dict.fromkeys(self._look.notes))})" if self._look.notes else ""
+        self._look.notes.clear()
+        self.console.print(f"{words:9} {path}{notes}")
 
     def write(self, words: str, name: str, write: Callable[[Path], object]) -> None:
         """Let ``write`` make a file of the folder and say so; nothing without a folder."""
         if self.folder is not None:
-            path = self.path(name)
+            path = self.path(self._as_drawn(name))
             write(path)
             if path.suffix == ".vtu":
                 stamp_vtu(path, self.origin)

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 
 from pydantic import BaseModel
 
+from validation.scene.pictures import PicturesSection
 from validation.scene.sections import Section
 
 
@@ -106,6 +107,7 @@ class WholeScene(Section):
     """What every scene may have."""
 
     plausibility: PlausibilitySection = PlausibilitySection()
+    pictures: PicturesSection = PicturesSection()
 
 
 def implausible(scene: BaseModel, accept: tuple[str, ...]) -> str | None:
@@ -125,7 +127,9 @@ def implausible(scene: BaseModel, accept: tuple[str, ...]) -> str | None:
             return f"plausibility.accept: got {key!r}" + (
                 f", did you mean {near[0]!r}?" if near else f"; expected keys of {', '.join(known)}"
             )
-    values = dict(_numbers(scene.model_dump(exclude_none=True, exclude={"plausibility"}), ""))
+    values = dict(
+        _numbers(scene.model_dump(exclude_none=True, exclude={"plausibility", "pictures"}), "")
+    )
     for place, size in values.items():
         key = re.sub(r"\.\d+(?=\.|$)", "", place)
         expected = TABLE.get(key)

@@ -154,7 +154,7 @@ def _window() -> Any:
 
 
 #: Most pixels along one side of the window.
-_LARGEST = 4096
+LARGEST = 4096
 
 
 def _render(view: View, width: int, height: int) -> Pixels:
@@ -163,7 +163,7 @@ def _render(view: View, width: int, height: int) -> Pixels:
     from vtkmodules.vtkRenderingCore import vtkRenderer
 
     window = _window()  # before all else: it brings what renders
-    width, height = min(max(width, 1), _LARGEST), min(max(height, 1), _LARGEST)
+    width, height = min(max(width, 1), LARGEST), min(max(height, 1), LARGEST)
     renderer = vtkRenderer()
     renderer.SetBackground(1.0, 1.0, 1.0)
     for part in view.parts:

@@ -11,7 +11,6 @@ import datetime
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +18,8 @@ import numpy as np
 
 from geometry.mesh import FloatArray
 from validation.output.files import write_whole
-from validation.output.pictures.canvas import View
+from validation.output.pictures.canvas import LARGEST, View
+from validation.output.pictures.look import PRINT, look, magnify
 from validation.output.program import program
 
 if TYPE_CHECKING:
@@ -42,8 +42,6 @@ STRESS_MAP = "RdBu_r"
 #: Displacements.
 MOTION_MAP = "viridis"
 
-#: Pixels per inch: on a screen, and of the bodies in what is printed.
-_SCREEN, _PRINT = 130, 300
 # Inches.
 _MARGIN, _GAP = 0.3, 0.35
 _LINE = 0.2
@@ -54,6 +52,12 @@ _BAR = 0.7
 _SIDE_BAR = 1.25
 #: Part of the height asked for that is left to pictures that would be too wide; wider then.
 _LEAST_SHARE = 0.4
+#: The same before columns go into rows below each other, where a width is asked for.
+_LEAST_SHARE_OF_ROWS = 0.75
+#: Height of such a row, in its widths.
+_TALLEST = 1.4
+#: Longest colour bar [in].
+_LONGEST_BAR = 4.5
 #: Characters of a title in an inch, by its size in points.
 _PER_INCH = 132.0
 _TITLE, _PANEL_TITLE, _SMALL = 12.5, 10.5, 9.0
@@ -207,36 +211,70 @@ class _Layout:
     widest: float
     legend: bool
     scale: Scale | None
+    asked: float | None = None
+    """Width of the figure that a scene asks for [in]."""
     boxes: list[_Box] = field(default_factory=list)
     width: float = 0.0
     """Of the whole figure [in]."""
     tall: float = 0.0
     """Of the whole figure [in]."""
+    title_lines: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Find the largest columns that fit."""
+        """Find the largest columns that fit, in rows where a width is asked for."""
+        side = _SIDE_BAR if self.scale is not None else 0.0
+        room = (self.asked or self.widest) - _MARGIN - side
+        rows = [_Row(self.columns, self.height, room, _LEAST_SHARE)]
+        if self.asked is not None:
+            rows = self._rows(room)
+        needed = max(row.right for row in rows) + _MARGIN + side
+        self.width = max(needed, self.asked or 5.5)
+        top = _FOOT + (_LEGEND if self.legend else 0.0)
+        for row in reversed(rows):
+            for box in row.boxes:
+                box.x += 0.5 * (self.width - needed)
+                box.y += top
+            self.boxes += row.boxes
+            top += row.height + _GAP
+        self.title_lines = _wrapped(self.title, self.width - 2 * _MARGIN, _TITLE)
+        self.tall = top - _GAP + 0.25 + _LINE * 1.15 * len(self.title_lines)
+
+    def _rows(self, room: float) -> list[_Row]:
+        """As many columns in each row as it has room for."""
+        rows: list[_Row] = []
+        first, height = 0, min(self.height, _TALLEST * room)
+        for last in range(1, len(self.columns) + 1):
+            row = _Row(self.columns[first:last], height, room, _LEAST_SHARE_OF_ROWS)
+            if row.right > room * 1.001 and last - first > 1:
+                first = last - 1
+                row = _Row(self.columns[first:last], height, room, _LEAST_SHARE)
+                rows.append(row)
+            else:
+                rows[-1:] = [row]
+        return rows
+
+
+class _Row:
+    """Columns beside each other, as high as their width allows."""
+
+    def __init__(
+        self, columns: Sequence[Sequence[Panel]], height: float, room: float, least: float
+    ) -> None:
         share = 1.0
         for _ in range(8):
-            self._set(share)
-            if self.width <= self.widest * 1.001 or share <= _LEAST_SHARE:
+            self.height = max(
+                height * share, *(_fixed(column) + 0.5 * len(column) for column in columns)
+            )
+            self._set(columns)
+            if self.right <= room * 1.001 or share <= least:
                 break
-            share = max(share * self.widest / self.width, _LEAST_SHARE)
-        foot = _FOOT + (_LEGEND if self.legend else 0.0)
-        head = 0.25 + _LINE * 1.15 * len(self.title_lines)
-        for box in self.boxes:
-            box.y += foot
-        self.tall = self.height * share + foot + head
+            share = max(share * room / self.right, least)
 
-    @cached_property
-    def title_lines(self) -> list[str]:
-        """Title in lines that fit."""
-        return _wrapped(self.title, self.width - 2 * _MARGIN, _TITLE)
-
-    def _set(self, share: float) -> None:
-        height, left = self.height * share, _MARGIN
-        self.boxes = []
-        for column in self.columns:
-            boxes = self._stack(column, height)
+    def _set(self, columns: Sequence[Sequence[Panel]]) -> None:
+        self.boxes: list[_Box] = []
+        left = _MARGIN
+        for column in columns:
+            boxes = self._stack(column, self.height)
             before = max(panel.around[0] for panel in column)
             wide = max(box.width for box in boxes)
             wide = max(wide, *(_least_width(panel) for panel in column))
@@ -244,17 +282,13 @@ class _Layout:
                 box.x, box.room = left + before, wide
             self.boxes += boxes
             left += before + wide + _GAP
-        side = _SIDE_BAR if self.scale is not None else 0.0
-        needed = left - _GAP + _MARGIN + side
-        self.width = max(needed, 5.5)
-        for box in self.boxes:
-            box.x += 0.5 * (self.width - needed)
-        self.__dict__.pop("title_lines", None)
+        #: Where the last column ends [in].
+        self.right = left - _GAP
 
-    def _stack(self, column: Sequence[Panel], height: float) -> list[_Box]:
+    @staticmethod
+    def _stack(column: Sequence[Panel], height: float) -> list[_Box]:
         """Boxes of a column from above, each with room for its title and bars."""
-        fixed = [sum(panel.around[1:]) + _head(panel) for panel in column]
-        free = max(height - sum(fixed), 0.5 * len(column))
+        free = height - _fixed(column)
         weights = [panel.weight for panel in column]
         boxes, top = [], height
         for panel, weight in zip(column, weights, strict=True):
@@ -264,6 +298,11 @@ class _Layout:
             boxes.append(_Box(panel, 0.0, top, tall * panel.aspect, tall))
             top -= below
         return boxes
+
+
+def _fixed(column: Sequence[Panel]) -> float:
+    """Height of the words and bars of a column [in]."""
+    return sum(sum(panel.around[1:]) + _head(panel) for panel in column)
 
 
 def _head(panel: Panel) -> float:
@@ -322,9 +361,9 @@ def gallery(
     """
     from matplotlib.figure import Figure
 
-    layout = _Layout(columns, title, height, widest, bool(legend), scale)
+    layout = _Layout(columns, title, height, widest, bool(legend), scale, look().widest)
     size = (layout.width, layout.tall)
-    figure = Figure(figsize=size, dpi=_SCREEN if path.suffix.lower() == ".png" else _PRINT)
+    figure = Figure(figsize=size, dpi=_dots(path, size[0]))
     for box in layout.boxes:
         _draw_panel(figure, box)
     figure.text(
@@ -337,13 +376,10 @@ def gallery(
     )
     if scale is not None:
         shown = layout.tall - _FOOT - 0.9
+        long = min(0.6 * shown, _LONGEST_BAR)
+        low = _FOOT + 0.5 * (shown - long)
         bar = figure.add_axes(
-            (
-                1 - 1.05 / size[0],
-                (_FOOT + 0.2 * shown) / size[1],
-                0.16 / size[0],
-                0.6 * shown / size[1],
-            )
+            (1 - 1.05 / size[0], low / size[1], 0.16 / size[0], long / size[1]),
         )
         colour_bar(figure, bar, scale)
     if legend:
@@ -392,10 +428,8 @@ def _draw_view(figure: Figure, panel: Panel, view: View, box: _Box) -> None:
     from matplotlib.lines import Line2D
 
     wide, tall = figure.get_size_inches()
-    # Twice as many pixels as are shown, so that lines are smooth.
-    dots = 2.0 * figure.dpi
-    pixels = view.render(round(box.width * dots), round(box.height * dots))
-    figure.add_artist(_image(_halved(pixels), box.x * figure.dpi, box.y * figure.dpi))
+    pixels = _pixels(view, box.width * figure.dpi, box.height * figure.dpi)
+    figure.add_artist(_image(pixels, box.x, box.y))
     per_inch = view.size[0] / box.width
     length = round_length(max(0.45 * view.size[0], 0.54 * per_inch))
     y, end = (box.y - 0.12) / tall, box.x + length / per_inch
@@ -414,14 +448,30 @@ def _draw_view(figure: Figure, panel: Panel, view: View, box: _Box) -> None:
 def fill_axes(axes: Axes, view: View) -> None:
     """Show a view that has the shape of some axes in all of them."""
     box = axes.bbox
-    pixels = view.render(round(2.0 * box.width), round(2.0 * box.height))
+    pixels = _pixels(view, box.width, box.height)
     axes.patch.set_visible(False)
     figure: Any = axes.figure
-    figure.add_artist(_image(_halved(pixels), box.x0, box.y0))
+    figure.add_artist(_image(pixels, box.x0 / figure.dpi, box.y0 / figure.dpi))
+
+
+def _pixels(view: View, width: float, height: float) -> Any:
+    """Exactly so many pixels of a view, from twice as many, so that lines are smooth.
+
+    Where one window has not as many, from as many as it has.
+    """
+    if 2.0 * max(width, height) <= LARGEST:
+        return _halved(view.render(round(2.0 * width), round(2.0 * height)))
+    part = min(LARGEST / max(width, height), 1.0)
+    pixels = view.render(round(part * width), round(part * height))
+    rows, columns = (
+        np.arange(round(side)) * count // round(side)
+        for side, count in zip((height, width), pixels.shape[:2], strict=True)
+    )
+    return pixels[np.ix_(rows, columns)]
 
 
 def _image(pixels: Any, x: float, y: float) -> Any:
-    """Pixels as they are, at a place in a figure counted in its dots: nothing is drawn anew."""
+    """Pixels as they are, at a place in a figure [in]: nothing is drawn anew."""
     from matplotlib.artist import Artist
 
     shown = np.full((*pixels.shape[:2], 4), 255, np.uint8)
@@ -431,7 +481,9 @@ def _image(pixels: Any, x: float, y: float) -> Any:
         """An image that no axes scale."""
 
         def draw(self, renderer: Any) -> None:
-            renderer.draw_image(renderer.new_gc(), round(x), round(y), shown)
+            # Dots of a screen, points of what is printed.
+            inch = renderer.points_to_pixels(72.0)
+            renderer.draw_image(renderer.new_gc(), x * inch, y * inch, shown)
 
     return Image()
 
@@ -493,16 +545,24 @@ def save_figure(figure: Figure, path: Path, *, about: str = "") -> None:
         va="bottom",
     )
     _read_no_formulas(figure)
-    options: dict[str, Any] = {"dpi": _PRINT}
+    options: dict[str, Any] = {"dpi": _dots(path, width)}
     if kind == "png":
-        options = {"dpi": _SCREEN, "pil_kwargs": {"compress_level": 3}}
+        options["pil_kwargs"] = {"compress_level": 3}
 
     def write(partial: Path) -> None:
         figure.savefig(partial, format=kind, metadata=_metadata(kind, foot), **options)
+        magnify(partial, kind, look().magnification(width))
 
-    # Text stays text: to be found, and to be set in another font.
-    with rc_context({"svg.fonttype": "none", "pdf.fonttype": 42}):
+    settings: Any = look().settings
+    with rc_context(settings):
         write_whole(path, write)
+
+
+def _dots(path: Path, width: float) -> float:
+    """Pixels per inch of a figure, before it is magnified."""
+    if path.suffix.lower() != ".png":
+        return PRINT
+    return look().dots * look().magnification(width)
 
 
 def subplots(
@@ -511,6 +571,7 @@ def subplots(
     """Figure and axes of plots without bodies, set by matplotlib itself; ``size`` in inches."""
     from matplotlib.figure import Figure
 
+    size = look().plot_size(size)
     figure = Figure(figsize=size, layout="constrained")
     # Room for the line at the foot.
     engine: Any = figure.get_layout_engine()
