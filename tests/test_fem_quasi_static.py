@@ -7,13 +7,14 @@ import pytest
 
 from fem.assembly.deformable import Frames, deformable_assembly
 from fem.assembly.symmetry import cyclic_orbits
-from fem.contact.law import LinearPenalty
+from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.element.material import Material
 from fem.explicit.output.history import COLUMNS
 from fem.explicit.setup.assembly import explicit_assembly
 from fem.explicit.setup.block_frequency import block_frequencies, rigid_motions
 from fem.explicit.setup.quasi_static import quasi_static_report, recommended_times
-from fem.explicit.solve import StopCriterion, solve
+from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.solve import Status, StopCriterion, solve
 from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from fem.problem.loads import SmoothStepAmplitude
 from fem.static.solve import solve_static
@@ -26,14 +27,14 @@ from tests.conftest import tsb
 CONCRETE = Material(2.4e-9, 33e3, 0.2)
 
 
-def column(law, *, layers=1):
+def column(law, *, layers=1, material=CONCRETE):
     """Bricks 100 × 60 × 50 on each other between two rigid ones; no load."""
     wall = brick_stack((100.0, 60.0, 50.0), (2, 2, 2), columns=1, layers=layers)
     none = np.empty((0, 3))
     load = LoadCase(
         "none", np.empty(0, np.int64), np.empty((0, 4), np.int64), none, none, None, 0.0, wall.fixed
     )
-    return deformable_assembly(wall, load, CONCRETE, law=law)
+    return deformable_assembly(wall, load, material, law=law)
 
 
 def tube(**options):
@@ -60,10 +61,11 @@ def test_frequency_of_a_brick_between_two_springs():
     stiffness = 50.0
     law = LinearPenalty(stiffness)
     mass = 2.4e-9 * 100.0 * 60.0 * 50.0
-    found = block_frequencies(explicit_assembly(column(law)).model, 0.01)
+    stiff = Material(2.4e-9, 1e16, 0.2)  # next to which the springs' compliance is all, to 1e-13
+    found = block_frequencies(explicit_assembly(column(law, material=stiff)).model, 0.01)
     heave = 2.0 * stiffness * 6000.0 / mass
     # The lumped mass of the mesh turns with its own inertia, not the brick's.
-    nodes, lumped = column(law).model.groups[0].mesh.nodes, None
+    nodes = column(law).model.groups[0].mesh.nodes
     lumped = column(law).model.groups[0].lumped_mass
     arm = nodes - lumped @ nodes / lumped.sum()
     turns = []
@@ -74,6 +76,80 @@ def test_frequency_of_a_brick_between_two_springs():
         turns.append(2.0 * stiffness * area / inertia)
     lowest = math.sqrt(min(heave, *turns)) / (2.0 * math.pi)
     assert found.lowest == pytest.approx(lowest, rel=1e-10)
+
+
+@pytest.mark.parametrize("stiffness", [1e4, 1e9, 1e18])
+def test_stiff_contact_promises_no_frequency_that_no_elastic_block_has(stiffness):
+    """Between rigid ends a brick of height h swings no faster than a clamped bar, c / 2h; as rigid
+    blocks it was 470 times that for a law of 1e9 MPa/mm, and the run ended before a wave had
+    crossed it. Half of a brick that yields as a whole gives the lower bound, c / 8h."""
+    model = explicit_assembly(column(LinearPenalty(stiffness))).model
+    times = recommended_times(model, damped=True)
+    clamped = math.sqrt(CONCRETE.young_modulus / CONCRETE.density) / (2.0 * 50.0)
+    assert clamped / 4.0 < times.frequency < clamped
+    assert times.end_time > 50.0 / clamped
+
+
+@pytest.mark.parametrize("damped", [True, False])
+def test_a_verdict_does_not_advise_what_is_on(damped):
+    deformable = tube()
+    damping = AdaptiveMassDamping() if damped else None
+    stated = explicit_assembly(
+        deformable,
+        effects=Effects(adaptive_mass_damping=damping),
+        amplitude=SmoothStepAmplitude(1e-4),
+    )
+    result = solve(stated.model, end_time=2e-4, stop=StopCriterion(1e-12), sample_interval=10)
+    report = quasi_static_report(result, ramp_time=1e-4, frequency=1e3)
+    assert "exceeds" in report.verdict
+    assert ("fem.damping" in report.verdict) is not damped
+
+
+def test_single_precision_stops_where_its_round_off_stands():
+    """ε √Σ (k u)² over the load is the residual that float32 leaves, within a factor of four either
+    way; a run that asks for a tenth of it ends there, is not called static, and says what to do."""
+    deformable = tube()
+    times = recommended_times(explicit_assembly(deformable).model, damped=True)
+    stated = explicit_assembly(
+        deformable,
+        counted_pressure=10.0,
+        effects=Effects(adaptive_mass_damping=AdaptiveMassDamping()),
+        amplitude=SmoothStepAmplitude(times.ramp_time),
+    )
+    result = solve(
+        stated.model,
+        end_time=20 * times.end_time,
+        precision="float32",
+        sample_interval=10,
+        stop=StopCriterion(1e-6, times.ramp_time),
+    )
+    assert result.status is Status.STALLED
+    assert 0.25 < result.history.column("residual").min() / result.round_off < 4.0
+    report = quasi_static_report(result, ramp_time=times.ramp_time, frequency=times.frequency)
+    assert not report.is_static
+    assert 'fem.precision = "float64"' in report.verdict
+
+
+def test_a_law_that_presses_before_the_load_starts_with_a_blow():
+    """1.5 MPa at zero clearance under a load of 0.01 MPa: contact holds more energy at the start
+    than the load ever does. The balance shows the error in time of that blow, of second order
+    in the step; no stiffness is met that the first time step did not count."""
+    deformable = tube(law=ExponentialLaw(pressure_at_zero_clearance=1.5))
+    statement = explicit_statement(
+        deformable, effects=Effects(adaptive_mass_damping=AdaptiveMassDamping())
+    )
+    assert statement.counted_pressure >= 1.5
+    balance = []
+    for factor in (0.2, 0.1, 0.05):
+        run = solve(
+            statement.assembly.model, end_time=1e-4, safety_factor=factor, sample_interval=1
+        )
+        column = run.history.column
+        assert column("contact_energy")[0] > 10.0 * np.abs(column("external_work")).max()
+        balance.append(run.energy_balance)
+    # Second order is a factor of four; half of the way to first order is for kinks of the law.
+    assert balance[0] / balance[1] > 2.8
+    assert balance[1] / balance[2] > 2.8
 
 
 def test_frequencies_are_those_of_the_sector():

@@ -17,6 +17,7 @@ from fem.explicit.setup.block_frequency import block_frequencies
 from fem.explicit.solve import StopCriterion, initial_state, prepare, solve
 from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.problem.loads import SmoothStepAmplitude
+from fem.problem.model import Model
 from geometry.block import box_block
 from geometry.families.box_column import ColumnBox, box_column
 from geometry.files.mesh_io import write_hex_mesh
@@ -179,6 +180,12 @@ def test_matching_joints_have_no_search_unless_asked() -> None:
         assert data["contact"]["effective_count_percent"] == pytest.approx(50.0, rel=1e-9)
 
 
+def rigid(model: Model) -> Model:
+    """Blocks that yield 1e-12 of what contact does."""
+    stiff = [replace(g, material=replace(g.material, young_modulus=1e16)) for g in model.groups]
+    return replace(model, groups=tuple(stiff))
+
+
 def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
     """Points and normals of flat joints and of a tube's matched facets are the same, to rounding,
     whether facets are matched or searched; a joint that does not match has as much area."""
@@ -193,11 +200,11 @@ def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
         )
         assert searched.excited == pytest.approx(matched.excited, rel=1e-9)
         assert searched.lowest == pytest.approx(matched.lowest, rel=1e-9)
-    # Vertical motion is uniform on a joint: its frequency depends on the area alone.
-    crossing = explicit_assembly(build_deformable(column(*CROSSING), "column"))
-    found = block_frequencies(crossing.model, 0.01)
-    deformable = build_deformable(alike, "column")
-    expected = block_frequencies(explicit_assembly(deformable).model, 0.01)
+    # Vertical motion of rigid blocks is uniform on a joint: its frequency depends on area alone.
+    found, expected = (
+        block_frequencies(rigid(explicit_assembly(build_deformable(scene, "column")).model), 0.01)
+        for scene in (column(*CROSSING), alike)
+    )
     assert found.excited == pytest.approx(expected.excited, rel=1e-9)
 
 

@@ -8,9 +8,12 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import SymmetryError
 from fem.explicit.output.checkpoint import OtherProblemError
+from fem.explicit.output.history import History
 from fem.explicit.setup.assembly import COUNTED_PRESSURE
 from fem.explicit.setup.quasi_static import quasi_static_report
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
@@ -151,7 +154,7 @@ def run_tube_explicit(
         deformable=deformable,
         displacements=displacements,
         contact_state=contact_state,
-        solver=explicit_numbers(result, statement) | {"restarts": restarts},
+        solver=explicit_numbers(result, statement, fem) | {"restarts": restarts},
         cpu_seconds=seconds,
     )
     return run, result
@@ -210,11 +213,25 @@ def _of_all(result: ExplicitResult, copies: int) -> ExplicitResult:
     )
 
 
-def explicit_numbers(result: ExplicitResult, statement: ExplicitStatement) -> dict[str, Any]:
+def _released(history: History) -> float | None:
+    """Energy that contact holds before any load acts, over the largest work of the loads [-].
+
+    None where it is less than that work, as it is unless the law presses hard at zero clearance.
+    """
+    held, work = history.column("contact_energy")[:1], np.abs(history.column("external_work"))
+    return float(held[0] / work.max()) if held.size and held[0] > work.max() > 0.0 else None
+
+
+def explicit_numbers(
+    result: ExplicitResult, statement: ExplicitStatement, fem: FemSection
+) -> dict[str, Any]:
     """Numbers of an explicit run for its JSON."""
     energies = result.energies
     report = quasi_static_report(
-        result, ramp_time=statement.ramp_time, frequency=statement.recommended.frequency
+        result,
+        ramp_time=statement.ramp_time,
+        frequency=statement.recommended.frequency,
+        largest_residual=fem.residual,
     )
     return {
         "status": str(result.status),
@@ -229,6 +246,7 @@ def explicit_numbers(result: ExplicitResult, statement: ExplicitStatement) -> di
         if energies is None
         else asdict(energies) | {"viscous_dissipation": energies.viscous_dissipation},
         "energy_balance": result.energy_balance,
+        "released_at_start": _released(result.history),
         "quasi_static": asdict(report),
         "recommended": asdict(statement.recommended),
         "element_updates_per_cpu_second": result.element_updates_per_cpu_second,

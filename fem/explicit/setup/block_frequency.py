@@ -1,14 +1,16 @@
 """Lowest frequencies of an assembly whose blocks move as rigid bodies on their contacts.
 
-Blocks are much stiffer than the contact between them, so the slow motions of a tube are rigid
+Blocks are mostly stiffer than the contact between them, so the slow motions of a tube are rigid
 motions of its blocks. Restricted to them (Rayleigh and Ritz), stiffness and mass are small
-matrices, 6 rows for each block, and the frequencies are upper bounds of the true ones. Contact
-is linearised as if it pressed everywhere with one pressure: on the matched facets, or, where a
-search finds facets, on all that face each other at the start.
+matrices, 6 rows for each block. Contact is linearised as if it pressed everywhere with one
+pressure: on the matched facets, or, where a search finds facets, on all that face each other at
+the start. The blocks themselves yield in series with it, each by its radius of inertia over its
+modulus, so that a stiff contact does not promise a frequency that no elastic block has.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,8 +89,8 @@ def block_frequencies(model: Model, pressure: float) -> BlockFrequencies:
         load += _generalised_load(model, number, motions, int(first[number]), size)
     for interaction in model.interactions:
         if isinstance(interaction, FaceContact):
-            tangent = _tangent(interaction.law, pressure)
             for pairs in interaction.pairs:
+                tangent = _tangent(interaction.law, pressure, model, pairs.groups)
                 _add_contact(stiffness, model, pairs, tangent, first)
         if isinstance(interaction, SlidingContact):
             _add_sliding(stiffness, model, interaction, pressure, first)
@@ -145,8 +147,12 @@ def _add_contact(
                 stiffness[row : row + 6, column : column + 6] += part
 
 
-def _tangent(law: ContactLaw, pressure: float) -> float:
-    return float(law.stiffness(law.overclosure(pressure)))
+def _tangent(law: ContactLaw, pressure: float, model: Model, groups: Iterable[int]) -> float:
+    """Stiffness of a joint [MPa/mm]: the law's in series with that of the blocks on its sides."""
+    compliance = 1.0 / float(law.stiffness(law.overclosure(pressure)))
+    for group in (model.groups[g] for g in groups if g >= 0):
+        compliance += _centre(group)[1] / group.material.young_modulus
+    return 1.0 / compliance
 
 
 def _add_sliding(
@@ -154,7 +160,6 @@ def _add_sliding(
 ) -> None:
     """Add w k g gᵀ of all points that face a facet at the start, block pair by block pair."""
     state = contact.at_start
-    tangent = _tangent(contact.law, pressure)
     surfaces = {surface.block: surface for surface in contact.surfaces}
     pairs, which = np.unique(
         np.column_stack([state.block_m, state.block_s]), axis=0, return_inverse=True
@@ -172,7 +177,8 @@ def _add_sliding(
             gaps.append(sign * np.einsum("pi,pij->pj", state.normals[points] @ turn, motions))
             rows.append(6 * (first[surface.group] + surface.copy) + np.arange(6))
         gap, where = np.concatenate(gaps, axis=1), np.concatenate(rows)
-        weights = tangent * state.point_areas[points]
+        sides = (surfaces[m].group, surfaces[s].group)
+        weights = _tangent(contact.law, pressure, model, sides) * state.point_areas[points]
         stiffness[np.ix_(where, where)] += gap.T @ (weights[:, None] * gap)
 
 

@@ -144,15 +144,21 @@ def quasi_static_report(
     faults = []
     if hold < 0.0:
         faults.append("the load is not fully applied: raise fem.end_time")
-    if result.residual is not None and not result.residual <= largest_residual:
+    damped = result.model.effects.adaptive_mass_damping is not None
+    longer = "raise fem.end_time" + ("" if damped else ' or use fem.damping = "static"')
+    if result.round_off is not None:
         faults.append(
-            f"the force residual {result.residual:.1e} exceeds {largest_residual:.1e}: raise "
-            'fem.end_time, or fem.residual with precision = "float32", whose round-off keeps one'
+            f"the force residual {result.residual:.1e} no longer falls: round-off leaves about "
+            f'{result.round_off:.1e}; use fem.precision = "float64", or a larger fem.residual'
+        )
+    elif result.residual is not None and not result.residual <= largest_residual:
+        faults.append(
+            f"the force residual {result.residual:.1e} exceeds {largest_residual:.1e}: {longer}"
         )
     if not settling <= largest_settling:
         faults.append(
             f"the motion still has {100 * settling:.2g} % of its way to go (bound "
-            f'{100 * largest_settling:.2g} %): raise fem.end_time or use damping = "static"'
+            f"{100 * largest_settling:.2g} %)" + ("" if result.round_off else f": {longer}")
         )
     if result.residual is None:
         faults.append("the force residual was not watched")

@@ -104,6 +104,9 @@ def explicit_statement(
         start = plain.sliding.at_start
         refuse_overlap(start.block_m, start.block_s, start.deepest, deformable.contact.law)
     times = recommended_times(plain.model, damped=effects.adaptive_mass_damping is not None)
+    # What presses before any load acts is counted too.
+    at_start = float(deformable.contact.law.pressure(-deformable.surfaces.clearance))
+    counted_pressure = max(counted_pressure, 2.0 * at_start)
     ramp = times.ramp_time if ramp_time is None else ramp_time
     stated = explicit_assembly(
         deformable,
