@@ -77,6 +77,19 @@ def test_overlapping_boxes_are_those_that_overlap() -> None:
     high_a, high_b = low_a + 0.3 * rng.random((60, 3)), low_b + 0.3 * rng.random((40, 3))
     expected = np.argwhere(((low_a[:, None] <= high_b) & (low_b <= high_a[:, None])).all(axis=2))
     np.testing.assert_array_equal(overlapping_boxes(low_a, high_a, low_b, high_b), expected)
+    of_a, of_b = rng.integers(-1, 3, 60), rng.integers(-1, 3, 40)
+    i, j = expected.T
+    others = expected[(of_a[i] != of_b[j]) | (of_a[i] < 0)]
+    found = overlapping_boxes(low_a, high_a, low_b, high_b, (of_a, of_b))
+    np.testing.assert_array_equal(found, others)
+
+
+def test_boxes_of_very_different_size_and_equal_boxes_are_all_found() -> None:
+    rng = np.random.default_rng(1)
+    low = np.concatenate([rng.random((30, 3)), np.zeros((1, 3)), np.full((20, 3), 0.5)])
+    high = low + np.concatenate([np.full(30, 1e-9), [1e6], np.zeros(20)])[:, None]
+    expected = np.argwhere(((low[:, None] <= high) & (low <= high[:, None])).all(axis=2))
+    np.testing.assert_array_equal(overlapping_boxes(low, high, low, high), expected)
 
 
 def _soup(*solids: Polyhedron) -> tuple[FloatArray, IntArray]:

@@ -25,7 +25,7 @@ from geometry.polyhedra.options import ContactPlacement
 from geometry.polyhedra.point_contact import PointContacts, crossing_edges, standing_corners
 from geometry.polyhedra.polyhedron import Polyhedron
 from geometry.polyhedra.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
-from geometry.polyhedra.triangle_search import overlapping_boxes
+from geometry.polyhedra.triangle_search import boxes_of_triangles, overlapping_boxes
 
 #: Area that a contact without area stands for, as a part of the mean area of the others.
 _POINT_AREA = 1e-2
@@ -132,9 +132,9 @@ def _world(
 
 def _opposing(world: _World, tolerance: float, cosine: float) -> IntArray:
     """Pairs of triangles of different blocks that face each other, block m < block s; (n, 2)."""
-    low = world.corners.min(axis=1) - 0.5 * tolerance
-    high = world.corners.max(axis=1) + 0.5 * tolerance
-    pairs = overlapping_boxes(low, high, low, high)
+    low, high = boxes_of_triangles(world.corners)
+    low, high = low - 0.5 * tolerance, high + 0.5 * tolerance
+    pairs = overlapping_boxes(low, high, low, high, (world.block, world.block))
     pairs = pairs[world.block[pairs[:, 0]] < world.block[pairs[:, 1]]]
     dot = np.einsum("pi,pi->p", world.normals[pairs[:, 0]], world.normals[pairs[:, 1]])
     opposing: IntArray = pairs[dot <= -cosine]

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.polyhedron import Polyhedron
-from geometry.polyhedra.triangle_search import overlapping_boxes
+from geometry.polyhedra.triangle_search import boxes_of_triangles, overlapping_boxes
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -124,7 +124,7 @@ def crossing_edges(
     edges = _world_edges(shapes, shape_of, rotations, translations)
     low = np.minimum(edges.start, edges.end) - 0.5 * tolerance
     high = np.maximum(edges.start, edges.end) + 0.5 * tolerance
-    pairs = overlapping_boxes(low, high, low, high)
+    pairs = overlapping_boxes(low, high, low, high, (edges.block, edges.block))
     m, s = pairs[edges.block[pairs[:, 0]] < edges.block[pairs[:, 1]]].T
     d_m, d_s = edges.end[m] - edges.start[m], edges.end[s] - edges.start[s]
     normal = np.cross(d_m, d_s)
@@ -176,13 +176,15 @@ def standing_corners(
     shapes, shape_of, rotations, translations, tolerance
         As in `crossing_edges`.
     """
-    rays = {int(k): _corner_rays(shapes[k]) for k in np.unique(shape_of)}
+    used = np.unique(shape_of).tolist()
+    rays = {k: _corner_rays(shapes[k]) for k in used}
+    pointed = {k: np.unique(_sharp_edges(shapes[k])[0]) for k in used}
     points, owner, corner = [], [], []
     triangles, normals, face_owner = [], [], []
     for block, number in enumerate(shape_of.tolist()):
         shape = shapes[number]
         placed = shape.points @ rotations[block].T + translations[block]
-        sharp = np.unique(_sharp_edges(shape)[0])
+        sharp = pointed[number]
         points.append(placed[sharp])
         corner.append(sharp)
         owner.append(np.full(len(sharp), block))
@@ -191,8 +193,9 @@ def standing_corners(
         face_owner.append(np.full(len(shape.triangles), block))
     p, p_block, p_corner = (np.concatenate(x) for x in (points, owner, corner))
     tri, n, t_block = (np.concatenate(x) for x in (triangles, normals, face_owner))
-    pairs = overlapping_boxes(p - tolerance, p + tolerance, tri.min(axis=1), tri.max(axis=1))
-    i, j = pairs[p_block[pairs[:, 0]] != t_block[pairs[:, 1]]].T
+    i, j = overlapping_boxes(
+        p - tolerance, p + tolerance, *boxes_of_triangles(tri), (p_block, t_block)
+    ).T
     height = np.einsum("ni,ni->n", p[i] - tri[j, 0], n[j])
     inside = np.abs(height) <= tolerance
     for edge in range(3):

@@ -17,7 +17,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from geometry.block import Block
 from geometry.mesh import FloatArray, IntArray, MassProperties, MeshError
 from geometry.polyhedra.solids import across_matter
-from geometry.polyhedra.triangle_search import coplanar_groups, piercings
+from geometry.polyhedra.triangle_search import coplanar_groups, distinct_rows, piercings
 
 #: 1 + cos of the angle between neighbours that lie on each other: half a thousandth of a radian.
 _FLAT = 1e-7
@@ -98,11 +98,10 @@ def _edge_uses(triangles: IntArray) -> tuple[IntArray, IntArray]:
     """Undirected edges (n, 2), and +1/-1 uses summed and counted: (n, 2) [balance, count]."""
     directed = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     sign = np.where(directed[:, 0] < directed[:, 1], 1, -1)
-    edges, inverse = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True)
-    inverse = inverse.ravel()
-    balance = np.bincount(inverse, weights=sign, minlength=len(edges)).astype(np.int64)
-    count = np.bincount(inverse, minlength=len(edges))
-    return edges, np.column_stack([balance, count])
+    ends = np.sort(directed, axis=1)
+    first, inverse, count = distinct_rows(ends)
+    balance = np.bincount(inverse, weights=sign, minlength=len(first)).astype(np.int64)
+    return ends[first], np.column_stack([balance, count])
 
 
 def check_polyhedron(block: Polyhedron) -> None:
@@ -148,7 +147,7 @@ def check_polyhedron(block: Polyhedron) -> None:
         raise MeshError(
             f"{name}: volume {block.mass_properties.volume:.3g} mm³; expected a positive volume"
         )
-    crossing = piercings(block.points, block.triangles, 1e-7 * size)
+    crossing = piercings(block.points, block.triangles, block.plane_of, 1e-7 * size)
     if len(crossing):
         raise MeshError(
             f"{name}: the surface cuts through itself near "

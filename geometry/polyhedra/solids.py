@@ -12,6 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from geometry.mesh import FloatArray, IntArray, MeshError
+from geometry.polyhedra.triangle_search import distinct_rows
 
 #: Faces within this angle round their edge lie on each other [rad].
 _SAME_PLACE = 1e-3
@@ -49,10 +50,8 @@ def across_matter(name: str, points: FloatArray, triangles: IntArray) -> IntArra
     """
     _check_distinct(name, points, triangles)
     directed = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    _, edge, count = np.unique(
-        np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    order = np.argsort(edge.ravel(), kind="stable")  # uses of each edge one after the other
+    _, edge, count = distinct_rows(np.sort(directed, axis=1))
+    order = np.argsort(edge, kind="stable")  # uses of each edge one after the other
     start = np.cumsum(count) - count
     twice = order[start[count == 2][:, None] + np.arange(2)] // 3
     shared = [
@@ -66,7 +65,7 @@ def _check_distinct(name: str, points: FloatArray, triangles: IntArray) -> None:
     """Refuse triangles that are there twice, turned the same way: they would count twice."""
     smallest = np.argmin(triangles, axis=1)[:, None]
     rolled = np.take_along_axis(triangles, (smallest + np.arange(3)) % 3, axis=1)
-    _, first, count = np.unique(rolled, axis=0, return_index=True, return_counts=True)
+    first, _, count = distinct_rows(rolled)
     if (count > 1).any():
         place = points[triangles[first[count > 1][0]]].mean(axis=0)
         raise MeshError(

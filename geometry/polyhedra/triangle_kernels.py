@@ -17,36 +17,47 @@ MOST_CORNERS = 8
 
 
 @njit(cache=True)
-def sweep_boxes(order, side, low, high, axis, pairs, fill):
-    """Sweep along an axis; count, and if asked store, pairs of overlapping boxes (side 0, 1)."""
-    n = len(order)
-    active = np.empty((2, n), np.int64)
-    size = np.zeros(2, np.int64)
-    b, c = (axis + 1) % 3, (axis + 2) % 3
+def _disjoint(low_a, high_a, low_b, high_b):
+    """Whether two boxes share no point."""
+    apart = False
+    for axis in range(3):
+        apart |= low_a[axis] > high_b[axis] or low_b[axis] > high_a[axis]
+    return apart
+
+
+@njit(cache=True)
+def boxes_in_tree(low, high, group, tree_low, tree_high, tree_group, order, pairs):
+    """Count, and store as far as there is room, pairs of a box and one of a tree that overlap.
+
+    Nodes k of the tree have the children 2k + 1 and 2k + 2; the last half are leaves, one box of
+    `order` each. Boxes of one group (>= 0) are no pair; -1 in the tree says that groups differ.
+    Pairs are sorted by the box, then by that of the tree.
+    """
+    first_leaf = len(tree_low) // 2
+    stack = np.empty(64, np.int64)
     found = 0
-    for position in range(n):
-        i = order[position]
-        other = 1 - side[i]
-        k = 0
-        while k < size[other]:
-            j = active[other, k]
-            if high[j, axis] < low[i, axis]:
-                size[other] -= 1
-                active[other, k] = active[other, size[other]]
+    for i in range(len(low)):
+        mine = found
+        stack[0] = 0
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if group[i] >= 0 and tree_group[node] == group[i]:
                 continue
-            if (
-                low[i, b] <= high[j, b]
-                and low[j, b] <= high[i, b]
-                and low[i, c] <= high[j, c]
-                and low[j, c] <= high[i, c]
-            ):
-                if fill:
-                    pairs[found, side[i]] = i
-                    pairs[found, other] = j
-                found += 1
-            k += 1
-        active[side[i], size[side[i]]] = i
-        size[side[i]] += 1
+            if _disjoint(low[i], high[i], tree_low[node], tree_high[node]):
+                continue
+            if node < first_leaf:
+                stack[top] = 2 * node + 2
+                stack[top + 1] = 2 * node + 1
+                top += 2
+                continue
+            if found < len(pairs):
+                pairs[found, 0] = i
+                pairs[found, 1] = order[node - first_leaf]
+            found += 1
+        if found <= len(pairs):
+            pairs[mine:found, 1] = np.sort(pairs[mine:found, 1])
     return found
 
 
