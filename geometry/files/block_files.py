@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from geometry.files.mesh_io import read_any_mesh
 from geometry.files.obj import read_obj
+from geometry.files.ordinary import unreadable
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray, MeshError, check_mesh
 from geometry.polyhedra.polygons import triangles_of_polygons
 from geometry.polyhedra.polyhedron import Polyhedron, merge_points, polyhedron
@@ -105,21 +107,12 @@ def _others(shell: IntArray, outside: list[IntArray]) -> IntArray:
 
 
 def _read_meshio(path: Path) -> tuple[FloatArray, IntArray]:
-    import meshio
-
-    if not path.exists():
-        raise MeshError(f"{path}: no such file")
     if path.suffix.lower() == ".obj":
         points, faces = read_obj(path)
         return points, np.concatenate(
             [triangles_of_polygons(str(path), points, group) for group in faces]
         )
-    try:
-        with np.errstate(over="ignore"):  # meshio probes whether an STL file is binary
-            mesh = meshio.read(path)
-    except (OSError, ValueError, KeyError, IndexError, SystemExit, meshio.ReadError) as error:
-        reason = str(error).strip() or type(error).__name__
-        raise MeshError(f"{path}: cannot be read as a mesh ({reason})") from None
+    mesh = read_any_mesh(path)
     points = np.asarray(mesh.points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise MeshError(f"{path}: expected points in space, got an array {points.shape}")
@@ -138,8 +131,9 @@ def _gmsh() -> Any:
 
 
 def _open_step(gmsh: Any, path: Path) -> list[int]:
-    if not path.exists():
-        raise MeshError(f"{path}: no such file")
+    why = unreadable(path)
+    if why is not None:
+        raise MeshError(f"{path}: {why}; expected a STEP file")
     gmsh.initialize(interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setString("Geometry.OCCTargetUnit", "MM")

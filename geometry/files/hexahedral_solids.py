@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from geometry.block import Block
 from geometry.files.block_files import STEP_SUFFIXES, UNITS, step_hexahedra
-from geometry.files.mesh_io import read_hex_mesh
+from geometry.files.mesh_io import read_any_mesh, read_hex_mesh
 from geometry.mesh import (
     FloatArray,
     HexMesh,
@@ -85,14 +85,7 @@ def file_hexahedra(
 
 
 def _has_hexahedra(path: Path) -> bool:
-    import meshio
-
-    try:
-        with np.errstate(over="ignore"):  # meshio probes whether an STL file is binary
-            mesh = meshio.read(path)
-    except (OSError, ValueError, KeyError, IndexError, SystemExit, meshio.ReadError) as error:
-        raise MeshError(f"{path}: cannot be read as a mesh ({error})") from None
-    return any(cells.type == "hexahedron" for cells in mesh.cells)
+    return any(cells.type == "hexahedron" for cells in read_any_mesh(path).cells)
 
 
 def connected_solids(mesh: HexMesh) -> list[HexMesh]:

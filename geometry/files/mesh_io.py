@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from geometry.assembly import Assembly
+from geometry.files.ordinary import unreadable
 from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, QuadSurface, check_mesh
 
 if TYPE_CHECKING:
@@ -84,6 +87,31 @@ def write_triangles(
     _write(path, meshio.Mesh(points, [("triangle", triangles)], cell_data=data))
 
 
+def read_any_mesh(path: Path) -> Any:
+    """Read a mesh file of any kind that meshio knows.
+
+    Raises
+    ------
+    MeshError
+        When it cannot be read.
+    """
+    import meshio
+
+    why = unreadable(path)
+    if why is not None:
+        raise MeshError(f"{path}: {why}; expected a mesh file")
+    try:
+        # meshio probes whether an STL file is binary, and prints before it gives up.
+        with np.errstate(all="ignore"), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+            return meshio.read(path)
+    # Bytes that are no such file raise what they like, a missing reader and SystemExit too.
+    except (Exception, SystemExit) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        known = ("1", "0")  # statuses of meshio's exits
+        words = "not as its ending says" if reason in known else reason
+        raise MeshError(f"{path}: cannot be read as a mesh ({words})") from None
+
+
 def read_hex_mesh(path: Path) -> HexMesh:
     """Read the hexahedra of a mesh file.
 
@@ -92,13 +120,7 @@ def read_hex_mesh(path: Path) -> HexMesh:
     MeshError
         When the file cannot be read, holds no eight-node hexahedra, or holds bad ones.
     """
-    import meshio
-
-    try:
-        mesh = meshio.read(path)
-    except (OSError, ValueError, KeyError, IndexError, SystemExit, meshio.ReadError) as error:
-        reason = str(error) or type(error).__name__
-        raise MeshError(f"{path}: cannot be read as a mesh ({reason})") from None
+    mesh = read_any_mesh(path)
     blocks = [cells.data for cells in mesh.cells if cells.type == "hexahedron"]
     if not blocks or any(cells.dim == 3 and cells.type != "hexahedron" for cells in mesh.cells):
         found = ", ".join(sorted({cells.type for cells in mesh.cells})) or "no cells"

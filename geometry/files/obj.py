@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from geometry.files.ordinary import unreadable
 from geometry.mesh import FloatArray, IntArray, MeshError
 
 
@@ -35,6 +36,9 @@ def read_obj(path: Path) -> tuple[FloatArray, list[IntArray]]:
     MeshError
         Naming the line that cannot be read.
     """
+    why = unreadable(path)
+    if why is not None:
+        raise MeshError(f"{path}: {why}; expected an OBJ file")
     points: list[list[float]] = []
     faces: dict[int, list[list[int]]] = {}
     try:

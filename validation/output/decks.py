@@ -19,6 +19,7 @@ from fem.decks.statement import Deck, Flavour
 from fem.decks.write import write_deck
 from geometry.errors import RefusedError
 from geometry.files.mesh_io import assembly_mesh, read_hex_mesh, write_hex_mesh
+from geometry.files.ordinary import unreadable
 from geometry.mesh import HexMesh, corner_jacobians, mass_properties
 from validation.build.deck import build_deck
 from validation.errors import InputError
@@ -141,9 +142,9 @@ def import_file(path: Path, output: Path | None) -> tuple[Table, dict[str, Any]]
     InputError
         For no file, or one that cannot be read or written.
     """
-    if not path.is_file():
-        what = "is a folder" if path.is_dir() else "no such file"
-        raise InputError(f"{path}: {what}; expected a deck or a mesh")
+    why = unreadable(path)
+    if why is not None:
+        raise InputError(f"{path}: {why}; expected a deck or a mesh")
     start = time.process_time()
     if _is_deck(path):
         deck = import_deck(path)
@@ -177,9 +178,13 @@ def _is_deck(path: Path) -> bool:
 def _write_mesh(path: Path, mesh: HexMesh, owner: np.ndarray[Any, Any]) -> None:
     try:
         write_hex_mesh(path, mesh, cell_data={"block": owner.astype(np.int32)})
-    except (ValueError, KeyError, ImportError) as error:
+    except OSError:
+        raise
+    # Each of meshio's writers has its own way to say what it cannot hold.
+    except Exception as error:
+        reason = " ".join(str(error).replace(".partial-", "").split())
         raise InputError(
-            f"-o {path}: cannot be written as a mesh ({error}); expected .inp, .vtu, …"
+            f"-o {path}: cannot be written as a mesh ({reason}); expected .inp, .vtu, …"
         ) from None
 
 

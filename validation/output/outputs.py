@@ -184,5 +184,6 @@ def _same(a: Path, b: Path) -> bool:
     """Whether two paths name one file, whether or not it is there yet."""
     try:
         return os.path.samefile(a, b)
-    except OSError:
-        return a.resolve() == b.resolve()
+    except (OSError, ValueError):
+        # Links to themselves have no end to be followed to.
+        return os.path.realpath(a) == os.path.realpath(b)

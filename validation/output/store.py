@@ -21,6 +21,7 @@ from typing import Any, Self
 
 from filelock import FileLock, Timeout
 
+from geometry.files.ordinary import unreadable
 from validation.errors import InputError
 from validation.output.files import prepare_file, write_whole
 from validation.output.program import program
@@ -338,9 +339,10 @@ def refuse_others(path: Path) -> None:
     InputError
         For a folder, or a file of another kind.
     """
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; expected a file of results, such as x.sqlite")
-    if not path.exists() or path.stat().st_size == 0:
+    why = unreadable(path)
+    if why not in (None, "no such file"):
+        raise InputError(f"{path}: {why}; expected a file of results, such as x.sqlite")
+    if why is not None or path.stat().st_size == 0:
         return
     try:
         with path.open("rb") as file:
@@ -401,8 +403,9 @@ def rescue(path: Path, new: Path) -> tuple[int, int]:
         When nothing can be read, or the new file is there already.
     """
     refuse_others(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; expected a damaged file of results")
+    why = unreadable(path)
+    if why is not None:
+        raise InputError(f"{path}: {why}; expected a damaged file of results")
     if new.exists():
         raise InputError(f"{new}: exists; the rescued rows need a new file")
     prepare_file(new)

@@ -19,6 +19,7 @@ from pydantic import (
     ValidationError,
 )
 
+from geometry.files.ordinary import unreadable
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
 from validation.scene.deformable import (
@@ -76,23 +77,37 @@ class SceneFile(BaseModel):
 def _read(source: str) -> tuple[str, str]:
     """Name and TOML text of a built-in scene or a file."""
     path = Path(source)
-    if path.suffix != ".toml" and not path.exists():
+    if path.suffix != ".toml" and unreadable(path) == "no such file":
         return source, builtin_text(source)
+    return path.stem, read_text(path, "a scene in TOML, or a name from `tubelock scenes`")
+
+
+def read_text(path: Path, expected: str) -> str:
+    """Text of a file that people wrote.
+
+    Raises
+    ------
+    InputError
+        Where there is none, naming what is expected.
+    """
+    why = unreadable(path)
+    if why is not None:
+        raise InputError(f"{path}: {why}; expected {expected}")
     try:
-        return path.stem, path.read_text("utf-8")
-    except FileNotFoundError:
+        return path.read_text("utf-8")
+    except UnicodeDecodeError as error:
         raise InputError(
-            f"{source}: no such file; expected a scene in TOML, or a name from `tubelock scenes`"
+            f"{path}: byte {error.start} is no UTF-8 text; expected {expected}"
         ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{source}: cannot be read as a scene ({error})") from None
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}; expected {expected}") from None
 
 
 def _value(text: str) -> Any:
     """Value of an override: TOML if it parses, else a plain string."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except ValueError:  # no TOML, or a number of thousands of digits
         return text
 
 
@@ -219,7 +234,7 @@ def scene_data(source: str) -> tuple[str, dict[str, Any]]:
     name, text = _read(source)
     try:
         return name, tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{source}: is not TOML: {error}") from None
 
 

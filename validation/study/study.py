@@ -27,11 +27,13 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
+from geometry.files.ordinary import unreadable
 from validation.errors import InputError
 from validation.scene.read import (
     SceneFile,
     apply_overrides,
     check_scene,
+    read_text,
     scene_data,
 )
 from validation.scene.usage import recording
@@ -188,14 +190,11 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
         One line: what was got, what is expected, what to do.
     """
     path = Path(source)
-    builtin = path.suffix != ".toml" and not path.exists()
-    try:
-        text = builtin_study_text(source) if builtin else path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{source}: cannot be read as a study ({error})") from None
+    builtin = path.suffix != ".toml" and unreadable(path) == "no such file"
+    text = builtin_study_text(source) if builtin else read_text(path, "a study in TOML")
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{source}: is not TOML: {error}") from None
     folder = None if builtin else path.parent
     study = check_study(data, source if builtin else path.stem, folder, overrides)

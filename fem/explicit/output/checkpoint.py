@@ -21,6 +21,7 @@ from fem.explicit.output.history import COLUMNS, History
 from fem.explicit.state import State
 from fem.explicit.step import System
 from geometry.errors import RefusedError
+from geometry.files.ordinary import unreadable
 
 FORMAT = 2
 
@@ -99,13 +100,12 @@ def read_checkpoint(path: Path, system: System, state: State) -> History:
 
 def _contents(path: Path) -> Contents:
     """Everything in a file, read whole."""
+    why = unreadable(path)
+    if why is not None:
+        raise CheckpointError(f"checkpoint {path}: {why}; start the run from the beginning")
     try:
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
-    except FileNotFoundError:
-        raise CheckpointError(
-            f"checkpoint {path}: no such file; start the run from the beginning"
-        ) from None
     # Bytes that are no such file raise what they like: of zip, of zlib, of numpy's headers.
     except Exception:
         raise CheckpointError(
