@@ -205,7 +205,7 @@ def _broken_json(out: Path, folder: Path) -> Iterator[str]:
     def refuse(constant: str) -> None:
         raise ValueError(f"{constant} is no JSON")
 
-    for path in (out, *folder.glob("result.json"), *folder.glob("*/*.json")):
+    for path in (out, *folder.glob("result.json"), *folder.glob("out/*.json")):
         if not path.is_file():
             continue
         text = path.read_text("utf-8", errors="replace")

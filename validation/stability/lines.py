@@ -247,6 +247,8 @@ def _file(random: Random, good: Path, folder: Path) -> str:
     """Return the path of a copy of a good file; every second one is no longer what it was."""
     path = folder / good.name
     if path != good:
+        if os.path.lexists(path):  # named twice by one line
+            return str(path)
         shutil.copy(good, path)
     if random.random() < 0.45:
         return str(path)
