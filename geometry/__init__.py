@@ -22,7 +22,12 @@ if TYPE_CHECKING:
     from geometry.families.sine_block import SineBlockParameters as SineBlock
     from geometry.families.tube import tube
     from geometry.files.mesh_io import contact_mesh
-    from geometry.load_case import Load, beam, pillar, pipe, shaft, tunnel
+    from geometry.loads.beam import beam
+    from geometry.loads.named import Load
+    from geometry.loads.pillar import pillar
+    from geometry.loads.pipe import pipe
+    from geometry.loads.shaft import shaft
+    from geometry.loads.tunnel import tunnel
 
 __all__ = [
     "Assembly",
@@ -42,15 +47,15 @@ __all__ = [
 _PLACES = {
     "Assembly": ("geometry.assembly", "Assembly"),
     "HexagonBlock": ("geometry.families.hexagon_block", "HexagonBlockParameters"),
-    "Load": ("geometry.load_case", "Load"),
+    "Load": ("geometry.loads.named", "Load"),
     "SineBlock": ("geometry.families.sine_block", "SineBlockParameters"),
-    "beam": ("geometry.load_case", "beam"),
+    "beam": ("geometry.loads.beam", "beam"),
     "contact_mesh": ("geometry.files.mesh_io", "contact_mesh"),
-    "pillar": ("geometry.load_case", "pillar"),
-    "pipe": ("geometry.load_case", "pipe"),
-    "shaft": ("geometry.load_case", "shaft"),
+    "pillar": ("geometry.loads.pillar", "pillar"),
+    "pipe": ("geometry.loads.pipe", "pipe"),
+    "shaft": ("geometry.loads.shaft", "shaft"),
     "tube": ("geometry.families.tube", "tube"),
-    "tunnel": ("geometry.load_case", "tunnel"),
+    "tunnel": ("geometry.loads.tunnel", "tunnel"),
 }
 
 

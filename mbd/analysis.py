@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 from typing import Protocol, cast
 
-from geometry.load_case import LoadCase
+from geometry.loads.case import LoadCase
 from geometry.measures import BlockMeasures, Measures, block_measures, measures
 from geometry.mesh import FloatArray, IntArray
 from geometry.placed_blocks import AnyBlocks

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.load_case import LoadCase
+from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.placed_blocks import AnyBlocks
 

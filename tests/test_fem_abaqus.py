@@ -25,9 +25,7 @@ from fem.decks.statement import (
     Hold,
     Joint,
     Motion,
-    PressureLoad,
     Procedure,
-    TractionLoad,
     loads_of_case,
 )
 from fem.element.hexahedron import ElementType
@@ -38,7 +36,8 @@ from geometry.assembly import Assembly
 from geometry.block import box_block
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.load_case import load_case
+from geometry.loads import load_case
+from geometry.loads.case import PressureLoad, TractionLoad
 from geometry.mesh import HEX_FACES
 from tests.conftest import random_rotation, tsb
 
@@ -70,7 +69,7 @@ def tube_deck(
         element=ElementType.INCOMPATIBLE,
         step=EXPLICIT,
         holds=tuple(Hold(b) for b in np.flatnonzero(load.fixed).tolist()),
-        loads=loads_of_case(tube, load),
+        loads=loads_of_case(load),
         joint=Joint(ExponentialLaw()),
     )
     return replace(deck, **changes)
@@ -552,17 +551,4 @@ def test_what_abaqus_has_no_words_for_is_refused_by_name(tube) -> None:
     case = load_case(tube, "pipe", 0.01)
     moments = replace(case, body_wrenches=np.ones((tube.n_blocks, 6)))
     with pytest.raises(DeckError, match="moments"):
-        loads_of_case(tube, moments)
-    varying = replace(case, tractions=case.area_vectors)
-    with pytest.raises(DeckError, match="vary from facet to facet"):
-        loads_of_case(tube, varying)
-    part = np.arange(5)
-    partial = replace(
-        case,
-        block=case.block[part],
-        quads=case.quads[part],
-        centroids=case.centroids[part],
-        area_vectors=case.area_vectors[part],
-    )
-    with pytest.raises(DeckError, match="named face"):
-        loads_of_case(tube, partial)
+        loads_of_case(moments)

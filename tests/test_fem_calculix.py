@@ -21,7 +21,7 @@ from fem.element.hexahedron import ElementType
 from fem.problem.effects import Effects, RayleighDamping
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.load_case import load_case
+from geometry.loads import load_case
 from geometry.mesh import HexMesh, mass_properties
 from tests.conftest import tsb
 from validation.compare.calculix import CalculixError, calculix_available, run_calculix
@@ -103,9 +103,7 @@ def test_flat_deck_names_only_what_it_defines() -> None:
 def test_tractions_become_nodal_forces_with_the_same_resultant() -> None:
     assembly = canonical(sine_tube(tsb(), COARSE, 1))
     case = load_case(assembly, "shaft", 0.01)
-    deck = replace(
-        tube_deck(COARSE), assembly=assembly, loads=loads_of_case(assembly, case), holds=()
-    )
+    deck = replace(tube_deck(COARSE), assembly=assembly, loads=loads_of_case(case), holds=())
     force = np.zeros(3)
     for _, row in card(deck, "CLOAD").rows():
         force[int(row[1]) - 1] += float(row[2])
@@ -229,9 +227,7 @@ def test_converter_expands_every_instance_and_drops_nothing(tmp_path: Path, case
 
     assembly = canonical(sine_tube(tsb(), COARSE, 2))
     load = load_case(assembly, case, 0.01)
-    deck = replace(
-        tube_deck(COARSE, Flavour.PAIRS), assembly=assembly, loads=loads_of_case(assembly, load)
-    )
+    deck = replace(tube_deck(COARSE, Flavour.PAIRS), assembly=assembly, loads=loads_of_case(load))
     if case == "shaft":
         # As the scene's deck: the converter has no traction in a cylindrical system.
         deck = replace(deck, loads=(as_nodal_forces(deck, deck.loads[0]),))

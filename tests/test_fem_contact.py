@@ -26,7 +26,7 @@ from geometry.assembly import Assembly, moved
 from geometry.families.brick_stack import brick_stack
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
-from geometry.load_case import load_case
+from geometry.loads import load_case
 from geometry.spacing import spacing_offsets
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)

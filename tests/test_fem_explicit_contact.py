@@ -21,7 +21,7 @@ from fem.static.solve import solve_static
 from geometry.assembly import moved
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.load_case import load_case
+from geometry.loads import load_case
 from tests.conftest import random_rotation, tsb
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)

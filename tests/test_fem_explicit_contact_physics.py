@@ -20,7 +20,7 @@ from fem.problem.effects import AdaptiveMassDamping, Effects, RayleighDamping
 from fem.problem.time_step import critical_time_step
 from geometry.assembly import Assembly
 from geometry.families.brick_stack import brick
-from geometry.load_case import LoadCase
+from geometry.loads.case import LoadCase
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)
 GRAVITY = 9810.0
@@ -47,17 +47,7 @@ def block_on_floor(
         fixed=layer == 0,
         unmatched_allowed=True,
     )
-    empty = np.empty((0, 3))
-    load = LoadCase(
-        name="none",
-        block=np.empty(0, dtype=np.int64),
-        quads=np.empty((0, 4), dtype=np.int64),
-        centroids=empty,
-        area_vectors=empty,
-        tractions=None,
-        pressure=0.0,
-        fixed=assembly.fixed,
-    )
+    load = LoadCase(assembly, "none", (), assembly.fixed)
     return deformable_assembly(assembly, load, CONCRETE, clearance=lift, **options)
 
 

@@ -21,7 +21,8 @@ from fem.static.solve import solve_static
 from geometry.families.brick_stack import brick_stack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.load_case import LoadCase, load_case
+from geometry.loads import load_case
+from geometry.loads.case import LoadCase
 from tests.conftest import tsb
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)
@@ -30,10 +31,7 @@ CONCRETE = Material(2.4e-9, 33e3, 0.2)
 def column(law, *, layers=1, material=CONCRETE):
     """Bricks 100 × 60 × 50 on each other between two rigid ones; no load."""
     wall = brick_stack((100.0, 60.0, 50.0), (2, 2, 2), columns=1, layers=layers)
-    none = np.empty((0, 3))
-    load = LoadCase(
-        "none", np.empty(0, np.int64), np.empty((0, 4), np.int64), none, none, None, 0.0, wall.fixed
-    )
+    load = LoadCase(wall, "none", (), wall.fixed)
     return deformable_assembly(wall, load, material, law=law)
 
 

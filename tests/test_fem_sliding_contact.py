@@ -27,7 +27,8 @@ from geometry.block import box_block
 from geometry.families.brick_stack import brick
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.load_case import LoadCase, load_case
+from geometry.loads import load_case
+from geometry.loads.case import LoadCase
 from geometry.mesh import HexMesh
 from tests.conftest import tsb
 
@@ -356,17 +357,7 @@ def test_a_column_of_boxes_of_different_mesh_carries_its_weight():
         layer=np.arange(3),
         fixed=np.array([True, False, False]),
     )
-    none = np.empty((0, 3))
-    load = LoadCase(
-        "weight",
-        np.empty(0, np.int64),
-        np.empty((0, 4), np.int64),
-        none,
-        none,
-        None,
-        0.0,
-        assembly.fixed,
-    )
+    load = LoadCase(assembly, "weight", (), assembly.fixed)
     gravity = np.array([0.0, 0.0, -9810.0])
     deformable = deformable_assembly(assembly, load, CONCRETE, finite_sliding=True, gravity=gravity)
     effects = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))

@@ -29,7 +29,8 @@ from geometry.assembly import Assembly, moved, renumbered
 from geometry.block import Block, box_block
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
-from geometry.load_case import LoadCase, load_case
+from geometry.loads import load_case
+from geometry.loads.case import LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import HexMesh
 from mbd import Norm, analyse
 
@@ -89,19 +90,11 @@ def column(n_blocks=2, *, shear=0.0, divisions=(2, 2, 2), height=20.0):
 
 def top_load(assembly, *, pressure=0.0, traction=None):
     """Load on the top face of the last block."""
-    block = assembly.n_blocks - 1
-    surface = assembly.shape(block).surface("z+")
-    n = surface.n_facets
-    return LoadCase(
-        name="top",
-        block=np.full(n, block),
-        quads=surface.quads,
-        centroids=assembly.place(block, surface.centroids),
-        area_vectors=surface.area_vectors,
-        tractions=None if traction is None else np.tile(traction, (n, 1)),
-        pressure=pressure,
-        fixed=assembly.fixed,
-    )
+    blocks = np.array([assembly.n_blocks - 1])
+    face = PressureLoad(blocks, "z+", pressure)
+    if traction is not None:
+        face = TractionLoad(blocks, "z+", np.asarray(traction))
+    return LoadCase(assembly, "top", (face,), assembly.fixed)
 
 
 @pytest.mark.parametrize("law", [ExponentialLaw(), LinearPenalty(500.0)], ids=["exp", "linear"])
@@ -152,19 +145,9 @@ def test_patch_test_across_a_conforming_interface(element):
     nodes[inner] += [0.8, -0.7, 1.1]
     shape = dataclasses.replace(shape, mesh=HexMesh(nodes, shape.mesh.elements))
     assembly = dataclasses.replace(assembly, shapes=(shape,))
-    faces = [name for name in shape.faces if name != "z-"]
-    surfaces = [shape.surface(name) for name in faces]
-    quads = np.concatenate([s.quads for s in surfaces])
-    load = LoadCase(
-        name="hydrostatic",
-        block=np.ones(len(quads), dtype=np.int64),
-        quads=quads,
-        centroids=np.concatenate([assembly.place(1, s.centroids) for s in surfaces]),
-        area_vectors=np.concatenate([s.area_vectors for s in surfaces]),
-        tractions=None,
-        pressure=0.4,
-        fixed=assembly.fixed,
-    )
+    block = np.array([1])
+    faces = tuple(PressureLoad(block, name, 0.4) for name in shape.faces if name != "z-")
+    load = LoadCase(assembly, "hydrostatic", faces, assembly.fixed)
     model = deformable_assembly(
         assembly, load, CONCRETE, element=element, normals=ContactNormals.REFERENCE
     )

@@ -15,7 +15,7 @@ from fem.static.solve import StaticError, solve_static
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import hexagon_tube, sine_tube
-from geometry.load_case import load_case
+from geometry.loads import load_case
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)
 TSB1 = SineBlockParameters(

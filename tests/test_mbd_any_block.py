@@ -19,7 +19,8 @@ from geometry.families.platonic_layers import (
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.families.voxels import voxel_assembly
-from geometry.load_case import LoadCase, load_case
+from geometry.loads import load_case
+from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray
 from geometry.placed_blocks import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral, polyhedral_assembly
@@ -218,14 +219,7 @@ def test_detected_contacts_agree_with_the_conforming_ones_on_the_sine_block() ->
     assert area == pytest.approx(exact, rel=0.005)
     load = load_case(fine, "pipe", 0.01)
     expected = analyse(fine, load, norm=Norm.PRESSURE)
-    bodies = replace(
-        load,
-        block=load.block[:0],
-        quads=load.quads[:0],
-        centroids=load.centroids[:0],
-        area_vectors=load.area_vectors[:0],
-        body_wrenches=block_wrenches(fine, load),
-    )
+    bodies = replace(load, faces=(), body_wrenches=block_wrenches(fine, load))
     found = analyse(mixed, bodies, norm=Norm.PRESSURE)
     assert found.mechanism is expected.mechanism
     assert found.measures is not None

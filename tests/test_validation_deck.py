@@ -12,9 +12,10 @@ import pytest
 
 from fem.decks.model import deck_assembly, deck_model
 from fem.decks.read.cards import read_cards
-from fem.decks.statement import CircumferentialLoad, Flavour, NodalForceLoad, Procedure
+from fem.decks.statement import Flavour, NodalForceLoad, Procedure
 from fem.decks.write import deck_lines
 from fem.element.hexahedron import ElementType
+from geometry.loads.case import CircumferentialLoad
 from validation.build.box import build_box
 from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable

@@ -20,7 +20,7 @@ from fem.problem.effects import AdaptiveMassDamping, EffectError, Effects
 from fem.problem.loads import SmoothStepAmplitude
 from fem.static.solve import solve_static
 from geometry.families.box_column import ColumnBox, box_column
-from geometry.load_case import face_pressure
+from geometry.loads.case import face_pressure
 from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable
 from validation.errors import InputError

@@ -26,7 +26,7 @@ from fem.problem.loads import pressure_forces, traction_forces, wrench_forces
 from fem.problem.model import BlockGroup, Model, NodalLoad, Support, block_group, fixed_nodes
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
-from geometry.load_case import LoadCase
+from geometry.loads.case import LoadCase
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.spacing import spacing_offsets
 
@@ -279,17 +279,19 @@ def block_load_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatAr
 
 def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray | None:
     """Forces of the loaded facets of one block in its own frame; None where it has none."""
-    mine = np.flatnonzero(load.block == block)
-    if not len(mine):
-        return None
-    mesh = assembly.shape(block).mesh
-    rotation = assembly.rotations[block]
-    if load.tractions is None:
-        forces = pressure_forces(mesh.nodes, load.quads[mine], load.pressure)
-    else:
-        local = load.tractions[mine] @ rotation
-        forces = traction_forces(mesh.nodes, load.quads[mine], local)
-    if load.without_couple:
+    mesh, rotation = assembly.shape(block).mesh, assembly.rotations[block]
+    forces: FloatArray | None = None
+    for found in load.facets:
+        mine = np.flatnonzero(found.block == block)
+        if not len(mine):
+            continue
+        if found.tractions is None:
+            part = pressure_forces(mesh.nodes, found.quads[mine], found.pressure)
+        else:
+            local = found.tractions[mine] @ rotation
+            part = traction_forces(mesh.nodes, found.quads[mine], local)
+        forces = part if forces is None else forces + part
+    if load.without_couple and forces is not None:
         # Equal shares on all surface nodes: their resultant acts at the mean of these nodes.
         surface = assembly.shape(block).surface_nodes
         resultant = forces.sum(axis=0)

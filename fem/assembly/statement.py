@@ -20,7 +20,8 @@ from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
-from geometry.load_case import Load, LoadCase, with_body_wrenches
+from geometry.loads.case import LoadCase, with_body_wrenches
+from geometry.loads.named import Load
 from geometry.mesh import FloatArray
 
 

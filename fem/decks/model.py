@@ -9,19 +9,11 @@ import numpy as np
 from fem.assembly.deformable import Contact, DeformableAssembly, DeformableAssemblyError
 from fem.contact.friction import CoulombFriction
 from fem.contact.surfaces import ContactNormals, check_initial_overlap, contact_surfaces
-from fem.decks.statement import (
-    BodyForceLoad,
-    CircumferentialLoad,
-    Deck,
-    DeckLoad,
-    Joint,
-    NodalForceLoad,
-    PressureLoad,
-    Procedure,
-)
+from fem.decks.statement import BodyForceLoad, Deck, DeckLoad, Joint, NodalForceLoad, Procedure
 from fem.element.hexahedron import block_lumped_mass
 from fem.problem.loads import SmoothStepAmplitude, pressure_forces, traction_forces
 from fem.problem.model import BlockGroup, Model, NodalLoad, Support, block_group, fixed_nodes
+from geometry.loads.case import CircumferentialLoad, PressureLoad
 from geometry.mesh import FloatArray, IntArray
 
 

@@ -20,7 +20,7 @@ from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.problem.effects import Effects
 from geometry.assembly import Assembly
-from geometry.load_case import LoadCase
+from geometry.loads.case import FaceLoad, LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.spacing import spacing_offsets
 
@@ -46,42 +46,6 @@ class Procedure(StrEnum):
 
 
 @dataclass(frozen=True)
-class PressureLoad:
-    """Pressure on the same face of some blocks."""
-
-    blocks: IntArray
-    """(n,)"""
-    face: str
-    """Name of the face."""
-    pressure: float
-    """Positive pushes inward [MPa]."""
-
-
-@dataclass(frozen=True)
-class TractionLoad:
-    """Dead traction of one direction on the same face of some blocks."""
-
-    blocks: IntArray
-    """(n,)"""
-    face: str
-    """Name of the face."""
-    traction: FloatArray
-    """World axes, (3,) [MPa]."""
-
-
-@dataclass(frozen=True)
-class CircumferentialLoad:
-    """Dead traction around the axis of the assembly, towards larger angle."""
-
-    blocks: IntArray
-    """(n,)"""
-    face: str
-    """Name of the face."""
-    traction: float
-    """[MPa]"""
-
-
-@dataclass(frozen=True)
 class BodyForceLoad:
     """Uniform force per volume on some blocks: its resultant acts at the mass centroid."""
 
@@ -103,9 +67,7 @@ class NodalForceLoad:
     """World axes, (n, 3) [N]."""
 
 
-DeckLoad: TypeAlias = (
-    PressureLoad | TractionLoad | CircumferentialLoad | BodyForceLoad | NodalForceLoad
-)
+DeckLoad: TypeAlias = FaceLoad | BodyForceLoad | NodalForceLoad
 
 
 @dataclass(frozen=True)
@@ -211,40 +173,25 @@ class Deck:
         return np.array(sorted(held), dtype=np.int64)
 
 
-def loads_of_case(assembly: Assembly, case: LoadCase) -> tuple[DeckLoad, ...]:
-    """Express a load case by loads on named faces.
+def loads_of_case(case: LoadCase) -> tuple[DeckLoad, ...]:
+    """Loads of a case, as a deck states them.
 
     Raises
     ------
     DeckError
-        A load that no deck can carry: facets that are no face of their block, tractions that
-        vary otherwise than around the axis, moments.
+        Moments, which no deck can carry.
     """
     if case.body_wrenches is not None:
         raise DeckError(
             f"load {case.name!r}: got forces and moments on whole blocks; expected loads on faces "
             "(a deck has gravity and body forces, no moment on a solid block)"
         )
-    if case.without_couple:
-        return (_surface_node_forces(assembly, case),)
-    blocks, face = _loaded_faces(assembly, case)
-    if case.tractions is None:
-        return (PressureLoad(blocks, face, case.pressure),)
-    if (case.tractions == case.tractions[0]).all():
-        return (TractionLoad(blocks, face, case.tractions[0]),)
-    arm = case.centroids - assembly.origin
-    around = np.cross(assembly.axis, arm)
-    around *= case.pressure / np.linalg.norm(around, axis=1, keepdims=True)
-    if not np.allclose(case.tractions, around, rtol=0.0, atol=1e-9 * abs(case.pressure)):
-        raise DeckError(
-            f"load {case.name!r}: its tractions vary from facet to facet; expected a pressure, a "
-            "constant traction or one around the axis, which are what a deck has words for"
-        )
-    return (CircumferentialLoad(blocks, face, case.pressure),)
+    return (_surface_node_forces(case),) if case.without_couple else case.faces
 
 
-def _surface_node_forces(assembly: Assembly, case: LoadCase) -> NodalForceLoad:
+def _surface_node_forces(case: LoadCase) -> NodalForceLoad:
     """Spread each block's resultant evenly over its surface nodes."""
+    assembly = case.assembly
     total = np.zeros((assembly.n_blocks, 3))
     np.add.at(total, case.block, case.facet_forces)
     blocks = np.unique(case.block)
@@ -252,20 +199,3 @@ def _surface_node_forces(assembly: Assembly, case: LoadCase) -> NodalForceLoad:
     shares = [np.tile(total[b] / len(n), (len(n), 1)) for b, n in zip(blocks, nodes, strict=True)]
     count = [len(n) for n in nodes]
     return NodalForceLoad(np.repeat(blocks, count), np.concatenate(nodes), np.concatenate(shares))
-
-
-def _loaded_faces(assembly: Assembly, case: LoadCase) -> tuple[IntArray, str]:
-    """Loaded blocks and the one face that is loaded on all of them."""
-    blocks = np.unique(case.block)
-    names = set()
-    for block in blocks:
-        quads = case.quads[case.block == block]
-        faces = assembly.shape(int(block)).faces
-        names.add(next((n for n, q in faces.items() if np.array_equal(q, quads)), None))
-    name = names.pop() if len(names) == 1 else None
-    if name is None:
-        raise DeckError(
-            f"load {case.name!r}: the loaded facets are not one and the same face of each loaded "
-            "block; expected a load on a named face"
-        )
-    return blocks, name

@@ -41,7 +41,7 @@ from fem.problem.time_step import critical_time_step
 from fem.static.solve import solve_static
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
-from geometry.load_case import load_case
+from geometry.loads import load_case
 from geometry.mesh import FloatArray
 from validation.benchmarks.stopwatch import best_cpu_seconds
 from validation.output.files import prepare_json, write_json

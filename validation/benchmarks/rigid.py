@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from geometry.load_case import load_case
+from geometry.loads import load_case
 from mbd import (
     clarabel_equilibrium,
     classify,

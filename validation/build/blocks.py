@@ -10,7 +10,7 @@ from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.families.sine_block import BlockParameterError, SineBlockParameters
 from geometry.joints import UnmatchedJoint
-from geometry.load_case import LoadCase
+from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray
 from geometry.placed_blocks import check_size
 from validation.errors import InputError

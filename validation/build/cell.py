@@ -9,14 +9,11 @@ the number of layers. `validation.effects.cell` measures it.
 from __future__ import annotations
 
 from geometry.assembly import Assembly
-from geometry.load_case import LoadCaseName
+from geometry.loads import CASES
 from geometry.placed_blocks import check_size
 from validation.errors import InputError
 from validation.scene.family import RoundScene, round_types
 from validation.scene.read import DeformableScene
-
-#: Loads that are the same on every layer.
-_REPEATING = (LoadCaseName.PIPE, LoadCaseName.TUNNEL)
 
 
 def check_cell(scene: DeformableScene, name: str) -> RoundScene:
@@ -33,10 +30,11 @@ def check_cell(scene: DeformableScene, name: str) -> RoundScene:
             f"{head}: got block.type {scene.block.type!r}, whose layers are not those of a tube; "
             f'expected {round_types()} blocks, or symmetry "auto"'
         )
-    if scene.load.case not in _REPEATING:
+    if not CASES[scene.load.case].every_layer:
+        known = " and ".join(case.name for case in CASES.values() if case.every_layer)
         raise InputError(
-            f"{head}: got load.case {str(scene.load.case)!r}, which differs from layer to layer; "
-            f"the cell takes {' and '.join(_REPEATING)}; {remedy}"
+            f"{head}: got load.case {scene.load.case!r}, which differs from layer to layer; "
+            f"the cell takes {known}; {remedy}"
         )
     if scene.assembly.layers < 2:
         raise InputError(

@@ -18,7 +18,6 @@ from fem.decks.calculix.deck import check_calculix
 from fem.decks.model import as_nodal_forces, deck_model
 from fem.decks.placement import canonical
 from fem.decks.statement import (
-    CircumferentialLoad,
     Deck,
     DeckLoad,
     DeckStep,
@@ -26,9 +25,7 @@ from fem.decks.statement import (
     Hold,
     Joint,
     Motion,
-    PressureLoad,
     Procedure,
-    TractionLoad,
     loads_of_case,
 )
 from fem.element.hexahedron import ElementType
@@ -37,6 +34,7 @@ from fem.problem.time_step import critical_time_step
 from geometry.assembly import Assembly
 from geometry.block import box_block
 from geometry.errors import RefusedError
+from geometry.loads.case import CircumferentialLoad, PressureLoad, TractionLoad
 from validation.build.blocks import HexahedralBlocks, require_matching
 from validation.build.box import build_material, copy_placements
 from validation.build.cell import refuse_cell
@@ -117,7 +115,7 @@ def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
         element=problem.element,
         step=step,
         holds=tuple(_tube_holds(problem)),
-        loads=loads_of_case(assembly, case),
+        loads=loads_of_case(case),
         joint=Joint(
             problem.law,
             None if friction is None else friction.coefficient,

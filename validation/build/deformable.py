@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from fem.assembly.deformable import (
     DeformableAssembly,
     Frames,
@@ -17,7 +15,7 @@ from fem.contact.surfaces import ContactNormals
 from fem.problem.model import Formulation
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
-from geometry.load_case import LoadCase
+from geometry.loads.case import LoadCase
 from validation.build.blocks import HexahedralBlocks, build_blocks, build_load, require_matching
 from validation.build.box import build_material
 from validation.build.cell import build_cell, is_cell
@@ -209,8 +207,7 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
 
 def _check_load(name: str, load: LoadCase, young_modulus: float) -> None:
     """Refuse a load beyond the modulus: strains would be of the order of one."""
-    acting = np.abs(load.pressure if load.tractions is None else load.tractions)
-    largest = float(acting.max(initial=0.0)) if acting.ndim else float(acting)
+    largest = load.largest_traction
     if largest > young_modulus:
         raise InputError(
             f"{name}: load.pressure: got {largest:g} MPa, more than material.young_modulus = "

@@ -16,7 +16,7 @@ from geometry.errors import RefusedError
 from geometry.files.block_files import read_blocks
 from geometry.files.hexahedral_solids import file_hexahedra, hexahedral_block
 from geometry.joints import UnmatchedJoint, matched_area
-from geometry.load_case import LoadCase
+from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray, IntArray, MeshError
 from geometry.placed_blocks import AssemblyError, check_size
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral

@@ -13,7 +13,7 @@ from geometry.families.masonry import circular_arch, running_bond_wall
 from geometry.families.platonic_layers import cubes_layer, octahedra_layer, tetrahedra_layer
 from geometry.families.voxels import voxel_assembly
 from geometry.files.block_files import read_blocks
-from geometry.load_case import LoadCase
+from geometry.loads.case import LoadCase
 from geometry.mesh import BoolArray, FloatArray
 from geometry.placed_blocks import AnyBlocks, AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
@@ -159,14 +159,10 @@ class BodyLoads:
     def load_case(self, assembly: AnyBlocks) -> LoadCase:
         """Dead and live load together."""
         return LoadCase(
-            name="dead and live load",
-            block=np.zeros(0, dtype=np.int64),
-            quads=np.zeros((0, 4), dtype=np.int64),
-            centroids=np.zeros((0, 3)),
-            area_vectors=np.zeros((0, 3)),
-            tractions=None,
-            pressure=0.0,
-            fixed=assembly.fixed,
+            assembly,
+            "dead and live load",
+            (),
+            assembly.fixed,
             body_wrenches=self.dead + self.live,
         )
 

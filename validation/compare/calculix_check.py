@@ -22,16 +22,7 @@ from rich.table import Table
 from fem.contact.law import ExponentialLaw
 from fem.decks.model import deck_assembly, deck_model
 from fem.decks.placement import canonical
-from fem.decks.statement import (
-    Deck,
-    DeckStep,
-    Flavour,
-    Hold,
-    Joint,
-    PressureLoad,
-    Procedure,
-    loads_of_case,
-)
+from fem.decks.statement import Deck, DeckStep, Flavour, Hold, Joint, Procedure, loads_of_case
 from fem.decks.write import write_deck
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
@@ -42,7 +33,8 @@ from geometry.assembly import Assembly
 from geometry.block import Block, box_block
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
-from geometry.load_case import load_case
+from geometry.loads import load_case
+from geometry.loads.case import PressureLoad
 from geometry.mesh import FloatArray
 from validation.compare.calculix import CalculixResult, calculix_available, run_calculix
 from validation.output.files import prepare_json, write_json
@@ -126,7 +118,7 @@ def tube_deck(divisions: SineBlockDivisions, flavour: Flavour = Flavour.CALCULIX
         element=ElementType.INCOMPATIBLE,
         step=DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=False),
         holds=tuple(Hold(block) for block in np.flatnonzero(case.fixed).tolist()),
-        loads=loads_of_case(assembly, case),
+        loads=loads_of_case(case),
         joint=Joint(ExponentialLaw(1e-4, 1e-4, 1e7)),
     )
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from geometry.families.sine_block import LayerTurn, SineBlockParameters, wave, waves_of_turn
-from geometry.load_case import load_case
+from geometry.loads import load_case
 from mbd import contact_jacobian, generalized_force, solve_linear_programs
 from validation.build.blocks import block_parameters
 from validation.errors import InputError

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from geometry.load_case import LoadCase, surface_means
+from geometry.loads.case import LoadCase, PressureLoad, TractionLoad, surface_means
 from geometry.measures import Measures
 from mbd import analyse
 from validation.paper.reference import reference
@@ -120,7 +120,12 @@ def _one_direction(load: LoadCase) -> LoadCase:
     """Load of one constant direction, inward through the middle of the loaded face."""
     inward = -load.area_vectors.sum(axis=0)
     inward /= np.linalg.norm(inward)
-    return replace(load, tractions=np.tile(load.pressure * inward, (len(load.block), 1)))
+    acts = tuple(
+        TractionLoad(face.blocks, face.face, face.pressure * inward)
+        for face in load.faces
+        if isinstance(face, PressureLoad)
+    )
+    return replace(load, faces=acts)
 
 
 def _with_load(change: Callable[[RigidRun], LoadCase], only: str) -> Callable[..., Values | None]:
@@ -136,7 +141,9 @@ def _with_load(change: Callable[[RigidRun], LoadCase], only: str) -> Callable[..
 
 
 def _at_mass_centroid(run: RigidRun) -> LoadCase:
-    return replace(run.load, centroids=run.assembly.centroids[run.load.block])
+    forces = np.zeros((run.assembly.n_blocks, 6))
+    np.add.at(forces[:, :3], run.load.block, run.load.facet_forces)
+    return replace(run.load, faces=(), body_wrenches=forces)
 
 
 def _radii(solve: Solve) -> str:

@@ -31,6 +31,7 @@ from geometry.families.sine_block import (
     sine_block_points,
     waves_of_turn,
 )
+from geometry.loads import CASES
 from geometry.mesh import FloatArray, MeshError
 from validation.build.blocks import block_parameters
 from validation.build.box import build_material
@@ -42,9 +43,6 @@ from validation.scene.read import DeformableScene, TubeScene
 
 #: Contact points of one sector at most: the contact problem is dense.
 _MOST_POINTS = 7000
-
-#: Faces on which a load case presses on every free block alike.
-_PRESSED = {"pipe": "inner", "tunnel": "outer"}
 
 
 @dataclass(frozen=True)
@@ -140,7 +138,7 @@ def _checked(name: str, scene: DeformableScene) -> TubeScene:
         refuse(f'fem.symmetry = "{scene.fem.symmetry}"', '"auto" or "sector"')
     if scene.fem.frames:
         refuse("fem.frames", "none")
-    if str(scene.load.case) not in _PRESSED:
+    if not CASES[scene.load.case].every_layer:
         refuse(f"load case {scene.load.case}", "pipe or tunnel")
     if scene.contact.spacing:
         refuse("contact.spacing", "contact.clearance")
@@ -180,7 +178,7 @@ def _solved(scene: TubeScene, degree: int) -> tuple[TubeState, dict[str, Measure
     # Odd layers are turned towards larger angles: the one above an odd one is turned back.
     turned = tuple(-turn if layer % 2 else turn for layer in range(1, layers))
     law, clearance = contact_law(scene.contact), scene.contact.clearance
-    force = face_pressure(lattice, _PRESSED[str(scene.load.case)], scene.load.pressure)
+    force = face_pressure(lattice, CASES[scene.load.case].face, scene.load.pressure)
     state = solve_layered_tube(seen, LayeredJoints(layers, turned), force, law, clearance=clearance)
     angle = turn / scene.mesh.around * block.block_angle
     return state, _measures(state, scene, law, block, angle)

@@ -5,14 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-#: Load cases in words.
-LOAD_WORDS = {
-    "pipe": "internal pressure",
-    "tunnel": "external pressure",
-    "pillar": "axial pressure",
-    "beam": "pressure on one block",
-    "shaft": "tangential traction",
-}
+from geometry.loads import named_load
 
 
 def load_words(scene: Any) -> str:
@@ -23,7 +16,7 @@ def load_words(scene: Any) -> str:
     elif hasattr(load, "case"):
         layer = "" if load.layer is None else f" (layer {load.layer})"
         printed = ", as printed" if load.as_printed else ""
-        words = LOAD_WORDS.get(str(load.case), str(load.case))
+        words = named_load(load.case).words
         parts = [f"{words} {load.pressure:g} MPa{layer}{printed}"]
     elif hasattr(load, "pressure"):
         parts = [f"pressure {load.pressure:g} MPa on top"]

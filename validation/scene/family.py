@@ -14,7 +14,7 @@ from validation.scene.sections import RigidSection, Section, TubeAssemblySection
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
     from geometry.joints import UnmatchedJoint
-    from geometry.load_case import LoadCase
+    from geometry.loads.case import LoadCase
 
 
 class BlockSection(Section):
@@ -60,7 +60,7 @@ class AssemblyScene(DeformableSections):
         RefusedError
             When they cannot take it.
         """
-        from geometry.load_case import load_case
+        from geometry.loads import load_case
 
         load = self.load
         assert isinstance(load, TubeLoadSection)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, get_args
 
-from pydantic import ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, ConfigDict, Field, ValidationInfo, field_validator
 
-from geometry.load_case import LoadCaseName
+from geometry.loads import CASES
 from mbd import Norm, Solver
 from mbd.friction import FrictionLaw
 from validation.scene.docstrings import field_docstrings
@@ -16,6 +16,16 @@ from validation.scene.usage import Recorded
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+def _known_load(name: str) -> str:
+    if name not in CASES:
+        raise ValueError(f"expected one of {', '.join(CASES)}")
+    return name
+
+
+#: Name of a load case, one of the files of `geometry.loads`.
+LoadName = Annotated[str, AfterValidator(_known_load), Field(json_schema_extra={"enum": [*CASES]})]
 
 
 def _leaves(annotation: Any) -> set[Any]:
@@ -76,7 +86,7 @@ class TubeAssemblySection(Section):
 class TubeLoadSection(Section):
     """``[load]`` of a tube: one of the five load cases."""
 
-    case: LoadCaseName
+    case: LoadName
     pressure: Finite = 0.01
     """Load pressure [MPa]."""
     as_printed: bool = False

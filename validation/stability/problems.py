@@ -16,7 +16,7 @@ from geometry.assembly import Assembly
 from geometry.families.brick_stack import brick_stack
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
-from geometry.load_case import LoadCase
+from geometry.loads.case import LoadCase, face_pressure
 from geometry.mesh import FloatArray
 
 CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
@@ -54,19 +54,7 @@ def stack(layers: int = 2, *, top_fixed: bool = False) -> Assembly:
 
 def pressed(assembly: Assembly, pressure: float, *, face: str = "top") -> LoadCase:
     """Pressure on one face of the last block of a stack [MPa]; positive pushes inward."""
-    block = assembly.n_blocks - 1
-    shape = assembly.shape(block)
-    surface = shape.surface(face)
-    return LoadCase(
-        name=f"pressure on {face}",
-        block=np.full(surface.n_facets, block),
-        quads=surface.quads,
-        centroids=surface.centroids + assembly.translations[block],
-        area_vectors=surface.area_vectors,
-        tractions=None,
-        pressure=pressure,
-        fixed=assembly.fixed.copy(),
-    )
+    return face_pressure(assembly, np.array([assembly.n_blocks - 1]), face, pressure)
 
 
 def deformable(

@@ -9,7 +9,8 @@ import scipy.sparse as sp
 
 from geometry.assembly import Assembly, moved
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.load_case import LoadCase, load_case
+from geometry.loads import load_case
+from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray
 from geometry.placed_blocks import AssemblyError
 from mbd import (

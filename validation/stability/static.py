@@ -16,7 +16,7 @@ from geometry.assembly import moved
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import hexagon_cell
-from geometry.load_case import load_case
+from geometry.loads import load_case
 from geometry.mesh import FloatArray
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.contact_law import COLUMN_LAW, TOLERANCE, column_checks, solved_column
@@ -78,13 +78,7 @@ def _huge() -> Finding:
 @CASES.add("zero-load-static", "No load between fixed rows: equilibrium of touching surfaces")
 def _no_load() -> Finding:
     assembly = stack(2, top_fixed=True)
-    load = replace(pressed(assembly, 0.0), block=np.zeros(0, dtype=np.int64))
-    empty = replace(
-        load,
-        quads=load.quads[:0],
-        centroids=load.centroids[:0],
-        area_vectors=load.area_vectors[:0],
-    )
+    empty = replace(pressed(assembly, 0.0), faces=())
     result = solve_static(deformable(assembly, empty), StaticOptions(symmetry=1))
     # Surfaces press a little where they just touch; nothing can press more than that.
     touching = float(ExponentialLaw().pressure(0.0))

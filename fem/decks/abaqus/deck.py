@@ -36,9 +36,10 @@ from fem.decks.names import (
     check_deck,
 )
 from fem.decks.placement import placement_rows
-from fem.decks.statement import CircumferentialLoad, Deck, Flavour, Procedure
+from fem.decks.statement import Deck, Flavour, Procedure
 from fem.element.hexahedron import ElementType
 from geometry.block import Block
+from geometry.loads.case import CircumferentialLoad
 from geometry.mesh import IntArray
 
 

@@ -12,16 +12,8 @@ import numpy as np
 from fem.decks.faces import Patches
 from fem.decks.keywords import keyword, label, real, reals
 from fem.decks.names import ALL, CYLINDRICAL, JOINT, LOADING, block_label
-from fem.decks.statement import (
-    BodyForceLoad,
-    CircumferentialLoad,
-    Deck,
-    DeckLoad,
-    NodalForceLoad,
-    PressureLoad,
-    Procedure,
-    TractionLoad,
-)
+from fem.decks.statement import BodyForceLoad, Deck, DeckLoad, NodalForceLoad, Procedure
+from geometry.loads.case import CircumferentialLoad, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray
 
 ENERGIES = ("ALLAE", "ALLFD", "ALLIE", "ALLKE", "ALLSE", "ALLVD", "ALLWK", "ETOTAL")

@@ -31,9 +31,10 @@ from fem.decks.faces import Patches, contact_patches
 from fem.decks.keywords import DeckError, keyword, label, real, reals
 from fem.decks.model import block_nodes, nodal_forces
 from fem.decks.names import JOINT, LOADING, MATERIAL, block_label, check_deck
-from fem.decks.statement import Deck, DeckLoad, PressureLoad, Procedure
+from fem.decks.statement import Deck, DeckLoad, Procedure
 from fem.element.hexahedron import ElementType
 from fem.problem.loads import SmoothStepAmplitude
+from geometry.loads.case import PressureLoad
 from geometry.mesh import FloatArray
 
 #: Points of a table that CalculiX reads with NODE TO SURFACE.

@@ -11,8 +11,9 @@ from fem.decks.faces import ElementFaces, Patches, element_faces
 from fem.decks.keywords import element_lines, entry_lines, keyword, label, node_lines
 from fem.decks.model import block_nodes
 from fem.decks.names import block_label
-from fem.decks.statement import Deck, Hold, PressureLoad
+from fem.decks.statement import Deck, Hold
 from fem.element.hexahedron import ElementType
+from geometry.loads.case import PressureLoad
 from geometry.mesh import BoolArray
 
 #: Element of each formulation: CalculiX' C3D8 is plain full integration, unlike Abaqus'.

@@ -9,16 +9,8 @@ import numpy as np
 from fem.decks.keywords import DeckError, name_of
 from fem.decks.read.cards import Card, floats
 from fem.decks.read.sections import Sections, block_entry
-from fem.decks.statement import (
-    BodyForceLoad,
-    CircumferentialLoad,
-    DeckLoad,
-    DeckStep,
-    NodalForceLoad,
-    PressureLoad,
-    Procedure,
-    TractionLoad,
-)
+from fem.decks.statement import BodyForceLoad, DeckLoad, DeckStep, NodalForceLoad, Procedure
+from geometry.loads.case import CircumferentialLoad, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from geometry.assembly import Assembly
 from geometry.files.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
 from geometry.joints import UnmatchedJoint
-from geometry.load_case import LoadCase, with_body_wrenches
+from geometry.loads.case import LoadCase, with_body_wrenches
 from geometry.mesh import FloatArray
 from mbd import (
     Measures,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.load_case import LoadCase
+from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import ContactPolygons

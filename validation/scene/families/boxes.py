@@ -12,7 +12,7 @@ from validation.scene.sections import Finite, Positive, Section, fewer
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
     from geometry.joints import UnmatchedJoint
-    from geometry.load_case import LoadCase
+    from geometry.loads.case import LoadCase
 
 
 class StackedBoxSection(Section):
@@ -59,7 +59,7 @@ class BoxesScene(AssemblyScene):
         """Press on the top."""
         import numpy as np
 
-        from geometry.load_case import face_pressure
+        from geometry.loads.case import face_pressure
 
         return face_pressure(assembly, np.array([assembly.n_blocks - 1]), "z+", self.load.pressure)
 
