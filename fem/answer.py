@@ -11,13 +11,19 @@ import numpy as np
 from fem.assembly.contact_state import ContactState
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.measures import ContactMeasures, contact_measures
+from fem.explicit.setup.statement import ExplicitStatement
 from fem.explicit.solve import ExplicitResult
 from fem.problem.recovery import Recovered, recover
 from fem.static.result import StaticResult
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 
 if TYPE_CHECKING:
     import pyvista as pv
+
+
+class AnswerError(RefusedError):
+    """What an answer does not have."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +44,20 @@ class Answer:
     """Whether the rigid rotation of each block is no strain."""
     solver: StaticResult | ExplicitResult
     """What the solver says of itself: residual, energies, steps."""
+    statement: ExplicitStatement | None = None
+    """What an explicit run solved, with its times; None for a static state."""
+    restarts: int = 0
+    """How often an explicit run began again because contact outgrew its time step."""
+
+    @property
+    def static(self) -> StaticResult | None:
+        """What a static solver says; None for an explicit run."""
+        return self.solver if isinstance(self.solver, StaticResult) else None
+
+    @property
+    def explicit(self) -> ExplicitResult | None:
+        """What an explicit run says; None for a static state."""
+        return self.solver if isinstance(self.solver, ExplicitResult) else None
 
     @cached_property
     def displacements(self) -> FloatArray:
@@ -62,7 +82,8 @@ class Answer:
         return np.concatenate(parts)
 
     @cached_property
-    def _recovered(self) -> tuple[Recovered, ...]:
+    def recovered(self) -> tuple[Recovered, ...]:
+        """Stresses of each group of congruent blocks at its nodes and integration points."""
         return tuple(
             recover(group, moved, finite_rotation=self.finite_rotation)
             for group, moved in zip(
@@ -73,12 +94,12 @@ class Answer:
     @cached_property
     def stresses(self) -> FloatArray:
         """At all nodes in the order xx, yy, zz, xy, yz, xz, (n_nodes, 6) [MPa]."""
-        return np.concatenate([r.stress.reshape(-1, 6) for r in self._recovered])
+        return np.concatenate([r.stress.reshape(-1, 6) for r in self.recovered])
 
     @cached_property
     def principal_stresses(self) -> FloatArray:
         """σ₁ ≥ σ₂ ≥ σ₃ at all nodes, tension positive, (n_nodes, 3) [MPa]."""
-        return np.concatenate([r.principal.reshape(-1, 3) for r in self._recovered])
+        return np.concatenate([r.principal.reshape(-1, 3) for r in self.recovered])
 
     @property
     def contact_pressures(self) -> FloatArray:
@@ -97,7 +118,17 @@ class Answer:
 
     @cached_property
     def measures(self) -> ContactMeasures:
-        """p_max, p_eff and the other measures of the paper."""
+        """p_max, p_eff and the other measures of the paper.
+
+        Raises
+        ------
+        AnswerError
+            For single bodies.
+        """
+        if not self.deformable.meets:
+            raise AnswerError(
+                "measures: got single bodies, which have no contact; expected blocks that meet"
+            )
         return contact_measures(self.deformable.assembly, self.contact_state)
 
     @property

@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Literal
 
 from fem.answer import Answer
+from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem, ProblemError
-from fem.explicit.setup.statement import explicit_statement
-from fem.explicit.solve import StopCriterion, UnstableRun, solve
+from fem.explicit.output.checkpoint import OtherProblemError
+from fem.explicit.setup.assembly import ExplicitAssembly
+from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
+from fem.explicit.solve import (
+    ExplicitResult,
+    Frame,
+    Output,
+    Progress,
+    StopCriterion,
+    UnstableRun,
+    solve,
+)
 from fem.problem.effects import AdaptiveMassDamping, Effects
+from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.rotation import solve_static_with_rotation
 from fem.static.solve import StaticError, StaticOptions
 from fem.static.solve import solve_static as solve_blocks
@@ -32,7 +46,7 @@ def solve_static(problem: Problem, options: StaticOptions | None = None) -> Answ
     Raises
     ------
     ProblemError
-        Finite sliding, which needs an explicit run.
+        Finite sliding or an initial motion, which need an explicit run.
     StaticError
         No equilibrium, or none that was found.
     ContactError, DeformableAssemblyError, SymmetryError
@@ -43,15 +57,35 @@ def solve_static(problem: Problem, options: StaticOptions | None = None) -> Answ
             "finite_sliding: static blocks stay on the facets that they meet; expected it off, or "
             "solve_explicit"
         )
-    run = solve_static_with_rotation if problem.finite_rotation else solve_blocks
-    result = run(problem.deformable, options)
+    problem.refuse_motion()
+    return static_answer(problem.deformable, options, finite_rotation=problem.finite_rotation)
+
+
+def static_answer(
+    deformable: DeformableAssembly,
+    options: StaticOptions | None = None,
+    *,
+    finite_rotation: bool = False,
+    store: FlexibilityStore | None = None,
+) -> Answer:
+    """Find the static state of blocks that are built: see `solve_static`.
+
+    Runs that share a ``store`` condense the same blocks once.
+
+    Raises
+    ------
+    StaticError, SymmetryError
+        As `solve_static`.
+    """
+    run = solve_static_with_rotation if finite_rotation else solve_blocks
+    result = run(deformable, options, store=store)
     if not result.converged:
         raise StaticError(result.status)
     return Answer(
-        deformable=problem.deformable,
+        deformable=deformable,
         group_displacements=result.displacements,
         contact_state=result.contact_state,
-        finite_rotation=problem.finite_rotation,
+        finite_rotation=finite_rotation,
         solver=result,
     )
 
@@ -105,24 +139,112 @@ def solve_explicit(
         symmetry=symmetry,
         ramp_time=ramp_time,
         end_time=end_time,
+        motion=problem.motion,
     )
-    stated = state()
-    stop = StopCriterion(residual=residual if static else 0.0, not_before=stated.ramp_time)
+    return explicit_answer(
+        state(),
+        lambda counted: state(counted_pressure=counted),
+        residual=residual if static else 0.0,
+        threads=threads,
+    )
+
+
+def explicit_answer(
+    stated: ExplicitStatement,
+    again: Callable[[float], ExplicitStatement],
+    *,
+    residual: float = 0.0,
+    time_step: float | None = None,
+    safety_factor: float = 0.9,
+    precision: str = "float64",
+    threads: int = 1,
+    sample_interval: int = 50,
+    output: Output | None = None,
+    resume: Path | None = None,
+) -> Answer:
+    """Run what is stated: see `solve_explicit`.
+
+    Parameters
+    ----------
+    stated
+        The explicit problem and its times.
+    again
+        States it once more, with more contact stiffness counted in [MPa]: a run whose contact
+        grows stiffer than its time step allows starts again with a shorter one.
+    residual
+        Unbalanced over applied force at which the run stops [-]; 0: it is watched, no more.
+    time_step, safety_factor, precision, threads, sample_interval, resume
+        As in `fem.explicit.solve.solve`.
+    output
+        Frames have the displacements of all blocks, samples the energies of all.
+
+    Raises
+    ------
+    UnstableRun, TimeStepError, StateError, CheckpointError
+        As `fem.explicit.solve.solve`.
+    """
+    restarts = 0
+    watched = residual > 0.0 or stated.recommended is not None
     while True:
+        whole = stated.assembly
         try:
-            model = stated.assembly.model
-            result = solve(model, end_time=stated.end_time, threads=threads, stop=stop)
+            result = solve(
+                whole.model,
+                end_time=stated.end_time,
+                time_step=time_step,
+                safety_factor=safety_factor,
+                precision=precision,
+                threads=threads,
+                sample_interval=sample_interval,
+                velocities=stated.velocities,
+                stop=StopCriterion(residual, stated.ramp_time) if watched else None,
+                output=None if output is None else _of_all_blocks(output, whole),
+                resume=resume,
+            )
             break
-        except UnstableRun:
-            counted = stated.more_counted()
+        except (UnstableRun, OtherProblemError) as error:
+            # A checkpoint may be that of a run that had started again.
+            counted = None if time_step is not None else stated.more_counted()
             if counted is None:
                 raise
-            stated = state(counted_pressure=counted)
-    whole = stated.assembly
+            if isinstance(error, UnstableRun):
+                resume, restarts = None, restarts + 1
+            stated = again(counted)
     return Answer(
-        deformable=problem.deformable,
+        deformable=whole.deformable,
         group_displacements=whole.expand(result.displacements),
         contact_state=whole.contact_state(result.displacements),
-        finite_rotation=effects.finite_rotation,
-        solver=result,
+        finite_rotation=whole.model.effects.finite_rotation,
+        solver=_of_all_copies(result, whole.orbits.order),
+        statement=stated,
+        restarts=restarts,
+    )
+
+
+def _of_all_blocks(output: Output, whole: ExplicitAssembly) -> Output:
+    """Callbacks that are told of all blocks where one of so many sectors is computed."""
+    on_frame, progress = output.on_frame, output.progress
+
+    def frame(found: Frame) -> None:
+        assert on_frame is not None
+        on_frame(replace(found, displacements=whole.expand(found.displacements)))
+
+    def tell(found: Progress) -> None:
+        assert progress is not None
+        progress(replace(found, energies=found.energies.times(whole.orbits.order)))
+
+    return replace(
+        output,
+        on_frame=None if on_frame is None else frame,
+        progress=None if progress is None else tell,
+    )
+
+
+def _of_all_copies(result: ExplicitResult, copies: int) -> ExplicitResult:
+    """Result with the energies of the whole tube where one of so many sectors was computed."""
+    energies = result.energies
+    return replace(
+        result,
+        energies=None if energies is None else energies.times(copies),
+        history=result.history.times(copies),
     )

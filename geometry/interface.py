@@ -136,6 +136,8 @@ def _near_pairs(facets: Sequence[_Facets], blocks: _Blocks) -> IntArray:
 
 def _placements(pairs: IntArray, size: float, blocks: _Blocks) -> list[_Placement]:
     """Distinct ways in which the blocks of pairs lie beside each other."""
+    if not len(pairs):
+        return []
     m, s = pairs.T
     shape_of = blocks.shape_of
     back = blocks.rotations[m].transpose(0, 2, 1)

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fem.assembly.statement import Motion
 from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.decks.abaqus.deck import abaqus_lines
 from fem.decks.keywords import NUMBER_LENGTH, DeckError, label, name_of, real
@@ -24,7 +25,6 @@ from fem.decks.statement import (
     Flavour,
     Hold,
     Joint,
-    Motion,
     Procedure,
     loads_of_case,
 )

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fem.assembly.statement import Motion
 from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.decks.calculix.deck import TABLE_POINTS, law_table
 from fem.decks.faces import contact_patches
@@ -15,7 +16,7 @@ from fem.decks.keywords import DeckError
 from fem.decks.model import as_nodal_forces, block_nodes, deck_assembly, nodal_forces
 from fem.decks.placement import canonical
 from fem.decks.read.cards import read_cards
-from fem.decks.statement import Deck, Flavour, Joint, Motion, Procedure, loads_of_case
+from fem.decks.statement import Deck, Flavour, Joint, Procedure, loads_of_case
 from fem.decks.write import deck_lines, write_deck
 from fem.element.hexahedron import ElementType
 from fem.problem.effects import Effects, RayleighDamping

@@ -21,7 +21,7 @@ from tests.test_validation_own_fem import deformable
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
 from validation.run.curved import CurvedRun, run_curved
-from validation.run.static import run_tube_static
+from validation.run.static import run_static
 
 CONCRETE = Material(2.4e-9, 33e3, 0.2)
 TSB1 = SineBlockParameters(
@@ -158,7 +158,7 @@ def test_two_independent_discretisations_agree(case: str) -> None:
     for around, radial, axial in ((24, 4, 8), (36, 6, 12)):
         mesh = (f"mesh.around={around}", f"mesh.radial={radial}", f"mesh.axial={axial}")
         scene = deformable(f"tsb1-{case}", "assembly.layers=2", *mesh)
-        found.append(run_tube_static("trilinear", scene).largest_displacement)
+        found.append(run_static("trilinear", scene).largest_displacement)
     step = 2.0 * abs(found[1] - found[0])
     measure = run.measures["max_displacement"]
     assert measure.error is not None

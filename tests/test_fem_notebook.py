@@ -14,7 +14,7 @@ from geometry import HexagonBlock, SineBlock, beam, contact_mesh, pillar, pipe, 
 from geometry.families.sine_block import BlockParameterError
 from geometry.placed_blocks import AssemblyError
 from mbd import analyse
-from validation.run.static import run_tube_static
+from validation.run.static import run_static
 from validation.scene.read import load_scene
 
 SHAPE = {
@@ -76,7 +76,7 @@ def test_three_answers_are_those_of_the_scene(problem, static) -> None:
     pressures follow forces with a gain of some ten."""
     settings = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
     scene = load_scene("tsb1-pipe", settings).scene
-    run = run_tube_static("scene", scene)  # type: ignore[arg-type]
+    run = run_static("scene", scene)  # type: ignore[arg-type]
     assert np.array_equal(run.facet_pressures, static.contact_pressures)
     explicit = solve_explicit(problem)
     assert explicit.residual is not None

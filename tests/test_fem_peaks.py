@@ -12,17 +12,17 @@ from fem.element.stress import integration_points
 from tests.test_validation_own_fem import column
 from validation.build.deformable import build_deformable
 from validation.output.deformable import print_blocks
-from validation.run.deformable import TubeRun
+from validation.run.deformable import DeformableRun
 from validation.run.measures import Measure, value_words
-from validation.run.static import run_tube_static
+from validation.run.static import run_static
 
 PRESSURE = 0.5
 
 
 @pytest.fixture(scope="module")
-def pressed() -> TubeRun:
+def pressed() -> DeformableRun:
     """Three boxes of 100 × 80 mm under 0.5 MPa: uniaxial stress, the same pressure everywhere."""
-    return run_tube_static("column", column(PRESSURE))
+    return run_static("column", column(PRESSURE))
 
 
 @pytest.mark.parametrize("normals", ContactNormals)
@@ -44,7 +44,7 @@ def test_overclosures_at_corners_are_those_of_the_surfaces(normals: ContactNorma
     assert np.abs(found @ FACET_VALUES.T - at_points).max() < 1e-13
 
 
-def test_a_uniform_state_is_its_own_peak(pressed: TubeRun) -> None:
+def test_a_uniform_state_is_its_own_peak(pressed: DeformableRun) -> None:
     found = pressed.measures
     # The static residual is 1e-8 of the load; a joint is as stiff as the boxes within tenfold.
     assert found["p_max_point"].value == pytest.approx(PRESSURE, rel=1e-6)
@@ -60,7 +60,7 @@ def test_a_uniform_state_is_its_own_peak(pressed: TubeRun) -> None:
     assert where["face"] == "z+"
 
 
-def test_joints_carry_the_load(pressed: TubeRun) -> None:
+def test_joints_carry_the_load(pressed: DeformableRun) -> None:
     joints = joint_forces(pressed.contact_state)
     assert [j.blocks for j in joints] == [(0, 1), (1, 2)]
     for joint in joints:
@@ -70,7 +70,7 @@ def test_joints_carry_the_load(pressed: TubeRun) -> None:
         assert np.abs(joint.moment).max() < 4000.0 * 100.0 * 1e-6
 
 
-def test_balls_average_over_the_part_in_the_block(pressed: TubeRun) -> None:
+def test_balls_average_over_the_part_in_the_block(pressed: DeformableRun) -> None:
     """A constant stays; a linear field becomes its value at the ball's part in the block."""
     group = pressed.deformable.model.groups[0]
     points = integration_points(group.mesh, group.element)
@@ -142,7 +142,7 @@ def test_values_print_the_digits_their_error_leaves() -> None:
     assert value_words(Measure(0.5, "MPa")) == "0.5 MPa"
 
 
-def test_places_are_printed(pressed: TubeRun, capsys: pytest.CaptureFixture[str]) -> None:
+def test_places_are_printed(pressed: DeformableRun, capsys: pytest.CaptureFixture[str]) -> None:
     from rich.console import Console
 
     print_blocks(pressed, Console(width=300))

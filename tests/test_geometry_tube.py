@@ -249,7 +249,7 @@ def test_no_layers_and_missing_layers_are_refused(small_tube: Assembly) -> None:
         sine_tube(tsb(), SineBlockDivisions(24, 2, 2), 0)
     with pytest.raises(LoadCaseError, match=r"load\.layer: got 4.*from 1 to 3"):
         load_case(small_tube, "shaft", 0.01, layer=4)
-    with pytest.raises(LoadCaseError, match="expected one of .*pipe"):
+    with pytest.raises(LoadCaseError, match=r"load\.case: got .pipes."):
         load_case(small_tube, "pipes", 0.01)
 
 

@@ -16,8 +16,8 @@ from validation.compare.answers import compare
 from validation.effects.auto import EffectsDecision, decide_effects, without_effect
 from validation.effects.probe import Answer, Change, answer_of_run, change
 from validation.errors import InputError
-from validation.run.explicit import run_tube_explicit
-from validation.run.static import run_tube_static
+from validation.run.explicit import run_explicit
+from validation.run.static import run_static
 from validation.scene.deformable import EffectName, EffectsSection
 from validation.scene.read import DeformableScene, load_scene, with_auto
 
@@ -57,11 +57,11 @@ def test_decisions_are_those_of_the_full_runs() -> None:
     everything = scene.model_copy(
         update={"effects": scene.effects.model_copy(update={"auto": None, "elastic_frame": True})}
     )
-    reference = answer_of_run(run_tube_static("tube", everything))
+    reference = answer_of_run(run_static("tube", everything))
     for decision in found.decisions:
         if decision.effect is EffectName.FINITE_ROTATION:
             continue
-        without = run_tube_static("tube", without_effect(everything, decision.effect))
+        without = run_static("tube", without_effect(everything, decision.effect))
         true = change(reference, answer_of_run(without))
         assert decision.change is not None
         assert 0.5 < decision.change.largest / true.largest < 2.0
@@ -71,7 +71,7 @@ def test_decisions_are_those_of_the_full_runs() -> None:
             assert true.largest < 0.05
     assert {FRICTION, CLEARANCE} <= set(found.left_out)
     assert EffectName.GRAVITY not in found.left_out
-    left = change(reference, answer_of_run(run_tube_static("tube", decided)))
+    left = change(reference, answer_of_run(run_static("tube", decided)))
     assert left.largest < 0.05
 
 
@@ -88,7 +88,7 @@ def test_finite_rotation_is_estimated_as_explicit_runs_find_it() -> None:
     answers = []
     for finite in (True, False):
         effects = scene.effects.model_copy(update={"auto": None, "finite_rotation": finite})
-        run, _ = run_tube_explicit("tube", scene.model_copy(update={"effects": effects}))
+        run = run_explicit("tube", scene.model_copy(update={"effects": effects}))
         answers.append(answer_of_run(run))
     true = change(*answers)
     assert estimated is not None
@@ -106,8 +106,8 @@ def test_damping_does_not_change_the_state_at_rest() -> None:
     decided, found = decide_effects(scene, "tube")
     assert set(found.left_out) == {EffectName.RAYLEIGH, EffectName.BULK_VISCOSITY}
     assert found.cpu_seconds < 1.0
-    with_damping = run_tube_explicit("tube", scene_of(*plain, *damped))[0]
-    without, bare = (run_tube_explicit("tube", s)[0] for s in (decided, scene_of(*plain)))
+    with_damping = run_explicit("tube", scene_of(*plain, *damped))
+    without, bare = (run_explicit("tube", s) for s in (decided, scene_of(*plain)))
     assert change(answer_of_run(with_damping), answer_of_run(without)).largest < 2e-3
     # What is left out gives the bits of a scene that does not name it.
     for a, b in zip(without.displacements, bare.displacements, strict=True):
@@ -139,8 +139,8 @@ def test_what_is_kept_stays_and_what_is_left_out_leaves_no_bit() -> None:
     overruled, also = decide_effects(kept, "tube")
     assert overruled.effects.friction == kept.effects.friction
     assert also.as_written == (FRICTION,)
-    bare = run_tube_static("tube", scene_of(*COARSE))
-    again = run_tube_static("tube", decided)
+    bare = run_static("tube", scene_of(*COARSE))
+    again = run_static("tube", decided)
     for a, b in zip(bare.displacements, again.displacements, strict=True):
         np.testing.assert_array_equal(a, b)
 
@@ -199,10 +199,10 @@ def test_finite_rotation_that_matters_is_part_of_the_static_run() -> None:
     (decision,) = found.decisions
     assert decision.change is not None
     run, without = (
-        run_tube_static("tube", scene.model_copy(update={"effects": effects}))
+        run_static("tube", scene.model_copy(update={"effects": effects}))
         for effects in (decided.effects, EffectsSection())
     )
-    assert "finite rotation" in run.solver["status"]
+    assert "finite rotation" in run.static.status
     change = without.largest_displacement / run.largest_displacement - 1.0
     # The probe, on the same mesh, stops at 1e-5 of the load, which soft gaps amplify.
     assert change == pytest.approx(decision.change.displacement, rel=0.05)
@@ -254,7 +254,7 @@ def test_static_tube_carries_its_weight() -> None:
     # The frame carries load and weight: the z forces of all pairs with a fixed block add up to
     # the weight of the free blocks (pipe pressure has no axial part), to the residual, 1e-8 of
     # the loads.
-    run = run_tube_static("tube", scene_of(*COARSE, "effects.gravity=[0,0,-9806.65]"))
+    run = run_static("tube", scene_of(*COARSE, "effects.gravity=[0,0,-9806.65]"))
     found = run.deformable
     weight = sum(float(g.lumped_mass.sum()) * g.n_copies * -9806.65 for g in found.model.groups)
     surfaces, fixed = found.surfaces, found.assembly.fixed
@@ -271,9 +271,9 @@ def test_sideways_weight_breaks_the_sector() -> None:
     # Static and explicit agree, which they can only with the whole ring: to the explicit run's
     # settling bound, 1e-3.
     sideways = [*COARSE, "effects.gravity=[9806.65,0,0]"]
-    static = run_tube_static("tube", scene_of(*sideways))
-    explicit, _ = run_tube_explicit("tube", scene_of(*sideways, "fem.method='explicit'"))
-    assert static.solver["symmetry"] == 1
+    static = run_static("tube", scene_of(*sideways))
+    explicit = run_explicit("tube", scene_of(*sideways, "fem.method='explicit'"))
+    assert static.static.symmetry == 1
     assert change(answer_of_run(static), answer_of_run(explicit)).largest < 2e-3
 
 

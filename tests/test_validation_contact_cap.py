@@ -12,9 +12,9 @@ from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
 from validation.output.deformable import print_blocks
-from validation.run.deformable import tube_json
-from validation.run.explicit import run_tube_explicit, scene_statement
-from validation.run.static import run_tube_static
+from validation.run.deformable import run_json
+from validation.run.explicit import run_explicit, scene_statement
+from validation.run.static import run_static
 from validation.scene.read import DeformableScene, SceneFile, check_scene
 
 #: Above 0.883 MPa, where a cap of 1000 MPa/mm begins.
@@ -31,20 +31,20 @@ def changed(pressure: float, **sections: dict[str, object]) -> DeformableScene:
 
 
 def test_a_scene_without_a_cap_follows_the_law_of_the_text() -> None:
-    run = run_tube_static("column", column(PRESSURE))
+    run = run_static("column", column(PRESSURE))
     # Without lateral strain every joint closes by the law's inverse, every box by p h / E; the
     # residual is 1e-8 of the load, and a joint is as stiff as the boxes within tenfold.
     top = 2 * overclosure(PRESSURE) + PRESSURE * 160.0 / 33e3
     assert run.largest_displacement == pytest.approx(top, rel=1e-7)
-    assert tube_json(run, 0.0)["contact_cap"] is None
+    assert run_json(run, 0.0)["contact_cap"] is None
 
 
 def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
     from rich.console import Console
 
     capped = changed(PRESSURE, contact={"maximum_stiffness": 1000.0})
-    run = run_tube_static("column", capped)
-    found = tube_json(run, 0.0)["contact_cap"]
+    run = run_static("column", capped)
+    found = run_json(run, 0.0)["contact_cap"]
     points = 2 * 3 * 2 * 4
     assert found["points"] == found["pressing_points"] == points
     assert found["force_share"] == pytest.approx(1.0, rel=1e-12)
@@ -54,8 +54,8 @@ def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
     np.testing.assert_allclose(run.contact_state.point_overclosures, deep, rtol=1e-7)
     print_blocks(run, Console(width=300))
     assert f"at {points} of {points} pressing points, 100 %" in capsys.readouterr().out
-    idle = run_tube_static("column", changed(0.5, contact={"maximum_stiffness": 1000.0}))
-    assert tube_json(idle, 0.0)["contact_cap"]["points"] == 0
+    idle = run_static("column", changed(0.5, contact={"maximum_stiffness": 1000.0}))
+    assert run_json(idle, 0.0)["contact_cap"]["points"] == 0
 
 
 def test_decks_carry_a_cap_and_say_where_there_is_none() -> None:
@@ -80,14 +80,16 @@ def test_a_run_that_outgrows_its_time_step_starts_again() -> None:
     pressure = 8.0
     stated = scene_statement(column(pressure), "column", build_deformable(column(pressure), ""))
     longest = critical_time_step(stated.assembly.model).critical_time_step
-    run, result = run_tube_explicit("column", column(pressure))
+    run = run_explicit("column", column(pressure))
+    result = run.explicit
+    assert result is not None
     assert result.critical.critical_time_step < longest
-    assert run.solver["restarts"] >= 1
-    assert run.solver["counted_pressure"] >= 4.0
+    assert run.answer.restarts >= 1
+    assert run.answer.statement.counted_pressure >= 4.0
     top = 2 * overclosure(pressure) + pressure * 160.0 / 33e3
     # Damped until the residual is 1e-4 of the load.
     assert run.largest_displacement == pytest.approx(top, rel=1e-3)
     # A time step that the scene gives stays: the remedy is named instead.
     given = {"time_step": 0.99 * longest, "sample_interval": 1}
     with pytest.raises(InputError, match=r"presses with .* MPa.*time step .* allows"):
-        run_tube_explicit("column", changed(pressure, fem=given))
+        run_explicit("column", changed(pressure, fem=given))

@@ -9,9 +9,9 @@ from tests.test_validation_own_fem import column, deformable
 from validation.build.coarser import coarser
 from validation.build.deformable import build_deformable
 from validation.output.deformable import print_blocks
-from validation.run.deformable import TubeRun, tube_json
+from validation.run.deformable import DeformableRun, run_json
 from validation.run.estimate import estimated_errors
-from validation.run.static import run_tube_static
+from validation.run.static import run_static
 
 #: Scenes of the coverage: three shapes under three loads, contact on slopes, waves and flanks.
 CASES = {
@@ -22,11 +22,11 @@ CASES = {
 }
 
 
-def solved(name: str, factor: int) -> TubeRun:
+def solved(name: str, factor: int) -> DeformableRun:
     given = CASES[name]
     pairs = zip(given[::2], given[1::2], strict=True)
     mesh = [str(key).format(factor * int(count)) for key, count in pairs]
-    return run_tube_static(name, deformable(name, "assembly.layers=1", *mesh))
+    return run_static(name, deformable(name, "assembly.layers=1", *mesh))
 
 
 def test_estimates_cover_nine_of_ten_errors() -> None:
@@ -51,7 +51,7 @@ def test_estimates_cover_nine_of_ten_errors() -> None:
 
 def test_an_exact_answer_has_no_error() -> None:
     """A column under uniform pressure is exact on every mesh: linear elements, constant stress."""
-    run = run_tube_static("column", column(0.5))
+    run = run_static("column", column(0.5))
     errors = estimated_errors(run)
     # Every run is solved to a residual of 1e-8 of the load, and its softest motion amplifies it
     # tenfold; differences of two runs over r - 1 >= 0.2, times the factor of safety.
@@ -84,11 +84,11 @@ def test_coarser_meshes_can_be_built(scene) -> None:  # type: ignore[no-untyped-
 def test_errors_are_printed_and_in_the_data(capsys: pytest.CaptureFixture[str]) -> None:
     from dataclasses import replace
 
-    run = run_tube_static("column", column(0.5))
-    plain = tube_json(run, 0.0)["measures"]
+    run = run_static("column", column(0.5))
+    plain = run_json(run, 0.0)["measures"]
     assert all(measure["error"] is None for measure in plain.values())
     told = replace(run, errors={"p_max_point": 0.034})
-    found = tube_json(told, 0.0)["measures"]["p_max_point"]
+    found = run_json(told, 0.0)["measures"]["p_max_point"]
     assert found["error"] == 0.034
     assert found["unit"] == "MPa"
     print_blocks(told, Console(width=300))

@@ -74,7 +74,7 @@ from fem.decks.statement import Flavour
 from validation.build.deck import build_deck
 from validation.run.rigid.explosion import run_explosion
 from validation.run.rigid.assembly import run_rigid
-from validation.run.static import run_tube_static
+from validation.run.static import run_static
 from validation.scene.family import round_types
 from validation.scene.read import load_scene
 from validation.scene.schema import scene_schema
@@ -82,7 +82,7 @@ file = load_scene("plain.toml")
 schema = scene_schema()["properties"]["block"]["properties"]["type"]["enum"]
 print(json.dumps({
     "rigid": str(run_rigid(file).result.mechanism),
-    "static": run_tube_static(file.name, file.scene).contact.p_eff,
+    "static": run_static(file.name, file.scene).contact.p_eff,
     "deck": build_deck(file, Flavour.GENERAL).name,
     "explodes": run_explosion(file).explodes,
     "schema": "plain" in schema,
@@ -115,7 +115,7 @@ def test_a_new_family_is_one_file(tmp_path: Path) -> None:
 def test_every_family_is_in_the_table_once() -> None:
     assert AssemblyScene.families.items() <= SCENE_TYPES.items()
     assert set(AssemblyScene.families) == {
-        *("sine", "hexagon", "brick", "planar-sine", "osteomorphic", "boxes"),
+        *("sine", "hexagon", "brick", "planar-sine", "osteomorphic", "boxes", "box"),
     }
     assert round_types() == '"sine" or "hexagon"'
     for scene in AssemblyScene.families.values():

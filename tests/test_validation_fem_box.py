@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from validation.run.box import box_json, run_box
-from validation.scene.deformable import BoxScene
-from validation.scene.read import load_scene
+from validation.run.deformable import run_json
+from validation.run.solve import run_scene
+from validation.scene.read import DeformableScene, load_scene
 
 
-def box(scene: str, *settings: str) -> BoxScene:
+def box(scene: str, *settings: str) -> DeformableScene:
     found = load_scene(scene, settings).scene
-    assert isinstance(found, BoxScene)
+    assert isinstance(found, DeformableScene)
     return found
 
 
@@ -31,7 +31,7 @@ def test_static_bar_under_uniform_traction_is_the_closed_form() -> None:
         "material.poisson_ratio=0",
         'load={"x+"={traction=[0.5,0,0]}}',
     )
-    data = box_json(run_box("bar", scene))
+    data = run_json(run_scene("bar", scene))
     tip = data["faces"]["x+"]["mean_displacement"]
     # Round-off times the condition number of a 40-element bar, about 1e4.
     assert tip[0] == pytest.approx(0.5 * 400 / 33000, rel=1e-10)
@@ -41,7 +41,7 @@ def test_static_bar_under_uniform_traction_is_the_closed_form() -> None:
 
 def test_cantilever_tip_against_timoshenko_beam() -> None:
     scene = box("cantilever", "fem.method=static")
-    data = box_json(run_box("cantilever", scene))
+    data = run_json(run_scene("cantilever", scene))
     width, height, length, young = 40.0, 60.0, 400.0, 33000.0
     force, inertia = 0.05 * width * height, width * height**3 / 12
     shear = young / 2.4
@@ -55,15 +55,15 @@ def test_cantilever_tip_against_timoshenko_beam() -> None:
 
 def test_slowly_loaded_explicit_run_ends_at_the_static_answer() -> None:
     settings = ("mesh.divisions=[10,2,2]", "fem.frames=0")
-    static = box_json(run_box("s", box("cantilever", *settings, "fem.method=static")))
-    run = run_box(
+    static = run_json(run_scene("s", box("cantilever", *settings, "fem.method=static")))
+    run = run_scene(
         "e",
         box("cantilever", *settings, "fem.damping=static", "fem.end_time=0.2", "fem.residual=1e-5"),
     )
     assert run.explicit is not None
     assert run.explicit.status == "converged"
     a = static["faces"]["x+"]["mean_displacement"][2]
-    b = box_json(run)["faces"]["x+"]["mean_displacement"][2]
+    b = run_json(run)["faces"]["x+"]["mean_displacement"][2]
     # The residual bounds the relative error in the energy norm; the lowest mode's share of the
     # load is of order one, so ten times the residual is generous.
     assert b == pytest.approx(a, rel=1e-4)
@@ -72,11 +72,11 @@ def test_slowly_loaded_explicit_run_ends_at_the_static_answer() -> None:
 def test_rate_form_of_a_scene_agrees_with_the_shared_stiffness() -> None:
     settings = ("mesh.divisions=[10,2,2]", "fem.element=reduced", "fem.frames=0")
     settings += ("fem.end_time=2e-3", "fem.ramp_time=1e-3", "effects.finite_rotation=true")
-    shared = run_box("shared", box("cantilever", *settings))
-    rate = run_box("rate", box("cantilever", *settings, 'fem.formulation="rate form"'))
+    shared = run_scene("shared", box("cantilever", *settings))
+    rate = run_scene("rate", box("cantilever", *settings, 'fem.formulation="rate form"'))
     # The same linear element twice; what differs is geometry, of the order of the rotation (1e-3).
-    size = np.abs(shared.displacements).max()
-    np.testing.assert_allclose(rate.displacements, shared.displacements, atol=5e-3 * size)
+    size = np.abs(shared.displacements[0]).max()
+    np.testing.assert_allclose(rate.displacements[0], shared.displacements[0], atol=5e-3 * size)
 
 
 def test_json_has_the_promised_keys(tubelock) -> None:  # noqa: F811
@@ -133,8 +133,8 @@ def test_files_of_a_run(tubelock) -> None:  # noqa: F811
     assert status == 0
     found = {p.name for p in Path("run").iterdir()}
     assert found == {
-        "result.vtu",
-        "result.png",
+        "fields.vtu",
+        "stresses.png",
         "history.csv",
         "energies.png",
         "frames.pvd",
@@ -143,7 +143,7 @@ def test_files_of_a_run(tubelock) -> None:  # noqa: F811
         "frame_0002.vtu",
     }
     assert Path("run/frames.pvd").read_text().count("DataSet") == 3
-    mesh = meshio.read("run/result.vtu")
+    mesh = meshio.read("run/fields.vtu")
     # Four by two by two elements with eight integration points each.
     assert mesh.cell_data["sigma_1_integration_points"][0].shape == (16, 8)
     assert set(mesh.point_data) == {"displacement", "stress", "sigma_1", "sigma_2", "sigma_3"}
@@ -154,12 +154,12 @@ def test_files_of_a_run(tubelock) -> None:  # noqa: F811
 
 def test_copies_move_as_one_block_does() -> None:
     settings = ("mesh.divisions=[4,2,2]", "fem.end_time=2e-4", "fem.frames=0")
-    one = run_box("one", box("cantilever", *settings))
-    three = run_box("three", box("cantilever", *settings, "assembly.copies=3"))
+    one = run_scene("one", box("cantilever", *settings))
+    three = run_scene("three", box("cantilever", *settings, "assembly.copies=3"))
     for copy in range(3):
         # The lanes run through the same sums in the same order.
         np.testing.assert_allclose(
-            three.displacements[copy], one.displacements[0], rtol=0, atol=1e-15
+            three.displacements[0][copy], one.displacements[0][0], rtol=0, atol=1e-15
         )
 
 
@@ -184,7 +184,7 @@ def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypat
     assert "continue with --resume cut/checkpoint.npz" in said
     assert [p.name for p in Path("cut").iterdir()] == ["checkpoint.npz"]
     assert tubelock(*arguments, "-o", "cut", "--resume", "cut/checkpoint.npz")[0] == 0
-    for name in ("history.csv", "result.vtu"):
+    for name in ("history.csv", "fields.vtu"):
         assert Path("whole", name).read_bytes() == Path("cut", name).read_bytes()
     assert not Path("cut/checkpoint.npz").exists()
 

@@ -7,7 +7,7 @@ import pytest
 
 from validation.errors import InputError
 from validation.run import static
-from validation.run.static import run_tube_static
+from validation.run.static import run_static
 from validation.scene.read import DeformableScene, check_scene
 
 
@@ -47,19 +47,19 @@ def test_plates_slide_just_beyond_the_friction_angle(monkeypatch: pytest.MonkeyP
     limit = 0.3 * (weight + 2.5) / weight
     monkeypatch.setattr(static, "solve_static", _solver_called)
     with pytest.raises(InputError) as refused:
-        run_tube_static("pile", _pile(1.01 * limit, 0.3))
+        run_static("pile", _pile(1.01 * limit, 0.3))
     words = str(refused.value)
     assert "block 1 slides on block 0 along (1.00, 0.00, 0.00)" in words
     assert "0.3" in words
     assert "\n" not in words
     with pytest.raises(_Started):
-        run_tube_static("pile", _pile(0.99 * limit, 0.3))
+        run_static("pile", _pile(0.99 * limit, 0.3))
 
 
 def test_without_friction_nothing_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(static, "solve_static", _solver_called)
     with pytest.raises(_Started):
-        run_tube_static("pile", _pile(1.0, None))
+        run_static("pile", _pile(1.0, None))
 
 
 def test_a_tall_plate_tips_before_it_slides(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,6 +71,6 @@ def test_a_tall_plate_tips_before_it_slides(monkeypatch: pytest.MonkeyPatch) -> 
     assert limit < 0.25 * (weight + 2.5) / weight
     monkeypatch.setattr(static, "solve_static", _solver_called)
     with pytest.raises(InputError, match="block 1 tips on block 0"):
-        run_tube_static("pile", _pile(1.02 * limit, 2.0, 200.0))
+        run_static("pile", _pile(1.02 * limit, 2.0, 200.0))
     with pytest.raises(_Started):
-        run_tube_static("pile", _pile(0.98 * limit, 2.0, 200.0))
+        run_static("pile", _pile(0.98 * limit, 2.0, 200.0))

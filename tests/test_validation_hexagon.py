@@ -10,7 +10,7 @@ from validation.output.pictures.sections import section
 from validation.output.pictures.tubes import section_heights
 from validation.paper.reference import reference
 from validation.run.rigid.assembly import run_rigid
-from validation.run.static import run_tube_static
+from validation.run.static import run_static
 from validation.scene.read import DeformableScene, load_scene
 
 CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
@@ -50,7 +50,7 @@ def test_sections_lie_in_the_layer_that_they_name() -> None:
     small = ["mesh.edge=4", "mesh.radial=1", "assembly.layers=1"]
     scene = load_scene("thb0-tunnel", small).scene
     assert isinstance(scene, DeformableScene)
-    run = run_tube_static("thb0-tunnel", scene)
+    run = run_static("thb0-tunnel", scene)
     assembly = run.deformable.assembly
     along = np.concatenate([assembly.nodes(b) for b in assembly.free_blocks]) @ assembly.axis
     heights = section_heights(run)

@@ -20,9 +20,9 @@ from validation.build.deformable import build_deformable
 from validation.cli.app import app
 from validation.effects.cell import middle_answer, offered_cell
 from validation.errors import InputError
-from validation.run.deformable import TubeRun
-from validation.run.explicit import run_tube_explicit
-from validation.run.static import run_tube_static
+from validation.run.deformable import DeformableRun
+from validation.run.explicit import run_explicit
+from validation.run.static import run_static
 from validation.scene.read import DeformableScene, load_scene
 
 COARSE = ["mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
@@ -36,8 +36,8 @@ def scene_of(*settings: str, case: str = "tsb1-pipe") -> DeformableScene:
 
 
 @pytest.fixture(scope="module")
-def cell() -> TubeRun:
-    return run_tube_static("cell", scene_of(*CELL))
+def cell() -> DeformableRun:
+    return run_static("cell", scene_of(*CELL))
 
 
 def unbalanced_forces(run_of: DeformableScene, tiles: dict[int, FloatArray]) -> dict[int, float]:
@@ -74,7 +74,7 @@ def unbalanced_forces(run_of: DeformableScene, tiles: dict[int, FloatArray]) -> 
     return norms
 
 
-def test_cells_on_top_of_each_other_are_an_equilibrium_of_a_tube(cell: TubeRun) -> None:
+def test_cells_on_top_of_each_other_are_an_equilibrium_of_a_tube(cell: DeformableRun) -> None:
     # Displacements of the cell, repeated over six layers, balance in every layer that does not
     # touch the frame: to the residual of the cell, 1e-8 of its loads. In the outer layers, which
     # the cell knows nothing of, they do not.
@@ -85,14 +85,14 @@ def test_cells_on_top_of_each_other_are_an_equilibrium_of_a_tube(cell: TubeRun) 
     assert min(norms[1], norms[6]) > 0.1 * size
 
 
-def test_middle_of_longer_tubes_tends_to_the_cell(cell: TubeRun) -> None:
+def test_middle_of_longer_tubes_tends_to_the_cell(cell: DeformableRun) -> None:
     # The ends act on the middle through the mean axial strain, which frames that do not move
     # share out over all layers: an error c/L. Twice as many layers have half of it, to the next
     # order in 1/L: a tenth at sixteen layers, within a quarter here; and what extrapolation
     # leaves is a fraction of it.
     limit = middle_answer(cell)
     found = {
-        n: middle_answer(run_tube_static("tube", scene_of(*COARSE, f"assembly.layers={n}")))
+        n: middle_answer(run_static("tube", scene_of(*COARSE, f"assembly.layers={n}")))
         for n in (4, 16, 32)
     }
     for name in ("p_max", "p_eff", "displacement"):
@@ -102,7 +102,7 @@ def test_middle_of_longer_tubes_tends_to_the_cell(cell: TubeRun) -> None:
         assert abs(2 * many - more) < 0.25 * abs(more)
 
 
-def test_cell_is_in_balance(cell: TubeRun) -> None:
+def test_cell_is_in_balance(cell: DeformableRun) -> None:
     # Nothing pushes the cell along its axis, so both interfaces carry the same axial force, and
     # the sector gives the digits of the whole ring: to the residuals.
     deformable = cell.deformable
@@ -126,11 +126,11 @@ def test_cell_is_in_balance(cell: TubeRun) -> None:
     assert np.abs(mean).max() < 1e-6 * size
 
 
-def test_explicit_cell_ends_at_the_static_one(cell: TubeRun) -> None:
+def test_explicit_cell_ends_at_the_static_one(cell: DeformableRun) -> None:
     # Residual 1e-6; the tube's stiffness to its softest motion is that of its contacts, so
     # displacements agree to a few times that over the ratio of the two, 1e-4.
     settings = [*CELL, "fem.method='explicit'", "fem.residual=1e-6"]
-    run, _ = run_tube_explicit("cell", scene_of(*settings))
+    run = run_explicit("cell", scene_of(*settings))
     size = np.abs(cell.displacements[0]).max()
     np.testing.assert_allclose(
         run.displacements[0], cell.displacements[0], rtol=0, atol=1e-4 * size
@@ -150,9 +150,11 @@ def test_nothing_turns_an_explicit_cell(case: str, mesh: list[str], finite_rotat
     # constraint the hexagons turn for ever and the Sine Blocks end 8e-3 away. Displacements
     # agree as in the test above; static finite rotation counts the same constraint.
     settings = [*mesh, "fem.symmetry='periodic cell'", f"effects.finite_rotation={finite_rotation}"]
-    still = run_tube_static("cell", scene_of(*settings, case=case))
+    still = run_static("cell", scene_of(*settings, case=case))
     moving = [*settings, "fem.method='explicit'", "fem.residual=1e-6"]
-    run, result = run_tube_explicit("cell", scene_of(*moving, case=case))
+    run = run_explicit("cell", scene_of(*moving, case=case))
+    result = run.explicit
+    assert result is not None
     assert result.status is Status.CONVERGED
     # The constraint does no work but on motions of second order.
     assert abs(result.energy_balance) < 1e-3
@@ -165,10 +167,10 @@ def test_nothing_turns_an_explicit_cell(case: str, mesh: list[str], finite_rotat
 def test_friction_and_clearance_close_the_cell_too() -> None:
     # The same limit, with an error that falls with the number of layers.
     more = ["effects.friction.coefficient=0.05", "contact.clearance=1e-3"]
-    limit = middle_answer(run_tube_static("cell", scene_of(*CELL, *more)))
+    limit = middle_answer(run_static("cell", scene_of(*CELL, *more)))
     errors = []
     for n in (4, 16):
-        tube = run_tube_static("tube", scene_of(*COARSE, *more, f"assembly.layers={n}"))
+        tube = run_static("tube", scene_of(*COARSE, *more, f"assembly.layers={n}"))
         errors.append(abs(middle_answer(tube).p_eff / limit.p_eff - 1.0))
     assert errors[1] < 0.5 * errors[0]
 
@@ -179,8 +181,8 @@ def test_hexagon_blocks_have_a_cell() -> None:
     # rotation by which their constraints differ, and the middle of a longer tube is nearer.
     mesh = ["mesh.edge=4", "mesh.radial=2"]
     scene = scene_of(*mesh, "fem.symmetry='periodic cell'", case="thb0-tunnel")
-    run = run_tube_static("cell", scene)
-    assert run.solver["newton_iterations"] < 12
+    run = run_static("cell", scene)
+    assert run.static.newton_iterations < 12
     sparse = solve_static(run.deformable, StaticOptions(method=StaticMethod.SPARSE))
     np.testing.assert_allclose(
         sparse.facet_pressures, run.facet_pressures, rtol=0, atol=1e-4 * run.contact.p_max_face
@@ -188,7 +190,7 @@ def test_hexagon_blocks_have_a_cell() -> None:
     errors = []
     for n in (2, 12):
         tube = scene_of(*mesh, f"assembly.layers={n}", case="thb0-tunnel")
-        middle = middle_answer(run_tube_static("tube", tube))
+        middle = middle_answer(run_static("tube", tube))
         errors.append(abs(run.contact.p_eff / middle.p_eff - 1.0))
     assert errors[1] < 0.8 * errors[0]
 

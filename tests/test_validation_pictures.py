@@ -26,7 +26,6 @@ from validation.errors import InputError
 from validation.output.files import PICTURES, require_picture
 from validation.output.pictures import assemblies, tubes
 from validation.output.pictures.bodies import block_edges, sharp_edges
-from validation.output.pictures.boxes import draw_box
 from validation.output.pictures.canvas import Lines, Surface, View
 from validation.output.pictures.gallery import (
     Panel,
@@ -40,11 +39,9 @@ from validation.output.pictures.gallery import (
 from validation.output.pictures.look import Look
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
 from validation.output.pictures.sections import section
-from validation.run.box import run_box
 from validation.run.rigid.assembly import build_scene, run_rigid
 from validation.run.rigid.polyhedra import mechanism_motion, run_polyhedra
-from validation.run.static import run_tube_static
-from validation.scene.deformable import BoxScene
+from validation.run.static import run_static
 from validation.scene.read import load_scene
 
 if TYPE_CHECKING:
@@ -181,7 +178,7 @@ def test_unrolled_facets_keep_their_place_and_area() -> None:
 
 
 def test_sections_have_the_area_of_the_tube_and_the_lines_of_its_joints() -> None:
-    run = run_tube_static("tsb1-pipe", tube("tsb1-pipe", "mesh.around=48"))
+    run = run_static("tsb1-pipe", tube("tsb1-pipe", "mesh.around=48"))
     # In the middle of the layer, away from the waves: four quarters of a ring.
     cut = section(run, float(np.mean(tubes.section_heights(run))))
     a, b, c = (cut.points[cut.triangles[:, k]] for k in range(3))
@@ -255,7 +252,7 @@ def polyhedral_pictures(path: Path) -> None:
 
 
 def tube_pictures(path: Path) -> None:
-    run = run_tube_static("a tube with a name that is long", tube("tsb1-pipe"))
+    run = run_static("a tube with a name that is long", tube("tsb1-pipe"))
     for draw in (tubes.draw_stresses, tubes.draw_contact, tubes.draw_sections):
         draw(run, path)
     tubes.draw_displacement(run, path, printed_factor=80.0)
@@ -263,15 +260,14 @@ def tube_pictures(path: Path) -> None:
 
 
 def column_pictures(path: Path) -> None:
-    run = run_tube_static("column", column(0.01))
+    run = run_static("column", column(0.01))
     tubes.draw_stresses(run, path)
     tubes.draw_contact(run, path)
 
 
 def box_pictures(path: Path) -> None:
     scene = load_scene("cantilever", ["fem.method=static", "mesh.divisions=[8,2,2]"]).scene
-    assert isinstance(scene, BoxScene)
-    draw_box(run_box("cantilever", scene), path)
+    tubes.draw_stresses(run_static("cantilever", scene), path)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -28,9 +28,9 @@ from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import QUADS, SECTIONS, brick_corners, overclosure, write_stl
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
-from validation.run.deformable import tube_json
-from validation.run.explicit import run_tube_explicit
-from validation.run.static import run_tube_static
+from validation.run.deformable import run_json
+from validation.run.explicit import run_explicit
+from validation.run.static import run_static
 from validation.scene.read import DeformableScene, check_scene, load_scene
 
 Box = tuple[tuple[float, float, float], tuple[int, int, int]]
@@ -58,8 +58,8 @@ def test_patch_test_of_a_column_that_does_not_match() -> None:
     """Uniform stress passes joints of 4 × 4 on 3 × 3 on 5 × 2 facets: every point carries the
     load's pressure, every joint closes by the law's inverse, every box by p h / E. The residual is
     1e-8 of the load; a joint is as stiff as the boxes within tenfold."""
-    run, _ = run_tube_explicit("column", column(*CROSSING))
-    assert str(run.solver["status"]) == "converged"
+    run = run_explicit("column", column(*CROSSING))
+    assert run.explicit.status == "converged"
     found = run.contact_state
     np.testing.assert_allclose(found.point_pressures, 0.5, rtol=1e-6)
     np.testing.assert_allclose(found.pressures, 0.5, rtol=1e-6)
@@ -68,7 +68,7 @@ def test_patch_test_of_a_column_that_does_not_match() -> None:
     for joint in ((0, 1), (1, 2)):
         points = found.joint(*joint)
         assert found.point_areas[points].sum() == pytest.approx(8000.0, rel=1e-12)
-    data = tube_json(run, 0.0)
+    data = run_json(run, 0.0)
     assert data["contact_search"] == "finite sliding (joints do not match)"
     assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
     assert data["contact"]["p_max_face"] == pytest.approx(0.5, rel=1e-6)
@@ -83,7 +83,7 @@ def test_one_facet_in_the_middle_of_four() -> None:
     """No facet lies inside another: the only one is cut in four equal parts, on which the load
     presses alike by symmetry, to the residual."""
     scene = column((WIDE, (2, 2, 1)), ((50.0, 40.0, 50.0), (1, 1, 1)))
-    found = run_tube_explicit("column", scene)[0].contact_state
+    found = run_explicit("column", scene).contact_state
     assert found.n_facets == 1
     quarter = np.sign(found.positions[:, :2]) @ [2.0, 1.0]
     areas = [found.point_areas[quarter == k].sum() for k in (-3.0, -1.0, 1.0, 3.0)]
@@ -95,7 +95,7 @@ def test_forces_and_moments_of_a_smaller_box_that_crosses_facets() -> None:
     """A box of 60 × 40 mm² over facets of 33 × 27 mm²: each joint passes on the load's force,
     centred, the upper joint on the area of the box alone, to the residual of 1e-8."""
     boxes = ((WIDE, (4, 4, 2)), (WIDE, (3, 3, 2)), ((60.0, 40.0, 50.0), (5, 3, 2)))
-    run, _ = run_tube_explicit("column", column(*boxes, poisson=0.2))
+    run = run_explicit("column", column(*boxes, poisson=0.2))
     found = run.contact_state
     load = 0.5 * 2400.0
     for joint, area in (((0, 1), 8000.0), ((1, 2), 2400.0)):
@@ -171,8 +171,8 @@ def test_the_built_in_column_from_the_command_line(tubelock) -> None:  # noqa: F
 def test_matching_joints_have_no_search_unless_asked() -> None:
     matching = ((WIDE, (4, 4, 2)), (WIDE, (4, 4, 1)))
     for asked, words in ((False, "none (facets match and stay paired)"), (True, "finite sliding")):
-        run, _ = run_tube_explicit("column", column(*matching, effects={"finite_sliding": asked}))
-        data = tube_json(run, 0.0)
+        run = run_explicit("column", column(*matching, effects={"finite_sliding": asked}))
+        data = run_json(run, 0.0)
         assert data["contact_search"] == words
         assert (run.contact_state.interface is None) == asked
         assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
@@ -217,7 +217,7 @@ def test_measures_of_a_small_slide_are_those_of_matched_facets() -> None:
     found = []
     for way in ways:
         settings = (*small, "fem.method='explicit'", "fem.residual=1e-6", *way)
-        run, _ = run_tube_explicit("tube", load_scene("tsb1-pipe", settings).scene)  # type: ignore[arg-type]
+        run = run_explicit("tube", load_scene("tsb1-pipe", settings).scene)  # type: ignore[arg-type]
         found.append(run)
     matched, searched = found
     ours, theirs = (asdict(run.contact) for run in (searched, matched))
@@ -252,7 +252,7 @@ def test_a_pushed_box_presses_where_it_ended() -> None:
         },
         fem={"method": "explicit", "ramp_time": 2e-3, "end_time": 0.03},
     )
-    run, _ = run_tube_explicit("push", scene)
+    run = run_explicit("push", scene)
     slide = 2e3 * (0.03 - (1.0 - np.exp(-30.0)) / 1e3)
     assert run.displacement(1)[:, 0].mean() == pytest.approx(slide, rel=1e-3)
     found = run.contact_state
@@ -326,10 +326,10 @@ def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
     static = load_scene(str(path)).scene
     assert isinstance(static, DeformableScene)
     with pytest.raises(InputError, match=r"blocks 0 and 1 do not match.*a static run needs"):
-        run_tube_static("own", static)
+        run_static("own", static)
     explicit = load_scene(str(path), ["fem.method='explicit'"]).scene
     assert isinstance(explicit, DeformableScene)
-    run, _ = run_tube_explicit("own", explicit)
+    run = run_explicit("own", explicit)
     assert str(run.contact_search) == "finite sliding (joints do not match)"
     assert run.contact.force == pytest.approx(2.4e-9 * 400_000.0 * 9810.0, rel=1e-3)
 
@@ -361,7 +361,7 @@ forces = [{block = 3, force = [0, 0, -4000]}]
     )
     scene = load_scene(str(path), ["fem.method='explicit'", "fem.residual=1e-6"]).scene
     assert isinstance(scene, DeformableScene)
-    found = run_tube_explicit("own", scene)[0].contact_state
+    found = run_explicit("own", scene).contact_state
     weight = 2.4e-9 * 400_000.0 * 9810.0
     for joint, area, force in (
         ((0, 2), 4000.0, 2000.0 + weight),
@@ -377,7 +377,7 @@ forces = [{block = 3, force = [0, 0, -4000]}]
 def test_a_stick_too_stiff_for_the_time_step_is_refused() -> None:
     friction = {"coefficient": 0.3, "stick_stiffness": 1e6}
     with pytest.raises(InputError, match="expected at most"):
-        run_tube_explicit("column", column(*CROSSING, effects={"friction": friction}))
+        run_explicit("column", column(*CROSSING, effects={"friction": friction}))
 
 
 def test_an_overlap_that_no_facet_matches_is_refused() -> None:
@@ -386,4 +386,4 @@ def test_an_overlap_that_no_facet_matches_is_refused() -> None:
     deformable = build_deformable(scene, "column")
     deformable.offsets[1:, 2] -= 0.05
     with pytest.raises(InputError, match=r"deepest 0.05 mm between blocks"):
-        run_tube_explicit("column", scene, deformable=deformable)
+        run_explicit("column", scene, deformable=deformable)

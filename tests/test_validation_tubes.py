@@ -15,8 +15,8 @@ from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.compare.answers import agreement, compare, effective_region, explicit_errors
 from validation.compare.report import print_comparison
 from validation.output.console import text_console
-from validation.run.explicit import run_tube_explicit
-from validation.run.static import run_tube_static
+from validation.run.explicit import run_explicit
+from validation.run.static import run_static
 from validation.scene.read import DeformableScene, load_scene
 
 COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
@@ -48,9 +48,9 @@ def test_three_answers_to_one_scene(capsys) -> None:
 
 
 def test_sector_and_whole_tube_give_the_same_digits() -> None:
-    whole = run_tube_static("whole", tube("tsb1-shaft", "fem.symmetry='none'"))
-    sector = run_tube_static("sector", tube("tsb1-shaft", "fem.symmetry='sector'"))
-    assert sector.solver["symmetry"] == 4
+    whole = run_static("whole", tube("tsb1-shaft", "fem.symmetry='none'"))
+    sector = run_static("sector", tube("tsb1-shaft", "fem.symmetry='sector'"))
+    assert sector.static.symmetry == 4
     # Both stop at a residual of 1e-8 of the load; the tube's softest motion amplifies it tenfold.
     for a, b in zip(whole.displacements, sector.displacements, strict=True):
         np.testing.assert_allclose(b, a, atol=1e-6 * np.abs(a).max())
@@ -64,8 +64,8 @@ def test_sector_is_refused_where_the_load_breaks_it(tubelock) -> None:  # noqa: 
 
 @pytest.mark.parametrize("case", ["tunnel", "pillar", "beam"])
 def test_every_load_case_has_a_static_answer(case: str) -> None:
-    run = run_tube_static(case, tube(f"tsb1-{case}"))
-    assert run.solver["residual"] < 1e-8
+    run = run_static(case, tube(f"tsb1-{case}"))
+    assert run.static.residual < 1e-8
     assert run.contact.p_max_face > 0
 
 
@@ -132,9 +132,11 @@ def test_larger_clearance_means_larger_displacement_and_pressure(tubelock) -> No
 def test_paper_damping_rings_where_adaptive_damping_settles() -> None:
     # α = 2 /s damps over half a second: after a few milliseconds the tube still moves.
     scene = tube("tsb1-pipe", "fem.damping='paper'", "fem.end_time=2e-3", "fem.ramp_time=1e-4")
-    _, ringing = run_tube_explicit("paper", scene)
+    ringing = run_explicit("paper", scene).explicit
+    assert ringing is not None
     calm = tube("tsb1-pipe", "fem.damping='static'")
-    _, settled = run_tube_explicit("static", calm)
+    settled = run_explicit("static", calm).explicit
+    assert settled is not None
     assert settled.residual is not None
     assert ringing.residual is not None
     assert settled.residual < 1e-4 < ringing.residual
@@ -185,11 +187,11 @@ def test_missing_section_is_named(tubelock) -> None:  # noqa: F811
 
 
 def test_friction_is_absent_unless_named_and_then_dissipates() -> None:
-    plain = run_tube_static("plain", tube("tsb1-pipe"))
-    rough = run_tube_static("rough", tube("tsb1-pipe", "effects.friction.coefficient=0.3"))
+    plain = run_static("plain", tube("tsb1-pipe"))
+    rough = run_static("rough", tube("tsb1-pipe", "effects.friction.coefficient=0.3"))
     assert plain.deformable.contact.friction is None
-    assert plain.solver["energies"]["frictional_dissipation"] == 0.0
-    assert rough.solver["energies"]["frictional_dissipation"] > 0.0
+    assert plain.static.frictional_dissipation == 0.0
+    assert rough.static.frictional_dissipation > 0.0
     # Friction only resists: with it the tube moves less.
     assert rough.largest_displacement < plain.largest_displacement
 

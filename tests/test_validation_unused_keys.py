@@ -13,9 +13,9 @@ from geometry.mesh import FloatArray
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.build.deck import build_deck
 from validation.errors import InputError
-from validation.run.explicit import run_tube_explicit
+from validation.run.explicit import run_explicit
 from validation.run.rigid.assembly import run_rigid
-from validation.run.static import run_tube_static
+from validation.run.static import run_static
 from validation.scene.builtin import builtin_names
 from validation.scene.read import SceneFile, apply_overrides, check_scene, load_scene, scene_data
 from validation.scene.usage import KeyUse, recording
@@ -36,11 +36,11 @@ def rigid(file: SceneFile) -> FloatArray:
 
 
 def static(file: SceneFile) -> FloatArray:
-    return run_tube_static(file.name, file.scene).facet_pressures  # type: ignore[arg-type]
+    return run_static(file.name, file.scene).facet_pressures  # type: ignore[arg-type]
 
 
 def explicit(file: SceneFile) -> FloatArray:
-    run, _ = run_tube_explicit(file.name, file.scene)  # type: ignore[arg-type]
+    run = run_explicit(file.name, file.scene)  # type: ignore[arg-type]
     return run.facet_pressures
 
 

@@ -26,7 +26,7 @@ from fem.problem.loads import pressure_forces, traction_forces, wrench_forces
 from fem.problem.model import BlockGroup, Model, NodalLoad, Support, block_group, fixed_nodes
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
-from geometry.loads.case import LoadCase
+from geometry.loads.case import FaceLoad, HeldFace, LoadCase, PressureLoad
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.spacing import spacing_offsets
 
@@ -83,6 +83,11 @@ class DeformableAssembly:
     """Facet pairs of which at least one block deforms."""
     contact: Contact
     """Law and normals."""
+
+    @property
+    def meets(self) -> bool:
+        """Whether blocks meet; else each is a body by itself."""
+        return self.contact.finite_sliding or self.surfaces.n_facets > 0
 
     @property
     def gravity(self) -> FloatArray | None:
@@ -172,7 +177,7 @@ def deformable_assembly(
         )
     if finite_sliding:
         assembly = replace(assembly, unmatched_allowed=True)
-    else:
+    elif assembly.interfaces.n_contacts:
         _check_held(assembly, load)
     offsets = spacing_offsets(assembly, spacing)
     surfaces = contact_surfaces(assembly, offsets, clearance=clearance)
@@ -181,10 +186,13 @@ def deformable_assembly(
     check_initial_overlap(surfaces, law)
     groups, group_of, copy_of = _groups(assembly, deformable, offsets, material, element)
     loads = _nodal_loads(assembly, load, groups, group_of, copy_of)
-    supports = _supports(assembly, load, group_of, copy_of)
+    faces = load.held if frames is Frames.RIGID else held_faces(assembly, load)
+    supports = _supports(assembly, faces, group_of, copy_of)
+    turning = any(part.follows_block for part in loads)
+    effects = Effects(gravity=gravity, finite_rotation=turning)
     return DeformableAssembly(
         assembly=assembly,
-        model=Model(groups, supports=supports, loads=loads, effects=Effects(gravity=gravity)),
+        model=Model(groups, supports=supports, loads=loads, effects=effects),
         group_of=group_of[assembly.originals],
         copy_of=copy_of[assembly.originals],
         offsets=offsets,
@@ -307,7 +315,32 @@ def _nodal_loads(
     group_of: IntArray,
     copy_of: IntArray,
 ) -> tuple[NodalLoad, ...]:
-    """Loads of the deformable blocks, one entry for each group that is loaded."""
+    """Loads of the deformable blocks, one entry for each group that is loaded.
+
+    Pressures that turn with their blocks come after the dead loads.
+    """
+    turning = tuple(face for face in load.faces if _turns(face))
+    if turning:
+        dead = replace(load, faces=tuple(face for face in load.faces if not _turns(face)))
+        found = _dead_loads(assembly, dead, groups, group_of, copy_of)
+        alone = replace(load, faces=turning, body_wrenches=None)
+        follow = _dead_loads(assembly, alone, groups, group_of, copy_of)
+        return (*found, *(replace(part, follows_block=True) for part in follow))
+    return _dead_loads(assembly, load, groups, group_of, copy_of)
+
+
+def _turns(face: FaceLoad) -> bool:
+    """Whether a load turns with its block."""
+    return isinstance(face, PressureLoad) and face.follows_block
+
+
+def _dead_loads(
+    assembly: Assembly,
+    load: LoadCase,
+    groups: tuple[BlockGroup, ...],
+    group_of: IntArray,
+    copy_of: IntArray,
+) -> tuple[NodalLoad, ...]:
     loads = []
     for number in range(len(groups)):
         copies, nodes, forces = [], [], []
@@ -352,20 +385,35 @@ def outer_face(assembly: Assembly, block: int) -> str:
     return names[0]
 
 
+def held_faces(assembly: Assembly, load: LoadCase) -> tuple[HeldFace, ...]:
+    """Faces that hold blocks that deform, where frames deform: those stated, then outer ones.
+
+    Raises
+    ------
+    DeformableAssemblyError
+        As `outer_face`.
+    """
+    blocks = np.flatnonzero(load.fixed).tolist()
+    return (*load.held, *(HeldFace(block, outer_face(assembly, block)) for block in blocks))
+
+
 def _supports(
     assembly: Assembly,
-    load: LoadCase,
+    faces: tuple[HeldFace, ...],
     group_of: IntArray,
     copy_of: IntArray,
 ) -> tuple[Support, ...]:
-    """Hold the outer faces of held blocks that deform."""
+    """Hold faces of blocks that deform: one entry for those alike in a layer."""
+    of_block: dict[int, tuple[str, ...]] = {}
+    for held in faces:
+        of_block[held.block] = (*of_block.get(held.block, ()), held.face)
+    alike: dict[tuple[int, int, tuple[str, ...]], list[int]] = {}
+    for block, names in of_block.items():
+        key = int(assembly.layer[block]), int(group_of[block]), names
+        alike.setdefault(key, []).append(block)
     supports = []
-    held = np.flatnonzero(load.fixed & (group_of >= 0))
-    for layer in np.unique(assembly.layer[held]):
-        there = held[assembly.layer[held] == layer]
-        for number in np.unique(group_of[there]):
-            blocks = there[group_of[there] == number]
-            first = int(blocks[0])
-            nodes = np.unique(assembly.shape(first).faces[outer_face(assembly, first)])
-            supports.append(fixed_nodes(int(number), nodes, copies=copy_of[blocks]))
+    for (_, group, names), blocks in sorted(alike.items()):
+        shape = assembly.shape(blocks[0])
+        nodes = np.unique(np.concatenate([shape.faces[name] for name in names]))
+        supports.append(fixed_nodes(group, nodes, copies=copy_of[np.sort(blocks)]))
     return tuple(supports)

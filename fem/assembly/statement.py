@@ -18,6 +18,7 @@ from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.surfaces import ContactNormals
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
+from fem.problem.model import Model
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.loads.case import LoadCase, with_body_wrenches
@@ -27,6 +28,25 @@ from geometry.mesh import FloatArray
 
 class ProblemError(RefusedError):
     """A statement that an answer cannot have: which part, and what to do."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Rigid motion of every block at time 0."""
+
+    velocity: FloatArray
+    """(3,) [mm/s]"""
+    angular_velocity: FloatArray
+    """About the mean of the block's nodes, (3,) [rad/s]."""
+
+    def velocities(self, model: Model) -> tuple[FloatArray, ...]:
+        """Of all nodes of each group of a model, (n_copies, n_nodes, 3) [mm/s]."""
+        found = []
+        for group in model.groups:
+            positions = group.reference_positions()
+            arm = positions - positions.mean(axis=1, keepdims=True)
+            found.append(self.velocity + np.cross(self.angular_velocity, arm))
+        return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -68,6 +88,8 @@ class Problem:
     """Whether blocks may turn by any angle."""
     gravity: Sequence[float] | FloatArray | None = None
     """Uniform acceleration, (3,) [mm/s²]; None: absent."""
+    motion: Motion | None = None
+    """At time 0, of explicit runs alone; None: at rest."""
 
     def __post_init__(self) -> None:
         for name in ("clearance", "spacing"):
@@ -103,11 +125,23 @@ class Problem:
                     f"{name}: got {getattr(self, name)}; rigid blocks here are frictionless and "
                     "touch: ask a problem without it (dataclasses.replace), or mbd.friction"
                 )
+        self.refuse_motion()
         if self.acceleration is None:
             return self.load_case
         weight = np.zeros((self.blocks.n_blocks, 6))
         weight[:, :3] = np.outer(self.material.density * self.blocks.volumes, self.acceleration)
         return with_body_wrenches(self.load_case, weight)
+
+    def refuse_motion(self) -> None:
+        """Refuse an initial motion, which no static state has.
+
+        Raises
+        ------
+        ProblemError
+            Saying so.
+        """
+        if self.motion is not None:
+            raise ProblemError("motion: a static state has none; expected solve_explicit")
 
     @cached_property
     def deformable(self) -> DeformableAssembly:

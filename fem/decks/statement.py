@@ -14,6 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from fem.assembly.statement import Motion
 from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
 from fem.element.hexahedron import ElementType
@@ -94,16 +95,6 @@ class Joint:
     """Tangential slope while sticking [MPa/mm]; None: the program's default."""
     finite_sliding: bool = False
     """Whether contact pairs follow blocks that slide by more than a facet."""
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Rigid motion of every block at time 0."""
-
-    velocity: FloatArray
-    """(3,) [mm/s]"""
-    angular_velocity: FloatArray
-    """About the mean of the block's nodes, (3,) [rad/s]."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from fem.assembly.deformable import DeformableAssembly
 from fem.problem.model import BlockGroup, Model, ModelError
+from fem.static.result import StaticResult
 from geometry.mesh import FloatArray, IntArray
 
 _MOTIONS = ("along x", "along y", "along z", "about x", "about y", "about z")
@@ -156,4 +158,47 @@ def solve_linear_static(model: Model) -> LinearStaticResult:
         external_work=work,
         residual=float(np.sqrt(defect / scale)) if scale > 0 else 0.0,
         cpu_seconds=time.process_time() - started,
+    )
+
+
+def solve_apart(
+    deformable: DeformableAssembly, *, load_steps: int = 1, keep_steps: bool = False
+) -> StaticResult:
+    """Find the static state of blocks that meet none: a linear problem for each.
+
+    Parameters
+    ----------
+    deformable
+        Blocks, loads and supports.
+    load_steps, keep_steps
+        Whether the result holds so many equal parts of the load, and the displacements of each.
+
+    Raises
+    ------
+    ModelError
+        As `solve_linear_static`.
+    """
+    found = solve_linear_static(deformable.model)
+    none = np.zeros((0, 4))
+    shares = [k / load_steps for k in range(1, load_steps + 1)] if keep_steps else []
+    moved = found.displacements
+    return StaticResult(
+        deformable=deformable,
+        displacements=moved,
+        overclosures=none,
+        pressures=none,
+        residual=found.residual,
+        converged=True,
+        status=f"equilibrium of single bodies, residual {found.residual:.1e}",
+        steps=tuple((share, tuple(share * u for u in moved)) for share in shares),
+        loose_blocks=np.zeros(0, dtype=np.int64),
+        residuals=(found.residual,),
+        strain_energy=found.strain_energy,
+        contact_energy=0.0,
+        external_work=found.external_work,
+        frictional_dissipation=0.0,
+        symmetry=1,
+        n_unknowns=3 * deformable.model.n_nodes,
+        cpu_seconds={"total": found.cpu_seconds},
+        load_steps=load_steps,
     )

@@ -54,6 +54,8 @@ class StaticResult:
     """Displacement unknowns of the representative blocks."""
     cpu_seconds: dict[str, float]
     """CPU time: setup, newton, recovery, total [s]."""
+    load_steps: int = 1
+    """Parts in which the load was to be applied."""
     steps: tuple[tuple[float, tuple[FloatArray, ...]], ...] = ()
     """Load factor and displacements after each load step, where they were to be kept."""
 

@@ -57,6 +57,11 @@ def solve_static_with_rotation(
     SymmetryError, SparseSolverError
         As `fem.static.solve.solve_static`.
     """
+    if not deformable.meets:
+        raise StaticError(
+            'effects.finite_rotation: got fem.method = "static", which is linear for single '
+            'bodies; expected fem.method = "explicit", or finite_rotation off'
+        )
     options = StaticOptions() if options is None else options
     store = FlexibilityStore() if store is None else store
     model = deformable.model

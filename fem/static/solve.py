@@ -40,6 +40,7 @@ from fem.contact.friction import friction_tractions
 from fem.contact.surfaces import ContactNormals, PointKinematics
 from fem.static.energy_descent import minimise_energy
 from fem.static.friction import FrictionRows, friction_rows, joined
+from fem.static.linear import solve_apart
 from fem.static.linear_step.condensed import CondensedStep, FlexibilityStore
 from fem.static.linear_step.linearisation import (
     Linearisation,
@@ -128,7 +129,7 @@ def solve_static(
     start: StaticResult | None = None,
     store: FlexibilityStore | None = None,
 ) -> StaticResult:
-    """Find the static state of an assembly under its loads.
+    """Find the static state of an assembly under its loads; single bodies are solved at once.
 
     Parameters
     ----------
@@ -161,6 +162,8 @@ def solve_static(
             "effects.finite_sliding: the static solver keeps matched facets matched; expected "
             'fem.method = "explicit", or finite sliding off'
         )
+    if not deformable.meets:
+        return solve_apart(deformable, load_steps=options.load_steps, keep_steps=options.keep_steps)
     clock = time.process_time()
     orbits = _orbits(deformable, options.symmetry)
     system = local_system(deformable, orbits)
@@ -568,6 +571,7 @@ def _result(
         frictional_dissipation=state.dissipation,
         symmetry=orbits.order,
         n_unknowns=displacement.size,
+        load_steps=options.load_steps,
         cpu_seconds=seconds,
     )
 

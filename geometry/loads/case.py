@@ -106,6 +106,16 @@ class LoadedFacets:
 
 
 @dataclass(frozen=True)
+class HeldFace:
+    """A face whose nodes do not move while a load acts."""
+
+    block: int
+    """Its block, which deforms."""
+    face: str
+    """Its name."""
+
+
+@dataclass(frozen=True)
 class LoadCase:
     """Loads on the faces of blocks, and the supports that go with them."""
 
@@ -117,6 +127,8 @@ class LoadCase:
     """What acts on faces."""
     fixed: BoolArray
     """Blocks held while the load acts, (n_blocks,)."""
+    held: tuple[HeldFace, ...] = ()
+    """Faces held of blocks that are not held as a whole."""
     without_couple: bool = False
     """Whether each block takes only the resultant force, at the mean of its surface nodes."""
     body_wrenches: FloatArray | None = None

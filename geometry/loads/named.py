@@ -79,7 +79,7 @@ class NamedLoad:
         if self.releases:
             fixed[load.blocks] = False
         without_couple = as_printed and self.force_as_printed
-        return LoadCase(assembly, self.name, (load,), fixed, without_couple)
+        return LoadCase(assembly, self.name, (load,), fixed, without_couple=without_couple)
 
 
 def layer_blocks(assembly: Assembly, layer: int) -> IntArray:

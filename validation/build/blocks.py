@@ -65,7 +65,7 @@ def require_assembly(scene: Scene, name: str, command: str) -> AssemblyScene:
     InputError
         For a scene of a single box, or of triangulated blocks.
     """
-    if isinstance(scene, AssemblyScene):
+    if isinstance(scene, AssemblyScene) and scene.meets:
         return scene
     if isinstance(scene, PolyhedralScene):
         raise InputError(

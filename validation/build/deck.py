@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.assembly.deformable import Frames, outer_face
+from fem.assembly.deformable import Frames, held_faces
 from fem.assembly.statement import Problem
 from fem.decks.abaqus.deck import check_abaqus
 from fem.decks.calculix.deck import check_calculix
@@ -19,29 +19,24 @@ from fem.decks.model import as_nodal_forces, deck_model
 from fem.decks.placement import canonical
 from fem.decks.statement import (
     Deck,
-    DeckLoad,
     DeckStep,
     Flavour,
     Hold,
     Joint,
-    Motion,
     Procedure,
     loads_of_case,
 )
 from fem.element.hexahedron import ElementType
 from fem.problem.effects import Effects
 from fem.problem.time_step import critical_time_step
-from geometry.assembly import Assembly
-from geometry.block import box_block
 from geometry.errors import RefusedError
-from geometry.loads.case import CircumferentialLoad, PressureLoad, TractionLoad
+from geometry.loads.case import CircumferentialLoad
 from validation.build.blocks import HexahedralBlocks, require_matching
-from validation.build.box import build_material, copy_placements
 from validation.build.cell import refuse_cell
 from validation.build.deformable import build_hexahedra, build_problem, fem_section, scene_load
 from validation.build.effects import build_effects
 from validation.errors import InputError
-from validation.scene.deformable import BoxScene, Damping, EffectsSection, FemSection, Method
+from validation.scene.deformable import Damping, EffectsSection, FemSection, Method
 from validation.scene.read import DeformableScene, SceneFile
 
 #: Explicit run to a static state where the scene names no times [s]: with the paper's damping of
@@ -70,24 +65,20 @@ def build_deck(file: SceneFile, flavour: Flavour) -> Deck:
         for, by name.
     """
     scene = file.scene
+    if not isinstance(scene, DeformableScene):
+        raise InputError(
+            f"{file.name}: block.type {scene.block.type!r} has no [material]; a deck is written of "
+            "scenes with deformable blocks, such as tsb1-pipe or cantilever"
+        )
     try:
-        if isinstance(scene, BoxScene):
-            return _box_deck(file.name, scene, flavour)
-        if isinstance(scene, DeformableScene):
-            return _tube_deck(file.name, scene, flavour)
+        return _deck(file.name, scene, flavour)
+    except InputError:
+        raise
     except RefusedError as error:
         raise InputError(f"{file.name}: {error}") from None
-    raise InputError(
-        f"{file.name}: block.type {scene.block.type!r} has no [material]; a deck is written of "
-        "scenes with deformable blocks, such as tsb1-pipe or cantilever"
-    )
 
 
-# ---------------------------------------------------------------------------------------------
-# Tubes
-
-
-def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
+def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     fem, effects = fem_section(scene, name), scene.effects
     refuse_cell(scene, name, "export")
     blocks = build_hexahedra(scene, name)
@@ -101,43 +92,53 @@ def _tube_deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     assembly = canonical(blocks.assembly)
     case = scene_load(scene, name, assembly)
     problem = build_problem(scene, name, HexahedralBlocks(assembly, case, blocks.unmatched))
-    static = flavour is Flavour.CALCULIX or (
-        flavour is Flavour.PAIRS and fem.method is Method.STATIC
-    )
-    notes = _contact_notes(scene, flavour, static=static)
-    friction = effects.friction
-    step = _static_step(effects) if static else _explicit_step(name, fem, large_rotations=True)
+    # CalculiX has no contact in explicit steps; single bodies do what the scene says.
+    needs_static = flavour is Flavour.CALCULIX and scene.meets
+    asks_static = flavour is not Flavour.GENERAL and fem.method is Method.STATIC
+    static = needs_static or asks_static
+    large = scene.meets or effects.finite_rotation
     deck = Deck(
         name=name,
         flavour=flavour,
         assembly=assembly,
         material=problem.material,
         element=problem.element,
-        step=step,
-        holds=tuple(_tube_holds(problem)),
+        step=_static_step(effects) if static else _explicit_step(name, fem, large_rotations=large),
+        holds=tuple(_holds(problem)),
         loads=loads_of_case(case),
-        joint=Joint(
-            problem.law,
-            None if friction is None else friction.coefficient,
-            None if friction is None else friction.stick_stiffness,
-            effects.finite_sliding,
-        ),
+        joint=_joint(problem, effects) if scene.meets else None,
         effects=replace(_effects(effects, fem, static=static), gravity=problem.acceleration),
+        motion=problem.motion,
         clearance=problem.clearance,
         spacing=problem.spacing,
     )
-    if flavour is Flavour.PAIRS and isinstance(deck.loads[0], CircumferentialLoad):
-        deck = replace(deck, loads=(as_nodal_forces(deck, deck.loads[0]),))
+    notes = _contact_notes(scene, flavour, static=static) if scene.meets else []
+    around = [load for load in deck.loads if isinstance(load, CircumferentialLoad)]
+    if flavour is Flavour.PAIRS and around:
+        deck = replace(deck, loads=(as_nodal_forces(deck, around[0]),))
         notes.append("loads: the traction around the axis as nodal forces, which converters take")
+    if flavour is Flavour.CALCULIX and not static:
+        deck = _with_time_step(deck, fem)
     return _with_notes(deck, notes + _step_notes(fem, effects, flavour, static=static))
 
 
-def _tube_holds(problem: Problem) -> list[Hold]:
-    """Held blocks: all nodes, or the outer faces of frame blocks that deform."""
-    blocks = np.flatnonzero(problem.load_case.fixed).tolist()
-    if problem.frames is Frames.RIGID:
-        return [Hold(block) for block in blocks]
-    return [Hold(block, outer_face(problem.blocks, block)) for block in blocks]
+def _holds(problem: Problem) -> list[Hold]:
+    """Held blocks: all nodes, or the outer faces of frame blocks that deform; and held faces."""
+    blocks, load = problem.blocks, problem.load_case
+    if problem.frames is Frames.DEFORMABLE:
+        return [Hold(held.block, held.face) for held in held_faces(blocks, load)]
+    whole = [Hold(block) for block in np.flatnonzero(load.fixed).tolist()]
+    return whole + [Hold(held.block, held.face) for held in load.held]
+
+
+def _joint(problem: Problem, effects: EffectsSection) -> Joint:
+    friction = effects.friction
+    return Joint(
+        problem.law,
+        None if friction is None else friction.coefficient,
+        None if friction is None else friction.stick_stiffness,
+        effects.finite_sliding,
+    )
 
 
 def _contact_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) -> list[str]:
@@ -167,64 +168,6 @@ def _contact_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) ->
     if not static and not scene.effects.finite_rotation:
         notes.append("large rotations: nlgeom=YES, though effects.finite_rotation is off")
     return notes
-
-
-# ---------------------------------------------------------------------------------------------
-# Boxes
-
-
-def _box_deck(name: str, scene: BoxScene, flavour: Flavour) -> Deck:
-    fem = scene.fem
-    static = flavour is not Flavour.GENERAL and fem.method is Method.STATIC
-    block = box_block(scene.block.size, scene.mesh.divisions)
-    n = scene.assembly.copies
-    assembly = Assembly(
-        name="boxes",
-        shapes=(block,),
-        shape_of=np.zeros(n, dtype=np.int64),
-        rotations=np.tile(np.eye(3), (n, 1, 1)),
-        translations=copy_placements(scene),
-        layer=np.zeros(n, dtype=np.int64),
-        fixed=np.zeros(n, dtype=np.bool_),
-        unmatched_allowed=True,
-    )
-    finite = scene.effects.finite_rotation
-    step = (
-        _static_step(scene.effects) if static else _explicit_step(name, fem, large_rotations=finite)
-    )
-    deck = Deck(
-        name=name,
-        flavour=flavour,
-        assembly=assembly,
-        material=build_material(scene.material),
-        element=fem.element,
-        step=step,
-        holds=tuple(Hold(copy, face) for copy in range(n) for face in scene.support),
-        loads=tuple(_box_loads(scene)),
-        effects=_effects(scene.effects, fem, static=static),
-        motion=_motion(scene),
-    )
-    if flavour is Flavour.CALCULIX and not static:
-        deck = _with_time_step(deck, fem)
-    return _with_notes(deck, _step_notes(fem, scene.effects, flavour, static=static))
-
-
-def _box_loads(scene: BoxScene) -> list[DeckLoad]:
-    blocks = np.arange(scene.assembly.copies)
-    loads: list[DeckLoad] = []
-    for face, load in scene.load.items():
-        if load.pressure is not None:
-            loads.append(PressureLoad(blocks, face, load.pressure))
-        elif load.traction is not None and any(load.traction):
-            loads.append(TractionLoad(blocks, face, np.array(load.traction)))
-    return loads
-
-
-def _motion(scene: BoxScene) -> Motion | None:
-    initial = scene.initial
-    if initial is None or not any((*initial.velocity, *initial.angular_velocity)):
-        return None
-    return Motion(np.array(initial.velocity), np.array(initial.angular_velocity))
 
 
 def _with_time_step(deck: Deck, fem: FemSection) -> Deck:

@@ -12,15 +12,21 @@ from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction, FrictionError
 from fem.contact.law import ContactLaw, ContactLawError, ExponentialLaw, LinearPenalty
 from fem.contact.surfaces import ContactNormals
+from fem.element.material import Material, MaterialError
 from fem.problem.model import Formulation
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.loads.case import LoadCase
 from validation.build.blocks import HexahedralBlocks, build_blocks, build_load, require_matching
-from validation.build.box import build_material
 from validation.build.cell import build_cell, is_cell
 from validation.errors import InputError
-from validation.scene.deformable import ContactSection, EffectsSection, FemSection, Method
+from validation.scene.deformable import (
+    ContactSection,
+    EffectsSection,
+    FemSection,
+    MaterialSection,
+    Method,
+)
 from validation.scene.family import AssemblyScene
 from validation.scene.polyhedra import MeshScene
 from validation.scene.read import DeformableScene
@@ -30,6 +36,20 @@ NO_SECTOR = (
     'fem.symmetry: got "sector", but the load or the supports are not the same on every block of a '
     'layer; expected "auto" or "none"'
 )
+
+
+def build_material(section: MaterialSection) -> Material:
+    """Material of a scene.
+
+    Raises
+    ------
+    InputError
+        For constants no elastic material has.
+    """
+    try:
+        return Material(section.density, section.young_modulus, section.poisson_ratio)
+    except MaterialError as error:
+        raise InputError(str(error)) from None
 
 
 def contact_law(section: ContactSection) -> ContactLaw:
@@ -71,7 +91,7 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
         When a section is missing.
     """
     for section in ("material", "contact", "fem"):
-        if getattr(scene, section) is None:
+        if getattr(scene, section) is None and (scene.meets or section != "contact"):
             raise InputError(
                 f"{name}: [{section}] is missing: deformable blocks need it "
                 "(`tubelock scenes tsb1-pipe` shows one)"
@@ -87,7 +107,7 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
             f"{name}: fem.degree: got {scene.fem.degree}; curved elements are solved by `tubelock "
             "fem` alone: expected 1"
         )
-    if scene.fem.formulation is Formulation.RATE_FORM:
+    if scene.fem.formulation is Formulation.RATE_FORM and scene.meets:
         raise InputError(
             f'{name}: fem.formulation: got "rate form", which has no contact; expected "shared '
             'stiffness" (boxes take both)'
@@ -168,22 +188,23 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
     """
     fem = fem_section(scene, name)
     assert scene.material is not None
-    assert scene.contact is not None
+    contact = scene.contact or ContactSection()  # single bodies have none
     _check_load(name, blocks.load, scene.material.young_modulus)
     return Problem(
         blocks.assembly,
         blocks.load,
         build_material(scene.material),
         element=fem.element,
-        law=contact_law(scene.contact),
+        law=contact_law(contact),
         normals=ContactNormals.CURRENT,
-        clearance=scene.contact.clearance,
-        spacing=scene.contact.spacing,
+        clearance=contact.clearance,
+        spacing=contact.spacing,
         frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
         friction=build_friction(scene.effects),
         finite_sliding=scene.effects.finite_sliding or bool(blocks.unmatched),
         finite_rotation=scene.effects.finite_rotation,
         gravity=scene.effects.gravity,
+        motion=scene.motion,
     )
 
 

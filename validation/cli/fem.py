@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from fem.explicit.solve import ExplicitResult
     from fem.problem.model import BlockGroup
     from validation.output.outputs import Outputs
-    from validation.run.deformable import TubeRun
-    from validation.scene.deformable import BoxScene
+    from validation.run.deformable import DeformableRun
     from validation.scene.read import DeformableScene
 
 CHECKPOINT = "checkpoint.npz"
@@ -55,30 +54,25 @@ def fem(
     store: CostStoreOption = COST_STORE,
 ) -> None:
     """Deformable blocks: displacements, principal stresses, energies."""
-    from validation.output.deformable import BLOCK_FILES, BOX_FILES
+    from validation.output.deformable import FILES
     from validation.output.outputs import Outputs
-    from validation.scene.deformable import BoxScene
     from validation.scene.read import DeformableScene, load_scene, with_auto
 
     file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
-    box = isinstance(file.scene, BoxScene)
-    folder = default_folder(output, json, file.name if box else f"{file.name}-fem")
+    folder = default_folder(output, json, f"{file.name}-fem")
     reads = (*_read(resume, folder), *(() if accuracy is None else (store,)))
-    names = (*(BOX_FILES if box else BLOCK_FILES), CHECKPOINT)
+    names = (*FILES, CHECKPOINT)
     with Outputs(json, folder, names, reads=reads, scene=file) as outputs:
         if accuracy is not None:
             from validation.cost.report import with_accuracy
 
             file = outputs.scene = with_accuracy(file, accuracy, store, outputs.console)
-        if isinstance(file.scene, BoxScene):
-            _solve_box(file.name, file.scene, outputs, resume)
-        elif isinstance(file.scene, DeformableScene):
-            _solve_blocks(file.name, file.scene, outputs, resume)
-        else:
+        if not isinstance(file.scene, DeformableScene):
             raise InputError(
                 f"{file.name}: block.type {file.scene.block.type!r} has no hexahedral mesh for "
                 "deformable blocks; `tubelock mbd` gives the rigid answer"
             )
+        _answer(file.name, file.scene, outputs, resume)
         if folder is not None:
             (folder / CHECKPOINT).unlink(missing_ok=True)
 
@@ -130,7 +124,7 @@ def check_finished(result: ExplicitResult, outputs: Outputs) -> None:
 
 def _kept(
     outputs: Outputs,
-    scene: BoxScene | DeformableScene,
+    scene: DeformableScene,
     groups: Sequence[BlockGroup],
     *,
     resumed: bool,
@@ -152,40 +146,11 @@ def _kept(
     return {"checkpoint": outputs.path(CHECKPOINT), "on_frame": writer}
 
 
-def _solve_box(name: str, scene: BoxScene, outputs: Outputs, resume: Path | None) -> None:
-    """Solve a box scene and write what the command promises."""
-    from validation.build.box import build_box
-    from validation.output.console import explicit_progress
-    from validation.output.deformable import print_box, write_box_files
-    from validation.run.box import box_json, check_end_time, run_box
-    from validation.scene.deformable import Method
-    from validation.scene.usage import recording
-
-    with recording(scene) as use:
-        if scene.fem.method is Method.EXPLICIT:
-            check_end_time(scene)
-        else:
-            refuse_resume(resume)
-        box = build_box(scene)
-        kept = _kept(outputs, scene, box.model.groups, resumed=resume is not None)
-        with explicit_progress() as progress:
-            run = run_box(name, scene, box=box, progress=progress, resume=resume, **kept)
-    if run.explicit is not None:
-        check_finished(run.explicit, outputs)
-    print_box(run, outputs.console)
-    outputs.tell_unused(use)
-    write_box_files(run, outputs)
-    outputs.write_json(box_json(run))
-
-
-def _solve_blocks(name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None) -> None:
-    """Solve blocks in contact and write what the command promises."""
-    from validation.build.deformable import fem_section
+def _answer(name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None) -> None:
+    """Solve a scene and write what the command promises."""
     from validation.output.console import status
-    from validation.output.deformable import print_blocks, print_curved, write_block_files
-    from validation.run.box import peak_memory_mb
-    from validation.run.deformable import tube_json
-    from validation.run.estimate import estimated_errors
+    from validation.output.deformable import print_curved, print_run, write_run_files
+    from validation.run.deformable import peak_memory_mb, run_json
     from validation.scene.usage import recording
 
     if scene.fem is not None and scene.fem.degree > 1:
@@ -199,28 +164,26 @@ def _solve_blocks(name: str, scene: DeformableScene, outputs: Outputs, resume: P
         outputs.write_json(curved.as_json() | {"peak_memory_mb": peak_memory_mb()})
         return
     with recording(scene) as use:
-        run, result = _blocks_in_contact(name, scene, outputs, resume)
-        if fem_section(run.scene, name).error_estimate:  # its effects are decided
-            with status(outputs.console, f"{name}: two coarser meshes, for the errors"):
-                run = replace(run, errors=estimated_errors(run))
-        measured = tube_json(run, peak_memory_mb())
-    print_blocks(run, outputs.console)
+        run, added = _solved(name, scene, outputs, resume)
+        data = run_json(run) | added
+    print_run(run, outputs.console)
     outputs.tell_unused(use)
-    write_block_files(run, result, outputs)
-    outputs.write_json(measured)
+    write_run_files(run, outputs)
+    outputs.write_json(data)
 
 
-def _blocks_in_contact(
+def _solved(
     name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None
-) -> tuple[TubeRun, ExplicitResult | None]:
-    """Decide the effects, build and solve; what an explicit run keeps beside its state."""
+) -> tuple[DeformableRun, dict[str, Any]]:
+    """Decide the effects, build, solve and estimate errors; what is told beside the run."""
     from validation.build.cell import is_cell
     from validation.build.deformable import build_deformable, fem_section
     from validation.effects.cell import cell_table, probed_cell_error
     from validation.effects.report import decided
     from validation.output.console import explicit_progress, status
-    from validation.run.explicit import run_tube_explicit, scene_statement
-    from validation.run.static import run_tube_static
+    from validation.run.estimate import estimated_errors
+    from validation.run.explicit import run_explicit, scene_statement
+    from validation.run.static import run_static
     from validation.scene.deformable import Method
 
     scene, decision = decided(scene, name, outputs.console)
@@ -240,16 +203,14 @@ def _blocks_in_contact(
         error = probed_cell_error(scene, name)
         outputs.console.print(cell_table(name, error))
         added["periodic_cell"] = error.as_json()
-    result = None
+    kept = _kept(outputs, scene, deformable.model.groups, resumed=resume is not None)
     if statement is None:
-        with status(outputs.console, f"{name}: static Newton"):
-            kept = _kept(outputs, scene, deformable.model.groups, resumed=False)
+        with status(outputs.console, f"{name}: static"):
             frames = kept.get("on_frame")
-            run = run_tube_static(name, scene, deformable=deformable, on_frame=frames)
+            run = run_static(name, scene, deformable=deformable, on_frame=frames)
     else:
-        kept = _kept(outputs, scene, deformable.model.groups, resumed=resume is not None)
         with explicit_progress() as progress:
-            run, result = run_tube_explicit(
+            run = run_explicit(
                 name,
                 scene,
                 deformable=deformable,
@@ -258,7 +219,11 @@ def _blocks_in_contact(
                 resume=resume,
                 **kept,
             )
-        check_finished(result, outputs)
+    if run.explicit is not None:
+        check_finished(run.explicit, outputs)
     spent = run.cpu_seconds
     spent |= {"build": spent["build"] + built, "total": spent["total"] + built}
-    return replace(run, solver=run.solver | added, cpu_seconds=spent), result
+    if fem.error_estimate:
+        with status(outputs.console, f"{name}: two coarser meshes, for the errors"):
+            run = replace(run, errors=estimated_errors(run))
+    return run, added

@@ -20,10 +20,10 @@ from validation.build.blocks import require_matching
 from validation.build.deformable import build_deformable, build_hexahedra, fem_section, scene_load
 from validation.compare.decomposition import Step, decompose
 from validation.errors import InputError
-from validation.run.deformable import TubeRun
-from validation.run.explicit import run_tube_explicit
+from validation.run.deformable import DeformableRun
+from validation.run.explicit import run_explicit
 from validation.run.rigid.assembly import BuiltScene, RigidRun, analyse_rigid
-from validation.run.static import run_tube_static
+from validation.run.static import run_static
 from validation.scene.deformable import Damping, Method
 from validation.scene.read import DeformableScene
 
@@ -70,8 +70,8 @@ class Comparison:
 
     name: str
     rigid: RigidRun
-    static: TubeRun
-    explicit: TubeRun | None
+    static: DeformableRun
+    explicit: DeformableRun | None
     contacts: IntArray
     """Facets that all answers share, positions in the assembly's interfaces, (n,)."""
     answers: tuple[Answer, ...]
@@ -182,14 +182,12 @@ def compare(
         if not rigid[norm].result.equilibrium.holds:
             raise InputError(f"{name}: {rigid[norm].result.equilibrium.status}")
     static_scene = _with_fem(scene, method=Method.STATIC)
-    static = run_tube_static(name, static_scene, deformable=deformable)
+    static = run_static(name, static_scene, deformable=deformable)
     dynamic = None
     if explicit:
         damping = fem.damping or Damping.STATIC
         explicit_scene = _with_fem(scene, method=Method.EXPLICIT, damping=damping)
-        dynamic, _ = run_tube_explicit(
-            name, explicit_scene, deformable=deformable, progress=progress
-        )
+        dynamic = run_explicit(name, explicit_scene, deformable=deformable, progress=progress)
     steps = decompose(name, scene, static)
     return _collect(name, rigid, static, dynamic, steps)
 
@@ -229,8 +227,8 @@ def _with_fem(scene: DeformableScene, **changes: Any) -> DeformableScene:
 def _collect(
     name: str,
     rigid: dict[Norm, RigidRun],
-    static: TubeRun,
-    dynamic: TubeRun | None,
+    static: DeformableRun,
+    dynamic: DeformableRun | None,
     steps: list[Step],
 ) -> Comparison:
     first = rigid[Norm.FORCE].result
@@ -279,7 +277,7 @@ def _collect(
 
 
 def _agreements(
-    static: TubeRun, contacts: IntArray, answers: list[Answer]
+    static: DeformableRun, contacts: IntArray, answers: list[Answer]
 ) -> dict[str, tuple[PressureAgreement, ...]]:
     assembly = static.deformable.assembly
     found = assembly.interfaces
@@ -311,7 +309,7 @@ def _agreements(
 
 
 def _interface_forces(
-    static: TubeRun, contacts: IntArray, answers: list[Answer]
+    static: DeformableRun, contacts: IntArray, answers: list[Answer]
 ) -> dict[str, FloatArray]:
     found = static.deformable.assembly.interfaces
     pair = np.searchsorted(found.pair_start, contacts, side="right") - 1

@@ -20,7 +20,7 @@ from fem.static.linear_step.condensed import FlexibilityStore
 from validation.build.deformable import fem_section
 from validation.errors import InputError
 from validation.output.pictures.gallery import BLUE, ORANGE, VERMILION, save_figure, subplots
-from validation.run.static import run_tube_static
+from validation.run.static import run_static
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 
@@ -66,7 +66,7 @@ def clearance_row(
             "fem": fem.model_copy(update={"method": Method.STATIC}),
         }
     )
-    run = run_tube_static(f"{name}, {kind} {gap:g} mm", spaced, store=store)
+    run = run_static(f"{name}, {kind} {gap:g} mm", spaced, store=store)
     blocks = run.deformable.deformable_blocks.tolist()
     return ClearanceRow(
         kind=kind,
@@ -76,7 +76,7 @@ def clearance_row(
         p_max=run.contact.p_max_face,
         effective_count_percent=run.contact.effective_count_percent,
         max_principal_stress=max(float(run.principal(b)[:, 0].max()) for b in blocks),
-        newton_iterations=int(run.solver["newton_iterations"]),
+        newton_iterations=len(run.static.residuals) if run.static is not None else 0,
         cpu_seconds=run.cpu_seconds["total"],
     )
 

@@ -20,7 +20,7 @@ from fem.static.result import StaticResult
 from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
 from validation.build.deformable import build_deformable, gap_words
-from validation.run.deformable import TubeRun
+from validation.run.deformable import DeformableRun
 from validation.scene.read import DeformableScene
 
 #: Stiffer by this factor, blocks deform a thousandth of what the contact springs do.
@@ -65,7 +65,7 @@ def _step(words: str, result: StaticResult) -> Step:
     return Step(words, found.p_eff, found.p_max_face, found.effective_count_percent)
 
 
-def decompose(name: str, scene: DeformableScene, static: TubeRun) -> list[Step]:
+def decompose(name: str, scene: DeformableScene, static: DeformableRun) -> list[Step]:
     """Steps from rigid blocks to the scene, each a static solution.
 
     Steps that find no solution are left out (a clearance without elasticity may leave blocks that

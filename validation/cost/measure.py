@@ -27,10 +27,10 @@ from validation.cost.settings import (
     with_setting,
 )
 from validation.errors import InputError
-from validation.run.deformable import TubeRun
-from validation.run.explicit import run_tube_explicit, scene_statement
+from validation.run.deformable import DeformableRun
+from validation.run.explicit import run_explicit, scene_statement
 from validation.run.rigid.assembly import analyse_rigid, build_scene
-from validation.run.static import run_tube_static
+from validation.run.static import run_static
 from validation.scene.read import SceneFile, TubeScene
 
 #: Scalars that are measured, with their units and what they are.
@@ -212,6 +212,7 @@ def _timed(setting: CostSetting, scene: TubeScene, name: str) -> TubeScene:
         return scene
     assert scene.fem is not None
     times = scene_statement(scene, name, build_deformable(scene, name)).recommended
+    assert times is not None  # blocks meet
     ramp = setting.ramp_factor * times.ramp_time
     changed: dict[str, Any] = {"ramp_time": ramp}
     if setting.hold_periods is not None:
@@ -262,16 +263,16 @@ def _run(
     return found, seconds
 
 
-def _deformable(where: str, scene: TubeScene, setting: CostSetting) -> TubeRun:
+def _deformable(where: str, scene: TubeScene, setting: CostSetting) -> DeformableRun:
     if setting.method == "static":
-        return run_tube_static(where, scene)
-    run, result = run_tube_explicit(where, scene)
-    if result.status is Status.INTERRUPTED:
+        return run_static(where, scene)
+    run = run_explicit(where, scene)
+    if run.explicit is not None and run.explicit.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     return run
 
 
-def _tube_numbers(tube: TubeRun) -> tuple[dict[str, float], dict[str, Any]]:
+def _tube_numbers(tube: DeformableRun) -> tuple[dict[str, float], dict[str, Any]]:
     blocks = tube.deformable.assembly.free_blocks.tolist()
     scalars = {
         "p_max": tube.contact.p_max_face,
@@ -280,6 +281,7 @@ def _tube_numbers(tube: TubeRun) -> tuple[dict[str, float], dict[str, Any]]:
         "displacement": tube.largest_displacement,
     }
     kept = ("status", "n_steps", "time_step", "time", "newton_iterations", "residual", "symmetry")
-    details = {key: tube.solver[key] for key in kept if tube.solver.get(key) is not None}
+    told = {key: getattr(tube.answer.solver, key, None) for key in kept}
+    details = {key: value for key, value in told.items() if value is not None}
     elements = tube.deformable.model.groups[0].mesh.n_elements
     return scalars, details | {"elements_per_block": elements}

@@ -12,8 +12,8 @@ from geometry.mesh import FloatArray
 from validation.build.cell import check_cell
 from validation.effects.probe import Answer, Change, change, mesh_words, probe_scene
 from validation.errors import InputError
-from validation.run.deformable import TubeRun
-from validation.run.static import run_tube_static
+from validation.run.deformable import DeformableRun
+from validation.run.static import run_static
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 
@@ -103,7 +103,7 @@ def _static(scene: DeformableScene, symmetry: str) -> DeformableScene:
 
 
 def _beside(cell_scene: DeformableScene, tube_scene: DeformableScene, name: str) -> CellError:
-    cell, tube = run_tube_static(name, cell_scene), run_tube_static(name, tube_scene)
+    cell, tube = run_static(name, cell_scene), run_static(name, tube_scene)
     return CellError(
         layers=tube.deformable.assembly.n_layers,
         mesh=mesh_words(cell_scene),
@@ -115,7 +115,7 @@ def _beside(cell_scene: DeformableScene, tube_scene: DeformableScene, name: str)
     )
 
 
-def middle_answer(run: TubeRun) -> Answer:
+def middle_answer(run: DeformableRun) -> Answer:
     """Answer of the two middle layers, rid of their mean motion along and about the axis.
 
     Of a tube with an odd number of layers, those are the middle one and the one below it.
@@ -133,7 +133,7 @@ def middle_answer(run: TubeRun) -> Answer:
     )
 
 
-def _own_displacement(run: TubeRun, blocks: list[int]) -> float:
+def _own_displacement(run: DeformableRun, blocks: list[int]) -> float:
     """Largest displacement of some blocks beyond their mean motion along and about the axis."""
     assembly = run.deformable.assembly
     places, moves, masses = [], [], []

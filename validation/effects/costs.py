@@ -24,8 +24,8 @@ from validation.build.cell import refuse_cell
 from validation.build.deformable import build_deformable, fem_section
 from validation.build.effects import PAPER_RAYLEIGH
 from validation.errors import InputError
-from validation.run.deformable import TubeRun
-from validation.run.explicit import run_tube_explicit, scene_statement
+from validation.run.deformable import DeformableRun
+from validation.run.explicit import run_explicit, scene_statement
 from validation.scene.deformable import (
     BulkViscositySection,
     Damping,
@@ -224,7 +224,7 @@ def _bytes(system: System, state: State) -> int:
     return arrays + sum(body.constant_bytes for body in system.bodies)
 
 
-def _answer(run: TubeRun) -> tuple[float, float, float]:
+def _answer(run: DeformableRun) -> tuple[float, float, float]:
     return run.contact.p_max_face, run.contact.p_eff, run.largest_displacement
 
 
@@ -274,7 +274,9 @@ def effect_costs(
     statement = scene_statement(base, name, build_deformable(base, name))
     answer = None
     if answers:
-        found, result = run_tube_explicit(name, base)
+        found = run_explicit(name, base)
+        result = found.explicit
+        assert result is not None
         if str(result.status) != "converged":
             raise InputError(
                 f"{name}: the scene without effects did not arrive at its static state by "
@@ -282,9 +284,9 @@ def effect_costs(
             )
         answer = _answer(found)
     step_time = min(advance(system, state) for _ in range(ROUNDS))
-    given = _Base(
-        base, name, first_bits, statement.ramp_time, statement.recommended.frequency, answer
-    )
+    assert statement.recommended is not None  # blocks meet
+    frequency = statement.recommended.frequency
+    given = _Base(base, name, first_bits, statement.ramp_time, frequency, answer)
     costs = tuple(_measure(given, say))
     return EffectReport(
         scene=name,
@@ -326,7 +328,7 @@ def _measure(base: _Base, say: Callable[[str], None]) -> Iterator[EffectCost]:
         plain, mine = (min(column) for column in zip(*rounds, strict=True))
         change: tuple[float | None, ...] = (None, None, None)
         if base.answer is not None:
-            found, _ = run_tube_explicit(name, scene)
+            found = run_explicit(name, scene)
             change = tuple(
                 100.0 * (value / reference - 1.0)
                 for value, reference in zip(_answer(found), base.answer, strict=True)

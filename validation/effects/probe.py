@@ -20,7 +20,7 @@ from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
-from validation.run.deformable import TubeRun
+from validation.run.deformable import DeformableRun
 from validation.scene.deformable import Method
 from validation.scene.polyhedra import MeshScene
 from validation.scene.read import DeformableScene
@@ -239,6 +239,6 @@ def largest_rotation(solved: Solved) -> float:
     return largest
 
 
-def answer_of_run(run: TubeRun) -> Answer:
+def answer_of_run(run: DeformableRun) -> Answer:
     """Quantities of a run."""
     return Answer(run.contact.p_max_face, run.contact.p_eff, run.largest_displacement)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from rich.table import Table
 from fem.assembly.measures import CapAction
 from fem.explicit.output.history import History
 from fem.explicit.solve import ExplicitResult
+from fem.problem.mass_scaling import added_mass_share
 from geometry.files.mesh_io import write_hex_mesh, write_surface
 from geometry.mesh import QuadSurface
 from validation.output.console import two_columns
@@ -26,19 +28,15 @@ from validation.output.files import write_whole
 from validation.output.joints import JOINT_FILES, deformable_resultants, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
-from validation.output.pictures.boxes import draw_box, draw_energies
-from validation.run.box import BoxRun, box_json, peak_memory_mb
+from validation.output.pictures.energies import draw_energies
 from validation.run.curved import CurvedRun
-from validation.run.deformable import TubeRun, tube_json
+from validation.run.deformable import DeformableRun, peak_memory_mb
 from validation.run.measures import Measure, place_words, value_words
 from validation.run.words import load_words
-from validation.scene.deformable import FemSection, Method
+from validation.scene.deformable import FemSection
 
-_HISTORY = ("history.csv", "energies.png", "frame_*.vtu", "frames.pvd")
-#: Files of a run of single boxes.
-BOX_FILES = ("result.vtu", "result.png", *_HISTORY)
-#: Files of a run of blocks in contact.
-BLOCK_FILES = (
+#: Files of a run.
+FILES = (
     "fields.vtu",
     "contact_pressures.vtu",
     "contact_pressures.png",
@@ -46,34 +44,37 @@ BLOCK_FILES = (
     "sections.png",
     "displacement.png",
     *JOINT_FILES,
-    *_HISTORY,
+    "history.csv",
+    "energies.png",
+    "frame_*.vtu",
+    "frames.pvd",
 )
 
 
-def write_block_files(run: TubeRun, result: ExplicitResult | None, outputs: Outputs) -> None:
+def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
     """Write fields, contact pressures, pictures and history; nothing without a folder."""
     outputs.write("fields", "fields.vtu", lambda path: _write_fields(run, path))
-    outputs.write("pressures", "contact_pressures.vtu", lambda path: _write_contact(run, path))
-    write_joints(deformable_resultants(run.contact_state), outputs)
+    if run.meets:
+        outputs.write("pressures", "contact_pressures.vtu", lambda path: _write_contact(run, path))
+        write_joints(deformable_resultants(run.contact_state), outputs)
     for file, draw in _pictures(run).items():
         outputs.write("picture", file, lambda path, draw=draw: draw(run, path))  # type: ignore[misc]
-    if result is not None:
-        _write_history(result.history, run.name, outputs)
+    if run.explicit is not None:
+        _write_history(run.explicit.history, run.name, outputs)
     _name_frames(run.scene.fem, outputs)
 
 
-def _write_fields(run: TubeRun, path: Path) -> None:
-    groups, finite = run.deformable.model.groups, run.scene.effects.finite_rotation
+def _write_fields(run: DeformableRun, path: Path) -> None:
+    groups, recovered = run.deformable.model.groups, run.answer.recovered
     write_hex_mesh(
         path,
         groups_mesh(groups),
-        point_data=field_data(groups, run.displacements, finite_rotation=finite),
-        cell_data=element_owners(run.deformable)
-        | point_data(groups, run.displacements, finite_rotation=finite),
+        point_data=field_data(recovered, run.displacements),
+        cell_data=element_owners(run.deformable) | point_data(groups, recovered),
     )
 
 
-def _write_contact(run: TubeRun, path: Path) -> None:
+def _write_contact(run: DeformableRun, path: Path) -> None:
     found = run.contact_state
     quads = np.arange(4 * found.n_facets).reshape(-1, 4)
     write_surface(
@@ -90,39 +91,20 @@ def _write_contact(run: TubeRun, path: Path) -> None:
     )
 
 
-def _pictures(run: TubeRun) -> dict[str, Callable[[TubeRun, Path], None]]:
+def _pictures(run: DeformableRun) -> dict[str, Callable[[DeformableRun, Path], None]]:
     """Pictures of a run; sections and the view along an axis are those of tubes."""
-    pictures: dict[str, Callable[[TubeRun, Path], None]] = {
-        "contact_pressures.png": tubes.draw_contact,
-        "stresses.png": tubes.draw_stresses,
-    }
+    pictures: dict[str, Callable[[DeformableRun, Path], None]] = {}
+    if run.meets:
+        pictures["contact_pressures.png"] = tubes.draw_contact
+    pictures["stresses.png"] = tubes.draw_stresses
     if run.is_tube:
         pictures["sections.png"] = tubes.draw_sections
         pictures["displacement.png"] = _draw_displacement
     return pictures
 
 
-def _draw_displacement(run: TubeRun, path: Path) -> None:
+def _draw_displacement(run: DeformableRun, path: Path) -> None:
     tubes.draw_displacement(run, path)
-
-
-def write_box_files(run: BoxRun, outputs: Outputs) -> None:
-    """Write fields, picture and history; nothing without a folder."""
-    groups, finite = run.box.model.groups, run.scene.effects.finite_rotation
-
-    def fields(path: Path) -> None:
-        write_hex_mesh(
-            path,
-            groups_mesh(groups),
-            point_data=field_data(groups, [run.displacements], finite_rotation=finite),
-            cell_data=point_data(groups, [run.displacements], finite_rotation=finite),
-        )
-
-    outputs.write("fields", "result.vtu", fields)
-    outputs.write("picture", "result.png", lambda path: draw_box(run, path))
-    if run.explicit is not None:
-        _write_history(run.explicit.history, run.name, outputs)
-    _name_frames(run.scene.fem, outputs)
 
 
 def _write_history(history: History, name: str, outputs: Outputs) -> None:
@@ -141,39 +123,6 @@ def _name_frames(fem: FemSection | None, outputs: Outputs) -> None:
         outputs.say("frames", outputs.path("frames.pvd"))
 
 
-def print_box(run: BoxRun, console: Console) -> None:
-    """Print the numbers of a run of single boxes."""
-    data = box_json(run)
-    table = two_columns(f"{run.name}: deformable")
-    table.add_row("method, element", f"{run.scene.fem.method}, {run.scene.fem.element.value}")
-    table.add_row("elements, nodes", f"{data['n_elements']}, {data['n_nodes']}")
-    if run.explicit is not None:
-        table.add_row(
-            "steps, time step",
-            f"{data['n_steps']}, {data['time_step']:.4g} s "
-            f"(critical {data['critical_time_step']:.4g} s)",
-        )
-        rate = data["element_updates_per_cpu_second"] / 1e6
-        table.add_row("element updates", f"{rate:.3g} million per CPU second")
-    table.add_row("largest displacement", f"{data['max_displacement']:.6g} mm")
-    stress = data["principal_stress"]
-    table.add_row("principal stress", f"{stress['max']:.5g} … {stress['min']:.5g} MPa")
-    if data["energies"] is not None:
-        shown = [
-            f"{key.replace('_', ' ')} {value:.5g}"
-            for key, value in data["energies"].items()
-            if value != 0.0
-        ]
-        table.add_row("energies [N mm]", ", ".join(shown) or "all zero")
-    table.add_row("energy balance", f"{data['energy_balance']:.2e}")
-    if data.get("residual") is not None:
-        table.add_row("force residual", f"{data['residual']:.2e}")
-    seconds = ", ".join(f"{k} {v:.3f}" for k, v in data["cpu_seconds"].items())
-    table.add_row("CPU seconds", seconds)
-    table.add_row("peak memory", f"{data['peak_memory_mb']:.0f} MB")
-    console.print(table)
-
-
 def _add_slip(table: Table, slip: dict[str, float] | None) -> None:
     """Add the largest slip, with what to do where facets that stay paired have left each other."""
     if slip is None:
@@ -188,62 +137,78 @@ def _add_slip(table: Table, slip: dict[str, float] | None) -> None:
     table.add_row("largest slip", words)
 
 
-def print_blocks(run: TubeRun, console: Console) -> None:
-    """Print the numbers of a run of blocks in contact."""
-    data = tube_json(run, peak_memory_mb())
+def print_run(run: DeformableRun, console: Console) -> None:
+    """Print the numbers of a run."""
     table = two_columns(run.title)
-    element = run.deformable.model.groups[0].element.value
-    table.add_row("method, element", f"{run.method}, {element}")
+    model = run.deformable.model
+    table.add_row("method, element", f"{run.method}, {model.groups[0].element.value}")
     table.add_row(
         "blocks, elements, nodes",
-        f"{data['n_blocks']} deformable, {data['n_elements']}, {data['n_nodes']}",
+        f"{len(run.deformable.deformable_blocks)} deformable, {model.n_elements}, {model.n_nodes}",
     )
-    if run.method is Method.EXPLICIT:
-        rate = data["element_updates_per_cpu_second"] / 1e6
-        table.add_row(
-            "steps, time step",
-            f"{data['n_steps']} to {1e3 * data['time']:.4g} ms ({data['status']}), "
-            f"{data['time_step']:.4g} s (critical {data['critical_time_step']:.4g} s)",
-        )
-        if run.scene.fem is not None and run.scene.fem.mass_scaling is not None:
-            share = 100 * data["added_mass"]
-            table.add_row("mass scaling", f"{share:.3g} % more mass; it does not change the end")
-        table.add_row("element updates", f"{rate:.3g} million per CPU second")
-        state = data["quasi_static"]
+    if run.explicit is not None:
+        _add_explicit(table, run, run.explicit)
+    if run.static is not None and run.meets:
+        table.add_row("Newton iterations", f"{run.static.newton_iterations}")
+    if run.answer.residual is not None:
+        table.add_row("force residual", f"{run.answer.residual:.2e}")
+    _add_measures(table, run.measures)
+    if run.meets:
+        _add_contact(table, run)
+    seconds = ", ".join(f"{k} {v:.3f}" for k, v in run.cpu_seconds.items())
+    table.add_row("CPU seconds", seconds)
+    table.add_row("peak memory", f"{peak_memory_mb():.0f} MB")
+    console.print(table)
+
+
+def _add_explicit(table: Table, run: DeformableRun, result: ExplicitResult) -> None:
+    """Print the steps of an explicit run, and how static its end is."""
+    stated, state = run.answer.statement, run.quasi_static
+    assert stated is not None
+    table.add_row(
+        "steps, time step",
+        f"{result.n_steps} to {1e3 * result.time:.4g} ms ({result.status}), "
+        f"{result.time_step:.4g} s (critical {result.critical.critical_time_step:.4g} s)",
+    )
+    if run.scene.fem is not None and run.scene.fem.mass_scaling is not None:
+        share = 100 * added_mass_share(stated.assembly.model)
+        table.add_row("mass scaling", f"{share:.3g} % more mass; it does not change the end")
+    rate = result.element_updates_per_cpu_second / 1e6
+    table.add_row("element updates", f"{rate:.3g} million per CPU second")
+    if state is not None and stated.recommended is not None:
         table.add_row(
             "ramp, hold",
-            f"{1e3 * state['ramp_time']:.4g} ms, {1e3 * state['hold_time']:.4g} ms "
-            f"(lowest excited frequency {data['recommended']['frequency']:.3g} Hz)",
+            f"{1e3 * state.ramp_time:.4g} ms, {1e3 * state.hold_time:.4g} ms "
+            f"(lowest excited frequency {stated.recommended.frequency:.3g} Hz)",
         )
         table.add_row(
             "kinetic / internal energy",
-            f"{state['kinetic_over_internal_energy']:.2e} (small is necessary, not sufficient)",
+            f"{state.kinetic_over_internal_energy:.2e} (small is necessary, not sufficient)",
         )
         table.add_row(
             "velocity (rms), way to go",
-            f"{state['velocity_norm']:.3g} mm/s, {100 * state['settling']:.2g} %",
+            f"{state.velocity_norm:.3g} mm/s, {100 * state.settling:.2g} %",
         )
-        table.add_row("verdict", state["verdict"])
-        table.add_row("energy balance", f"{data['energy_balance']:.2e}")
-        if data["released_at_start"] is not None:
-            table.add_row("start", _start_words(data["released_at_start"]))
-    else:
-        table.add_row("Newton iterations", f"{data['newton_iterations']}")
-    if data["residual"] is not None:
-        table.add_row("force residual", f"{data['residual']:.2e}")
-    _add_measures(table, run.measures)
-    contact = data["contact"]
-    table.add_row("contact search", data["contact_search"])
-    _add_slip(table, data["slip"])
-    table.add_row("p_eff, pooled", f"{contact['p_eff_pooled']:.5g} MPa as the paper's tables")
+        table.add_row("verdict", state.verdict)
+    elif result.energies is not None:
+        values = asdict(result.energies).items()
+        shown = [f"{key.replace('_', ' ')} {value:.5g}" for key, value in values if value != 0.0]
+        table.add_row("energies [N mm]", ", ".join(shown) or "all zero")
+    table.add_row("energy balance", f"{result.energy_balance:.2e}")
+    if run.released_at_start is not None:
+        table.add_row("start", _start_words(run.released_at_start))
+
+
+def _add_contact(table: Table, run: DeformableRun) -> None:
+    """Print what only blocks that meet have."""
+    contact = run.contact
+    table.add_row("contact search", str(run.contact_search))
+    _add_slip(table, run.slip)
+    table.add_row("p_eff, pooled", f"{contact.p_eff_pooled:.5g} MPa as the paper's tables")
     if run.cap is not None:
         table.add_row("cap of the contact law", _cap_words(run.cap))
-    table.add_row("effective contact elements", f"{contact['effective_count_percent']:.2f} %")
-    table.add_row("mean overclosure", f"{contact['mean_overclosure']:.4g} mm where surfaces press")
-    seconds = ", ".join(f"{k} {v:.3f}" for k, v in data["cpu_seconds"].items())
-    table.add_row("CPU seconds", seconds)
-    table.add_row("peak memory", f"{data['peak_memory_mb']:.0f} MB")
-    console.print(table)
+    table.add_row("effective contact elements", f"{contact.effective_count_percent:.2f} %")
+    table.add_row("mean overclosure", f"{contact.mean_overclosure:.4g} mm where surfaces press")
 
 
 def _start_words(share: float) -> str:

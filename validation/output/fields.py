@@ -12,7 +12,7 @@ import numpy as np
 from fem.assembly.deformable import DeformableAssembly
 from fem.explicit.solve import Frame
 from fem.problem.model import BlockGroup
-from fem.problem.recovery import recover
+from fem.problem.recovery import Recovered, recover
 from geometry.assembly import Assembly
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.mesh import FloatArray, HexMesh, IntArray
@@ -34,17 +34,13 @@ def groups_mesh(groups: Sequence[BlockGroup]) -> HexMesh:
 
 
 def field_data(
-    groups: Sequence[BlockGroup], displacements: Sequence[FloatArray], *, finite_rotation: bool
+    recovered: Sequence[Recovered], displacements: Sequence[FloatArray]
 ) -> dict[str, NDArray[Any]]:
     """Nodal fields of all groups: displacement, stress and principal stresses."""
-    found = [
-        recover(group, u, finite_rotation=finite_rotation)
-        for group, u in zip(groups, displacements, strict=True)
-    ]
-    principal = np.concatenate([f.principal.reshape(-1, 3) for f in found])
+    principal = np.concatenate([found.principal.reshape(-1, 3) for found in recovered])
     return {
         "displacement": np.concatenate([u.reshape(-1, 3) for u in displacements]),
-        "stress": np.concatenate([f.stress.reshape(-1, 6) for f in found]),
+        "stress": np.concatenate([found.stress.reshape(-1, 6) for found in recovered]),
         "sigma_1": principal[:, 0],
         "sigma_2": principal[:, 1],
         "sigma_3": principal[:, 2],
@@ -52,18 +48,16 @@ def field_data(
 
 
 def point_data(
-    groups: Sequence[BlockGroup], displacements: Sequence[FloatArray], *, finite_rotation: bool
+    groups: Sequence[BlockGroup], recovered: Sequence[Recovered]
 ) -> dict[str, NDArray[Any]]:
     """Principal stresses at the integration points of each element, (n_elements, n_points)."""
-    first, last = [], []
-    for group, u in zip(groups, displacements, strict=True):
-        found = recover(group, u, finite_rotation=finite_rotation).point_principal
-        rows = found.reshape(group.n_copies * group.mesh.n_elements, -1, 3)
-        first.append(rows[:, :, 0])
-        last.append(rows[:, :, 2])
+    rows = [
+        found.point_principal.reshape(group.n_copies * group.mesh.n_elements, -1, 3)
+        for group, found in zip(groups, recovered, strict=True)
+    ]
     return {
-        "sigma_1_integration_points": np.concatenate(first),
-        "sigma_3_integration_points": np.concatenate(last),
+        "sigma_1_integration_points": np.concatenate([r[:, :, 0] for r in rows]),
+        "sigma_3_integration_points": np.concatenate([r[:, :, 2] for r in rows]),
     }
 
 
@@ -132,7 +126,9 @@ class FrameWriter:
             self.kept, self.stride = {}, 1
         if frame.number % self.stride and not frame.last:
             return
-        fields = field_data(self.groups, frame.displacements, finite_rotation=self.finite_rotation)
+        pairs = zip(self.groups, frame.displacements, strict=True)
+        found = [recover(g, u, finite_rotation=self.finite_rotation) for g, u in pairs]
+        fields = field_data(found, frame.displacements)
         mesh = groups_mesh(self.groups)
         write_hex_mesh(self.folder / _frame_name(frame.number), mesh, point_data=fields)
         self.kept[frame.number] = frame.time

@@ -30,7 +30,7 @@ from validation.study.store import Older, ResultFile
 from validation.study.study import Study, load_study
 
 if TYPE_CHECKING:
-    from validation.run.deformable import TubeRun
+    from validation.run.deformable import DeformableRun
 
 #: shift, frequency, blocks per layer, thickness [mm], amplitude [mm].
 Design = tuple[float, float, int, float, float]
@@ -133,7 +133,7 @@ class Evidence:
     """Turn of every second layer in the parameter study; the paper's, or another reading."""
     _tubes: SharedTubes = field(default_factory=SharedTubes)
     _rigid: dict[tuple[str, tuple[str, ...]], RigidRun] = field(default_factory=dict)
-    _fem: dict[tuple[str, str], TubeRun] = field(default_factory=dict)
+    _fem: dict[tuple[str, str], DeformableRun] = field(default_factory=dict)
 
     @property
     def study_settings(self) -> list[str]:
@@ -190,7 +190,7 @@ class Evidence:
         turn = f'assembly.turn="{self.turn}"'
         return self.rigid(scene, *MESH_OF_TABLES["TSB"], turn, *values, *settings)
 
-    def fem(self, block: str, case: str) -> TubeRun | None:
+    def fem(self, block: str, case: str) -> DeformableRun | None:
         """Deformable result of a load case; None where it may not be computed."""
         if not self.deformable:
             return None
@@ -203,7 +203,7 @@ class Evidence:
         """All rigid-block results computed so far."""
         return list(self._rigid.values())
 
-    def fem_runs(self) -> list[TubeRun]:
+    def fem_runs(self) -> list[DeformableRun]:
         """All deformable results computed so far."""
         return list(self._fem.values())
 
@@ -212,16 +212,16 @@ class Evidence:
         # A beam has no symmetry to use: it stays at the coarser mesh.
         return (48, 8, 20) if self.full and case != "beam" else (24, 4, 10)
 
-    def whole_tube(self, block: str, case: str, layers: int) -> TubeRun:
+    def whole_tube(self, block: str, case: str, layers: int) -> DeformableRun:
         """Deformable result of a shorter tube, solved without using its symmetry."""
         settings = [f"assembly.layers={layers}", "fem.symmetry=none"]
         return self._run_fem(block, case, settings, f"{layers} layers, no symmetry")
 
     def _run_fem(
         self, block: str, case: str, settings: Iterable[str] = (), words: str = ""
-    ) -> TubeRun:
+    ) -> DeformableRun:
         """Static state on a mesh of its own; one sector where the load is cyclic."""
-        from validation.run.static import run_tube_static
+        from validation.run.static import run_static
         from validation.scene.read import DeformableScene
 
         around, radial, axial = self.fem_mesh(case)
@@ -240,7 +240,7 @@ class Evidence:
         )
         assert isinstance(file.scene, DeformableScene)
         with status(self.console, f"deformable blocks: {name} {words}"):
-            run = run_tube_static(name, file.scene)
+            run = run_static(name, file.scene)
         label = f"fem {name} {around} × {radial} × {axial} {words}".strip()
         self.cpu_seconds[label] = run.cpu_seconds["total"]
         return run

@@ -25,7 +25,7 @@ from validation.output.pictures.gallery import (
 from validation.output.pictures.tubes import all_faces, blocks_view
 from validation.paper.claims.deformable import PressurePair, block_grid, pressure_pairs
 from validation.paper.evidence import Evidence
-from validation.run.deformable import TubeRun
+from validation.run.deformable import DeformableRun
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,7 +34,7 @@ CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
 BLOCKS = ("TSB1", "TSB2")
 
 
-def _runs(evidence: Evidence) -> Iterator[tuple[int, int, TubeRun]]:
+def _runs(evidence: Evidence) -> Iterator[tuple[int, int, DeformableRun]]:
     """Row, column and run of the five cases of both blocks."""
     for row, block in enumerate(BLOCKS):
         for column, case in enumerate(CASES):
@@ -104,7 +104,7 @@ def _draw_facets(axes: Axes, *, corners: FloatArray, values: FloatArray, scale: 
 
 
 def outer_surface(
-    run: TubeRun, component: int
+    run: DeformableRun, component: int
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Arc length, height [mm] and principal stress [MPa] of every free block's outer face."""
     for block in run.deformable.assembly.free_blocks.tolist():
@@ -181,5 +181,5 @@ def draw_displacements(evidence: Evidence, path: Path) -> None:
     gallery(columns, title, path, height=14.5)
 
 
-def _size(run: TubeRun, block: int) -> FloatArray:
+def _size(run: DeformableRun, block: int) -> FloatArray:
     return np.asarray(np.linalg.norm(run.displacement(block), axis=1))

@@ -54,7 +54,7 @@ from validation.paper.tables import (
     number,
     tables_json,
 )
-from validation.run.deformable import TubeRun
+from validation.run.deformable import DeformableRun
 from validation.run.rigid.assembly import RigidRun
 
 #: Preprint of 1 April 2026, https://arxiv.org/abs/2604.00836.
@@ -246,7 +246,7 @@ def _pressure_view(run: RigidRun, title: str, name: str) -> View3d:
     )
 
 
-def _stress_view(run: TubeRun) -> View3d:
+def _stress_view(run: DeformableRun) -> View3d:
     """All faces of the middle layers' blocks, coloured by σ₁, moved by exaggerated displacement."""
     assembly, scale = run.deformable.assembly, replace(stress_scale(run, 0), label="MPa")
     shown = np.flatnonzero(np.isin(assembly.layer, _SHOWN)).tolist()

@@ -34,8 +34,7 @@ from geometry.families.sine_block import (
 from geometry.loads import CASES
 from geometry.mesh import FloatArray, MeshError
 from validation.build.blocks import block_parameters
-from validation.build.box import build_material
-from validation.build.deformable import contact_law
+from validation.build.deformable import build_material, contact_law
 from validation.errors import InputError
 from validation.run.measures import Measure
 from validation.scene.deformable import Method

@@ -1,7 +1,8 @@
-"""Deformable tubes of a scene: the model, and a result in terms that pictures and JSON use."""
+"""The answer to a scene of deformable blocks, in terms that pictures, tables and JSON read."""
 
 from __future__ import annotations
 
+import resource
 from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
 from functools import cached_property
@@ -9,13 +10,17 @@ from typing import Any
 
 import numpy as np
 
+from fem.answer import Answer
 from fem.assembly.contact_state import ContactState
 from fem.assembly.deformable import (
     DeformableAssembly,
 )
-from fem.assembly.measures import CapAction, ContactMeasures, cap_action, contact_measures
+from fem.assembly.measures import CapAction, ContactMeasures, cap_action
 from fem.assembly.peaks import StressPeaks, stress_peaks
-from fem.problem.recovery import recover
+from fem.explicit.setup.quasi_static import QuasiStaticReport, quasi_static_report
+from fem.explicit.solve import ExplicitResult
+from fem.problem.mass_scaling import added_mass_share
+from fem.static.result import StaticResult
 from geometry.mesh import FloatArray, IntArray
 from validation.build.deformable import gap_words
 from validation.run.measures import Measure, joints_json, run_measures
@@ -35,33 +40,53 @@ class ContactSearch(StrEnum):
 
 
 @dataclass(frozen=True)
-class TubeRun:
-    """A deformable tube and its solution."""
+class DeformableRun:
+    """The deformable blocks of a scene, and the answer to what it asks."""
 
     name: str
     scene: DeformableScene
-    method: Method
-    deformable: DeformableAssembly
-    displacements: tuple[FloatArray, ...]
-    """Of each group, (n_copies, n_nodes, 3) [mm], world axes."""
-    contact_state: ContactState
-    """Facets in contact at the end, with pressures and overclosures."""
-    solver: dict[str, Any]
-    """Numbers of the solver: residual, iterations or steps, energies, …"""
+    answer: Answer
+    """Displacements, stresses, contact, and what the solver says of itself."""
     cpu_seconds: dict[str, float]
     """CPU time of each stage [s]."""
     errors: dict[str, float] = field(default_factory=dict)
     """Estimated error of discretisation of each measure, in its unit; empty where none was asked
     for."""
 
-    @cached_property
-    def _principal(self) -> tuple[FloatArray, ...]:
-        finite = self.scene.effects.finite_rotation
-        groups = self.deformable.model.groups
-        return tuple(
-            recover(group, u, finite_rotation=finite).principal
-            for group, u in zip(groups, self.displacements, strict=True)
-        )
+    @property
+    def deformable(self) -> DeformableAssembly:
+        """What was solved."""
+        return self.answer.deformable
+
+    @property
+    def displacements(self) -> tuple[FloatArray, ...]:
+        """Of each group, (n_copies, n_nodes, 3) [mm], world axes."""
+        return self.answer.group_displacements
+
+    @property
+    def contact_state(self) -> ContactState:
+        """Facets in contact at the end, with pressures and overclosures."""
+        return self.answer.contact_state
+
+    @property
+    def static(self) -> StaticResult | None:
+        """What the static solver says of itself; None for an explicit run."""
+        return self.answer.static
+
+    @property
+    def explicit(self) -> ExplicitResult | None:
+        """What the explicit run says of itself; None for a static one."""
+        return self.answer.explicit
+
+    @property
+    def method(self) -> Method:
+        """How the scene was solved."""
+        return Method.EXPLICIT if self.static is None else Method.STATIC
+
+    @property
+    def meets(self) -> bool:
+        """Whether blocks meet; else they are single bodies."""
+        return self.deformable.meets
 
     def displacement(self, block: int) -> FloatArray:
         """Nodal displacements of a deformable block, (n_nodes, 3) [mm]."""
@@ -72,7 +97,8 @@ class TubeRun:
     def principal(self, block: int) -> FloatArray:
         """Principal stresses at the nodes of a deformable block, (n_nodes, 3) [MPa]."""
         d = self.deformable
-        sigma: FloatArray = self._principal[int(d.group_of[block])][int(d.copy_of[block])]
+        found = self.answer.recovered[int(d.group_of[block])]
+        sigma: FloatArray = found.principal[int(d.copy_of[block])]
         return sigma
 
     def positions(self, block: int) -> FloatArray:
@@ -118,10 +144,10 @@ class TubeRun:
         """Mean contact pressure of each facet, (n_facets,) [MPa]."""
         return self.contact_state.pressures
 
-    @cached_property
+    @property
     def contact(self) -> ContactMeasures:
         """The paper's measures of the contact pressures, and more."""
-        return contact_measures(self.deformable.assembly, self.contact_state)
+        return self.answer.measures
 
     @cached_property
     def stress_peaks(self) -> StressPeaks:
@@ -143,6 +169,43 @@ class TubeRun:
     def cap(self) -> CapAction | None:
         """Where the maximum stiffness of the contact law acted; None for a law without one."""
         return cap_action(self.deformable.contact.law, self.contact_state)
+
+    @cached_property
+    def quasi_static(self) -> QuasiStaticReport | None:
+        """How static the end of an explicit run is; None where nothing recommends a frequency."""
+        result, stated = self.explicit, self.answer.statement
+        if result is None or stated is None or stated.recommended is None:
+            return None
+        assert self.scene.fem is not None
+        return quasi_static_report(
+            result,
+            ramp_time=stated.ramp_time,
+            frequency=stated.recommended.frequency,
+            largest_residual=self.scene.fem.residual,
+        )
+
+    @property
+    def released_at_start(self) -> float | None:
+        """Energy that contact holds before any load acts, over the largest work of the loads [-].
+
+        None where it is less than that work, as it is unless the law presses hard at zero
+        clearance.
+        """
+        if self.explicit is None:
+            return None
+        history = self.explicit.history
+        held, work = history.column("contact_energy")[:1], np.abs(history.column("external_work"))
+        return float(held[0] / work.max()) if held.size and held[0] > work.max() > 0.0 else None
+
+    @property
+    def energy_balance(self) -> float | None:
+        """Error of the balance of energies [-]; None for static blocks in contact."""
+        if self.explicit is not None:
+            return self.explicit.energy_balance
+        if self.static is None or self.meets:
+            return None
+        strain = self.static.strain_energy
+        return abs(self.static.external_work - strain) / max(strain, 1e-300)
 
     @property
     def largest_displacement(self) -> float:
@@ -187,7 +250,7 @@ class TubeRun:
         return isinstance(self.scene, RoundScene)
 
 
-def contact_report(run: TubeRun) -> dict[str, float]:
+def contact_report(run: DeformableRun) -> dict[str, float]:
     """Contact numbers of a run, without the values of each block."""
     return {
         number.name: getattr(run.contact, number.name)
@@ -196,7 +259,12 @@ def contact_report(run: TubeRun) -> dict[str, float]:
     }
 
 
-def tube_json(run: TubeRun, peak_memory_mb: float) -> dict[str, Any]:
+def peak_memory_mb() -> float:
+    """Peak resident memory of this process so far [MB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def run_json(run: DeformableRun) -> dict[str, Any]:
     """Return the result as plain data, numbers in full precision."""
     model = run.deformable.model
     principal = [run.principal(b) for b in run.deformable.deformable_blocks.tolist()]
@@ -206,19 +274,98 @@ def tube_json(run: TubeRun, peak_memory_mb: float) -> dict[str, Any]:
         "n_blocks": len(run.deformable.deformable_blocks),
         "n_elements": model.n_elements,
         "n_nodes": model.n_nodes,
-        "contact_search": str(run.contact_search),
-        "slip": run.slip,
-        "n_contacts": run.contact_state.n_facets,
         "max_displacement": run.largest_displacement,
         "principal_stress": {
             "max": max(float(p[:, 0].max()) for p in principal),
             "min": min(float(p[:, 2].min()) for p in principal),
         },
         "measures": {name: measure.as_json() for name, measure in run.measures.items()},
+        **(_contact_json(run) if run.meets else {"faces": face_displacements(run)}),
+        **_static_json(run),
+        **_explicit_json(run),
+        "cpu_seconds": run.cpu_seconds,
+        "peak_memory_mb": peak_memory_mb(),
+    }
+
+
+def _contact_json(run: DeformableRun) -> dict[str, Any]:
+    """What only blocks that meet have."""
+    return {
+        "contact_search": str(run.contact_search),
+        "slip": run.slip,
+        "n_contacts": run.contact_state.n_facets,
         "joints": joints_json(run),
         "contact": contact_report(run),
         "contact_cap": None if run.cap is None else asdict(run.cap),
-        **run.solver,
-        "cpu_seconds": run.cpu_seconds,
-        "peak_memory_mb": peak_memory_mb,
+    }
+
+
+def face_displacements(run: DeformableRun) -> dict[str, dict[str, list[float]]]:
+    """Mean displacement of each named face of the first block, weighted by facet area."""
+    found = {}
+    block = run.deformable.assembly.shape(0)
+    for name in block.faces:
+        surface = block.surface(name)
+        facet = run.displacement(0)[surface.quads].mean(axis=1)
+        mean = surface.areas @ facet / surface.areas.sum()
+        found[name] = {"mean_displacement": mean.tolist()}
+    return found
+
+
+def _static_json(run: DeformableRun) -> dict[str, Any]:
+    """What a static solver says of itself."""
+    result = run.static
+    if result is None:
+        return {}
+    data = {
+        "status": result.status,
+        "residual": result.residual,
+        "newton_iterations": result.newton_iterations,
+        "symmetry": result.symmetry,
+        "loose_blocks": result.loose_blocks.tolist(),
+        "load_steps": result.load_steps,
+        "energies": {
+            "strain_energy": result.strain_energy,
+            "contact_energy": result.contact_energy,
+            "external_work": result.external_work,
+            "frictional_dissipation": result.frictional_dissipation,
+        },
+    }
+    return data if run.meets else data | {"energy_balance": run.energy_balance}
+
+
+def _explicit_json(run: DeformableRun) -> dict[str, Any]:
+    """What an explicit run says of itself."""
+    result, stated = run.explicit, run.answer.statement
+    if result is None or stated is None:
+        return {}
+    energies = result.energies
+    data: dict[str, Any] = {
+        "status": str(result.status),
+        "n_steps": result.n_steps,
+        "time": result.time,
+        "time_step": result.time_step,
+        "critical_time_step": result.critical.critical_time_step,
+        "residual": result.residual,
+        "newton_iterations": None,
+        "energies": None
+        if energies is None
+        else asdict(energies)
+        | {"viscous_dissipation": energies.viscous_dissipation, "total": energies.total},
+        "energy_balance": result.energy_balance,
+        "element_updates_per_cpu_second": result.element_updates_per_cpu_second,
+        "added_mass": added_mass_share(stated.assembly.model),
+        "bytes_per_node": (result.state_bytes + result.constant_bytes)
+        / stated.assembly.model.n_nodes,
+    }
+    if stated.recommended is None:
+        return data
+    report = run.quasi_static
+    assert report is not None
+    return data | {
+        "counted_pressure": stated.counted_pressure,
+        "released_at_start": run.released_at_start,
+        "quasi_static": asdict(report),
+        "recommended": asdict(stated.recommended),
+        "restarts": run.answer.restarts,
     }

@@ -20,14 +20,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from fem.explicit.solve import Status
 from validation.build.coarser import coarser
 from validation.errors import InputError
-from validation.run.deformable import TubeRun
-from validation.run.explicit import run_tube_explicit
+from validation.run.deformable import DeformableRun
 from validation.run.measures import bracketed
-from validation.run.static import run_tube_static
-from validation.scene.deformable import Method
+from validation.run.solve import run_scene
 from validation.scene.read import DeformableScene
 
 #: Elements along an edge of the coarser meshes over those of the run.
@@ -41,7 +38,7 @@ _INSIDE = ("sigma_1_max", "sigma_3_min")
 
 
 def estimated_errors(
-    run: TubeRun, solve: Callable[[str, DeformableScene], TubeRun] | None = None
+    run: DeformableRun, solve: Callable[[str, DeformableScene], DeformableRun] | None = None
 ) -> dict[str, float]:
     """Estimate the error of each measure, in its unit; empty where no coarser mesh can be solved.
 
@@ -52,7 +49,7 @@ def estimated_errors(
     solve
         Solves a scene; by default the method of the run.
     """
-    solve = _again if solve is None else solve
+    solve = run_scene if solve is None else solve
     estimates: dict[str, list[float]] = {}
     for scene in (coarser(run.scene, share) for share in SHARES):
         if scene is None:
@@ -73,20 +70,3 @@ def estimated_errors(
         name: max(found) + sides[name] if name in _INSIDE else max(*found, sides.get(name, 0.0))
         for name, found in estimates.items()
     }
-
-
-def _again(name: str, scene: DeformableScene) -> TubeRun:
-    """Solve a scene by its own method.
-
-    Raises
-    ------
-    InputError
-        A scene that cannot be solved, or a run that was interrupted.
-    """
-    assert scene.fem is not None
-    if scene.fem.method is Method.STATIC:
-        return run_tube_static(name, scene)
-    run, result = run_tube_explicit(name, scene)
-    if result.status is Status.INTERRUPTED:
-        raise InputError(f"{name}: interrupted")
-    return run

@@ -1,39 +1,24 @@
-"""Explicit runs of deformable tubes."""
+"""Explicit runs of deformable blocks."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import SymmetryError
-from fem.explicit.output.checkpoint import OtherProblemError
-from fem.explicit.output.history import History
 from fem.explicit.setup.assembly import COUNTED_PRESSURE
-from fem.explicit.setup.quasi_static import quasi_static_report
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
-from fem.explicit.solve import (
-    ExplicitResult,
-    Frame,
-    Output,
-    Progress,
-    StopCriterion,
-    UnstableRun,
-    solve,
-)
-from fem.problem.mass_scaling import added_mass_share
+from fem.explicit.solve import Frame, Output, Progress
+from fem.solvers import explicit_answer
 from geometry.errors import RefusedError
 from validation.build.deformable import NO_SECTOR, build_deformable, fem_section
 from validation.build.effects import build_effects
 from validation.errors import InputError
-from validation.run.deformable import TubeRun
+from validation.run.deformable import DeformableRun
 from validation.run.frames import frame_interval
-from validation.scene.deformable import Damping, FemSection, Method
+from validation.scene.deformable import Damping
 from validation.scene.read import DeformableScene
 
 
@@ -63,6 +48,8 @@ def scene_statement(
             end_time=fem.end_time,
             mass_scaling=fem.mass_scaling,
             counted_pressure=counted_pressure,
+            formulation=fem.formulation,
+            motion=scene.motion,
         )
     except InputError:
         raise
@@ -72,7 +59,7 @@ def scene_statement(
         raise InputError(f"{name}: {error}") from None
 
 
-def run_tube_explicit(
+def run_explicit(
     name: str,
     scene: DeformableScene,
     *,
@@ -82,8 +69,8 @@ def run_tube_explicit(
     on_frame: Callable[[Frame], None] | None = None,
     checkpoint: Path | None = None,
     resume: Path | None = None,
-) -> tuple[TubeRun, ExplicitResult]:
-    """Run a tube by explicit dynamics.
+) -> DeformableRun:
+    """Run the blocks of a scene by explicit dynamics.
 
     Parameters
     ----------
@@ -109,146 +96,40 @@ def run_tube_explicit(
     """
     start = time.process_time()
     fem = fem_section(scene, name)
-    deformable = build_deformable(scene, name) if deformable is None else deformable
-    if statement is None:
-        statement = scene_statement(scene, name, deformable)
+    built_now = build_deformable(scene, name) if deformable is None else deformable
+    stated = scene_statement(scene, name, built_now) if statement is None else statement
     built = time.process_time()
-    restarts = 0
-    while True:
-        try:
-            result = _solved(
-                fem,
-                statement,
+    try:
+        answer = explicit_answer(
+            stated,
+            lambda counted: scene_statement(scene, name, built_now, counted_pressure=counted),
+            # A run that is not damped to the static state watches the residual and goes on.
+            residual=fem.residual if fem.damping is Damping.STATIC else 0.0,
+            time_step=fem.time_step,
+            safety_factor=fem.safety_factor,
+            precision=fem.precision,
+            threads=fem.threads,
+            sample_interval=fem.sample_interval,
+            output=Output(
                 progress=progress,
-                on_frame=on_frame,
+                on_frame=on_frame if fem.frames > 0 else None,
+                frame_interval=frame_interval(fem, stated.end_time, stated.ramp_time),
                 checkpoint=checkpoint,
-                resume=resume,
-            )
-            break
-        except (UnstableRun, OtherProblemError) as error:
-            # A checkpoint may be that of a run that had started again.
-            counted = None if fem.time_step is not None else statement.more_counted()
-            if counted is None:
-                raise InputError(f"{name}: {error}") from None
-            if isinstance(error, UnstableRun):
-                resume, restarts = None, restarts + 1
-            statement = scene_statement(scene, name, deformable, counted_pressure=counted)
-        except RefusedError as error:
-            raise InputError(f"{name}: {error}") from None
-    whole = statement.assembly
-    result = _of_all(result, whole.orbits.order)
-    solved = time.process_time()
-    displacements = whole.expand(result.displacements)
-    contact_state = whole.contact_state(result.displacements)
+            ),
+            resume=resume,
+        )
+    except InputError:
+        raise
+    except RefusedError as error:
+        raise InputError(f"{name}: {error}") from None
+    result = answer.explicit
+    assert result is not None
+    now = time.process_time()
     seconds = {
         "build": built - start,
-        "solve": solved - built - result.compile_seconds,
+        "solve": now - built - result.compile_seconds,
         "loop": result.cpu_seconds,
         **({"compile": result.compile_seconds} if result.compile_seconds else {}),
-        "total": time.process_time() - start,
+        "total": now - start,
     }
-    run = TubeRun(
-        name=name,
-        scene=scene,
-        method=Method.EXPLICIT,
-        deformable=deformable,
-        displacements=displacements,
-        contact_state=contact_state,
-        solver=explicit_numbers(result, statement, fem) | {"restarts": restarts},
-        cpu_seconds=seconds,
-    )
-    return run, result
-
-
-def _solved(
-    fem: FemSection,
-    statement: ExplicitStatement,
-    *,
-    progress: Callable[[Progress], None] | None,
-    on_frame: Callable[[Frame], None] | None,
-    checkpoint: Path | None,
-    resume: Path | None,
-) -> ExplicitResult:
-    whole = statement.assembly
-    copies = whole.orbits.order
-    # A run that is not damped to the static state watches the residual and goes on.
-    bound = fem.residual if fem.damping is Damping.STATIC else 0.0
-    stop = StopCriterion(residual=bound, not_before=statement.ramp_time)
-
-    def frame(found: Frame) -> None:
-        if on_frame is not None:
-            on_frame(replace(found, displacements=whole.expand(found.displacements)))
-
-    def tell(found: Progress) -> None:
-        if progress is not None:
-            progress(replace(found, energies=found.energies.times(copies)))
-
-    last = statement.end_time
-    return solve(
-        whole.model,
-        end_time=last,
-        time_step=fem.time_step,
-        safety_factor=fem.safety_factor,
-        precision=fem.precision,
-        threads=fem.threads,
-        sample_interval=fem.sample_interval,
-        stop=stop,
-        output=Output(
-            progress=None if progress is None else tell,
-            on_frame=frame if on_frame is not None and fem.frames > 0 else None,
-            frame_interval=frame_interval(fem, last, statement.ramp_time),
-            checkpoint=checkpoint,
-        ),
-        resume=resume,
-    )
-
-
-def _of_all(result: ExplicitResult, copies: int) -> ExplicitResult:
-    """Result with the energies of the whole tube where one of so many sectors was computed."""
-    energies = result.energies
-    return replace(
-        result,
-        energies=None if energies is None else energies.times(copies),
-        history=result.history.times(copies),
-    )
-
-
-def _released(history: History) -> float | None:
-    """Energy that contact holds before any load acts, over the largest work of the loads [-].
-
-    None where it is less than that work, as it is unless the law presses hard at zero clearance.
-    """
-    held, work = history.column("contact_energy")[:1], np.abs(history.column("external_work"))
-    return float(held[0] / work.max()) if held.size and held[0] > work.max() > 0.0 else None
-
-
-def explicit_numbers(
-    result: ExplicitResult, statement: ExplicitStatement, fem: FemSection
-) -> dict[str, Any]:
-    """Numbers of an explicit run for its JSON."""
-    energies = result.energies
-    report = quasi_static_report(
-        result,
-        ramp_time=statement.ramp_time,
-        frequency=statement.recommended.frequency,
-        largest_residual=fem.residual,
-    )
-    return {
-        "status": str(result.status),
-        "n_steps": result.n_steps,
-        "time": result.time,
-        "time_step": result.time_step,
-        "critical_time_step": result.critical.critical_time_step,
-        "counted_pressure": statement.counted_pressure,
-        "residual": result.residual,
-        "newton_iterations": None,
-        "energies": None
-        if energies is None
-        else asdict(energies) | {"viscous_dissipation": energies.viscous_dissipation},
-        "energy_balance": result.energy_balance,
-        "released_at_start": _released(result.history),
-        "quasi_static": asdict(report),
-        "recommended": asdict(statement.recommended),
-        "element_updates_per_cpu_second": result.element_updates_per_cpu_second,
-        "added_mass": added_mass_share(statement.assembly.model),
-    }
+    return DeformableRun(name=name, scene=scene, answer=answer, cpu_seconds=seconds)

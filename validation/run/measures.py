@@ -24,7 +24,7 @@ from validation.scene.read import DeformableScene
 
 
 class Answered(Protocol):
-    """What measures need of a run of deformable blocks, `validation.run.deformable.TubeRun`."""
+    """What measures need of a run, `validation.run.deformable.DeformableRun`."""
 
     @property
     def scene(self) -> DeformableScene:
@@ -102,14 +102,18 @@ def _values(run: Answered) -> dict[str, Measure]:
     def at(peak: Peak, unit: str = "MPa") -> Measure:
         return Measure(peak.value, unit, place=place(run, peak))
 
-    pressure = largest_pressure(deformable, deformable.contact.law, run.contact_state)
     averaged = at(stress.sigma_1_averaged)
     assert averaged.place is not None
     averaged.place["averaging_radius"] = radius
-    return {
-        "p_eff": Measure(run.contact.p_eff, "MPa"),
-        "p_max": Measure(run.contact.p_max_face, "MPa"),
-        "p_max_point": Measure(0.0, "MPa") if pressure is None else at(pressure),
+    pressures = {}
+    if deformable.meets:
+        largest = largest_pressure(deformable, deformable.contact.law, run.contact_state)
+        pressures = {
+            "p_eff": Measure(run.contact.p_eff, "MPa"),
+            "p_max": Measure(run.contact.p_max_face, "MPa"),
+            "p_max_point": Measure(0.0, "MPa") if largest is None else at(largest),
+        }
+    return pressures | {
         "sigma_1_max": at(stress.sigma_1),
         "sigma_3_min": at(stress.sigma_3),
         "sigma_1_averaged": averaged,
@@ -124,11 +128,14 @@ def bracketed(run: Answered) -> dict[str, float]:
     corners of elements.
     """
     law, state, found = run.deformable.contact.law, run.contact_state, run.measures
-    corners = mean_of_block_maxima(run.deformable, law, state)
-    stress = run.stress_peaks
-    return {
-        "p_max": abs(corners - found["p_max"].value),
-        "p_max_point": abs(found["p_max_point"].value - run.contact.p_max_point),
+    stress, pressures = run.stress_peaks, {}
+    if run.deformable.meets:
+        corners = mean_of_block_maxima(run.deformable, law, state)
+        pressures = {
+            "p_max": abs(corners - found["p_max"].value),
+            "p_max_point": abs(found["p_max_point"].value - run.contact.p_max_point),
+        }
+    return pressures | {
         "sigma_1_max": abs(stress.sigma_1_at_corners - stress.sigma_1.value),
         "sigma_3_min": abs(stress.sigma_3_at_corners - stress.sigma_3.value),
     }

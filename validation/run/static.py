@@ -1,25 +1,23 @@
-"""Static runs of deformable tubes."""
+"""Static runs of deformable blocks."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.explicit.solve import Frame
+from fem.solvers import static_answer
 from fem.static.linear_step.condensed import FlexibilityStore
-from fem.static.result import StaticResult
-from fem.static.rotation import solve_static_with_rotation
-from fem.static.solve import StaticOptions, solve_static
+from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
 from validation.build.deformable import NO_SECTOR, build_deformable, fem_section
 from validation.errors import InputError
-from validation.run.deformable import TubeRun
+from validation.run.deformable import DeformableRun
 from validation.run.frames import static_frames
 from validation.run.held_by_friction import require_held_by_friction
-from validation.scene.deformable import FemSection, Method
+from validation.scene.deformable import FemSection
 from validation.scene.read import DeformableScene
 
 #: Load steps of blocks with friction that close a clearance: slip before touch is no stick.
@@ -43,15 +41,15 @@ def static_options(scene: DeformableScene, fem: FemSection) -> StaticOptions:
     )
 
 
-def run_tube_static(
+def run_static(
     name: str,
     scene: DeformableScene,
     *,
     deformable: DeformableAssembly | None = None,
     store: FlexibilityStore | None = None,
     on_frame: Callable[[Frame], None] | None = None,
-) -> TubeRun:
-    """Solve a tube for its static state by Newton's method.
+) -> DeformableRun:
+    """Solve the blocks of a scene for their static state by Newton's method.
 
     Runs that share a ``store`` condense the same blocks once; ``on_frame`` is called with the
     states of the load steps.
@@ -70,16 +68,14 @@ def run_tube_static(
     options = replace(static_options(scene, fem), keep_steps=keep)
     built = time.process_time()
     try:
-        if scene.effects.finite_rotation is True:
-            result = solve_static_with_rotation(deformable, options, store=store)
-        else:
-            result = solve_static(deformable, options, store=store)
+        turning = scene.effects.finite_rotation is True
+        answer = static_answer(deformable, options, finite_rotation=turning, store=store)
     except RefusedError as error:
         raise InputError(f"{name}: {error}") from None
+    result = answer.static
+    assert result is not None
     if fem.symmetry == "sector" and result.symmetry == 1:
         raise InputError(f"{name}: {NO_SECTOR}")
-    if not result.converged:
-        raise InputError(f"{name}: {result.status}")
     solved = time.process_time()
     if on_frame is not None and keep:
         for found in static_frames(fem.frames, [*result.steps[:-1], (1.0, result.displacements)]):
@@ -89,30 +85,4 @@ def run_tube_static(
         "solve": solved - built,
         "total": solved - start,
     }
-    return TubeRun(
-        name=name,
-        scene=scene,
-        method=Method.STATIC,
-        deformable=deformable,
-        displacements=result.displacements,
-        contact_state=result.contact_state,
-        solver=static_numbers(result) | {"load_steps": options.load_steps},
-        cpu_seconds=seconds,
-    )
-
-
-def static_numbers(result: StaticResult) -> dict[str, Any]:
-    """Numbers of a static run for its JSON."""
-    return {
-        "status": result.status,
-        "residual": result.residual,
-        "newton_iterations": result.newton_iterations,
-        "symmetry": result.symmetry,
-        "loose_blocks": result.loose_blocks.tolist(),
-        "energies": {
-            "strain_energy": result.strain_energy,
-            "contact_energy": result.contact_energy,
-            "external_work": result.external_work,
-            "frictional_dissipation": result.frictional_dissipation,
-        },
-    }
+    return DeformableRun(name=name, scene=scene, answer=answer, cpu_seconds=seconds)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
 from pydantic.json_schema import JsonSchemaValue
@@ -12,6 +12,9 @@ from fem.element.hexahedron import ElementType
 from fem.problem.model import Formulation
 from validation.scene.plausibility import WholeScene
 from validation.scene.sections import Finite, NonNegative, Positive, Section, fewer
+
+if TYPE_CHECKING:
+    from fem.assembly.statement import Motion
 
 Vector = tuple[Finite, Finite, Finite]
 
@@ -284,38 +287,13 @@ class DeformableSections(WholeScene):
     effects: EffectsSection = EffectsSection()
     fem: FemSection | None = None
 
+    #: Whether blocks meet; else they are single bodies, and contact says nothing.
+    meets: ClassVar[bool] = True
 
-FaceName = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
-
-
-class FaceLoad(Section):
-    """Load on one face of a box."""
-
-    pressure: Finite | None = None
-    """Pushes inward [MPa]."""
-    traction: Vector | None = None
-    """Force per area in world axes [MPa]."""
-
-    @model_validator(mode="after")
-    def _one_of_two(self) -> FaceLoad:
-        if (self.pressure is None) == (self.traction is None):
-            raise ValueError("expected either pressure or traction, one of the two")
-        return self
-
-
-class BoxSection(Section):
-    """``[block] type = "box"``: a box [0, size]."""
-
-    type: Literal["box"]
-    size: tuple[Positive, Positive, Positive]
-    """Edge lengths along x, y, z [mm]."""
-
-
-class CopiesSection(Section):
-    """``[assembly]`` of boxes that do not touch."""
-
-    copies: Annotated[int, Field(ge=1)] = 1
-    """Uncoupled copies side by side; congruent blocks share one stiffness."""
+    @property
+    def motion(self) -> Motion | None:
+        """Motion at time 0; None: at rest."""
+        return None
 
 
 class DivisionsSection(Section):
@@ -336,50 +314,3 @@ class DivisionsSection(Section):
         """Divisions with no more elements than these; nothing where there are no more."""
         coarse = tuple(min(a, b) for a, b in zip(self.divisions, (along, across, up), strict=True))
         return {} if coarse == self.divisions else {"divisions": coarse}
-
-
-class InitialSection(Section):
-    """``[initial]``: motion at time 0."""
-
-    velocity: Vector = (0.0, 0.0, 0.0)
-    """[mm/s]"""
-    angular_velocity: Vector = (0.0, 0.0, 0.0)
-    """About the centroid [rad/s]."""
-
-
-class BoxScene(WholeScene):
-    """One deformable box, or several uncoupled copies of it."""
-
-    block: BoxSection
-    mesh: DivisionsSection
-    material: MaterialSection
-    assembly: CopiesSection = CopiesSection()
-    support: dict[FaceName, Literal["fixed"]] = Field(default_factory=dict)
-    load: dict[FaceName, FaceLoad] = Field(default_factory=dict)
-    initial: InitialSection | None = None
-    effects: EffectsSection = EffectsSection()
-    fem: FemSection
-
-    @model_validator(mode="after")
-    def _no_contact(self) -> BoxScene:
-        if self.effects.auto is not None:
-            raise ValueError(
-                "effects.auto compares contact pressures, and a single box has no contact; remove "
-                "it"
-            )
-        for name in ("friction", "finite_sliding", "elastic_frame"):
-            if getattr(self.effects, name):
-                raise ValueError(
-                    f"effects.{name} acts between blocks, and a single box touches none; remove it"
-                )
-        if self.fem.symmetry not in ("auto", "none"):
-            raise ValueError(
-                f'fem.symmetry: got "{self.fem.symmetry}", which is one of tubes; expected "auto" '
-                "or nothing"
-            )
-        if self.initial is not None and self.fem.method is Method.STATIC:
-            raise ValueError(
-                'initial: got a motion beside fem.method = "static", which has none; remove it or '
-                'set fem.method = "explicit"'
-            )
-        return self

@@ -32,7 +32,7 @@ class AssemblyScene(DeformableSections):
     stands: ClassVar[bool] = False
 
     block: BlockSection
-    load: Section
+    load: Any
     rigid: RigidSection = RigidSection()
 
     @classmethod

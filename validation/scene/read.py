@@ -24,7 +24,6 @@ from validation.errors import InputError
 from validation.scene.builtin import builtin_text
 from validation.scene.deformable import (
     AutoSection,
-    BoxScene,
     DeformableSections,
     EffectName,
     parse_share,
@@ -38,12 +37,11 @@ from validation.scene.size import too_large
 TubeScene = sine.TubeScene
 #: Scenes of blocks that meet and can be hexahedra: what deformable blocks are for.
 DeformableScene: TypeAlias = AssemblyScene | MeshScene
-Scene: TypeAlias = AssemblyScene | BoxScene | PolyhedralScene
+Scene: TypeAlias = AssemblyScene | PolyhedralScene
 
 #: Scene class by ``[block] type``.
 SCENE_TYPES: dict[str, type[Scene]] = {
     **AssemblyScene.families,
-    "box": BoxScene,
     **POLYHEDRAL_TYPES,
 }
 
@@ -171,7 +169,7 @@ def require_deformable(file: SceneFile, command: str) -> DeformableScene:
     InputError
         Where it has none; the command that needs them is named.
     """
-    if not isinstance(file.scene, DeformableScene):
+    if not isinstance(file.scene, DeformableScene) or not file.scene.meets:
         raise InputError(
             f"{file.name}: block.type {file.scene.block.type!r} has no deformable blocks in "
             f"contact, and `tubelock {command}` needs them; expected a scene such as tsb1-pipe"
@@ -199,7 +197,7 @@ def with_auto(file: SceneFile, tolerance: str | None, keep: Iterable[str] = ()) 
     names = tuple(keep)
     if tolerance is None and not names:
         return file
-    if not isinstance(file.scene, DeformableSections):
+    if not isinstance(file.scene, DeformableSections) or not file.scene.meets:
         raise InputError(
             f"{file.name}: --auto compares contact pressures of deformable blocks; expected a "
             "scene with contact, such as tsb1-pipe"

@@ -482,34 +482,22 @@ def _rigid_results(file: SceneFile) -> dict[str, Any]:
 
 
 def _fem_results(file: SceneFile) -> dict[str, Any]:
-    from validation.build.deformable import fem_section
-    from validation.run.box import box_json, peak_memory_mb, run_box
-    from validation.run.deformable import tube_json
-    from validation.scene.deformable import BoxScene, Method
+    from validation.run.solve import run_scene
     from validation.scene.read import DeformableScene
 
-    scene = file.scene
-    if isinstance(scene, BoxScene):
-        data = box_json(run_box(file.name, scene))
-    elif not isinstance(scene, DeformableScene):
-        raise InputError(f"block.type {scene.block.type!r} is not built for `fem` yet")
-    elif fem_section(scene, file.name).method is Method.STATIC:
-        from validation.run.static import run_tube_static
-
-        data = tube_json(run_tube_static(file.name, scene), peak_memory_mb())
-    else:
-        from validation.run.explicit import run_tube_explicit
-
-        data = tube_json(run_tube_explicit(file.name, scene)[0], peak_memory_mb())
-    contact = data.get("contact", {})
+    if not isinstance(file.scene, DeformableScene):
+        raise InputError(f"block.type {file.scene.block.type!r} is not built for `fem` yet")
+    run = run_scene(file.name, file.scene)
+    principal = [run.principal(b) for b in run.deformable.deformable_blocks.tolist()]
+    contact = run.contact if run.meets else None
     return {
-        "max_displacement": data["max_displacement"],
-        "sigma_1_max": data["principal_stress"]["max"],
-        "sigma_3_min": data["principal_stress"]["min"],
-        "p_eff": contact.get("p_eff"),
-        "p_eff_pooled": contact.get("p_eff_pooled"),
-        "p_max": contact.get("p_max_face"),
-        "residual": data.get("residual"),
-        "energy_balance": data.get("energy_balance"),
-        "n_elements": data["n_elements"],
+        "max_displacement": run.largest_displacement,
+        "sigma_1_max": max(float(p[:, 0].max()) for p in principal),
+        "sigma_3_min": min(float(p[:, 2].min()) for p in principal),
+        "p_eff": None if contact is None else contact.p_eff,
+        "p_eff_pooled": None if contact is None else contact.p_eff_pooled,
+        "p_max": None if contact is None else contact.p_max_face,
+        "residual": run.answer.residual,
+        "energy_balance": run.energy_balance,
+        "n_elements": run.deformable.model.n_elements,
     }

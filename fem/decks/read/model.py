@@ -6,13 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fem.assembly.statement import Motion
 from fem.contact.law import ContactLaw, ExponentialLaw, LinearPenalty
 from fem.decks.keywords import DeckError, name_of
 from fem.decks.names import ALL
 from fem.decks.placement import rounded
 from fem.decks.read.cards import Card, floats
 from fem.decks.read.sections import Heading, Sections, block_entry, heading_value
-from fem.decks.statement import Hold, Joint, Motion
+from fem.decks.statement import Hold, Joint
 from fem.element.material import Material
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from geometry.mesh import FloatArray

@@ -20,7 +20,15 @@ from fem.explicit.contact.search import BlockSurface
 from fem.explicit.contact.sliding import SlidingContact, sliding_state
 from fem.explicit.setup.cell_hold import cell_hold
 from fem.problem.effects import EffectError, Effects
-from fem.problem.model import Amplitude, BlockGroup, InteractionModel, Model, NodalLoad, Support
+from fem.problem.model import (
+    Amplitude,
+    BlockGroup,
+    Formulation,
+    InteractionModel,
+    Model,
+    NodalLoad,
+    Support,
+)
 from geometry.mesh import FloatArray, IntArray
 
 #: Pressure whose stiffness the critical time step counts in where the law has no cap [MPa].
@@ -98,6 +106,7 @@ def explicit_assembly(
     friction: CoulombFriction | None = None,
     finite_sliding: bool | None = None,
     counted_pressure: float = COUNTED_PRESSURE,
+    formulation: Formulation = Formulation.SHARED_STIFFNESS,
 ) -> ExplicitAssembly:
     """State the explicit problem of an assembly.
 
@@ -120,6 +129,8 @@ def explicit_assembly(
 
     counted_pressure
         Pressure whose stiffness the critical time step counts in, see `counted_stiffness` [MPa].
+    formulation
+        Where internal forces come from.
 
     Raises
     ------
@@ -144,10 +155,13 @@ def explicit_assembly(
     searched = None
     if sliding:
         searched = _sliding_contact(deformable, orbits, copy_of, friction, counted)
-    contact: InteractionModel = searched or _face_contact(
-        deformable, orbits, copy_of, friction, counted
-    )
+    interactions: list[InteractionModel] = []
+    if deformable.meets:
+        matched = (deformable, orbits, copy_of, friction, counted)
+        interactions.append(searched or _face_contact(*matched))
     hold = cell_hold(deformable, orbits, chosen)
+    if hold is not None:
+        interactions.append(hold)
     return ExplicitAssembly(
         deformable=deformable,
         orbits=orbits,
@@ -157,7 +171,8 @@ def explicit_assembly(
             supports=tuple(_some_support(s, kept[s.group]) for s in model.supports),
             loads=tuple(_some_load(f, kept[f.group], amplitude) for f in model.loads),
             effects=_with_gravity(effects, deformable.gravity),
-            interactions=(contact,) if hold is None else (contact, hold),
+            interactions=tuple(interactions),
+            formulation=formulation,
         ),
         sliding=searched,
     )

@@ -1,6 +1,7 @@
 """The explicit problem of deformable blocks and the times of its run, stated once.
 
-Times that nobody gives are those that the lowest excited frequency recommends.
+Times that nobody gives are those that the lowest excited frequency recommends. Of single bodies
+no static state is expected: nothing is recommended, and the ramp takes half of the run.
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.symmetry import SymmetryError, largest_cyclic_orbits
+from fem.assembly.statement import Motion
+from fem.assembly.symmetry import Orbits, SymmetryError, largest_cyclic_orbits
 from fem.contact.surfaces import refuse_overlap
 from fem.explicit.setup.assembly import (
     COUNTED_PRESSURE,
@@ -21,6 +23,9 @@ from fem.explicit.setup.quasi_static import RecommendedTimes, recommended_times
 from fem.problem.effects import Effects
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.mass_scaling import scale_masses
+from fem.problem.model import Formulation
+from fem.problem.time_step import TimeStepError
+from geometry.mesh import FloatArray
 
 #: Contact pressures that the critical time step counts in, one after the other [MPa].
 _COUNTED_PRESSURES = tuple(COUNTED_PRESSURE * 4.0**k for k in range(6))
@@ -32,8 +37,8 @@ class ExplicitStatement:
 
     assembly: ExplicitAssembly
     """Representative blocks with loads, effects and contact."""
-    recommended: RecommendedTimes
-    """What the lowest frequency that the load excites recommends."""
+    recommended: RecommendedTimes | None
+    """What the lowest frequency that the load excites recommends; None for single bodies."""
     ramp_time: float
     """Duration of the smooth step of the loads [s]."""
     end_time: float
@@ -41,6 +46,9 @@ class ExplicitStatement:
     counted_pressure: float
     """Pressure whose contact stiffness the critical time step counts in where no cap is
     below it [MPa]."""
+
+    velocities: tuple[FloatArray, ...] | None = None
+    """Of the model's groups at time 0, (n_copies, n_nodes, 3) [mm/s]; None: at rest."""
 
     def more_counted(self) -> float | None:
         """Next contact pressure to count in [MPa]; None where more of it counts no more stiffness.
@@ -62,6 +70,8 @@ def explicit_statement(
     end_time: float | None = None,
     mass_scaling: float | None = None,
     counted_pressure: float = COUNTED_PRESSURE,
+    formulation: Formulation = Formulation.SHARED_STIFFNESS,
+    motion: Motion | None = None,
 ) -> ExplicitStatement:
     """State the explicit problem of an assembly.
 
@@ -80,11 +90,17 @@ def explicit_statement(
         Step that every element is to allow, over the shortest; None: absent.
     counted_pressure
         Pressure whose contact stiffness the critical time step counts in [MPa].
+    formulation
+        Where internal forces come from.
+    motion
+        Of every block at time 0; None: at rest.
 
     Raises
     ------
     SymmetryError
         A sector that is none.
+    TimeStepError
+        Single bodies without an end.
     ContactError, EffectError, FrictionError, ModelError, TimeStepError
         What cannot be run.
     """
@@ -92,28 +108,47 @@ def explicit_statement(
         deformable = replace(deformable, model=scale_masses(deformable.model, mass_scaling))
     sliding = deformable.contact.finite_sliding
     # Blocks that may slide far may leave their sector: the whole tube is computed.
-    whole = symmetry == "none" or (sliding and symmetry == "auto")
+    whole = symmetry == "none" or not deformable.meets or (sliding and symmetry == "auto")
     orbits = None if whole else largest_cyclic_orbits(deformable)
     if symmetry == "sector" and orbits is not None and orbits.order == 1:
         raise SymmetryError(
             "symmetry: got a sector, but the load or the supports are not the same on every block "
             "of a layer; expected none"
         )
-    plain = explicit_assembly(deformable, orbits=orbits, effects=effects)
-    if plain.sliding is not None:
-        start = plain.sliding.at_start
-        refuse_overlap(start.block_m, start.block_s, start.deepest, deformable.contact.law)
-    times = recommended_times(plain.model, damped=effects.adaptive_mass_damping is not None)
+    times, ramp, end = _times(deformable, orbits, effects, ramp_time, end_time)
     # What presses before any load acts is counted too.
     at_start = float(deformable.contact.law.pressure(-deformable.surfaces.clearance))
     counted_pressure = max(counted_pressure, 2.0 * at_start)
-    ramp = times.ramp_time if ramp_time is None else ramp_time
     stated = explicit_assembly(
         deformable,
         orbits=orbits,
         effects=effects,
         amplitude=SmoothStepAmplitude(ramp) if ramp > 0 else None,
         counted_pressure=counted_pressure,
+        formulation=formulation,
     )
-    end = ramp + times.end_time - times.ramp_time if end_time is None else end_time
-    return ExplicitStatement(stated, times, ramp, end, counted_pressure)
+    velocities = None if motion is None else motion.velocities(stated.model)
+    return ExplicitStatement(stated, times, ramp, end, counted_pressure, velocities)
+
+
+def _times(
+    deformable: DeformableAssembly,
+    orbits: Orbits | None,
+    effects: Effects,
+    ramp_time: float | None,
+    end_time: float | None,
+) -> tuple[RecommendedTimes | None, float, float]:
+    """Times that are recommended, where any are; ramp and end of the run [s]."""
+    if not deformable.meets:
+        if end_time is None:
+            raise TimeStepError(
+                "fem.end_time is missing: an explicit run of single bodies needs its end in seconds"
+            )
+        return None, 0.5 * end_time if ramp_time is None else ramp_time, end_time
+    plain = explicit_assembly(deformable, orbits=orbits, effects=effects)
+    if plain.sliding is not None:
+        start = plain.sliding.at_start
+        refuse_overlap(start.block_m, start.block_s, start.deepest, deformable.contact.law)
+    times = recommended_times(plain.model, damped=effects.adaptive_mass_damping is not None)
+    ramp = times.ramp_time if ramp_time is None else ramp_time
+    return times, ramp, ramp + times.end_time - times.ramp_time if end_time is None else end_time

@@ -39,7 +39,7 @@ from validation.output.pictures.sections import section
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from validation.run.deformable import TubeRun
+    from validation.run.deformable import DeformableRun
 
 #: Faces of a tube's blocks that are seen from outside when blocks have moved.
 _SHELL = ("outer", "inner", "left", "right", *EDGE_NAMES)
@@ -60,7 +60,7 @@ def eye(assembly: Assembly) -> Direction:
 
 
 def blocks_view(
-    run: TubeRun,
+    run: DeformableRun,
     values: Callable[[int], FloatArray],
     scale: Scale,
     faces: Sequence[str],
@@ -87,30 +87,30 @@ def blocks_view(
 # Stresses and displacements
 
 
-def _principal(run: TubeRun, component: int, block: int) -> FloatArray:
+def _principal(run: DeformableRun, component: int, block: int) -> FloatArray:
     stress: FloatArray = run.principal(block)[:, component]
     return stress
 
 
-def _moved(run: TubeRun, block: int) -> FloatArray:
+def _moved(run: DeformableRun, block: int) -> FloatArray:
     return np.asarray(np.linalg.norm(run.displacement(block), axis=1))
 
 
-def all_faces(run: TubeRun) -> tuple[str, ...]:
+def all_faces(run: DeformableRun) -> tuple[str, ...]:
     """Names of all faces of the deformable blocks."""
     assembly = run.deformable.assembly
     shapes = (assembly.shape(b) for b in run.deformable.deformable_blocks.tolist())
     return tuple(dict.fromkeys(face for shape in shapes for face in shape.faces))
 
 
-def stress_scale(run: TubeRun, component: int) -> Scale:
+def stress_scale(run: DeformableRun, component: int) -> Scale:
     """Colours of a principal stress, with what it reaches anywhere in the blocks."""
     blocks = run.deformable.deformable_blocks.tolist()
     values = [_principal(run, component, b) for b in blocks]
     return symmetric_scale(f"{_SYMBOLS[component]} [MPa]", STRESS_MAP, values)
 
 
-def extreme(run: TubeRun, component: int) -> tuple[FloatArray, str]:
+def extreme(run: DeformableRun, component: int) -> tuple[FloatArray, str]:
     """Where σ₁ is largest, or σ₃ smallest, and words for it."""
     sign = 1.0 if component == 0 else -1.0
     best, place, words = -np.inf, np.zeros(3), ""
@@ -126,13 +126,13 @@ def extreme(run: TubeRun, component: int) -> tuple[FloatArray, str]:
     return place, words
 
 
-def _joint(run: TubeRun, block: int, node: int) -> str:
+def _joint(run: DeformableRun, block: int, node: int) -> str:
     """Say that a node lies in a joint, which no look from outside shows."""
     shape = run.deformable.assembly.shape(block)
     return ", in a joint" if np.isin(node, shape.contact_quads) else ""
 
 
-def draw_stresses(run: TubeRun, path: Path) -> None:
+def draw_stresses(run: DeformableRun, path: Path) -> None:
     """Draw σ₁, σ₃ and the displacement, and σ₁ on the faces that meet other blocks.
 
     Of a tube the outer surface, and the joints of the middle layer; of other blocks all surfaces.
@@ -150,12 +150,12 @@ def draw_stresses(run: TubeRun, path: Path) -> None:
     shell = _SHELL if tube else all_faces(run)
     moved = blocks_view(run, partial(_moved, run), size, shell, direction, factor=run.drawing_scale)
     columns.append([Panel(f"moved × {run.drawing_scale:g}", moved, scale=size)])
-    joints = _joint_panels(run)
+    joints = _joint_panels(run) if run.meets else []
     columns += [joints] if tube else [[panel] for panel in joints]
     gallery(columns, run.title, path, height=7.5 if tube else 5.5)
 
 
-def _joint_panels(run: TubeRun) -> list[Panel]:
+def _joint_panels(run: DeformableRun) -> list[Panel]:
     """σ₁ on the faces that meet other blocks, from above and from below."""
     assembly, scale = run.deformable.assembly, stress_scale(run, 0)
     blocks = run.deformable.deformable_blocks
@@ -182,7 +182,9 @@ def _joint_panels(run: TubeRun) -> list[Panel]:
     ]
 
 
-def draw_displacement(run: TubeRun, path: Path, *, printed_factor: float | None = None) -> None:
+def draw_displacement(
+    run: DeformableRun, path: Path, *, printed_factor: float | None = None
+) -> None:
     """Draw the displacement in the zy-plane.
 
     Parameters
@@ -222,7 +224,7 @@ def draw_displacement(run: TubeRun, path: Path, *, printed_factor: float | None 
 # Sections
 
 
-def section_heights(run: TubeRun) -> tuple[float, ...]:
+def section_heights(run: DeformableRun) -> tuple[float, ...]:
     """Heights of the paper's sections through the middle layer: 10 and 20 mm from its ends."""
     assembly = run.deformable.assembly
     layer = assembly.n_layers // 2 + 1
@@ -246,7 +248,7 @@ def _pitch(assembly: Any) -> float:
     return float(np.ptp(along[inner]))
 
 
-def draw_sections(run: TubeRun, path: Path) -> None:
+def draw_sections(run: DeformableRun, path: Path) -> None:
     """Draw σ₁ and σ₃ in four sections through the middle layer, as the paper's figures."""
     heights = section_heights(run)
     cuts = [section(run, z) for z in heights]
@@ -301,7 +303,7 @@ def draw_sections(run: TubeRun, path: Path) -> None:
 # Contact
 
 
-def run_facets(run: TubeRun) -> PressedFacets:
+def run_facets(run: DeformableRun) -> PressedFacets:
     """Contact facets of a run where they ended."""
     group_of = run.deformable.group_of
 
@@ -320,7 +322,7 @@ def run_facets(run: TubeRun) -> PressedFacets:
     )
 
 
-def draw_contact(run: TubeRun, path: Path) -> None:
+def draw_contact(run: DeformableRun, path: Path) -> None:
     """Draw the contact pressures: of a tube as those of rigid blocks are drawn, else all joints."""
     facets, title = run_facets(run), f"{run.title}: contact pressure"
     if run.is_tube:

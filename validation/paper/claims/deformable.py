@@ -16,7 +16,7 @@ from geometry.mesh import FloatArray, IntArray
 from validation.build.blocks import block_parameters
 from validation.paper.claims.claim import Claim, Truth, Verdict, judged
 from validation.paper.evidence import Evidence
-from validation.run.deformable import TubeRun, contact_report
+from validation.run.deformable import DeformableRun, contact_report
 from validation.run.rigid.assembly import RigidRun
 from validation.scene.read import TubeScene
 
@@ -26,7 +26,7 @@ _CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
 _LAYER = 7
 
 
-def _run(evidence: Evidence, block: str, case: str) -> TubeRun:
+def _run(evidence: Evidence, block: str, case: str) -> DeformableRun:
     run = evidence.fem(block, case)
     assert run is not None  # claims are judged only where deformable runs are allowed
     return run
@@ -36,23 +36,23 @@ def _run(evidence: Evidence, block: str, case: str) -> TubeRun:
 # Fields on the grid of a block
 
 
-def block_grid(run: TubeRun, values: FloatArray) -> FloatArray:
+def block_grid(run: DeformableRun, values: FloatArray) -> FloatArray:
     """Nodal values (n_nodes, …) by position in the block: radial, around, axial."""
     mesh = _tube(run).mesh.model_dump()
     shape = (mesh["radial"] + 1, mesh["around"] + 1, mesh["axial"] + 1)
     return values.reshape(*shape, *values.shape[1:])
 
 
-def _block_in(run: TubeRun, layer: int, place: int = 0) -> int:
+def _block_in(run: DeformableRun, layer: int, place: int = 0) -> int:
     return int(np.flatnonzero(run.deformable.assembly.layer == layer)[place])
 
 
-def _sigma(run: TubeRun, layer: int, component: int = 0, place: int = 0) -> FloatArray:
+def _sigma(run: DeformableRun, layer: int, component: int = 0, place: int = 0) -> FloatArray:
     """Principal stress (0: σ₁, 2: σ₃) of one block on its grid."""
     return block_grid(run, run.principal(_block_in(run, layer, place))[:, component])
 
 
-def _volumes(run: TubeRun) -> FloatArray:
+def _volumes(run: DeformableRun) -> FloatArray:
     """Volume that belongs to each node of the free block, on its grid [mm³]."""
     block = int(run.deformable.assembly.free_blocks[0])
     mesh = run.deformable.assembly.shape(block).mesh
@@ -120,7 +120,7 @@ def pressure_pairs(evidence: Evidence) -> list[PressurePair]:
     return found
 
 
-def _pair(name: str, run: TubeRun, rigid: RigidRun, lower: int) -> PressurePair:
+def _pair(name: str, run: DeformableRun, rigid: RigidRun, lower: int) -> PressurePair:
     assembly = run.deformable.assembly
     rows = between_layers(assembly, run.contact_index, lower)
     other = between_layers(rigid.assembly, rigid.result.contact_index, lower)
@@ -135,7 +135,7 @@ def _pair(name: str, run: TubeRun, rigid: RigidRun, lower: int) -> PressurePair:
     )
 
 
-def same_mesh(evidence: Evidence, run: TubeRun) -> RigidRun:
+def same_mesh(evidence: Evidence, run: DeformableRun) -> RigidRun:
     """Rigid-block result on the mesh of a deformable one, the load as physics says."""
     mesh = _tube(run).mesh.model_dump()
     return evidence.rigid(run.name, *(f"mesh.{key}={value}" for key, value in mesh.items()))
@@ -200,7 +200,7 @@ def _under_the_waves(evidence: Evidence) -> Verdict:
     )
 
 
-def _peaks(run: TubeRun, side: str) -> tuple[FloatArray, FloatArray]:
+def _peaks(run: DeformableRun, side: str) -> tuple[FloatArray, FloatArray]:
     """Largest σ₁ near each notch of one wavy face of a block of layer 7, and how far from it.
 
     A notch (the paper's valley) is where the wave cuts deepest into the block. Notches on the
@@ -346,7 +346,7 @@ def _lower_tension(evidence: Evidence) -> Verdict:
     )
 
 
-def _share_above(run: TubeRun, component: int) -> float:
+def _share_above(run: DeformableRun, component: int) -> float:
     """Share of the block's volume where a principal stress exceeds a third of its 99.9 % value."""
     values = np.abs(np.minimum(_sigma(run, _LAYER, 2), 0.0) if component else _sigma(run, _LAYER))
     volumes = _volumes(run)
@@ -404,7 +404,7 @@ class _Monolith:
     outer_radius: float
 
 
-def _monolith(run: TubeRun) -> _Monolith:
+def _monolith(run: DeformableRun) -> _Monolith:
     scene = run.scene
     assert isinstance(scene, TubeScene)
     assert scene.material is not None
@@ -438,7 +438,7 @@ def _far_side(evidence: Evidence) -> Verdict:
     )
 
 
-def _load(run: TubeRun) -> FloatArray:
+def _load(run: DeformableRun) -> FloatArray:
     """Resultant of the load [N]."""
     from validation.build.blocks import build_load
 
@@ -447,7 +447,7 @@ def _load(run: TubeRun) -> FloatArray:
     return total
 
 
-def _far_axial_stress(run: TubeRun, force: FloatArray) -> float:
+def _far_axial_stress(run: DeformableRun, force: FloatArray) -> float:
     """Mean σ_zz over the outer surface within 30° of the direction of the load, layers 5 to 9."""
     assembly, deformable = run.deformable.assembly, run.deformable
     away = force[:2] / np.linalg.norm(force[:2])
@@ -490,12 +490,12 @@ def _monolithic(evidence: Evidence) -> Verdict:
     )
 
 
-def _tube(run: TubeRun) -> TubeScene:
+def _tube(run: DeformableRun) -> TubeScene:
     assert isinstance(run.scene, TubeScene)
     return run.scene
 
 
-def _mean_displacement(run: TubeRun) -> float:
+def _mean_displacement(run: DeformableRun) -> float:
     volumes = _volumes(run)
     return float(
         np.mean(

@@ -1,0 +1,54 @@
+"""The energies of a run over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from fem.explicit.output.history import History
+from validation.output.pictures.gallery import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    SKY,
+    VERMILION,
+    save_figure,
+    subplots,
+)
+
+
+def draw_energies(history: History, path: Path, *, title: str) -> None:
+    """Plot the energies of a run over time, and the error of their balance."""
+    time = 1e3 * history.column("time")
+    dissipation = sum(
+        history.column(name)
+        for name in (
+            "mass_damping_dissipation",
+            "stiffness_damping_dissipation",
+            "bulk_viscosity_dissipation",
+        )
+    )
+    curves = [
+        ("external work", history.column("external_work"), "black", "-"),
+        ("strain", history.column("strain_energy"), BLUE, "-"),
+        ("kinetic", history.column("kinetic_energy"), VERMILION, "-"),
+        ("contact", history.column("contact_energy"), SKY, "-"),
+        ("viscous dissipation", dissipation, GREEN, "--"),
+        ("frictional dissipation", history.column("frictional_dissipation"), ORANGE, "--"),
+        ("hourglass (part of strain)", history.column("hourglass_energy"), GREY, ":"),
+    ]
+    figure, (upper, lower) = subplots(2, 1, size=(8, 6.5), sharex=True, height_ratios=[3, 1])
+    for label, values, colour, style in curves:
+        if np.any(values != 0.0):
+            upper.plot(time, values, color=colour, linestyle=style, label=label)
+    upper.set_ylabel("energy [N mm]")
+    upper.set_title(f"{title}: energies", loc="left")
+    upper.legend(frameon=False, ncols=2)
+    upper.grid(alpha=0.3)
+    lower.plot(time, history.column("energy_balance"), color="black")
+    lower.set_ylabel("balance error [–]")
+    lower.set_xlabel("time [ms]")
+    lower.grid(alpha=0.3)
+    save_figure(figure, path)

@@ -1,0 +1,167 @@
+"""Single boxes, ``[block] type = "box"``: an assembly whose blocks do not meet."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from validation.scene.deformable import (
+    DivisionsSection,
+    EffectsSection,
+    FemSection,
+    MaterialSection,
+    Method,
+    Vector,
+)
+from validation.scene.family import AssemblyScene, BlockSection
+from validation.scene.sections import Finite, Positive, Section
+
+if TYPE_CHECKING:
+    from fem.assembly.statement import Motion
+    from geometry.assembly import Assembly
+    from geometry.loads.case import FaceLoad, LoadCase
+    from geometry.mesh import IntArray
+
+FaceName = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
+
+
+class FaceLoadSection(Section):
+    """Load on one face of a box."""
+
+    pressure: Finite | None = None
+    """Pushes inward [MPa]."""
+    traction: Vector | None = None
+    """Force per area in world axes [MPa]."""
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> FaceLoadSection:
+        if (self.pressure is None) == (self.traction is None):
+            raise ValueError("expected either pressure or traction, one of the two")
+        return self
+
+
+class BoxSection(BlockSection):
+    """``[block] type = "box"``: a box [0, size]."""
+
+    type: Literal["box"]
+    size: tuple[Positive, Positive, Positive]
+    """Edge lengths along x, y, z [mm]."""
+
+
+class CopiesSection(Section):
+    """``[assembly]`` of boxes that do not touch."""
+
+    copies: Annotated[int, Field(ge=1)] = 1
+    """Uncoupled copies side by side; congruent blocks share one stiffness."""
+
+
+class InitialSection(Section):
+    """``[initial]``: motion at time 0."""
+
+    velocity: Vector = (0.0, 0.0, 0.0)
+    """[mm/s]"""
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    """About the centroid [rad/s]."""
+
+
+class BoxScene(AssemblyScene):
+    """One deformable box, or several uncoupled copies of it."""
+
+    meets: ClassVar[bool] = False
+
+    block: BoxSection
+    mesh: DivisionsSection
+    material: MaterialSection
+    assembly: CopiesSection = CopiesSection()
+    support: dict[FaceName, Literal["fixed"]] = Field(default_factory=dict)
+    load: dict[FaceName, FaceLoadSection] = Field(default_factory=dict)
+    initial: InitialSection | None = None
+    effects: EffectsSection = EffectsSection()
+    fem: FemSection
+
+    @model_validator(mode="after")
+    def _no_contact(self) -> BoxScene:
+        for name in ("contact", "rigid"):
+            if name in self.model_fields_set:
+                raise ValueError(f"{name}: a single box touches none; remove it")
+        if self.effects.auto is not None:
+            raise ValueError(
+                "effects.auto compares contact pressures, and a single box has no contact; remove "
+                "it"
+            )
+        for name in ("friction", "finite_sliding", "elastic_frame"):
+            if getattr(self.effects, name):
+                raise ValueError(
+                    f"effects.{name} acts between blocks, and a single box touches none; remove it"
+                )
+        if self.fem.symmetry not in ("auto", "none"):
+            raise ValueError(
+                f'fem.symmetry: got "{self.fem.symmetry}", which is one of tubes; expected "auto" '
+                "or nothing"
+            )
+        if self.initial is not None and self.fem.method is Method.STATIC:
+            raise ValueError(
+                'initial: got a motion beside fem.method = "static", which has none; remove it or '
+                'set fem.method = "explicit"'
+            )
+        return self
+
+    @property
+    def motion(self) -> Motion | None:
+        """Motion at time 0; None: at rest."""
+        from fem.assembly.statement import Motion
+
+        given = self.initial
+        if given is None or not any((*given.velocity, *given.angular_velocity)):
+            return None
+        return Motion(np.array(given.velocity), np.array(given.angular_velocity))
+
+    def build(self) -> Assembly:
+        """Place the copies side by side along y, half a box apart."""
+        from geometry.assembly import Assembly
+        from geometry.block import box_block
+
+        n = self.assembly.copies
+        places = np.zeros((n, 3))
+        places[:, 1] = 1.5 * self.block.size[1] * np.arange(n)
+        return Assembly(
+            name="boxes",
+            shapes=(box_block(self.block.size, self.mesh.divisions),),
+            shape_of=np.zeros(n, dtype=np.int64),
+            rotations=np.tile(np.eye(3), (n, 1, 1)),
+            translations=places,
+            layer=np.zeros(n, dtype=np.int64),
+            fixed=np.zeros(n, dtype=np.bool_),
+            unmatched_allowed=True,
+        )
+
+    def build_load(self, assembly: Assembly) -> LoadCase:
+        """Load and hold the faces that are named, of every copy."""
+        from geometry.loads.case import HeldFace, LoadCase
+
+        blocks = np.arange(assembly.n_blocks)
+        return LoadCase(
+            assembly,
+            "faces",
+            tuple(self._face_load(blocks, face) for face in self.load),
+            assembly.fixed,
+            held=tuple(HeldFace(block, face) for block in blocks.tolist() for face in self.support),
+        )
+
+    def _face_load(self, blocks: IntArray, face: FaceName) -> FaceLoad:
+        from geometry.loads.case import PressureLoad, TractionLoad
+
+        load = self.load[face]
+        if load.pressure is None:
+            return TractionLoad(blocks, face, np.array(load.traction))
+        return PressureLoad(blocks, face, load.pressure, self.effects.finite_rotation)
+
+    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
+        """Divisions with at most so many elements."""
+        return self.mesh.at_most(wave, through, other)
+
+    def fewer_elements(self, share: float) -> dict[str, Any]:
+        """Divisions with about that share."""
+        return self.mesh.share(share, 1)
