@@ -207,8 +207,8 @@ def _corner_extremes(
     stress = stress.reshape(-1, per_element, 6)
     values = principal.reshape(-1, per_element, 3)
     first, third = values[:, :, 0].max(axis=1), values[:, :, 2].min(axis=1)
-    high = stress[first >= 0.5 * first.max()]
-    low = stress[third <= 0.5 * third.min()]
+    high = stress[first >= first.max() - 0.5 * abs(first.max())]
+    low = stress[third <= third.min() + 0.5 * abs(third.min())]
     return (
         float(principal_stress(np.einsum("cp,epi->eci", weights, high))[:, :, 0].max()),
         float(principal_stress(np.einsum("cp,epi->eci", weights, low))[:, :, 2].min()),
