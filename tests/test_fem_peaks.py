@@ -11,7 +11,7 @@ from fem.element.facet import FACET_VALUES
 from fem.element.stress import integration_points
 from tests.test_validation_own_fem import column
 from validation.build.deformable import build_deformable
-from validation.output.deformable import print_blocks
+from validation.output.deformable import print_run
 from validation.run.deformable import DeformableRun
 from validation.run.measures import Measure, value_words
 from validation.run.static import run_static
@@ -145,7 +145,7 @@ def test_values_print_the_digits_their_error_leaves() -> None:
 def test_places_are_printed(pressed: DeformableRun, capsys: pytest.CaptureFixture[str]) -> None:
     from rich.console import Console
 
-    print_blocks(pressed, Console(width=300))
+    print_run(pressed, Console(width=300))
     text = capsys.readouterr().out
     assert "p_max at a point" in text
     assert "blocks 0 and 1, layer 0" in text or "blocks 1 and 2, layer" in text

@@ -11,7 +11,7 @@ from tests.test_validation_own_fem import column, overclosure
 from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
-from validation.output.deformable import print_blocks
+from validation.output.deformable import print_run
 from validation.run.deformable import run_json
 from validation.run.explicit import run_explicit, scene_statement
 from validation.run.static import run_static
@@ -36,7 +36,7 @@ def test_a_scene_without_a_cap_follows_the_law_of_the_text() -> None:
     # residual is 1e-8 of the load, and a joint is as stiff as the boxes within tenfold.
     top = 2 * overclosure(PRESSURE) + PRESSURE * 160.0 / 33e3
     assert run.largest_displacement == pytest.approx(top, rel=1e-7)
-    assert run_json(run, 0.0)["contact_cap"] is None
+    assert run_json(run)["contact_cap"] is None
 
 
 def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
@@ -44,7 +44,7 @@ def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
 
     capped = changed(PRESSURE, contact={"maximum_stiffness": 1000.0})
     run = run_static("column", capped)
-    found = run_json(run, 0.0)["contact_cap"]
+    found = run_json(run)["contact_cap"]
     points = 2 * 3 * 2 * 4
     assert found["points"] == found["pressing_points"] == points
     assert found["force_share"] == pytest.approx(1.0, rel=1e-12)
@@ -52,10 +52,10 @@ def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
     start = run.deformable.contact.law.constants
     deep = start.linear_start + (PRESSURE - start.linear_pressure) / 1000.0
     np.testing.assert_allclose(run.contact_state.point_overclosures, deep, rtol=1e-7)
-    print_blocks(run, Console(width=300))
+    print_run(run, Console(width=300))
     assert f"at {points} of {points} pressing points, 100 %" in capsys.readouterr().out
     idle = run_static("column", changed(0.5, contact={"maximum_stiffness": 1000.0}))
-    assert run_json(idle, 0.0)["contact_cap"]["points"] == 0
+    assert run_json(idle)["contact_cap"]["points"] == 0
 
 
 def test_decks_carry_a_cap_and_say_where_there_is_none() -> None:

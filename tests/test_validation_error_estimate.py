@@ -8,7 +8,7 @@ from rich.console import Console
 from tests.test_validation_own_fem import column, deformable
 from validation.build.coarser import coarser
 from validation.build.deformable import build_deformable
-from validation.output.deformable import print_blocks
+from validation.output.deformable import print_run
 from validation.run.deformable import DeformableRun, run_json
 from validation.run.estimate import estimated_errors
 from validation.run.static import run_static
@@ -85,11 +85,11 @@ def test_errors_are_printed_and_in_the_data(capsys: pytest.CaptureFixture[str]) 
     from dataclasses import replace
 
     run = run_static("column", column(0.5))
-    plain = run_json(run, 0.0)["measures"]
+    plain = run_json(run)["measures"]
     assert all(measure["error"] is None for measure in plain.values())
     told = replace(run, errors={"p_max_point": 0.034})
-    found = run_json(told, 0.0)["measures"]["p_max_point"]
+    found = run_json(told)["measures"]["p_max_point"]
     assert found["error"] == 0.034
     assert found["unit"] == "MPa"
-    print_blocks(told, Console(width=300))
+    print_run(told, Console(width=300))
     assert "0.500 ± 0.034 MPa" in capsys.readouterr().out

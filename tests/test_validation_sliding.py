@@ -68,7 +68,7 @@ def test_patch_test_of_a_column_that_does_not_match() -> None:
     for joint in ((0, 1), (1, 2)):
         points = found.joint(*joint)
         assert found.point_areas[points].sum() == pytest.approx(8000.0, rel=1e-12)
-    data = run_json(run, 0.0)
+    data = run_json(run)
     assert data["contact_search"] == "finite sliding (joints do not match)"
     assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
     assert data["contact"]["p_max_face"] == pytest.approx(0.5, rel=1e-6)
@@ -172,7 +172,7 @@ def test_matching_joints_have_no_search_unless_asked() -> None:
     matching = ((WIDE, (4, 4, 2)), (WIDE, (4, 4, 1)))
     for asked, words in ((False, "none (facets match and stay paired)"), (True, "finite sliding")):
         run = run_explicit("column", column(*matching, effects={"finite_sliding": asked}))
-        data = run_json(run, 0.0)
+        data = run_json(run)
         assert data["contact_search"] == words
         assert (run.contact_state.interface is None) == asked
         assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
