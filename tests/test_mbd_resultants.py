@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 
 from geometry.families.masonry import circular_arch
+from geometry.joints import JointResultants, chain, joint_resultants
 from mbd import contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
-from mbd.resultants import JointResultants, chain, joint_resultants
+from tests.test_validation_own_fem import column
 from validation.output.polyhedra import write_contacts
+from validation.run.deformable import run_json
 from validation.run.rigid.assembly import rigid_json, run_rigid
 from validation.run.rigid.polyhedra import PolyhedralRun, polyhedra_json, run_polyhedra
+from validation.run.static import run_static
 from validation.scene.read import load_scene
 
 ARCH = (
@@ -133,6 +136,9 @@ def test_the_field_that_is_written_carries_the_load(tmp_path: Path) -> None:
     assert answer["carried"]
     assert answer["answer"] == "carried with friction μ = 0.6 (without: activated)"
     assert len(answer["joints"]) == 8
+    keys = set(answer["joints"][0])
+    pressed = run_static("column", column(0.01))  # type: ignore[arg-type]
+    assert set(run_json(pressed)["joints"][0]) == keys
 
 
 def test_an_attempt_that_failed_is_no_field(tmp_path: Path) -> None:

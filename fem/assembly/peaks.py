@@ -30,6 +30,7 @@ from fem.element.stress import (
 )
 from fem.problem.model import BlockGroup
 from fem.problem.recovery import block_displacements
+from geometry.joints import JointResultants, summed_by_joint
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray
 
 #: Centres of balls lie this part of the radius apart: the mean over a ball changes little there.
@@ -327,53 +328,14 @@ def _nearest_face(deformable: DeformableAssembly, block: int, where: FloatArray)
 # Joints
 
 
-@dataclass(frozen=True)
-class JointForce:
-    """What one joint transmits by contact, on its second block."""
-
-    blocks: tuple[int, int]
-    """Master and opposing block."""
-    force: FloatArray
-    """Resultant of the normal contact forces, world axes, (3,) [N]."""
-    moment: FloatArray
-    """About the middle of the joint's facets, (3,) [N mm]."""
-    middle: FloatArray
-    """Area-weighted middle of its facets, (3,) [mm]."""
-    area: float
-    """Area of its facets [mm²]."""
-    normal: FloatArray
-    """Area-weighted mean of the normals from the first block to the second, unit, (3,)."""
-
-
-def _unit(vector: FloatArray) -> FloatArray:
-    """Vector of length one."""
-    unit: FloatArray = vector / np.linalg.norm(vector)
-    return unit
-
-
-def joint_forces(state: ContactState) -> tuple[JointForce, ...]:
-    """Resultants of every pair of blocks in contact; friction is not in them."""
+def joint_forces(state: ContactState) -> JointResultants:
+    """Resultants of every pair of blocks in contact, on the higher one; friction is not in them."""
     m, s = state.block_m[state.facet], state.block_s[state.facet]
-    low, high = np.minimum(m, s), np.maximum(m, s)
-    onwards = np.where(s == high, 1.0, -1.0)[:, None]
-    forces, normals = onwards * state.point_forces, onwards * state.normals
-    pairs, joint = np.unique(np.column_stack([low, high]), axis=0, return_inverse=True)
-    joint = joint.ravel()
-    order = np.argsort(joint, kind="stable")
-    ends = np.cumsum(np.bincount(joint, minlength=len(pairs)))
-    found = []
-    for pair, mine in zip(pairs.tolist(), np.split(order, ends[:-1]), strict=True):
-        area = state.point_areas[mine]
-        middle = area @ state.positions[mine] / area.sum()
-        arms = state.positions[mine] - middle
-        found.append(
-            JointForce(
-                blocks=(pair[0], pair[1]),
-                force=forces[mine].sum(axis=0),
-                moment=np.cross(arms, forces[mine]).sum(axis=0),
-                middle=middle,
-                area=float(area.sum()),
-                normal=_unit(area @ normals[mine]),
-            )
-        )
-    return tuple(found)
+    onwards = np.where(s > m, 1.0, -1.0)[:, None]
+    return summed_by_joint(
+        np.column_stack([np.minimum(m, s), np.maximum(m, s)]),
+        points=state.positions,
+        normals=onwards * state.normals,
+        areas=state.point_areas,
+        forces=onwards * state.point_forces,
+    )

@@ -25,7 +25,7 @@ from validation.output.fields import (
     point_data,
 )
 from validation.output.files import write_whole
-from validation.output.joints import JOINT_FILES, deformable_resultants, write_joints
+from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
 from validation.output.pictures.energies import draw_energies
@@ -56,7 +56,7 @@ def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
     outputs.write("fields", "fields.vtu", lambda path: _write_fields(run, path))
     if run.meets:
         outputs.write("pressures", "contact_pressures.vtu", lambda path: _write_contact(run, path))
-        write_joints(deformable_resultants(run.contact_state), outputs)
+        write_joints(run.joints, outputs)
     for file, draw in _pictures(run).items():
         outputs.write("picture", file, lambda path, draw=draw: draw(run, path))  # type: ignore[misc]
     if run.explicit is not None:

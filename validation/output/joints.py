@@ -7,35 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from fem.assembly.contact_state import ContactState
-from fem.assembly.peaks import joint_forces
 from geometry.files.mesh_io import write_points
+from geometry.joints import JointResultants
 from geometry.mesh import FloatArray
-from mbd.resultants import JointResultants
 from validation.output.files import write_whole
 from validation.output.outputs import Outputs
 
 #: Files of the resultants.
 JOINT_FILES = ("joints.csv", "joints.vtu")
 _AXES = ("x", "y", "z")
-
-
-def deformable_resultants(state: ContactState) -> JointResultants:
-    """Resultants of the normal contact forces of a deformed assembly; friction is not in them."""
-    joints = joint_forces(state)
-
-    def rows(vectors: list[FloatArray]) -> FloatArray:
-        return np.array(vectors).reshape(-1, 3)
-
-    return JointResultants(
-        block_m=np.array([joint.blocks[0] for joint in joints], dtype=np.int64),
-        block_s=np.array([joint.blocks[1] for joint in joints], dtype=np.int64),
-        areas=np.array([joint.area for joint in joints]),
-        centroids=rows([joint.middle for joint in joints]),
-        normals=rows([joint.normal for joint in joints]),
-        forces=rows([joint.force for joint in joints]),
-        moments=rows([joint.moment for joint in joints]),
-    )
 
 
 def write_joints(joints: JointResultants, outputs: Outputs) -> None:

@@ -9,8 +9,8 @@ from rich.console import Console
 
 from geometry.files.hexahedral_solids import six_sided_hexahedra
 from geometry.files.mesh_io import write_triangles
+from geometry.joints import JointResultants
 from geometry.mesh import MeshError
-from mbd.resultants import JointResultants
 from validation.output.console import two_columns
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs

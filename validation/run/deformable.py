@@ -16,14 +16,16 @@ from fem.assembly.deformable import (
     DeformableAssembly,
 )
 from fem.assembly.measures import CapAction, ContactMeasures, cap_action
-from fem.assembly.peaks import StressPeaks, stress_peaks
+from fem.assembly.peaks import StressPeaks, joint_forces, stress_peaks
 from fem.explicit.setup.quasi_static import QuasiStaticReport, quasi_static_report
 from fem.explicit.solve import ExplicitResult
 from fem.problem.mass_scaling import added_mass_share
 from fem.static.result import StaticResult
+from geometry.joints import JointResultants
 from geometry.mesh import FloatArray, IntArray
 from validation.build.deformable import gap_words
-from validation.run.measures import Measure, joints_json, run_measures
+from validation.run.joints import joints_json
+from validation.run.measures import Measure, run_measures
 from validation.run.slip import largest_slip
 from validation.run.words import load_words
 from validation.scene.deformable import Method
@@ -148,6 +150,11 @@ class DeformableRun:
     def contact(self) -> ContactMeasures:
         """The paper's measures of the contact pressures, and more."""
         return self.answer.measures
+
+    @cached_property
+    def joints(self) -> JointResultants:
+        """Resultants of the contact forces between each two blocks; friction is not in them."""
+        return joint_forces(self.contact_state)
 
     @cached_property
     def stress_peaks(self) -> StressPeaks:
@@ -294,7 +301,7 @@ def _contact_json(run: DeformableRun) -> dict[str, Any]:
         "contact_search": str(run.contact_search),
         "slip": run.slip,
         "n_contacts": run.contact_state.n_facets,
-        "joints": joints_json(run),
+        "joints": joints_json(run.joints),
         "contact": contact_report(run),
         "contact_cap": None if run.cap is None else asdict(run.cap),
     }

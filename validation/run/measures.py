@@ -13,7 +13,6 @@ from fem.assembly.measures import ContactMeasures
 from fem.assembly.peaks import (
     Peak,
     StressPeaks,
-    joint_forces,
     largest_displacement,
     largest_pressure,
     mean_of_block_maxima,
@@ -160,20 +159,6 @@ def about_axis(assembly: Assembly, position: FloatArray) -> dict[str, float]:
     radial = from_axis - height * assembly.axis
     angle = float(np.degrees(np.arctan2(radial[1], radial[0]))) % 360.0
     return {"radius": float(np.linalg.norm(radial)), "angle": angle, "height": height}
-
-
-def joints_json(run: Answered) -> list[dict[str, Any]]:
-    """What every joint transmits by contact, on the second of its blocks."""
-    return [
-        {
-            "blocks": list(joint.blocks),
-            "force": joint.force.tolist(),
-            "moment": joint.moment.tolist(),
-            "middle": joint.middle.tolist(),
-            "area": joint.area,
-        }
-        for joint in joint_forces(run.contact_state)
-    ]
 
 
 def place_words(measure: Measure) -> str:

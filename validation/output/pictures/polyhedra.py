@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from geometry.joints import chain
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
-from mbd.resultants import chain
 from validation.output.pictures.bodies import sharp_edges
 from validation.output.pictures.canvas import Direction, Dots, Lines, Part, Surface, View
 from validation.output.pictures.gallery import (

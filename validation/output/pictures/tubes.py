@@ -79,7 +79,9 @@ def blocks_view(
         coloured_blocks(assembly, deformable, values, scale, nodes=nodes, faces=faces)
     ]
     rigid = np.flatnonzero(run.deformable.group_of < 0).tolist()
-    parts.append(outlines(assembly, rigid, opacity=0.6))
+    # Single bodies show their edges, and where they were.
+    edged = rigid if run.meets else deformable
+    parts.append(outlines(assembly, edged, opacity=0.6))
     return View(parts, direction)
 
 

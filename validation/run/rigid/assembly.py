@@ -13,7 +13,7 @@ import numpy as np
 
 from geometry.assembly import Assembly
 from geometry.files.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
-from geometry.joints import UnmatchedJoint
+from geometry.joints import JointResultants, UnmatchedJoint, joint_resultants
 from geometry.loads.case import LoadCase, with_body_wrenches
 from geometry.mesh import FloatArray
 from mbd import (
@@ -26,15 +26,14 @@ from mbd import (
     block_wrenches,
     measures,
 )
-from mbd.resultants import JointResultants, joint_resultants
 from validation.build.blocks import build_blocks, build_weight, require_assembly, require_matching
+from validation.run.joints import joints_json
 from validation.run.rigid.further import (
     Carried,
     Further,
     carried,
     further_answers,
     further_json,
-    joints_json,
 )
 from validation.scene.read import DeformableScene, SceneFile
 

@@ -25,7 +25,6 @@ from mbd.friction import (
 )
 from mbd.margin import Margin, interlocking_margin
 from mbd.plane import PlaneProblem, plane_problem
-from mbd.resultants import JointResultants
 from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
 from validation.errors import InputError
 from validation.scene.sections import RigidSection
@@ -222,26 +221,6 @@ def _generalized(wrench: FloatArray, free: IntArray, length: float) -> FloatArra
 
 def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
-
-
-def joints_json(joints: JointResultants) -> list[dict[str, Any]]:
-    """Resultants of each joint as plain data, the force on block s."""
-    eccentricity, points = joints.eccentricity, joints.points
-    columns = {
-        "normal_force": joints.normal_force,
-        "shear_force": joints.shear_force,
-        "bending_moment": joints.bending_moment,
-        "twisting_moment": joints.twisting_moment,
-    }
-    return [
-        {
-            "blocks": [int(joints.block_m[k]), int(joints.block_s[k])],
-            **{name: float(values[k]) for name, values in columns.items()},
-            "eccentricity": eccentricity[k].tolist(),
-            "point": points[k].tolist(),
-        }
-        for k in range(len(joints.block_m))
-    ]
 
 
 def further_json(further: Further | None) -> dict[str, Any]:

@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from geometry.joints import JointResultants, joint_resultants
 from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import ContactPolygons
 from mbd import Mechanism, RigidResult, analyse
-from mbd.resultants import JointResultants, joint_resultants
 from validation.build.own_blocks import refuse_two_weights
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
+from validation.run.joints import joints_json
 from validation.run.rigid.assembly import certificate_json
 from validation.run.rigid.further import (
     Carried,
@@ -24,7 +25,6 @@ from validation.run.rigid.further import (
     carried,
     further_answers,
     further_json,
-    joints_json,
 )
 from validation.scene.polyhedra import BodyLoadSection, MeshScene, PolyhedralScene
 from validation.scene.read import SceneFile
