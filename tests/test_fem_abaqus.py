@@ -41,7 +41,7 @@ from geometry.loads.case import PressureLoad, TractionLoad
 from geometry.mesh import HEX_FACES
 from tests.conftest import random_rotation, tsb
 
-CONCRETE = Material(2.4e-9, 33_000.0, 0.2)
+CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
 EXPLICIT = DeckStep(Procedure.EXPLICIT, 0.5, 0.1, safety_factor=0.9)
 BODY_FORCE = BodyForceLoad(np.array([5]), np.array([[1e-3, 0.2 / 3.0, -2e-5]]))
 STATIC = DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=False)

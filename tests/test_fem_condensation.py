@@ -22,7 +22,9 @@ def distorted(request):
     box = box_block((10.0, 8.0, 6.0), (6, 4, 3))
     nodes = box.mesh.nodes + 0.2 * np.random.default_rng(0).standard_normal(box.mesh.nodes.shape)
     return block_group(
-        HexMesh(nodes, box.mesh.elements), Material(2.4e-9, 33e3, 0.2), element=request.param
+        HexMesh(nodes, box.mesh.elements),
+        Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2),
+        element=request.param,
     ), np.unique(np.concatenate([box.faces["z+"], box.faces["x-"]]))
 
 

@@ -31,7 +31,7 @@ def test_element_bound_is_below_the_exact_step_and_not_far(element: ElementType,
 
     The bound is sharp to 35 % on this mesh of twelve distorted elements.
     """
-    material = Material(2.4e-9, 30_000.0, nu)
+    material = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=nu)
     mesh = distorted_box()
     bound = element_eigenvalue_time_step(mesh, material, element)
     exact = exact_time_step(mesh, material, element)
@@ -46,7 +46,7 @@ def test_uniform_strain_cube_has_its_closed_form() -> None:
     size = 7.0
     mesh = box_block((size,) * 3, (1, 1, 1)).mesh
     for nu in (0.0, 0.2, 0.4):
-        material = Material(2.4e-9, 30_000.0, nu)
+        material = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=nu)
         highest = max(12.0 * material.bulk_modulus, 8.0 * material.shear_modulus)
         exact = 2.0 / np.sqrt(highest / material.density / size**2)
         bound = element_eigenvalue_time_step(mesh, material, ElementType.REDUCED)

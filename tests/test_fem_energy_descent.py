@@ -15,7 +15,7 @@ from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
 from geometry.loads import load_case
 
-CONCRETE = Material(2.4e-9, 33e3, 0.2)
+CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 TSB1 = SineBlockParameters(
     height=200.0,
     amplitude=20.0,

@@ -24,7 +24,7 @@ from geometry.families.tube import sine_tube
 from geometry.loads import load_case
 from tests.conftest import random_rotation, tsb
 
-CONCRETE = Material(2.4e-9, 33e3, 0.2)
+CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
 
 def tube(layers=1, case="pipe", **options):

@@ -22,7 +22,7 @@ from geometry.assembly import Assembly
 from geometry.families.brick_stack import brick
 from geometry.loads.case import LoadCase
 
-CONCRETE = Material(2.4e-9, 33e3, 0.2)
+CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 GRAVITY = 9810.0
 
 

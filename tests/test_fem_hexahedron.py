@@ -221,7 +221,7 @@ def test_incompatible_cantilever_one_element_thick_is_the_discrete_beam(n: int) 
     a uniform shear. The clamped stiffness has condition (L/h)⁴ n⁰ < 1e9, hence 1e-7.
     """
     length, width, depth, force = 150.0, 2.5, 5.0, 5.0
-    material = Material(1.0, 70_000.0, 0.0)
+    material = Material(density=1.0, young_modulus=70_000.0, poisson_ratio=0.0)
     beam = force * length**3 / (3.0 * 70_000.0 * width * depth**3 / 12.0)
     shear = force * length / (35_000.0 * width * depth)
     block = box_block((length, width, depth), (n, 1, 1))
@@ -240,7 +240,7 @@ ABAQUS_CANTILEVER = {
 @pytest.mark.parametrize("element", list(ABAQUS_CANTILEVER), ids=lambda e: e.value)
 def test_shear_locking_is_that_of_abaqus_to_all_printed_digits(element: ElementType) -> None:
     """150 x 2.5 x 5 mm, 5 N, 70 GPa, nu = 0; printed with three digits: 0.0005."""
-    material = Material(1.0, 70_000.0, 0.0)
+    material = Material(density=1.0, young_modulus=70_000.0, poisson_ratio=0.0)
     for (depth, along), printed in zip(
         ((1, 6), (2, 12), (4, 12), (8, 24)), ABAQUS_CANTILEVER[element], strict=True
     ):
@@ -254,7 +254,7 @@ def test_reduced_cantilever_approaches_abaqus_with_its_weak_hourglass_control() 
 
     Only on the coarsest of the three does the control still matter (0.3 %).
     """
-    material = Material(1.0, 70_000.0, 0.0)
+    material = Material(density=1.0, young_modulus=70_000.0, poisson_ratio=0.0)
     for (depth, along), printed, tolerance in (
         ((2, 12), 1.323, 5e-3),
         ((4, 12), 1.063, 5e-4),
@@ -272,7 +272,7 @@ def test_longitudinal_frequency_of_a_fixed_free_bar(element: ElementType) -> Non
     Closed form of the chain, so exact to the eigensolver; it tends to c pi / 2L as h².
     """
     n, length = 12, 120.0
-    material = Material(2.4e-9, 30_000.0, 0.0)
+    material = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.0)
     block = box_block((length, 10.0, 10.0), (n, 1, 1))
     exact = 2.0 * material.dilatational_wave_speed / (length / n) * np.sin(np.pi / (4 * n))
     clamped = degrees_of_freedom(np.unique(block.faces["x-"]))
@@ -340,7 +340,7 @@ def test_cantilever_frequency_with_one_incompatible_element_through_the_thicknes
     The reference changes by 9e-4 from half as many bricks and converges with fourth order:
     its own error is 6e-5, which leaves the order on 2.4e-4 uncertain by 0.4.
     """
-    material = Material(2.4e-9, 30_000.0, 0.0)
+    material = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.0)
     reference = cantilever_reference(material)
 
     def error(k: int, element: ElementType) -> float:
@@ -365,7 +365,7 @@ def manufactured_error(n: int, element: ElementType) -> float:
     x = straight.nodes
     bulge = 0.15 * np.prod(np.sin(np.pi * x), axis=1, keepdims=True)
     mesh = HexMesh(x + bulge * np.array([1.0, -0.7, 0.4]), straight.elements)
-    material = Material(1.0, 1.0, 0.3)
+    material = Material(density=1.0, young_modulus=1.0, poisson_ratio=0.3)
     k = np.array([1.3, 0.9, 1.1])
 
     def exact(p: np.ndarray) -> np.ndarray:
@@ -458,7 +458,7 @@ def test_nearly_incompressible_panel_needs_b_bar() -> None:
     The reference's own error (16 against 32 bricks) is below 0.5 %; B-bar on 16 is within 4 %
     and its error falls from 8 to 16 by more than the factor 2**0.8 that the corner allows.
     """
-    material = Material(1.0, 1.0, 0.4999)
+    material = Material(density=1.0, young_modulus=1.0, poisson_ratio=0.4999)
     reference = cook_reference(32, material)
     assert cook_reference(16, material) == pytest.approx(reference, rel=5e-3)
     coarse = cook_tip(8, ElementType.B_BAR, material)

@@ -234,7 +234,9 @@ def test_held_components_are_put_back_and_their_damping_is_given():
 def test_effects_are_their_plain_statements(dtype, n_copies):
     # Sums of at most a few hundred products of numbers below 10, each rounded once or twice.
     tolerance = 300 * 100 * EPS[dtype]
-    group = block_group(distorted_box((4, 3, 2)), Material(1.0, 1.0, 0.3))
+    group = block_group(
+        distorted_box((4, 3, 2)), Material(density=1.0, young_modulus=1.0, poisson_ratio=0.3)
+    )
     rows = block_rows(group.stiffness, dtype)
     data = element_viscosity(group, rows.row, BulkViscosity(0.5, 0.7), dtype)
     chunks, n = rows.chunks, len(rows.chunks) - 1

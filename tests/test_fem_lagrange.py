@@ -23,7 +23,7 @@ from validation.errors import InputError
 from validation.run.curved import CurvedRun, run_curved
 from validation.run.static import run_static
 
-CONCRETE = Material(2.4e-9, 33e3, 0.2)
+CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 TSB1 = SineBlockParameters(
     height=200.0,
     amplitude=20.0,

@@ -13,7 +13,7 @@ from fem.problem.time_step import critical_time_step
 from geometry.block import box_block
 from geometry.mesh import HexMesh
 
-CONCRETE = Material(2.4e-9, 33e3, 0.2)
+CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
 
 def bar(thin=0.2, element=ElementType.INCOMPATIBLE):

@@ -10,7 +10,7 @@ from fem.element.stress import VOIGT
 @pytest.mark.parametrize("nu", [-0.5, 0.0, 0.2, 0.4999])
 def test_elasticity_matrix_is_hookes_law(nu: float) -> None:
     """Inverting sigma = D eps gives eps = ((1 + nu) sigma - nu tr(sigma) I) / E."""
-    material = Material(2.4e-9, 30_000.0, nu)
+    material = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=nu)
     rng = np.random.default_rng(0)
     a = rng.normal(size=(3, 3))
     sigma = a + a.T
@@ -23,7 +23,7 @@ def test_elasticity_matrix_is_hookes_law(nu: float) -> None:
 
 
 def test_moduli_and_wave_speeds_agree() -> None:
-    m = Material(2.4e-9, 30_000.0, 0.2)
+    m = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
     assert m.bulk_modulus == pytest.approx(m.lame_modulus + 2.0 / 3.0 * m.shear_modulus, rel=1e-15)
     # c_d² / c_s² = 2 (1 - nu) / (1 - 2 nu), Achenbach (1973), eq. 4.6.
     ratio = (m.dilatational_wave_speed / m.shear_wave_speed) ** 2
@@ -45,4 +45,4 @@ def test_moduli_and_wave_speeds_agree() -> None:
 )
 def test_impossible_constants_are_refused_by_name(values, name: str) -> None:
     with pytest.raises(MaterialError, match=name):
-        Material(*values)
+        Material(density=values[0], young_modulus=values[1], poisson_ratio=values[2])

@@ -9,6 +9,7 @@ import pytest
 
 from fem import Answer, Frames, Problem, concrete, solve_explicit, solve_static
 from fem.assembly.statement import ProblemError
+from fem.element.material import Material
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from geometry import HexagonBlock, SineBlock, beam, contact_mesh, pillar, pipe, shaft, tube, tunnel
 from geometry.families.sine_block import BlockParameterError
@@ -111,7 +112,8 @@ def test_every_load_has_a_name(load) -> None:
     blocks = tube(HexagonBlock(4, 120.0, 40.0), layers=1, mesh=(4, 2))
     problem = Problem(blocks, load(0.01), concrete)
     assert problem.load_case.name == load.__name__
-    assert problem.load_case.pressure == 0.01
+    (face,) = problem.load_case.faces
+    assert 0.01 in (getattr(face, "pressure", None), getattr(face, "traction", None))
 
 
 def test_what_an_answer_does_not_have_is_refused(problem) -> None:
@@ -125,6 +127,26 @@ def test_what_an_answer_does_not_have_is_refused(problem) -> None:
         replace(problem, gravity=(0.0, -9810.0))
     assert replace(problem, friction=0.3).deformable.contact.friction.coefficient == 0.3
     assert replace(problem, frames=Frames.DEFORMABLE).deformable.deformable_blocks.size == 12
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"load": concrete}, "load: got a Material"),
+        ({"material": pipe(0.01)}, "material: got a Load"),
+        ({"load": pipe(1e5)}, "more than material.young_modulus"),
+        ({"material": replace(concrete, young_modulus=33.0)}, "young_modulus in GPa"),
+        ({"material": replace(concrete, density=2400.0)}, "density in kg/m³"),
+    ],
+)
+def test_absurd_statements_are_refused(problem, changes, words: str) -> None:
+    with pytest.raises(ProblemError, match=words):
+        replace(problem, **changes)
+
+
+def test_constants_are_named() -> None:
+    with pytest.raises(TypeError):
+        Material(33e3, 0.2, 2.4e-9)  # type: ignore[misc]
 
 
 def test_absurd_blocks_are_refused() -> None:

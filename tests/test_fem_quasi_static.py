@@ -25,7 +25,7 @@ from geometry.loads import load_case
 from geometry.loads.case import LoadCase
 from tests.conftest import tsb
 
-CONCRETE = Material(2.4e-9, 33e3, 0.2)
+CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
 
 def column(law, *, layers=1, material=CONCRETE):
@@ -59,7 +59,9 @@ def test_frequency_of_a_brick_between_two_springs():
     stiffness = 50.0
     law = LinearPenalty(stiffness)
     mass = 2.4e-9 * 100.0 * 60.0 * 50.0
-    stiff = Material(2.4e-9, 1e16, 0.2)  # next to which the springs' compliance is all, to 1e-13
+    stiff = Material(
+        density=2.4e-9, young_modulus=1e16, poisson_ratio=0.2
+    )  # next to which the springs' compliance is all, to 1e-13
     found = block_frequencies(explicit_assembly(column(law, material=stiff)).model, 0.01)
     heave = 2.0 * stiffness * 6000.0 / mass
     # The lumped mass of the mesh turns with its own inertia, not the brick's.

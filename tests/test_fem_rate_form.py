@@ -301,6 +301,6 @@ def test_bad_input_is_refused_by_name() -> None:
             rate_form_model(mesh, CONCRETE, **{name: -1.0})
     with pytest.raises(RateFormError, match="quadratic"):
         rate_form_model(mesh, CONCRETE, quadratic_bulk_viscosity=float("nan"))
-    model = rate_form_model(mesh, Material(1.0, 1.0, 0.0))
+    model = rate_form_model(mesh, Material(density=1.0, young_modulus=1.0, poisson_ratio=0.0))
     with pytest.raises(RateFormError, match="expected both"):
         internal_force(model, initial_state(model, 2), lane(mesh.nodes), lane(mesh.nodes), 1.0)

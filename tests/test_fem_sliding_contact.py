@@ -32,7 +32,7 @@ from geometry.loads.case import LoadCase
 from geometry.mesh import HexMesh
 from tests.conftest import tsb
 
-CONCRETE = Material(2.4e-9, 33e3, 0.2)
+CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 DAMPED = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
 
 
@@ -134,7 +134,7 @@ def hertz(cells, radius=1000.0, load=4000.0, size=150.0):
     nodes[:, 0] = x
     nodes[:, 2] = bottom + depth * (1.0 - bottom / size)
     mesh = HexMesh(nodes, box.mesh.elements)
-    material = Material(2.4e-9, 33e3, 0.0)
+    material = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)
     groups = (block_group(mesh, material),)
     floor = box_block((3.0 * size, 3.0, 5.0), (1, 1, 1))
     law = LinearPenalty(1e5)

@@ -34,9 +34,9 @@ from geometry.loads.case import LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import HexMesh
 from mbd import Norm, analyse
 
-CONCRETE = Material(2.4e-9, 33e3, 0.2)
+CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 #: Without lateral strain a column is one-dimensional.
-CORK = Material(2.4e-9, 1000.0, 0.0)
+CORK = Material(density=2.4e-9, young_modulus=1000.0, poisson_ratio=0.0)
 TSB1 = SineBlockParameters(
     height=200.0,
     amplitude=20.0,
@@ -342,7 +342,7 @@ def rigid_limit(divisions):
     model = deformable_assembly(
         assembly,
         load,
-        Material(2.4e-9, 33e4, 0.2),
+        Material(density=2.4e-9, young_modulus=33e4, poisson_ratio=0.2),
         law=LinearPenalty(1.0),
         normals=ContactNormals.REFERENCE,
     )
@@ -450,7 +450,7 @@ def sheared_column(ratio, friction):
     """A flat block of 1 mm on a fixed one: 0.1 MPa on top and a shear of ``ratio`` times that."""
     assembly = column(1, height=1.0)
     load = top_load(assembly, traction=np.array([0.1 * ratio, 0.0, -0.1]))
-    stiff = Material(2.4e-9, 1e7, 0.0)
+    stiff = Material(density=2.4e-9, young_modulus=1e7, poisson_ratio=0.0)
     return deformable_assembly(assembly, load, stiff, law=LinearPenalty(1e4), friction=friction)
 
 

@@ -31,7 +31,7 @@ from validation.scene.read import SceneFile, check_scene, load_scene, scene_data
 
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2")
 STATIC = (*COARSE, "fem.method=static", "effects.friction={coefficient=0.2, stick_stiffness=1e3}")
-CONCRETE = Material(2.4e-9, 33_000.0, 0.2)
+CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
 GRAVITY = np.array([0.0, 0.0, -9810.0])
 
 

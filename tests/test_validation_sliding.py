@@ -279,7 +279,7 @@ def settled_box(built: float, slid: float) -> tuple[FloatArray, FloatArray]:
     deformable = deformable_assembly(
         assembly,
         face_pressure(assembly, np.array([1]), "z+", 0.1),
-        Material(2.4e-9, 33e3, 0.2),
+        Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2),
         frames=Frames.DEFORMABLE,
         finite_sliding=True,
     )

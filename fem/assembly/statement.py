@@ -17,7 +17,7 @@ from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.surfaces import ContactNormals
 from fem.element.hexahedron import ElementType
-from fem.element.material import Material
+from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND, Material
 from fem.problem.model import Model
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
@@ -58,7 +58,8 @@ class Problem:
     Raises
     ------
     ProblemError
-        A gravity that is no finite vector, clearances that are not finite.
+        Constants or loads in other units, a gravity that is no finite vector, clearances that are
+        not finite.
     """
 
     blocks: Assembly
@@ -90,8 +91,17 @@ class Problem:
     """Uniform acceleration, (3,) [mm/s²]; None: absent."""
     motion: Motion | None = None
     """At time 0, of explicit runs alone; None: at rest."""
+    check_units: bool = True
+    """Whether constants in which sound travels as in no solid are refused."""
 
     def __post_init__(self) -> None:
+        for name, kinds in (("load", Load | LoadCase), ("material", Material)):
+            value = getattr(self, name)
+            if not isinstance(value, kinds):
+                raise ProblemError(
+                    f"{name}: got a {type(value).__name__}; expected blocks, load and material"
+                )
+        self._check_units()
         for name in ("clearance", "spacing"):
             value = getattr(self, name)
             if not np.isfinite(value):
@@ -99,6 +109,33 @@ class Problem:
         gravity = self.acceleration
         if gravity is not None and (gravity.shape != (3,) or not np.isfinite(gravity).all()):
             raise ProblemError(f"gravity: got {self.gravity}, expected three finite mm/s²")
+
+    def _check_units(self) -> None:
+        """Refuse constants and loads that no solid in mm, N, MPa and t has."""
+        material = self.material
+        if self.check_units and not SLOWEST_SOUND <= material.bar_wave_speed <= FASTEST_SOUND:
+            slips = (
+                ("young_modulus in GPa", 1e3, 1.0),
+                ("young_modulus in Pa", 1e-6, 1.0),
+                ("density in kg/m³", 1.0, 1e-12),
+                ("density in g/cm³", 1.0, 1e-9),
+            )
+            likely = (
+                f": {slip}?"
+                for slip, modulus, density in slips
+                if 1e6 < material.bar_wave_speed * (modulus / density) ** 0.5 < 1e7
+            )
+            raise ProblemError(
+                f"material: sound would travel at {material.bar_wave_speed:.3g} mm/s; expected "
+                f"{SLOWEST_SOUND:g} to {FASTEST_SOUND:g}{next(likely, '')} (MPa and t/mm³)"
+            )
+        largest = self.load_case.largest_traction
+        if largest > material.young_modulus:
+            raise ProblemError(
+                f"load.pressure: got {largest:g} MPa, more than material.young_modulus = "
+                f"{material.young_modulus:g} MPa; expected less, for strains would be larger than "
+                "one: give both in MPa"
+            )
 
     @property
     def acceleration(self) -> FloatArray | None:

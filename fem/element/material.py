@@ -14,12 +14,16 @@ import numpy as np
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 
+#: Speed of sound √(E/ρ), slower than in wood across its grain, faster than in diamond [mm/s]: of
+#: constants in other units it is another one.
+SLOWEST_SOUND, FASTEST_SOUND = 2e5, 2.5e7
+
 
 class MaterialError(RefusedError):
     """A material that cannot be used: the message names the constant and its allowed range."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Material:
     """Isotropic linear-elastic solid.
 
@@ -71,6 +75,11 @@ class Material:
         return self.lame_modulus + 2.0 * self.shear_modulus
 
     @property
+    def bar_wave_speed(self) -> float:
+        """Return sqrt(E / rho) [mm/s]."""
+        return math.sqrt(self.young_modulus / self.density)
+
+    @property
     def dilatational_wave_speed(self) -> float:
         """Return c_d = sqrt((lambda + 2 mu) / rho) [mm/s]."""
         return math.sqrt(self.constrained_modulus / self.density)
@@ -90,4 +99,4 @@ class Material:
 
 
 #: The concrete of the paper.
-concrete = Material(2.4e-9, 33_000.0, 0.2)
+concrete = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)

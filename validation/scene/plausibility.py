@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 
 from pydantic import BaseModel
 
+from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND
 from validation.scene.pictures import PicturesSection
 from validation.scene.sections import Section
 
@@ -89,8 +90,6 @@ TABLE: dict[str, Range] = {
     "fem.end_time": Range(1e-7, 1e3, "s", 0.05, "an explicit run", (("ms", 1e-3), ("µs", 1e-6))),
 }
 
-#: Speed of sound √(E/ρ), slower than in wood across its grain, faster than in diamond [mm/s].
-_SLOWEST, _FASTEST = 2e5, 2.5e7
 _SOUND = "material.sound_speed"
 
 
@@ -182,7 +181,7 @@ def _sound_speed(values: dict[str, float]) -> str | None:
     if not density or not modulus:
         return None
     speed = math.sqrt(modulus / density)
-    if _SLOWEST <= speed <= _FASTEST:
+    if SLOWEST_SOUND <= speed <= FASTEST_SOUND:
         return None
     stiff = TABLE["material.young_modulus"]
     slip = next(
@@ -190,13 +189,13 @@ def _sound_speed(values: dict[str, float]) -> str | None:
             f": material.young_modulus in {name}? write {modulus * scale:.6g}"
             for name, scale in stiff.slips
             if _like(modulus * scale, stiff)
-            and _SLOWEST <= math.sqrt(modulus * scale / density) <= _FASTEST
+            and SLOWEST_SOUND <= math.sqrt(modulus * scale / density) <= FASTEST_SOUND
         ),
         "",
     )
     return (
         f"material: sound would travel at √(E/ρ) = {speed / 1e3:.3g} m/s; expected "
-        f"{_SLOWEST / 1e3:g} to {_FASTEST / 1e3:g} m/s{slip}{_if_meant(_SOUND)}"
+        f"{SLOWEST_SOUND / 1e3:g} to {FASTEST_SOUND / 1e3:g} m/s{slip}{_if_meant(_SOUND)}"
     )
 
 

@@ -27,7 +27,9 @@ def read_material(sections: Sections) -> Material:
         raise DeckError(
             f"line {sections.one('MATERIAL').line}: expected one density, a modulus and a ratio"
         )
-    return Material(float(density[0]), float(elastic[0]), float(elastic[1]))
+    return Material(
+        density=float(density[0]), young_modulus=float(elastic[0]), poisson_ratio=float(elastic[1])
+    )
 
 
 def read_joint(sections: Sections, behavior: Card, heading: Heading) -> Joint:
