@@ -22,7 +22,7 @@ from fem.contact.surfaces import (
     point_kinematics,
 )
 from fem.element.material import Material
-from geometry.assembly import Assembly, moved
+from geometry.assembly import moved
 from geometry.families.brick_stack import brick_stack
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
@@ -206,16 +206,7 @@ def test_blocks_nothing_holds_are_named():
     away[[0, 2, 4], 0] -= 5.0
     fixed = wall.fixed.copy()
     fixed[[0, 4]] = False
-    apart = Assembly(
-        wall.name,
-        wall.shapes,
-        wall.shape_of,
-        wall.rotations,
-        away,
-        wall.layer,
-        fixed,
-        unmatched_allowed=True,
-    )
+    apart = replace(wall, translations=away, fixed=fixed, unmatched_allowed=True)
     load = load_case(apart, "pipe", 0.01)
     with pytest.raises(DeformableAssemblyError, match=r"nothing holds 3 blocks \(0, 2, 4\)"):
         deformable_assembly(apart, load, CONCRETE)
