@@ -1,0 +1,93 @@
+"""Points of view: the same assembly and load far away, turned, in metres, renumbered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TypeVar, cast
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from geometry.assembly import Assembly, moved, renumbered
+from geometry.load_case import LoadCase
+from geometry.mesh import FloatArray, IntArray
+from geometry.polyhedra.assembly import PolyhedralAssembly
+from geometry.polyhedra.polyhedron import Polyhedron
+from validation.stability.problems import scaled
+
+Placed = TypeVar("Placed", bound=Assembly | PolyhedralAssembly)
+
+
+@dataclass(frozen=True)
+class View:
+    """x becomes scale · turn · x + offset; blocks in another order. Forces stay in N."""
+
+    name: str
+    offset: float = 0.0
+    """In units of the original [mm]."""
+    angle: float = 0.0
+    """About (1, 2, 3) [rad]."""
+    scale: float = 1.0
+    """New units of length in an old one."""
+    reverse: bool = False
+
+    @property
+    def turn(self) -> FloatArray:
+        """Rotation, (3, 3)."""
+        axis = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)
+        return np.asarray(Rotation.from_rotvec(self.angle * axis).as_matrix(), dtype=np.float64)
+
+    @property
+    def shift(self) -> FloatArray:
+        """Translation after all else, (3,) [new units]."""
+        return self.scale * self.offset * np.array([1.0, -1.0, 1.0])
+
+    def order(self, n_blocks: int) -> IntArray:
+        """Old number of each block, (n_blocks,)."""
+        order = np.arange(n_blocks)
+        return order[::-1] if self.reverse else order
+
+
+#: Where everything must look the same from.
+VIEWS = (
+    View("1e6 mm away", offset=1e6),
+    View("turned", angle=0.7),
+    View("in metres", scale=1e-3),
+    View("renumbered", reverse=True),
+    View("all at once", offset=1e6, angle=0.7, scale=1e-3, reverse=True),
+)
+
+
+def seen(assembly: Placed, view: View) -> Placed:
+    """Return the assembly from there."""
+    order = view.order(assembly.n_blocks)
+    if isinstance(assembly, Assembly):
+        there = moved(scaled(assembly, view.scale), view.turn, view.shift)
+        return cast("Placed", renumbered(there, order))
+    shapes = [Polyhedron(s.name, view.scale * s.points, s.triangles) for s in assembly.shapes]
+    return replace(
+        assembly,
+        shapes=tuple(shapes),
+        shape_of=assembly.shape_of[order],
+        rotations=(view.turn @ assembly.rotations)[order],
+        translations=(view.scale * assembly.translations @ view.turn.T + view.shift)[order],
+        fixed=assembly.fixed[order],
+    )
+
+
+def seen_load(load: LoadCase, view: View) -> LoadCase:
+    """Return the load from there, its forces in N as before."""
+    order, turn, scale = view.order(len(load.fixed)), view.turn.T, view.scale
+    wrenches = load.body_wrenches
+    if wrenches is not None:
+        wrenches = np.hstack([wrenches[:, :3] @ turn, scale * wrenches[:, 3:] @ turn])[order]
+    return replace(
+        load,
+        block=np.argsort(order)[load.block],
+        centroids=scale * load.centroids @ turn + view.shift,
+        area_vectors=scale**2 * load.area_vectors @ turn,
+        tractions=None if load.tractions is None else load.tractions @ turn / scale**2,
+        pressure=load.pressure / scale**2,
+        fixed=load.fixed[order],
+        body_wrenches=wrenches,
+    )
