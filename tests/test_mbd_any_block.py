@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from geometry.assembly import Assembly
 from geometry.families.masonry import box, circular_arch, running_bond_wall
@@ -51,6 +52,7 @@ from mbd.friction import (
     frictional_equilibrium,
 )
 from mbd.margin import interlocking_margin
+from mbd.pushes import held_against
 from tests.conftest import random_rotation, tsb
 from validation.scene.read import load_scene
 
@@ -435,6 +437,38 @@ def test_puzzle_is_locked_with_its_key_and_any_neighbour_but_not_with_the_key_al
     assert isinstance(found.certificate, Mechanism)
     motion = found.certificate.virtual_displacement.ravel()
     np.testing.assert_allclose(motion, [-1, 0, 0, 0, 0, 0], atol=1e-9)
+
+
+def test_what_weighs_on_a_floor_in_a_corner_is_held_against_what_it_leans_on() -> None:
+    """A cube on a floor against a wall at its +x side: pushed down, up (it weighs) and on to the
+    wall it stays; away from the wall and along it nothing holds it, however well it is carried."""
+    cube = box((100.0, 100.0, 100.0))
+    floor, wall = box((400.0, 400.0, 100.0)), box((100.0, 400.0, 100.0))
+    places = [(floor, [0.0, 0.0, -50.0]), (wall, [100.0, 0.0, 50.0]), (cube, [0.0, 0.0, 50.0])]
+    assembly = polyhedral_assembly(
+        "corner",
+        [(shape, I, np.array(place)) for shape, place in places],
+        np.array([True, True, False]),
+    )
+    weight = np.zeros((3, 6))
+    weight[2, :3] = DOWN
+    none = np.zeros((0, 3))
+    facets = np.zeros(0, np.int64), np.zeros((0, 4), np.int64)
+    load = LoadCase("weight", *facets, none, none, None, 0.0, assembly.fixed, body_wrenches=weight)
+    held = held_against(assembly, load)
+    assert held == {"+x": True, "-x": False, "+y": False, "-y": False, "+z": True, "-z": True}
+    assert str(analyse(assembly, load).mechanism) == "suppressed"
+    turn = Rotation.from_euler("z", 90.0, degrees=True).as_matrix()
+    aside = replace(
+        assembly,
+        rotations=turn @ assembly.rotations,
+        translations=assembly.translations @ turn.T,
+    )
+    assert [axis for axis, found in held_against(aside, load).items() if found] == [
+        "+y",
+        "+z",
+        "-z",
+    ]
 
 
 def test_loads_of_body_scenes_are_weights_and_pushes(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from validation.output.console import two_columns
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
-from validation.output.text import add_further_rows, certificate_words
+from validation.output.text import add_further_rows, certificate_words, held_words
 from validation.run.rigid.polyhedra import PolyhedralRun, contact_triangles, mechanism_motion
 from validation.scene.polyhedra import MeshScene
 
@@ -46,6 +46,8 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
     table = two_columns(f"{run.name}: rigid blocks")
     verdict = "interlocked" if result.classification.locked else "not interlocked"
     table.add_row("verdict (frictionless)", f"{verdict}: {result.mechanism}")
+    if run.held is not None:
+        table.add_row("held and free", held_words(run.held))
     table.add_row("certificate", certificate_words(result))
     if run.further is None or run.further.friction is None:
         table.add_row("equilibrium", result.equilibrium.status)

@@ -12,6 +12,7 @@ from validation.output.text import (
     CLASS_WORDS,
     add_further_rows,
     certificate_words,
+    held_words,
     p_eff_words,
 )
 from validation.run.rigid.assembly import (
@@ -50,6 +51,8 @@ def print_rigid(run: RigidRun, console: Console) -> None:
     if result.supported_classification is not result.classification:
         supported = CLASS_WORDS[result.supported_classification.mechanism]
         table.add_row("mechanism (as supported)", supported)
+    if run.held is not None:
+        table.add_row("held and free", held_words(run.held))
     table.add_row("certificate", certificate_words(result))
     if run.further is None or run.further.friction is None:
         table.add_row("equilibrium", result.equilibrium.status)

@@ -35,6 +35,16 @@ def certificate_words(result: RigidResult) -> str:
     return "none"
 
 
+def held_words(held: dict[str, bool]) -> str:
+    """Say along which axes a small push beside the load is held."""
+    words = []
+    for title, wanted in (("held against pushes along", True), ("free along", False)):
+        axes = [axis for axis, found in held.items() if found is wanted]
+        if axes:
+            words.append(f"{title} {', '.join(axes)}")
+    return "; ".join(words) + " (all blocks, without friction)"
+
+
 def p_eff_words(per_block: float, pooled: float) -> str:
     """Say the effective mean pressure both ways [MPa]."""
     return (

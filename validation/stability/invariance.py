@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from geometry.load_case import LoadCase
 
 from fem.contact.law import ExponentialLaw
 from fem.element.material import Material
@@ -15,7 +16,6 @@ from fem.static.solve import StaticOptions, solve_static
 from geometry.assembly import Assembly
 from geometry.families.masonry import circular_arch, running_bond_wall
 from geometry.families.platonic_layers import octahedra_layer, tetrahedra_layer
-from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.placed_blocks import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from typing import TypeVar, cast
 
 import numpy as np
+from geometry.load_case import LoadCase
 from scipy.spatial.transform import Rotation
 
 from geometry.assembly import Assembly, moved, renumbered
-from geometry.load_case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.polyhedron import Polyhedron

@@ -26,6 +26,7 @@ from mbd import (
     block_wrenches,
     measures,
 )
+from mbd.pushes import held_against
 from validation.build.blocks import build_blocks, build_weight, require_assembly, require_matching
 from validation.run.joints import joints_json
 from validation.run.rigid.further import (
@@ -82,6 +83,18 @@ class RigidRun:
         )
         eligible, areas = self.assembly.eligible_facets(), self.assembly.eligible_areas()
         return measures(of_blocks, eligible[measured], areas[measured])
+
+    @cached_property
+    def held(self) -> dict[str, bool] | None:
+        """Which pushes beside the load are held; None where the class or friction says it all."""
+        asked = self.further is not None and self.further.friction is not None
+        if (
+            asked
+            or self.result.supported_classification.locked
+            or not self.result.equilibrium.holds
+        ):
+            return None
+        return held_against(self.assembly, self.load)
 
     @cached_property
     def joints(self) -> JointResultants:
@@ -194,6 +207,7 @@ def rigid_json(run: RigidRun) -> dict[str, Any]:
             "iterations": result.equilibrium.iterations,
             "status": result.equilibrium.status,
         },
+        "held_against": run.held,
         "answer": run.carried.words,
         "carried": run.carried.holds,
         "measures": found,

@@ -15,6 +15,7 @@ from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import ContactPolygons
 from mbd import Mechanism, RigidResult, analyse
+from mbd.pushes import held_against
 from validation.build.own_blocks import refuse_two_weights
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
 from validation.run.joints import joints_json
@@ -66,6 +67,18 @@ class PolyhedralRun:
         """Mean traction on block s of each patch, (n_patches, 3) [MPa]."""
         areas = self.assembly.interfaces.patches.areas
         return self._of_patches(self.carried.forces) / areas[:, None]
+
+    @cached_property
+    def held(self) -> dict[str, bool] | None:
+        """Which pushes beside the load are held; None where the class or friction says it all."""
+        asked = self.further is not None and self.further.friction is not None
+        if (
+            asked
+            or self.result.supported_classification.locked
+            or not self.result.equilibrium.holds
+        ):
+            return None
+        return held_against(self.assembly, self.load)
 
     @cached_property
     def joints(self) -> JointResultants:
@@ -156,6 +169,7 @@ def polyhedra_json(run: PolyhedralRun) -> dict[str, Any]:
             "iterations": result.equilibrium.iterations,
             "status": result.equilibrium.status,
         },
+        "held_against": run.held,
         "answer": run.carried.words,
         "carried": run.carried.holds,
         "largest_contact_force": _largest(run.normal_forces, run),
