@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from geometry.load_case import LoadCase
 
+from geometry.loads.case import LoadCase
 from geometry.placed_blocks import AnyBlocks
 from mbd.contact_jacobian import contact_jacobian
 from mbd.equilibrium import newton_equilibrium

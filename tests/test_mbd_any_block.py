@@ -452,9 +452,7 @@ def test_what_weighs_on_a_floor_in_a_corner_is_held_against_what_it_leans_on() -
     )
     weight = np.zeros((3, 6))
     weight[2, :3] = DOWN
-    none = np.zeros((0, 3))
-    facets = np.zeros(0, np.int64), np.zeros((0, 4), np.int64)
-    load = LoadCase("weight", *facets, none, none, None, 0.0, assembly.fixed, body_wrenches=weight)
+    load = LoadCase(assembly, "weight", (), assembly.fixed, body_wrenches=weight)
     held = held_against(assembly, load)
     assert held == {"+x": True, "-x": False, "+y": False, "-y": False, "+z": True, "-z": True}
     assert str(analyse(assembly, load).mechanism) == "suppressed"

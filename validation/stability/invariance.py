@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from fem.static.solve import StaticOptions, solve_static
 from geometry.assembly import Assembly
 from geometry.families.masonry import circular_arch, running_bond_wall
 from geometry.families.platonic_layers import octahedra_layer, tetrahedra_layer
+from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.placed_blocks import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly
@@ -62,7 +63,8 @@ def _by_block(assembly: AnyBlocks, index: IntArray, sizes: FloatArray, view: Vie
 
 def _rigid_answer(subject: Subject, view: View) -> _Answer:
     built, stated, friction = subject
-    assembly, load = seen(built, view), seen_load(stated, view)
+    assembly = seen(built, view)
+    load = seen_load(stated, assembly, view)
     result = analyse(assembly, load)
     balance = result.equilibrium
     classes = (str(result.mechanism), str(result.supported_classification.mechanism))
@@ -125,15 +127,7 @@ def _weighed(assembly: PolyhedralAssembly, friction: float | None = 0.6) -> Subj
     weight = _WEIGHT if friction is None else _WEIGHT * np.array([0.0, 0.0, 1.0])
     dead = np.zeros((assembly.n_blocks, 6))
     dead[:, :3] = assembly.volumes[:, None] * weight
-    empty = _no_load(assembly)
-    return assembly, replace(empty, body_wrenches=dead), friction
-
-
-def _no_load(assembly: AnyBlocks) -> LoadCase:
-    """Return a load case in which nothing acts."""
-    none = np.empty((0, 3))
-    facets = (np.empty(0, np.int64), np.empty((0, 4), np.int64))
-    return LoadCase("none", *facets, none, none, None, 0.0, assembly.fixed)
+    return assembly, LoadCase(assembly, "weight", (), assembly.fixed, body_wrenches=dead), friction
 
 
 def _scene(name: str) -> Subject:
@@ -186,10 +180,11 @@ def _static_answer(build: Callable[[], tuple[Assembly, LoadCase, Material]], vie
     built, stated, material = build()
     scale = view.scale
     law = ExponentialLaw()
+    there = seen(built, view)
     result = solve_static(
         deformable(
-            seen(built, view),
-            seen_load(stated, view),
+            there,
+            seen_load(stated, there, view),
             # Forces in N and times in s stay: stresses go with 1/scale², masses with 1/scale.
             material=Material(
                 density=material.density / scale**4,

@@ -10,7 +10,9 @@ from geometry.load_case import LoadCase
 from scipy.spatial.transform import Rotation
 
 from geometry.assembly import Assembly, moved, renumbered
+from geometry.loads.case import FaceLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray
+from geometry.placed_blocks import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.stability.problems import scaled
@@ -75,19 +77,27 @@ def seen(assembly: Placed, view: View) -> Placed:
     )
 
 
-def seen_load(load: LoadCase, view: View) -> LoadCase:
-    """Return the load from there, its forces in N as before."""
+def seen_load(load: LoadCase, assembly: AnyBlocks, view: View) -> LoadCase:
+    """Return the load from there, its forces in N as before, on the assembly seen from there."""
     order, turn, scale = view.order(len(load.fixed)), view.turn.T, view.scale
+    number = np.argsort(order)
     wrenches = load.body_wrenches
     if wrenches is not None:
         wrenches = np.hstack([wrenches[:, :3] @ turn, scale * wrenches[:, 3:] @ turn])[order]
+
+    def face(acts: FaceLoad) -> FaceLoad:
+        blocks = number[acts.blocks]
+        if isinstance(acts, PressureLoad):
+            return replace(acts, blocks=blocks, pressure=acts.pressure / scale**2)
+        if isinstance(acts, TractionLoad):
+            return replace(acts, blocks=blocks, traction=acts.traction @ turn / scale**2)
+        return replace(acts, blocks=blocks, traction=acts.traction / scale**2)
+
     return replace(
         load,
-        block=np.argsort(order)[load.block],
-        centroids=scale * load.centroids @ turn + view.shift,
-        area_vectors=scale**2 * load.area_vectors @ turn,
-        tractions=None if load.tractions is None else load.tractions @ turn / scale**2,
-        pressure=load.pressure / scale**2,
+        assembly=assembly,
+        faces=tuple(face(acts) for acts in load.faces),
+        held=tuple(replace(held, block=int(number[held.block])) for held in load.held),
         fixed=load.fixed[order],
         body_wrenches=wrenches,
     )
