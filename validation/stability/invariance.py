@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from geometry.load_case import LoadCase
 
 from fem.contact.law import ExponentialLaw
 from fem.element.material import Material

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import TypeVar, cast
 
 import numpy as np
-from geometry.load_case import LoadCase
 from scipy.spatial.transform import Rotation
 
 from geometry.assembly import Assembly, moved, renumbered
