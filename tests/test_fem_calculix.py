@@ -10,9 +10,9 @@ import pytest
 
 from fem.assembly.statement import Motion
 from fem.contact.law import ExponentialLaw, LinearPenalty
-from fem.decks.calculix.deck import TABLE_POINTS, law_table
 from fem.decks.faces import contact_patches
 from fem.decks.keywords import DeckError
+from fem.decks.laws import TABLE_POINTS, law_table
 from fem.decks.model import as_nodal_forces, block_nodes, deck_assembly, nodal_forces
 from fem.decks.placement import canonical
 from fem.decks.read.cards import read_cards

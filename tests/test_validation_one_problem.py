@@ -9,7 +9,7 @@ import pytest
 
 from fem.assembly.deformable import DeformableAssembly, Frames, deformable_assembly
 from fem.contact.law import ExponentialLaw
-from fem.decks.calculix.deck import law_table
+from fem.decks.laws import law_table
 from fem.decks.model import deck_assembly
 from fem.decks.statement import Flavour
 from fem.element.material import Material

@@ -91,9 +91,9 @@ def explode(
     ] = None,
 ) -> None:
     """Move all blocks of a tube outward at once, frame released: does it explode, and how far."""
-    from validation.output.explosion import print_explosion
     from validation.output.files import require_picture
     from validation.output.outputs import Outputs
+    from validation.output.rigid import print_explosion
     from validation.run.rigid.explosion import explosion_json, run_explosion
     from validation.scene.read import load_scene
     from validation.scene.usage import recording

@@ -7,11 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
-from math import isfinite
 
 import numpy as np
 
-from fem.contact.law import ExponentialLaw
 from fem.decks.abaqus.model import boundary_lines, model_lines
 from fem.decks.abaqus.step import step_lines
 from fem.decks.faces import ElementFaces, Patches, contact_patches, element_faces
@@ -25,6 +23,7 @@ from fem.decks.keywords import (
     real,
     reals,
 )
+from fem.decks.laws import law_heading
 from fem.decks.names import (
     ALL,
     CONTACT,
@@ -112,9 +111,9 @@ def heading_lines(deck: Deck) -> Iterator[str]:
     yield "units: mm, N, MPa, s, t (density in t/mm3)"
     yield f"axis: {reals(assembly.axis)} through {reals(assembly.origin)}"
     yield f"open faces: {'allowed' if assembly.unmatched_allowed else 'none'}"
-    if deck.joint is not None and isinstance(deck.joint.law, ExponentialLaw):
-        stiffness = deck.joint.law.maximum_stiffness
-        yield f"maximum contact stiffness: {real(stiffness) if isfinite(stiffness) else 'none'}"
+    told = None if deck.joint is None else law_heading(deck.joint.law)
+    if told is not None:
+        yield told
     yield f"clearance along every normal: {real(deck.clearance)}"
     yield f"spacing of the blocks: {real(deck.spacing)}"
     if deck.spacing != 0.0:

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fem.contact.law import ExponentialLaw
 from fem.decks.keywords import keyword, label, real, reals
+from fem.decks.laws import law_lines
 from fem.decks.names import ALL, HOURGLASS, JOINT, LOADING, MATERIAL, block_label
 from fem.decks.placement import rounded
 from fem.decks.statement import Deck, Flavour, Procedure
@@ -65,17 +65,7 @@ def _interaction(deck: Deck) -> Iterator[str]:
     joint = deck.joint
     assert joint is not None
     yield keyword("Surface Interaction", name=JOINT)
-    if isinstance(joint.law, ExponentialLaw):
-        law = joint.law
-        yield "*Surface Behavior, pressure-overclosure=EXPONENTIAL"
-        values = [law.clearance_at_zero_pressure, law.pressure_at_zero_clearance]
-        if deck.step.procedure is Procedure.EXPLICIT and np.isfinite(law.maximum_stiffness):
-            # Abaqus/Standard has no third value; the heading keeps it.
-            values.append(law.maximum_stiffness)
-        yield reals(values)
-    else:
-        yield "*Surface Behavior, pressure-overclosure=LINEAR"
-        yield f"{real(joint.law.stiffness_per_area)},"
+    yield from law_lines(joint.law, explicit=deck.step.procedure is Procedure.EXPLICIT)
     if joint.friction is not None:
         slope = {}
         if joint.stick_stiffness is not None:

@@ -13,7 +13,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.decks.abaqus.deck import heading_lines
 from fem.decks.abaqus.model import material_lines
 from fem.decks.abaqus.step import amplitude_parameter, gravity_lines, pair_keyword
@@ -29,6 +28,7 @@ from fem.decks.calculix.mesh import (
 )
 from fem.decks.faces import Patches, contact_patches
 from fem.decks.keywords import DeckError, keyword, label, real, reals
+from fem.decks.laws import law_table
 from fem.decks.model import block_nodes, nodal_forces
 from fem.decks.names import JOINT, LOADING, MATERIAL, block_label, check_deck
 from fem.decks.statement import Deck, DeckLoad, Procedure
@@ -36,18 +36,6 @@ from fem.element.hexahedron import ElementType
 from fem.problem.loads import SmoothStepAmplitude
 from geometry.loads.case import PressureLoad
 from geometry.mesh import FloatArray
-
-#: Points of a table that CalculiX reads with NODE TO SURFACE.
-TABLE_POINTS = 200
-
-
-#: A table of the exponential law goes on linearly from this pressure at the latest [MPa].
-LAST_PRESSURE = 10.0
-
-
-#: Overclosure of the last point of a table [mm]: CalculiX holds the pressure beyond.
-_FAR = 1.0e3
-
 
 #: Samples of the smooth step; linear between them it is off by less than 1e-4 of the load.
 _AMPLITUDE_POINTS = 101
@@ -119,29 +107,6 @@ def check_calculix(deck: Deck) -> None:
         raise DeckError("fem.time_step is missing: CalculiX needs it for explicit dynamics [s]")
     if not explicit and deck.motion is not None:
         raise DeckError("initial: a static step has no initial motion; remove it")
-
-
-def law_table(law: ContactLaw, clearance: float = 0.0) -> FloatArray:
-    """Pressure and overclosure of a contact law as a table for CalculiX, (n <= 200, 2).
-
-    A clearance along every normal [mm] is said here: surfaces press on each other from there on.
-
-    Linear between the points: with the paper's constants pressures between 0.001 and 10 MPa
-    differ by less than 0.07 %. The last point lies far outside any overclosure, on the law's
-    linear end or on its tangent at 10 MPa.
-    """
-    if isinstance(law, ExponentialLaw):
-        c0 = law.clearance_at_zero_pressure
-        end = min(law.constants.linear_start, float(law.overclosure(LAST_PRESSURE))) / c0 + 1.0
-        overclosure = c0 * (np.linspace(0.0, end, TABLE_POINTS - 1) - 1.0)
-    else:
-        overclosure = np.zeros(1)
-    pressure = law.pressure(overclosure)
-    slope = float(law.stiffness(overclosure[-1:] + 1e-9)[0])
-    last = [pressure[-1] + slope * (_FAR - overclosure[-1]), _FAR]
-    table = np.vstack([np.column_stack([pressure, overclosure]), last])
-    table[:, 1] += clearance
-    return table
 
 
 # ---------------------------------------------------------------------------------------------

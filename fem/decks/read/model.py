@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from fem.assembly.statement import Motion
-from fem.contact.law import ContactLaw, ExponentialLaw, LinearPenalty
 from fem.decks.keywords import DeckError, name_of
+from fem.decks.laws import read_law
 from fem.decks.names import ALL
 from fem.decks.placement import rounded
 from fem.decks.read.cards import Card, floats
@@ -36,20 +36,9 @@ def read_joint(sections: Sections, behavior: Card, heading: Heading) -> Joint:
     """Read the contact law and friction; ``behavior`` is the card *Surface Behavior."""
     kind = behavior.parameter("PRESSURE-OVERCLOSURE").upper()
     values = behavior.numbers().tolist()
-    law: ContactLaw
-    if kind == "EXPONENTIAL" and len(values) in {2, 3}:
-        law = ExponentialLaw(
-            values[0],
-            values[1],
-            values[2] if len(values) == 3 else _maximum_stiffness(heading),
-        )
-    elif kind == "LINEAR" and len(values) == 1:
-        law = LinearPenalty(values[0])
-    else:
-        raise DeckError(
-            f"line {behavior.line}: got {kind} with {len(values)} values; expected EXPONENTIAL "
-            "with 2 or 3, or LINEAR with 1"
-        )
+    law = read_law(
+        kind, values, line=behavior.line, maximum_stiffness=lambda: _maximum_stiffness(heading)
+    )
     pairs = sections.all("CONTACT PAIR")
     finite = any("TYPE" in p.parameters and "SMALL SLIDING" not in p.parameters for p in pairs)
     friction = sections.maybe("FRICTION")

@@ -1,0 +1,95 @@
+"""Contact laws in the words of decks: written for Abaqus, as a table for CalculiX, read back.
+
+Reference: Abaqus Analysis User's Guide, "Contact pressure-overclosure relationships".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import isfinite
+
+import numpy as np
+
+from fem.contact.law import ContactLaw, ExponentialLaw, LinearPenalty
+from fem.decks.keywords import DeckError, real, reals
+from geometry.mesh import FloatArray
+
+#: Points of a table that CalculiX reads with NODE TO SURFACE.
+TABLE_POINTS = 200
+
+#: A table of the exponential law goes on linearly from this pressure at the latest [MPa].
+LAST_PRESSURE = 10.0
+
+#: Overclosure of the last point of a table [mm]: CalculiX holds the pressure beyond.
+_FAR = 1.0e3
+
+
+def law_lines(law: ContactLaw, *, explicit: bool) -> tuple[str, str]:
+    """Keyword and data of a law for Abaqus."""
+    if isinstance(law, LinearPenalty):
+        return "*Surface Behavior, pressure-overclosure=LINEAR", f"{real(law.stiffness_per_area)},"
+    values = [law.clearance_at_zero_pressure, law.pressure_at_zero_clearance]
+    if explicit and isfinite(law.maximum_stiffness):
+        # Abaqus/Standard has no third value; the heading keeps it.
+        values.append(law.maximum_stiffness)
+    return "*Surface Behavior, pressure-overclosure=EXPONENTIAL", reals(values)
+
+
+def law_heading(law: ContactLaw) -> str | None:
+    """What of a law no data line says in every step, for the heading; None where there is none."""
+    if isinstance(law, LinearPenalty):
+        return None
+    cap = law.maximum_stiffness
+    return f"maximum contact stiffness: {real(cap) if isfinite(cap) else 'none'}"
+
+
+def read_law(
+    kind: str, values: list[float], *, line: int, maximum_stiffness: Callable[[], float]
+) -> ContactLaw:
+    """Law of a deck.
+
+    Parameters
+    ----------
+    kind
+        Value of ``pressure-overclosure``.
+    values, line
+        Numbers of the data line, and where it stands.
+    maximum_stiffness
+        Of the heading [MPa/mm], where the data line has none.
+
+    Raises
+    ------
+    DeckError
+        For another law.
+    """
+    if kind == "EXPONENTIAL" and len(values) in {2, 3}:
+        cap = values[2] if len(values) == 3 else maximum_stiffness()
+        return ExponentialLaw(values[0], values[1], cap)
+    if kind == "LINEAR" and len(values) == 1:
+        return LinearPenalty(values[0])
+    raise DeckError(
+        f"line {line}: got {kind} with {len(values)} values; expected EXPONENTIAL with 2 or 3, or "
+        "LINEAR with 1"
+    )
+
+
+def law_table(law: ContactLaw, clearance: float = 0.0) -> FloatArray:
+    """Pressure and overclosure of a contact law as a table for CalculiX, (n <= 200, 2).
+
+    A clearance along every normal [mm] is said here: surfaces press on each other from there on.
+
+    Linear between the points: with the paper's constants pressures between 0.001 and 10 MPa
+    differ by less than 0.07 %. The last point lies far outside any overclosure, on the law's
+    linear end or on its tangent at 10 MPa.
+    """
+    overclosure = np.zeros(1)
+    if isinstance(law, ExponentialLaw):
+        c0 = law.clearance_at_zero_pressure
+        end = min(law.constants.linear_start, float(law.overclosure(LAST_PRESSURE))) / c0 + 1.0
+        overclosure = c0 * (np.linspace(0.0, end, TABLE_POINTS - 1) - 1.0)
+    pressure = law.pressure(overclosure)
+    slope = float(law.stiffness(overclosure[-1:] + 1e-9)[0])
+    last = [pressure[-1] + slope * (_FAR - overclosure[-1]), _FAR]
+    table = np.vstack([np.column_stack([pressure, overclosure]), last])
+    table[:, 1] += clearance
+    return table

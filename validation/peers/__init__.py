@@ -1,1 +1,0 @@
-"""Other programs on the same problems, each where it is installed."""
