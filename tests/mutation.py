@@ -1,8 +1,8 @@
-"""What the tests let pass: small changes of the program, one at a time, each with the tests of its subject.
+"""What the tests let pass: small changes, one at a time, each with the tests of its subject.
 
-``make mutation`` tries a random sample; ``python tests/mutation.py --subject mbd --count 40 --seed 1``
-chooses. The changes are those of cosmic-ray, whose own driver starts a process per change: importing
-what does not change would take most of the time here, so each is tried in a fork that has it.
+``make mutation`` tries a random sample; ``python tests/mutation.py --subject mbd --count 40`` chooses.
+The changes are those of cosmic-ray, whose own driver starts a process per change: importing what
+does not change would take most of the time here, so each is tried in a fork that has it.
 A change that leaves the program the same but for annotations is not counted; others that change no
 answer must be judged by people: they are printed.
 """
@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
-from cosmic_ray.ast import get_ast, ast_nodes
+from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator
 
@@ -51,7 +51,7 @@ SUBJECTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "kernels": (("fem/explicit/kernels/reference.py",), ("test_fem_kernels.py",)),
     "stores": (
         ("validation/output/store.py", "validation/study/store.py"),
-        ("test_validation_store.py", "test_validation_study.py"),
+        ("test_validation_store.py",),
     ),
 }
 #: Changes of cosmic-ray that are tried: one for each kind of slip.
@@ -99,12 +99,13 @@ class Change:
         """Where it is, and the line before and after."""
         before = (ROOT / self.path).read_text("utf-8").splitlines()
         after = self.source.splitlines()
-        at = next((k for k, pair in enumerate(zip(before, after, strict=False)) if pair[0] != pair[1]), 0)
+        pairs = enumerate(zip(before, after, strict=False))
+        at = next((k for k, (old, new) in pairs if old != new), 0)
         return f"{self.path}:{at + 1}\n    - {before[at].strip()}\n    + {after[at].strip()}"
 
 
 def meaning(source: str) -> str:
-    """What a module does: its tree without annotations and docstrings."""
+    """What a module does: its tree without annotations and decorators, which cache or compile."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, ast.AnnAssign):
@@ -112,7 +113,7 @@ def meaning(source: str) -> str:
         elif isinstance(node, ast.arg):
             node.annotation = None
         elif isinstance(node, ast.FunctionDef):
-            node.returns = None
+            node.returns, node.decorator_list = None, []
         elif isinstance(node, ast.Assign) and "TypeAlias" in ast.dump(node):
             node.value = ast.Constant(0)
     return ast.dump(tree)
@@ -178,8 +179,8 @@ def _warm() -> None:
     import pytest  # noqa: F401
     import qpsolvers  # noqa: F401
     import rich.console  # noqa: F401
-    import scipy.optimize  # noqa: F401
-    import scipy.sparse.linalg  # noqa: F401
+    import scipy.optimize
+    import scipy.sparse.linalg
     import scipy.spatial  # noqa: F401
     import skfem  # noqa: F401
     import typer.testing  # noqa: F401
@@ -194,10 +195,14 @@ def try_subject(subject: str, count: int, seed: int) -> tuple[int, int]:
     with tempfile.TemporaryDirectory() as made_folder:
         folder = Path(made_folder)
         for name in FOLDERS:
-            shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(
+                ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__")
+            )
         shutil.copy(ROOT / "pyproject.toml", folder)
         holds, seconds = passed(folder, tests, 600.0)
-        print(f"{subject}: {len(every)} changes; tests pass: {holds}, {seconds:.1f} CPU s", flush=True)
+        print(
+            f"{subject}: {len(every)} changes; tests pass: {holds}, {seconds:.1f} CPU s", flush=True
+        )
         if not holds:
             raise SystemExit(2)
         for place in every:
@@ -226,14 +231,18 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     os.environ.setdefault("MPLBACKEND", "Agg")
-    sys.path = [entry for entry in sys.path if Path(entry or ".").resolve() not in (ROOT, ROOT / "tests")]
+    sys.path = [
+        entry for entry in sys.path if Path(entry or ".").resolve() not in (ROOT, ROOT / "tests")
+    ]
     _warm()
     total = caught = 0
     for subject in asked.subject or SUBJECTS:
         start = time.monotonic()
         tried, noticed = try_subject(subject, asked.count, asked.seed)
         total, caught = total + tried, caught + noticed
-        print(f"{subject}: {noticed} of {tried} noticed, {time.monotonic() - start:.0f} s", flush=True)
+        print(
+            f"{subject}: {noticed} of {tried} noticed, {time.monotonic() - start:.0f} s", flush=True
+        )
     share = caught / max(total, 1)
     error = (share * (1.0 - share) / max(total, 1)) ** 0.5
     print(f"{caught} of {total} noticed: {100 * share:.0f} ± {100 * error:.0f} %")

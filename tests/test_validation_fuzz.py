@@ -16,12 +16,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from validation.build.blocks import build_blocks
+from validation.build.deformable import fem_section
 from validation.build.polyhedra import build_body_loads, build_polyhedra
 from validation.errors import InputError
 from validation.scene.builtin import builtin_names, builtin_text
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import SCENE_TYPES, check_scene, load_scene
+from validation.study.study import check_study
 
+EXPLICIT = 'fem.method="explicit"'
 #: CPU seconds that a refusal may take.
 LONGEST = 10.0
 
@@ -142,8 +145,29 @@ def test_scenes_beyond_the_memory_of_a_machine_are_refused_at_once() -> None:
         ("wall", "assembly.columns=100000000", "fewer of them"),
         ("octahedra", "assembly.rings=1000000", "fewer of them"),
         ("cantilever", "mesh.divisions=[100000, 10000, 1000]", "fewer elements"),
+        ("arch", "assembly.voussoirs=10000000", "fewer of them"),
     ):
         start = time.process_time()
         with pytest.raises(InputError, match=f"GB of memory.*{remedy}"):
             load_scene(name, [change])
         assert time.process_time() - start < 1.0
+
+
+def test_deformable_blocks_beyond_the_memory_of_a_machine_are_refused_at_once() -> None:
+    for name, changes in (
+        ("tsb1-pipe", ["mesh.around=1200", "mesh.radial=100", "mesh.axial=200"]),
+        ("tsb1-pipe", ["mesh.around=1200", "mesh.radial=100", "mesh.axial=200", EXPLICIT]),
+        ("cantilever", ["mesh.divisions=[500, 300, 300]", 'fem.method="static"']),
+    ):
+        file = load_scene(name, changes)
+        start = time.process_time()
+        with pytest.raises(InputError, match=r"GB of memory.*fewer elements"):
+            fem_section(file.scene, name)  # type: ignore[arg-type]
+        assert time.process_time() - start < 1.0
+
+
+def test_studies_without_end_are_refused_at_once() -> None:
+    ranges = {key: {"from": 1, "to": 3000, "step": 1} for key in ("amplitude", "height")}
+    data = {"scene": "tsb1-pipe", "parameters": {"block": ranges, "assembly.layers": [1, 2]}}
+    with pytest.raises(InputError, match=r"3000 × 3000 × 2 = 1\.8e\+07 designs.*fewer values"):
+        check_study(data, "endless")

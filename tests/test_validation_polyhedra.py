@@ -201,3 +201,15 @@ def test_compas_cra_agrees_where_it_is_installed() -> None:
     for problem in problems():
         if problem.name in ("wall 3 × 3", "arch t/R = 0.12", "arch t/R = 0.1"):
             assert compas_answers(problem, ("rbe",))[0].stands is problem.stands
+
+
+def test_blocks_beyond_the_digits_of_coordinates_are_refused(tmp_path: Path) -> None:
+    """1e12 mm away coordinates are rounded to 1e-4 mm; gaps of 6e-3 mm are told apart."""
+    scene = _layer_scene(tmp_path)
+    text = scene.read_text().replace("at = [", "at = [1e12, ", 1)
+    first = text.split("at = [1e12, ")[1].split("]")[0]
+    x, y, z = (float(word) for word in first.split(","))
+    far = scene.read_text().replace(f"at = [{first}]", f"at = [{x + 1e12}, {y}, {z}]")
+    scene.write_text(far)
+    with pytest.raises(InputError, match=r"1e\+12 mm from the origin.*move the assembly"):
+        _answer(load_scene(str(scene)))

@@ -5,6 +5,7 @@ import tomllib
 import jsonschema
 import pytest
 
+from validation.build.polyhedra import build_polyhedra
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
 from validation.scene.quantities import parse_unit
@@ -133,3 +134,13 @@ def test_editors_know_texts_with_units() -> None:
         assert judge.is_valid(changed) is good
         if good:
             check_scene(changed)
+
+
+def test_a_size_that_no_block_has_can_be_meant_as_well() -> None:
+    """The same key as for slips of units: a dust of blocks, and what the message names lets it."""
+    small = ["block.edge=0.4", "assembly.rings=0"]
+    file = load_scene("octahedra", small)
+    with pytest.raises(InputError, match=r"a block measures 0\.3.*accept = \[\"block\.size\"\]"):
+        build_polyhedra(file.scene, file.folder)  # type: ignore[arg-type]
+    meant = load_scene("octahedra", [*small, 'plausibility.accept=["block.size"]'])
+    assert build_polyhedra(meant.scene, meant.folder).n_blocks == 7  # type: ignore[arg-type]

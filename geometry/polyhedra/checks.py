@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.placed_blocks import AssemblyError, check_size
+from geometry.placed_blocks import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.overlap import find_overlaps
+
+#: Coordinates may be rounded to this part of the contact tolerance.
+_ROUNDING = 0.01
 
 
 def check_contacts(assembly: PolyhedralAssembly) -> None:
@@ -68,14 +71,13 @@ def check_overlaps(assembly: PolyhedralAssembly) -> None:
 
 
 def check_assembly(assembly: PolyhedralAssembly) -> None:
-    """Refuse wrong units, overlapping blocks and blocks without contact.
+    """Refuse overlapping blocks and blocks without contact.
 
     Raises
     ------
     AssemblyError
         One clear message for the first of these found.
     """
-    check_size(assembly)
     if not (np.isfinite(assembly.tolerance) and assembly.tolerance > 0):
         raise AssemblyError(
             f"detection.tolerance: got {assembly.tolerance}, expected a positive length in mm"
@@ -85,5 +87,18 @@ def check_assembly(assembly: PolyhedralAssembly) -> None:
             f"detection.tolerance: got {assembly.tolerance:g} mm for blocks of "
             f"{assembly.characteristic_length:.3g} mm; expected a small fraction of a block"
         )
+    _check_distance(assembly)
     check_overlaps(assembly)
     check_contacts(assembly)
+
+
+def _check_distance(assembly: PolyhedralAssembly) -> None:
+    """Refuse blocks so far from the origin that coordinates are rounded to what counts as a gap."""
+    reach = float(np.abs(assembly.translations).max())
+    rounding = float(np.spacing(reach))
+    if not rounding <= _ROUNDING * assembly.tolerance:
+        raise AssemblyError(
+            f"{assembly.name}: a block lies {reach:.3g} mm from the origin, where coordinates are "
+            f"rounded to {rounding:.1g} mm, and gaps of {assembly.tolerance:.3g} mm are told apart; "
+            "move the assembly to the origin"
+        )

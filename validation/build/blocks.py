@@ -12,9 +12,9 @@ from geometry.families.sine_block import BlockParameterError, SineBlockParameter
 from geometry.joints import UnmatchedJoint
 from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray
-from geometry.placed_blocks import check_size
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
+from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene, Scene, TubeScene
 
@@ -88,7 +88,7 @@ def build_assembly(scene: AssemblyScene) -> Assembly:
     """
     try:
         assembly = scene.build()
-        check_size(assembly)
+        check_block_size(scene, assembly)
         return assembly
     except RefusedError as error:
         raise InputError(str(error)) from None

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from geometry.assembly import Assembly
 from geometry.loads import CASES
-from geometry.placed_blocks import check_size
 from validation.errors import InputError
 from validation.scene.family import RoundScene, round_types
+from validation.scene.plausibility import check_block_size
 from validation.scene.read import DeformableScene
 
 
@@ -63,7 +63,7 @@ def build_cell(scene: DeformableScene, name: str) -> Assembly:
     tube = check_cell(scene, name)
     try:
         assembly = tube.build_cell()
-        check_size(assembly)
+        check_block_size(scene, assembly)
     except ValueError as error:
         raise InputError(f"{name}: {error}") from None
     return assembly

@@ -30,6 +30,7 @@ from validation.scene.deformable import (
 from validation.scene.family import AssemblyScene
 from validation.scene.polyhedra import MeshScene
 from validation.scene.read import DeformableScene
+from validation.scene.size import too_large_to_deform
 
 #: Why a sector asked for is refused.
 NO_SECTOR = (
@@ -116,6 +117,9 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
             f'{name}: fem.formulation: got "rate form", which has no contact; expected "shared '
             'stiffness" (boxes take both)'
         )
+    large = too_large_to_deform(scene, static=scene.fem.method is Method.STATIC)
+    if large is not None:
+        raise InputError(f"{name}: {large}")
     return scene.fem
 
 

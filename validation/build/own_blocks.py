@@ -18,13 +18,14 @@ from geometry.files.hexahedral_solids import file_hexahedra, hexahedral_block
 from geometry.joints import UnmatchedJoint, matched_area
 from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray, IntArray, MeshError
-from geometry.placed_blocks import AssemblyError, check_size
+from geometry.placed_blocks import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from geometry.polyhedra.checks import check_assembly
 from geometry.polyhedra.options import DetectionOptions
 from validation.build.blocks import HexahedralBlocks
 from validation.build.polyhedra import build_body_loads, held_blocks, motion
 from validation.errors import InputError
+from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import MeshScene
 
 #: Part of the contact area of two blocks that may have no matching facets: clipping and curved
@@ -48,7 +49,7 @@ def build_own_blocks(scene: MeshScene, name: str) -> HexahedralBlocks:
         )
     try:
         assembly = _assembly(scene, name)
-        check_size(assembly)
+        check_block_size(scene, assembly)
         detection = scene.detection
         surfaces = as_polyhedral(
             assembly, DetectionOptions(detection.tolerance, detection.angle, detection.points)

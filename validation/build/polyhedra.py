@@ -21,6 +21,7 @@ from geometry.polyhedra.checks import check_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.errors import InputError
+from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import (
     ArchScene,
     BodyLoadSection,
@@ -52,6 +53,7 @@ def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
     """
     try:
         assembly = _build(scene, folder)
+        check_block_size(scene, assembly)
         check_assembly(assembly)
         return assembly
     except RefusedError as error:

@@ -187,7 +187,9 @@ def _refusal(status: int, said: str) -> Fate:
     if "more memory than there is" in said:
         return Fate.WORKING
     usage = said.startswith("Usage: ") and said.splitlines()[-1].startswith("Error: ")
-    one = said.startswith("error: ") and "\n" not in said
+    # What a command says on its way may stand before it; the refusal itself is the last line.
+    lines = [line.startswith("error: ") for line in said.splitlines()]
+    one = sum(lines) == 1 and lines[-1]
     return Fate.REFUSED if status == 2 and (usage or one) else Fate.ODD
 
 

@@ -16,6 +16,7 @@ from typing import Any, ClassVar
 from pydantic import BaseModel
 
 from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND
+from geometry.placed_blocks import AnyBlocks, AssemblyError, check_size
 from validation.scene.pictures import PicturesSection
 from validation.scene.sections import Section
 
@@ -91,6 +92,8 @@ TABLE: dict[str, Range] = {
 }
 
 _SOUND = "material.sound_speed"
+#: The key that says that blocks of another size than 1 mm to 100 m are meant, whatever makes them.
+_BLOCK_SIZE = "block.size"
 
 
 class PlausibilitySection(Section):
@@ -137,6 +140,22 @@ def implausible(scene: BaseModel, accept: tuple[str, ...]) -> str | None:
             if words:
                 return f"{place}: got {words}{_if_meant(key)}"
     return None if _SOUND in accept else _sound_speed(values)
+
+
+def check_block_size(scene: WholeScene, assembly: AnyBlocks) -> None:
+    """Refuse blocks that cannot be measured in millimetres, unless the scene says they are.
+
+    Raises
+    ------
+    AssemblyError
+        With what to do.
+    """
+    if _BLOCK_SIZE in scene.plausibility.accept:
+        return
+    try:
+        check_size(assembly)
+    except AssemblyError as error:
+        raise AssemblyError(f"{error}{_if_meant(_BLOCK_SIZE)}") from None
 
 
 def _numbers(data: Any, place: str) -> Iterator[tuple[str, float]]:

@@ -11,8 +11,17 @@ from pydantic import BaseModel
 from validation.scene.polyhedra import MeshScene
 
 #: Least memory of what is built, whatever the method: nodes and corners of an element, an outer
-#: facet with its contact, a triangulated block [bytes].
-_ELEMENT, _FACET, _BLOCK = 100.0, 300.0, 20e3
+#: facet of each block with its contact, a triangulated block with its contacts [bytes]. Measured
+#: with tubes and planar walls of 56 to 484 blocks and with layers, arches and walls of 400 to 1000.
+_ELEMENT, _FACET, _BLOCK = 100.0, 100.0, 70e3
+#: Least memory of deformable blocks: each element's state in an explicit run; of a static one, the
+#: forces between each two outer facets of one block, which its solver keeps [bytes]. Measured with
+#: tubes of 960 and 4032 elements a block: 0.09 and 0.48 GB.
+_STATE, _FACET_PAIR = 200.0, 72.0
+#: Least memory of the factor of one static body: for each element, so much times the cube root of
+#: their number (nested dissection), in slender bodies for each element across [bytes]. Measured
+#: with 3840 and 12960 elements: 0.22 and 1.14 GB.
+_FACTOR, _BAND = 2000.0, 72.0
 #: Part of the machine's memory that a scene may need.
 _SHARE = 0.8
 
@@ -22,11 +31,29 @@ def too_large(scene: BaseModel) -> str | None:
 
     What is counted is a lower bound: a scene that passes may still be too much for a method.
     """
-    there = _machine_memory()
     blocks, elements, facets = _counts(scene)
-    need = elements * _ELEMENT + blocks * (facets * _FACET + _BLOCK)
+    each = facets * _FACET if facets else _BLOCK
+    return _refused(scene, elements * _ELEMENT + blocks * each)
+
+
+def too_large_to_deform(scene: BaseModel, *, static: bool) -> str | None:
+    """As `too_large`, of a scene whose blocks deform: in a static run, or in an explicit one."""
+    blocks, elements, facets = _counts(scene)
+    need = blocks * elements * _STATE
+    if static and blocks > 1.0:
+        need = facets * facets * _FACET_PAIR
+    elif static and elements:
+        across = elements / max(_divisions(scene))
+        need = elements * min(_FACTOR * elements ** (1.0 / 3.0), _BAND * across)
+    return _refused(scene, need)
+
+
+def _refused(scene: BaseModel, need: float) -> str | None:
+    """One line on a scene that needs so many bytes, where the machine has fewer."""
+    there = _machine_memory()
     if there is None or need <= _SHARE * there:
         return None
+    blocks, elements, facets = _counts(scene)
     what = f"{_short(blocks)} blocks"
     remedy = "fewer of them (assembly)"
     if facets:

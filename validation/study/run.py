@@ -24,6 +24,8 @@ from validation.errors import InputError
 from validation.study.store import ResultFile
 from validation.study.study import Row, Study, failed_row, run_design
 
+#: Most processes for each core.
+_MOST_WORKERS = 16
 #: Designs handed out ahead of the workers, for each worker.
 _AHEAD = 3
 _WORKER_DIED = (
@@ -186,6 +188,12 @@ class LocalRunner:
         """
         if workers is not None and workers < 1:
             raise InputError(f"--workers {workers}: expected at least 1")
+        most = _MOST_WORKERS * available_cores()
+        if workers is not None and workers > most:
+            raise InputError(
+                f"--workers {workers}: expected at most {most}, {_MOST_WORKERS} for each core; "
+                "more only take memory"
+            )
         self.study = study
         self.workers = available_cores() if workers is None else workers
         self._text = study.to_json()

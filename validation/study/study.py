@@ -77,6 +77,8 @@ _FORMAT = 1
 _DEFORMABLE = ("material", "contact", "effects", "fem")
 #: More values of one parameter than this are a slip of the pen.
 _MOST_VALUES = 100_000
+#: Most designs of one study, and the CPU time of the quickest ones [s].
+_MOST_DESIGNS, _QUICKEST_DESIGN = 10_000_000, 0.05
 
 
 @dataclass(frozen=True)
@@ -258,6 +260,7 @@ def check_study(
     files = [Path(source), *(Path(part["file"]) for part in base.get("parts", ()))]
     reads = tuple(file for file in files if file.is_file())
     study = Study(name, quantity, base, scene_name, parameters, reads)
+    _check_count(study)
     _check_values(study)
     return study
 
@@ -348,6 +351,19 @@ def _refuse_twice(
 def _assignments(values: Mapping[str, Value]) -> list[str]:
     """Values as ``section.key=value`` (JSON scalars and lists are TOML as well)."""
     return [f"{path}={json.dumps(value, default=str)}" for path, value in values.items()]
+
+
+def _check_count(study: Study) -> None:
+    """Refuse a study that nobody lives to see the end of."""
+    if study.n_designs <= _MOST_DESIGNS:
+        return
+    counts = " × ".join(str(len(values)) for _, values in study.parameters)
+    years = study.n_designs * _QUICKEST_DESIGN / (365.0 * 86400.0)
+    raise InputError(
+        f"{study.name}: got {counts} = {study.n_designs:.2g} designs, some {years:.2g} CPU years "
+        f"at {_QUICKEST_DESIGN:g} CPU s each; expected at most {_MOST_DESIGNS:.0e}: take fewer "
+        "values ([parameters]), or larger steps"
+    )
 
 
 def _check_values(study: Study) -> None:
