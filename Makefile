@@ -9,7 +9,7 @@ OUT    ?= out/demo
 export OMP_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: setup demo test processor check lint types floors spelling format bench benchmark docs wheel clean
+.PHONY: setup demo test processor check lint types floors spelling format bench benchmark fuzz mutation docs wheel clean
 
 setup: $(VENV)/.installed
 
@@ -58,6 +58,15 @@ bench: setup
 
 benchmark: setup
 	$(BIN)/python -m validation.benchmarks.rigid
+
+# Random command lines (seed and count: `python -m validation.fuzz --help`); a minute for a hundred.
+fuzz: setup
+	$(BIN)/python -m validation.fuzz
+
+# What the tests let pass: a sample of small changes of the program, about an hour.
+mutation: setup
+	$(BIN)/python -m pip install --quiet --group mutation
+	$(BIN)/python tests/mutation.py
 
 # The site, without network; the gallery runs what changed since the last time (out/gallery).
 docs: export GALLERY ?= run

@@ -1,6 +1,7 @@
 """What the tests let pass: small changes, one at a time, each with the tests of its subject.
 
-``make mutation`` tries a random sample; ``python tests/mutation.py --subject mbd --count 40`` chooses.
+``make mutation`` tries a random sample; ``python tests/mutation.py --subject mbd --count 40`` does
+it of one subject.
 The changes are those of cosmic-ray, whose own driver starts a process per change: importing what
 does not change would take most of the time here, so each is tried in a fork that has it.
 A change that leaves the program the same but for annotations is not counted; others that change no
@@ -158,11 +159,12 @@ def passed(folder: Path, tests: tuple[str, ...], limit: float) -> tuple[bool, fl
 
 
 def _test(folder: Path, tests: tuple[str, ...], limit: float) -> None:
-    null = os.open(os.environ.get("MUTATION_LOG", os.devnull), os.O_WRONLY | os.O_CREAT, 0o644)
+    null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)
     os.dup2(null, 2)
     resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit) + 5))
     os.chdir(folder)
+    sys.dont_write_bytecode = True
     sys.path.insert(0, str(folder))
     import pytest
 

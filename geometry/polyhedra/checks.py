@@ -98,7 +98,7 @@ def _check_distance(assembly: PolyhedralAssembly) -> None:
     rounding = float(np.spacing(reach))
     if not rounding <= _ROUNDING * assembly.tolerance:
         raise AssemblyError(
-            f"{assembly.name}: a block lies {reach:.3g} mm from the origin, where coordinates are "
-            f"rounded to {rounding:.1g} mm, and gaps of {assembly.tolerance:.3g} mm are told apart; "
-            "move the assembly to the origin"
+            f"{assembly.name}: a block lies {reach:.3g} mm from the origin, where coordinates "
+            f"are rounded to {rounding:.1g} mm, and gaps of {assembly.tolerance:.3g} mm are told "
+            "apart; move the assembly to the origin"
         )
