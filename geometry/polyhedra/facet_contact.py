@@ -209,27 +209,34 @@ def find_contacts(
 
 def _with_points(contacts: ContactPoints, extra: PointContacts, tolerance: float) -> ContactPoints:
     """Add contacts without area, but for those that say what is said already."""
-    fresh = np.ones(len(extra.points), dtype=bool)
-    if len(extra.points) and contacts.n_contacts:
-        tree = cKDTree(contacts.centroids)
-        for k, point in enumerate(extra.points):
-            others = tree.query_ball_point(point, 4 * tolerance)
-            fresh[k] = not any(
-                contacts.block_m[c] == extra.block_m[k]
-                and contacts.block_s[c] == extra.block_s[k]
-                and contacts.normals[c] @ extra.normals[k] > 1 - 1e-6
-                for c in others
-            )
+    n_known = contacts.n_contacts
+    block_m = np.concatenate([contacts.block_m, extra.block_m])
+    block_s = np.concatenate([contacts.block_s, extra.block_s])
+    points = np.concatenate([contacts.centroids, extra.points])
+    normals = np.concatenate([contacts.normals, extra.normals])
+    kept = np.ones(len(points), dtype=bool)
+    tree = cKDTree(points) if len(extra.points) else None
+    for k in range(n_known, len(points)):
+        assert tree is not None
+        # A corner on the diagonal of a face stands on both of its triangles.
+        kept[k] = not any(
+            c < k
+            and kept[c]
+            and block_m[c] == block_m[k]
+            and block_s[c] == block_s[k]
+            and normals[c] @ normals[k] > 1 - 1e-6
+            for c in tree.query_ball_point(points[k], 4 * tolerance)
+        )
+    fresh = kept[n_known:]
     n = int(fresh.sum())
     nominal = _POINT_AREA * (contacts.areas.mean() if contacts.n_contacts else 1.0)
-    block_m = np.concatenate([contacts.block_m, extra.block_m[fresh]])
-    block_s = np.concatenate([contacts.block_s, extra.block_s[fresh]])
+    block_m, block_s = block_m[kept], block_s[kept]
     order = np.lexsort((block_s, block_m))
     return ContactPoints(
         block_m=block_m[order],
         block_s=block_s[order],
-        centroids=np.concatenate([contacts.centroids, extra.points[fresh]])[order],
-        normals=np.concatenate([contacts.normals, extra.normals[fresh]])[order],
+        centroids=points[kept][order],
+        normals=normals[kept][order],
         areas=np.concatenate([contacts.areas, np.full(n, nominal)])[order],
         pair_start=_starts(block_m[order], block_s[order]),
         patch=np.concatenate([contacts.patch, np.full(n, -1)])[order],

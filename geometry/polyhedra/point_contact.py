@@ -1,4 +1,4 @@
-"""Contacts without area: an edge that crosses an edge, a corner that stands on a face.
+"""Contacts without area: an edge that crosses an edge, a corner or edge that stands on a face.
 
 Layers of tetrahedra, for instance, do not interlock by their faces alone: where four of them meet,
 sharp edges of diagonal neighbours cross, and only that stops the layer from sliding apart. Such a
@@ -25,6 +25,9 @@ BoolArray = npt.NDArray[np.bool_]
 _SHARP = 25.0
 #: Edges closer to parallel than this do not cross (sine of the angle).
 _PARALLEL = 0.02
+#: How far beside an edge a corner may be that stands on it, over the tolerance of contact: it lies
+#: in one of the two triangles there, wherever the origin is.
+_ON_EDGE = 1e-3
 #: How far outside its normal cone a direction may point (round-off of file coordinates).
 _CONE = 1e-4
 
@@ -167,9 +170,10 @@ def standing_corners(
     translations: FloatArray,
     tolerance: float,
 ) -> PointContacts:
-    """Corners of one block that stand inside a face of another.
+    """Corners of one block that stand inside a face of another, alone or as ends of an edge.
 
-    Only pointed ones: every edge and face of the corner leaves the face at an angle.
+    Only pointed ones: every edge and face of the corner leaves the face at an angle, but for one
+    edge that may lie in it.
 
     Parameters
     ----------
@@ -202,13 +206,13 @@ def standing_corners(
         along = tri[j, (edge + 1) % 3] - tri[j, edge]
         along = along / np.linalg.norm(along, axis=1, keepdims=True)
         inward = np.einsum("ni,ni->n", np.cross(n[j], along), p[i] - tri[j, edge])
-        inside &= inward > -1e-9
+        inside &= inward > -_ON_EDGE * tolerance
     i, j = i[inside], j[inside]
     kept = []
     for k, (a, b) in enumerate(zip(i.tolist(), j.tolist(), strict=True)):
         block = int(p_block[a])
         local = rotations[block].T @ n[b]
-        if _pointed(rays[int(shape_of[block])], int(p_corner[a]), local):
+        if _stands(rays[int(shape_of[block])], int(p_corner[a]), local):
             kept.append(k)
     i, j = i[kept], j[kept]
     swap = p_block[i] > t_block[j]
@@ -221,8 +225,13 @@ def standing_corners(
     )
 
 
-def _pointed(rays: tuple[IntArray, FloatArray], corner: int, normal: FloatArray) -> bool:
-    """Whether all rays of a corner leave a plane towards its normal."""
+def _stands(rays: tuple[IntArray, FloatArray], corner: int, normal: FloatArray) -> bool:
+    """Whether all rays of a corner leave a plane towards its normal, but one edge in it at most.
+
+    Where two rays lie in the plane a face does, whose corners are those of its patch.
+    """
     numbers, unit = rays
     first, last = np.searchsorted(numbers, [corner, corner + 1])
-    return bool((unit[first:last] @ normal).min(initial=np.inf) > _PARALLEL)
+    rising = unit[first:last] @ normal
+    flat = np.abs(rising) <= _CONE
+    return int(flat.sum()) <= 1 and bool(rising[~flat].min(initial=np.inf) > _PARALLEL)

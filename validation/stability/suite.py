@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from validation.errors import InputError
 from validation.stability import (
     contact_law,
+    degenerate,
     explicit,
     geometry,
     invariance,
@@ -19,7 +20,7 @@ from validation.stability.case import Case, Outcome, run_case
 
 def cases() -> tuple[Case, ...]:
     """Every case of every subject."""
-    subjects = (rigid, invariance, contact_law, static, explicit, geometry, process)
+    subjects = (rigid, invariance, degenerate, contact_law, static, explicit, geometry, process)
     return tuple(case for subject in subjects for case in subject.CASES.found)
 
 

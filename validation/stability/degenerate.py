@@ -1,0 +1,196 @@
+"""Degenerate contact: edges, points, spikes, facets of any size, each with an answer by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from geometry.families.masonry import box
+from geometry.loads.case import LoadCase
+from geometry.mesh import FloatArray
+from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
+from geometry.polyhedra.checks import check_assembly
+from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
+from mbd import RigidResult, analyse
+from validation.stability.case import Cases, Check, Finding
+from validation.stability.problems import relative
+
+CASES = Cases("degenerate")
+
+_EYE = np.eye(3)
+#: Forces of a few contacts: round-off, times the condition of the groove at hand.
+_ROUND_OFF = 1e-9
+
+Placed = tuple[Polyhedron, FloatArray, FloatArray]
+
+
+def _at(shape: Polyhedron, x: float, y: float, z: float, turn: FloatArray = _EYE) -> Placed:
+    return shape, turn, np.array([x, y, z])
+
+
+def _prism(half: float, height: float, length: float, name: str = "wedge") -> Polyhedron:
+    """Wedge with its edge along y at the origin, opening upward: half width over height."""
+    corners = [(0.0, 0.0), (half, height), (-half, height)]
+    return convex_polyhedron(
+        name, [(x, y, z) for y in (-length / 2, length / 2) for x, z in corners]
+    )
+
+
+def _pressed(
+    placed: list[Placed], force: FloatArray, point: FloatArray | None = None, held: int = 1
+) -> tuple[PolyhedralAssembly, RigidResult]:
+    """Analyse bodies of which the first are held, the last pushed by a force at a point."""
+    fixed = np.arange(len(placed)) < held
+    assembly = polyhedral_assembly("degenerate", placed, fixed)
+    check_assembly(assembly)
+    wrenches = np.zeros((len(placed), 6))
+    wrenches[-1, :3] = force
+    if point is not None:
+        wrenches[-1, 3:] = np.cross(point - assembly.centroids[-1], force)
+    load = LoadCase(assembly, "push", (), fixed, body_wrenches=wrenches)
+    return assembly, analyse(assembly, load)
+
+
+_DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def _stands_and_falls(
+    placed: list[Placed], inside: FloatArray, outside: FloatArray, *, contacts: int | None = None
+) -> Finding:
+    """A push at the first point is carried by forces that sum to it; at the second it is not."""
+    _, stands = _pressed(placed, _DOWN, inside)
+    _, falls = _pressed(placed, _DOWN, outside)
+    total = float(stands.contact_forces.sum())
+    return Finding(
+        (
+            Check("carried", stands.equilibrium.holds, least=1),
+            Check("forces against the push", relative(total, 1.0), _ROUND_OFF),
+            Check("carried beside it", falls.equilibrium.holds, most=0),
+            Check("contacts", stands.n_contacts, contacts or np.inf, contacts or 1),
+        )
+    )
+
+
+_FLOOR = box((400.0, 400.0, 50.0), "floor")
+
+
+@CASES.add("edge-on-face", "A wedge stands on its edge: carried over the edge, tips 1e-3 beside it")
+def _edge_on_face() -> Finding:
+    wedge = _prism(30.0, 60.0, 100.0)
+    placed = [_at(_FLOOR, -200.0, -200.0, -50.0), _at(wedge, 0.0, 0.0, 0.0)]
+    return _stands_and_falls(placed, np.array([0.0, 49.0, 60.0]), np.array([1e-3, 0.0, 60.0]))
+
+
+@CASES.add("edge-beyond-face", "An edge longer than its table: carried up to the table's rim")
+def _edge_beyond_face() -> Finding:
+    table, wedge = box((100.0, 60.0, 50.0), "table"), _prism(30.0, 60.0, 100.0)
+    placed = [_at(table, -50.0, -30.0, -50.0), _at(wedge, 0.0, 0.0, 0.0)]
+    return _stands_and_falls(placed, np.array([0.0, 29.999, 60.0]), np.array([0.0, 30.001, 60.0]))
+
+
+@CASES.add("edge-across-an-edge", "Two edges cross in a point: carried there, tips 1e-3 beside it")
+def _edge_across_edge() -> Finding:
+    turn = Rotation.from_euler("zy", [90.0, 180.0], degrees=True).as_matrix()
+    wedge = _prism(30.0, 60.0, 100.0)
+    placed = [_at(wedge, 0.0, 0.0, 0.0, turn), _at(wedge, 0.0, 0.0, 0.0)]
+    aside = np.array([0.0, 1e-3, 60.0])
+    return _stands_and_falls(placed, np.array([0.0, 0.0, 60.0]), aside, contacts=1)
+
+
+@CASES.add("corner-on-face", "A cube stands on its corner: carried there, tips 1e-3 beside it")
+def _corner_on_face() -> Finding:
+    up = np.array([1.0, 1.0, 1.0]) / np.sqrt(3.0)
+    turn, _ = Rotation.align_vectors(np.array([[0.0, 0.0, 1.0]]), up[None])
+    cube = box((50.0, 50.0, 50.0))
+    placed = [_at(_FLOOR, -200.0, -200.0, -50.0), _at(cube, 0.0, 0.0, 0.0, turn.as_matrix())]
+    aside = np.array([1e-3, 0.0, 80.0])
+    # The corner stands on the diagonal of the floor: in both of its triangles, and once.
+    return _stands_and_falls(placed, np.array([0.0, 0.0, 80.0]), aside, contacts=1)
+
+
+@CASES.add("rotated-faces", "A cube turned by 45° on another: carried over their octagon, no more")
+def _rotated() -> Finding:
+    cube = box((100.0, 100.0, 100.0))
+    turn = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()
+    corner = turn @ np.array([-50.0, -50.0, 0.0])
+    placed = [_at(cube, -50.0, -50.0, -100.0), (cube, turn, corner)]
+    # The octagon's corners lie at 22.5°, 50 mm over the cosine from the middle.
+    angle = np.radians(22.5)
+    way = np.array([np.cos(angle), np.sin(angle), 0.0]) * 50.0 / np.cos(angle)
+    return _stands_and_falls(placed, 0.9999 * way, 1.0001 * way, contacts=8)
+
+
+def _groove(degrees: float) -> Finding:
+    """A wedge in a groove of two held wedges: N = W / (2 sin α) on each flank."""
+    slope = np.tan(np.radians(degrees))
+    height = 50.0 * min(1.0, 1.0 / slope)
+    half = height * slope
+    wedge = _prism(half, height, 40.0)
+    sides = [
+        convex_polyhedron(
+            f"side {s:g}",
+            [
+                (x, y, z)
+                for y in (-30.0, 30.0)
+                for x, z in (
+                    (0.0, 0.0),
+                    (s * half, height),
+                    (s * (half + 50.0), height),
+                    (s * (half + 50.0), -30.0),
+                    (0.0, -30.0),
+                )
+            ],
+        )
+        for s in (-1.0, 1.0)
+    ]
+    placed = [*(_at(side, 0.0, 0.0, 0.0) for side in sides), _at(wedge, 0.0, 0.0, 0.0)]
+    assembly, result = _pressed(placed, _DOWN, np.array([0.0, 0.0, height]), held=2)
+    found = assembly.interfaces
+    on = np.zeros(len(placed))
+    np.add.at(on, found.block_m[result.contact_index], result.contact_forces)
+    expected = 1.0 / (2.0 * np.sin(np.radians(degrees)))
+    return Finding(
+        (
+            Check("carried", result.equilibrium.holds, least=1),
+            Check("flank forces against W / (2 sin α)", relative(on[:2], expected), _ROUND_OFF),
+        )
+    )
+
+
+@CASES.add("spike-in-a-crack", "A wedge of half angle 1° in its crack: 28.6 loads per flank")
+def _spike() -> Finding:
+    return _groove(1.0)
+
+
+@CASES.add("nearly-flat-groove", "A groove of 89.9°, normals 0.2° apart: half the load per flank")
+def _flat_groove() -> Finding:
+    return _groove(89.9)
+
+
+@CASES.add("small-on-large", "A cube of 1 mm on a plate of 10 m: carried over its face, no more")
+def _small_on_large() -> Finding:
+    cube, plate = box((1.0, 1.0, 1.0)), box((1e4, 1e4, 10.0))
+    placed = [_at(plate, -5e3, -5e3, -10.0), _at(cube, 1234.5, -321.0, 0.0)]
+    inside, outside = np.array([1234.501, -320.5, 1.0]), np.array([1234.499, -320.5, 1.0])
+    return _stands_and_falls(placed, inside, outside)
+
+
+@CASES.add("one-edge-alone", "Cubes whose edges coincide: no contact is invented between them")
+def _one_edge() -> Finding:
+    cube = box((50.0, 50.0, 50.0))
+    placed = [
+        _at(_FLOOR, -200.0, -200.0, -50.0),
+        _at(cube, -50.0, -50.0, 0.0),
+        _at(cube, 0.0, 0.0, 0.0),
+    ]
+    assembly, weighs = _pressed(placed, _DOWN)
+    _, leans = _pressed(placed, _DOWN + np.array([-0.1, -0.1, 0.0]))
+    found = assembly.interfaces
+    between = int(((found.block_m == 1) & (found.block_s == 2)).sum())
+    return Finding(
+        (
+            Check("contacts between them", between, most=0),
+            Check("carried by the floor", weighs.equilibrium.holds, least=1),
+            Check("held by the other's edge", leans.equilibrium.holds, most=0),
+        )
+    )
