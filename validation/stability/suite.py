@@ -11,6 +11,7 @@ from validation.stability import (
     explicit,
     geometry,
     invariance,
+    numbers,
     process,
     rigid,
     static,
@@ -20,7 +21,17 @@ from validation.stability.case import Case, Outcome, run_case
 
 def cases() -> tuple[Case, ...]:
     """Every case of every subject."""
-    subjects = (rigid, invariance, degenerate, contact_law, static, explicit, geometry, process)
+    subjects = (
+        rigid,
+        invariance,
+        degenerate,
+        numbers,
+        contact_law,
+        static,
+        explicit,
+        geometry,
+        process,
+    )
     return tuple(case for subject in subjects for case in subject.CASES.found)
 
 
