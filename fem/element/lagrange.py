@@ -54,12 +54,19 @@ def tensor_points(
     degree: int, x: FloatArray, weights: FloatArray | None = None, *, dimension: int = 3
 ) -> TensorPoints:
     """Functions of degree ``degree`` at the tensor grid of the points ``x`` of a line."""
-    value, slope = line_basis(degree, x)
     line = np.zeros(len(x)) if weights is None else weights
-    factors = [[slope if k == d else value for k in range(dimension)] for d in range(dimension)]
-    values, products = _product([value] * dimension), _product([line] * dimension)
-    slopes = [_product(chosen) for chosen in factors]
-    return TensorPoints(values, np.stack(slopes, axis=-1), products)
+    return line_points(degree, [x] * dimension, [line] * dimension)
+
+
+def line_points(degree: int, x: list[FloatArray], weights: list[FloatArray]) -> TensorPoints:
+    """Functions at the tensor grid of points of one line, and their weights, for each direction."""
+    dimension = len(x)
+    values, slopes = zip(*(line_basis(degree, line) for line in x), strict=True)
+    factors = [
+        [slopes[k] if k == d else values[k] for k in range(dimension)] for d in range(dimension)
+    ]
+    products = [_product(chosen) for chosen in factors]
+    return TensorPoints(_product(list(values)), np.stack(products, axis=-1), _product(weights))
 
 
 def _product(factors: list[FloatArray]) -> FloatArray:
@@ -89,6 +96,23 @@ class LagrangeElement:
     def quadrature(self) -> TensorPoints:
         """Points of the stiffness: degree + 1 in each direction."""
         return tensor_points(self.degree, *gauss_line(self.degree + 1))
+
+    def nodes_between(self, ends: FloatArray) -> FloatArray:
+        """Places of the nodes of elements along a line, each once, from the elements' ends."""
+        inside = 0.5 * (lobatto_points(self.degree)[1:] + 1.0)
+        between = ends[:-1, None] + np.diff(ends)[:, None] * inside
+        nodes: FloatArray = np.concatenate([ends[:1], between.ravel()])
+        return nodes
+
+    def interpolation(self, ends: FloatArray, places: FloatArray) -> FloatArray:
+        """Values at places of a line from those at the nodes of its elements, (n, n_nodes)."""
+        n = len(ends) - 1
+        element = np.clip(np.searchsorted(ends, places, side="right") - 1, 0, n - 1)
+        local = 2.0 * (places - ends[element]) / np.diff(ends)[element] - 1.0
+        matrix = np.zeros((len(places), n * self.degree + 1))
+        columns = self.degree * element[:, None] + np.arange(self.degree + 1)
+        np.put_along_axis(matrix, columns, line_basis(self.degree, local)[0], axis=1)
+        return matrix
 
     def gradients(self, coordinates: FloatArray, at: TensorPoints) -> tuple[FloatArray, FloatArray]:
         """Gradients of the functions and volumes of points of one element.

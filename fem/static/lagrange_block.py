@@ -11,15 +11,17 @@ All congruent blocks share F, h and b, and nothing else of a block appears in th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 from scipy.sparse import csr_array, vstack
 
 from fem.element.lagrange import LagrangeElement, TensorPoints, gauss_line, tensor_points
 from fem.static.linear_step.condensation import CondensedBlock, condense_elements
-from fem.static.linear_step.condensed import symmetric_pseudo_inverse
+from geometry.assembly import BoolArray
 from geometry.mesh import FloatArray, IntArray
 
 #: Direction across a face and the end of it, by name; the others span it in their order.
@@ -39,15 +41,45 @@ class Lattice:
 
     element: LagrangeElement
     """Degree and material."""
-    nodes: FloatArray
-    """Grid of all nodes, right-handed in its order, (n_1, n_2, n_3, 3) [mm]."""
+    lines: tuple[FloatArray, FloatArray, FloatArray]
+    """Ends of the elements in each direction, ascending, in the parameters of the shape."""
+    shape: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+    """Points of parameters, three arrays to (..., 3) [mm]; right-handed in their order."""
 
     @property
     def counts(self) -> tuple[int, int, int]:
         """Elements in each direction."""
-        k = self.element.degree
-        n_1, n_2, n_3 = ((n - 1) // k for n in self.nodes.shape[:3])
+        n_1, n_2, n_3 = (len(line) - 1 for line in self.lines)
         return n_1, n_2, n_3
+
+    @cached_property
+    def nodes(self) -> FloatArray:
+        """Grid of all nodes, (n_1, n_2, n_3, 3) [mm]."""
+        places = (self.element.nodes_between(line) for line in self.lines)
+        return self.shape(*np.meshgrid(*places, indexing="ij"))
+
+    def at(
+        self, values: FloatArray, places: tuple[FloatArray, FloatArray, FloatArray]
+    ) -> FloatArray:
+        """Values of nodes at a grid of parameters.
+
+        Parameters
+        ----------
+        values
+            Of the nodes, (n_nodes, m).
+        places
+            Parameters in each direction.
+
+        Returns
+        -------
+        FloatArray
+            (n_1, n_2, n_3, m)
+        """
+        found = values.reshape(*self.nodes.shape[:3], -1)
+        for axis, (line, place) in enumerate(zip(self.lines, places, strict=True)):
+            matrix = self.element.interpolation(line, place)
+            found = np.moveaxis(np.tensordot(matrix, found, (1, axis)), 0, axis)
+        return found
 
     @property
     def positions(self) -> FloatArray:
@@ -63,41 +95,65 @@ class Lattice:
     @cached_property
     def elements(self) -> IntArray:
         """Nodes of each element, (n_elements, (degree + 1)³)."""
-        return _windows(self.numbers, self.counts, self.element.degree)
+        return windows(self.numbers, self.counts, self.element.degree)
 
     def face(self, name: str) -> IntArray:
         """Nodes of the elements' faces on a face of the block, (n, (degree + 1)²)."""
         direction, end = FACES[name]
         numbers = np.take(self.numbers, -end, axis=direction)
         counts = tuple(c for k, c in enumerate(self.counts) if k != direction)
-        return _windows(numbers, counts, self.element.degree)
+        return windows(numbers, counts, self.element.degree)
 
     def face_points(self, name: str, at: TensorPoints) -> FacePoints:
         """Points on a face of the block, element by element."""
-        direction, end = FACES[name]
         quads = self.face(name)
-        corners = self.positions[quads]
-        tangents = np.einsum("qai,pak->qpki", corners, at.slopes)
-        outward = np.cross(tangents[:, :, 0], tangents[:, :, 1])
-        # The two directions of a face in their order turn with the third, but for the middle one.
-        outward *= (1.0 if end else -1.0) * (-1.0 if direction == 1 else 1.0)
-        area = np.linalg.norm(outward, axis=2)
+        positions, normals, area = outward_points(self.positions[quads], name, at)
         return FacePoints(
             quads=quads,
             values=at.values,
-            positions=np.einsum("pa,qai->qpi", at.values, corners),
-            normals=outward / area[:, :, None],
+            positions=positions,
+            normals=normals,
             weights=area * at.weights,
         )
 
 
-def _windows(numbers: IntArray, counts: tuple[int, ...], degree: int) -> IntArray:
+def windows(numbers: IntArray, counts: tuple[int, ...], degree: int) -> IntArray:
     """Nodes of structured elements of a grid of numbers, last direction fastest."""
     dimension = len(counts)
-    windows = np.lib.stride_tricks.sliding_window_view(numbers, (degree + 1,) * dimension)
-    chosen = windows[tuple(slice(None, None, degree) for _ in range(dimension))]
+    found = np.lib.stride_tricks.sliding_window_view(numbers, (degree + 1,) * dimension)
+    chosen = found[tuple(slice(None, None, degree) for _ in range(dimension))]
     elements: IntArray = np.ascontiguousarray(chosen.reshape(int(np.prod(counts)), -1))
     return elements
+
+
+def outward_points(
+    corners: FloatArray, name: str, at: TensorPoints
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Positions, outward normals and areas of points of facets of a face.
+
+    Parameters
+    ----------
+    corners
+        Nodes of each facet, (n, n_functions, 3) [mm].
+    name
+        Of the face.
+    at
+        Points of a facet.
+
+    Returns
+    -------
+    tuple[FloatArray, FloatArray, FloatArray]
+        (n, n_points, 3) [mm], the same [-], and areas by the facet's own coordinates,
+        (n, n_points) [mm²].
+    """
+    direction, end = FACES[name]
+    tangents = np.einsum("qai,pak->qpki", corners, at.slopes, optimize=True)
+    outward = np.cross(tangents[:, :, 0], tangents[:, :, 1])
+    # The two directions of a face in their order turn with the third, but for the middle one.
+    outward *= (1.0 if end else -1.0) * (-1.0 if direction == 1 else 1.0)
+    area = np.linalg.norm(outward, axis=2)
+    positions = np.einsum("pa,qai->qpi", at.values, corners, optimize=True)
+    return positions, outward / area[:, :, None], area
 
 
 @dataclass(frozen=True)
@@ -129,31 +185,69 @@ class FacePoints:
 
 
 @dataclass(frozen=True)
-class SeenBlock:
-    """A block seen from its contact points."""
+class ContactPoints:
+    """Quadrature points of the contact faces of a block, face by face."""
 
     lattice: Lattice
     """The block."""
+    faces: dict[str, FacePoints]
+    """Points of each face."""
+    start: dict[str, int]
+    """First point of each face among all points."""
+    outward: csr_array
+    """B on all nodes, (n_points, 3 n_nodes)."""
+
+    @property
+    def per_quad(self) -> int:
+        """Points of a quad."""
+        return len(next(iter(self.faces.values())).values)
+
+
+def contact_points(lattice: Lattice, contact_faces: tuple[str, ...]) -> ContactPoints:
+    """Points of the contact faces: two more than the degree in each direction of a quad.
+
+    A steep law of a polynomial is no polynomial.
+    """
+    degree = lattice.element.degree
+    at = tensor_points(degree, *gauss_line(degree + 2), dimension=2)
+    faces = {name: lattice.face_points(name, at) for name in contact_faces}
+    starts = np.cumsum([0, *(f.weights.size for f in faces.values())])[:-1].tolist()
+    n_nodes = len(lattice.positions)
+    outward = csr_array(vstack([f.outward(n_nodes) for f in faces.values()]))
+    return ContactPoints(lattice, faces, dict(zip(faces, starts, strict=True)), outward)
+
+
+@dataclass(frozen=True)
+class SeenBlock:
+    """A block seen from some of its contact points, in the forces on them."""
+
     condensed: CondensedBlock
-    """Seen from the nodes of its contact faces."""
-    inverse: FloatArray
-    """G on those nodes, (3 n_c, 3 n_c) [mm/N]."""
+    """Seen from the nodes of the quads of those points."""
+    seen: BoolArray
+    """Which points those are, (n_points,)."""
+    factor: FloatArray
+    """Lower Cholesky factor C of the condensed stiffness plus that of springs on rigid motions:
+    its inverse is a flexibility for all forces in balance, (3 n_c, 3 n_c)."""
     rigid: FloatArray
     """R there, (3 n_c, 6)."""
-    faces: dict[str, FacePoints]
-    """Quadrature points of the contact faces."""
-    start: dict[str, slice]
-    """Where the points of each face are among all points."""
     outward: csr_array
-    """B, (n_points, 3 n_c)."""
-    flexibility: FloatArray
-    """F, (n_points, n_points) [mm/N]."""
+    """B there, (n_points, 3 n_c); meaningless in the rows of points that are not seen."""
     motions: FloatArray
     """b, (n_points, 6)."""
 
-    def on_contact_nodes(self, matrix: csr_array) -> csr_array:
-        """Columns of the contact nodes of a matrix on all nodes."""
-        return csr_array(matrix[:, self.condensed.degrees_of_freedom])
+    def lower(self, right: FloatArray) -> FloatArray:
+        """C⁻¹ of forces on the contact nodes; F is the product of C⁻¹ Bᵀ with itself."""
+        found: FloatArray = scipy.linalg.solve_triangular(
+            self.factor, right, lower=True, check_finite=False
+        )
+        return found
+
+    def displacement(self, force: FloatArray) -> FloatArray:
+        """Displacement of the contact nodes but for a rigid motion, (3 n_c,) [mm]."""
+        found: FloatArray = scipy.linalg.solve_triangular(
+            self.factor, self.lower(force), lower=True, trans="T", check_finite=False
+        )
+        return found
 
 
 def rigid_motions_of(positions: FloatArray) -> FloatArray:
@@ -166,15 +260,19 @@ def rigid_motions_of(positions: FloatArray) -> FloatArray:
     return motions.reshape(-1, 6)
 
 
-def seen_block(lattice: Lattice, contact_faces: tuple[str, ...]) -> SeenBlock:
-    """Condense a block and find its response at the points of its contact faces.
+def seen_block(points: ContactPoints, seen: BoolArray) -> SeenBlock:
+    """Condense a block on the nodes of the quads of some contact points.
 
-    Contact is integrated with two points more than the degree in each direction: a steep law of a
-    polynomial is no polynomial.
+    Parameters
+    ----------
+    points
+        Of the contact faces.
+    seen
+        Points that are to be seen, whole quads of them, (n_points,).
     """
-    element = lattice.element
-    retained = np.unique(np.concatenate([lattice.face(f).ravel() for f in contact_faces]))
-    positions = lattice.positions
+    lattice = points.lattice
+    element, positions = lattice.element, lattice.positions
+    retained = np.unique(points.outward[np.flatnonzero(seen)].indices // 3).astype(np.int64)
     condensed = condense_elements(
         lattice.elements,
         positions,
@@ -182,26 +280,15 @@ def seen_block(lattice: Lattice, contact_faces: tuple[str, ...]) -> SeenBlock:
         retained,
     )
     rigid = rigid_motions_of(positions)[condensed.degrees_of_freedom]
-    inverse = symmetric_pseudo_inverse(condensed.stiffness, rigid)
-    at = tensor_points(element.degree, *gauss_line(element.degree + 2), dimension=2)
-    faces = {name: lattice.face_points(name, at) for name in contact_faces}
-    sizes = [f.weights.size for f in faces.values()]
-    ends = np.cumsum([0, *sizes])
-    start = {
-        name: slice(int(a), int(b)) for name, a, b in zip(faces, ends[:-1], ends[1:], strict=True)
-    }
-    matrix = csr_array(vstack([f.outward(len(positions)) for f in faces.values()]))
-    outward = csr_array(matrix[:, condensed.degrees_of_freedom])
-    flexibility = outward @ (outward @ inverse).T
+    basis = np.linalg.qr(rigid)[0]
+    held = condensed.stiffness + float(np.diag(condensed.stiffness).mean()) * basis @ basis.T
+    outward = csr_array(points.outward[:, condensed.degrees_of_freedom])
     return SeenBlock(
-        lattice=lattice,
         condensed=condensed,
-        inverse=inverse,
+        seen=seen,
+        factor=scipy.linalg.cholesky(held, lower=True, overwrite_a=True, check_finite=False),
         rigid=rigid,
-        faces=faces,
-        start=start,
         outward=outward,
-        flexibility=0.5 * (flexibility + flexibility.T),
         motions=outward @ rigid,
     )
 

@@ -2,39 +2,57 @@
 
 One block of each layer stands for its layer: loads and supports are the same for all. A layer is
 turned by whole waves against the one below, so points of joints meet point on point, the blocks
-beside each other too. Between reference normals the overclosure of a point is the sum of the
-outward displacements of its two sides,
+beside each other too. Where a turn by π about a radius through the middle of the tube maps the
+tube onto itself, the lower half of the layers stands for the upper one. Between reference normals
+the overclosure of a point is the sum of the outward displacements of its two sides,
 
     x = Σ ν · u = -A q + H + M α - clearance,      Mᵀ q = Rᵀ f,
 
 with A, H and M summed from the blocks that meet (`fem.static.lagrange_block`). The law is
 linearised in pressure as in `fem.static.solve`: after a solution each point that presses is
-linearised where the law has that pressure.
+linearised where the law has that pressure. Points whose contact is soft against the block take the
+force of the step before; the others are the unknowns, layer by layer a chain of dense blocks.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-import scipy.linalg
 
 from fem.contact.law import ContactLaw
-from fem.element.lagrange import gauss_line, tensor_points
-from fem.element.stress import principal_stress
-from fem.static.lagrange_block import SeenBlock
+from fem.static.lagrange_block import (
+    ContactPoints,
+    Lattice,
+    SeenBlock,
+    contact_points,
+    seen_block,
+)
+from fem.static.linear_step.block_tridiagonal import (
+    Level,
+    UnresistedMotionError,
+    factor_chain,
+)
 from fem.static.solve import StaticError
+from geometry.assembly import BoolArray
 from geometry.mesh import FloatArray, IntArray
 
+#: Faces of a block that meet others.
+CONTACT_FACES = ("bottom", "top", "left", "right")
 #: Holding springs of the blocks at first, over the tangent stiffness of their contacts, …
 _FIRST_HOLDING = 0.25
 #: … how they fade, and when they are gone.
 _FADING = 0.1
 _LEAST_HOLDING = 1e-9
+#: Contact is soft below this share of the stiffness of a block, Young's modulus over its size, …
+_SOFT = 0.02
+#: … as long as a joint has no more of its own stiffness in soft points: the rest holds the blocks.
+_SOFT_SHARE = 0.05
 #: Stiffness of open points over that at first touch below which they are left out.
 _LEAST_STIFFNESS = 1e-12
-#: Points across a facet's edge at which its peak of pressure is looked for, ends included.
-_LOOKS = 9
+#: Linear problems at most, from rest and from a start.
+_MOST_ITERATIONS, _MOST_FROM_START = 80, 25
 
 
 @dataclass(frozen=True)
@@ -45,6 +63,13 @@ class LayeredJoints:
     """Free layers L; below and above them is a rigid frame."""
     turned: tuple[int, ...]
     """Elements by which each layer from the second on is turned against the one below."""
+    halved: bool = False
+    """Whether the lower half stands for the upper one, turned by π; L is even then."""
+
+    @property
+    def n_blocks(self) -> int:
+        """Blocks that are computed, one a layer."""
+        return self.n_layers // 2 if self.halved else self.n_layers
 
 
 @dataclass(frozen=True)
@@ -60,131 +85,340 @@ class Side:
 
 
 @dataclass(frozen=True)
-class TubeState:
-    """A static state of a layered tube."""
+class Joint:
+    """Points at which a block meets another one or the frame."""
 
-    block: SeenBlock
-    """The block of every layer."""
-    pressures: FloatArray
-    """At the quadrature points of all joints, (n_points,) [MPa]."""
-    weights: FloatArray
-    """Areas of those points, (n_points,) [mm²]."""
-    displacements: FloatArray
-    """Of all nodes of the block of each layer, in its own frame, (n_layers, n_nodes, 3) [mm]."""
-    iterations: int
-    """Linear problems solved."""
-    residual: float
-    """Norm of the contact forces that the law does not have, over that of all [-]."""
-    joints: tuple[tuple[Side, ...], ...]
-    """Sides of each joint: one against the frame, else two."""
+    level: int
+    """Lower of its blocks that are computed."""
+    sides: tuple[Side, ...]
+    """One against the frame, else two."""
+    share: FloatArray
+    """Part of the area of each point that counts, (n,): a point that is its own image is half."""
 
 
 def joints_of(
-    block: SeenBlock, layered: LayeredJoints, per_quad: int
-) -> tuple[tuple[Side, ...], ...]:
-    """Joints of one sector from the bottom up, then those beside each other.
+    counts: tuple[int, int, int], layered: LayeredJoints, per_quad: int
+) -> tuple[Joint, ...]:
+    """Joints of one sector, level by level: frame, beside each other, above.
 
     Parameters
     ----------
-    block
-        Of every layer.
+    counts
+        Elements of the block in each direction.
     layered
         How layers are turned.
     per_quad
         Points of a quad.
     """
-    n_1, n_2, n_3 = block.lattice.counts
+    n_1, n_2, n_3 = counts
+    line = round(per_quad**0.5)
     flat = np.arange(n_1 * n_2 * per_quad, dtype=np.int64)
-    grid = flat.reshape(n_1, n_2, per_quad)
-    found: list[tuple[Side, ...]] = [(Side(0, "bottom", flat),)]
-    for layer, turned in enumerate(layered.turned):
-        # A point at u of the block below lies at u - turn of the block above.
-        above = np.roll(grid, turned, axis=1).ravel()
-        found.append((Side(layer, "top", flat), Side(layer + 1, "bottom", above)))
-    found.append((Side(layered.n_layers - 1, "top", flat),))
+    grid = flat.reshape(n_1, n_2, line, line)
+    # Turned by π about the middle of a block: last place around becomes first.
+    image = grid[:, ::-1, :, ::-1].ravel()
     beside = np.arange(n_1 * n_3 * per_quad, dtype=np.int64)
-    for layer in range(layered.n_layers):
-        found.append((Side(layer, "right", beside), Side(layer, "left", beside)))
+    last = layered.n_blocks - 1
+    found = [_joint(0, Side(0, "bottom", flat))]
+    for layer in range(layered.n_blocks):
+        found.append(_joint(layer, Side(layer, "right", beside), Side(layer, "left", beside)))
+        if layer == last and not layered.halved:
+            found.append(_joint(layer, Side(layer, "top", flat)))
+            continue
+        # A point at u of the block below lies at u - turn of the block above.
+        above = np.roll(grid, layered.turned[layer], axis=1).ravel()
+        if layer < last:
+            found.append(_joint(layer, Side(layer, "top", flat), Side(layer + 1, "bottom", above)))
+            continue
+        opposite = image[above]
+        kept = np.flatnonzero(flat <= opposite)
+        sides = Side(layer, "top", flat[kept]), Side(layer, "top", opposite[kept])
+        share = np.where(flat[kept] == opposite[kept], 0.5, 1.0)
+        found.append(Joint(layer, sides, share))
     return tuple(found)
 
 
+def _joint(level: int, *sides: Side) -> Joint:
+    return Joint(level, sides, np.ones(len(sides[0].order)))
+
+
 @dataclass(frozen=True)
-class _Problem:
-    """The contact problem of all joints of one sector."""
+class TubeState:
+    """A static state of a layered tube."""
 
-    flexibility: FloatArray
-    """A, (n, n) [mm/N]."""
-    response: FloatArray
-    """H, (n,) [mm]."""
-    motions: FloatArray
-    """M, (n, 6 L)."""
-    loads: FloatArray
-    """Rᵀ f, (6 L,)."""
+    lattice: Lattice
+    """The block of every layer."""
+    layered: LayeredJoints
+    """How layers meet."""
+    pressures: FloatArray
+    """At the quadrature points of all joints, (n_points,) [MPa]."""
     weights: FloatArray
-    """Areas, (n,) [mm²]."""
-    clearance: float
-    """[mm]"""
-    law: ContactLaw
-    """Pressure of an overclosure."""
+    """Areas of those points, (n_points,) [mm²]."""
+    displacements: FloatArray
+    """Of all nodes of the block of each layer that is computed, in its own frame,
+    (n_blocks, n_nodes, 3) [mm]."""
+    iterations: int
+    """Linear problems solved."""
+    residual: float
+    """Norm of the contact forces that the law does not have, over that of all [-]."""
 
-    def overclosure(self, forces: FloatArray, motion: FloatArray) -> FloatArray:
-        """Overclosures of all points, (n,) [mm]."""
-        found: FloatArray = (
-            self.response + self.motions @ motion - self.flexibility @ forces - self.clearance
+
+@dataclass(frozen=True)
+class _Part:
+    """Points of joints on one block: which, and which of the block's own."""
+
+    level: int
+    """Of the joint."""
+    points: IntArray
+    """Each once, (n,)."""
+    local: IntArray
+    """(n,)"""
+
+
+class _Responses:
+    """Flexibility of a block between the points that were asked for so far."""
+
+    def __init__(self, block: SeenBlock) -> None:
+        self.block = block
+        self.row = np.full(len(block.seen), -1, dtype=np.int64)
+        self.towards = np.zeros((len(block.factor), 0), order="F")
+        self.flexibility = np.zeros((0, 0))
+
+    def between(self, local: IntArray, other: IntArray) -> FloatArray:
+        """F of points that `include` was given, (n, m) [mm/N]."""
+        found: FloatArray = self.flexibility[np.ix_(self.row[local], self.row[other])]
+        return found
+
+    def include(self, local: IntArray) -> None:
+        """Find the response to forces on points."""
+        new = np.unique(local[self.row[local] < 0])
+        if not len(new):
+            return
+        before, after = self.towards.shape[1], self.towards.shape[1] + len(new)
+        self.row[new] = np.arange(before, after)
+        added = self.block.lower(self.block.outward[new].T.toarray())
+        grown = np.empty((after, after))
+        grown[:before, :before] = self.flexibility
+        grown[:before, before:] = self.towards.T @ added
+        grown[before:, :before] = grown[:before, before:].T
+        grown[before:, before:] = added.T @ added
+        self.towards = np.hstack([self.towards, added])
+        self.flexibility = grown
+
+
+class _Joints:
+    """Points of all joints of one sector, and which of each block they are."""
+
+    def __init__(self, points: ContactPoints, layered: LayeredJoints, clearance: float) -> None:
+        self.points, self.layered, self.clearance = points, layered, clearance
+        joints = joints_of(points.lattice.counts, layered, points.per_quad)
+        ends = np.cumsum([0, *(len(j.share) for j in joints)])
+        self.n = int(ends[-1])
+        self.number = np.repeat(np.arange(len(joints)), np.diff(ends))
+        self.level = np.repeat([j.level for j in joints], np.diff(ends))
+        #: Whether the block above is met as well.
+        self.shared = np.repeat(
+            [len({s.layer for s in j.sides}) > 1 for j in joints], np.diff(ends)
         )
+        self.parts: list[list[_Part]] = [[] for _ in range(layered.n_blocks)]
+        self.weights = np.zeros(self.n)
+        for joint, first, last in zip(joints, ends[:-1], ends[1:], strict=True):
+            where = np.arange(first, last)
+            for side in joint.sides:
+                local = points.start[side.face] + side.order
+                self.parts[side.layer].append(_Part(joint.level, where, local))
+                area = points.faces[side.face].weights.ravel()[side.order]
+                self.weights[where] = joint.share * area
+
+    def on_blocks(self, forces: FloatArray) -> FloatArray:
+        """Forces on nodes from those of the points, (n_blocks, n_nodes, 3) [N]."""
+        local = np.zeros((len(self.parts), self.points.outward.shape[0]))
+        for mine, parts in zip(local, self.parts, strict=True):
+            for part in parts:
+                np.add.at(mine, part.local, forces[part.points])
+        pushed: FloatArray = -(self.points.outward.T @ local.T).T
+        return pushed.reshape(len(local), -1, 3)
+
+    def overclosure(self, displacements: FloatArray) -> FloatArray:
+        """Overclosures of all points, (n,) [mm], from displacements (n_blocks, n_nodes, 3) [mm]."""
+        found = np.full(self.n, -self.clearance)
+        for parts, u in zip(self.parts, displacements, strict=True):
+            outward = self.points.outward @ u.ravel()
+            for part in parts:
+                found[part.points] += outward[part.local]
+        return found
+
+    def on_quads(self, points: BoolArray) -> BoolArray:
+        """Own points of a block whose quad holds one of some points of joints, (n_local,)."""
+        local = np.zeros(self.points.outward.shape[0], dtype=np.bool_)
+        for part in (p for parts in self.parts for p in parts):
+            local[part.local[points[part.points]]] = True
+        whole = local.reshape(-1, self.points.per_quad).any(axis=1)
+        return np.repeat(whole, self.points.per_quad)
+
+    def soft(self, stiffness: FloatArray, below: float) -> BoolArray:
+        """Points softer than a bound that carry little of the stiffness of their joints, (n,)."""
+        slope = self.weights * stiffness
+        order = np.lexsort((slope, self.number))
+        sums = np.cumsum(slope[order])
+        first = np.searchsorted(self.number[order], np.arange(int(self.number[-1]) + 1))
+        before = np.concatenate([[0.0], sums])[first]
+        total = np.diff([*before, sums[-1]])
+        number = self.number[order]
+        little = np.empty(self.n, dtype=np.bool_)
+        little[order] = sums - before[number] <= _SOFT_SHARE * total[number]
+        return little & (stiffness < below)
+
+    def visible(self, block: SeenBlock) -> BoolArray:
+        """Points of joints that all their blocks see, (n,)."""
+        found = np.ones(self.n, dtype=np.bool_)
+        for part in (p for parts in self.parts for p in parts):
+            found[part.points[~block.seen[part.local]]] = False
         return found
 
 
-def _state_problem(
-    block: SeenBlock,
-    joints: tuple[tuple[Side, ...], ...],
-    force: FloatArray,
-    *,
-    n_layers: int,
-    law: ContactLaw,
-    clearance: float,
-) -> tuple[_Problem, FloatArray]:
-    on_contact, reduced = block.condensed.condense_forces(force[None])
-    response = block.outward @ (block.inverse @ on_contact[0])
-    sizes = [len(sides[0].order) for sides in joints]
-    ends = np.cumsum([0, *sizes])
-    n = int(ends[-1])
-    flexibility = np.zeros((n, n))
-    total, motions = np.zeros(n), np.zeros((n, 6 * n_layers))
-    weights = np.zeros(n)
-    mine: list[list[tuple[slice, IntArray]]] = [[] for _ in range(n_layers)]
-    for number, sides in enumerate(joints):
-        here = slice(int(ends[number]), int(ends[number + 1]))
-        for side in sides:
-            local = block.start[side.face].start + side.order
-            mine[side.layer].append((here, local))
-            total[here] += response[local]
-            motions[here, 6 * side.layer : 6 * side.layer + 6] += block.motions[local]
-            weights[here] = block.faces[side.face].weights.ravel()[side.order]
-    for parts in mine:
-        for here, local in parts:
-            for there, other in parts:
-                flexibility[here, there] += block.flexibility[np.ix_(local, other)]
-    loads = np.tile(block.rigid.T @ on_contact[0], n_layers)
-    return _Problem(flexibility, total, motions, loads, weights, clearance, law), reduced
+class _Problem:
+    """The linear problems of one sector."""
+
+    def __init__(self, joints: _Joints, block: SeenBlock, force: FloatArray) -> None:
+        self.joints, self.block = joints, block
+        self.force = np.tile(force, (joints.layered.n_blocks, 1, 1))
+        self.responses = _Responses(block)
+
+    def linear(
+        self,
+        stiff: IntArray,
+        right: FloatArray,
+        softness: FloatArray,
+        *,
+        given: FloatArray,
+        before: FloatArray,
+        holding: float,
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Forces of all points (n,) [N], motions (n_blocks, 6) and displacements of all blocks.
+
+        Parameters
+        ----------
+        stiff
+            Those points, (n_s,), ascending.
+        right
+            Where the law's tangent has no pressure, with the other sign, (n_s,) [mm].
+        softness
+            One over the slope of their forces, (n_s,) [mm/N].
+        given
+            Forces of the soft points, zero elsewhere, (n,) [N].
+        before, holding
+            Motions that springs hold, and their stiffness.
+        """
+        block, joints = self.block, self.joints
+        row = np.full(joints.n, -1, dtype=np.int64)
+        row[stiff] = np.arange(len(stiff))
+        mine = [[_among(part, row) for part in parts] for parts in joints.parts]
+        on_contact, reduced = block.condensed.condense_forces(self.force + joints.on_blocks(given))
+        side, motions = right - joints.clearance, np.zeros_like(before)
+        for layer, parts in enumerate(mine):
+            response = block.outward @ block.displacement(on_contact[layer])
+            for part in parts:
+                side[part.points] += response[part.local]
+            motions[layer] = -block.rigid.T @ on_contact[layer] - holding * before[layer]
+        levels, members = self._chain(stiff, mine, softness, holding)
+        sides = [(side[m], motions[k]) for k, m in enumerate(members)]
+        forces = given.copy()
+        for k, found in enumerate(factor_chain(levels).solve(sides)):
+            forces[stiff[members[k]]], motions[k] = found
+        pushed, _ = block.condensed.condense_forces(joints.on_blocks(forces - given))
+        retained = [
+            block.displacement(on_contact[k] + pushed[k]) + block.rigid @ motions[k]
+            for k in range(len(motions))
+        ]
+        return forces, motions, block.condensed.recover(np.stack(retained), reduced)
+
+    def _chain(
+        self, stiff: IntArray, mine: list[list[_Part]], softness: FloatArray, holding: float
+    ) -> tuple[list[Level], list[IntArray]]:
+        """The chain, and its points: of each level those of its block alone, then those shared."""
+        n_levels = self.joints.layered.n_blocks
+        level, shared = self.joints.level[stiff], self.joints.shared[stiff]
+        order = np.lexsort((shared, level))
+        starts = np.searchsorted(level[order], np.arange(n_levels + 1))
+        members = [order[a:b] for a, b in pairwise(starts)]
+        place = np.empty(len(stiff), dtype=np.int64)
+        place[order] = np.arange(len(stiff)) - starts[level[order]]
+        levels = []
+        for k, m in enumerate(members):
+            first = int((~shared[m]).sum())
+            after = len(members[k + 1]) if k + 1 < n_levels else 0
+            levels.append(
+                Level(
+                    flexibility=np.asfortranarray(np.diag(softness[m])),
+                    motions=np.zeros((len(m), 6)),
+                    holding=holding * np.eye(6),
+                    first_shared=first,
+                    next_flexibility=np.zeros((len(m) - first, after)),
+                    next_motions=np.zeros((len(m) - first, 6 if after else 0)),
+                )
+            )
+        self.responses.include(np.concatenate([p.local for parts in mine for p in parts]))
+        for layer, parts in enumerate(mine):
+            for part in parts:
+                self._add(levels, layer, part, parts, place)
+        return levels, members
+
+    def _add(
+        self, levels: list[Level], layer: int, part: _Part, others: list[_Part], place: IntArray
+    ) -> None:
+        """Add the response of one block at the points of a joint to forces on all its joints."""
+        rows, level = place[part.points], levels[part.level]
+        if part.level == layer:
+            level.motions[rows] += self.block.motions[part.local]
+        else:
+            level.next_motions[rows - level.first_shared] += self.block.motions[part.local]
+        for other in others:
+            if other.level < part.level:
+                continue  # the chain needs one of the two
+            flexible = self.responses.between(part.local, other.local)
+            columns = place[other.points]
+            if other.level == part.level:
+                level.flexibility[np.ix_(rows, columns)] += flexible
+            else:
+                level.next_flexibility[np.ix_(rows - level.first_shared, columns)] += flexible
+
+
+def _among(part: _Part, row: IntArray) -> _Part:
+    """Points of a part that have a row, and those rows."""
+    rows = row[part.points]
+    return _Part(part.level, rows[rows >= 0], part.local[rows >= 0])
+
+
+def transferred(state: TubeState, lattice: Lattice) -> FloatArray:
+    """Displacements of a state at the nodes of another mesh of its block.
+
+    Returns
+    -------
+    FloatArray
+        (n_blocks, n_nodes, 3) [mm]: what `solve_layered_tube` starts from.
+    """
+    first, second, third = (lattice.element.nodes_between(line) for line in lattice.lines)
+    return np.stack(
+        [state.lattice.at(u, (first, second, third)).reshape(-1, 3) for u in state.displacements]
+    )
 
 
 def solve_layered_tube(
-    block: SeenBlock,
+    lattice: Lattice,
     layered: LayeredJoints,
     force: FloatArray,
     law: ContactLaw,
     *,
     clearance: float = 0.0,
+    start: FloatArray | None = None,
     tolerance: float = 1e-9,
-    max_iterations: int = 80,
 ) -> TubeState:
     """Find the static state of a tube under the same load on every free block.
 
     Parameters
     ----------
-    block
-        Of every layer.
+    lattice
+        The block of every layer.
     layered
         How layers meet.
     force
@@ -193,199 +427,98 @@ def solve_layered_tube(
         Contact law.
     clearance
         Added to every gap [mm].
+    start
+        Displacements near the solution, (n_blocks, n_nodes, 3) [mm], such as those of a coarser
+        block; None: blocks at rest.
     tolerance
         Residual at which the iteration stops [-].
-    max_iterations
-        Linear problems at most.
 
     Raises
     ------
     StaticError
         When no equilibrium is found.
     """
-    per_quad = len(next(iter(block.faces.values())).values)
-    joints = joints_of(block, layered, per_quad)
-    problem, reduced = _state_problem(
-        block, joints, force, n_layers=layered.n_layers, law=law, clearance=clearance
-    )
-    area = float(problem.weights.sum())
-    load = float(np.linalg.norm(force, axis=1).sum()) * layered.n_layers
-    pressure = max(load / area, float(law.pressure(0.0)), 1e-9 * law.touching_stiffness)
-    at = np.full(len(problem.weights), float(law.overclosure(pressure)))
-    first = _FIRST_HOLDING * float(law.stiffness(at[0])) * area / layered.n_layers
-    holding, residual = first, float("inf")
-    overclosure = at
-    motion = np.zeros(6 * layered.n_layers)
-    forces = np.zeros_like(at)
-    iterations = 0
-    while iterations < max_iterations:
-        iterations += 1
-        forces, motion = _linear_problem(problem, at, motion, holding)
-        overclosure = problem.overclosure(forces, motion)
-        real = problem.weights * law.pressure(overclosure)
-        size = max(float(np.linalg.norm(forces)), 1e-300)
-        residual = float(np.linalg.norm(real - forces)) / size
-        if residual <= tolerance and holding <= _LEAST_HOLDING * first:
-            break
-        pressing = forces > 0.0
-        tangent = law.overclosure(np.where(pressing, forces / problem.weights, 1.0))
-        at = np.where(pressing, tangent, overclosure)
-        holding = max(_FADING * holding, _LEAST_HOLDING * first)
-    else:
-        raise StaticError(
-            f"no equilibrium after {max_iterations} iterations of curved elements (residual "
-            f"{residual:.2g}); expected {tolerance:g}: take fem.degree = 1"
-        )
-    displacements = _recovered(block, joints, force, forces=forces, motion=motion, reduced=reduced)
-    pressures = law.pressure(overclosure)
-    return TubeState(block, pressures, problem.weights, displacements, iterations, residual, joints)
+    joints = _Joints(contact_points(lattice, CONTACT_FACES), layered, clearance)
+    if start is not None:
+        at = joints.overclosure(start)
+        soft = joints.soft(law.stiffness(at), _SOFT * _stiffness_of_block(lattice))
+        try:
+            return _iterate(joints, joints.on_quads(~soft), force, law, tolerance=tolerance, at=at)
+        except StaticError:  # a start that saw too little
+            pass
+    everywhere = np.ones(joints.points.outward.shape[0], dtype=np.bool_)
+    return _iterate(joints, everywhere, force, law, tolerance=tolerance, at=None)
 
 
-def _linear_problem(
-    problem: _Problem, at: FloatArray, before: FloatArray, holding: float
-) -> tuple[FloatArray, FloatArray]:
-    """Forces of all points and motions of all blocks with the law's tangent at ``at``."""
-    law = problem.law
-    stiffness = law.stiffness(at)
-    active = np.flatnonzero(stiffness > _LEAST_STIFFNESS * law.touching_stiffness)
-    n, m = len(active), problem.motions.shape[1]
-    stiff = stiffness[active]
-    matrix = np.zeros((n + m, n + m))
-    matrix[:n, :n] = problem.flexibility[np.ix_(active, active)]
-    matrix[np.arange(n), np.arange(n)] += 1.0 / (problem.weights[active] * stiff)
-    motions = problem.motions[active]
-    matrix[:n, n:], matrix[n:, :n] = -motions, -motions.T
-    matrix[np.arange(n, n + m), np.arange(n, n + m)] = -holding
-    right = np.concatenate(
-        [
-            problem.response[active]
-            - problem.clearance
-            - at[active]
-            + law.pressure(at[active]) / stiff,
-            -problem.loads - holding * before,
-        ]
-    )
-    solved = scipy.linalg.solve(matrix, right, assume_a="sym", check_finite=False)
-    forces = np.zeros(len(at))
-    forces[active] = solved[:n]
-    return forces, solved[n:]
-
-
-def _recovered(
-    block: SeenBlock,
-    joints: tuple[tuple[Side, ...], ...],
+def _iterate(
+    joints: _Joints,
+    seen: BoolArray,
     force: FloatArray,
+    law: ContactLaw,
     *,
-    forces: FloatArray,
-    motion: FloatArray,
-    reduced: FloatArray,
-) -> FloatArray:
-    """Displacements of all nodes of the block of each layer."""
-    n_layers = len(motion) // 6
-    on_contact, _ = block.condensed.condense_forces(force[None])
-    pushed = np.zeros((n_layers, block.outward.shape[0]))
-    first = 0
-    for sides in joints:
-        here = slice(first, first + len(sides[0].order))
-        for side in sides:
-            pushed[side.layer, block.start[side.face].start + side.order] += forces[here]
-        first = here.stop
-    retained = [
-        block.inverse @ (on_contact[0] - block.outward.T @ pushed[layer])
-        + block.rigid @ motion[6 * layer : 6 * layer + 6]
-        for layer in range(n_layers)
-    ]
-    return block.condensed.recover(np.stack(retained), np.repeat(reduced, n_layers, axis=1))
-
-
-# ---------------------------------------------------------------------------------------------
-# Measures
-
-
-@dataclass(frozen=True)
-class PointValue:
-    """A value and its place in a block of the sector."""
-
-    value: float
-    """[MPa] or [mm]."""
-    layer: int
-    """From 1, the lowest free one."""
-    position: FloatArray
-    """In the block's own position, (3,) [mm]."""
-    face: str | None
-    """Face that it lies on; None inside."""
-
-
-def largest_point_pressure(state: TubeState, law: ContactLaw, clearance: float = 0.0) -> PointValue:
-    """Largest contact pressure on a grid of points of every facet, edges included."""
-    block = state.block
-    at = tensor_points(block.lattice.element.degree, np.linspace(-1.0, 1.0, _LOOKS), dimension=2)
-    points = {name: block.lattice.face_points(name, at) for name in block.faces}
-    n_nodes = len(block.lattice.positions)
-    outward = {
-        name: np.stack([found.outward(n_nodes) @ u.ravel() for u in state.displacements])
-        for name, found in points.items()
-    }
-    layered = LayeredJoints(len(state.displacements), _turns(state))
-    best: PointValue | None = None
-    for sides in joints_of(block, layered, len(at.values)):
-        overclosure = sum(outward[s.face][s.layer][s.order] for s in sides) - clearance
-        where = int(np.argmax(overclosure))
-        value = float(law.pressure(overclosure[where]))
-        if best is None or value > best.value:
-            side = sides[0]
-            position = points[side.face].positions.reshape(-1, 3)[side.order[where]]
-            best = PointValue(value, side.layer + 1, position, side.face)
-    assert best is not None
-    return best
-
-
-def _turns(state: TubeState) -> tuple[int, ...]:
-    """Elements by which layers are turned, from the joints of quadrature points."""
-    n_1, n_2, _ = state.block.lattice.counts
-    turns = []
-    for sides in state.joints:
-        if len(sides) == 2 and sides[0].face == "top":
-            first = sides[1].order.reshape(n_1, n_2, -1)[0, :, 0]
-            turns.append(int(np.flatnonzero(first == 0)[0]))
-    return tuple(turns)
-
-
-@dataclass(frozen=True)
-class SampledStress:
-    """Stresses at Gauss points inside the elements of the block of each layer."""
-
-    positions: FloatArray
-    """(n_points, 3) [mm]"""
-    volumes: FloatArray
-    """(n_points,) [mm³]"""
-    stress: FloatArray
-    """(n_layers, n_points, 6) [MPa]"""
-
-    def extreme(self, component: int) -> PointValue:
-        """Largest first (0) or least third (2) principal stress."""
-        principal = principal_stress(self.stress)[:, :, component]
-        flat = principal.argmax() if component == 0 else principal.argmin()
-        layer, point = divmod(int(flat), principal.shape[1])
-        value = float(principal[layer, point])
-        return PointValue(value, layer + 1, self.positions[point], None)
-
-
-def sampled_stress(state: TubeState) -> SampledStress:
-    """Sample stresses at two Gauss points more than the degree in each direction."""
-    lattice = state.block.lattice
-    element, nodes = lattice.element, lattice.positions
-    at = tensor_points(element.degree, *gauss_line(element.degree + 2))
-    positions, volumes = [], []
-    stresses: list[list[FloatArray]] = [[] for _ in state.displacements]
-    for members in lattice.elements:
-        coordinates = nodes[members]
-        positions.append(at.values @ coordinates)
-        volumes.append(element.gradients(coordinates, at)[1])
-        for layer, u in enumerate(state.displacements):
-            stresses[layer].append(element.stress(coordinates, u[members], at))
-    return SampledStress(
-        np.concatenate(positions),
-        np.concatenate(volumes),
-        np.stack([np.concatenate(s) for s in stresses]),
+    tolerance: float,
+    at: FloatArray | None,
+) -> TubeState:
+    """Newton's method with the stiff ones of the seen points as unknowns, from overclosures."""
+    block = seen_block(joints.points, seen)
+    problem = _Problem(joints, block, force)
+    n_blocks, weights = joints.layered.n_blocks, joints.weights
+    area = float(weights.sum())
+    load = float(np.linalg.norm(force, axis=1).sum()) * n_blocks
+    mean = max(load / area, float(law.pressure(0.0)), 1e-9 * law.touching_stiffness)
+    rest = float(law.overclosure(mean))
+    first = _FIRST_HOLDING * float(law.stiffness(rest)) * area / n_blocks
+    least = _LEAST_HOLDING * first
+    holding, most = (first, _MOST_ITERATIONS) if at is None else (least, _MOST_FROM_START)
+    bound = 0.0 if at is None else _SOFT * _stiffness_of_block(joints.points.lattice)
+    at = np.full(joints.n, rest) if at is None else at
+    visible = joints.visible(block)
+    motion = np.zeros((n_blocks, 6))
+    residual = float("inf")
+    for iteration in range(1, most + 1):
+        stiffness = law.stiffness(at)
+        counts = visible & ~joints.soft(stiffness, bound)
+        stiff = np.flatnonzero(counts & (stiffness > _LEAST_STIFFNESS * law.touching_stiffness))
+        given, slope = weights * law.pressure(at), stiffness[stiff]
+        given[stiff] = 0.0
+        try:
+            forces, motion, displacements = problem.linear(
+                stiff,
+                law.pressure(at[stiff]) / slope - at[stiff],
+                1.0 / (weights[stiff] * slope),
+                given=given,
+                before=motion,
+                holding=holding,
+            )
+        except (UnresistedMotionError, np.linalg.LinAlgError) as error:
+            raise StaticError(f"no equilibrium of curved elements: {error}") from None
+        overclosure = joints.overclosure(displacements)
+        pressures = law.pressure(overclosure)
+        wrong = float(np.linalg.norm(weights * pressures - forces))
+        residual = wrong / max(float(np.linalg.norm(forces)), 1e-300)
+        if residual <= tolerance and holding <= least:
+            return TubeState(
+                joints.points.lattice,
+                joints.layered,
+                pressures,
+                weights,
+                displacements,
+                iteration,
+                residual,
+            )
+        # An exponential overshoots: nowhere is it linearised beyond the largest force so far.
+        largest = float(np.max(forces[stiff] / weights[stiff], initial=mean))
+        at = np.minimum(overclosure, law.overclosure(largest))
+        pressing = stiff[forces[stiff] > 0.0]
+        at[pressing] = law.overclosure(forces[pressing] / weights[pressing])
+        holding = max(_FADING * holding, least)
+    raise StaticError(
+        f"no equilibrium after {most} iterations of curved elements (residual "
+        f"{residual:.2g}); expected {tolerance:g}: take fem.degree = 1"
     )
+
+
+def _stiffness_of_block(lattice: Lattice) -> float:
+    """Young's modulus over the size of a block [MPa/mm]."""
+    size = float(np.ptp(lattice.positions, axis=0).max())
+    return lattice.element.material.young_modulus / size

@@ -245,19 +245,26 @@ def _add_measures(table: Table, found: dict[str, Measure]) -> None:
 def print_curved(run: CurvedRun, console: Console) -> None:
     """Print the numbers of a run with curved elements."""
     layers = run.scene.assembly.layers
+    mesh = run.mesh
     table = two_columns(
         f"{run.name}, {layers} layer{'s' if layers > 1 else ''}: {load_words(run.scene)}; static "
-        f"FEM, {run.n_elements} curved elements of degree {run.degree} per block"
+        f"FEM, {mesh.n_elements} curved elements of degree {mesh.degree} per block"
     )
-    table.add_row("unknowns of a block", f"{run.n_unknowns}")
+    for k, (solved, seconds) in enumerate(zip(run.meshes, run.seconds, strict=True)):
+        across, around, along = (len(line) - 1 for line in solved.lines)
+        table.add_row(
+            "" if k else "meshes, CPU seconds",
+            f"{around} × {across} × {along} elements of degree {solved.degree}, "
+            f"{solved.n_unknowns} unknowns: {seconds:.2f}",
+        )
     table.add_row("Newton iterations", f"{run.iterations}")
     table.add_row("force residual", f"{run.residual:.2e}")
     _add_measures(table, run.measures)
     if run.cap is not None:
         table.add_row("cap of the contact law", _cap_words(run.cap))
-    table.add_row("errors", f"changes from degree {run.degree - 1}")
+    table.add_row("errors", run.estimate)
     table.add_row("files", "no fields and pictures: curved elements give numbers only")
-    table.add_row("CPU seconds", f"{run.cpu_seconds:.3f}")
+    table.add_row("CPU seconds", f"{sum(run.seconds):.3f}")
     console.print(table)
 
 

@@ -1,27 +1,37 @@
-"""Static runs of Sine Block tubes with curved elements of degree two or three.
+"""Static runs of Sine Block tubes with curved elements.
 
-Each measure has the change from one degree less as the estimate of its error.
+With the degree and the mesh of the scene each measure has the change from one degree less as the
+estimate of its error; `validation.run.accuracy` chooses degree and mesh. Means over facets are
+those over the facets of ``[mesh]``, whatever the elements.
 """
 
 from __future__ import annotations
 
 import time
 from dataclasses import asdict, dataclass, replace
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
 from fem.assembly.measures import CapAction, cap_action_at
 from fem.contact.law import ContactLaw
-from fem.element.lagrange import LagrangeElement, lobatto_points
-from fem.static.lagrange_block import Lattice, face_pressure, seen_block
+from fem.element.lagrange import LagrangeElement
+from fem.static.lagrange_block import Lattice, face_pressure
+from fem.static.lagrange_peaks import (
+    FacetMeans,
+    Lines,
+    PointValue,
+    averaged_tension,
+    everywhere,
+    facet_means,
+    largest_point_pressure,
+    stress_extreme,
+)
 from fem.static.lagrange_tube import (
     LayeredJoints,
-    PointValue,
     TubeState,
-    largest_point_pressure,
-    sampled_stress,
     solve_layered_tube,
+    transferred,
 )
 from fem.static.solve import StaticError
 from geometry.families.sine_block import (
@@ -32,6 +42,7 @@ from geometry.families.sine_block import (
     waves_of_turn,
 )
 from geometry.loads import CASES
+from geometry.measures import block_measures
 from geometry.mesh import FloatArray, MeshError
 from validation.build.blocks import block_parameters
 from validation.build.deformable import build_material, contact_law
@@ -41,7 +52,38 @@ from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene, TubeScene
 
 #: Contact points of one sector at most: the contact problem is dense.
-_MOST_POINTS = 7000
+_MOST_POINTS = 12000
+
+
+@dataclass(frozen=True)
+class CurvedMesh:
+    """Curved elements of one block."""
+
+    degree: int
+    """Of the polynomials."""
+    lines: Lines
+    """Ends of the elements across the wall, around and along the axis, 0 to 1."""
+
+    @property
+    def n_elements(self) -> int:
+        """Of a block."""
+        return int(np.prod([len(line) - 1 for line in self.lines]))
+
+    @property
+    def n_unknowns(self) -> int:
+        """Displacement components of a block."""
+        return 3 * int(np.prod([self.degree * (len(line) - 1) + 1 for line in self.lines]))
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A state on one mesh and its measures, without errors."""
+
+    mesh: CurvedMesh
+    state: TubeState
+    measures: dict[str, Measure]
+    cpu_seconds: float
+    """Of this mesh alone [s]."""
 
 
 @dataclass(frozen=True)
@@ -50,113 +92,145 @@ class CurvedRun:
 
     name: str
     scene: TubeScene
-    degree: int
+    meshes: tuple[CurvedMesh, ...]
+    """Those that were solved, from coarse to fine; the last one gave the answer."""
+    seconds: tuple[float, ...]
+    """CPU time of each [s]."""
     measures: dict[str, Measure]
-    """With the change from one degree less as error."""
-    n_elements: int
-    """Of one block."""
-    n_unknowns: int
-    """Displacement components of one block."""
+    """With their errors."""
+    estimate: str
+    """What the errors are, in words."""
     iterations: int
+    """On the last mesh."""
     residual: float
     """Contact forces that the law does not have, over all [-]."""
     cap: CapAction | None
     """Where the maximum stiffness of the contact law acted in a sector; None for a law without."""
-    cpu_seconds: float
-    """Of both degrees [s]."""
+
+    @property
+    def mesh(self) -> CurvedMesh:
+        """Of the answer."""
+        return self.meshes[-1]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
         return {
             "scene": self.name,
             "method": "static",
-            "degree": self.degree,
-            "n_elements": self.n_elements,
-            "n_unknowns": self.n_unknowns,
+            "degree": self.mesh.degree,
+            "n_elements": self.mesh.n_elements,
+            "n_unknowns": self.mesh.n_unknowns,
             "measures": {name: measure.as_json() for name, measure in self.measures.items()},
             "contact_cap": None if self.cap is None else asdict(self.cap),
             "newton_iterations": self.iterations,
             "residual": self.residual,
-            "cpu_seconds": {"total": self.cpu_seconds},
+            "meshes": [
+                {
+                    "degree": mesh.degree,
+                    "lines": [line.tolist() for line in mesh.lines],
+                    "cpu_seconds": seconds,
+                }
+                for mesh, seconds in zip(self.meshes, self.seconds, strict=True)
+            ],
+            "cpu_seconds": {"total": sum(self.seconds)},
         }
 
 
 def run_curved(name: str, scene: DeformableScene) -> CurvedRun:
-    """Solve a tube for its static state with curved elements.
+    """Solve a tube for its static state with the curved elements that the scene asks for.
 
     Raises
     ------
     InputError
         What curved elements cannot do yet, by name, or a state that was not found.
     """
-    tube = _checked(name, scene)
-    assert tube.fem is not None
-    assert tube.contact is not None
-    start = time.process_time()
-    try:
-        state, found = _solved(tube, tube.fem.degree)
-        _, less = _solved(tube, tube.fem.degree - 1)
-    except (StaticError, MeshError, BlockParameterError) as error:
-        raise InputError(f"{name}: {error}") from None
-    lattice = state.block.lattice
-    return CurvedRun(
-        name=name,
-        scene=tube,
-        degree=tube.fem.degree,
-        measures={
-            key: replace(measure, error=abs(measure.value - less[key].value))
-            for key, measure in found.items()
-        },
-        n_elements=len(lattice.elements),
-        n_unknowns=3 * len(lattice.positions),
-        iterations=state.iterations,
-        residual=state.residual,
-        cap=cap_action_at(contact_law(tube.contact), state.pressures, state.weights),
-        cpu_seconds=time.process_time() - start,
-    )
-
-
-def _checked(name: str, scene: DeformableScene) -> TubeScene:
-    """Refuse by name what curved elements do not do."""
-
-    def refuse(what: str, expected: str) -> NoReturn:
-        raise InputError(
-            f"{name}: fem.degree = {degree} with {what}: curved elements do not do that; expected "
-            f"{expected}, or fem.degree = 1"
-        )
-
     assert scene.fem is not None
     degree = scene.fem.degree
-    if not isinstance(scene, TubeScene):
-        refuse("blocks of this family", "a tube of Sine Blocks")
-    if scene.material is None or scene.contact is None:
-        raise InputError(f"{name}: [material] and [contact] are needed by deformable blocks")
-    if scene.fem.method is not Method.STATIC:
-        refuse(f'fem.method = "{scene.fem.method}"', 'fem.method = "static"')
-    if scene.fem.symmetry not in ("auto", "sector"):
-        refuse(f'fem.symmetry = "{scene.fem.symmetry}"', '"auto" or "sector"')
-    if scene.fem.frames:
-        refuse("fem.frames", "none")
-    if not CASES[scene.load.case].every_layer:
-        refuse(f"load case {scene.load.case}", "pipe or tunnel")
-    if scene.contact.spacing:
-        refuse("contact.spacing", "contact.clearance")
-    named = [key for key in type(scene.effects).model_fields if getattr(scene.effects, key)]
-    if named:
-        refuse(f"effects.{named[0]}", "no effects")
-    waves = round(2 * scene.block.frequency)
-    if scene.mesh.around % waves:
+    tube = curved_scene(name, scene, f"fem.degree = {degree}")
+    waves = round(2 * tube.block.frequency)
+    if tube.mesh.around % waves:
         raise InputError(
-            f"{name}: mesh.around: got {scene.mesh.around}; expected a multiple of {waves}, the "
+            f"{name}: mesh.around: got {tube.mesh.around}; expected a multiple of {waves}, the "
             "waves of a block, so that layers meet"
         )
-    points = (degree + 2) ** 2 * _facets(scene)
+    points = (degree + 2) ** 2 * _facets(tube)
     if points > _MOST_POINTS:
         raise InputError(
             f"{name}: fem.degree = {degree}: got a mesh with {points} contact points in a sector; "
             f"expected at most {_MOST_POINTS}: curved elements need few, try mesh.around = "
             f"{4 * waves}, mesh.radial = 2, mesh.axial = 4"
         )
+    lines = facet_lines(tube)
+    less = solve_curved(name, tube, CurvedMesh(degree - 1, lines))
+    found = solve_curved(name, tube, CurvedMesh(degree, lines), less.state)
+    changes = {
+        key: abs(measure.value - less.measures[key].value)
+        for key, measure in found.measures.items()
+    }
+    return curved_run(name, tube, (less, found), changes, f"changes from degree {degree - 1}")
+
+
+def curved_run(
+    name: str, scene: TubeScene, solved: tuple[Solved, ...], errors: dict[str, float], estimate: str
+) -> CurvedRun:
+    """Answer with the last of the meshes that were solved, and these errors."""
+    assert scene.contact is not None
+    last = solved[-1]
+    state = last.state
+    return CurvedRun(
+        name=name,
+        scene=scene,
+        meshes=tuple(s.mesh for s in solved),
+        seconds=tuple(s.cpu_seconds for s in solved),
+        measures={key: replace(m, error=errors.get(key)) for key, m in last.measures.items()},
+        estimate=estimate,
+        iterations=state.iterations,
+        residual=state.residual,
+        cap=cap_action_at(contact_law(scene.contact), state.pressures, state.weights),
+    )
+
+
+def refused(scene: DeformableScene) -> tuple[str, str] | None:
+    """What of a scene curved elements do not do, and what is expected; None where they do."""
+    if not isinstance(scene, TubeScene):
+        return "blocks of this family", "a tube of Sine Blocks"
+    if scene.fem is None or scene.material is None or scene.contact is None:
+        return "no [material], [contact] or [fem]", "all three"
+    fem, case, effects = scene.fem, scene.load.case, scene.effects
+    checks = [
+        (fem.method is Method.STATIC, f'fem.method = "{fem.method}"', 'fem.method = "static"'),
+        (
+            fem.symmetry in ("auto", "sector"),
+            f'fem.symmetry = "{fem.symmetry}"',
+            '"auto" or "sector"',
+        ),
+        (not fem.frames, "fem.frames", "none"),
+        (CASES[case].every_layer, f"load case {case}", "pipe or tunnel"),
+        (not scene.contact.spacing, "contact.spacing", "contact.clearance"),
+        *(
+            (not getattr(effects, key), f"effects.{key}", "no effects")
+            for key in type(effects).model_fields
+        ),
+    ]
+    return next(((what, expected) for good, what, expected in checks if not good), None)
+
+
+def curved_scene(name: str, scene: DeformableScene, asked: str) -> TubeScene:
+    """Refuse by name what curved elements do not do.
+
+    Raises
+    ------
+    InputError
+        What, and what is expected.
+    """
+    found = refused(scene)
+    if found is not None:
+        what, expected = found
+        raise InputError(
+            f"{name}: {asked} with {what}: curved elements do not do that; expected {expected}, or "
+            "fem.degree = 1"
+        )
+    assert isinstance(scene, TubeScene)
     return scene
 
 
@@ -166,45 +240,72 @@ def _facets(scene: TubeScene) -> int:
     return mesh.radial * ((layers + 1) * mesh.around + layers * mesh.axial)
 
 
-def _solved(scene: TubeScene, degree: int) -> tuple[TubeState, dict[str, Measure]]:
+def solve_curved(
+    name: str, scene: TubeScene, mesh: CurvedMesh, before: TubeState | None = None
+) -> Solved:
+    """Solve on one mesh, from the state on a coarser one if there is one.
+
+    Raises
+    ------
+    InputError
+        An element that folds, or a state that was not found.
+    """
     assert scene.material is not None
     assert scene.contact is not None
+    start = time.process_time()
     block = block_parameters(scene)
-    lattice = _lattice(scene, block, degree)
-    seen = seen_block(lattice, ("bottom", "top", "left", "right"))
-    turn = waves_of_turn(block, scene.assembly.turn) * scene.mesh.around // block.waves_per_block
+    element = LagrangeElement(mesh.degree, build_material(scene.material))
+    lattice = sine_lattice(block, mesh.lines, element)
+    law, clearance = contact_law(scene.contact), scene.contact.clearance
+    try:
+        waves = waves_of_turn(block, scene.assembly.turn)
+        layered = _layered(scene, block, waves * (len(mesh.lines[1]) - 1) // block.waves_per_block)
+        state = solve_layered_tube(
+            lattice,
+            layered,
+            face_pressure(lattice, CASES[scene.load.case].face, scene.load.pressure),
+            law,
+            clearance=clearance,
+            start=None if before is None else transferred(before, lattice),
+        )
+    except (StaticError, MeshError, BlockParameterError) as error:
+        raise InputError(f"{name}: {error}") from None
+    angle = waves / block.waves_per_block * block.block_angle
+    measures = _measures(state, scene, law, block, angle)
+    return Solved(mesh, state, measures, time.process_time() - start)
+
+
+def _layered(scene: TubeScene, block: SineBlockParameters, turn: int) -> LayeredJoints:
+    """How layers meet, with a turn in elements.
+
+    A turn by π about a radius maps the tube onto itself where the wave is odd about the middle of
+    a block; an even number of layers is then computed by its lower half.
+    """
     layers = scene.assembly.layers
     # Odd layers are turned towards larger angles: the one above an odd one is turned back.
     turned = tuple(-turn if layer % 2 else turn for layer in range(1, layers))
-    law, clearance = contact_law(scene.contact), scene.contact.clearance
-    force = face_pressure(lattice, CASES[scene.load.case].face, scene.load.pressure)
-    state = solve_layered_tube(seen, LayeredJoints(layers, turned), force, law, clearance=clearance)
-    angle = turn / scene.mesh.around * block.block_angle
-    return state, _measures(state, scene, law, block, angle)
+    return LayeredJoints(layers, turned, layers % 2 == 0 and block.shift == round(block.shift))
 
 
-def _lattice(scene: TubeScene, block: SineBlockParameters, degree: int) -> Lattice:
-    """Nodes of the exact curved block, equal elements but for the grading across the wall."""
-    assert scene.material is not None
+def facet_lines(scene: TubeScene) -> Lines:
+    """Lines of ``[mesh]`` across the wall, around and along the axis, 0 to 1."""
     mesh = scene.mesh
     divisions = SineBlockDivisions(mesh.around, mesh.radial, mesh.axial, mesh.radial_grading)
-    across = block.inner_radius + block.thickness * divisions.radial_positions
-    lines = (
-        across,
-        np.linspace(0.0, 1.0, mesh.around + 1),
-        np.linspace(0.0, 1.0, mesh.axial + 1),
-    )
-    r, u, w = np.meshgrid(*(_with_nodes(line, degree) for line in lines), indexing="ij")
-    element = LagrangeElement(degree, build_material(scene.material))
-    return Lattice(element, sine_block_points(block, r, u, w))
+    around, axial = (np.linspace(0.0, 1.0, n + 1) for n in (mesh.around, mesh.axial))
+    return divisions.radial_positions, around, axial
 
 
-def _with_nodes(ends: FloatArray, degree: int) -> FloatArray:
-    """Gauss-Lobatto points between the ends of elements, each end once."""
-    inside = 0.5 * (lobatto_points(degree)[1:] + 1.0)
-    between = ends[:-1, None] + np.diff(ends)[:, None] * inside
-    nodes: FloatArray = np.concatenate([ends[:1], between.ravel()])
-    return nodes
+def sine_lattice(
+    block: SineBlockParameters,
+    lines: tuple[FloatArray, FloatArray, FloatArray],
+    element: LagrangeElement,
+) -> Lattice:
+    """Exact Sine Block with elements between lines across the wall, around and along the axis."""
+
+    def shape(v: FloatArray, u: FloatArray, w: FloatArray) -> FloatArray:
+        return sine_block_points(block, block.inner_radius + block.thickness * v, u, w)
+
+    return Lattice(element, lines, shape)
 
 
 def _measures(
@@ -215,21 +316,39 @@ def _measures(
     angle: float,
 ) -> dict[str, Measure]:
     assert scene.contact is not None
+    assert scene.material is not None
+    clearance, radius = scene.contact.clearance, scene.material.averaging_radius
 
     def at(found: PointValue, unit: str = "MPa") -> Measure:
         return Measure(found.value, unit, place=_place(found, block, angle))
 
-    stress = sampled_stress(state)
+    stress = everywhere(state)
     size = np.linalg.norm(state.displacements, axis=2)
     layer, node = divmod(int(size.argmax()), size.shape[1])
-    where = state.block.lattice.positions[node]
+    where = state.lattice.positions[node]
     moved = PointValue(float(size[layer, node]), layer + 1, where, None)
-    pressure = largest_point_pressure(state, law, scene.contact.clearance)
+    averaged = at(averaged_tension(state, radius))
+    assert averaged.place is not None
+    averaged.place["averaging_radius"] = radius
+    means = facet_means(state, facet_lines(scene), law, clearance)
     return {
-        "p_max_point": at(pressure),
-        "sigma_1_max": at(stress.extreme(0)),
-        "sigma_3_min": at(stress.extreme(2)),
+        **_paper_measures(means, scene),
+        "p_max_point": at(largest_point_pressure(state, law, clearance)),
+        "sigma_1_max": at(stress_extreme(state, stress, 0)),
+        "sigma_3_min": at(stress_extreme(state, stress, 2)),
+        "sigma_1_averaged": averaged,
         "max_displacement": at(moved, "mm"),
+    }
+
+
+def _paper_measures(means: FacetMeans, scene: TubeScene) -> dict[str, Measure]:
+    """The paper's measures of the facets of ``[mesh]``; each layer is one block n times over."""
+    layers = np.arange(scene.assembly.layers)
+    m, s = means.layers.T
+    per_block = block_measures(layers, m, s, means.pressures, means.areas)
+    return {
+        "p_eff": Measure(float(per_block.p_eff.mean()), "MPa"),
+        "p_max": Measure(float(per_block.p_max.mean()), "MPa"),
     }
 
 

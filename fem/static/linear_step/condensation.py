@@ -156,15 +156,19 @@ def condense_elements(
     def visit(elements: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
         """Boundary nodes of a set of elements, their uses in it, condensed stiffness."""
         if len(elements) <= leaf:
-            nodes, count, matrix = _assemble(elements_of[elements], stiffness_of(elements))
+            pieces = _element_pieces(elements_of[elements], stiffness_of(elements))
         else:
-            nodes, count, matrix = _merge(*(visit(half) for half in _halves(elements, centres)))
+            pieces = [visit(half) for half in _halves(elements, elements_of, centres)]
+        nodes = np.unique(np.concatenate([own for own, _, _ in pieces]))
+        count = np.zeros(len(nodes), dtype=np.int64)
+        for own, many, _ in pieces:
+            count[np.searchsorted(nodes, own)] += many
         inside = count == uses[nodes]
-        if not inside.any():
-            return nodes, count, matrix
-        part, rest = _eliminate(matrix, nodes, inside)
-        parts.append(part)
-        return nodes[~inside], count[~inside], rest
+        matrix, n_inside = _assemble(nodes, inside, pieces)
+        if n_inside:
+            part, matrix = _eliminate(matrix, nodes, inside)
+            parts.append(part)
+        return nodes[~inside], count[~inside], matrix
 
     nodes, _, stiffness = visit(np.arange(len(elements_of)))
     if not np.array_equal(nodes, retained):
@@ -172,47 +176,53 @@ def condense_elements(
     return CondensedBlock(retained, stiffness, n_nodes, tuple(parts))
 
 
-def _halves(elements: IntArray, centres: FloatArray) -> tuple[IntArray, IntArray]:
-    """Split elements across their longest extent at the middle element."""
-    points = centres[elements]
-    axis = int(np.argmax(np.ptp(points, axis=0)))
-    order = elements[np.argsort(points[:, axis], kind="stable")]
-    middle = len(order) // 2
-    return order[:middle], order[middle:]
+def _halves(
+    elements: IntArray, elements_of: IntArray, centres: FloatArray
+) -> tuple[IntArray, IntArray]:
+    """Split elements at the middle one along the axis where the halves share the fewest nodes."""
+    middle = len(elements) // 2
+    best: tuple[int, tuple[IntArray, IntArray]] | None = None
+    for axis in np.argsort(-np.ptp(centres[elements], axis=0)):
+        order = elements[np.argsort(centres[elements, axis], kind="stable")]
+        halves = order[:middle], order[middle:]
+        one, other = (np.unique(elements_of[half]) for half in halves)
+        shared = len(np.intersect1d(one, other, assume_unique=True))
+        if best is None or shared < best[0]:
+            best = shared, halves
+    assert best is not None
+    return best[1]
 
 
-def _assemble(corners: IntArray, matrices: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
-    nodes, local, count = np.unique(corners, return_inverse=True, return_counts=True)
-    local = local.reshape(corners.shape)
-    dofs = (3 * local[:, :, None] + np.arange(3)).reshape(len(corners), -1)
+#: Nodes, how many elements of a set use them, and its stiffness on them.
+_Piece = tuple[IntArray, IntArray, FloatArray]
+
+
+def _element_pieces(corners: IntArray, matrices: FloatArray) -> list[_Piece]:
+    return [
+        (nodes, np.ones(len(nodes), dtype=np.int64), matrix)
+        for nodes, matrix in zip(corners, matrices, strict=True)
+    ]
+
+
+def _assemble(nodes: IntArray, inside: BoolArray, pieces: list[_Piece]) -> tuple[FloatArray, int]:
+    """Dense stiffness with the nodes to be eliminated first, and how many these are."""
+    place = np.empty(len(nodes), dtype=np.int64)
+    order = np.concatenate([np.flatnonzero(inside), np.flatnonzero(~inside)])
+    place[order] = np.arange(len(nodes))
     stiffness = np.zeros((3 * len(nodes), 3 * len(nodes)))
-    np.add.at(stiffness, (dofs[:, :, None], dofs[:, None, :]), matrices)
-    return nodes, count, stiffness
-
-
-def _merge(
-    first: tuple[IntArray, IntArray, FloatArray], second: tuple[IntArray, IntArray, FloatArray]
-) -> tuple[IntArray, IntArray, FloatArray]:
-    nodes = np.union1d(first[0], second[0])
-    count = np.zeros(len(nodes), dtype=np.int64)
-    stiffness = np.zeros((3 * len(nodes), 3 * len(nodes)))
-    for own, uses, matrix in (first, second):
-        where = np.searchsorted(nodes, own)
-        count[where] += uses
-        dofs = (3 * where[:, None] + np.arange(3)).ravel()
+    for own, _, matrix in pieces:
+        dofs = (3 * place[np.searchsorted(nodes, own)][:, None] + np.arange(3)).ravel()
         stiffness[np.ix_(dofs, dofs)] += matrix
-    return nodes, count, stiffness
+    return stiffness, int(inside.sum())
 
 
 def _eliminate(matrix: FloatArray, nodes: IntArray, inside: BoolArray) -> tuple[_Part, FloatArray]:
-    """Schur complement of a dense matrix on the nodes that are not inside."""
-    inner = np.flatnonzero(np.repeat(inside, 3))
-    outer = np.flatnonzero(np.repeat(~inside, 3))
-    factor = scipy.linalg.cholesky(matrix[np.ix_(inner, inner)], lower=True, check_finite=False)
-    coupling = scipy.linalg.solve_triangular(
-        factor, matrix[np.ix_(inner, outer)], lower=True, check_finite=False
+    """Schur complement of a dense matrix, whose first rows are those of nodes inside."""
+    n = 3 * int(inside.sum())
+    factor = scipy.linalg.cholesky(matrix[:n, :n], lower=True, check_finite=False)
+    coupling = scipy.linalg.solve_triangular(factor, matrix[:n, n:], lower=True, check_finite=False)
+    rest = matrix[n:, n:] - coupling.T @ coupling
+    inner, outer = (
+        (3 * some[:, None] + np.arange(3)).ravel() for some in (nodes[inside], nodes[~inside])
     )
-    rest = matrix[np.ix_(outer, outer)]
-    rest -= coupling.T @ coupling
-    dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
-    return _Part(dofs[inner], dofs[outer], factor, coupling), rest
+    return _Part(inner, outer, factor, coupling), rest
