@@ -308,7 +308,7 @@ def test_key_is_the_content(tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_quick_command_and_the_accuracy_it_offers(tubelock) -> None:  # noqa: F811
+def test_quick_command(tubelock) -> None:  # noqa: F811
     status, out, _ = tubelock(
         "cost", "tsb1-pipe", *SETTINGS, "--quick", "-o", "run", "--json", "cost.json"
     )
@@ -320,16 +320,6 @@ def test_quick_command_and_the_accuracy_it_offers(tubelock) -> None:  # noqa: F8
     assert all(s["cpu_seconds"][0] > 0 for s in data["settings"])
     # Which of two elements is cheaper on one mesh is noise; that this one is on the front is not.
     assert "static C3D8I, mesh ×1" in data["pareto"]["displacement"]
-    accuracy = ("--accuracy", "displacement=10%")
-    status, out, _ = tubelock("fem", "tsb1-pipe", *SETTINGS, *accuracy, "--json", "fem.json")
-    assert status == 0
-    assert "accuracy  displacement=10%: static C3D8I, mesh ×1" in out
-    answered = json.loads(Path("fem.json").read_text())["max_displacement"]
-    setting = next(s for s in data["settings"] if s["name"] == "static C3D8I, mesh ×1")
-    assert answered == setting["values"]["displacement"]
-    status, _, err = tubelock("fem", "tsb1-pipe", *SETTINGS, "--accuracy", "0.01%")
-    assert status == 2
-    assert "no measured setting keeps it; best is" in err
 
 
 @pytest.mark.parametrize(
@@ -339,10 +329,6 @@ def test_quick_command_and_the_accuracy_it_offers(tubelock) -> None:  # noqa: F8
         (["cost", "cantilever"], "Sine Blocks"),
         (["cost", "tsb1-pipe", "--set", "effects.friction.coefficient=0.1"], "remove friction"),
         (["cost", "tsb1-pipe", "--set", "effects.elastic_frame=true"], "elastic_frame"),
-        (["fem", "tsb1-pipe", "--accuracy", "1%"], "run `tubelock cost tsb1-pipe` first"),
-        (["fem", "tsb1-pipe", "--accuracy", "little"], "expected a share"),
-        (["fem", "tsb1-pipe", "--accuracy", "weight=1%"], "expected a share"),
-        (["fem", "tsb1-pipe", "--accuracy", "120%"], "expected a share"),
     ],
 )
 def test_bad_input_gives_one_line(tubelock, arguments, message) -> None:  # noqa: F811

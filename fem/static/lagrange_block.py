@@ -21,8 +21,7 @@ from scipy.sparse import csr_array, vstack
 
 from fem.element.lagrange import LagrangeElement, TensorPoints, gauss_line, tensor_points
 from fem.static.linear_step.condensation import CondensedBlock, condense_elements
-from geometry.assembly import BoolArray
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Direction across a face and the end of it, by name; the others span it in their order.
 FACES = {

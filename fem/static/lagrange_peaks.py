@@ -23,10 +23,6 @@ from geometry.mesh import FloatArray, IntArray
 
 #: Points across a facet's edge at which its peak of pressure is looked for, ends included.
 _LOOKS = 9
-#: Elements whose largest stress is this part of the largest of all are sampled closely, …
-_NEAR_PEAK = 0.7
-#: … at so many Gauss points in each direction.
-_CLOSE = 8
 #: Size of cells over the radius of a ball.
 _CELL = 0.2
 #: The same of the cells of the first look, whose centres are a radius apart.
@@ -234,27 +230,13 @@ def sampled_stress(state: TubeState, elements: IntArray, at: TensorPoints) -> Sa
 
 
 def everywhere(state: TubeState) -> SampledStress:
-    """Stresses of all elements at one Gauss point more than the degree in each direction."""
-    at = tensor_points(state.lattice.element.degree, *gauss_line(state.lattice.element.degree + 1))
-    return sampled_stress(state, np.arange(len(state.lattice.elements)), at)
+    """Stresses of all elements at two Gauss points more than the degree in each direction.
 
-
-def stress_extreme(state: TubeState, coarse: SampledStress, component: int) -> PointValue:
-    """Largest first (0) or least third (2) principal stress, sampled closely near the coarse one.
-
-    Parameters
-    ----------
-    state
-        The state.
-    coarse
-        Its stresses `everywhere`.
-    component
-        Which principal stress.
+    Nearer to the corners of an element a polynomial of a high degree overshoots.
     """
-    principal = np.abs(principal_stress(coarse.stress)[..., component]).max(axis=(0, 2))
-    near = np.flatnonzero(principal >= _NEAR_PEAK * principal.max())
-    at = tensor_points(state.lattice.element.degree, *gauss_line(_CLOSE))
-    return sampled_stress(state, near, at).extreme(component)
+    degree = state.lattice.element.degree
+    at = tensor_points(degree, *gauss_line(degree + 2))
+    return sampled_stress(state, np.arange(len(state.lattice.elements)), at)
 
 
 def averaged_tension(state: TubeState, radius: float) -> PointValue:
@@ -278,12 +260,41 @@ def averaged_tension(state: TubeState, radius: float) -> PointValue:
     distance = np.linalg.norm(middles[:, None] - centres[None], axis=2).min(axis=1)
     near = np.flatnonzero(distance <= reach + (2.0 + _CELL) * radius)
     cells = _cells(state, near, _CELL * radius)
-    around = cKDTree(cells.positions).query_ball_point(centres, radius)
-    candidates = cells.positions[np.unique(np.concatenate(around).astype(np.int64))]
-    candidates = candidates[_apart(candidates, _CENTRES * radius)]
+    candidates = _points_between(state, near, _CENTRES * radius)
+    candidates = candidates[cKDTree(centres).query(candidates)[0] <= radius]
     found = _tension(cells, candidates, radius, _CELL)
     layer, which = np.unravel_index(int(found.argmax()), found.shape)
     return PointValue(float(found[layer, which]), int(layer) + 1, candidates[which], None)
+
+
+def _points_between(state: TubeState, elements: IntArray, size: float) -> FloatArray:
+    """Points of elements, their surfaces included, a distance at most apart, (n, 3) [mm].
+
+    A ball reaches its largest mean on the surface of a block, where half of it lies outside.
+    """
+    lattice = state.lattice
+    degree = lattice.element.degree
+    counts = _counts(state, elements, size)
+    found = []
+    for alike in np.unique(counts, axis=0):
+        lines = [np.linspace(-1.0, 1.0, n + 1) for n in alike.tolist()]
+        values = line_points(degree, lines, [np.zeros(len(x)) for x in lines]).values
+        members = lattice.elements[elements[(counts == alike).all(axis=1)]]
+        points = np.einsum("pa,eai->epi", values, lattice.positions[members], optimize=True)
+        found.append(points.reshape(-1, 3))
+    return np.unique(np.round(np.concatenate(found), 6), axis=0)
+
+
+def _counts(state: TubeState, elements: IntArray, size: float) -> IntArray:
+    """Into how many parts of a size at most elements are cut in each direction, (n, 3)."""
+    lattice = state.lattice
+    line = lattice.element.degree + 1
+    nodes = lattice.positions[lattice.elements[elements]].reshape(-1, line, line, line, 3)
+    counts = np.ones((len(elements), 3), dtype=np.int64)
+    for axis in range(3):
+        lengths = np.linalg.norm(np.diff(nodes, axis=axis + 1), axis=4).sum(axis=axis + 1)
+        counts[:, axis] = np.ceil(lengths.max(axis=(1, 2)) / size)
+    return counts
 
 
 @dataclass(frozen=True)
@@ -300,13 +311,8 @@ class _Cells:
 
 def _cells(state: TubeState, elements: IntArray, size: float) -> _Cells:
     """Cut elements into cells of a size at most [mm]."""
-    lattice = state.lattice
-    degree = lattice.element.degree
-    nodes = lattice.positions[lattice.elements[elements]].reshape(-1, *(degree + 1,) * 3, 3)
-    counts = np.ones((len(elements), 3), dtype=np.int64)
-    for axis in range(3):
-        lengths = np.linalg.norm(np.diff(nodes, axis=axis + 1), axis=4).sum(axis=axis + 1)
-        counts[:, axis] = np.ceil(lengths.max(axis=(1, 2)) / size)
+    degree = state.lattice.element.degree
+    counts = _counts(state, elements, size)
     found = []
     for alike in np.unique(counts, axis=0):
         lines = [(2.0 * np.arange(n) + 1.0) / n - 1.0 for n in alike.tolist()]

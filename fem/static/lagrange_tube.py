@@ -35,8 +35,7 @@ from fem.static.linear_step.block_tridiagonal import (
     factor_chain,
 )
 from fem.static.solve import StaticError
-from geometry.assembly import BoolArray
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Faces of a block that meet others.
 CONTACT_FACES = ("bottom", "top", "left", "right")

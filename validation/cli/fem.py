@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from validation.cli.options import (
-    COST_STORE,
     AutoOption,
-    CostStoreOption,
     JsonOption,
     KeepOption,
     SceneArgument,
@@ -27,8 +25,10 @@ if TYPE_CHECKING:
     from fem.explicit.solve import ExplicitResult
     from fem.problem.model import BlockGroup
     from validation.output.outputs import Outputs
+    from validation.run.curved import CurvedRun
     from validation.run.deformable import DeformableRun
     from validation.scene.read import DeformableScene
+    from validation.scene.usage import KeyUse
 
 CHECKPOINT = "checkpoint.npz"
 
@@ -46,12 +46,19 @@ def fem(
         typer.Option("--resume", metavar="CHECKPOINT", help="Continue an interrupted run."),
     ] = None,
     accuracy: Annotated[
-        str | None,
-        typer.Option(metavar="1%", help="Cheapest setting that `cost` found for it (in p_max)."),
+        list[str] | None,
+        typer.Option(
+            metavar="QUANTITY=3%",
+            help="Find degree, mesh and grading for an error bar of u, p_eff, p_max, p_max_point, "
+            "sigma_1_max or sigma_1_averaged; repeatable.",
+        ),
+    ] = None,
+    max_seconds: Annotated[
+        float | None,
+        typer.Option(metavar="S", min=0.0, help="CPU time that --accuracy may take."),
     ] = None,
     auto: AutoOption = None,
     keep: KeepOption = None,
-    store: CostStoreOption = COST_STORE,
 ) -> None:
     """Deformable blocks: displacements, principal stresses, energies."""
     from validation.output.deformable import FILES
@@ -60,21 +67,41 @@ def fem(
 
     file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
     folder = default_folder(output, json, f"{file.name}-fem")
-    reads = (*_read(resume, folder), *(() if accuracy is None else (store,)))
+    targets = _targets(accuracy, max_seconds, resume)
     names = (*FILES, CHECKPOINT)
-    with Outputs(json, folder, names, reads=reads, scene=file) as outputs:
-        if accuracy is not None:
-            from validation.cost.report import with_accuracy
-
-            file = outputs.scene = with_accuracy(file, accuracy, store, outputs.console)
+    with Outputs(json, folder, names, reads=_read(resume, folder), scene=file) as outputs:
         if not isinstance(file.scene, DeformableScene):
             raise InputError(
                 f"{file.name}: block.type {file.scene.block.type!r} has no hexahedral mesh for "
                 "deformable blocks; `tubelock mbd` gives the rigid answer"
             )
-        _answer(file.name, file.scene, outputs, resume)
+        if targets:
+            _answer_accurately(file.name, file.scene, outputs, targets, max_seconds)
+        else:
+            _answer(file.name, file.scene, outputs, resume)
         if folder is not None:
             (folder / CHECKPOINT).unlink(missing_ok=True)
+
+
+def _targets(
+    accuracy: list[str] | None, max_seconds: float | None, resume: Path | None
+) -> dict[str, float]:
+    """Accuracies that are asked, none where none is.
+
+    Raises
+    ------
+    InputError
+        For what cannot be asked.
+    """
+    from validation.run.accuracy import parse_targets
+
+    if not accuracy:
+        if max_seconds is not None:
+            raise InputError("--max-seconds: limits what --accuracy takes; give both or none")
+        return {}
+    if resume is not None:
+        raise InputError(f"--resume {resume}: goes on with one mesh; leave out --accuracy")
+    return parse_targets(accuracy)
 
 
 def _read(resume: Path | None, folder: Path | None) -> tuple[Path, ...]:
@@ -149,8 +176,6 @@ def _kept(
 def _answer(name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None) -> None:
     """Solve a scene and write what the command promises."""
     from validation.output.console import status
-    from validation.output.deformable import print_curved, print_run, write_run_files
-    from validation.run.deformable import peak_memory_mb, run_json
     from validation.scene.usage import recording
 
     if scene.fem is not None and scene.fem.degree > 1:
@@ -159,17 +184,112 @@ def _answer(name: str, scene: DeformableScene, outputs: Outputs, resume: Path | 
         refuse_resume(resume)
         with recording(scene) as use, status(outputs.console, f"{name}: curved elements"):
             curved = run_curved(name, scene)
-        print_curved(curved, outputs.console)
-        outputs.tell_unused(use)
-        outputs.write_json(curved.as_json() | {"peak_memory_mb": peak_memory_mb()})
+        _write_curved(curved, outputs, use)
         return
+    from validation.run.deformable import run_json
+
     with recording(scene) as use:
         run, added = _solved(name, scene, outputs, resume)
         data = run_json(run) | added
+    _write(run, data, outputs, use)
+
+
+def _write(run: DeformableRun, data: dict[str, Any], outputs: Outputs, use: KeyUse) -> None:
+    """Print a run and write its files and data."""
+    from validation.output.deformable import print_run, write_run_files
+
     print_run(run, outputs.console)
     outputs.tell_unused(use)
     write_run_files(run, outputs)
     outputs.write_json(data)
+
+
+def _write_curved(run: CurvedRun, outputs: Outputs, use: KeyUse) -> None:
+    """Print a run with curved elements and write its data."""
+    from validation.output.deformable import print_curved
+    from validation.run.deformable import peak_memory_mb
+
+    print_curved(run, outputs.console)
+    outputs.tell_unused(use)
+    outputs.write_json(run.as_json() | {"peak_memory_mb": peak_memory_mb()})
+
+
+def _answer_accurately(
+    name: str,
+    scene: DeformableScene,
+    outputs: Outputs,
+    targets: dict[str, float],
+    max_seconds: float | None,
+) -> None:
+    """Solve from coarse to fine until the error bars are as narrow as asked.
+
+    Raises
+    ------
+    InputError
+        When they do not get there.
+    """
+    from validation.output.console import status
+    from validation.run.accuracy import run_to_accuracy
+    from validation.run.curved import curved_scene, refused
+    from validation.scene.usage import recording
+
+    if refused(scene) is not None:
+        _answer_by_shares(name, scene, outputs, targets, max_seconds)
+        return
+    with recording(scene) as use, status(outputs.console, name) as tell:
+        tube = curved_scene(name, scene, "--accuracy")
+        run = run_to_accuracy(name, tube, targets, seconds=max_seconds, tell=tell)
+    _write_curved(run, outputs, use)
+
+
+def _answer_by_shares(
+    name: str,
+    scene: DeformableScene,
+    outputs: Outputs,
+    targets: dict[str, float],
+    max_seconds: float | None,
+) -> None:
+    """Solve shares of the scene's own mesh until the error bars are as narrow as asked.
+
+    Raises
+    ------
+    InputError
+        When the scene's own mesh, or the time, is not enough, or it asks for no error bars.
+    """
+    from validation.build.coarser import coarser
+    from validation.run.accuracy import SHARES, unmet, words_of
+    from validation.run.deformable import run_json
+    from validation.scene.usage import recording
+
+    if scene.fem is not None and not scene.fem.error_estimate:
+        raise InputError(f"{name}: --accuracy: needs error bars; remove fem.error_estimate = false")
+    asked = ", ".join(f"{key}={100 * share:g}%" for key, share in targets.items())
+    start, found, given = time.process_time(), "nothing yet", None
+    for share in SHARES:
+        given, before = (scene if share == 1.0 else coarser(scene, share)), given
+        if given is None or given == before:
+            continue
+        with recording(given) as use:
+            run, added = _solved(name, given, outputs, None)
+            missing = [key for key in targets if key not in run.measures]
+            if missing:
+                raise InputError(f"{name}: --accuracy: this run has no {missing[0]}")
+            data = run_json(run) | added
+        if not unmet(run.measures, targets):
+            _write(run, data, outputs, use)
+            return
+        found, spent = words_of(run.measures, list(targets)), time.process_time() - start
+        elements = run.deformable.model.n_elements
+        outputs.console.print(f"{elements} elements: {found}, {spent:.3g} CPU s so far")
+        if max_seconds is not None and spent > max_seconds:
+            raise InputError(
+                f"{name}: --accuracy {asked}: reached {found} in {spent:.2g} CPU s, more than "
+                f"--max-seconds {max_seconds:g}; ask for that, or allow more"
+            )
+    raise InputError(
+        f"{name}: --accuracy {asked}: [mesh] of the scene reaches {found}; ask for that, or refine "
+        "[mesh]"
+    )
 
 
 def _solved(

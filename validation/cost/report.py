@@ -9,19 +9,14 @@ from rich.console import Console
 from rich.table import Table
 
 from validation.cost.measure import SCALARS
-from validation.cost.settings import require_cost_scene
-from validation.cost.store import CostStore
 from validation.cost.study import (
     QUANTITIES,
     TARGETS,
     CostStudy,
     Row,
     answer,
-    parse_accuracy,
     percent,
-    scene_of_accuracy,
 )
-from validation.errors import InputError
 from validation.output.pictures.gallery import (
     BLUE,
     GREEN,
@@ -32,7 +27,6 @@ from validation.output.pictures.gallery import (
     save_figure,
     subplots,
 )
-from validation.scene.read import SceneFile
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,26 +41,6 @@ _TITLES = {
 _UNITS = {**{name: unit for name, (unit, _) in SCALARS.items()}, "pressure_l2": "N"}
 _COLOURS = {"rigid": GREY, "static": BLUE, "explicit": VERMILION}
 _MARKERS = {"C3D8I": "o", "full": "^", "C3D8": "s", "C3D8R": "D"}
-
-
-def with_accuracy(file: SceneFile, accuracy: str, path: Path, console: Console) -> SceneFile:
-    """Scene with the setting that keeps an accuracy, chosen from what `tubelock cost` measured.
-
-    Raises
-    ------
-    InputError
-        Without measurements of this scene, or a setting that keeps it.
-    """
-    scene = require_cost_scene(file.scene, file.name)
-    parse_accuracy(accuracy)
-    if not path.exists():
-        raise InputError(
-            f"--accuracy {accuracy}: there is no {path}; run `tubelock cost {file.name}` first"
-        )
-    with CostStore(path) as store:
-        chosen, row = scene_of_accuracy(file.name, scene, accuracy, store)
-    console.print(f"accuracy  {accuracy}: {row.setting.name}, about {row.found.cost:.2g} CPU s")
-    return file.model_copy(update={"scene": chosen})
 
 
 # ---------------------------------------------------------------------------------------------

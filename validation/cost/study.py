@@ -21,8 +21,8 @@ from validation.cost.analysis import (
     pareto_front,
     richardson,
 )
-from validation.cost.measure import SCALARS, Measurement, measure, solver_scene, warm_up
-from validation.cost.settings import CostPlan, CostSetting, full_plan, quick_plan
+from validation.cost.measure import SCALARS, Measurement, measure, warm_up
+from validation.cost.settings import CostPlan, CostSetting
 from validation.cost.store import CostStore, measurement_key
 from validation.errors import InputError
 from validation.scene.read import TubeScene
@@ -104,12 +104,9 @@ class CostStudy:
             )
         return FamilyOrder(fitted, own)
 
-    def choose(self, quantity: str, target: float, *, deformable: bool = False) -> Row | None:
+    def choose(self, quantity: str, target: float) -> Row | None:
         """Cheapest setting that reliably keeps an accuracy; None if none is known to."""
         rows, points = self.points(quantity)
-        if deformable:
-            kept = [i for i, row in enumerate(rows) if row.setting.method != "rigid"]
-            rows, points = [rows[i] for i in kept], [points[i] for i in kept]
         names = [row.setting.family for row in rows]
         families = [
             sorted(
@@ -121,14 +118,9 @@ class CostStudy:
         best = cheapest(points, families, target, reference_error=self.reference_errors[quantity])
         return None if best is None else rows[best]
 
-    def best(self, quantity: str, *, deformable: bool = False) -> Row:
+    def best(self, quantity: str) -> Row:
         """Setting of least error."""
-        rows = [
-            row
-            for row in self.points(quantity)[0]
-            if not (deformable and row.setting.method == "rigid")
-        ]
-        return min(rows, key=lambda row: row.errors[quantity])
+        return min(self.points(quantity)[0], key=lambda row: row.errors[quantity])
 
 
 # ---------------------------------------------------------------------------------------------
@@ -275,57 +267,3 @@ def answer(study: CostStudy, quantity: str, target: float) -> str:
     if known >= target:
         return f"{head}: not known, the reference itself is uncertain by {percent(known)}; {text}"
     return f"{head}: not reached; {text}"
-
-
-def parse_accuracy(text: str) -> tuple[str, float]:
-    """Read ``1%``, ``0.01`` or ``p_eff=1%``: quantity (p_max by default) and share.
-
-    Raises
-    ------
-    InputError
-        For anything else.
-    """
-    quantity, equals, number = text.rpartition("=")
-    quantity = quantity.strip() if equals else "p_max"
-    number = number.strip()
-    try:
-        share = float(number.removesuffix("%")) / (100 if number.endswith("%") else 1)
-    except ValueError:
-        share = float("nan")
-    if quantity not in QUANTITIES or not 0.0 < share < 1.0:
-        raise InputError(
-            f"--accuracy {text}: expected a share between 0 and 100 %, such as 1%, or with a "
-            f"quantity, such as p_eff=1% ({', '.join(QUANTITIES)})"
-        )
-    return quantity, share
-
-
-def scene_of_accuracy(
-    name: str, scene: TubeScene, text: str, store: CostStore
-) -> tuple[TubeScene, Row]:
-    """Scene with the cheapest mesh and method that keep an accuracy, from stored measurements.
-
-    Raises
-    ------
-    InputError
-        No measurements of this scene, or no setting that keeps it.
-    """
-    quantity, target = parse_accuracy(text)
-    plans = (full_plan(scene), quick_plan(scene))
-    studies = (stored_study(name, scene, plan, store) for plan in plans)
-    study = next((s for s in studies if s is not None), None)
-    if study is None:
-        raise InputError(
-            f"--accuracy {text}: {store.path} holds no cost results of this scene and this "
-            f"version; run `tubelock cost {name}` first, with the same --set values"
-        )
-    row = study.choose(quantity, target, deformable=True)
-    if row is None:
-        best = study.best(quantity, deformable=True)
-        known = study.reference_errors[quantity]
-        raise InputError(
-            f"--accuracy {text}: no measured setting keeps it; best is {best.setting.name}, "
-            f"{percent(best.errors[quantity])} off a reference known to {percent(known)}; ask for "
-            "less"
-        )
-    return solver_scene(name, scene, study.plan.base, row.setting), row

@@ -50,7 +50,7 @@ def too_large_to_deform(scene: BaseModel, *, static: bool) -> str | None:
 
 def _refused(scene: BaseModel, need: float) -> str | None:
     """One line on a scene that needs so many bytes, where the machine has fewer."""
-    there = _machine_memory()
+    there = machine_memory()
     if there is None or need <= _SHARE * there:
         return None
     blocks, elements, facets = _counts(scene)
@@ -77,7 +77,7 @@ def _float(count: int) -> float:
         return math.inf
 
 
-def _machine_memory() -> int | None:
+def machine_memory() -> int | None:
     """Bytes of the machine, None where it does not say."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

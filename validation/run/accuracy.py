@@ -1,0 +1,222 @@
+"""Answers of a stated accuracy: from coarse to fine until the error bars say that it is reached.
+
+Static tubes of Sine Blocks climb a ladder of meshes of curved elements. Each rung starts from the
+state of the one before and has at most about half of its error in every measure, so that the
+change from the rung before bounds the error of a rung; a factor of safety comes on top. Pressures
+and tension have their peaks at the upper and lower faces, so elements shorten towards these and
+towards the outer face; round a block they are equal, with lines at the joints of the neighbours.
+
+Other scenes take shares of their own mesh (`validation.run.estimate`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.mesh import FloatArray
+from validation.errors import InputError
+from validation.run.curved import CurvedMesh, CurvedRun, Solved, curved_run, solve_curved
+from validation.run.measures import Measure
+from validation.scene.deformable import parse_share
+from validation.scene.read import TubeScene
+from validation.scene.size import machine_memory
+
+#: Quantities that an accuracy may be asked of, and other names of them.
+QUANTITIES = (
+    "max_displacement",
+    "p_eff",
+    "p_max",
+    "p_max_point",
+    "sigma_1_max",
+    "sigma_1_averaged",
+    "sigma_3_min",
+)
+_OTHER_NAMES = {"u": "max_displacement"}
+
+#: Factor of safety on the change from the rung before.
+SAFETY = 1.5
+#: Shares of its own mesh that a scene without curved elements is solved on.
+SHARES = (1.0 / 3.0, 0.5, 1.0)
+
+#: CPU time grows with this power of the unknowns, memory with the next one, by measurement.
+_TIME_POWER = 1.7
+_MEMORY_POWER, _BYTES = 1.4, 150.0
+#: Part of the machine's memory that is used.
+_MEMORY_SHARE = 0.8
+
+
+@dataclass(frozen=True)
+class Rung:
+    """Curved elements of one block of TSB1's proportions."""
+
+    degree: int
+    around: int
+    """Elements round a block; at least four of a wave are taken."""
+    radial: int
+    axial: int
+    radial_grading: float
+    """Elements at the inner over those at the outer face."""
+    axial_grading: float
+    """Elements in the middle over those at the upper and lower faces, in the limit of many."""
+
+    def mesh(self, waves: int) -> CurvedMesh:
+        """Elements of a block with so many waves."""
+        around = waves * max(4, -(-self.around // waves))
+        across = SineBlockDivisions(around, self.radial, self.axial, self.radial_grading)
+        lines = (
+            across.radial_positions,
+            np.linspace(0.0, 1.0, around + 1),
+            graded_to_both_ends(self.axial, self.axial_grading),
+        )
+        return CurvedMesh(self.degree, lines)
+
+
+#: From a second to some minutes for two layers on one core.
+LADDER = (
+    Rung(2, 12, 1, 4, 1.0, 8.0),
+    Rung(3, 12, 2, 4, 2.0, 20.0),
+    Rung(3, 18, 2, 6, 3.0, 40.0),
+    Rung(4, 18, 2, 6, 4.0, 40.0),
+    Rung(4, 24, 3, 6, 6.0, 80.0),
+    Rung(5, 24, 3, 6, 8.0, 150.0),
+)
+
+
+def graded_to_both_ends(n: int, grading: float) -> FloatArray:
+    """Ends of n elements on [0, 1], by a hyperbolic tangent; its slopes' ratio is the grading."""
+    x = np.arccosh(np.sqrt(grading)) * np.linspace(-1.0, 1.0, n + 1)
+    ends: FloatArray = 0.5 * (np.tanh(x) / np.tanh(x[-1]) + 1.0)
+    return ends
+
+
+def parse_targets(texts: list[str]) -> dict[str, float]:
+    """Read ``p_max_point=3%`` and the like: relative errors [-] by quantity.
+
+    Raises
+    ------
+    InputError
+        For anything else, and for a quantity asked twice.
+    """
+    found: dict[str, float] = {}
+    for text in texts:
+        name, _, number = (part.strip() for part in text.rpartition("="))
+        name, share = _OTHER_NAMES.get(name, name), parse_share(number)
+        if name not in QUANTITIES or share is None:
+            raise InputError(
+                f"--accuracy {text}: expected QUANTITY=SHARE with a share between 0 and 100 %, "
+                f"such as p_max_point=3% ({', '.join(('u', *QUANTITIES[1:]))})"
+            )
+        if name in found:
+            raise InputError(f"--accuracy {text}: {name} is asked twice; expected it once")
+        found[name] = share
+    return found
+
+
+def reached(measures: dict[str, Measure], name: str) -> float:
+    """Relative error of a measure by its error bar; infinite without one."""
+    measure = measures[name]
+    if measure.error is None or (measure.value == 0.0 and measure.error > 0.0):
+        return float("inf")
+    return measure.error / abs(measure.value) if measure.error else 0.0
+
+
+def unmet(measures: dict[str, Measure], targets: dict[str, float]) -> list[str]:
+    """Quantities whose error bars are wider than asked."""
+    return [name for name, share in targets.items() if not reached(measures, name) <= share]
+
+
+def words_of(measures: dict[str, Measure], names: list[str]) -> str:
+    """Error bars of some quantities, relative: ``p_max_point ± 2.1 %``."""
+    shares = {name: 100.0 * reached(measures, name) for name in names}
+    return ", ".join(
+        f"{name} ± {share:.2g} %" if np.isfinite(share) else f"{name} without an error bar"
+        for name, share in shares.items()
+    )
+
+
+def run_to_accuracy(
+    name: str,
+    scene: TubeScene,
+    targets: dict[str, float],
+    *,
+    seconds: float | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> CurvedRun:
+    """Climb the ladder until every target is met.
+
+    Parameters
+    ----------
+    name, scene
+        A tube that curved elements solve (`validation.run.curved.curved_scene`).
+    targets
+        Relative errors [-] by quantity.
+    seconds
+        CPU time at most [s]; None: no limit.
+    tell
+        Told before each rung what comes.
+
+    Raises
+    ------
+    InputError
+        When the ladder, the time or the memory ends before, with what is reached.
+    """
+    waves = round(2 * scene.block.frequency)
+    solved: list[Solved] = []
+    run: CurvedRun | None = None
+    for rung in LADDER:
+        mesh = rung.mesh(waves)
+        why = _beyond(mesh, solved, seconds)
+        if why is not None:
+            raise InputError(_refusal(name, run, targets, why))
+        if tell is not None:
+            tell(f"{mesh.n_unknowns} unknowns of degree {mesh.degree} per block")
+        # A state of the rung before that was is kept no longer than it is needed.
+        solved = [*solved, solve_curved(name, scene, mesh, solved[-1].state if solved else None)]
+        if len(solved) == 1:
+            continue
+        run = _answer(name, scene, solved)
+        if not unmet(run.measures, targets):
+            return run
+    raise InputError(_refusal(name, run, targets, "that is the finest mesh there is"))
+
+
+def _answer(name: str, scene: TubeScene, solved: list[Solved]) -> CurvedRun:
+    """The last rung with its error bars."""
+    before, last = solved[-2].measures, solved[-1].measures
+    errors = {key: SAFETY * abs(m.value - before[key].value) for key, m in last.items()}
+    words = f"{SAFETY:g} times the change from the mesh before"
+    return curved_run(name, scene, tuple(solved), errors, words)
+
+
+def _beyond(mesh: CurvedMesh, solved: list[Solved], seconds: float | None) -> str | None:
+    """Why a mesh is not solved; None where it may be."""
+    there = machine_memory()
+    need = _BYTES * mesh.n_unknowns**_MEMORY_POWER
+    if there is not None and need > _MEMORY_SHARE * there:
+        return f"the next mesh needs about {need / 2**30:.2g} GB of {there / 2**30:.2g} GB"
+    if seconds is None or not solved:
+        return None
+    last = solved[-1]
+    growth = (mesh.n_unknowns / last.mesh.n_unknowns) ** _TIME_POWER
+    left = seconds - sum(s.cpu_seconds for s in solved)
+    if growth * last.cpu_seconds > left:
+        return (
+            f"the next mesh takes about {growth * last.cpu_seconds:.2g} CPU s and {left:.2g} of "
+            f"{seconds:g} are left (--max-seconds)"
+        )
+    return None
+
+
+def _refusal(name: str, run: CurvedRun | None, targets: dict[str, float], why: str) -> str:
+    """One line: what was reached, why not more, what to do."""
+    asked = ", ".join(f"{key}={100 * share:g}%" for key, share in targets.items())
+    if run is None:
+        return f"{name}: --accuracy {asked}: {why}; no error can be told yet, allow more"
+    return (
+        f"{name}: --accuracy {asked}: reached {words_of(run.measures, list(targets))} in "
+        f"{sum(run.seconds):.2g} CPU s; {why}; ask for that, or allow more"
+    )
