@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,13 +14,12 @@ from fem.problem.loads import (
     RampAmplitude,
     SmoothStepAmplitude,
     TabularAmplitude,
-    body_forces,
-    circumferential_traction,
     pressure_forces,
-    tangential_traction_forces,
     traction_forces,
 )
 from geometry.block import box_block
+from geometry.families.brick_stack import brick_stack
+from geometry.loads.case import CircumferentialLoad
 from geometry.mesh import QuadSurface, boundary_quads, mass_properties
 from tests.fem_problems import distorted_box
 
@@ -61,41 +62,21 @@ def test_traction_totals_on_planar_facets_and_of_all_copies() -> None:
             assert together[copy] == pytest.approx(alone, abs=1e-14)
 
 
-def test_tangential_traction_twists_a_face_by_its_polar_moment() -> None:
-    """t = k x (x - c) on a square face: no force, torque a⁴ / 6, exact with 2 x 2 points."""
-    block = box_block((1.0, 4.0, 4.0), (1, 3, 3))
-    centre = np.array([0.0, 2.0, 2.0])
-
-    def field(points: np.ndarray) -> np.ndarray:
-        # The part along the normal must not count.
-        return np.cross([1.0, 0.0, 0.0], points - centre) + np.array([5.0, 0.0, 0.0])
-
-    forces = tangential_traction_forces(block.mesh.nodes, block.faces["x+"], field)
-    assert abs(forces.sum(axis=0)).max() < 1e-13
-    torque = np.cross(block.mesh.nodes - centre, forces).sum(axis=0)
-    assert torque == pytest.approx([4.0**4 / 6.0, 0.0, 0.0], abs=1e-12)
-
-
 def test_circumferential_traction_has_constant_size_and_runs_counter_clockwise() -> None:
-    field = circumferential_traction(
-        0.01, axis_point=np.array([1.0, 2.0, 3.0]), axis=np.array([0.0, 0.0, 2.0])
-    )
+    tube = brick_stack((1.0, 1.0, 1.0), (1, 1, 1), columns=1, layers=1)
+    about = replace(tube, origin=np.array([1.0, 2.0, 3.0]), axis=np.array([0.0, 0.0, 1.0]))
     points = np.array([[3.0, 2.0, 9.0], [1.0, 7.0, 0.0]])
-    assert field(points) == pytest.approx(
+    load = CircumferentialLoad(np.array([1]), "outer", 0.01)
+    assert load.tractions(about, points) == pytest.approx(
         np.array([[0.0, 0.01, 0.0], [-0.01, 0.0, 0.0]]), abs=1e-17
     )
 
 
-def test_weight_of_a_block_is_its_mass_times_gravity() -> None:
-    """The row-sum mass is exact, so is the total; and the weight is the mass node by node."""
+def test_nodes_carry_the_mass_of_their_block() -> None:
+    """The row-sum mass is exact, so is the weight that it gives."""
     mesh = distorted_box()
-    gravity = np.array([0.0, 0.0, -9810.0])
-    forces = body_forces(mesh, 2.4e-9, gravity)
-    assert forces.sum(axis=0) == pytest.approx(
-        mass_properties(mesh, 2.4e-9).mass * gravity, rel=1e-13
-    )
-    expected = block_lumped_mass(mesh, 2.4e-9)[:, None] * gravity
-    assert forces == pytest.approx(expected, rel=1e-15)
+    mass = block_lumped_mass(mesh, 2.4e-9)
+    assert mass.sum() == pytest.approx(mass_properties(mesh, 2.4e-9).mass, rel=1e-13)
 
 
 def test_bad_loads_are_refused_by_name() -> None:
@@ -107,10 +88,6 @@ def test_bad_loads_are_refused_by_name() -> None:
         pressure_forces(mesh.nodes, quads, np.zeros(len(quads) + 1))
     with pytest.raises(LoadError, match="traction"):
         traction_forces(mesh.nodes, quads, np.zeros(2))
-    with pytest.raises(LoadError, match="traction field"):
-        tangential_traction_forces(mesh.nodes, quads, lambda x: np.full_like(x, np.inf))
-    with pytest.raises(LoadError, match="gravity"):
-        body_forces(mesh, 1.0, np.array([1.0, 2.0]))
     with pytest.raises(LoadError, match="amplitude"):
         SmoothStepAmplitude(0.0)
     with pytest.raises(LoadError, match="amplitude"):

@@ -184,7 +184,7 @@ def deformable_assembly(
     touching = deformable[surfaces.block_m] | deformable[surfaces.block_s]
     surfaces = surfaces.subset(np.flatnonzero(touching))
     check_initial_overlap(surfaces, law)
-    groups, group_of, copy_of = _groups(assembly, deformable, offsets, material, element)
+    groups, group_of, copy_of = block_groups(assembly, deformable, offsets, material, element)
     loads = _nodal_loads(assembly, load, groups, group_of, copy_of)
     faces = load.held if frames is Frames.RIGID else held_faces(assembly, load)
     supports = _supports(assembly, faces, group_of, copy_of)
@@ -235,14 +235,20 @@ def _check_held(assembly: Assembly, load: LoadCase) -> None:
         )
 
 
-def _groups(
+def block_groups(
     assembly: Assembly,
     deformable: BoolArray,
     offsets: FloatArray,
     material: Material,
     element: ElementType,
 ) -> tuple[tuple[BlockGroup, ...], IntArray, IntArray]:
-    """One group for each shape that deforms, copies in the order of the blocks."""
+    """One group for each shape that deforms, copies in the order of the blocks.
+
+    Returns
+    -------
+    tuple[tuple[BlockGroup, ...], IntArray, IntArray]
+        The groups; group and copy of each block, -1 for rigid ones, (n_blocks,).
+    """
     group_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
     copy_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
     groups: list[BlockGroup] = []

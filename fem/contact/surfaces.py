@@ -404,25 +404,16 @@ def corner_forces(kinematics: PointKinematics, point_forces: FloatArray) -> Floa
     return forces
 
 
-def corner_tangent(kinematics: PointKinematics, point_stiffness: FloatArray) -> FloatArray:
-    """Derivative of minus the corner forces, the part of the law: (n, 24, 24) [N/mm].
-
-    Parameters
-    ----------
-    kinematics
-        Gradients of the overclosures.
-    point_stiffness
-        w dp/dx of each point, (n, 4 points) [N/mm].
-    """
-    gradient = kinematics.gradient.reshape(*kinematics.overclosure.shape, 24)
-    tangent: FloatArray = np.einsum("fp,fpi,fpj->fij", point_stiffness, gradient, gradient)
-    return tangent
-
-
 def curvature_tangent(
     surfaces: ContactSurfaces, corner_displacements: FloatArray, point_forces: FloatArray
 ) -> FloatArray:
-    """Part of the same derivative that comes from turning normals, (n, 24, 24) [N/mm]."""
+    """Part of the derivative of minus the corner forces that comes from turning normals.
+
+    Returns
+    -------
+    FloatArray
+        (n, 24, 24) [N/mm].
+    """
     tangent: FloatArray = np.einsum(
         "fp,fpij->fij", point_forces, curvature(surfaces, corner_displacements)
     )

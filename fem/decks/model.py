@@ -6,13 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.assembly.deformable import Contact, DeformableAssembly, DeformableAssemblyError
+from fem.assembly.deformable import (
+    Contact,
+    DeformableAssembly,
+    DeformableAssemblyError,
+    block_groups,
+)
 from fem.contact.friction import CoulombFriction
 from fem.contact.surfaces import ContactNormals, check_initial_overlap, contact_surfaces
 from fem.decks.statement import BodyForceLoad, Deck, DeckLoad, Joint, NodalForceLoad, Procedure
 from fem.element.hexahedron import block_lumped_mass
 from fem.problem.loads import SmoothStepAmplitude, pressure_forces, traction_forces
-from fem.problem.model import BlockGroup, Model, NodalLoad, Support, block_group, fixed_nodes
+from fem.problem.model import Model, NodalLoad, Support, fixed_nodes
 from geometry.loads.case import CircumferentialLoad, PressureLoad
 from geometry.mesh import FloatArray, IntArray
 
@@ -68,27 +73,11 @@ def deck_model(deck: Deck) -> tuple[Model, IntArray, IntArray]:
     assembly = deck.assembly
     moving = np.ones(assembly.n_blocks, dtype=np.bool_)
     moving[deck.held_blocks] = False
-    group_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
-    copy_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
-    groups: list[BlockGroup] = []
-    for number, shape in enumerate(assembly.shapes):
-        blocks = np.flatnonzero(moving & (assembly.shape_of == number))
-        if not len(blocks):
-            continue
-        group_of[blocks] = len(groups)
-        copy_of[blocks] = np.arange(len(blocks))
-        groups.append(
-            block_group(
-                shape.mesh,
-                deck.material,
-                element=deck.element,
-                rotations=assembly.rotations[blocks],
-                translations=assembly.translations[blocks] + deck.offsets[blocks],
-                name=shape.name,
-            )
-        )
+    groups, group_of, copy_of = block_groups(
+        assembly, moving, deck.offsets, deck.material, deck.element
+    )
     model = Model(
-        groups=tuple(groups),
+        groups=groups,
         supports=_supports(deck, group_of, copy_of),
         loads=_loads(deck, group_of, copy_of),
         effects=replace(deck.effects, finite_rotation=deck.step.large_rotations),

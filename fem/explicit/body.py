@@ -181,11 +181,6 @@ class Body:
         """Precision of the loop."""
         return self.mass.dtype
 
-    def flat_index(self, nodes: IntArray, copies: IntArray) -> IntArray:
-        """Flat position of component x of (node, copy) in a (n_rows, 3, lanes) array."""
-        index: IntArray = self.rows.row[nodes] * (3 * self.lanes) + copies
-        return index
-
 
 def make_body(
     model: Model, number: int, *, dtype: npt.DTypeLike, touched_nodes: Sequence[IntArray] = ()

@@ -8,16 +8,14 @@ load that follows the surface, the reference ones for a dead load.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from fem.element.facet import FACET_VALUES, facet_area_vectors
-from fem.element.hexahedron import block_lumped_mass
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, HexMesh, IntArray
+from geometry.mesh import FloatArray, IntArray
 
 
 class LoadError(RefusedError):
@@ -94,104 +92,6 @@ def traction_forces(nodes: FloatArray, quads: IntArray, traction: FloatArray) ->
     area = np.linalg.norm(facet_area_vectors(nodes, quads), axis=-1)
     corner = np.einsum("fi,pa,...fp->...fai", value, FACET_VALUES, area)
     return scatter_to_nodes(corner, quads, nodes.shape[-2])
-
-
-def tangential_traction_forces(
-    nodes: FloatArray, quads: IntArray, field: Callable[[FloatArray], FloatArray]
-) -> FloatArray:
-    """Consistent nodal forces of a traction field made tangential to the surface.
-
-    f_a = ∫ (t - (t · n) n) N_a dA with t = ``field(x)`` taken at the Gauss points.
-
-    Parameters
-    ----------
-    nodes
-        (n_nodes, 3) [mm].
-    quads
-        Loaded facets, (n_facets, 4).
-    field
-        From points (n, 3) [mm] to tractions (n, 3) [MPa]; its normal part is left out.
-
-    Returns
-    -------
-    FloatArray
-        (n_nodes, 3) [N].
-
-    Raises
-    ------
-    LoadError
-        A field that is not finite at a Gauss point.
-    """
-    area = facet_area_vectors(nodes, quads)
-    magnitude = np.linalg.norm(area, axis=2, keepdims=True)
-    normal = area / magnitude
-    points = np.einsum("pa,fai->fpi", FACET_VALUES, nodes[quads])
-    traction = field(points.reshape(-1, 3)).reshape(area.shape)
-    if not np.isfinite(traction).all():
-        raise LoadError("traction field: not finite at a Gauss point; expected finite tractions")
-    traction = traction - (traction * normal).sum(axis=2, keepdims=True) * normal
-    corner = np.einsum("pa,fpi->fai", FACET_VALUES, traction * magnitude)
-    return scatter_to_nodes(corner, quads, nodes.shape[-2])
-
-
-def circumferential_traction(
-    shear: float, *, axis_point: FloatArray, axis: FloatArray
-) -> Callable[[FloatArray], FloatArray]:
-    """Traction of constant magnitude around an axis, towards larger angle.
-
-    Parameters
-    ----------
-    shear
-        Magnitude [MPa].
-    axis_point, axis
-        A point of the axis (3,) [mm] and its direction (3,).
-
-    Returns
-    -------
-    Callable[[FloatArray], FloatArray]
-        Field for `tangential_traction_forces`.
-    """
-    direction = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
-
-    def field(points: FloatArray) -> FloatArray:
-        around = np.cross(direction, points - axis_point)
-        traction: FloatArray = shear * around / np.linalg.norm(around, axis=1, keepdims=True)
-        return traction
-
-    return field
-
-
-def body_forces(mesh: HexMesh, density: float, acceleration: FloatArray) -> FloatArray:
-    """Consistent nodal forces of a uniform body force, f_a = rho b ∫ N_a dV.
-
-    ∫ N_a dV is the row-sum mass, so gravity and lumped mass agree node by node.
-
-    Parameters
-    ----------
-    mesh
-        The block.
-    density
-        [t/mm³].
-    acceleration
-        For instance gravity, (3,) [mm/s²]: 9810 downward.
-
-    Returns
-    -------
-    FloatArray
-        (n_nodes, 3) [N].
-
-    Raises
-    ------
-    LoadError
-        An acceleration that is not three finite numbers.
-    """
-    vector = np.asarray(acceleration, dtype=np.float64)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise LoadError(
-            f"gravity: got {np.asarray(acceleration).tolist()}; expected three finite numbers "
-            "in mm/s²"
-        )
-    return np.outer(block_lumped_mass(mesh, density), vector)
 
 
 def _per_facet(
