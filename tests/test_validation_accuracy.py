@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import tomllib
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +29,7 @@ from validation.scene.read import TubeScene
 
 
 def scene(name: str, *settings: str) -> TubeScene:
-    found = deformable(name, "assembly.layers=1", *settings)
+    found = deformable(name, *(settings or ("assembly.layers=1",)))
     return curved_scene(name, found, "--accuracy")
 
 
@@ -90,6 +92,21 @@ def test_error_bars_cover_nine_of_ten_errors() -> None:
                 missed.append((name, key))
     assert judged == 14
     assert len(missed) <= judged // 10, missed
+
+
+def test_error_bars_reach_the_references() -> None:
+    """Two layers on the second rung, judged by meshes of ten to twenty times the unknowns."""
+    text = files("validation.cost").joinpath("references.toml").read_text("utf-8")
+    references = tomllib.loads(text)["tsb1-pipe, assembly.layers = 2"]
+    tube = scene("tsb1-pipe", "assembly.layers=2")
+    coarse = solve_curved("tube", tube, LADDER[0].mesh(3))
+    fine = solve_curved("tube", tube, LADDER[1].mesh(3), coarse.state)
+    missed = []
+    for key, reference in references.items():
+        bar = SAFETY * abs(fine.measures[key].value - coarse.measures[key].value)
+        if abs(fine.measures[key].value - reference["value"]) > bar + reference["uncertainty"]:
+            missed.append(key)
+    assert not missed
 
 
 def test_time_that_is_not_enough_is_refused_with_what_is_reached() -> None:
