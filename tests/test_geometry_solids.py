@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from geometry.families.masonry import circular_arch
+from geometry.files import mesh_io
 from geometry.files.block_files import read_blocks, read_hexahedra
 from geometry.mesh import FloatArray, IntArray, MeshError
 from geometry.polyhedra.polygons import triangles_of_polygons
@@ -249,3 +250,50 @@ def test_cells_that_are_not_known_are_named(tmp_path: Path) -> None:
     meshio.write(tmp_path / "second.vtu", meshio.Mesh(points, cells))
     with pytest.raises(MeshError, match="got tetra10; expected"):
         read_blocks(tmp_path / "second.vtu")
+
+
+CORNERS = 10.0 * np.array(
+    [[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], dtype=np.float64
+)
+
+
+def test_cells_that_are_there_twice_are_refused(tmp_path: Path) -> None:
+    """Their faces cancel each other: the file had held no block at all."""
+    file = tmp_path / "twice.vtu"
+    meshio.write(file, meshio.Mesh(CORNERS, [("hexahedron", np.array([np.arange(8)] * 2))]))
+    with pytest.raises(MeshError, match=r"1 of 2 cells \(hexahedron\) are there more than once"):
+        read_blocks(file)
+
+
+@pytest.mark.parametrize("point", [-8, 99])
+def test_faces_that_name_no_point_are_refused(tmp_path: Path, point: int) -> None:
+    """Also counted back: -8 had been taken for the last but seven."""
+    head = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\n"
+    head += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = "".join(f"{x} {y} {z}\n" for x, y, z in CORNERS)
+    (tmp_path / "a.ply").write_text(f"{head}{rows}4 0 1 2 {point}\n")
+    with pytest.raises(MeshError, match=rf"names point.*{point}"):
+        read_blocks(tmp_path / "a.ply")
+
+
+def test_reading_a_file_that_is_cut_short_ends(tmp_path: Path, monkeypatch) -> None:
+    """A reader of ours looks for ever for the bracket that closes a section."""
+    monkeypatch.setattr(mesh_io, "_READ_SECONDS", 0.5)
+    meshio.ansys.write(tmp_path / "a.msh", meshio.Mesh(CORNERS, [("hexahedron", [[*range(8)]])]))
+    whole = (tmp_path / "a.msh").read_bytes()
+    assert len(read_blocks(tmp_path / "a.msh")) == 1
+    (tmp_path / "a.msh").write_bytes(whole[: whole.rindex(b")") - 12])
+    with pytest.raises(MeshError, match="cannot be read as a mesh"):
+        read_blocks(tmp_path / "a.msh")
+
+
+def test_a_deck_that_moves_its_parts_is_no_mesh(tmp_path: Path) -> None:
+    rows = "".join(f"{k + 1}, {x}, {y}, {z}\n" for k, (x, y, z) in enumerate(CORNERS))
+    text = f"*NODE\n{rows}*ELEMENT, TYPE=C3D8\n1, 1, 2, 3, 4, 5, 6, 7, 8\n"
+    (tmp_path / "a.inp").write_text(text)
+    assert len(read_blocks(tmp_path / "a.inp")) == 1
+    (tmp_path / "b.inp").write_text(
+        f"{text}*Instance, name=I, part=P\n50., 0., 0.\n*End Instance\n"
+    )
+    with pytest.raises(MeshError, match=r"places parts by \*Instance"):
+        read_blocks(tmp_path / "b.inp")

@@ -15,10 +15,13 @@ from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray, MeshError, c
 from geometry.polyhedra.polygons import triangles_of_polygons
 from geometry.polyhedra.polyhedron import Polyhedron, merge_points, polyhedron
 from geometry.polyhedra.solids import closed_solids
+from geometry.polyhedra.triangle_search import distinct_rows
 
 #: Millimetres in each unit a file may be drawn in.
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 
+#: Coordinates from here on are no lengths of blocks [unit of the file].
+_LARGEST = 1e30
 #: Suffixes of STEP files.
 STEP_SUFFIXES = {".step", ".stp"}
 #: gmsh's number for eight-node hexahedra.
@@ -41,6 +44,19 @@ def _cells(mesh: Any, path: Path) -> dict[str, IntArray]:
         kind = f"polygon {data.shape[1]}" if group.type == "polygon" else group.type
         parts.setdefault(kind, []).append(data)
     cells = {kind: np.concatenate(groups) for kind, groups in parts.items()}
+    for kind, data in cells.items():
+        if data.size and not 0 <= data.min() <= data.max() < len(mesh.points):
+            raise MeshError(
+                f"{path}: a {kind.partition(' ')[0]} names point {data.max()} or {data.min()}, "
+                f"counted from 0, but there are {len(mesh.points)} points"
+            )
+    for kind in cells.keys() & {"hexahedron", *_FACES}:
+        extra = len(cells[kind]) - len(distinct_rows(np.sort(cells[kind], axis=1))[0])
+        if extra:
+            raise MeshError(
+                f"{path}: {extra} of {len(cells[kind])} cells ({kind}) are there more than once; "
+                "expected each once: remove duplicates in the program that made it"
+            )
     known = {"hexahedron", "triangle", "quad", *_FACES, *_BESIDE}
     strange = sorted(k for k in cells if k not in known and not k.startswith("polygon"))
     if strange or not set(cells) - _BESIDE:
@@ -109,14 +125,27 @@ def _others(shell: IntArray, outside: list[IntArray]) -> IntArray:
 def _read_meshio(path: Path) -> tuple[FloatArray, IntArray]:
     if path.suffix.lower() == ".obj":
         points, faces = read_obj(path)
+        _check_finite(path, points)
         return points, np.concatenate(
             [triangles_of_polygons(str(path), points, group) for group in faces]
         )
     mesh = read_any_mesh(path)
     points = np.asarray(mesh.points, dtype=np.float64)
+    if not points.size:
+        raise MeshError(f"{path}: got no points; expected a surface: the file may be cut short")
     if points.ndim != 2 or points.shape[1] != 3:
         raise MeshError(f"{path}: expected points in space, got an array {points.shape}")
+    _check_finite(path, points)
     return points, _surface(mesh, path)
+
+
+def _check_finite(path: Path, points: FloatArray) -> None:
+    # Volumes are cubes of lengths, inertias their fifth powers: both must be numbers.
+    if not (np.abs(points) < _LARGEST).all():
+        raise MeshError(
+            f"{path}: a vertex is not finite, or lies {_LARGEST:g} units away or more; expected "
+            "finite coordinates"
+        )
 
 
 def _gmsh() -> Any:
@@ -226,8 +255,6 @@ def read_blocks(
         raw = _read_step(path, element_size)
     else:
         points, triangles = _read_meshio(path)
-        if not np.isfinite(points).all():
-            raise MeshError(f"{path}: a vertex is not finite; expected finite coordinates")
         points, triangles = merge_points(points, triangles)
         raw = [(points, part) for part in closed_solids(str(path), points, triangles)]
     scale = UNITS[units] if path.suffix.lower() not in STEP_SUFFIXES else 1.0

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from contextlib import redirect_stderr, redirect_stdout
+import re
+import signal
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +21,33 @@ from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, QuadSurface,
 
 if TYPE_CHECKING:
     import pyvista as pv
+
+
+#: Line of a deck that turns and moves a part.
+_INSTANCE = re.compile(rb"^\s*\*instance\b", re.IGNORECASE | re.MULTILINE)
+
+
+#: CPU time that reading a mesh may take [s], and beyond it the slowest that files are read [B/s].
+_READ_SECONDS, _READ_SPEED = 5.0, 2e5
+
+
+@contextmanager
+def _at_most(seconds: float) -> Iterator[None]:
+    """Stop what takes more CPU time; threads other than the main one are not stopped."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(*_: object) -> None:
+        raise TimeoutError("it does not come to an end: is the file cut short?")
+
+    kept = signal.signal(signal.SIGVTALRM, stop)
+    signal.setitimer(signal.ITIMER_VIRTUAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+        signal.signal(signal.SIGVTALRM, kept)
 
 
 def _write(path: Path, mesh: Any) -> None:
@@ -100,9 +130,20 @@ def read_any_mesh(path: Path) -> Any:
     why = unreadable(path)
     if why is not None:
         raise MeshError(f"{path}: {why}; expected a mesh file")
+    if path.suffix.lower() == ".inp" and _INSTANCE.search(path.read_bytes()):
+        raise MeshError(
+            f"{path}: places parts by *Instance, which a reader of meshes drops; expected a mesh "
+            "alone, its nodes where they are meant"
+        )
     try:
-        # meshio probes whether an STL file is binary, and prints before it gives up.
-        with np.errstate(all="ignore"), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        # meshio probes whether an STL file is binary, and prints before it gives up; some of its
+        # readers look for ever for what a file that was cut short does not hold.
+        with (
+            _at_most(_READ_SECONDS + path.stat().st_size / _READ_SPEED),
+            np.errstate(all="ignore"),
+            redirect_stdout(StringIO()),
+            redirect_stderr(StringIO()),
+        ):
             return meshio.read(path)
     # Bytes that are no such file raise what they like, a missing reader and SystemExit too.
     except (Exception, SystemExit) as error:

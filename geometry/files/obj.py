@@ -42,7 +42,7 @@ def read_obj(path: Path) -> tuple[FloatArray, list[IntArray]]:
     points: list[list[float]] = []
     faces: dict[int, list[list[int]]] = {}
     try:
-        text = path.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ")
+        text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\\\n", " ")
     except OSError as error:
         raise MeshError(f"{path}: cannot be read ({error.strerror})") from None
     for number, line in enumerate(text.splitlines(), start=1):

@@ -152,7 +152,8 @@ def line(seed: int, number: int, folder: Path, specimens: Path) -> list[str]:
 def _subject(random: Random, command: str, folder: Path, specimens: Path) -> list[str]:
     """What a command is about, with the settings of its scene."""
     if command in _NAMED:
-        return [random.choice((*WORDS, *_NAMED[command]))]
+        word = random.choice((*WORDS, *_NAMED[command]))
+        return [word if word.strip("-") else "nothing"]  # `reproduce` alone writes the report
     if command in _READS:
         return [_file(random, specimens / random.choice(_READS[command]), folder)]
     if command == "stability":
