@@ -9,6 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from fem.decks.statement import Flavour
+from geometry import loads
+from geometry.loads import CASES
+from geometry.loads.case import PressureLoad
+from geometry.loads.named import NamedLoad
+from validation.build.deck import build_deck
+from validation.run.words import load_words
 from validation.scene import families
 from validation.scene.builtin import builtin_names
 from validation.scene.family import AssemblyScene, RoundScene, round_types
@@ -110,6 +117,30 @@ def test_a_new_family_is_one_file(tmp_path: Path) -> None:
     assert found["deck"] == "plain"
     assert found["schema"]
     assert found["round"] == '"sine" or "plain" or "hexagon"'
+
+
+def test_a_load_case_is_one_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Door, statement, deck and titles take one that nobody knows of; files are found by names."""
+    found = {
+        path.stem
+        for path in Path(loads.__file__).parent.glob("*.py")
+        if "CASE =" in path.read_text("utf-8")
+    }
+    assert found == set(CASES)
+    stripes = NamedLoad(
+        name="stripes",
+        words="pressure on every second block",
+        face="inner",
+        blocks=lambda assembly, _: assembly.free_blocks[::2],
+    )
+    monkeypatch.setitem(CASES, "stripes", stripes)
+    small = ["mesh.around=12", "mesh.radial=1", "mesh.axial=2", "assembly.layers=1"]
+    file = load_scene("tsb1-pipe", ["load.case=stripes", *small])
+    (load,) = build_deck(file, Flavour.GENERAL).loads
+    assert isinstance(load, PressureLoad)
+    assert load.blocks.tolist() == [4, 6]
+    assert (load.face, load.pressure) == ("inner", 0.01)
+    assert load_words(file.scene).startswith("pressure on every second block 0.01 MPa")
 
 
 def test_every_family_is_in_the_table_once() -> None:
