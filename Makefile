@@ -26,10 +26,10 @@ test: setup lint types floors spelling
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 # What is compiled, on a processor without wide vectors: no test may depend on the processor.
+PROCESSOR_TESTS ?= tests/test_fem_kernels.py tests/test_fem_contact_law.py \
+  tests/test_fem_explicit_contact.py tests/test_fem_rate_form.py tests/test_validation_bare_build.py
 processor: setup
-	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= $(BIN)/python -m pytest -n 2 \
-	  tests/test_fem_kernels.py tests/test_fem_contact_law.py tests/test_fem_explicit_contact.py \
-	  tests/test_fem_rate_form.py tests/test_validation_bare_build.py
+	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= $(BIN)/python -m pytest -n 2 $(PROCESSOR_TESTS)
 
 check: setup lint types floors
 	$(BIN)/python -m pytest -n 2 -m "not slow"

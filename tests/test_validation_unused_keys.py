@@ -176,3 +176,45 @@ def test_a_study_of_what_matters_goes_on(tmp_path: Path) -> None:
     study = load_study(str(study_of(tmp_path, "rigid", "load.pressure", "[0.01, 0.02]")))
     refuse_idle_parameters(study)
     assert not run_design(study.to_json(), 0).message
+
+
+def leaves(data: dict[str, object], place: str = "") -> list[tuple[str, object]]:
+    """Keys of a scene with their values."""
+    found: list[tuple[str, object]] = []
+    for key, value in data.items():
+        inner = isinstance(value, dict)
+        found += leaves(value, f"{place}{key}.") if inner else [(f"{place}{key}", value)]  # type: ignore[arg-type]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [("tsb1-shaft", ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1"))],
+)
+def test_every_key_that_is_read_changes_the_rigid_answer(
+    name: str, settings: tuple[str, ...]
+) -> None:
+    """A key is named unused, or another value of it is refused or gives another answer."""
+
+    def answer(data: dict[str, object]) -> tuple[str, bytes]:
+        run = run_rigid(SceneFile(name=name, scene=check_scene(data)))
+        found = run.assembly.interfaces
+        numbers = (run.result.contact_forces, run.assembly.centroids, found.centroids)
+        return str(run.result.mechanism), b"".join(np.ascontiguousarray(n) for n in numbers)
+
+    data = apply_overrides(scene_data(name)[1], settings)
+    file = load_scene(name, settings)
+    with recording(file.scene) as use:
+        run_rigid(file)
+    base, changed = answer(data), 0
+    for key, value in leaves(data):
+        new = other(value)
+        if key in use.unused or new == value:
+            continue
+        try:
+            found = answer(apply_overrides(data, [f"{key}={json.dumps(new)}"]))
+        except InputError:
+            continue
+        assert found != base, key
+        changed += 1
+    assert changed > 8
