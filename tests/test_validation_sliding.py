@@ -187,19 +187,20 @@ def rigid(model: Model) -> Model:
 
 
 def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
-    """Points and normals of flat joints and of a tube's matched facets are the same, to rounding,
-    whether facets are matched or searched; a joint that does not match has as much area."""
+    """Points and normals of flat joints are the same, to rounding, whether facets are matched or
+    searched; a joint that does not match has as much area. Facets of a tube are warped: a search
+    spreads their area over the points by its projection, a square of the warp of 1e-2 apart."""
     small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
     tube = load_scene("tsb1-pipe", small).scene
     alike = column(*[(WIDE, (4, 4, 2))] * 3)
-    for scene in (alike, tube):
+    for scene, rel in ((alike, 1e-9), (tube, 1e-3)):
         deformable = build_deformable(scene, "scene")  # type: ignore[arg-type]
         matched, searched = (
             block_frequencies(explicit_assembly(deformable, finite_sliding=s).model, 0.01)
             for s in (False, True)
         )
-        assert searched.excited == pytest.approx(matched.excited, rel=1e-9)
-        assert searched.lowest == pytest.approx(matched.lowest, rel=1e-9)
+        assert searched.excited == pytest.approx(matched.excited, rel=rel)
+        assert searched.lowest == pytest.approx(matched.lowest, rel=rel)
     # Vertical motion of rigid blocks is uniform on a joint: its frequency depends on area alone.
     found, expected = (
         block_frequencies(rigid(explicit_assembly(build_deformable(scene, "column")).model), 0.01)
@@ -298,18 +299,14 @@ def settled_box(built: float, slid: float) -> tuple[FloatArray, FloatArray]:
 
 
 def test_a_box_that_slid_presses_as_one_built_there() -> None:
-    """Slid by three facets it meets the plank as one that was built there: the same points with
-    the same pressures, to the residual of 1e-7 times the softness of contact, tenfold. Slid by
-    half a facet the cuts are those of its first place: the pressures are those of another
-    quadrature, within the 2 % that joints without cuts err by."""
-    here, at = settled_box(0.0, 60.0)
-    there, to = settled_box(60.0, 0.0)
-    np.testing.assert_allclose(at, to, atol=1e-5)
-    np.testing.assert_allclose(here, there, rtol=1e-5)
-    here, _ = settled_box(0.0, 10.0)
-    there, _ = settled_box(10.0, 0.0)
-    assert here.max() == pytest.approx(there.max(), rel=0.02)
-    assert here.min() == pytest.approx(there.min(), rel=0.02)
+    """Slid by three facets, or by half of one, it meets the plank as one that was built there: the
+    same points with the same pressures, to the residual of 1e-7 times the softness of contact,
+    tenfold. Cuts follow the motion."""
+    for slide in (60.0, 10.0):
+        here, at = settled_box(0.0, slide)
+        there, to = settled_box(slide, 0.0)
+        np.testing.assert_allclose(at, to, atol=1e-5)
+        np.testing.assert_allclose(here, there, rtol=1e-5)
 
 
 def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
@@ -337,7 +334,8 @@ def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
 def test_a_brick_on_two_others_and_one_that_hangs_over(tmp_path: Path) -> None:
     """Facets that lie on two blocks or partly on none count with the area they have on each: two
     halves of 40 cm², and 100 × 70 mm² of a brick moved aside by 10 mm; half of all weight and load
-    goes to each support by symmetry. The residual is 1e-6."""
+    goes to each support by symmetry. The residual is 1e-6. Nothing holds the upper bricks against
+    a slide, and cuts follow it: rounding moves them by some 1e-2 of 50 mm."""
     write_hex_mesh(tmp_path / "coarse.vtu", box_block(WIDE, (4, 3, 2)).mesh)
     write_hex_mesh(tmp_path / "fine.vtu", box_block(WIDE, (5, 4, 3)).mesh)
     path = tmp_path / "own.toml"
@@ -369,8 +367,8 @@ forces = [{block = 3, force = [0, 0, -4000]}]
         ((2, 3), 7000.0, 4000.0 + weight),
     ):
         points = found.joint(*joint)
-        assert found.point_areas[points].sum() == pytest.approx(area, rel=1e-9)
-        assert np.abs(found.point_forces[points, 2]).sum() == pytest.approx(force, rel=1e-5)
+        assert found.point_areas[points].sum() == pytest.approx(area, rel=1e-3)
+        assert np.abs(found.point_forces[points, 2]).sum() == pytest.approx(force, rel=1e-3)
     assert not len(found.joint(0, 1)) or not found.point_pressures[found.joint(0, 1)].any()
 
 

@@ -8,14 +8,19 @@ from functools import cached_property
 import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
+from fem.contact.law import ContactLaw
+from fem.contact.search import FacingPoints, closest_points
 from fem.contact.surfaces import (
     corner_overclosures,
     facet_corners,
     point_kinematics,
     point_normals,
 )
-from fem.element.facet import FACET_VALUES
+from fem.element.facet import FACET_VALUES, bilinear
 from geometry.mesh import FloatArray, IntArray
+
+#: Least share of a facet that counts as facing a block.
+_SLIVER = 1e-3
 
 
 @dataclass(frozen=True)
@@ -200,3 +205,62 @@ def matched_state(
         point_overclosures=overclosures.ravel(),
         corner_overclosures=corner_overclosures(surfaces, moved, deformable.contact.normals),
     )
+
+
+def searched_state(points: FacingPoints, law: ContactLaw, clearance: float) -> ContactState:
+    """Contact of all points that a search found to face a facet.
+
+    Facets are those of the finer of two surfaces, one entry for each block that a facet faces,
+    with the part of its area that faces it; less than a thousandth of a facet is left out, for
+    facets are counted.
+
+    Parameters
+    ----------
+    points
+        At their present positions.
+    law
+        Contact law.
+    clearance
+        Added to every gap [mm].
+    """
+    master, slave, position = points.facet, points.slave, points.place()
+    _, gap, normal = closest_points(points.position[points.quads[master]], position, points.xi)
+    key = np.column_stack([points.facet_block[master], points.facet_block[slave], slave])
+    _, which = np.unique(key, axis=0, return_inverse=True)
+    area = np.bincount(which.ravel(), points.weights)
+    mean = np.bincount(which.ravel(), points.weights * gap) / area
+    near = mean[which.ravel()] <= points.farthest
+    near &= area[which.ravel()] > _SLIVER * points.facet_area[slave]
+    master, slave, position, gap, normal = (
+        values[near] for values in (master, slave, position, gap, normal)
+    )
+    overclosure = -gap - clearance
+    key = np.column_stack([points.facet_block[master], points.facet_block[slave], slave])
+    entries, which = np.unique(key, axis=0, return_inverse=True)
+    which = which.ravel()
+    return ContactState(
+        block_m=entries[:, 0],
+        block_s=entries[:, 1],
+        interface=None,
+        corners=_faced_parts(points, entries[:, 2], which, points.cells[near]),
+        facet=which,
+        positions=position,
+        normals=normal,
+        point_areas=points.weights[near],
+        point_pressures=law.pressure(overclosure),
+        point_overclosures=overclosure,
+    )
+
+
+def _faced_parts(
+    points: FacingPoints, facets: IntArray, which: IntArray, cells: FloatArray
+) -> FloatArray:
+    """Corners of the part of each facet on which its points lie, (n_facets, 4, 3) [mm]."""
+    low, high = np.full((len(facets), 2), 1.0), np.full((len(facets), 2), -1.0)
+    np.minimum.at(low, which, cells[:, 0])
+    np.maximum.at(high, which, cells[:, 1])
+    xi = np.stack([low, np.stack([high[:, 0], low[:, 1]], 1), high], axis=1)
+    xi = np.concatenate([xi, np.stack([low[:, 0], high[:, 1]], 1)[:, None]], axis=1)
+    corners = points.position[points.quads[facets]]
+    parts: FloatArray = np.einsum("fpa,fai->fpi", bilinear(xi)[0], corners)
+    return parts

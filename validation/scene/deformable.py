@@ -175,8 +175,8 @@ class EffectsSection(Section):
     """Uniform acceleration [mm/s²]."""
     friction: FrictionSection | None = None
     finite_sliding: bool = False
-    """Blocks may slide by more than a facet: a search finds opposing faces. On by itself in an
-    explicit run whose joints do not match."""
+    """Blocks may slide by more than a facet: a search finds opposing faces. On by itself
+    where joints do not match."""
     elastic_frame: bool = False
     """Frame blocks deform and are held at their outer faces; else they are rigid."""
 

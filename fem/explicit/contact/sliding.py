@@ -1,35 +1,40 @@
 """Contact with finite sliding: surfaces that need not conform, partners found by a search.
 
-The search (`fem.explicit.contact.search`) has a skin: it is repeated only when two blocks together
-may have moved by it, so a point without a facet cannot touch in between. See
+The search (`fem.contact.search`) has a skin: it is repeated only when two blocks together may have
+moved by it, so a facet without neighbour cannot touch in between. Cuts follow when they may have
+moved by a hundredth of that, a thousandth of an edge: what stale cuts err by is its square. See
 `fem.explicit.contact.sliding_kernel` for the force.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from fem.assembly.contact_state import ContactState
+from fem.assembly.contact_state import ContactState, searched_state
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
-from fem.element.facet import bilinear
+from fem.contact.search import BlockSurface, FacingPoints, facet_area_vectors
 from fem.explicit.body import Body
 from fem.explicit.contact.paired import check_stick, largest_stiffness, shifted
 from fem.explicit.contact.paired_kernel import add_travel
-from fem.explicit.contact.search import (
-    BlockSurface,
-    SlidingPoints,
-    closest_points,
-    facet_area_vectors,
-)
 from fem.explicit.contact.sliding_kernel import apply_surface, place_surface, sliding_forces
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import State
 from fem.explicit.step import Interaction, System
 from geometry.mesh import FloatArray, IntArray
+
+#: Motion of two blocks together after which cuts follow it, over the skin of the search.
+_CUT_SKIN = 1e-2
+
+#: Steps between two looks whether anything has moved at all since the last cut …
+_LOOK = 1024
+
+#: … by this share of the skin: what comes to rest is cut where it rests.
+_AT_REST = 1e-6
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,8 @@ class SlidingContact:
     """Stiffness of the law that the critical time step counts in [MPa/mm]."""
     friction: CoulombFriction | None = None
     """None: absent."""
+    symmetry: int = 1
+    """Order of the sector; 1: every block is computed."""
 
     def __post_init__(self) -> None:
         if self.friction is not None:
@@ -79,7 +86,7 @@ class SlidingContact:
 
     @cached_property
     def at_start(self) -> ContactState:
-        """Contact before any displacement."""
+        """Contact before any displacement, of the sector that is computed."""
         return sliding_state(self, None)
 
     def bind(self, bodies: tuple[Body, ...]) -> Interaction:
@@ -96,7 +103,8 @@ class _Group:
     rows: IntArray
     applied: IntArray
     copies: IntArray
-    rotations: FloatArray
+    turns: FloatArray
+    turn_of: IntArray
     surface_rows: IntArray
 
 
@@ -111,32 +119,49 @@ class BoundSlidingContact:
         points = self.points
         self._force = np.zeros_like(points.position)
         self._groups = [_group(points, g, body) for g, body in enumerate(bodies)]
-        n = len(points.slave)
-        self._gap = np.full(n, np.inf)
-        self._travel = [np.zeros(body.n_copies) for body in bodies]
-        self._searches = np.zeros(1, dtype=np.int64)
+        # Ways since the last search, and since the last cut.
+        self._travel = [np.zeros((2, body.n_copies)) for body in bodies]
+        # Searches and cuts so far; a checkpoint that is read changes the first, not the second.
+        self._counts = np.zeros(2, dtype=np.int64)
+        self._known = 0
+        self._searched, self._cut = points.position.copy(), points.position.copy()
         self._friction: FloatArray | None = None
-        self._slip: FloatArray | None = None
         self._dissipated: FloatArray | None = None
         if statement.friction is not None:
             given = statement.friction
             self._friction = np.array([given.coefficient, given.stick_stiffness])
-            self._slip, self._dissipated = np.zeros((n, 3)), np.zeros(1)
+            self._dissipated = np.zeros(1)
+        self._take_room()
+
+    def _take_room(self) -> None:
+        """Gaps and elastic slips of as many points as there is room for."""
+        room = self.points.room
+        self._gap = np.full(room, np.inf)
+        self._slip = None if self._friction is None else np.zeros((room, 3))
 
     def add_force(self, system: System, state: State) -> None:
         """Add contact forces at the current positions to the applied forces."""
         points = self.points
-        for group, body, now in zip(self._groups, system.bodies, state.bodies, strict=True):
+        self._follow(state)
+        for group, body, now, travel in zip(
+            self._groups, system.bodies, state.bodies, self._travel, strict=True
+        ):
             place_surface(
                 group.reference,
                 group.rows,
                 body.lanes,
                 group.copies,
-                group.rotations,
+                group.turns,
+                group.turn_of,
                 now.displacement.ravel(),
                 points.position[group.where],
             )
-        self._search_if_moved(system, state)
+            gone = np.zeros(body.n_copies)
+            add_travel(group.surface_rows, now.velocity, system.time_step, gone)
+            np.add(travel, gone, out=travel)
+        if not self._counts[0]:
+            self._search()
+        n = points.count
         sliding_forces(
             points.position,
             points.quads,
@@ -147,9 +172,9 @@ class BoundSlidingContact:
             points.xi,
             self._law,
             self._friction,
-            self._slip,
+            None if self._slip is None else self._slip[:n],
             self._dissipated,
-            self._gap,
+            self._gap[:n],
             self._force,
         )
         for group, body, now in zip(self._groups, system.bodies, state.bodies, strict=True):
@@ -160,39 +185,83 @@ class BoundSlidingContact:
                 group.applied,
                 body.lanes,
                 group.copies,
-                group.rotations,
+                group.turns,
+                group.turn_of,
                 now.applied_force.ravel(),
             )
 
-    def _search_if_moved(self, system: System, state: State) -> None:
-        """Search when two blocks together may have moved by the skin since the last search."""
-        for group, now, travel in zip(self._groups, state.bodies, self._travel, strict=True):
-            add_travel(group.surface_rows, now.velocity, system.time_step, travel)
-        moved = max((float(travel.max()) for travel in self._travel), default=0.0)
-        if self._searches[0] and 2.0 * moved < self.points.skin:
+    def _follow(self, state: State) -> None:
+        """Search or cut at the last positions, if two blocks together have moved since by a skin.
+
+        At the last ones: elastic slips know the way of a point from there on.
+        """
+        if self._counts.sum() != self._known:
+            self._resume()
+        if not self._known:
             return
-        self._searches += 1
+        moved = 2.0 * np.max([travel.max(axis=1) for travel in self._travel], axis=0)
+        skin = self.points.skin
+        if moved[0] > skin:
+            self._search()
+        elif moved[1] > _CUT_SKIN * skin or (
+            state.step % _LOOK == 0 and moved[1] > _AT_REST * skin
+        ):
+            self._renew(self.points.cut)
+            self._counts[1] += 1
+            self._known += 1
+
+    def _search(self) -> None:
+        """Find the neighbours of all facets anew, and cut."""
+        self._renew(self.points.search)
+        self._searched[:] = self.points.position
+        self._counts[0] += 1
+        self._known += 1
         for travel in self._travel:
-            travel[:] = 0.0
-        self.points.search()
-        if self._slip is not None:
-            self._slip[self.points.facet < 0] = 0.0
+            travel[0] = 0.0
+
+    def _renew(self, make: Callable[[], None]) -> None:
+        """Make other points; each takes the elastic slip of the nearest one before."""
+        points, slip = self.points, self._slip
+        before = points.slave.copy(), points.shapes.copy()
+        kept = None if slip is None else slip[: points.count].copy()
+        make()
+        if points.room > len(self._gap):
+            self._take_room()
+        if self._slip is not None and kept is not None:
+            self._slip[:] = 0.0
+            self._slip[: points.count] = points.carried(*before, kept)
+        self._cut[:] = points.position
+        for travel in self._travel:
+            travel[1] = 0.0
+
+    def _resume(self) -> None:
+        """Make the points of a checkpoint: those of the positions at its last search and cut."""
+        points = self.points
+        position, xi = points.position.copy(), points.all_xi.copy()
+        points.position[:] = self._searched
+        points.search()
+        points.position[:] = self._cut
+        points.cut()
+        points.position[:], points.all_xi[:] = position, xi
+        self._known = int(self._counts.sum())
 
     @property
     def searches(self) -> int:
         """Searches so far."""
-        return int(self._searches[0])
+        return int(self._counts[0])
 
     def _gaps(self) -> FloatArray:
-        """Gaps of all points, a large number where no facet is near, (n,) [mm]."""
-        return _finite(self._gap, self._statement.clearance)
+        """Gaps of all points, (n,) [mm]."""
+        gaps: FloatArray = self._gap[: self.points.count] + self._statement.clearance
+        return gaps
 
     def energy(self) -> float:
         """Energy stored at the last force evaluation [N mm]."""
         weights = self.points.weights
         stored = float(weights @ self._statement.law.stored_energy(-self._gaps()))
         if self._slip is not None and self._friction is not None:
-            stored += 0.5 * self._friction[1] * float(weights @ (self._slip**2).sum(axis=1))
+            slip = self._slip[: self.points.count]
+            stored += 0.5 * self._friction[1] * float(weights @ (slip**2).sum(axis=1))
         return stored
 
     def dissipation(self) -> float:
@@ -202,9 +271,9 @@ class BoundSlidingContact:
     def fault(self, system: System) -> str | None:
         """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
         counted = self._statement.counted_stiffness
-        if self._statement.law.constants.linear_stiffness <= counted or not len(self._gap):
+        if self._statement.law.constants.linear_stiffness <= counted or not self.points.count:
             return None
-        deepest = int(np.argmin(self._gap))
+        deepest = int(np.argmin(self._gap[: self.points.count]))
         overclosure, law = -self._gaps()[deepest], self._statement.law
         stiffness, pressure = float(law.stiffness(overclosure)), float(law.pressure(overclosure))
         if stiffness <= counted or stiffness <= self._largest_stiffness(system):
@@ -225,9 +294,11 @@ class BoundSlidingContact:
     def arrays(self) -> dict[str, LaneArray]:
         """Arrays that evolve, by name."""
         found: dict[str, LaneArray] = {
-            "facet": self.points.facet,
-            "closest": self.points.xi,
-            "searches": self._searches,
+            "position": self.points.position,
+            "searched": self._searched,
+            "cut": self._cut,
+            "closest": self.points.all_xi,
+            "counts": self._counts,
         }
         found |= {f"travel.{k}": travel for k, travel in enumerate(self._travel)}
         if self._slip is not None and self._dissipated is not None:
@@ -235,16 +306,12 @@ class BoundSlidingContact:
         return found
 
 
-def _finite(gap: FloatArray, clearance: float) -> FloatArray:
-    gaps: FloatArray = np.minimum(gap, 1e30) + clearance
-    return gaps
-
-
-def _points(statement: SlidingContact) -> SlidingPoints:
+def _points(statement: SlidingContact) -> FacingPoints:
     law = shifted(statement.law.constants, statement.clearance)
-    return SlidingPoints(
+    return FacingPoints(
         tuple(sorted(statement.surfaces, key=lambda s: s.group)),
         reach=-law.start,
+        symmetry=statement.symmetry,
     )
 
 
@@ -253,66 +320,28 @@ def sliding_state(
 ) -> ContactState:
     """Contact of all facets that face another block at given displacements.
 
-    Facets are those of the finer of two surfaces, one entry for each block that a facet faces,
-    with the part of its area that faces it.
-
     Parameters
     ----------
     statement
-        Surfaces and law.
+        Surfaces and law, every block computed.
     displacements
         Of each group, world axes, (n_copies, n_nodes, 3) [mm]; None: before any displacement.
     """
     points = _points(statement)
     if displacements is not None:
-        for k, surface in enumerate(points.surfaces):
-            if surface.group >= 0:
-                where = slice(int(points.node_start[k]), int(points.node_start[k + 1]))
-                points.position[where] += displacements[surface.group][surface.copy, surface.nodes]
+        points.displace(displacements)
         points.search()
-    facing = np.flatnonzero(points.facet >= 0)
-    master, slave = points.facet[facing], points.slave[facing]
-    position = points.place()[facing]
-    _, gap, normal = closest_points(points.position[points.quads[master]][:, None], position)
-    overclosure = -gap[:, 0] - statement.clearance
-    key = np.column_stack([points.facet_block[master], points.facet_block[slave], slave])
-    entries, which = np.unique(key, axis=0, return_inverse=True)
-    which = which.ravel()
-    return ContactState(
-        block_m=entries[:, 0],
-        block_s=entries[:, 1],
-        interface=None,
-        corners=_faced_parts(points, entries[:, 2], which, points.cells[facing]),
-        facet=which,
-        positions=position,
-        normals=normal[:, 0],
-        point_areas=points.weights[facing],
-        point_pressures=statement.law.pressure(overclosure),
-        point_overclosures=overclosure,
-    )
+    return searched_state(points, statement.law, statement.clearance)
 
 
-def _faced_parts(
-    points: SlidingPoints, facets: IntArray, which: IntArray, cells: FloatArray
-) -> FloatArray:
-    """Corners of the part of each facet on which its points lie, (n_facets, 4, 3) [mm]."""
-    low, high = np.full((len(facets), 2), 1.0), np.full((len(facets), 2), -1.0)
-    np.minimum.at(low, which, cells[:, 0])
-    np.maximum.at(high, which, cells[:, 1])
-    xi = np.stack([low, np.stack([high[:, 0], low[:, 1]], 1), high], axis=1)
-    xi = np.concatenate([xi, np.stack([low[:, 0], high[:, 1]], 1)[:, None]], axis=1)
-    corners = points.position[points.quads[facets]]
-    parts: FloatArray = np.einsum("fpa,fai->fpi", bilinear(xi)[0], corners)
-    return parts
-
-
-def _group(points: SlidingPoints, number: int, body: Body) -> _Group:
+def _group(points: FacingPoints, number: int, body: Body) -> _Group:
     """Collect the surface nodes of one group, which follow each other."""
     surfaces = points.surfaces
     mine = [k for k, s in enumerate(surfaces) if s.group == number]
     if not mine:
-        none = np.empty(0, dtype=np.int64)
-        return _Group(slice(0, 0), np.empty((0, 3)), none, none, none, np.empty((0, 3, 3)), none)
+        none, empty = np.empty(0, dtype=np.int64), np.empty((0, 3))
+        return _Group(slice(0, 0), empty, none, none, none, np.empty((0, 3, 3)), none, none)
+    sizes = [len(surfaces[k].nodes) for k in mine]
     nodes = np.concatenate([surfaces[k].nodes for k in mine])
     rows = body.rows.row[nodes]
     assert body.applied_row is not None
@@ -322,7 +351,8 @@ def _group(points: SlidingPoints, number: int, body: Body) -> _Group:
         reference=np.concatenate([surfaces[k].reference for k in mine]),
         rows=rows,
         applied=body.applied_row[rows].astype(np.int64),
-        copies=np.repeat([surfaces[k].copy for k in mine], [len(surfaces[k].nodes) for k in mine]),
-        rotations=np.ascontiguousarray(body.group.rotations),
+        copies=np.repeat([surfaces[k].copy for k in mine], sizes),
+        turns=np.stack([surfaces[k].rotation for k in mine]),
+        turn_of=np.repeat(np.arange(len(mine)), sizes),
         surface_rows=np.unique(rows),
     )

@@ -3,7 +3,8 @@
 Positions are in world axes. A point x_s = Σ N_a x_a of the *slave* surface meets the closest
 point x_m(ξ) of its master facet, found by Newton from where it was in the last step. There
 d = x_s - x_m stands on the facet, so ∂gap/∂x_s = n, ∂gap/∂x_b = -N_b(ξ) n exactly: forces are
-the gradient of the energy, and forces and moments balance.
+the gradient of the energy, and forces and moments balance. With x_m = A + B r + C s + D r s the
+facet and its tangents cost a third of sums over corners.
 """
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator"
@@ -11,8 +12,6 @@ the gradient of the energy, and forces and moments balance.
 from __future__ import annotations
 
 import math
-
-import numpy as np
 
 from fem.contact.law import law_pressure
 from geometry.compilation import njit
@@ -22,31 +21,16 @@ _OPTIONS = {"error_model": "numpy", "nogil": True}
 #: Newton iterations on the closest point; a step moves it by far less than a facet.
 _PROJECTIONS = 6
 
-#: The same from the centre of a facet that may be another.
-_SEARCH_STEPS = 12
+#: What Newton leaves of the natural coordinates: rounding.
+_LEFT = 1e-15
+
+
+# Vectors are tuples of three: they stay in registers, where small arrays would go through memory.
 
 
 @njit(**_OPTIONS)
-def _shapes(xi, values):
-    for a in range(4):
-        r = -1.0 if a in (0, 3) else 1.0
-        s = -1.0 if a in (0, 1) else 1.0
-        values[a, 0] = 0.25 * (1.0 + r * xi[0]) * (1.0 + s * xi[1])
-        values[a, 1] = 0.25 * r * (1.0 + s * xi[1])
-        values[a, 2] = 0.25 * s * (1.0 + r * xi[0])
-
-
-@njit(**_OPTIONS)
-def _frame(position, quad, xi, values, x, first, second):
-    """Point of a facet and its tangents at natural coordinates."""
-    _shapes(xi, values)
-    for i in range(3):
-        x[i], first[i], second[i] = 0.0, 0.0, 0.0
-        for a in range(4):
-            y = position[quad[a], i]
-            x[i] += values[a, 0] * y
-            first[i] += values[a, 1] * y
-            second[i] += values[a, 2] * y
+def _node(position, n):
+    return position[n, 0], position[n, 1], position[n, 2]
 
 
 @njit(**_OPTIONS)
@@ -55,114 +39,83 @@ def _dot(a, b):
 
 
 @njit(**_OPTIONS)
-def _twist(position, quad, d):
-    """(x_s - x_m) · ∂²x_m/∂r∂s."""
-    total = 0.0
-    for i in range(3):
-        mixed = position[quad[0], i] - position[quad[1], i]
-        mixed += position[quad[2], i] - position[quad[3], i]
-        total += 0.25 * mixed * d[i]
-    return total
+def _plus(a, share, b):
+    """A + share b."""
+    return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
 
 
 @njit(**_OPTIONS)
-def _closest(position, quad, point, xi, values, x, first, second, d):
-    """Move ξ to the closest point of the facet (or its bilinear continuation)."""
+def _sum(wa, a, wb, b, wc, c, wd, d):
+    return (
+        wa * a[0] + wb * b[0] + wc * c[0] + wd * d[0],
+        wa * a[1] + wb * b[1] + wc * c[1] + wd * d[1],
+        wa * a[2] + wb * b[2] + wc * c[2] + wd * d[2],
+    )
+
+
+@njit(**_OPTIONS)
+def _add(force, n, share, f):
+    for i in range(3):
+        force[n, i] += share * f[i]
+
+
+@njit(**_OPTIONS)
+def _frame(facet, r, s, point):
+    """Tangents of a facet and what lies between a point and it, at natural coordinates."""
+    middle, along, across, warp = facet
+    first, second = _plus(along, s, warp), _plus(across, r, warp)
+    there = _plus(_plus(middle, r, along), s, second)
+    return first, second, _plus(point, -1.0, there)
+
+
+@njit(**_OPTIONS)
+def _closest(facet, point, r, s, frame):
+    """Closest point of a facet by Newton from (r, s), where ``frame`` was asked; asked there."""
+    warp = facet[3]
+    bent = _dot(warp, warp)
     for _ in range(_PROJECTIONS):
-        _frame(position, quad, xi, values, x, first, second)
-        for i in range(3):
-            d[i] = point[i] - x[i]
+        first, second, d = frame
         a, b, c = _dot(first, first), _dot(first, second), _dot(second, second)
-        b -= _twist(position, quad, d)
+        b -= _dot(warp, d)
         p, q = _dot(d, first), _dot(d, second)
-        scale = a * c - b * b
-        dr, ds = (c * p - b * q) / scale, (a * q - b * p) / scale
-        xi[0] += dr
-        xi[1] += ds
-        if abs(dr) + abs(ds) < 1e-14:
+        scale = 1.0 / (a * c - b * b)
+        dr, ds = (c * p - b * q) * scale, (a * q - b * p) * scale
+        r, s = r + dr, s + ds
+        frame = _frame(facet, r, s, point)
+        # The next step would be a share of this one's square that warp and gap give.
+        way = dr * dr + ds * ds
+        if way * way * (bent + _dot(d, d)) < _LEFT * _LEFT * min(a, c):
             break
-    _frame(position, quad, xi, values, x, first, second)
-    for i in range(3):
-        d[i] = point[i] - x[i]
-
-
-@njit(cache=True, **_OPTIONS)
-def closest_on_facets(corners, points, xi, gap, normal):
-    """Closest points of facets to points, by Newton from the centres.
-
-    Parameters
-    ----------
-    corners
-        Facets for each point, (n, k, 4, 3) [mm].
-    points
-        (n, 3) [mm].
-    xi
-        Out: natural coordinates, held within twice the facet, (n, k, 2).
-    gap
-        Out: (point - closest point) · normal, (n, k) [mm].
-    normal
-        Out: of the facets there, (n, k, 3).
-    """
-    values, whole = np.empty((4, 3)), np.arange(4)
-    x, first, second, d = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for n in range(corners.shape[0]):
-        for k in range(corners.shape[1]):
-            facet, at, out = corners[n, k], xi[n, k], normal[n, k]
-            at[0], at[1] = 0.0, 0.0
-            for _ in range(_SEARCH_STEPS):
-                _frame(facet, whole, at, values, x, first, second)
-                for i in range(3):
-                    d[i] = points[n, i] - x[i]
-                a, b, c = _dot(first, first), _dot(first, second), _dot(second, second)
-                b -= _twist(facet, whole, d)
-                p, q = _dot(d, first), _dot(d, second)
-                scale = a * c - b * b
-                r = min(max(at[0] + (c * p - b * q) / scale, -2.0), 2.0)
-                s = min(max(at[1] + (a * q - b * p) / scale, -2.0), 2.0)
-                way = abs(r - at[0]) + abs(s - at[1])
-                at[0], at[1] = r, s
-                if way < 1e-14:
-                    break
-            _frame(facet, whole, at, values, x, first, second)
-            out[0] = first[1] * second[2] - first[2] * second[1]
-            out[1] = first[2] * second[0] - first[0] * second[2]
-            out[2] = first[0] * second[1] - first[1] * second[0]
-            size = math.sqrt(_dot(out, out))
-            gap[n, k] = 0.0
-            for i in range(3):
-                out[i] /= size
-                gap[n, k] += (points[n, i] - x[i]) * out[i]
+    return r, s, frame
 
 
 @njit(**_OPTIONS)
-def _rub(p, friction, pressure, weight, moved, normal, slip, dissipated, force):
-    """Add friction of one point to its force; ``moved`` is its way on the master."""
+def _rub(p, friction, pressure, weight, moved, normal, slip, dissipated):
+    """Friction of one point, whose way on the master is ``moved``; times its area."""
     stiffness = friction[1]
-    along = _dot(moved, normal)
-    turned = slip[p, 0] * normal[0] + slip[p, 1] * normal[1] + slip[p, 2] * normal[2]
-    size = 0.0
-    old = np.empty(3)
-    trial = np.empty(3)
-    for i in range(3):
-        moved[i] -= along * normal[i]
-        old[i] = slip[p, i] - turned * normal[i]
-        trial[i] = old[i] + moved[i]
-        size += trial[i] * trial[i]
-    size = stiffness * math.sqrt(size)
+    old = slip[p, 0], slip[p, 1], slip[p, 2]
+    old = _plus(old, -_dot(old, normal), normal)
+    moved = _plus(moved, -_dot(moved, normal), normal)
+    trial = _plus(old, 1.0, moved)
+    size = stiffness * math.sqrt(_dot(trial, trial))
     limit = friction[0] * pressure
-    share = 1.0 if size <= limit else limit / size
-    for i in range(3):
-        new = share * trial[i]
-        dissipated[0] += 0.5 * weight * stiffness * (old[i] + new) * (moved[i] - (new - old[i]))
-        slip[p, i] = new
-        force[i] -= weight * stiffness * new
+    if size > limit:
+        share = limit / size
+        new = share * trial[0], share * trial[1], share * trial[2]
+        lost = _plus(trial, -1.0, new)
+        dissipated[0] += 0.5 * weight * stiffness * (_dot(old, lost) + _dot(new, lost))
+    else:
+        new = trial
+    slip[p, 0], slip[p, 1], slip[p, 2] = new
+    pull = weight * stiffness
+    return pull * new[0], pull * new[1], pull * new[2]
 
 
 @njit(cache=True, **_OPTIONS)
 def sliding_forces(
     position, quads, slave, shapes, weights, facet, xi, law, friction, slip, dissipated, gap, force
 ):
-    """Gaps and nodal forces of all points that have a master facet.
+    """Gaps and nodal forces of all points.
 
     Parameters
     ----------
@@ -173,60 +126,62 @@ def sliding_forces(
     slave, shapes, weights
         Facet of each point, (n,), shape functions there, (n, 4), and area, (n,) [mm²].
     facet, xi
-        Master facet of each point, -1 where none is near, (n,), and the closest point on it,
-        (n, 2), updated.
+        Master facet of each point, (n,), and the closest point on it, (n, 2), updated.
     law
         Constants of the contact law, in terms of -d · n.
     friction, slip, dissipated
         None without friction; or coefficient and stick stiffness (2,), elastic slip (n, 3) [mm]
         and the energy lost so far (1,) [N mm], updated.
     gap
-        Out: d · n of each point, infinite without a facet, (n,) [mm].
+        Out: d · n of each point, (n,) [mm].
     force
         Out: on the surface nodes, world axes, (n_nodes, 3) [N].
     """
     force[:] = 0.0
-    values = np.empty((4, 3))
-    x, first, second, d = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    point, normal, pull, moved = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for p in range(len(facet)):
-        gap[p] = np.inf
-        if facet[p] < 0:
-            continue
         own, quad = quads[slave[p]], quads[facet[p]]
-        for i in range(3):
-            point[i] = 0.0
-            for a in range(4):
-                point[i] += shapes[p, a] * position[own[a], i]
-        if friction is not None:
-            _frame(position, quad, xi[p], values, x, first, second)
-            for i in range(3):
-                moved[i] = point[i] - x[i]
-        _closest(position, quad, point, xi[p], values, x, first, second, d)
-        normal[0] = first[1] * second[2] - first[2] * second[1]
-        normal[1] = first[2] * second[0] - first[0] * second[2]
-        normal[2] = first[0] * second[1] - first[1] * second[0]
-        size = math.sqrt(_dot(normal, normal))
-        for i in range(3):
-            normal[i] /= size
-        gap[p] = _dot(d, normal)
+        a, b = _node(position, quad[0]), _node(position, quad[1])
+        c, d = _node(position, quad[2]), _node(position, quad[3])
+        master = (
+            _sum(0.25, a, 0.25, b, 0.25, c, 0.25, d),
+            _sum(-0.25, a, 0.25, b, 0.25, c, -0.25, d),
+            _sum(-0.25, a, -0.25, b, 0.25, c, 0.25, d),
+            _sum(0.25, a, -0.25, b, 0.25, c, -0.25, d),
+        )
+        a, b = _node(position, own[0]), _node(position, own[1])
+        c, d = _node(position, own[2]), _node(position, own[3])
+        point = _sum(shapes[p, 0], a, shapes[p, 1], b, shapes[p, 2], c, shapes[p, 3], d)
+        before = _frame(master, xi[p, 0], xi[p, 1], point)
+        r, s, (first, second, away) = _closest(master, point, xi[p, 0], xi[p, 1], before)
+        xi[p, 0], xi[p, 1] = r, s
+        normal = (
+            first[1] * second[2] - first[2] * second[1],
+            first[2] * second[0] - first[0] * second[2],
+            first[0] * second[1] - first[1] * second[0],
+        )
+        size = 1.0 / math.sqrt(_dot(normal, normal))
+        normal = normal[0] * size, normal[1] * size, normal[2] * size
+        gap[p] = _dot(away, normal)
         pressure = law_pressure(-gap[p], law)
         if pressure == 0.0:
             if friction is not None:
-                slip[p] = 0.0
+                slip[p, 0], slip[p, 1], slip[p, 2] = 0.0, 0.0, 0.0
             continue
-        for i in range(3):
-            pull[i] = weights[p] * pressure * normal[i]
+        push = weights[p] * pressure
+        pull = push * normal[0], push * normal[1], push * normal[2]
         if friction is not None:
-            _rub(p, friction, pressure, weights[p], moved, normal, slip, dissipated, pull)
-        for a in range(4):
-            for i in range(3):
-                force[own[a], i] += shapes[p, a] * pull[i]
-                force[quad[a], i] -= values[a, 0] * pull[i]
+            rub = _rub(p, friction, pressure, weights[p], before[2], normal, slip, dissipated)
+            pull = _plus(pull, -1.0, rub)
+        for k in range(4):
+            _add(force, own[k], shapes[p, k], pull)
+        _add(force, quad[0], -0.25 * (1.0 - r) * (1.0 - s), pull)
+        _add(force, quad[1], -0.25 * (1.0 + r) * (1.0 - s), pull)
+        _add(force, quad[2], -0.25 * (1.0 + r) * (1.0 + s), pull)
+        _add(force, quad[3], -0.25 * (1.0 - r) * (1.0 + s), pull)
 
 
 @njit(cache=True, **_OPTIONS)
-def place_surface(reference, rows, lanes, copies, rotations, displacement, position):
+def place_surface(reference, rows, lanes, copies, turns, turn_of, displacement, position):
     """World positions of the surface nodes of one group, R (X + u) + t.
 
     Parameters
@@ -237,15 +192,15 @@ def place_surface(reference, rows, lanes, copies, rotations, displacement, posit
         Body row and copy of each node, (n,).
     lanes
         Lanes of the body.
-    rotations
-        Placement of each copy, (n_copies, 3, 3).
+    turns, turn_of
+        Placements of blocks, (n_blocks, 3, 3), and which of them each node has, (n,).
     displacement
         Flat (n_rows, 3, lanes) [mm].
     position
         Out: (n, 3).
     """
     for k in range(len(rows)):
-        turn = rotations[copies[k]]
+        turn = turns[turn_of[k]]
         base = 3 * rows[k] * lanes + copies[k]
         x, y, z = displacement[base], displacement[base + lanes], displacement[base + 2 * lanes]
         for i in range(3):
@@ -253,10 +208,10 @@ def place_surface(reference, rows, lanes, copies, rotations, displacement, posit
 
 
 @njit(cache=True, **_OPTIONS)
-def apply_surface(force, rows, lanes, copies, rotations, applied):
+def apply_surface(force, rows, lanes, copies, turns, turn_of, applied):
     """Add world forces of the surface nodes of one group to its applied forces, Rᵀ f."""
     for k in range(len(rows)):
-        turn = rotations[copies[k]]
+        turn = turns[turn_of[k]]
         base = 3 * rows[k] * lanes + copies[k]
         for j in range(3):
             local = turn[0, j] * force[k, 0] + turn[1, j] * force[k, 1] + turn[2, j] * force[k, 2]

@@ -7,17 +7,22 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.assembly.contact_state import ContactState, matched_pressures, matched_state
+from fem.assembly.block_surfaces import block_surfaces, facing_points
+from fem.assembly.contact_state import (
+    ContactState,
+    matched_pressures,
+    matched_state,
+    searched_state,
+)
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.free_motions import FreeMotions, free_motions
 from fem.assembly.local_system import LocalSystem, local_system
-from fem.assembly.symmetry import Orbits, SymmetryError, no_symmetry
+from fem.assembly.symmetry import Orbits, no_symmetry
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
 from fem.explicit.contact.alike_pairs import alike_pairs
 from fem.explicit.contact.paired import FaceContact
-from fem.explicit.contact.search import BlockSurface
-from fem.explicit.contact.sliding import SlidingContact, sliding_state
+from fem.explicit.contact.sliding import SlidingContact
 from fem.explicit.setup.cell_hold import cell_hold
 from fem.problem.effects import EffectError, Effects
 from fem.problem.model import (
@@ -52,9 +57,10 @@ class ExplicitAssembly:
 
     def contact_state(self, displacements: tuple[FloatArray, ...]) -> ContactState:
         """Contact of the whole assembly at displacements of the model's groups, world axes."""
-        if self.sliding is not None:
-            return sliding_state(self.sliding, displacements)
         whole = self.expand(displacements)
+        if self.sliding is not None:
+            points = facing_points(self.deformable, whole)
+            return searched_state(points, self.sliding.law, self.sliding.clearance)
         pressures, overclosures = matched_pressures(self.deformable, whole)
         return matched_state(self.deformable, whole, pressures, overclosures)
 
@@ -126,7 +132,6 @@ def explicit_assembly(
         Whether a search finds the facets that face each other (`fem.explicit.contact.sliding`), so
         that blocks may slide far and surfaces need not conform; otherwise matched facets stay
         matched and no search exists. None: as the assembly says.
-
     counted_pressure
         Pressure whose stiffness the critical time step counts in, see `counted_stiffness` [MPa].
     formulation
@@ -136,8 +141,6 @@ def explicit_assembly(
     ------
     FrictionError
         Friction with reference normals or too stiff a stick.
-    SymmetryError
-        Finite sliding of a sector.
     EffectError
         Effects with another gravity than the assembly has.
     """
@@ -218,35 +221,14 @@ def _sliding_contact(
     friction: CoulombFriction | None,
     counted: float,
 ) -> SlidingContact:
-    if orbits.order != 1:
-        raise SymmetryError(
-            f"finite sliding: got a sector of 1/{orbits.order}; blocks may leave their sector, so "
-            "expected symmetry off"
-        )
-    assembly = deformable.assembly
-    surfaces = []
-    for block in range(assembly.n_blocks):
-        quads = assembly.shape(block).contact_quads
-        if len(quads):
-            nodes, local = np.unique(quads, return_inverse=True)
-            surfaces.append(
-                BlockSurface(
-                    block=block,
-                    group=int(deformable.group_of[block]),
-                    copy=int(max(copy_of[block], 0)),
-                    rotation=assembly.rotations[block],
-                    nodes=nodes,
-                    reference=(assembly.nodes(block) + deformable.offsets[block])[nodes],
-                    quads=local.reshape(quads.shape).astype(np.int64),
-                )
-            )
     return SlidingContact(
-        surfaces=tuple(surfaces),
+        surfaces=block_surfaces(deformable, orbits, copy_of),
         n_nodes=tuple(group.n_nodes for group in deformable.model.groups),
         law=deformable.contact.law,
         clearance=deformable.surfaces.clearance,
         counted_stiffness=counted,
         friction=friction,
+        symmetry=orbits.order,
     )
 
 

@@ -172,14 +172,16 @@ def _add_sliding(
             if surface.group < 0:
                 continue
             group = model.groups[surface.group]
-            turn, shift = group.rotations[surface.copy], group.translations[surface.copy]
+            turn = surface.rotation
+            shift = surface.reference[0] - turn @ group.mesh.nodes[surface.nodes[0]]
             motions = rigid_motions(group, (state.positions[points] - shift) @ turn)
             gaps.append(sign * np.einsum("pi,pij->pj", state.normals[points] @ turn, motions))
             rows.append(6 * (first[surface.group] + surface.copy) + np.arange(6))
         gap, where = np.concatenate(gaps, axis=1), np.concatenate(rows)
         sides = (surfaces[m].group, surfaces[s].group)
         weights = _tangent(contact.law, pressure, model, sides) * state.point_areas[points]
-        stiffness[np.ix_(where, where)] += gap.T @ (weights[:, None] * gap)
+        # In a sector both may be images of one block.
+        np.add.at(stiffness, np.ix_(where, where), gap.T @ (weights[:, None] * gap))
 
 
 def _free_rows(model: Model, first: IntArray, size: int) -> IntArray:

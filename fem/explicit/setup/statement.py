@@ -106,9 +106,7 @@ def explicit_statement(
     """
     if mass_scaling is not None:
         deformable = replace(deformable, model=scale_masses(deformable.model, mass_scaling))
-    sliding = deformable.contact.finite_sliding
-    # Blocks that may slide far may leave their sector: the whole tube is computed.
-    whole = symmetry == "none" or not deformable.meets or (sliding and symmetry == "auto")
+    whole = symmetry == "none" or not deformable.meets
     orbits = None if whole else largest_cyclic_orbits(deformable)
     if symmetry == "sector" and orbits is not None and orbits.order == 1:
         raise SymmetryError(

@@ -1,0 +1,513 @@
+"""Compiled loops over facets that face each other: closest points, and cuts along edges.
+
+A facet of the *slave* surface that lies inside one facet of the *master* surface carries 2 × 2
+Gauss points: the shape functions of both are smooth there, so a uniform pressure gives exact nodal
+forces. A facet that crosses edges of the other surface, or hangs over its rim, is cut along those
+edges into convex pieces. Quadrilaterals have Gauss points of their own, so points move little when
+a slide begins; other pieces have three points of equal weight: with centroid c, second moment
+M = L Lᵀ (over the area), and v_k the corners of an equilateral triangle of radius √2,
+
+    x_k = c + L v_k
+
+integrate quadratic functions on *any* piece, and lie in it: a convex figure of unit second moment
+holds the disc of radius √2 round its centroid (Kannan, Lovász and Simonovits, Discrete Comput.
+Geom. 13 (1995), theorem 4.1). So the patch test holds for meshes that do not match.
+"""
+
+# mypy: disable-error-code="no-untyped-def, untyped-decorator"
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from geometry.compilation import njit
+
+_OPTIONS = {"error_model": "numpy", "nogil": True}
+
+#: Newton iterations on the closest point of a facet, from its centre.
+_SEARCH_STEPS = 12
+
+#: Newton on natural coordinates is quadratic: a step of this leaves an error of its square.
+CLOSE_ENOUGH = 1e-8
+
+#: Corners of a cut polygon at most: four, and one more for each edge that cuts.
+_CORNERS = 12
+
+#: Pieces smaller than this share of their facet are rounding.
+_SLIVER = 1e-8
+
+#: Distance from an edge, in facet sizes, below which a corner lies on it.
+_ON_EDGE = 1e-9
+
+#: Share of a facet beyond the edges of the one that it faces that changes no pressure: what the
+#: continued shape functions err by is its square.
+_BEYOND = 2e-3
+
+#: Share of a facet that faces nothing, below which it lies wholly on the other surface.
+_UNCOVERED = 1e-6
+
+#: A point whose closest point lies this far outside a facet, in natural coordinates, faces another.
+_RIM = 0.1
+
+#: Facets that look at each other: least cosine between one normal and the other's opposite.
+OPPOSITE = 0.3
+
+
+@njit(**_OPTIONS)
+def shape_values(xi, values):
+    """Bilinear shape functions and their two slopes at natural coordinates, (4, 3)."""
+    for a in range(4):
+        r = -1.0 if a in (0, 3) else 1.0
+        s = -1.0 if a in (0, 1) else 1.0
+        values[a, 0] = 0.25 * (1.0 + r * xi[0]) * (1.0 + s * xi[1])
+        values[a, 1] = 0.25 * r * (1.0 + s * xi[1])
+        values[a, 2] = 0.25 * s * (1.0 + r * xi[0])
+
+
+@njit(**_OPTIONS)
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(**_OPTIONS)
+def _cross(a, b, out):
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@njit(**_OPTIONS)
+def _frame(corners, xi, values, x, first, second):
+    """Point of a facet (4, 3) and its tangents at natural coordinates."""
+    shape_values(xi, values)
+    for i in range(3):
+        x[i], first[i], second[i] = 0.0, 0.0, 0.0
+        for a in range(4):
+            x[i] += values[a, 0] * corners[a, i]
+            first[i] += values[a, 1] * corners[a, i]
+            second[i] += values[a, 2] * corners[a, i]
+
+
+@njit(**_OPTIONS)
+def closest_point(corners, point, xi, work):
+    """Closest point of a facet or of its bilinear continuation, within twice its size.
+
+    Newton from ``xi``, updated; returns the gap and leaves the normal in ``work[5]``.
+    """
+    values = work[:4]
+    x, normal, first, second = work[4], work[5], work[6], work[7]
+    d = work[8]
+    for _ in range(_SEARCH_STEPS):
+        _frame(corners, xi, values, x, first, second)
+        twist = 0.0
+        for i in range(3):
+            d[i] = point[i] - x[i]
+            mixed = corners[0, i] - corners[1, i] + corners[2, i] - corners[3, i]
+            twist += 0.25 * mixed * d[i]
+        a, b, c = _dot(first, first), _dot(first, second), _dot(second, second)
+        b -= twist
+        p, q = _dot(d, first), _dot(d, second)
+        scale = a * c - b * b
+        r = min(max(xi[0] + (c * p - b * q) / scale, -2.0), 2.0)
+        s = min(max(xi[1] + (a * q - b * p) / scale, -2.0), 2.0)
+        way = abs(r - xi[0]) + abs(s - xi[1])
+        xi[0], xi[1] = r, s
+        if way < CLOSE_ENOUGH:
+            break
+    _frame(corners, xi, values, x, first, second)
+    _cross(first, second, normal)
+    size = math.sqrt(_dot(normal, normal))
+    gap = 0.0
+    for i in range(3):
+        normal[i] /= size
+        gap += (point[i] - x[i]) * normal[i]
+    return gap
+
+
+@njit(cache=True, **_OPTIONS)
+def closest_on_facets(corners, points, xi, gap, normal, start):
+    """Closest points of facets to points.
+
+    Parameters
+    ----------
+    corners
+        One facet for each point, (n, 4, 3) [mm].
+    points
+        (n, 3) [mm].
+    xi
+        Natural coordinates, held within twice the facet, (n, 2); where ``start`` is true the
+        iteration starts from them, else from the centre.
+    gap
+        Out: (point - closest point) · normal, (n,) [mm].
+    normal
+        Out: of the facets there, (n, 3).
+    """
+    work = np.empty((9, 3))
+    for n in range(corners.shape[0]):
+        if not start:
+            xi[n, 0], xi[n, 1] = 0.0, 0.0
+        gap[n] = closest_point(corners[n], points[n], xi[n], work)
+        for i in range(3):
+            normal[n, i] = work[5, i]
+
+
+# ---------------------------------------------------------------------------------------------
+# Cuts
+
+
+@njit(**_OPTIONS)
+def _area(polygon, n):
+    """Positive where the corners run counter-clockwise."""
+    total = 0.0
+    for k in range(n):
+        j = k + 1 if k + 1 < n else 0
+        total += polygon[k, 0] * polygon[j, 1] - polygon[k, 1] * polygon[j, 0]
+    return 0.5 * total
+
+
+@njit(**_OPTIONS)
+def clip(polygon, n, quad, size, spare):
+    """Part of a convex polygon inside a counter-clockwise quadrilateral: its corners' number.
+
+    ``polygon`` (m, 2) is overwritten, ``spare`` alike is work.
+    """
+    for e in range(4):
+        f = e + 1 if e < 3 else 0
+        along_x, along_y = quad[f, 0] - quad[e, 0], quad[f, 1] - quad[e, 1]
+        length = math.sqrt(along_x * along_x + along_y * along_y)
+        if not length > 0.0:
+            continue
+        kept = 0
+        for k in range(n):
+            j = k + 1 if k + 1 < n else 0
+            here = along_x * (polygon[k, 1] - quad[e, 1]) - along_y * (polygon[k, 0] - quad[e, 0])
+            there = along_x * (polygon[j, 1] - quad[e, 1]) - along_y * (polygon[j, 0] - quad[e, 0])
+            here /= length
+            there /= length
+            if abs(here) < _ON_EDGE * size:
+                here = 0.0
+            if abs(there) < _ON_EDGE * size:
+                there = 0.0
+            if here >= 0.0:
+                spare[kept, 0], spare[kept, 1] = polygon[k, 0], polygon[k, 1]
+                kept += 1
+            if here * there < 0.0:
+                share = here / (here - there)
+                for i in range(2):
+                    spare[kept, i] = polygon[k, i] + share * (polygon[j, i] - polygon[k, i])
+                kept += 1
+        n = kept
+        for k in range(n):
+            polygon[k, 0], polygon[k, 1] = spare[k, 0], spare[k, 1]
+        if n < 3:
+            return 0
+    return n
+
+
+@njit(**_OPTIONS)
+def moment_points(polygon, n, points):
+    """Three points that integrate quadratic functions on a convex polygon; its area."""
+    area, x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    ox, oy = polygon[0, 0], polygon[0, 1]
+    for k in range(1, n - 1):
+        ax, ay = polygon[k, 0] - ox, polygon[k, 1] - oy
+        bx, by = polygon[k + 1, 0] - ox, polygon[k + 1, 1] - oy
+        part = 0.5 * (ax * by - ay * bx)
+        area += part
+        x += part * (ax + bx) / 3.0
+        y += part * (ay + by) / 3.0
+        xx += part * (ax * ax + ax * bx + bx * bx) / 6.0
+        xy += part * (2.0 * ax * ay + ax * by + bx * ay + 2.0 * bx * by) / 12.0
+        yy += part * (ay * ay + ay * by + by * by) / 6.0
+    x, y = x / area, y / area
+    xx, xy, yy = xx / area - x * x, xy / area - x * y, yy / area - y * y
+    low_xx = math.sqrt(max(xx, 0.0))
+    low_xy = xy / low_xx if low_xx > 0.0 else 0.0
+    low_yy = math.sqrt(max(yy - low_xy * low_xy, 0.0))
+    for k in range(3):
+        angle = 0.5 * math.pi + 2.0 * math.pi * k / 3.0
+        u, v = math.sqrt(2.0) * math.cos(angle), math.sqrt(2.0) * math.sin(angle)
+        points[k, 0] = ox + x + low_xx * u
+        points[k, 1] = oy + y + low_xy * u + low_yy * v
+    return area
+
+
+@njit(**_OPTIONS)
+def _gauss_points(quad, points, weights):
+    """2 × 2 Gauss points of a plane quadrilateral and their areas."""
+    values, xi = np.empty((4, 3)), np.empty(2)
+    for k in range(4):
+        xi[0] = (-1.0 if k in (0, 3) else 1.0) / math.sqrt(3.0)
+        xi[1] = (-1.0 if k in (0, 1) else 1.0) / math.sqrt(3.0)
+        shape_values(xi, values)
+        rx, ry, sx, sy = 0.0, 0.0, 0.0, 0.0
+        points[k, 0], points[k, 1] = 0.0, 0.0
+        for a in range(4):
+            points[k, 0] += values[a, 0] * quad[a, 0]
+            points[k, 1] += values[a, 0] * quad[a, 1]
+            rx += values[a, 1] * quad[a, 0]
+            ry += values[a, 1] * quad[a, 1]
+            sx += values[a, 2] * quad[a, 0]
+            sy += values[a, 2] * quad[a, 1]
+        weights[k] = rx * sy - ry * sx
+
+
+@njit(**_OPTIONS)
+def natural_coordinates(quad, point, xi):
+    """Natural coordinates of a point of a plane quadrilateral (4, 2), by Newton."""
+    values = np.empty((4, 3))
+    xi[0], xi[1] = 0.0, 0.0
+    for _ in range(_SEARCH_STEPS):
+        shape_values(xi, values)
+        px, py, rx, ry, sx, sy = point[0], point[1], 0.0, 0.0, 0.0, 0.0
+        for a in range(4):
+            px -= values[a, 0] * quad[a, 0]
+            py -= values[a, 0] * quad[a, 1]
+            rx += values[a, 1] * quad[a, 0]
+            ry += values[a, 1] * quad[a, 1]
+            sx += values[a, 2] * quad[a, 0]
+            sy += values[a, 2] * quad[a, 1]
+        scale = rx * sy - ry * sx
+        dr, ds = (sy * px - sx * py) / scale, (rx * py - ry * px) / scale
+        xi[0] += dr
+        xi[1] += ds
+        if abs(dr) + abs(ds) < CLOSE_ENOUGH:
+            break
+
+
+@njit(**_OPTIONS)
+def _plane(corners, plane, flat):
+    """Centre, two axes and normal of a facet (4, 3) in ``plane`` (4, 3), its corners in them."""
+    for i in range(3):
+        plane[0, i] = 0.25 * (corners[0, i] + corners[1, i] + corners[2, i] + corners[3, i])
+        plane[1, i] = corners[1, i] + corners[2, i] - corners[0, i] - corners[3, i]
+        plane[2, i] = corners[2, i] + corners[3, i] - corners[0, i] - corners[1, i]
+    _cross(plane[1], plane[2], plane[3])
+    for k in (1, 3):
+        size = math.sqrt(_dot(plane[k], plane[k]))
+        for i in range(3):
+            plane[k, i] /= size
+    _cross(plane[3], plane[1], plane[2])
+    _project(corners, plane, flat)
+
+
+@njit(**_OPTIONS)
+def _project(corners, plane, flat):
+    for a in range(4):
+        flat[a, 0], flat[a, 1] = 0.0, 0.0
+        for i in range(3):
+            away = corners[a, i] - plane[0, i]
+            flat[a, 0] += away * plane[1, i]
+            flat[a, 1] += away * plane[2, i]
+
+
+@njit(**_OPTIONS)
+def _faces(corners, plane, normal):
+    """Whether a facet looks against the normal of a plane."""
+    first, second = np.empty(3), np.empty(3)
+    for i in range(3):
+        first[i] = corners[2, i] - corners[0, i]
+        second[i] = corners[3, i] - corners[1, i]
+    _cross(first, second, normal)
+    return _dot(normal, plane[3]) < -OPPOSITE * math.sqrt(_dot(normal, normal))
+
+
+@njit(**_OPTIONS)
+def _apart(flat, quad):
+    """Whether the boxes round two quadrilaterals do not overlap."""
+    for i in range(2):
+        if max(flat[0, i], flat[1, i], flat[2, i], flat[3, i]) <= min(
+            quad[0, i], quad[1, i], quad[2, i], quad[3, i]
+        ):
+            return True
+        if min(flat[0, i], flat[1, i], flat[2, i], flat[3, i]) >= max(
+            quad[0, i], quad[1, i], quad[2, i], quad[3, i]
+        ):
+            return True
+    return False
+
+
+@njit(**_OPTIONS)
+def _box(flat, piece, n, box, xi):
+    """Box round a piece in natural coordinates of its facet, lower then upper corner."""
+    box[0], box[1] = 1.0, -1.0
+    for a in range(n):
+        natural_coordinates(flat, piece[a], xi)
+        for i in range(2):
+            box[0, i] = max(min(box[0, i], xi[i]), -1.0)
+            box[1, i] = min(max(box[1, i], xi[i]), 1.0)
+
+
+@njit(**_OPTIONS)
+def _lift(values, own, point):
+    """Point of a facet (4, 3) whose shape functions are the first column of ``values``."""
+    for i in range(3):
+        point[i] = 0.0
+        for a in range(4):
+            point[i] += values[a, 0] * own[a, i]
+
+
+@njit(**_OPTIONS)
+def _within(own, flat, other, at, many, bounds, xi, work):
+    """Mean distance of points of a plane facet from another, infinite where that is not faced.
+
+    ``xi``: out, natural coordinates on both, (many, 2, 2).
+    """
+    values, point = np.empty((4, 3)), np.empty(3)
+    least, most, out, mean = np.inf, -np.inf, 0.0, 0.0
+    for p in range(many):
+        natural_coordinates(flat, at[p], xi[p, 0])
+        shape_values(xi[p, 0], values)
+        _lift(values, own, point)
+        xi[p, 1, 0], xi[p, 1, 1] = 0.0, 0.0
+        gap = closest_point(other, point, xi[p, 1], work)
+        least, most = min(least, gap), max(most, gap)
+        mean += abs(gap) / many
+        out = max(out, abs(xi[p, 1, 0]), abs(xi[p, 1, 1]))
+    faced = least <= bounds[1] and most >= bounds[0] and out <= 1.0 + _RIM
+    return mean if faced else np.inf
+
+
+@njit(**_OPTIONS)
+def _piece(own, flat, plane, other, bounds, size, piece, at, xi, work):
+    """Corners' number of the piece of a facet over another, its area and distance."""
+    quad, turned, spare = np.empty((4, 2)), np.empty((4, 2)), np.empty((_CORNERS, 2))
+    if not _faces(other, plane, work[0]):
+        return 0, 0.0, np.inf
+    _project(other, plane, turned)
+    if _apart(flat, turned):
+        return 0, 0.0, np.inf
+    for a in range(4):
+        for i in range(2):
+            quad[a, i], piece[a, i] = turned[3 - a, i], flat[a, i]
+    n = clip(piece, 4, quad, size, spare)
+    if n == 0 or _area(piece, n) <= _SLIVER * size * size:
+        return 0, 0.0, np.inf
+    area = moment_points(piece, n, at)
+    return n, area, _within(own, flat, other, at, 3, bounds, xi, work)
+
+
+@njit(cache=True, **_OPTIONS)
+def cut_facets(
+    position, quads, area, start, near, share, bounds, slave, shapes, weights, facet, xi, cells
+):
+    """Points of all facets on their pieces, each with the facet that it faces.
+
+    Parameters
+    ----------
+    position
+        Surface nodes of all blocks, (n_nodes, 3) [mm].
+    quads
+        Facets as surface nodes, (n_facets, 4).
+    area
+        Of the facets before any displacement, (n_facets,) [mm²].
+    start, near
+        Facets that each may face: ``near[start[f]:start[f + 1]]``.
+    share
+        With which the points of a facet against one near it count, as ``near``.
+    bounds
+        Least and largest gap at which a point faces a facet, (2,) [mm].
+    slave, shapes, weights, facet, xi, cells
+        Out, up to a capacity of points (m,): facet of the point, its shape functions there
+        (m, 4), area [mm²], facet that it faces, natural coordinates of the closest point on it
+        (m, 2), box round its piece in natural coordinates of its own facet (m, 2, 2).
+
+    Returns
+    -------
+    int
+        Number of points; what exceeds the capacity is counted and not written.
+    """
+    most = 1
+    for f in range(len(quads)):
+        most = max(most, start[f + 1] - start[f])
+    pieces, corners = np.empty((most, _CORNERS, 2)), np.empty(most, np.int64)
+    which, sizes, away = np.empty(most, np.int64), np.empty(most), np.empty(most)
+    own, other, plane = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
+    flat, at, part, pair = np.empty((4, 2)), np.empty((4, 2)), np.empty(4), np.empty((4, 2, 2))
+    values, work, box = np.empty((4, 3)), np.empty((9, 3)), np.empty((2, 2))
+    count = 0
+    for f in range(len(quads)):
+        if start[f] == start[f + 1]:
+            continue
+        for a in range(4):
+            own[a] = position[quads[f, a]]
+        _plane(own, plane, flat)
+        whole = _area(flat, 4)
+        found, covered = 0, 0.0
+        for k in range(start[f], start[f + 1]):
+            for a in range(4):
+                other[a] = position[quads[near[k], a]]
+            n, size, distance = _piece(
+                own, flat, plane, other, bounds, math.sqrt(whole), pieces[found], at, pair, work
+            )
+            if distance < np.inf:
+                which[found], corners[found], sizes[found], away[found] = k, n, size, distance
+                covered += size
+                found += 1
+        while covered > (1.0 + _UNCOVERED) * whole and found > 1:
+            # Something behind the other surface: what is nearest is faced.
+            far = np.argmax(away[:found])
+            covered -= sizes[far]
+            found -= 1
+            which[far], corners[far] = which[found], corners[found]
+            sizes[far], away[far], pieces[far] = sizes[found], away[found], pieces[found]
+        largest = np.argmax(sizes[:found]) if found else 0
+        inside = found > 0 and sizes[largest] > (1.0 - _BEYOND) * whole
+        if inside and covered > (1.0 - _UNCOVERED) * whole:
+            # It lies inside one facet: what sticks out changes nothing.
+            which[0], corners[0], found = which[largest], 4, 1
+            for a in range(4):
+                pieces[0, a] = flat[a]
+        for c in range(found):
+            n = corners[c]
+            for a in range(4):
+                other[a] = position[quads[near[which[c]], a]]
+            if n == 4:
+                many = 4
+                _gauss_points(pieces[c], at, part)
+            else:
+                many = 3
+                part[:] = moment_points(pieces[c], n, at) / 3.0
+            _within(own, flat, other, at, many, bounds, pair, work)
+            _box(flat, pieces[c], n, box, work[0])
+            for p in range(many):
+                if count < len(slave):
+                    shape_values(pair[p, 0], values)
+                    slave[count], facet[count] = f, near[which[c]]
+                    shapes[count], xi[count] = values[:, 0], pair[p, 1]
+                    weights[count] = part[p] / whole * area[f] * share[which[c]]
+                    cells[count] = box
+                count += 1
+    return count
+
+
+@njit(cache=True, **_OPTIONS)
+def carry_over(old_slave, old_shapes, old, slave, shapes, new):
+    """Give new points what the nearest old point of the same facet had, zero where it had none.
+
+    Parameters
+    ----------
+    old_slave, slave
+        Facet of each point, ascending, (n,) and (m,).
+    old_shapes, shapes
+        Shape functions of its corners at each point, (n, 4) and (m, 4).
+    old, new
+        What points have, (n, 3) and, out, (m, 3).
+    """
+    first = 0
+    for p in range(len(slave)):
+        while first < len(old_slave) and old_slave[first] < slave[p]:
+            first += 1
+        nearest, least = -1, np.inf
+        q = first
+        while q < len(old_slave) and old_slave[q] == slave[p]:
+            away = 0.0
+            for a in range(4):
+                away += (old_shapes[q, a] - shapes[p, a]) ** 2
+            if away < least:
+                nearest, least = q, away
+            q += 1
+        for i in range(3):
+            new[p, i] = old[nearest, i] if nearest >= 0 else 0.0

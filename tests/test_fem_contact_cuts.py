@@ -1,0 +1,124 @@
+"""Facets cut along the edges of others, and the points on their pieces."""
+
+import numpy as np
+import pytest
+
+from fem.contact.cuts import carry_over, clip, moment_points
+from fem.contact.search import BlockSurface, FacingPoints
+
+SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
+
+
+def area(polygon):
+    x, y = polygon.T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def cut(facet, quad):
+    polygon = np.zeros((12, 2))
+    polygon[:4] = facet
+    n = clip(polygon, 4, quad, 2.0, np.empty((12, 2)))
+    return polygon[:n]
+
+
+def grid(turn, size, cells):
+    """Squares that tile the plane round the origin, turned by an angle; (n, 4, 2)."""
+    shifts = np.stack(np.meshgrid(*2 * [np.arange(-cells, cells) * size]), axis=-1)
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    return (SQUARE / 2.0 * size + shifts.reshape(-1, 1, 2)) @ rotation.T
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, np.pi / 4])
+def test_pieces_fill_the_facet(turn):
+    """Areas add up to rounding, and so do the moments of order one and two of their points: those
+    of the square [0, 2]² are 4, 4, 4, 16/3, 4, 16/3. All points lie in their piece."""
+    total = np.zeros(6)
+    for quad in grid(turn, 1.3, 4):
+        piece = cut(SQUARE, quad)
+        if len(piece) < 3 or area(piece) < 1e-12:
+            continue
+        points = np.empty((4, 2))
+        size = moment_points(piece, len(piece), points)
+        assert size == pytest.approx(area(piece), rel=1e-12)
+        x, y = points[:3].T
+        total += size / 3.0 * np.array([np.ones(3), x, y, x * x, x * y, y * y]).sum(axis=1)
+        edge = np.roll(piece, -1, axis=0) - piece
+        for point in points[:3]:
+            away = point - piece
+            assert (edge[:, 0] * away[:, 1] - edge[:, 1] * away[:, 0]).min() > -1e-9
+    assert total == pytest.approx([4.0, 4.0, 4.0, 16.0 / 3.0, 4.0, 16.0 / 3.0], rel=1e-12)
+
+
+def test_random_triangles_keep_their_moments():
+    """∫ x² over a triangle is area/12 (Σ x_i² + (Σ x_i)²)."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        triangle = rng.standard_normal((3, 2))
+        if area(triangle) < 0.0:
+            triangle = triangle[::-1]
+        points = np.empty((4, 2))
+        size = moment_points(np.ascontiguousarray(triangle), 3, points)
+        x = triangle[:, 0]
+        exact = size / 12.0 * ((x**2).sum() + x.sum() ** 2)
+        assert size / 3.0 * (points[:3, 0] ** 2).sum() == pytest.approx(exact, rel=1e-9)
+
+
+def plate(number, cells, shift=(0.0, 0.0), turn=0.0, *, up, height=0.0):
+    """A square of 4 × 4 mm² with cells × cells facets that look up or down."""
+    line = np.linspace(-2.0, 2.0, cells + 1)
+    x, y = (g.ravel() for g in np.meshgrid(line, line, indexing="ij"))
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    nodes = np.column_stack([np.stack([x, y], 1) @ rotation.T + shift, np.full(len(x), height)])
+    first = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
+    quads = np.stack([first, first + cells + 1, first + cells + 2, first + 1], axis=1)
+    return BlockSurface(
+        block=number,
+        group=0,
+        copy=number,
+        rotation=np.eye(3),
+        nodes=np.arange(len(nodes)),
+        reference=nodes,
+        quads=quads if up else quads[:, ::-1].copy(),
+    )
+
+
+@pytest.mark.parametrize(("cells", "shift", "turn"), [(4, 0.0, 0.0), (6, 0.37, 0.0), (5, 0.1, 0.4)])
+def test_a_uniform_pressure_gives_the_forces_of_either_surface(cells, shift, turn):
+    """∫ N_a on a plate inside the other, from the points: each node of the inner one has the area
+    round it, to rounding where facets are squares."""
+    outer = plate(0, 7, up=True)
+    outer = BlockSurface(**(vars(outer) | {"reference": 3.0 * outer.reference}))
+    points = FacingPoints((outer, plate(1, cells, (shift, shift), turn, up=False)), reach=0.1)
+    assert (points.facet < 49).all()
+    on_nodes = np.zeros(len(points.position))
+    np.add.at(on_nodes, points.quads[points.slave], points.weights[:, None] * points.shapes)
+    cell = (4.0 / cells) ** 2
+    line = np.full(cells + 1, 1.0)
+    line[[0, -1]] = 0.5
+    assert on_nodes[64:] == pytest.approx(cell * np.outer(line, line).ravel(), rel=1e-10)
+
+
+def test_what_hangs_over_faces_nothing():
+    """A plate moved aside by 1.1 mm of its 4 mm along both axes: 2.9² mm² remain."""
+    points = FacingPoints((plate(0, 4, up=True), plate(1, 4, (1.1, 1.1), up=False)), reach=0.1)
+    assert points.weights.sum() == pytest.approx(2.9**2, rel=1e-12)
+    assert (points.cells >= -1.0).all()
+    assert (points.cells <= 1.0).all()
+
+
+def test_facets_that_match_to_rounding_keep_their_gauss_points():
+    """Four points on each facet at ±1/√3, also after a slide of a thousandth."""
+    for shift in (0.0, 1e-12, 1e-3):
+        points = FacingPoints((plate(0, 4, up=True), plate(1, 4, (shift, 0), up=False)), reach=0.1)
+        assert np.bincount(points.slave)[16:].min() == 4
+        corner = points.shapes.max(axis=1)
+        assert corner == pytest.approx((1.0 + 1.0 / np.sqrt(3.0)) ** 2 / 4.0, abs=2e-3)
+
+
+def test_values_go_to_the_nearest_point_of_the_same_facet():
+    old_slave, slave = np.array([0, 0, 2]), np.array([0, 1, 2])
+    corners = np.eye(4)
+    old = np.arange(9.0).reshape(3, 3)
+    new = np.empty((3, 3))
+    carry_over(old_slave, corners[[0, 1, 2]], old, slave, corners[[1, 1, 3]], new)
+    assert (new == [[3.0, 4.0, 5.0], [0.0, 0.0, 0.0], [6.0, 7.0, 8.0]]).all()
