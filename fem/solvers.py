@@ -46,17 +46,12 @@ def solve_static(problem: Problem, options: StaticOptions | None = None) -> Answ
     Raises
     ------
     ProblemError
-        Finite sliding or an initial motion, which need an explicit run.
+        An initial motion, which needs an explicit run.
     StaticError
         No equilibrium, or none that was found.
     ContactError, DeformableAssemblyError, SymmetryError
         What cannot be solved.
     """
-    if problem.finite_sliding:
-        raise ProblemError(
-            "finite_sliding: static blocks stay on the facets that they meet; expected it off, or "
-            "solve_explicit"
-        )
     problem.refuse_motion()
     return static_answer(problem.deformable, options, finite_rotation=problem.finite_rotation)
 

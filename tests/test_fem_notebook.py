@@ -121,8 +121,6 @@ def test_what_an_answer_does_not_have_is_refused(problem) -> None:
         analyse(replace(problem, friction=0.3))
     with pytest.raises(ProblemError, match="clearance"):
         analyse(replace(problem, clearance=0.1))
-    with pytest.raises(ProblemError, match="finite_sliding"):
-        solve_static(replace(problem, finite_sliding=True))
     with pytest.raises(ProblemError, match="three finite"):
         replace(problem, gravity=(0.0, -9810.0))
     assert replace(problem, friction=0.3).deformable.contact.friction.coefficient == 0.3

@@ -41,6 +41,7 @@ def block_surfaces(
                     nodes=nodes,
                     reference=(assembly.nodes(block) + deformable.offsets[block])[nodes],
                     quads=local.reshape(quads.shape).astype(np.int64),
+                    stands=block if orbits is None else int(orbits.representative[block]),
                     turn=int(turns[block]),
                 )
             )
@@ -64,8 +65,9 @@ def _turns(deformable: DeformableAssembly, orbits: Orbits | None) -> IntArray:
 def facing_points(
     deformable: DeformableAssembly,
     displacements: tuple[FloatArray, ...] | None = None,
+    orbits: Orbits | None = None,
 ) -> FacingPoints:
-    """Find what faces what in a whole assembly.
+    """Find what faces what in an assembly.
 
     Parameters
     ----------
@@ -73,9 +75,12 @@ def facing_points(
         Blocks and contact law.
     displacements
         Of its groups, world axes, (n_copies, n_nodes, 3) [mm]; None: before any displacement.
+    orbits
+        Points are those of one block of each orbit; None: of all blocks.
     """
     reach = -deformable.contact.law.constants.start - deformable.surfaces.clearance
-    points = FacingPoints(block_surfaces(deformable), reach=reach)
+    order = 1 if orbits is None else orbits.order
+    points = FacingPoints(block_surfaces(deformable, orbits), reach=reach, symmetry=order)
     if displacements is not None:
         points.displace(displacements)
         points.search()

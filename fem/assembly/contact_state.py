@@ -10,7 +10,9 @@ import numpy as np
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.law import ContactLaw
 from fem.contact.search import FacingPoints, closest_points
+from fem.contact.searched import SearchedSurfaces
 from fem.contact.surfaces import (
+    ContactSurfaces,
     corner_overclosures,
     facet_corners,
     point_kinematics,
@@ -115,7 +117,9 @@ class ContactState:
 
 
 def corner_displacements(
-    deformable: DeformableAssembly, displacements: tuple[FloatArray, ...]
+    deformable: DeformableAssembly,
+    displacements: tuple[FloatArray, ...],
+    surfaces: ContactSurfaces | SearchedSurfaces | None = None,
 ) -> FloatArray:
     """World displacements of the eight corners of every facet pair, m's four first.
 
@@ -125,13 +129,15 @@ def corner_displacements(
         Blocks and surfaces; rigid blocks do not move.
     displacements
         Of each group, (n_copies, n_nodes, 3) [mm], world axes.
+    surfaces
+        Facets; None: the matched ones.
 
     Returns
     -------
     FloatArray
         (n_facets, 8, 3) [mm].
     """
-    surfaces = deformable.surfaces
+    surfaces = deformable.surfaces if surfaces is None else surfaces
     moved = np.zeros((surfaces.n_facets, 8, 3))
     for half, (block, quads) in enumerate(
         ((surfaces.block_m, surfaces.quads_m), (surfaces.block_s, surfaces.quads_s))
@@ -231,9 +237,8 @@ def searched_state(points: FacingPoints, law: ContactLaw, clearance: float) -> C
     mean = np.bincount(which.ravel(), points.weights * gap) / area
     near = mean[which.ravel()] <= points.farthest
     near &= area[which.ravel()] > _SLIVER * points.facet_area[slave]
-    master, slave, position, gap, normal = (
-        values[near] for values in (master, slave, position, gap, normal)
-    )
+    master, slave = master[near], slave[near]
+    position, gap, normal = position[near], gap[near], normal[near]
     overclosure = -gap - clearance
     key = np.column_stack([points.facet_block[master], points.facet_block[slave], slave])
     entries, which = np.unique(key, axis=0, return_inverse=True)

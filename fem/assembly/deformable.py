@@ -59,8 +59,7 @@ class Contact:
     friction: CoulombFriction | None = None
     """Friction; None: absent."""
     finite_sliding: bool = False
-    """Whether a search finds facets that face each other (explicit runs only); matched facets
-    otherwise stay matched."""
+    """Whether a search finds facets that face each other; matched facets otherwise stay matched."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +150,7 @@ def deformable_assembly(
     friction
         Friction between the blocks; None: absent.
     finite_sliding
-        Whether explicit runs search for the facets that face each other. Surfaces then need not
+        Whether a search finds the facets that face each other. Surfaces then need not
         conform, so blocks that nothing holds are not looked for.
     gravity
         Uniform acceleration, (3,) [mm/s²], of static and explicit runs alike; None: absent.

@@ -14,12 +14,8 @@ from scipy.sparse import block_diag, csr_array, eye_array
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import Orbits, local_forces
-from fem.contact.surfaces import (
-    ContactNormals,
-    ContactSurfaces,
-    PointKinematics,
-    point_kinematics,
-)
+from fem.contact.searched import SearchedSurfaces
+from fem.contact.surfaces import ContactNormals, ContactSurfaces, PointKinematics
 from fem.problem.model import BlockGroup, ModelError
 from geometry.mesh import FloatArray, IntArray
 
@@ -55,8 +51,8 @@ class LocalSystem:
     """Slot of the representative of every block, -1 for rigid ones, (n_blocks,)."""
     node_start: IntArray
     """First node of each slot, and the total; (n_slots + 1,)."""
-    surfaces: ContactSurfaces
-    """Facets to integrate, one of each orbit."""
+    surfaces: ContactSurfaces | SearchedSurfaces
+    """Facets to integrate, one of each orbit, or points that a search found."""
     corner_nodes: IntArray
     """Node of each of the eight corners, `n_nodes` for rigid blocks, (n_facets, 8)."""
     external_force: FloatArray
@@ -114,7 +110,7 @@ class LocalSystem:
 
     def kinematics(self, displacement: FloatArray, normals: ContactNormals) -> PointKinematics:
         """Overclosures at a displacement, gradients in block frames."""
-        world = point_kinematics(self.surfaces, self.corner_displacements(displacement), normals)
+        world = self.surfaces.kinematics(self.corner_displacements(displacement), normals)
         return PointKinematics(world.overclosure, self.local_gradient(world.gradient))
 
     def gather(self, local_gradient: FloatArray, displacement: FloatArray) -> FloatArray:
@@ -194,8 +190,10 @@ class LocalSystem:
         return result
 
 
-def local_system(deformable: DeformableAssembly, orbits: Orbits) -> LocalSystem:
-    """Number the unknowns of a static problem.
+def local_system(
+    deformable: DeformableAssembly, orbits: Orbits, searched: SearchedSurfaces | None = None
+) -> LocalSystem:
+    """Number the unknowns of a static problem, on matched facets or on points of a search.
 
     Raises
     ------
@@ -209,7 +207,7 @@ def local_system(deformable: DeformableAssembly, orbits: Orbits) -> LocalSystem:
     slot_of = slot[orbits.representative]
     sizes = [deformable.group(int(b)).n_nodes for b in blocks]
     node_start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    surfaces = deformable.surfaces.subset(orbits.facets)
+    surfaces = searched or deformable.surfaces.subset(orbits.facets)
     corner = np.concatenate(
         [
             _slot_nodes(surfaces.quads_m, slot_of[surfaces.block_m], node_start),

@@ -84,7 +84,7 @@ class Problem:
     friction: CoulombFriction | float | None = None
     """Of all joints; a number is the coefficient [-]; None: absent."""
     finite_sliding: bool = False
-    """Whether explicit runs search for the facets that face each other."""
+    """Whether a search finds the facets that face each other."""
     finite_rotation: bool = False
     """Whether blocks may turn by any angle."""
     gravity: Sequence[float] | FloatArray | None = None

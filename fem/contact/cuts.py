@@ -447,8 +447,10 @@ def cut_facets(
                 covered += size
                 found += 1
         while covered > (1.0 + _UNCOVERED) * whole and found > 1:
-            # Something behind the other surface: what is nearest is faced.
             far = np.argmax(away[:found])
+            if covered - whole < 0.5 * sizes[far]:
+                break  # roughness
+            # Something behind the other surface: what is nearest is faced.
             covered -= sizes[far]
             found -= 1
             which[far], corners[far] = which[found], corners[found]

@@ -48,8 +48,10 @@ class BlockSurface:
     """Their positions before any displacement, world axes, (n_nodes, 3) [mm]."""
     quads: IntArray
     """Facets as positions in `nodes`, counter-clockwise from outside, (n_facets, 4)."""
+    stands: int = -1
+    """In a sector: block that stands for it …"""
     turn: int = 0
-    """In a sector: by how many of its angles the block is turned from the one computed."""
+    """… and by how many angles of the sector it is turned from that."""
 
     @property
     def edge(self) -> float:
@@ -254,8 +256,8 @@ class FacingPoints:
             return [(j, i, 1.0)]
         if self._edges[i] > self._edges[j] * (1.0 + 1e-9) or self.symmetry == 1:
             return [(i, j, 1.0)]
-        if (one.group, one.copy) != (two.group, two.copy):
-            later = (two.group, two.copy) > (one.group, one.copy)
+        if one.stands != two.stands:
+            later = (two.group, two.stands) > (one.group, one.stands)
             return [(i, j, 1.0) if later else (j, i, 1.0)]
         ahead = (two.turn - one.turn) % self.symmetry
         if 2 * ahead == self.symmetry:

@@ -105,6 +105,17 @@ class ContactSurfaces:
         gaps: FloatArray = along + self.clearance
         return gaps
 
+    @property
+    def difference(self) -> FloatArray:
+        """Corner weights of d = x_s - x_m, (n, 4 points, 8)."""
+        return np.broadcast_to(_DIFFERENCE, (self.n_facets, 4, 8))
+
+    def kinematics(
+        self, corner_displacements: FloatArray, normals: ContactNormals
+    ) -> PointKinematics:
+        """Overclosures and their gradients at displaced corners (n, 8, 3) [mm], world axes."""
+        return point_kinematics(self, corner_displacements, normals)
+
     def subset(self, facets: IntArray) -> ContactSurfaces:
         """Keep some facets, in the order given; block pairs are found anew."""
         m, s = self.block_m[facets], self.block_s[facets]
@@ -114,14 +125,15 @@ class ContactSurfaces:
             quads_m=self.quads_m[facets],
             quads_s=self.quads_s[facets],
             facet=self.facet[facets],
-            pair_start=_pair_start(m, s),
+            pair_start=pair_start(m, s),
             tangents=self.tangents[facets],
             offsets=self.offsets[facets],
             clearance=self.clearance,
         )
 
 
-def _pair_start(block_m: IntArray, block_s: IntArray) -> IntArray:
+def pair_start(block_m: IntArray, block_s: IntArray) -> IntArray:
+    """First facet of each block pair of sorted facets, and the total; (n_pairs + 1,)."""
     change = np.flatnonzero((np.diff(block_m) != 0) | (np.diff(block_s) != 0)) + 1
     ends = [0, len(block_m)] if len(block_m) else [0]
     return np.unique(np.concatenate([change, ends])).astype(np.int64)

@@ -24,7 +24,12 @@ import numpy as np
 from fem.assembly.free_motions import NodalInverse
 from fem.assembly.local_system import LocalSystem
 from fem.contact.law import ContactLaw
-from fem.contact.surfaces import ContactNormals, PointKinematics, curvature_tangent
+from fem.contact.surfaces import (
+    ContactNormals,
+    ContactSurfaces,
+    PointKinematics,
+    curvature_tangent,
+)
 from fem.static.linear_step.linearisation import (
     Linearisation,
     LinearStep,
@@ -134,6 +139,7 @@ class _Energy:
     def _curvature(self, state: _State) -> FloatArray:
         """Σ w p ∂²x/∂u² of each facet, world axes, (n_facets, 24, 24) [N/mm]."""
         surfaces = self.system.surfaces
+        assert isinstance(surfaces, ContactSurfaces)  # points of a search have no such tangent
         corners = self.system.corner_displacements(state.displacement)
         forces = self.weights * self.law.pressure(state.kinematics.overclosure)
         tangent = np.empty((surfaces.n_facets, 24, 24))

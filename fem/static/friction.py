@@ -14,7 +14,6 @@ import numpy as np
 
 from fem.assembly.local_system import LocalSystem
 from fem.contact.friction import CoulombFriction, friction_tractions
-from fem.element.facet import FACET_VALUES
 from fem.static.linear_step.linearisation import Linearisation
 from geometry.mesh import FloatArray
 
@@ -32,13 +31,14 @@ class FrictionRows:
     friction: CoulombFriction
     """The law."""
     tangents: FloatArray
-    """Orthonormal reference tangents, (n_facets, 4 points, 2, 3), world axes."""
+    """Orthonormal reference tangents, (n_facets, n_points, 2, 3), world axes."""
     gradient: FloatArray
-    """∂(slip)/∂u in block frames, (n_facets, 8 = 4 points × 2, 8 corners, 3)."""
+    """∂(slip)/∂u in block frames, (n_facets, 2 n_points, 8 corners, 3)."""
 
     def slip(self, displacement: FloatArray) -> FloatArray:
-        """Slip along the tangents, (n_facets, 4, 2) [mm]."""
-        return self.system.gather(self.gradient, displacement).reshape(-1, 4, 2)
+        """Slip along the tangents, (n_facets, n_points, 2) [mm]."""
+        slip = self.system.gather(self.gradient, displacement)
+        return slip.reshape(*self.tangents.shape[:3])
 
     def linearise(
         self, displacement: FloatArray, anchor: FloatArray, pressure: FloatArray
@@ -59,17 +59,18 @@ class FrictionRows:
         turn = np.stack([along, across], axis=2)
         gradient = np.einsum("fpki,fpiax->fpkax", turn, self._by_tangent())
         at = np.einsum("fpki,fpi->fpk", turn, slip)
+        rows = self.gradient.shape[:2]
         return Linearisation(
             weights=np.repeat(self.system.surfaces.weights, 2, axis=1),
             gradient=gradient.reshape(self.gradient.shape),
-            constant=np.zeros((len(at), 8)),
-            at=at.reshape(-1, 8),
-            pressure=np.einsum("fpki,fpi->fpk", turn, traction).reshape(-1, 8),
-            stiffness=np.stack([stiff_along, stiff_across], axis=2).reshape(-1, 8),
+            constant=np.zeros(rows),
+            at=at.reshape(rows),
+            pressure=np.einsum("fpki,fpi->fpk", turn, traction).reshape(rows),
+            stiffness=np.stack([stiff_along, stiff_across], axis=2).reshape(rows),
         )
 
     def _by_tangent(self) -> FloatArray:
-        return self.gradient.reshape(-1, 4, 2, 8, 3)
+        return self.gradient.reshape(*self.tangents.shape[:3], 8, 3)
 
     def forces(
         self, displacement: FloatArray, anchor: FloatArray, pressure: FloatArray
@@ -77,7 +78,7 @@ class FrictionRows:
         """Nodal forces of the friction, (n_nodes, 3) [N]."""
         traction, _ = friction_tractions(self.friction, self.slip(displacement), anchor, pressure)
         weighted = self.system.surfaces.weights[:, :, None] * traction
-        return self.system.scatter(self.gradient, weighted.reshape(-1, 8))
+        return self.system.scatter(self.gradient, weighted.reshape(self.gradient.shape[:2]))
 
 
 def friction_rows(system: LocalSystem, friction: CoulombFriction) -> FrictionRows:
@@ -86,8 +87,8 @@ def friction_rows(system: LocalSystem, friction: CoulombFriction) -> FrictionRow
     first = surfaces.tangents[:, :, 0]
     first = first / np.linalg.norm(first, axis=2, keepdims=True)
     tangents = np.stack([first, np.cross(surfaces.normals, first)], axis=2)
-    difference = np.concatenate([-FACET_VALUES, FACET_VALUES], axis=1)
-    world = np.einsum("pa,fpki->fpkai", difference, tangents).reshape(-1, 8, 8, 3)
+    world = np.einsum("fpa,fpki->fpkai", surfaces.difference, tangents)
+    world = world.reshape(len(tangents), -1, 8, 3)
     return FrictionRows(system, friction, tangents, system.local_gradient(world))
 
 

@@ -7,9 +7,16 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.assembly.contact_state import ContactState, corner_displacements, matched_state
+from fem.assembly.contact_state import (
+    ContactState,
+    corner_displacements,
+    matched_state,
+    searched_state,
+)
 from fem.assembly.deformable import DeformableAssembly
-from fem.contact.surfaces import corner_forces, facet_pressures, point_kinematics
+from fem.contact.search import FacingPoints
+from fem.contact.searched import SearchedSurfaces
+from fem.contact.surfaces import ContactSurfaces, corner_forces, facet_pressures
 from geometry.mesh import FloatArray, IntArray
 
 #: Least stiffness of a block's contacts against a motion, relative to the greatest, that counts
@@ -26,9 +33,9 @@ class StaticResult:
     displacements: tuple[FloatArray, ...]
     """Of each group in world axes, each (n_copies, n_nodes, 3) [mm]."""
     overclosures: FloatArray
-    """Of every contact point, (n_facets, 4) [mm]."""
+    """Of every contact point, (n_facets, 4), or (n_points, 1) of a search [mm]."""
     pressures: FloatArray
-    """Of every contact point, (n_facets, 4) [MPa]."""
+    """Of every contact point, alike [MPa]."""
     residual: float
     """Norm of the unbalanced forces over norm of the loads [-]."""
     converged: bool
@@ -58,6 +65,15 @@ class StaticResult:
     """Parts in which the load was to be applied."""
     steps: tuple[tuple[float, tuple[FloatArray, ...]], ...] = ()
     """Load factor and displacements after each load step, where they were to be kept."""
+    points: FacingPoints | None = None
+    """What faces what at the end, where a search found it; None: matched facets."""
+    searched: SearchedSurfaces | None = None
+    """The same points as facets."""
+
+    @property
+    def surfaces(self) -> ContactSurfaces | SearchedSurfaces:
+        """Facets of `pressures`."""
+        return self.searched or self.deformable.surfaces
 
     @property
     def newton_iterations(self) -> int:
@@ -66,12 +82,17 @@ class StaticResult:
 
     @property
     def facet_pressures(self) -> FloatArray:
-        """Force over area of every facet, (n_facets,) [MPa]."""
+        """Force over area of every facet of `contact_state`, (n_facets,) [MPa]."""
+        if self.points is not None:
+            return self.contact_state.pressures
         return facet_pressures(self.deformable.surfaces, self.pressures)
 
     @cached_property
     def contact_state(self) -> ContactState:
         """Contact facet by facet."""
+        if self.points is not None:
+            law, clearance = self.deformable.contact.law, self.deformable.surfaces.clearance
+            return searched_state(self.points, law, clearance)
         return matched_state(self.deformable, self.displacements, self.pressures, self.overclosures)
 
     @property
@@ -89,8 +110,7 @@ def pair_resultants(result: StaticResult) -> tuple[FloatArray, FloatArray]:
         (n_pairs, 3) [N] and (n_pairs, 3) [N mm], pairs as in the surfaces' `pair_start`. The
         moment takes forces at the reference positions of block s.
     """
-    deformable = result.deformable
-    surfaces = deformable.surfaces
+    deformable, surfaces = result.deformable, result.surfaces
     corners = contact_corner_forces(result)[:, 4:]
     where = np.empty_like(corners)
     for block in np.unique(surfaces.block_s):
@@ -108,10 +128,9 @@ def contact_corner_forces(result: StaticResult) -> FloatArray:
 
     World axes; friction is not in them.
     """
-    deformable = result.deformable
-    surfaces = deformable.surfaces
-    displacement = corner_displacements(deformable, result.displacements)
-    kinematics = point_kinematics(surfaces, displacement, deformable.contact.normals)
+    deformable, surfaces = result.deformable, result.surfaces
+    displacement = corner_displacements(deformable, result.displacements, surfaces)
+    kinematics = surfaces.kinematics(displacement, deformable.contact.normals)
     return corner_forces(kinematics, surfaces.weights * result.pressures)
 
 
@@ -119,6 +138,7 @@ def loose_blocks(
     deformable: DeformableAssembly,
     displacements: tuple[FloatArray, ...],
     point_pressures: FloatArray,
+    surfaces: ContactSurfaces | SearchedSurfaces,
 ) -> IntArray:
     """Blocks without support that could move while all contacts that press keep pressing.
 
@@ -133,16 +153,18 @@ def loose_blocks(
     displacements
         Of each group in world axes, each (n_copies, n_nodes, 3) [mm].
     point_pressures
-        (n_facets, 4) [MPa].
+        (n_facets, n_points) [MPa].
+    surfaces
+        Their facets.
 
     Returns
     -------
     IntArray
         Numbers of the loose blocks, (n,).
     """
-    surfaces, assembly = deformable.surfaces, deformable.assembly
-    corners = corner_displacements(deformable, displacements)
-    gradient = point_kinematics(surfaces, corners, deformable.contact.normals).gradient
+    assembly = deformable.assembly
+    corners = corner_displacements(deformable, displacements, surfaces)
+    gradient = surfaces.kinematics(corners, deformable.contact.normals).gradient
     supported = {
         (support.group, int(copy))
         for support in deformable.model.supports

@@ -19,6 +19,10 @@ with the exact tangent (`fem.static.energy_descent`).
 
 Friction, where the model has it, adds rows of the same kind (`fem.static.friction`); its history
 advances from load step to load step.
+
+Where facets do not match, or blocks slide far, points are those of the search of explicit runs
+(`fem.contact.search`). Equilibrium on the points of one place moves the blocks; the search is
+repeated where they are then, until points follow the motion to a small share of a facet.
 """
 
 from __future__ import annotations
@@ -32,12 +36,16 @@ from functools import partial
 
 import numpy as np
 
+from fem.assembly.block_surfaces import facing_points
+from fem.assembly.contact_state import corner_displacements
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.free_motions import FreeMotions, free_motions
 from fem.assembly.local_system import LocalSystem, local_system
 from fem.assembly.symmetry import Orbits, cyclic_orbits, largest_cyclic_orbits, no_symmetry
 from fem.contact.friction import friction_tractions
-from fem.contact.surfaces import ContactNormals, PointKinematics
+from fem.contact.search import FacingPoints
+from fem.contact.searched import SearchedSurfaces, searched_surfaces
+from fem.contact.surfaces import ContactNormals, ContactSurfaces, PointKinematics
 from fem.static.energy_descent import minimise_energy
 from fem.static.friction import FrictionRows, friction_rows, joined
 from fem.static.linear import solve_apart
@@ -79,6 +87,10 @@ _PATIENCE_NEAR = 10
 _NEAR = 1e-2
 #: Parts in which the load is applied when all at once does not converge.
 _FALLBACK_LOAD_STEPS = 4
+#: Searches for one load step at most, and the motion after the last one that no cut needs to
+#: follow: what it changes is its square [skins].
+_MAX_SEARCHES = 12
+_FOLLOWED = 1e-4
 
 
 class StaticError(RefusedError):
@@ -157,35 +169,61 @@ def solve_static(
         A library that is not installed.
     """
     options = StaticOptions() if options is None else options
-    if deformable.contact.finite_sliding:
-        raise StaticError(
-            "effects.finite_sliding: the static solver keeps matched facets matched; expected "
-            'fem.method = "explicit", or finite sliding off'
-        )
     if not deformable.meets:
         return solve_apart(deformable, load_steps=options.load_steps, keep_steps=options.keep_steps)
     clock = time.process_time()
     orbits = _orbits(deformable, options.symmetry)
-    system = local_system(deformable, orbits)
-    step = _linear_step(system, options, store)
+    store = FlexibilityStore() if store is None else store
+    points = None
+    if deformable.contact.finite_sliding:
+        whole_start = None if start is None else start.displacements
+        points = facing_points(deformable, whole_start, orbits)
+    problem = _problem(deformable, orbits, options, store, points)
     ready = time.process_time()
-    friction = deformable.contact.friction
-    rows = None if friction is None else friction_rows(system, friction)
-    kept = np.ones(system.n_nodes, dtype=np.bool_)
-    if options.method is StaticMethod.CONDENSED:
-        kept = np.isin(np.arange(system.n_nodes), system.corner_nodes)
-    free = free_motions(system, kept)
-    problem = _Problem(system, step, options, rows, deformable.contact.normals, free)
-    state = _load_up(problem, _start_state(system, start), options.load_steps)
+    state = _start_state(problem.system, start)
+    if points is None:
+        state = _load_up(problem, state, options.load_steps)
+    else:
+        at_start = state
+        problem, state = _load_searched(problem, points, at_start, store)
+        if not state.converged and options.load_steps < _FALLBACK_LOAD_STEPS:
+            more = replace(options, load_steps=_FALLBACK_LOAD_STEPS)
+            points = facing_points(deformable, whole_start, orbits)
+            problem = _problem(deformable, orbits, more, store, points)
+            at_start = replace(at_start, residuals=state.residuals)
+            problem, state = _load_searched(problem, points, at_start, store)
     solved = time.process_time()
-    displacement = step.complete(state.displacement)
+    system = problem.system
+    displacement = problem.step.complete(state.displacement)
     whole = free_motions(system, np.ones(system.n_nodes, dtype=np.bool_))
     if whole is not None:
         displacement = whole.without(displacement)
     seconds = {"setup": ready - clock, "newton": solved - ready}
     seconds["recovery"] = time.process_time() - solved
     seconds["total"] = time.process_time() - clock
-    return _result(system, options, state, displacement, seconds)
+    return _result(problem, state, displacement, seconds, searched=points is not None)
+
+
+def _problem(
+    deformable: DeformableAssembly,
+    orbits: Orbits,
+    options: StaticOptions,
+    store: FlexibilityStore,
+    points: FacingPoints | None,
+) -> _Problem:
+    """Unknowns, linear step and friction on matched facets or on the points of a search."""
+    searched = None
+    if points is not None:
+        searched = searched_surfaces(points, deformable.surfaces.clearance)
+    system = local_system(deformable, orbits, searched)
+    step = _linear_step(system, options, store)
+    friction = deformable.contact.friction
+    rows = None if friction is None else friction_rows(system, friction)
+    kept = np.ones(system.n_nodes, dtype=np.bool_)
+    if options.method is StaticMethod.CONDENSED:
+        kept = np.isin(np.arange(system.n_nodes), system.corner_nodes)
+    free = free_motions(system, kept)
+    return _Problem(system, step, options, rows, deformable.contact.normals, free)
 
 
 def _orbits(deformable: DeformableAssembly, symmetry: int | None) -> Orbits:
@@ -291,14 +329,108 @@ def _load_up(problem: _Problem, state: _State, parts: int) -> _State:
             reached = _descend(problem, replace(state, residuals=reached.residuals))
         state = _advance_friction(problem, reached)
         if problem.options.keep_steps:
-            # Inner nodes follow contact nodes and load linearly, and the step knows the whole load.
-            share = state.load_factor
-            whole = share * problem.step.complete(state.displacement / share)
-            state = replace(state, path=(*state.path, (share, whole)))
+            state = replace(state, path=(*state.path, _kept_step(problem, state)))
     if not state.converged and parts < _FALLBACK_LOAD_STEPS:
         again = replace(first, residuals=state.residuals)
         return _load_up(problem, again, _FALLBACK_LOAD_STEPS)
     return state
+
+
+def _load_searched(
+    first: _Problem, points: FacingPoints, state: _State, store: FlexibilityStore
+) -> tuple[_Problem, _State]:
+    """Apply the load in equal parts; points follow the motion until they stay."""
+    options, deformable, orbits = first.options, first.system.deformable, first.system.orbits
+    problem, elastic = first, _Elastic.none(points)
+    for part in range(1, options.load_steps + 1):
+        begin = state.displacement
+        for search in range(_MAX_SEARCHES):
+            if search or part > 1:
+                points.displace(_whole(problem, state))
+                points.search()
+                problem = _problem(deformable, orbits, options, store, points)
+                state = _moved_on(problem, state)
+            state = replace(
+                state,
+                load_factor=part / options.load_steps,
+                anchor=elastic.anchor(problem, points, begin),
+                converged=False,
+            )
+            before = state.displacement
+            state = _converge(problem, state)
+            moved = float(np.abs(state.displacement - before).max())
+            if not state.converged or 2.0 * moved <= _FOLLOWED * points.skin:
+                break
+        if not state.converged or 2.0 * moved > points.skin:
+            return problem, replace(state, converged=False)
+        state = _advance_friction(problem, state)
+        elastic = _Elastic.of(problem, points, state)
+        if options.keep_steps:
+            state = replace(state, path=(*state.path, _kept_step(problem, state)))
+    return problem, state
+
+
+def _whole(problem: _Problem, state: _State) -> tuple[FloatArray, ...]:
+    """World displacements of all blocks."""
+    return tuple(problem.system.expand(problem.step.complete(state.displacement)))
+
+
+def _moved_on(problem: _Problem, state: _State) -> _State:
+    """A state on other points, linearised where it is."""
+    kinematics = problem.kinematics(state.displacement)
+    return replace(state, kinematics=kinematics, at=kinematics.overclosure)
+
+
+@dataclass(frozen=True)
+class _Elastic:
+    """Elastic slips at the end of a load step, on the points that then were."""
+
+    slave: IntArray
+    shapes: FloatArray
+    slip: FloatArray
+    """World axes, in the order of the search, (n, 3) [mm]."""
+
+    @classmethod
+    def none(cls, points: FacingPoints) -> _Elastic:
+        """Before any load."""
+        return cls(points.slave.copy(), points.shapes.copy(), np.zeros((points.count, 3)))
+
+    @classmethod
+    def of(cls, problem: _Problem, points: FacingPoints, state: _State) -> _Elastic:
+        """After the anchors have moved."""
+        found, rows = cls.none(points), problem.friction
+        if rows is not None:
+            slip = (rows.slip(state.displacement) - _anchor(state))[:, 0]
+            order = _searched(problem).order
+            found.slip[order] = np.einsum("nk,nki->ni", slip, rows.tangents[:, 0])
+        return found
+
+    def anchor(
+        self, problem: _Problem, points: FacingPoints, begin: FloatArray
+    ) -> FloatArray | None:
+        """Anchors on the present points: their slip at the start of the step less the elastic."""
+        rows = problem.friction
+        if rows is None:
+            return None
+        carried = points.carried(self.slave, self.shapes, self.slip)[_searched(problem).order]
+        elastic = np.einsum("nki,ni->nk", rows.tangents[:, 0], carried)
+        anchor: FloatArray = rows.slip(begin) - elastic[:, None]
+        return anchor
+
+
+def _searched(problem: _Problem) -> SearchedSurfaces:
+    surfaces = problem.system.surfaces
+    assert isinstance(surfaces, SearchedSurfaces)
+    return surfaces
+
+
+def _kept_step(problem: _Problem, state: _State) -> tuple[float, FloatArray]:
+    """Load factor and displacements of a load step.
+
+    Inner nodes follow contact nodes and load linearly, and the step knows the whole load.
+    """
+    share = state.load_factor
+    return share, share * problem.step.complete(state.displacement / share)
 
 
 def _advance_friction(problem: _Problem, state: _State) -> _State:
@@ -311,11 +443,12 @@ def _advance_friction(problem: _Problem, state: _State) -> _State:
     slip = rows.slip(state.displacement)
     traction, moved = friction_tractions(rows.friction, slip, anchor, pressure)
     lost = problem.system.surfaces.weights * ((moved - anchor) * traction).sum(axis=2)
-    facets = problem.system.orbits.point_of // 4
-    times = np.bincount(facets[:, 0], minlength=len(lost))
-    return replace(
-        state, anchor=moved, dissipation=state.dissipation + float(times @ lost.sum(axis=1))
-    )
+    orbits = problem.system.orbits
+    times: IntArray | int = orbits.order
+    if not isinstance(problem.system.surfaces, SearchedSurfaces):
+        times = np.bincount(orbits.point_of[:, 0] // 4, minlength=len(lost))
+    lost = times * lost.sum(axis=1)
+    return replace(state, anchor=moved, dissipation=state.dissipation + float(lost.sum()))
 
 
 def _anchor(state: _State) -> FloatArray:
@@ -535,25 +668,34 @@ def _relative(problem: _Problem, unbalanced: FloatArray, contact_forces: FloatAr
 
 
 def _result(
-    system: LocalSystem,
-    options: StaticOptions,
+    problem: _Problem,
     state: _State,
     displacement: FloatArray,
     seconds: dict[str, float],
+    *,
+    searched: bool,
 ) -> StaticResult:
+    system, options = problem.system, problem.options
     deformable, orbits = system.deformable, system.orbits
     law = deformable.contact.law
-    found = system.kinematics(displacement, deformable.contact.normals)
-    overclosure = found.overclosure.ravel()[orbits.point_of]
-    share = _copies(system)
     displacements = tuple(system.expand(displacement))
+    points = facing_points(deformable, displacements) if searched else None
+    surfaces: ContactSurfaces | SearchedSurfaces = deformable.surfaces
+    if points is None:
+        found = system.kinematics(displacement, deformable.contact.normals)
+        overclosure = found.overclosure.ravel()[orbits.point_of]
+    else:
+        surfaces = searched_surfaces(points, deformable.surfaces.clearance)
+        corners = corner_displacements(deformable, displacements, surfaces)
+        overclosure = surfaces.kinematics(corners, deformable.contact.normals).overclosure
+    share = _copies(system)
     pressures = law.pressure(overclosure)
     loose = np.zeros(0, dtype=np.int64)
     if deformable.contact.friction is None:
-        loose = loose_blocks(deformable, displacements, pressures)
+        loose = loose_blocks(deformable, displacements, pressures, surfaces)
     strain = 0.5 * displacement * system.internal_force(displacement)
     work = displacement * system.external_force
-    stored = deformable.surfaces.weights * law.stored_energy(overclosure)
+    stored = surfaces.weights * law.stored_energy(overclosure)
     return StaticResult(
         deformable=deformable,
         displacements=displacements,
@@ -573,6 +715,8 @@ def _result(
         n_unknowns=displacement.size,
         load_steps=options.load_steps,
         cpu_seconds=seconds,
+        points=points,
+        searched=surfaces if isinstance(surfaces, SearchedSurfaces) else None,
     )
 
 

@@ -17,7 +17,7 @@ from fem.problem.model import Formulation
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.loads.case import LoadCase
-from validation.build.blocks import HexahedralBlocks, build_blocks, build_load, require_matching
+from validation.build.blocks import HexahedralBlocks, build_blocks, build_load
 from validation.build.cell import build_cell, is_cell
 from validation.errors import InputError
 from validation.scene.deformable import (
@@ -25,7 +25,6 @@ from validation.scene.deformable import (
     EffectsSection,
     FemSection,
     MaterialSection,
-    Method,
 )
 from validation.scene.family import AssemblyScene
 from validation.scene.polyhedra import MeshScene
@@ -187,7 +186,7 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
     """State the problem of a scene on its blocks, whatever is to solve it: a method or a deck.
 
     Where facets do not match, or the scene asks for it, contact searches facets that face each
-    other (`Contact.finite_sliding`): explicit runs only.
+    other (`Contact.finite_sliding`).
 
     Raises
     ------
@@ -225,8 +224,6 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
         When it describes nothing that can be solved.
     """
     blocks = build_hexahedra(scene, name)
-    if fem_section(scene, name).method is Method.STATIC:
-        _check_static(scene, name, blocks)
     try:
         return build_problem(scene, name, blocks).deformable
     except InputError:
@@ -235,15 +232,3 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
         raise InputError(f"{name}: {error}") from None
 
 
-def _check_static(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -> None:
-    """Refuse a static run of blocks whose contact has to be searched."""
-    if scene.effects.finite_sliding:
-        raise InputError(
-            f'{name}: effects.finite_sliding needs an explicit run: set fem.method = "explicit", '
-            "or leave it out where blocks slide by less than a facet"
-        )
-    require_matching(
-        name,
-        blocks.unmatched,
-        'a static run needs matching facets: mesh both alike there, or set fem.method = "explicit"',
-    )

@@ -132,7 +132,7 @@ def _add_slip(table: Table, slip: dict[str, float] | None) -> None:
     if share > 1.0:
         words += (
             "\nNOT VALID: facets stay paired as built, but blocks slide by more than one;\n"
-            'set effects.finite_sliding = true and fem.method = "explicit"'
+            "set effects.finite_sliding = true"
         )
     table.add_row("largest slip", words)
 

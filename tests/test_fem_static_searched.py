@@ -1,0 +1,95 @@
+"""Static states of joints whose facets a search finds: patch test, weight, friction, sector."""
+
+import numpy as np
+import pytest
+
+from fem.assembly.deformable import Frames, deformable_assembly
+from fem.contact.friction import CoulombFriction
+from fem.contact.law import LinearPenalty
+from fem.contact.surfaces import ContactNormals
+from fem.element.material import Material
+from fem.static.solve import StaticMethod, StaticOptions, solve_static
+from geometry.families.box_column import ColumnBox, box_column
+from geometry.load_case import face_pressure
+from tests.test_fem_sliding_contact import tube
+
+STIFF = Material(2.4e-9, 33e3, 0.0)
+SIZE = (100.0, 80.0, 50.0)
+
+
+def stack(*divisions, law=None, sizes=None, pressure=0.5, shift=0.0, material=STIFF, **options):
+    """Boxes on each other, the upper ones moved aside by ``shift``, pressed on the top."""
+    sizes = [SIZE] * len(divisions) if sizes is None else sizes
+    found = box_column([ColumnBox(s, d) for s, d in zip(sizes, divisions, strict=True)])
+    found.translations[1:, 0] += shift
+    load = face_pressure(found, np.array([found.n_blocks - 1]), "z+", pressure)
+    return deformable_assembly(
+        found,
+        load,
+        material,
+        law=LinearPenalty(1e3) if law is None else law,
+        frames=Frames.DEFORMABLE,
+        finite_sliding=True,
+        **options,
+    )
+
+
+@pytest.mark.parametrize("method", StaticMethod)
+def test_patch_test_of_4_on_3_cubed(method):
+    """Uniform stress passes: every point has the load's pressure, to the residual of 1e-8 times
+    the softness of the joint, E / (h k) = 7e-1 of the boxes, tenfold."""
+    found = solve_static(stack((4, 4, 4), (3, 3, 3)), StaticOptions(method=method))
+    assert found.converged
+    assert found.pressures == pytest.approx(0.5, rel=1e-7)
+    assert found.contact_state.areas.sum() == pytest.approx(8000.0, rel=1e-12)
+    shortening = 0.5 * 100.0 / 33e3 + 0.5 / 1e3
+    assert found.max_displacement == pytest.approx(shortening, rel=1e-6)
+
+
+def test_a_box_that_was_built_aside_and_reference_normals():
+    """A smaller box across facets of the larger: force and its moment are the load's. The larger
+    one leans by 1e-5: friction keeps the upper one from sliding off."""
+    friction = CoulombFriction(0.3)
+    for normals in ContactNormals:
+        sizes = [SIZE, (50.0, 40.0, 30.0)]
+        options = {"shift": 7.3, "normals": normals, "friction": friction}
+        model = stack((4, 4, 2), (3, 3, 2), sizes=sizes, **options)
+        state = solve_static(model).contact_state
+        force = state.point_forces.sum(axis=0)
+        upward = 1.0 if state.block_s[0] == 1 else -1.0
+        assert upward * force == pytest.approx([0.0, 0.0, 1000.0], abs=0.1)
+        moment = np.cross(state.positions - [7.3, 0.0, 50.0], upward * state.point_forces)
+        assert np.abs(moment.sum(axis=0)).max() < 1e-2 * 1000.0
+
+
+def test_a_sector_and_matched_facets_give_the_same_tube():
+    """One layer of a tube under pressure, its facets searched: normals of one side in place of the
+    mean of both change pressures by 1e-3; a sector has one block in four."""
+    matched, searched = (
+        solve_static(tube(finite_sliding=s)) for s in (False, True)
+    )  # fmt: skip
+    assert searched.symmetry == 4
+    assert searched.max_displacement == pytest.approx(matched.max_displacement, rel=1e-3)
+    assert searched.contact_state.forces.shape == matched.contact_state.forces.shape
+    assert searched.contact_energy == pytest.approx(matched.contact_energy, rel=1e-3)
+
+
+def shear(coefficient, push):
+    """A box on another of another mesh, pressed with 0.5 MPa and pushed by its weight sideways."""
+    gravity = np.array([push / (2.4e-9 * 4e5), 0.0, 0.0])
+    friction = CoulombFriction(coefficient)
+    return stack((4, 4, 2), (3, 3, 2), friction=friction, gravity=gravity)
+
+
+def test_friction_holds_what_it_can_and_carries_the_push():
+    """A push of 0.8 mu N is carried: traction and push balance, to the residual; elastic slip is
+    push / (k area), which the boxes' own shear adds to."""
+    push = 0.8 * 0.3 * 0.5 * 8000.0
+    found = solve_static(shear(0.3, push), StaticOptions(load_steps=2))
+    assert found.converged
+    moved = found.displacements[1][0]
+    bottom = np.isclose(found.deformable.group(1).mesh.nodes[:, 2], 0.0)
+    lower = found.displacements[0][0]
+    top = np.isclose(found.deformable.group(0).mesh.nodes[:, 2], 50.0)
+    slip = moved[bottom, 0].mean() - lower[top, 0].mean()
+    assert slip == pytest.approx(push / 8000.0 / 100.0, rel=0.1)
