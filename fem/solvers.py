@@ -10,7 +10,7 @@ from typing import Literal
 
 from fem.answer import Answer
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.statement import Problem, ProblemError
+from fem.assembly.statement import Problem
 from fem.explicit.output.checkpoint import OtherProblemError
 from fem.explicit.setup.assembly import ExplicitAssembly
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from geometry.load_case import face_pressure
 
 from fem.assembly.deformable import Frames, deformable_assembly
 from fem.contact.friction import CoulombFriction
@@ -10,7 +11,6 @@ from fem.contact.surfaces import ContactNormals
 from fem.element.material import Material
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.families.box_column import ColumnBox, box_column
-from geometry.load_case import face_pressure
 from tests.test_fem_sliding_contact import tube
 
 STIFF = Material(2.4e-9, 33e3, 0.0)

@@ -230,5 +230,3 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
         raise
     except RefusedError as error:
         raise InputError(f"{name}: {error}") from None
-
-
