@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from geometry.load_case import face_pressure
+from geometry.loads.case import face_pressure
 
 from fem.assembly.deformable import Frames, deformable_assembly
 from fem.contact.friction import CoulombFriction
@@ -13,7 +13,7 @@ from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.families.box_column import ColumnBox, box_column
 from tests.test_fem_sliding_contact import tube
 
-STIFF = Material(2.4e-9, 33e3, 0.0)
+STIFF = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)
 SIZE = (100.0, 80.0, 50.0)
 
 
