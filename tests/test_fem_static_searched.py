@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from geometry.loads.case import face_pressure
 
 from fem.assembly.deformable import Frames, deformable_assembly
 from fem.contact.friction import CoulombFriction
@@ -11,6 +10,7 @@ from fem.contact.surfaces import ContactNormals
 from fem.element.material import Material
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.families.box_column import ColumnBox, box_column
+from geometry.loads.case import face_pressure
 from tests.test_fem_sliding_contact import tube
 
 STIFF = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)
