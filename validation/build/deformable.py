@@ -25,6 +25,7 @@ from validation.scene.deformable import (
     EffectsSection,
     FemSection,
     MaterialSection,
+    Method,
 )
 from validation.scene.family import AssemblyScene
 from validation.scene.polyhedra import MeshScene
