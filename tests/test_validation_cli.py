@@ -204,7 +204,7 @@ def test_broken_toml_and_missing_keys(tubelock) -> None:
     assert status == 2
     assert "is missing" in err
     Path("c.toml").write_bytes(b"\xff\xfe\x00")
-    assert "cannot be read" in tubelock("mbd", "c.toml")[2]
+    assert "no UTF-8 text" in tubelock("mbd", "c.toml")[2]
 
 
 def test_an_earlier_result_survives_a_failing_run(tubelock) -> None:
