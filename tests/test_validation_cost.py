@@ -314,7 +314,7 @@ def test_quick_command(tubelock) -> None:  # noqa: F811
         "cost", "tsb1-pipe", *SETTINGS, "--quick", "-o", "run", "--json", "cost.json"
     )
     assert status == 0
-    # Which of two methods or elements is cheaper on one mesh is noise; that one of them keeps it is not.
+    # Which of two methods is cheaper on one mesh is noise; that one of them keeps it is not.
     assert re.search(r"10 % in displacement: \w+ C3D8\w?, mesh ×1,", out)
     assert Path("run/cost.png").stat().st_size > 10_000
     data = json.loads(Path("cost.json").read_text())
