@@ -94,7 +94,8 @@ def test_a_column_of_boxes_under_pressure() -> None:
     np.testing.assert_allclose(explicit.contact_state.point_pressures, pressure, rtol=1e-3)
 
 
-def test_joints_of_a_static_column_must_match() -> None:
+def test_joints_of_a_static_column_that_do_not_match_are_found() -> None:
+    """Both joints of a box with other facets than its neighbours; none where all are alike."""
     small = ColumnBox((50.0, 40.0, 50.0), (2, 2, 1))
     wide = ColumnBox((100.0, 80.0, 50.0), (4, 4, 1))
     matching = box_column([wide, small, wide])
@@ -103,8 +104,8 @@ def test_joints_of_a_static_column_must_match() -> None:
     assert matching.interfaces.areas.sum() == pytest.approx(4000.0, rel=1e-12)
     scene = column(0.5).model_dump(mode="json")
     scene["block"]["boxes"][1]["divisions"] = [4, 2, 1]
-    with pytest.raises(InputError, match=r"blocks 0 and 1 do not match.*and 1 more joint"):
-        build_deformable(check_scene(scene), "column")  # type: ignore[arg-type]
+    crossing = build_deformable(check_scene(scene), "column")  # type: ignore[arg-type]
+    assert len(unmatched_joints(crossing.assembly)) == 2
 
 
 def test_the_deck_of_a_column_holds_its_bottom_face() -> None:
@@ -227,15 +228,11 @@ places = [{axis = [0, 1, 0], angle = 0, fixed = true}, {axis = [0, 1, 0], angle 
 
 def test_blocks_that_cannot_deform_say_why(tmp_path: Path) -> None:
     write_stl(tmp_path / "brick.stl", polyhedron_from_quads("brick", brick_corners(), QUADS))
-    write_hex_mesh(tmp_path / "fine.vtu", box_block((100.0, 80.0, 50.0), (6, 4, 4)).mesh)
     p = brick_corners()[[0, 1, 3, 4, 5, 7]]
     faces = [[0, 2, 1], [3, 4, 5], [0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [2, 0, 3], [2, 3, 5]]
     write_stl(tmp_path / "prism.stl", Polyhedron("prism", p, np.array(faces)))
     parts = '[[parts]]\nfile = "brick.stl"\nfixed = true\n[[parts]]\nfile = "{}"\n'
     parts += "places = [{{at = [0, 0, 50]}}]\n"
-    finer = own_scene(tmp_path, parts.format("fine.vtu"))
-    with pytest.raises(InputError, match=r"blocks 0 and 1 .* looks along \[0.0, 0.0, 1.0\]"):
-        build_deformable(finer, "own")
     prism = own_scene(tmp_path, parts.format("prism.stl"))
     with pytest.raises(InputError, match=r"stays rigid.*prism.stl.*5 flat sides"):
         build_deformable(prism, "own")

@@ -470,7 +470,7 @@ def test_sweep_on_the_command_line(walls, reference, tmp_path, monkeypatch, caps
     assert "4; the first, design 3: load.layer: got 9" in out
     for arguments, message in (
         (["paper-48"], "did you mean 'paper-480'"),
-        (["nothing.toml"], "cannot be read"),
+        (["nothing.toml"], "no such file"),
         (["walls.toml", "--csv", "/proc/nowhere/x.csv"], "cannot be written"),
         (["walls.toml", "--set", "assembly.layers=5"], "another study"),
         (["walls.toml", "-o", "walls.toml"], "is a file that this call reads"),
