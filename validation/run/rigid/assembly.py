@@ -13,57 +13,36 @@ import numpy as np
 
 from geometry.assembly import Assembly
 from geometry.files.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
-from geometry.joints import JointResultants, UnmatchedJoint, joint_resultants
+from geometry.joints import UnmatchedJoint
 from geometry.loads.case import LoadCase, with_body_wrenches
 from geometry.mesh import FloatArray
 from mbd import (
     Measures,
     Mechanism,
-    RigidResult,
-    SelfStress,
     analyse,
     block_measures,
     block_wrenches,
     measures,
 )
-from mbd.pushes import held_against
 from validation.build.blocks import build_blocks, build_weight, require_assembly, require_matching
-from validation.run.joints import joints_json
+from validation.run.rigid.answer import RigidAnswer, answer_json
 from validation.run.rigid.further import (
-    Carried,
-    Further,
-    carried,
     further_answers,
-    further_json,
 )
 from validation.scene.read import DeformableScene, SceneFile
 
 
-@dataclass(frozen=True)
-class RigidRun:
-    """A scene, what was built from it, and the rigid-block result."""
+@dataclass(frozen=True, kw_only=True)
+class RigidRun(RigidAnswer):
+    """The rigid answer to blocks with hexahedra."""
 
-    name: str
     scene: DeformableScene
     assembly: Assembly
-    load: LoadCase
-    result: RigidResult
-    cpu_seconds: dict[str, float]
-    """CPU time of each stage, building included [s]."""
-    further: Further | None = None
-    """Friction, collapse load, margin, where the scene asks for them."""
-
-    @cached_property
-    def carried(self) -> Carried:
-        """Contact forces of the answer that was asked for."""
-        normals = self.assembly.interfaces.normals[self.result.contact_index]
-        return carried(self.result, self.further, normals, self.scene.rigid.friction)
 
     @cached_property
     def contact_pressures(self) -> FloatArray:
         """Pressures of that answer, (n_contacts,) [MPa]."""
-        index, found = self.result.contact_index, self.assembly.interfaces
-        return self.carried.normal_forces(found.normals[index]) / found.areas[index]
+        return self.normal_forces / self.assembly.interfaces.areas[self.result.contact_index]
 
     @cached_property
     def measures(self) -> Measures | None:
@@ -83,25 +62,6 @@ class RigidRun:
         )
         eligible, areas = self.assembly.eligible_facets(), self.assembly.eligible_areas()
         return measures(of_blocks, eligible[measured], areas[measured])
-
-    @cached_property
-    def held(self) -> dict[str, bool] | None:
-        """Which pushes beside the load are held; None where the class or friction says it all."""
-        asked = self.further is not None and self.further.friction is not None
-        if (
-            asked
-            or self.result.supported_classification.locked
-            or not self.result.equilibrium.holds
-        ):
-            return None
-        return held_against(self.assembly, self.load)
-
-    @cached_property
-    def joints(self) -> JointResultants:
-        """Resultants of the forces between each two blocks."""
-        return joint_resultants(
-            self.assembly.interfaces, self.result.contact_index, self.carried.forces
-        )
 
 
 @dataclass(frozen=True)
@@ -169,54 +129,22 @@ def analyse_rigid(built: BuiltScene) -> RigidRun:
     if further is not None:
         seconds["further"] = further.cpu_seconds
         seconds["total"] += further.cpu_seconds
-    return RigidRun(built.name, scene, assembly, load, result, seconds, further)
-
-
-def certificate_json(result: RigidResult) -> dict[str, Any] | None:
-    """Return the proof of the mechanism class as plain data."""
-    certificate = result.classification.certificate
-    if isinstance(certificate, SelfStress):
-        return {
-            "kind": "self-stress",
-            "smallest_force": float(certificate.forces.min()),
-            "residual": certificate.residual,
-            "smallest_singular_value": certificate.smallest_singular_value,
-        }
-    if isinstance(certificate, Mechanism):
-        return {
-            "kind": "mechanism",
-            "virtual_displacement": certificate.virtual_displacement.tolist(),
-            "smallest_gap_rate": certificate.smallest_gap_rate,
-            "work": certificate.work,
-        }
-    return None
+    return RigidRun(
+        name=built.name,
+        scene=scene,
+        assembly=assembly,
+        load=load,
+        result=result,
+        further=further,
+        cpu_seconds=seconds,
+    )
 
 
 def rigid_json(run: RigidRun) -> dict[str, Any]:
     """Return the result as plain data, numbers in full precision."""
-    result = run.result
     found = None if run.measures is None else dataclasses.asdict(run.measures)
-    return {
-        "scene": run.name,
-        "mechanism": str(result.mechanism),
-        "mechanism_as_supported": str(result.supported_classification.mechanism),
-        "certificate": certificate_json(result),
-        "equilibrium": {
-            "holds": result.equilibrium.holds,
-            "residual": result.equilibrium.residual,
-            "iterations": result.equilibrium.iterations,
-            "status": result.equilibrium.status,
-        },
-        "held_against": run.held,
-        "answer": run.carried.words,
-        "carried": run.carried.holds,
-        "measures": found,
-        "joints": joints_json(run.joints) if run.carried.holds else [],
-        "n_blocks": result.n_blocks,
-        "n_contacts": result.n_contacts,
-        **further_json(run.further),
-        "cpu_seconds": run.cpu_seconds,
-    }
+    supported = run.result.supported_classification.mechanism
+    return answer_json(run) | {"mechanism_as_supported": str(supported), "measures": found}
 
 
 def mechanism_displacements(run: RigidRun) -> FloatArray | None:

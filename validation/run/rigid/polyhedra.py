@@ -10,52 +10,27 @@ from typing import Any
 import numpy as np
 
 from geometry.joints import JointResultants, joint_resultants
-from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import ContactPolygons
-from mbd import Mechanism, RigidResult, analyse
-from mbd.pushes import held_against
+from mbd import Mechanism, analyse
 from validation.build.own_blocks import refuse_two_weights
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
-from validation.run.joints import joints_json
-from validation.run.rigid.assembly import certificate_json
+from validation.run.rigid.answer import RigidAnswer, answer_json
 from validation.run.rigid.further import (
-    Carried,
-    Further,
-    carried,
     further_answers,
-    further_json,
 )
 from validation.scene.polyhedra import BodyLoadSection, MeshScene, PolyhedralScene
 from validation.scene.read import SceneFile
 
 
-@dataclass(frozen=True)
-class PolyhedralRun:
-    """A scene of triangulated blocks and the rigid answer."""
+@dataclass(frozen=True, kw_only=True)
+class PolyhedralRun(RigidAnswer):
+    """The rigid answer to triangulated blocks."""
 
-    name: str
     scene: PolyhedralScene
     assembly: PolyhedralAssembly
     loads: BodyLoads
-    load: LoadCase
-    result: RigidResult
-    further: Further | None
-    cpu_seconds: dict[str, float]
-    """CPU time of each stage, building and checks included [s]."""
-
-    @cached_property
-    def carried(self) -> Carried:
-        """Contact forces of the answer that was asked for."""
-        normals = self.assembly.interfaces.normals[self.result.contact_index]
-        return carried(self.result, self.further, normals, self.scene.rigid.friction)
-
-    @property
-    def normal_forces(self) -> FloatArray:
-        """Normal part of those forces, (n_contacts,) [N]."""
-        normals = self.assembly.interfaces.normals[self.result.contact_index]
-        return self.carried.normal_forces(normals)
 
     @property
     def patch_pressures(self) -> FloatArray:
@@ -67,18 +42,6 @@ class PolyhedralRun:
         """Mean traction on block s of each patch, (n_patches, 3) [MPa]."""
         areas = self.assembly.interfaces.patches.areas
         return self._of_patches(self.carried.forces) / areas[:, None]
-
-    @cached_property
-    def held(self) -> dict[str, bool] | None:
-        """Which pushes beside the load are held; None where the class or friction says it all."""
-        asked = self.further is not None and self.further.friction is not None
-        if (
-            asked
-            or self.result.supported_classification.locked
-            or not self.result.equilibrium.holds
-        ):
-            return None
-        return held_against(self.assembly, self.load)
 
     @cached_property
     def joints(self) -> JointResultants:
@@ -141,7 +104,16 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
     if further is not None:
         seconds["further"] = extra = further.cpu_seconds
     seconds["total"] = built + result.cpu_seconds["total"] + extra
-    return PolyhedralRun(file.name, scene, assembly, loads, load, result, further, seconds)
+    return PolyhedralRun(
+        name=file.name,
+        scene=scene,
+        assembly=assembly,
+        loads=loads,
+        load=load,
+        result=result,
+        further=further,
+        cpu_seconds=seconds,
+    )
 
 
 def _body_load(name: str, scene: PolyhedralScene) -> BodyLoadSection:
@@ -157,32 +129,15 @@ def _body_load(name: str, scene: PolyhedralScene) -> BodyLoadSection:
 
 def polyhedra_json(run: PolyhedralRun) -> dict[str, Any]:
     """Return the result as plain data, numbers in full precision."""
-    result, interfaces = run.result, run.assembly.interfaces
-    return {
-        "scene": run.name,
-        "mechanism": str(result.mechanism),
-        "interlocked": result.classification.locked,
-        "certificate": certificate_json(result),
-        "equilibrium": {
-            "holds": result.equilibrium.holds,
-            "residual": result.equilibrium.residual,
-            "iterations": result.equilibrium.iterations,
-            "status": result.equilibrium.status,
-        },
-        "held_against": run.held,
-        "answer": run.carried.words,
-        "carried": run.carried.holds,
+    interfaces = run.assembly.interfaces
+    return answer_json(run) | {
+        "interlocked": run.result.classification.locked,
         "largest_contact_force": _largest(run.normal_forces, run),
         "largest_patch_pressure": _largest(run.patch_pressures, run),
-        "joints": joints_json(run.joints) if run.carried.holds else [],
-        "n_blocks": result.n_blocks,
-        "n_contacts": result.n_contacts,
         "n_patches": len(interfaces.patches.areas),
         "n_points_without_area": int((interfaces.patch < 0).sum()),
         "contact_area": float(interfaces.patches.areas.sum()),
         "tolerance": run.assembly.tolerance,
-        **further_json(run.further),
-        "cpu_seconds": run.cpu_seconds,
     }
 
 

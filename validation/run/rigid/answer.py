@@ -1,0 +1,108 @@
+"""What the rigid answers of all scenes have in common, whatever their blocks are made of."""
+
+from __future__ import annotations
+
+from abc import ABC
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from geometry.joints import JointResultants, joint_resultants
+from geometry.loads.case import LoadCase
+from geometry.mesh import FloatArray
+from geometry.placed_blocks import AnyBlocks
+from mbd import Mechanism, RigidResult, SelfStress
+from mbd.pushes import held_against
+from validation.run.joints import joints_json
+from validation.run.rigid.further import Carried, Further, carried, further_json
+from validation.scene.family import AssemblyScene
+from validation.scene.polyhedra import PolyhedralScene
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigidAnswer(ABC):
+    """A scene, what was built from it, and the rigid-block result."""
+
+    name: str
+    scene: AssemblyScene | PolyhedralScene
+    assembly: AnyBlocks
+    load: LoadCase
+    result: RigidResult
+    further: Further | None
+    """Friction, collapse load, margin, where the scene asks for them."""
+    cpu_seconds: dict[str, float]
+    """CPU time of each stage, building and checks included [s]."""
+
+    @cached_property
+    def carried(self) -> Carried:
+        """Contact forces of the answer that was asked for."""
+        return carried(self.result, self.further, self._normals, self.scene.rigid.friction)
+
+    @property
+    def normal_forces(self) -> FloatArray:
+        """Normal part of those forces, (n_contacts,) [N]."""
+        return self.carried.normal_forces(self._normals)
+
+    @property
+    def _normals(self) -> FloatArray:
+        normals: FloatArray = self.assembly.interfaces.normals[self.result.contact_index]
+        return normals
+
+    @cached_property
+    def held(self) -> dict[str, bool] | None:
+        """Which pushes beside the load are held; None where the class or friction says it all."""
+        asked = self.further is not None and self.further.friction is not None
+        if asked or self.result.supported_classification.locked:
+            return None
+        return held_against(self.assembly, self.load) if self.result.equilibrium.holds else None
+
+    @cached_property
+    def joints(self) -> JointResultants:
+        """Resultants of the forces between each two blocks."""
+        return joint_resultants(
+            self.assembly.interfaces, self.result.contact_index, self.carried.forces
+        )
+
+
+def answer_json(run: RigidAnswer) -> dict[str, Any]:
+    """Return what every rigid answer says as plain data, numbers in full precision."""
+    result = run.result
+    return {
+        "scene": run.name,
+        "mechanism": str(result.mechanism),
+        "certificate": _certificate_json(result),
+        "equilibrium": {
+            "holds": result.equilibrium.holds,
+            "residual": result.equilibrium.residual,
+            "iterations": result.equilibrium.iterations,
+            "status": result.equilibrium.status,
+        },
+        "held_against": run.held,
+        "answer": run.carried.words,
+        "carried": run.carried.holds,
+        "joints": joints_json(run.joints) if run.carried.holds else [],
+        "n_blocks": result.n_blocks,
+        "n_contacts": result.n_contacts,
+        **further_json(run.further),
+        "cpu_seconds": run.cpu_seconds,
+    }
+
+
+def _certificate_json(result: RigidResult) -> dict[str, Any] | None:
+    """Return the proof of the mechanism class as plain data."""
+    certificate = result.classification.certificate
+    if isinstance(certificate, SelfStress):
+        return {
+            "kind": "self-stress",
+            "smallest_force": float(certificate.forces.min()),
+            "residual": certificate.residual,
+            "smallest_singular_value": certificate.smallest_singular_value,
+        }
+    if isinstance(certificate, Mechanism):
+        return {
+            "kind": "mechanism",
+            "virtual_displacement": certificate.virtual_displacement.tolist(),
+            "smallest_gap_rate": certificate.smallest_gap_rate,
+            "work": certificate.work,
+        }
+    return None
