@@ -1,6 +1,7 @@
 """Contact with finite sliding: patch test, Hertz, far slides, balances."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from fem.assembly.symmetry import cyclic_orbits
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.contact.search import BlockSurface, closest_points
+from fem.contact.surfaces import ContactError, ContactNormals
 from fem.element.facet import bilinear
 from fem.element.material import Material
 from fem.explicit.contact.sliding import SlidingContact, sliding_state
@@ -332,6 +334,13 @@ def test_closest_points_of_a_warped_facet():
     assert (np.abs(xi) < 1.9).all()
     found = np.einsum("na,nai->ni", bilinear(xi)[0], corners)
     assert np.abs(points - found - gap[:, None] * normal).max() < 1e-12
+
+
+def test_explicit_runs_that_search_refuse_reference_normals():
+    deformable = tube()
+    stated = replace(deformable.contact, normals=ContactNormals.REFERENCE)
+    with pytest.raises(ContactError, match="current ones"):
+        explicit_assembly(replace(deformable, contact=stated), finite_sliding=True)
 
 
 def test_a_sector_slides_as_the_whole_ring():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from validation.build.deformable import build_deformable
 from validation.errors import InputError
 from validation.run import static
 from validation.run.static import run_static
@@ -54,6 +55,14 @@ def test_plates_slide_just_beyond_the_friction_angle(monkeypatch: pytest.MonkeyP
     assert "\n" not in words
     with pytest.raises(_Started):
         run_static("pile", _pile(0.99 * limit, 0.3))
+
+
+def test_blocks_that_are_built_already_are_asked_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As commands call it: they build before they solve."""
+    monkeypatch.setattr(static, "static_answer", _solver_called)
+    scene = _pile(1.0, 0.3)
+    with pytest.raises(InputError, match="block 1 slides on block 0"):
+        run_static("pile", scene, deformable=build_deformable(scene, "pile"))
 
 
 def test_without_friction_nothing_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:

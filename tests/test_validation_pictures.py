@@ -367,6 +367,26 @@ def test_pictures_have_the_width_and_the_font_that_a_scene_asks_for(kind, tubelo
             assert float(box.width) == pytest.approx(72 * inches, rel=1e-4)
 
 
+def test_a_name_and_a_scene_that_ask_for_two_formats_are_refused(tubelock) -> None:  # noqa: F811
+    pdf = _set((*COARSE, "pictures.format=pdf"))
+    for command, name in (("show", "tube"), ("explode", "explosion")):
+        status, _, error = tubelock(command, "tsb1-pipe", *pdf, "-o", "a.png")
+        assert status == 2
+        assert "another than pictures.format = 'pdf'" in error
+        assert not Path("a.png").exists()
+        assert tubelock(command, "tsb1-pipe", *pdf)[0] == 0
+        (found,) = Path().rglob(f"{name}.pdf")
+        assert found.read_bytes()[:4] == b"%PDF"
+
+
+def test_keys_of_pictures_are_unused_where_none_is_drawn(tubelock) -> None:  # noqa: F811
+    wide = _set((*COARSE, "pictures.width=90"))
+    for options, unused in ((("--json", "a.json"), True), (("-o", "out"), False)):
+        status, said, _ = tubelock("mbd", "tsb1-pipe", *wide, *options)
+        assert status == 0
+        assert ("[pictures]" in said or "pictures.width" in said) is unused
+
+
 def test_a_width_and_a_font_without_meaning_are_refused(tubelock) -> None:  # noqa: F811
     for setting, words in (
         ("width=9", "greater than or equal to 40"),

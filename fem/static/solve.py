@@ -176,22 +176,14 @@ def solve_static(
     store = FlexibilityStore() if store is None else store
     points = None
     if deformable.contact.finite_sliding:
-        whole_start = None if start is None else start.displacements
-        points = facing_points(deformable, whole_start, orbits)
+        points = facing_points(deformable, None if start is None else start.displacements, orbits)
     problem = _problem(deformable, orbits, options, store, points)
     ready = time.process_time()
     state = _start_state(problem.system, start)
     if points is None:
         state = _load_up(problem, state, options.load_steps)
     else:
-        at_start = state
-        problem, state = _load_searched(problem, points, at_start, store)
-        if not state.converged and options.load_steps < _FALLBACK_LOAD_STEPS:
-            more = replace(options, load_steps=_FALLBACK_LOAD_STEPS)
-            points = facing_points(deformable, whole_start, orbits)
-            problem = _problem(deformable, orbits, more, store, points)
-            at_start = replace(at_start, residuals=state.residuals)
-            problem, state = _load_searched(problem, points, at_start, store)
+        problem, state = _load_searched(problem, points, state, store, options.load_steps)
     solved = time.process_time()
     system = problem.system
     displacement = problem.step.complete(state.displacement)
@@ -337,22 +329,30 @@ def _load_up(problem: _Problem, state: _State, parts: int) -> _State:
 
 
 def _load_searched(
-    first: _Problem, points: FacingPoints, state: _State, store: FlexibilityStore
+    problem: _Problem, points: FacingPoints, first: _State, store: FlexibilityStore, parts: int
+) -> tuple[_Problem, _State]:
+    """Apply the load in equal parts; in more parts when that does not converge."""
+    reached, state = _follow_up(problem, points, first, store, parts)
+    if state.converged or parts >= _FALLBACK_LOAD_STEPS:
+        return reached, state
+    again = replace(first, residuals=state.residuals)
+    problem, again = _searched_anew(problem, points, again, store)
+    return _follow_up(problem, points, again, store, _FALLBACK_LOAD_STEPS)
+
+
+def _follow_up(
+    problem: _Problem, points: FacingPoints, state: _State, store: FlexibilityStore, parts: int
 ) -> tuple[_Problem, _State]:
     """Apply the load in equal parts; points follow the motion until they stay."""
-    options, deformable, orbits = first.options, first.system.deformable, first.system.orbits
-    problem, elastic = first, _Elastic.none(points)
-    for part in range(1, options.load_steps + 1):
+    elastic = _Elastic.none(points)
+    for part in range(1, parts + 1):
         begin = state.displacement
         for search in range(_MAX_SEARCHES):
             if search or part > 1:
-                points.displace(_whole(problem, state))
-                points.search()
-                problem = _problem(deformable, orbits, options, store, points)
-                state = _moved_on(problem, state)
+                problem, state = _searched_anew(problem, points, state, store)
             state = replace(
                 state,
-                load_factor=part / options.load_steps,
+                load_factor=part / parts,
                 anchor=elastic.anchor(problem, points, begin),
                 converged=False,
             )
@@ -365,20 +365,21 @@ def _load_searched(
             return problem, replace(state, converged=False)
         state = _advance_friction(problem, state)
         elastic = _Elastic.of(problem, points, state)
-        if options.keep_steps:
+        if problem.options.keep_steps:
             state = replace(state, path=(*state.path, _kept_step(problem, state)))
     return problem, state
 
 
-def _whole(problem: _Problem, state: _State) -> tuple[FloatArray, ...]:
-    """World displacements of all blocks."""
-    return tuple(problem.system.expand(problem.step.complete(state.displacement)))
-
-
-def _moved_on(problem: _Problem, state: _State) -> _State:
-    """A state on other points, linearised where it is."""
-    kinematics = problem.kinematics(state.displacement)
-    return replace(state, kinematics=kinematics, at=kinematics.overclosure)
+def _searched_anew(
+    problem: _Problem, points: FacingPoints, state: _State, store: FlexibilityStore
+) -> tuple[_Problem, _State]:
+    """The problem on the points of the place that a state has, and the state linearised there."""
+    system = problem.system
+    points.displace(tuple(system.expand(problem.step.complete(state.displacement))))
+    points.search()
+    there = _problem(system.deformable, system.orbits, problem.options, store, points)
+    kinematics = there.kinematics(state.displacement)
+    return there, replace(state, kinematics=kinematics, at=kinematics.overclosure)
 
 
 @dataclass(frozen=True)

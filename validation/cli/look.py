@@ -49,8 +49,11 @@ def schema() -> None:
 def show(
     scene: SceneArgument,
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE.png|svg|pdf", help="Picture to write.")
-    ] = Path("tube.png"),
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE.png|svg|pdf", help="Picture to write; tube.png."
+        ),
+    ] = None,
     settings: SetOption = None,
     *,
     block: Annotated[
@@ -58,31 +61,31 @@ def show(
     ] = False,
 ) -> None:
     """Draw a scene: blocks, frame, load and supports."""
-    from validation.output.files import require_picture
+    from validation.output.files import picture_file
     from validation.output.outputs import Outputs
     from validation.run.words import load_words
     from validation.scene.polyhedra import PolyhedralScene
     from validation.scene.read import load_scene
 
     file = load_scene(scene, settings or ())
-    require_picture(output)
-    with Outputs(files={"-o": output}, scene=file) as outputs:
+    picture = picture_file(output, Path("tube.png"), file)
+    with Outputs(files={"-o": picture}, scene=file) as outputs:
         if block:
-            _draw_one_block(file, output)
+            _draw_one_block(file, picture)
         elif isinstance(file.scene, PolyhedralScene):
             from validation.build.polyhedra import build_polyhedra
             from validation.output.pictures.polyhedra import draw_blocks
 
             title = f"{file.name}: {load_words(file.scene)}"
-            draw_blocks(build_polyhedra(file.scene, file.folder), output, title=title)
+            draw_blocks(build_polyhedra(file.scene, file.folder), picture, title=title)
         else:
             from validation.output.pictures.assemblies import draw_assembly
             from validation.run.rigid.assembly import build_scene
 
             built = build_scene(file, command="show")
             title = f"{file.name}: {load_words(file.scene)}"
-            draw_assembly(built.assembly, built.load, output, title=title)
-        outputs.say("picture", output)
+            draw_assembly(built.assembly, built.load, picture, title=title)
+        outputs.say("picture", picture)
 
 
 def _draw_one_block(file: SceneFile, output: Path) -> None:

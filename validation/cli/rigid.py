@@ -91,7 +91,7 @@ def explode(
     ] = None,
 ) -> None:
     """Move all blocks of a tube outward at once, frame released: does it explode, and how far."""
-    from validation.output.files import require_picture
+    from validation.output.files import picture_file
     from validation.output.outputs import Outputs
     from validation.output.rigid import print_explosion
     from validation.run.rigid.explosion import explosion_json, run_explosion
@@ -99,10 +99,9 @@ def explode(
     from validation.scene.usage import recording
 
     file = load_scene(scene, settings or ())
-    folder = default_folder(output, json, file.name)
-    picture = folder / "explosion.png" if output is None and folder is not None else folder
-    if picture is not None:
-        require_picture(picture)
+    picture = None
+    if output is not None or json is None:
+        picture = picture_file(output, Path("out") / file.name / "explosion.png", file)
     with Outputs(json, files={"-o": picture}, scene=file) as outputs:
         with recording(file.scene) as use:
             run = run_explosion(file)

@@ -76,7 +76,7 @@ def clearance_row(
         p_max=run.contact.p_max_face,
         effective_count_percent=run.contact.effective_count_percent,
         max_principal_stress=max(float(run.principal(b)[:, 0].max()) for b in blocks),
-        newton_iterations=len(run.static.residuals) if run.static is not None else 0,
+        newton_iterations=0 if run.static is None else run.static.newton_iterations,
         cpu_seconds=run.cpu_seconds["total"],
     )
 

@@ -47,7 +47,7 @@ _WRITES = {"--json": "result.json", "--csv": "rows.csv", "--parquet": "rows.parq
 OPTIONS: dict[str, tuple[str, ...]] = {
     "mbd": ("--json", "-o", "--layers-to-unlock"),
     "explode": ("--json", "-o"),
-    "fem": ("--json", "-o", "--resume", "--accuracy", "--auto", "--keep", "--store"),
+    "fem": ("--json", "-o", "--resume", "--accuracy", "--max-seconds", "--auto", "--keep"),
     "compare": ("--json", "-o", "--auto", "--keep", "--no-explicit"),
     "clearance": ("--json", "--gap", "--kind", "-o"),
     "show": ("-o", "--block"),
@@ -104,6 +104,8 @@ WORDS = (
 )  # fmt: skip
 #: Values of options that are not refused.
 _GOOD = {
+    "--accuracy": "p_eff=30%",
+    "--max-seconds": "1",
     "--keep": "friction",
     "--flavour": "calculix",
     "--workers": "1",

@@ -9,9 +9,12 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from validation.errors import InputError
+
+if TYPE_CHECKING:
+    from validation.scene.read import SceneFile
 
 #: Endings of the pictures that can be written.
 PICTURES = (".png", ".svg", ".pdf")
@@ -88,6 +91,26 @@ def require_picture(path: Path) -> None:
             f"-o {path}: expected a file name that ends in {', '.join(PICTURES[:-1])} or "
             f"{PICTURES[-1]}"
         )
+
+
+def picture_file(given: Path | None, default: Path, scene: SceneFile) -> Path:
+    """Where the picture of a scene goes: by default with the ending that the scene asks for.
+
+    Raises
+    ------
+    InputError
+        For an ending of no picture, or another than the scene asks for.
+    """
+    asked = scene.scene.pictures
+    if given is None:
+        return default.with_suffix(f".{asked.format}")
+    require_picture(given)
+    if "format" in asked.model_fields_set and given.suffix.lower() != f".{asked.format}":
+        raise InputError(
+            f"-o {given}: its ending is another than pictures.format = {asked.format!r} of the "
+            "scene; leave one of them out"
+        )
+    return given
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from validation.errors import InputError
 from validation.output.console import text_console
-from validation.output.files import output_folder, prepare_file, write_json
+from validation.output.files import PICTURES, output_folder, prepare_file, write_json
 from validation.output.pictures.look import Look, looking
 from validation.output.provenance import Provenance, stamp_vtu, stamped
 
@@ -133,6 +133,13 @@ class Outputs:
             return False
         return any(fnmatchcase(path.name, name) for name in self.names)
 
+    @property
+    def _draws(self) -> bool:
+        """Whether pictures are among what is written."""
+        single = [path.name for path in self.files.values() if path is not None]
+        names = single if self.folder is None else [*single, *self.names]
+        return any(Path(name).suffix.lower() in PICTURES for name in names)
+
     @cached_property
     def _look(self) -> Look:
         """What pictures look like."""
@@ -170,6 +177,8 @@ class Outputs:
 
     def tell_unused(self, use: KeyUse) -> None:
         """Name the keys of the scene on which the answer does not depend, here and in the data."""
+        if self.scene is not None and self._draws:
+            use.count(self.scene.scene.pictures)
         self._unused = use.unused
         if self._unused:
             self.console.print(f"{'unused':9} {use.words} (no part of this answer)")

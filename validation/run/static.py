@@ -61,8 +61,8 @@ def run_static(
     """
     start = time.process_time()
     fem = fem_section(scene, name)
+    require_held_by_friction(name, scene)
     if deformable is None:
-        require_held_by_friction(name, scene)
         deformable = build_deformable(scene, name)
     keep = on_frame is not None and fem.frames > 0
     options = replace(static_options(scene, fem), keep_steps=keep)

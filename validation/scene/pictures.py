@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
@@ -14,8 +14,6 @@ Kind = Literal["png", "svg", "pdf"]
 
 class PicturesSection(Section):
     """``[pictures]``: how pictures are drawn; no number depends on it."""
-
-    read_at_the_door: ClassVar[bool] = True
 
     format: Kind = "png"
     """Kind of file: ``png``, ``svg`` or ``pdf`` (lines and letters, for print)."""

@@ -71,6 +71,11 @@ class KeyUse:
             if idle and not _nothing(values[name]) and not _single(kind, name):
                 yield f"{place}{name}"
 
+    def count(self, section: BaseModel) -> None:
+        """Count all keys of a section as read."""
+        kind = type(section)
+        self._read.update((kind, name) for name in kind.model_fields)
+
     @property
     def words(self) -> str:
         """Keys that were not read, whole sections as such; nothing where all were."""

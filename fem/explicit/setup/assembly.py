@@ -20,6 +20,7 @@ from fem.assembly.local_system import LocalSystem, local_system
 from fem.assembly.symmetry import Orbits, no_symmetry
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
+from fem.contact.surfaces import ContactError, ContactNormals
 from fem.explicit.contact.alike_pairs import alike_pairs
 from fem.explicit.contact.paired import FaceContact
 from fem.explicit.contact.sliding import SlidingContact
@@ -141,6 +142,8 @@ def explicit_assembly(
     ------
     FrictionError
         Friction with reference normals or too stiff a stick.
+    ContactError
+        Finite sliding with reference normals.
     EffectError
         Effects with another gravity than the assembly has.
     """
@@ -221,6 +224,11 @@ def _sliding_contact(
     friction: CoulombFriction | None,
     counted: float,
 ) -> SlidingContact:
+    if deformable.contact.normals is ContactNormals.REFERENCE:
+        raise ContactError(
+            "normals: got reference normals with finite sliding, which an explicit run measures "
+            "along current ones; expected ContactNormals.CURRENT, or a static run"
+        )
     return SlidingContact(
         surfaces=block_surfaces(deformable, orbits, copy_of),
         n_nodes=tuple(group.n_nodes for group in deformable.model.groups),
