@@ -138,7 +138,7 @@ def incompatible_gradients(coordinates: FloatArray, volume: FloatArray) -> Float
     return modes
 
 
-def _tensor(gradients: FloatArray, volume: FloatArray) -> FloatArray:
+def gradient_tensor(gradients: FloatArray, volume: FloatArray) -> FloatArray:
     """T[ai, bj] = sum_p dv g[a, i] g[b, j]: (n_elements, 3 n, 3 n) [mm]."""
     n_elements, n_points = volume.shape
     flat = gradients.reshape(n_elements, n_points, -1)
@@ -151,7 +151,7 @@ def _symmetric(matrices: FloatArray) -> FloatArray:
     return symmetric
 
 
-def _isotropic(tensor: FloatArray, lame: float, shear: float) -> FloatArray:
+def isotropic_stiffness(tensor: FloatArray, lame: float, shear: float) -> FloatArray:
     """Isotropic stiffness of the tensor T (module docstring), symmetric to the bit as T is."""
     n = tensor.shape[1] // 3
     t = tensor.reshape(-1, n, 3, n, 3)
@@ -176,14 +176,14 @@ def extended_stiffness(
     """
     gradients, volume = gauss_gradients(coordinates)
     modes = incompatible_gradients(coordinates, volume)
-    tensor = _tensor(np.concatenate([gradients, modes], axis=2), volume)
-    stiffness = _isotropic(tensor, material.lame_modulus, material.shear_modulus)
+    tensor = gradient_tensor(np.concatenate([gradients, modes], axis=2), volume)
+    stiffness = isotropic_stiffness(tensor, material.lame_modulus, material.shear_modulus)
     return stiffness[:, :24, :24], stiffness[:, 24:, :24], stiffness[:, 24:, 24:]
 
 
 def _full(coordinates: FloatArray, material: Material, _: float) -> FloatArray:
-    tensor = _tensor(*gauss_gradients(coordinates))
-    return _isotropic(tensor, material.lame_modulus, material.shear_modulus)
+    tensor = gradient_tensor(*gauss_gradients(coordinates))
+    return isotropic_stiffness(tensor, material.lame_modulus, material.shear_modulus)
 
 
 def _b_bar(coordinates: FloatArray, material: Material, _: float) -> FloatArray:
@@ -191,8 +191,8 @@ def _b_bar(coordinates: FloatArray, material: Material, _: float) -> FloatArray:
     gradients, volume = gauss_gradients(coordinates)
     mean, total = mean_gradients(gradients, volume)
     shear = material.shear_modulus
-    deviatoric = _isotropic(_tensor(gradients, volume), -2.0 / 3.0 * shear, shear)
-    return deviatoric + material.bulk_modulus * _tensor(mean[:, None], total[:, None])
+    deviatoric = isotropic_stiffness(gradient_tensor(gradients, volume), -2.0 / 3.0 * shear, shear)
+    return deviatoric + material.bulk_modulus * gradient_tensor(mean[:, None], total[:, None])
 
 
 def _incompatible(coordinates: FloatArray, material: Material, _: float) -> FloatArray:
@@ -202,8 +202,8 @@ def _incompatible(coordinates: FloatArray, material: Material, _: float) -> Floa
 
 def _uniform(coordinates: FloatArray, material: Material) -> FloatArray:
     mean, total = mean_gradients(*gauss_gradients(coordinates))
-    tensor = _tensor(mean[:, None], total[:, None])
-    return _isotropic(tensor, material.lame_modulus, material.shear_modulus)
+    tensor = gradient_tensor(mean[:, None], total[:, None])
+    return isotropic_stiffness(tensor, material.lame_modulus, material.shear_modulus)
 
 
 def hourglass_shape(coordinates: FloatArray, mean: FloatArray) -> FloatArray:

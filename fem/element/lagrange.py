@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial import legendre
 
+from fem.element.hexahedron import gradient_tensor, isotropic_stiffness
 from fem.element.material import Material
 from fem.element.stress import strain_operator
 from geometry.mesh import FloatArray, MeshError
@@ -146,13 +147,14 @@ class LagrangeElement:
 
     def stiffness(self, coordinates: FloatArray) -> FloatArray:
         """Stiffness of elements, (n_elements, n_functions, 3) to (n, 3 n_f, 3 n_f) [N/mm]."""
-        elasticity = self.material.elasticity_matrix()
+        material = self.material
         matrices = []
         for nodes in coordinates:
             gradients, volume = self.gradients(nodes, self.quadrature)
-            strain = strain_operator(gradients)
-            weighted = (volume[:, None, None] * (elasticity @ strain)).reshape(-1, strain.shape[2])
-            matrices.append(strain.reshape(-1, strain.shape[2]).T @ weighted)
+            tensor = gradient_tensor(gradients[None], volume[None])
+            matrices.append(
+                isotropic_stiffness(tensor, material.lame_modulus, material.shear_modulus)[0]
+            )
         return np.stack(matrices)
 
     def stress(

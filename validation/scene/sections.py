@@ -60,10 +60,12 @@ class Section(Recorded):
         """Read ``"2400 kg/m3"`` as a number in the unit that the key's docstring names."""
         name = str(info.field_name)
         given = value if isinstance(value, list | tuple) else (value,)
-        if not any(isinstance(v, str) for v in given):
+        # Names are text as well: sources are read for the few numbers with a unit alone.
+        numeric = float in _leaves(cls.model_fields[name].annotation)
+        if not numeric or not any(isinstance(v, str) for v in given):
             return value
         unit = unit_of(field_docstrings(cls).get(name, ""))
-        if unit is None or float not in _leaves(cls.model_fields[name].annotation):
+        if unit is None:
             return value
         numbers = [_as_number(v, unit) for v in given]
         return numbers if isinstance(value, list | tuple) else numbers[0]

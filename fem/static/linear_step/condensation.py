@@ -3,8 +3,8 @@
 The elements are bisected again and again; each part is assembled densely, the nodes that belong
 to it alone are eliminated, and the rest is added to the parent (substructuring, a multifrontal
 elimination by nested dissection). What remains at the root is the Schur complement on the
-retained nodes. Only dense LAPACK is needed, and eliminated displacements follow for all copies
-at once by products of dense matrices.
+retained nodes. Only dense LAPACK is needed, on lower triangles in Fortran order, and eliminated
+displacements follow for all copies at once by products of dense matrices.
 
 Reference: Przemieniecki (1963), doi:10.2514/3.1500, for substructures; George (1973),
 doi:10.1137/0710032, for nested dissection.
@@ -17,9 +17,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+import scipy.linalg.blas
 
 from fem.element.hexahedron import element_stiffness
 from fem.problem.model import BlockGroup
+from geometry.compilation import njit
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Elements of a part that is not bisected further: smaller costs calls, larger costs products.
@@ -75,9 +77,7 @@ class CondensedBlock:
         """
         work = np.array(forces.reshape(len(forces), -1).T, order="C")
         for part in self.parts:
-            inner = scipy.linalg.solve_triangular(
-                part.factor, work[part.inside], lower=True, check_finite=False
-            )
+            inner = scipy.linalg.blas.dtrsm(1.0, part.factor, work[part.inside], lower=1)
             work[part.inside] = inner
             work[part.around] -= part.coupling.T @ inner
         return np.ascontiguousarray(work[self.degrees_of_freedom].T), work
@@ -101,9 +101,7 @@ class CondensedBlock:
         full[self.degrees_of_freedom] = displacement.T
         for part in reversed(self.parts):
             right = reduced[part.inside] - part.coupling @ full[part.around]
-            full[part.inside] = scipy.linalg.solve_triangular(
-                part.factor, right, lower=True, trans="T", check_finite=False
-            )
+            full[part.inside] = scipy.linalg.blas.dtrsm(1.0, part.factor, right, lower=1, trans_a=1)
         return np.ascontiguousarray(full.T).reshape(len(displacement), self.n_nodes, 3)
 
 
@@ -154,7 +152,7 @@ def condense_elements(
     parts: list[_Part] = []
 
     def visit(elements: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
-        """Boundary nodes of a set of elements, their uses in it, condensed stiffness."""
+        """Boundary nodes of a set of elements, their uses in it, condensed stiffness (lower)."""
         if len(elements) <= leaf:
             pieces = _element_pieces(elements_of[elements], stiffness_of(elements))
         else:
@@ -173,6 +171,7 @@ def condense_elements(
     nodes, _, stiffness = visit(np.arange(len(elements_of)))
     if not np.array_equal(nodes, retained):
         raise AssertionError("condensation: retained nodes are not what remained")
+    stiffness = np.tril(stiffness) + np.tril(stiffness, -1).T
     return CondensedBlock(retained, stiffness, n_nodes, tuple(parts))
 
 
@@ -193,35 +192,54 @@ def _halves(
     return best[1]
 
 
-#: Nodes, how many elements of a set use them, and its stiffness on them.
+#: Nodes, how many elements of a set use them, and the lower triangle of its stiffness on them.
 _Piece = tuple[IntArray, IntArray, FloatArray]
 
 
 def _element_pieces(corners: IntArray, matrices: FloatArray) -> list[_Piece]:
     return [
-        (nodes, np.ones(len(nodes), dtype=np.int64), matrix)
+        # Symmetric: the transpose is the same matrix in Fortran order.
+        (nodes, np.ones(len(nodes), dtype=np.int64), matrix.T)
         for nodes, matrix in zip(corners, matrices, strict=True)
     ]
 
 
 def _assemble(nodes: IntArray, inside: BoolArray, pieces: list[_Piece]) -> tuple[FloatArray, int]:
-    """Dense stiffness with the nodes to be eliminated first, and how many these are."""
+    """Lower triangle with the nodes to be eliminated first, and how many these are."""
     place = np.empty(len(nodes), dtype=np.int64)
     order = np.concatenate([np.flatnonzero(inside), np.flatnonzero(~inside)])
     place[order] = np.arange(len(nodes))
-    stiffness = np.zeros((3 * len(nodes), 3 * len(nodes)))
+    stiffness = np.zeros((3 * len(nodes), 3 * len(nodes)), order="F")
     for own, _, matrix in pieces:
         dofs = (3 * place[np.searchsorted(nodes, own)][:, None] + np.arange(3)).ravel()
-        stiffness[np.ix_(dofs, dofs)] += matrix
+        _add_lower(stiffness, dofs, matrix)
     return stiffness, int(inside.sum())
 
 
+@njit(cache=True, nogil=True)
+def _add_lower(total, places, matrix):  # type: ignore[no-untyped-def]
+    """Add the lower triangle of a symmetric matrix to that of a larger one, both (n, n) Fortran."""
+    for column in range(len(places)):
+        to = places[column]
+        for row in range(column, len(places)):
+            at = places[row]
+            if at >= to:
+                total[at, to] += matrix[row, column]
+            else:
+                total[to, at] += matrix[row, column]
+
+
 def _eliminate(matrix: FloatArray, nodes: IntArray, inside: BoolArray) -> tuple[_Part, FloatArray]:
-    """Schur complement of a dense matrix, whose first rows are those of nodes inside."""
+    """Schur complement (lower) of a lower triangle, whose first rows are those of nodes inside."""
     n = 3 * int(inside.sum())
     factor = scipy.linalg.cholesky(matrix[:n, :n], lower=True, check_finite=False)
-    coupling = scipy.linalg.solve_triangular(factor, matrix[:n, n:], lower=True, check_finite=False)
-    rest = matrix[n:, n:] - coupling.T @ coupling
+    rest = np.array(matrix[n:, n:], order="F")
+    coupling = np.empty((n, len(rest)))
+    if len(rest):
+        # A_bi L⁻ᵀ, from the right: the lower triangle holds A_bi.
+        outward = scipy.linalg.blas.dtrsm(1.0, factor, matrix[n:, :n], side=1, lower=1, trans_a=1)
+        rest = scipy.linalg.blas.dsyrk(-1.0, outward, 1.0, rest, lower=1, overwrite_c=1)
+        coupling = outward.T
     inner, outer = (
         (3 * some[:, None] + np.arange(3)).ravel() for some in (nodes[inside], nodes[~inside])
     )
