@@ -54,7 +54,7 @@ class StaticResult:
     """Of the full loads along the displacements, as dead loads [N mm]."""
     frictional_dissipation: float
     """Work lost in sliding, zero without friction [N mm]. The slip of a load step counts with the
-    traction at its end: with few load steps several times too much."""
+    mean of the tractions at its ends: with few load steps too much, by about a tenth with four."""
     symmetry: int
     """Order of the sector model that was used."""
     n_unknowns: int
@@ -63,6 +63,9 @@ class StaticResult:
     """CPU time: setup, newton, recovery, total [s]."""
     load_steps: int = 1
     """Parts in which the load was to be applied."""
+    coarser_loading: StaticResult | None = None
+    """State by half as many load steps, where friction made the way to the load count and both
+    were compared."""
     steps: tuple[tuple[float, tuple[FloatArray, ...]], ...] = ()
     """Load factor and displacements after each load step, where they were to be kept."""
     points: FacingPoints | None = None

@@ -58,6 +58,7 @@ from fem.static.linear_step.linearisation import (
     coarsened,
 )
 from fem.static.linear_step.sparse import SparseSolver
+from fem.static.load_path import load_factors, refined
 from fem.static.result import StaticResult, loose_blocks
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
@@ -122,13 +123,27 @@ class StaticOptions:
     max_iterations: int = 120
     """Linear problems solved at most for one load step."""
     load_steps: int = 1
-    """Equal parts in which the load is applied."""
+    """Parts in which the load is applied: equal ones, with friction as `load_factors` says."""
+    load_tolerance: float | None = None
+    """With friction the parts are doubled until that changes displacements and pressures by less
+    [-]; None: they stay as they are."""
+    load_path: tuple[float, ...] | None = None
+    """Load factors at the ends of the load steps, the last one 1; None: straight up, in
+    `load_steps` of `load_factors`."""
     keep_steps: bool = False
     """Whether the result holds the state after each of them."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.tolerance) and self.tolerance > 0.0):
             raise StaticError(f"fem.tolerance: got {self.tolerance}, expected a positive number")
+        change = self.load_tolerance
+        if change is not None and not (math.isfinite(change) and change > 0.0):
+            raise StaticError(f"fem.load_tolerance: got {change}, expected a positive number")
+        path = self.load_path
+        if path is not None and not (path and path[-1] == 1.0 and min(path) > 0.0):
+            raise StaticError(
+                f"load_path: got {path}, expected positive load factors that end with 1"
+            )
         for name in ("max_iterations", "load_steps"):
             if getattr(self, name) < 1:
                 raise StaticError(f"fem.{name}: got {getattr(self, name)}, expected at least 1")
@@ -171,9 +186,28 @@ def solve_static(
     options = StaticOptions() if options is None else options
     if not deformable.meets:
         return solve_apart(deformable, load_steps=options.load_steps, keep_steps=options.keep_steps)
+    store = FlexibilityStore() if store is None else store
+    change = options.load_tolerance
+    without = deformable.contact.friction is None or start is not None
+    if without or change is None or options.load_path is not None:
+        return _load(deformable, options, start, store)
+
+    def in_parts(parts: int) -> StaticResult:
+        return _load(deformable, replace(options, load_steps=parts), None, store)
+
+    found, coarser = refined(in_parts, options.load_steps, change)
+    return replace(found, coarser_loading=coarser)
+
+
+def _load(
+    deformable: DeformableAssembly,
+    options: StaticOptions,
+    start: StaticResult | None,
+    store: FlexibilityStore,
+) -> StaticResult:
+    """Apply the load in the parts that are asked for."""
     clock = time.process_time()
     orbits = _orbits(deformable, options.symmetry)
-    store = FlexibilityStore() if store is None else store
     points = None
     if deformable.contact.finite_sliding:
         points = facing_points(deformable, None if start is None else start.displacements, orbits)
@@ -312,28 +346,35 @@ def _localised(system: LocalSystem, start: StaticResult) -> FloatArray:
 
 
 def _load_up(problem: _Problem, state: _State, parts: int) -> _State:
-    """Apply the load in equal parts; in more parts when that does not converge."""
+    """Apply the load in parts; in more parts when that does not converge."""
     first = state
-    for part in range(1, parts + 1):
-        state = replace(state, load_factor=part / parts, converged=False)
+    for factor in _load_path(problem, parts):
+        begin = state.displacement
+        state = replace(state, load_factor=factor, converged=False)
         reached = _converge(problem, state)
         if not reached.converged and _has_potential(problem):
             reached = _descend(problem, replace(state, residuals=reached.residuals))
-        state = _advance_friction(problem, reached)
+        state = _advance_friction(problem, reached, begin)
         if problem.options.keep_steps:
             state = replace(state, path=(*state.path, _kept_step(problem, state)))
-    if not state.converged and parts < _FALLBACK_LOAD_STEPS:
+    if not state.converged and parts < _FALLBACK_LOAD_STEPS and problem.options.load_path is None:
         again = replace(first, residuals=state.residuals)
         return _load_up(problem, again, _FALLBACK_LOAD_STEPS)
     return state
 
 
+def _load_path(problem: _Problem, parts: int) -> tuple[float, ...]:
+    """Load factors at the ends of the load steps."""
+    asked = problem.options.load_path
+    return load_factors(parts, friction=problem.friction is not None) if asked is None else asked
+
+
 def _load_searched(
     problem: _Problem, points: FacingPoints, first: _State, store: FlexibilityStore, parts: int
 ) -> tuple[_Problem, _State]:
-    """Apply the load in equal parts; in more parts when that does not converge."""
+    """Apply the load in parts; in more parts when that does not converge."""
     reached, state = _follow_up(problem, points, first, store, parts)
-    if state.converged or parts >= _FALLBACK_LOAD_STEPS:
+    if state.converged or parts >= _FALLBACK_LOAD_STEPS or problem.options.load_path:
         return reached, state
     again = replace(first, residuals=state.residuals)
     problem, again = _searched_anew(problem, points, again, store)
@@ -343,16 +384,16 @@ def _load_searched(
 def _follow_up(
     problem: _Problem, points: FacingPoints, state: _State, store: FlexibilityStore, parts: int
 ) -> tuple[_Problem, _State]:
-    """Apply the load in equal parts; points follow the motion until they stay."""
+    """Apply the load in parts; points follow the motion until they stay."""
     elastic = _Elastic.none(points)
-    for part in range(1, parts + 1):
+    for part, factor in enumerate(_load_path(problem, parts)):
         begin = state.displacement
         for search in range(_MAX_SEARCHES):
-            if search or part > 1:
+            if search or part:
                 problem, state = _searched_anew(problem, points, state, store)
             state = replace(
                 state,
-                load_factor=part / parts,
+                load_factor=factor,
                 anchor=elastic.anchor(problem, points, begin),
                 converged=False,
             )
@@ -363,7 +404,7 @@ def _follow_up(
                 break
         if not state.converged or 2.0 * moved > points.skin:
             return problem, replace(state, converged=False)
-        state = _advance_friction(problem, state)
+        state = _advance_friction(problem, state, begin)
         elastic = _Elastic.of(problem, points, state)
         if problem.options.keep_steps:
             state = replace(state, path=(*state.path, _kept_step(problem, state)))
@@ -434,16 +475,23 @@ def _kept_step(problem: _Problem, state: _State) -> tuple[float, FloatArray]:
     return share, share * problem.step.complete(state.displacement / share)
 
 
-def _advance_friction(problem: _Problem, state: _State) -> _State:
-    """Move the anchors at the end of a load step."""
+def _advance_friction(problem: _Problem, state: _State, begin: FloatArray) -> _State:
+    """Move the anchors at the end of a load step, and count the work lost on their way.
+
+    Along that way the traction goes from that at the beginning to that at the end: in the mean.
+    """
     rows = problem.friction
     if rows is None:
         return state
-    pressure = problem.system.deformable.contact.law.pressure(state.kinematics.overclosure)
+    law = problem.system.deformable.contact.law
+    pressure = law.pressure(state.kinematics.overclosure)
+    before = law.pressure(problem.kinematics(begin).overclosure)
     anchor = _anchor(state)
     slip = rows.slip(state.displacement)
+    first, _ = friction_tractions(rows.friction, rows.slip(begin), anchor, before)
     traction, moved = friction_tractions(rows.friction, slip, anchor, pressure)
-    lost = problem.system.surfaces.weights * ((moved - anchor) * traction).sum(axis=2)
+    work = ((moved - anchor) * (0.5 * (first + traction))).sum(axis=2)
+    lost = problem.system.surfaces.weights * work
     orbits = problem.system.orbits
     times: IntArray | int = orbits.order
     if not isinstance(problem.system.surfaces, SearchedSurfaces):

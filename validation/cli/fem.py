@@ -303,6 +303,7 @@ def _solved(
     from validation.output.console import explicit_progress, status
     from validation.run.estimate import estimated_errors
     from validation.run.explicit import run_explicit, scene_statement
+    from validation.run.friction_set import friction_set
     from validation.run.static import run_static
     from validation.scene.deformable import Method
 
@@ -346,4 +347,6 @@ def _solved(
     if fem.error_estimate:
         with status(outputs.console, f"{name}: two coarser meshes, for the errors"):
             run = replace(run, errors=estimated_errors(run))
+        with status(outputs.console, f"{name}: how wide the set of answers with friction is"):
+            run = replace(run, friction=friction_set(run))
     return run, added

@@ -31,6 +31,7 @@ from validation.output.pictures import tubes
 from validation.output.pictures.energies import draw_energies
 from validation.run.curved import CurvedRun
 from validation.run.deformable import DeformableRun, peak_memory_mb
+from validation.run.friction_set import FrictionSet
 from validation.run.measures import Measure, place_words, value_words
 from validation.run.words import load_words
 from validation.scene.deformable import FemSection
@@ -203,12 +204,31 @@ def _add_contact(table: Table, run: DeformableRun) -> None:
     """Print what only blocks that meet have."""
     contact = run.contact
     table.add_row("contact search", str(run.contact_search))
+    if run.friction is not None:
+        table.add_row("friction", _friction_words(run.friction))
     _add_slip(table, run.slip)
     table.add_row("p_eff, pooled", f"{contact.p_eff_pooled:.5g} MPa as the paper's tables")
     if run.cap is not None:
         table.add_row("cap of the contact law", _cap_words(run.cap))
     table.add_row("effective contact elements", f"{contact.effective_count_percent:.2f} %")
     table.add_row("mean overclosure", f"{contact.mean_overclosure:.4g} mm where surfaces press")
+
+
+def _friction_words(found: FrictionSet) -> str:
+    """Which member of the set of answers with friction this is, and how wide the set is."""
+    words = f"one of many states: {found.member}; past the load by half and back"
+    if not found.width:
+        return f"{words}: none ({found.remark})"
+    shown = ", ".join(
+        f"{title} {100 * found.width[name]:+.2g} %"
+        for name, title in _WIDTHS.items()
+        if name in found.width
+    )
+    return f"{words}: {shown} ({found.remark})"
+
+
+#: Measures whose width the table shows; JSON has all.
+_WIDTHS = {"p_max": "p_max", "p_eff": "p_eff", "max_displacement": "displacement"}
 
 
 def _start_words(share: float) -> str:

@@ -6,7 +6,7 @@ import resource
 from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,6 +32,9 @@ from validation.scene.deformable import Method
 from validation.scene.family import RoundScene
 from validation.scene.read import DeformableScene
 
+if TYPE_CHECKING:
+    from validation.run.friction_set import FrictionSet
+
 
 class ContactSearch(StrEnum):
     """Whether and why a run searches the facets that face each other."""
@@ -52,8 +55,11 @@ class DeformableRun:
     cpu_seconds: dict[str, float]
     """CPU time of each stage [s]."""
     errors: dict[str, float] = field(default_factory=dict)
-    """Estimated error of discretisation of each measure, in its unit; empty where none was asked
-    for."""
+    """Estimated error of each measure, in its unit: of the mesh, with friction also of the load
+    steps; empty where none was asked for."""
+    friction: FrictionSet | None = None
+    """Which member of the set of answers with friction this is; None without friction, or where
+    that was not asked for."""
 
     @property
     def deformable(self) -> DeformableAssembly:
@@ -287,6 +293,7 @@ def run_json(run: DeformableRun) -> dict[str, Any]:
             "min": min(float(p[:, 2].min()) for p in principal),
         },
         "measures": {name: measure.as_json() for name, measure in run.measures.items()},
+        **({} if run.friction is None else {"friction": run.friction.as_json()}),
         **(_contact_json(run) if run.meets else {"faces": face_displacements(run)}),
         **_static_json(run),
         **_explicit_json(run),

@@ -12,6 +12,9 @@ outwards by a steep law, above it: an estimate is at least the distance. Stresse
 and at their corners lie on the same side: what an element hides comes on top of what the mesh
 leaves out.
 
+With friction the way to the load counts: what half as many load steps change is added
+(`validation.run.friction_set.load_step_change`).
+
 References: P. J. Roache, Perspective: a method for uniform reporting of grid refinement studies,
 J. Fluids Eng. 116 (1994) 405-413.
 """
@@ -23,6 +26,7 @@ from collections.abc import Callable
 from validation.build.coarser import coarser
 from validation.errors import InputError
 from validation.run.deformable import DeformableRun
+from validation.run.friction_set import load_step_change
 from validation.run.measures import bracketed
 from validation.run.solve import run_scene
 from validation.scene.read import DeformableScene
@@ -65,8 +69,9 @@ def estimated_errors(
         for name, measure in run.measures.items():
             change = abs(measure.value - coarse.measures[name].value)
             estimates.setdefault(name, []).append(SAFETY * change / (refinement - 1.0))
-    sides = bracketed(run)
+    sides, steps = bracketed(run), load_step_change(run)
     return {
-        name: max(found) + sides[name] if name in _INSIDE else max(*found, sides.get(name, 0.0))
+        name: steps.get(name, 0.0)
+        + (max(found) + sides[name] if name in _INSIDE else max(*found, sides.get(name, 0.0)))
         for name, found in estimates.items()
     }

@@ -10,6 +10,7 @@ from fem.assembly.deformable import DeformableAssembly
 from fem.explicit.solve import Frame
 from fem.solvers import static_answer
 from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.load_path import LOAD_TOLERANCE
 from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
 from validation.build.deformable import NO_SECTOR, build_deformable, fem_section
@@ -20,12 +21,12 @@ from validation.run.held_by_friction import require_held_by_friction
 from validation.scene.deformable import FemSection
 from validation.scene.read import DeformableScene
 
-#: Load steps of blocks with friction that close a clearance: slip before touch is no stick.
-_CLOSING_STEPS = 16
+#: First load steps of blocks with friction that close a clearance: slip before touch is no stick.
+_CLOSING_STEPS = 4
 
 
 def load_steps(scene: DeformableScene, fem: FemSection) -> int:
-    """Parts in which the load is applied."""
+    """Parts in which the load is applied; with friction the first number of them that is tried."""
     if fem.load_steps is not None:
         return fem.load_steps
     closing = scene.contact is not None and scene.contact.opened
@@ -38,6 +39,7 @@ def static_options(scene: DeformableScene, fem: FemSection) -> StaticOptions:
     return StaticOptions(
         symmetry=1 if fem.symmetry == "none" else None,
         load_steps=load_steps(scene, fem),
+        load_tolerance=LOAD_TOLERANCE if fem.load_steps is None else None,
     )
 
 
@@ -48,11 +50,13 @@ def run_static(
     deformable: DeformableAssembly | None = None,
     store: FlexibilityStore | None = None,
     on_frame: Callable[[Frame], None] | None = None,
+    load_path: tuple[float, ...] | None = None,
 ) -> DeformableRun:
     """Solve the blocks of a scene for their static state by Newton's method.
 
     Runs that share a ``store`` condense the same blocks once; ``on_frame`` is called with the
-    states of the load steps.
+    states of the load steps; ``load_path`` are their load factors where the load shall not go
+    straight up.
 
     Raises
     ------
@@ -65,7 +69,7 @@ def run_static(
     if deformable is None:
         deformable = build_deformable(scene, name)
     keep = on_frame is not None and fem.frames > 0
-    options = replace(static_options(scene, fem), keep_steps=keep)
+    options = replace(static_options(scene, fem), keep_steps=keep, load_path=load_path)
     built = time.process_time()
     try:
         turning = scene.effects.finite_rotation is True

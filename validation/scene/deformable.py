@@ -257,8 +257,9 @@ class FemSection(Section):
     residual: Positive = 1.0e-4
     """Relative force residual at which a run with damping = "static" stops."""
     load_steps: Annotated[int, Field(ge=1)] | None = None
-    """Equal parts in which a static run applies the load; None: one, or sixteen where blocks with
-    friction must first close a clearance. With friction the path matters, and its dissipation."""
+    """Parts in which a static run applies the load, equal ones; with friction, where the way to the
+    load matters, their squares. None: one; with friction doubled until that changes p_max, p_eff
+    and the displacement by less than 1 %."""
     time_step: Positive | None = None
     """[s]; None: safety_factor times the critical time step."""
     safety_factor: Annotated[float, Field(gt=0, le=1)] = 0.9

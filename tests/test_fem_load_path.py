@@ -1,0 +1,109 @@
+"""The way to the load with friction: parts, their error, and coming back from beyond."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fem.contact.friction import CoulombFriction
+from fem.static.load_path import LOAD_TOLERANCE, load_factors, path_change, refined
+from fem.static.solve import StaticError, StaticOptions, solve_static
+from tests.test_fem_static import pipe, sheared_column
+from validation.run.friction_set import PAST_AND_BACK, friction_set
+from validation.run.static import run_static
+from validation.scene.read import load_scene
+
+TIGHT = StaticOptions(tolerance=1e-10)
+
+
+@pytest.mark.parametrize("friction", [False, True])
+def test_load_factors_rise_to_one(friction):
+    for parts in (1, 2, 7):
+        factors = (0.0, *load_factors(parts, friction=friction))
+        assert len(factors) == parts + 1
+        assert factors[-1] == 1.0
+        steps = np.diff(factors)
+        assert (steps > 0.0).all()
+        # Half as many parts end where every second of the others does: step doubling.
+        assert np.allclose(load_factors(2 * parts, friction=friction)[1::2], factors[1:])
+    assert not np.ptp(np.diff(load_factors(4, friction=False)))
+
+
+def test_parts_are_doubled_until_the_answer_stays():
+    """The last halving bounds what is left: the change falls at least like the parts, so all
+    further ones together are no more than it. Without friction nothing is compared."""
+    model = pipe(friction=CoulombFriction(0.3))
+    found = solve_static(model, StaticOptions(load_tolerance=LOAD_TOLERANCE))
+    coarse = found.coarser_loading
+    assert coarse is not None
+    assert 2 * coarse.load_steps == found.load_steps
+    assert path_change(coarse, found) <= LOAD_TOLERANCE
+    fine = solve_static(model, StaticOptions(load_steps=2 * found.load_steps))
+    left = abs(found.pressures.max() - fine.pressures.max())
+    assert left <= abs(found.pressures.max() - coarse.pressures.max())
+    # Work lost counts with the mean of both ends of a step. That is of second order: halving the
+    # steps takes away less than half of it, where the traction at the end alone takes a half.
+    assert fine.frictional_dissipation < found.frictional_dissipation
+    assert found.frictional_dissipation < 2.0 * fine.frictional_dissipation
+    plain = solve_static(pipe(), StaticOptions(load_tolerance=LOAD_TOLERANCE))
+    assert plain.coarser_loading is None
+    assert plain.load_steps == 1
+
+
+def test_the_finest_parts_that_converge_are_the_answer():
+    """Parts that find no equilibrium are no reference for others."""
+    good = solve_static(sheared_column(0.2, CoulombFriction(0.3)))
+    bad = replace(good, converged=False)
+    by_parts = {1: bad, 2: good, 4: good}
+    assert refined(by_parts.__getitem__, 1, 0.1) == (good, good)
+    assert refined({1: good, 2: bad}.__getitem__, 1, 0.1) == (good, None)
+    assert refined(lambda _: bad, 1, 0.1) == (bad, None)
+
+
+def test_what_sticks_does_not_remember_the_way():
+    """All points stick at 0.8 mu of the pressure, and on the way past by a fifth: an elastic body,
+    whose state is its load's whatever came before, without any work lost."""
+    friction = CoulombFriction(0.3, 50.0)
+    direct = solve_static(sheared_column(0.2, friction), TIGHT)
+    back = solve_static(sheared_column(0.2, friction), replace(TIGHT, load_path=(0.5, 1.2, 1.0)))
+    moved = direct.displacements[0]
+    assert np.abs(back.displacements[0] - moved).max() < 1e-7 * np.abs(moved).max()
+    assert back.frictional_dissipation == direct.frictional_dissipation == 0.0
+
+
+def test_what_slid_stays_behind_the_load():
+    """Some points slide at 0.95 mu and more on the way past: back at the load the block lies
+    further along than straight up, and more work is lost."""
+    friction = CoulombFriction(0.3, 50.0)
+    model = sheared_column(0.285, friction)
+    direct = solve_static(model, replace(TIGHT, load_steps=4))
+    back = solve_static(model, replace(TIGHT, load_path=(0.5, 1.0, 1.03, 1.0)))
+    assert direct.converged
+    assert back.converged
+    assert back.displacements[0][0][:, 0].mean() > direct.displacements[0][0][:, 0].mean()
+    assert back.frictional_dissipation > direct.frictional_dissipation > 0.0
+
+
+@pytest.mark.parametrize("path", [(), (0.5,), (0.0, 1.0), (1.0, 2.0)])
+def test_ways_that_do_not_end_at_the_load_are_refused(path):
+    with pytest.raises(StaticError, match="load_path: got"):
+        StaticOptions(load_path=path)
+
+
+def test_the_answer_names_its_member_and_the_width():
+    mesh = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=4")
+    rough = ("effects.friction.coefficient=0.3", *mesh)
+    run = run_static("pipe", load_scene("tsb1-pipe", rough).scene)
+
+    def on_this_mesh(name, scene, **options):
+        assert scene.fem.method == "static"
+        return run_static(name, load_scene("tsb1-pipe", rough).scene, **options)
+
+    found = friction_set(run, on_this_mesh)
+    assert f"straight up in {run.static.load_steps} steps" in found.member
+    assert set(found.change) == set(found.width) == set(run.measures)
+    again = run_static("pipe", load_scene("tsb1-pipe", rough).scene, load_path=PAST_AND_BACK)
+    expected = again.measures["p_max"].value / run.measures["p_max"].value - 1.0
+    assert found.width["p_max"] == pytest.approx(expected, rel=1e-12)
+    assert abs(expected) > 0.01
+    assert friction_set(run_static("pipe", load_scene("tsb1-pipe", mesh).scene)) is None

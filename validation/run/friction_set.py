@@ -1,0 +1,138 @@
+"""The answer with friction is a set: which member a run has found, and how wide the set is.
+
+Forces and displacements under the same load depend on the way to it. One end is the state that
+the load reaches straight up; the other one is sought by loading past by half and coming back,
+which turns the slips at all joints that slide around. Both are solved by the static solver on the
+coarsest of the meshes that also judge the error of discretisation; their ratio counts.
+
+Reference: Barber, Klarbring, Ciavarella, Shakedown in frictional contact problems for the
+continuum, C. R. Mecanique 336 (2008), on the dependence on the initial state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from validation.build.coarser import coarser
+from validation.errors import InputError
+from validation.run.static import run_static
+from validation.scene.deformable import Damping, Method
+from validation.scene.read import DeformableScene
+
+if TYPE_CHECKING:
+    from validation.run.deformable import DeformableRun
+
+#: Elements along an edge of the meshes on which the width is sought, over those of the run.
+_SHARES = (0.5, 2.0 / 3.0)
+#: Load factors of the way past the load and back.
+PAST_AND_BACK = (0.09, 0.38, 0.84, 1.5, 1.25, 1.0)
+
+
+@dataclass(frozen=True)
+class FrictionSet:
+    """Where an answer with friction lies among those that the laws admit."""
+
+    member: str
+    """How the load was applied."""
+    change: dict[str, float]
+    """Of each measure when half as many load steps are taken, in its unit; empty where only one
+    number of them was solved."""
+    width: dict[str, float]
+    """Of each measure after the way past the load and back, relative to that straight up, less
+    one [-]; empty where that way has no end."""
+    remark: str
+    """Why there is no width, or where it was found."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "member": self.member,
+            "change_by_load_steps": self.change,
+            "past_and_back": self.width,
+            "remark": self.remark,
+        }
+
+
+def seeks_static_state(scene: DeformableScene) -> bool:
+    """Whether blocks with friction are asked for a static state, which then is a set."""
+    fem = scene.fem
+    if fem is None or scene.effects.friction is None or not scene.meets:
+        return False
+    return fem.method is Method.STATIC or fem.damping is Damping.STATIC
+
+
+def load_step_change(run: DeformableRun) -> dict[str, float]:
+    """Change of each measure by half as many load steps, in its unit; empty where none is known."""
+    result = run.static
+    if result is None or result.coarser_loading is None:
+        return {}
+    coarse = result.coarser_loading
+    answer = replace(
+        run.answer,
+        solver=coarse,
+        group_displacements=coarse.displacements,
+        contact_state=coarse.contact_state,
+    )
+    before = replace(run, answer=answer, errors={}).measures
+    return {name: abs(m.value - before[name].value) for name, m in run.measures.items()}
+
+
+def friction_set(
+    run: DeformableRun, solve: Callable[..., DeformableRun] = run_static
+) -> FrictionSet | None:
+    """Say which member of the set a run has found and how wide the set is.
+
+    Parameters
+    ----------
+    run
+        A run; None comes back where it has no friction or seeks no static state.
+    solve
+        Solves a scene for its static state along a ``load_path``.
+    """
+    if not seeks_static_state(run.scene):
+        return None
+    change, member = load_step_change(run), _member(run)
+    found, reason = None, ""
+    for scene in _meshes(run.scene):
+        try:
+            found = scene, solve(run.name, scene).measures
+            break
+        except InputError as error:
+            reason = str(error)
+    if found is None:
+        return FrictionSet(member, change, {}, f"no static state: {reason}")
+    scene, direct = found
+    try:
+        back = solve(run.name, scene, load_path=PAST_AND_BACK)
+    except InputError as error:
+        return FrictionSet(member, change, {}, f"half as much more is not carried: {error}")
+    width = {
+        name: measure.value / direct[name].value - 1.0
+        for name, measure in back.measures.items()
+        if direct[name].value
+    }
+    return FrictionSet(member, change, width, f"on {back.deformable.model.n_elements} elements")
+
+
+def _meshes(scene: DeformableScene) -> Iterator[DeformableScene]:
+    """The scene for the static solver, on coarser meshes first; some are too coarse for blocks."""
+    assert scene.fem is not None
+    static: dict[str, Any] = {"method": Method.STATIC, "frames": 0}
+    if scene.fem.symmetry == "sector":
+        static["symmetry"] = "auto"
+    for given in (*(coarser(scene, share) for share in _SHARES), scene):
+        if given is not None and given.fem is not None:
+            fem = given.fem.model_copy(update=static)
+            yield given.model_copy(update={"fem": fem})
+
+
+def _member(run: DeformableRun) -> str:
+    """How the load was applied."""
+    if run.static is not None:
+        steps = run.static.load_steps
+        return f"loaded straight up in {steps} step{'s' if steps > 1 else ''}"
+    stated = run.answer.statement
+    assert stated is not None
+    return f"loaded up smoothly in {1e3 * stated.ramp_time:.3g} ms, damped"
