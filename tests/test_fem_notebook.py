@@ -121,6 +121,9 @@ def test_what_an_answer_does_not_have_is_refused(problem) -> None:
         analyse(replace(problem, friction=0.3))
     with pytest.raises(ProblemError, match="clearance"):
         analyse(replace(problem, clearance=0.1))
+    for name in ("finite_sliding", "finite_rotation"):
+        with pytest.raises(ProblemError, match=f"{name}: got True"):
+            analyse(replace(problem, **{name: True}))
     with pytest.raises(ProblemError, match="three finite"):
         replace(problem, gravity=(0.0, -9810.0))
     assert replace(problem, friction=0.3).deformable.contact.friction.coefficient == 0.3

@@ -151,6 +151,9 @@ class Problem:
     def rigid_load(self) -> LoadCase:
         """The same for rigid blocks, whose weight acts at their mass centroids.
 
+        Elasticity, element, law, normals and frames say how blocks deform: no rigid answer has
+        them, and held blocks are held as a whole.
+
         Raises
         ------
         ProblemError
@@ -161,6 +164,12 @@ class Problem:
                 raise ProblemError(
                     f"{name}: got {getattr(self, name)}; rigid blocks here are frictionless and "
                     "touch: ask a problem without it (dataclasses.replace), or mbd.friction"
+                )
+        for name in ("finite_sliding", "finite_rotation"):
+            if getattr(self, name):
+                raise ProblemError(
+                    f"{name}: got True; rigid blocks here are judged where they stand, by small "
+                    "motions: ask a problem without it (dataclasses.replace)"
                 )
         self.refuse_motion()
         if self.acceleration is None:

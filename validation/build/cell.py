@@ -11,9 +11,11 @@ from __future__ import annotations
 from geometry.assembly import Assembly
 from geometry.loads import CASES
 from validation.errors import InputError
+from validation.scene.deformable import FemSection
 from validation.scene.family import RoundScene, round_types
 from validation.scene.plausibility import check_block_size
 from validation.scene.read import DeformableScene
+from validation.scene.usage import uncounted
 
 
 def check_cell(scene: DeformableScene, name: str) -> RoundScene:
@@ -71,7 +73,8 @@ def build_cell(scene: DeformableScene, name: str) -> Assembly:
 
 def is_cell(scene: DeformableScene) -> bool:
     """Whether a scene asks for a periodic cell."""
-    return scene.fem is not None and scene.fem.symmetry == "periodic cell"
+    with uncounted((FemSection, "symmetry")):
+        return scene.fem is not None and scene.fem.symmetry == "periodic cell"
 
 
 def refuse_cell(scene: DeformableScene, name: str, command: str) -> None:

@@ -38,6 +38,7 @@ from validation.build.effects import build_effects
 from validation.errors import InputError
 from validation.scene.deformable import Damping, EffectsSection, FemSection, Method
 from validation.scene.read import DeformableScene, SceneFile
+from validation.scene.usage import count, uncounted
 
 #: Explicit run to a static state where the scene names no times [s]: with the paper's damping of
 #: 2 /s, amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.
@@ -91,11 +92,14 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
         )
     assembly = canonical(blocks.assembly)
     case = scene_load(scene, name, assembly)
-    problem = build_problem(scene, name, HexahedralBlocks(assembly, case, blocks.unmatched))
+    with uncounted((EffectsSection, "finite_sliding")):
+        problem = build_problem(scene, name, HexahedralBlocks(assembly, case, blocks.unmatched))
+        joint = _joint(problem, effects) if scene.meets else None
     # CalculiX has no contact in explicit steps; single bodies do what the scene says.
     needs_static = flavour is Flavour.CALCULIX and scene.meets
     asks_static = flavour is not Flavour.GENERAL and fem.method is Method.STATIC
     static = needs_static or asks_static
+    _count_keys(scene, flavour, static=static)
     large = scene.meets or effects.finite_rotation
     deck = Deck(
         name=name,
@@ -106,7 +110,7 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
         step=_static_step(effects) if static else _explicit_step(name, fem, large_rotations=large),
         holds=tuple(_holds(problem)),
         loads=loads_of_case(case),
-        joint=_joint(problem, effects) if scene.meets else None,
+        joint=joint,
         effects=replace(_effects(effects, fem, static=static), gravity=problem.acceleration),
         motion=problem.motion,
         clearance=problem.clearance,
@@ -119,7 +123,25 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
         notes.append("loads: the traction around the axis as nodal forces, which converters take")
     if flavour is Flavour.CALCULIX and not static:
         deck = _with_time_step(deck, fem)
-    return _with_notes(deck, notes + _step_notes(fem, effects, flavour, static=static))
+    # Notes also say what a deck leaves out, which is no use of a key.
+    with uncounted((FemSection, "symmetry"), *_idle_keys(fem, static=static)):
+        notes += _step_notes(fem, effects, flavour, static=static)
+    return _with_notes(deck, notes)
+
+
+def _idle_keys(fem: FemSection, *, static: bool) -> tuple[tuple[type, str], ...]:
+    """Keys of ``[fem]`` that make effects which a deck does not have."""
+    undamped = static or fem.method is Method.STATIC  # the static state is damped as the paper's
+    return ((FemSection, "mass_scaling"), *(((FemSection, "damping"),) if undamped else ()))
+
+
+def _count_keys(scene: DeformableScene, flavour: Flavour, *, static: bool) -> None:
+    """Count the keys that a deck states, though not every answer to its problem depends on them."""
+    assert scene.material is not None
+    count(scene.material, "density")
+    if static and flavour is not Flavour.GENERAL:
+        # Elsewhere blocks slide as far as they do: general contact, and pairs in explicit steps.
+        count(scene.effects, "finite_sliding")
 
 
 def _holds(problem: Problem) -> list[Hold]:
@@ -218,7 +240,8 @@ def _effects(section: EffectsSection, fem: FemSection, *, static: bool) -> Effec
         fem = fem.model_copy(update={"damping": None})
     elif _quasi_static(fem):
         fem = fem.model_copy(update={"damping": Damping.PAPER})
-    built = build_effects(section, fem)
+    with uncounted(*_idle_keys(fem, static=static)):
+        built = build_effects(section, fem)
     return Effects(
         rayleigh=built.rayleigh, bulk_viscosity=built.bulk_viscosity, gravity=built.gravity
     )

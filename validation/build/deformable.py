@@ -31,6 +31,7 @@ from validation.scene.family import AssemblyScene
 from validation.scene.polyhedra import MeshScene
 from validation.scene.read import DeformableScene
 from validation.scene.size import too_large_to_deform
+from validation.scene.usage import count, uncounted
 
 #: Why a sector asked for is refused.
 NO_SECTOR = (
@@ -40,7 +41,7 @@ NO_SECTOR = (
 
 
 def build_material(section: MaterialSection) -> Material:
-    """Material of a scene.
+    """Material of a scene; its density counts as read where something weighs or is accelerated.
 
     Raises
     ------
@@ -48,11 +49,12 @@ def build_material(section: MaterialSection) -> Material:
         For constants no elastic material has.
     """
     try:
-        return Material(
-            density=section.density,
-            young_modulus=section.young_modulus,
-            poisson_ratio=section.poisson_ratio,
-        )
+        with uncounted((MaterialSection, "density")):
+            return Material(
+                density=section.density,
+                young_modulus=section.young_modulus,
+                poisson_ratio=section.poisson_ratio,
+            )
     except MaterialError as error:
         raise InputError(str(error)) from None
 
@@ -165,7 +167,7 @@ def held_at_faces(scene: DeformableScene) -> bool:
 
     A column of boxes stands on its bottom face: no block of it is rigid.
     """
-    return scene.effects.elastic_frame or (isinstance(scene, AssemblyScene) and scene.stands)
+    return (isinstance(scene, AssemblyScene) and scene.stands) or scene.effects.elastic_frame
 
 
 def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCase:
@@ -197,6 +199,8 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
     fem = fem_section(scene, name)
     assert scene.material is not None
     contact = scene.contact or ContactSection()  # single bodies have none
+    if scene.effects.gravity is not None:
+        count(scene.material, "density")
     return Problem(
         blocks.assembly,
         blocks.load,
@@ -208,7 +212,7 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
         spacing=contact.spacing,
         frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
         friction=build_friction(scene.effects),
-        finite_sliding=scene.effects.finite_sliding or bool(blocks.unmatched),
+        finite_sliding=bool(blocks.unmatched) or scene.effects.finite_sliding,
         finite_rotation=scene.effects.finite_rotation,
         gravity=scene.effects.gravity,
         motion=scene.motion,

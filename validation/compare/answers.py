@@ -26,6 +26,8 @@ from validation.run.rigid.assembly import BuiltScene, RigidRun, analyse_rigid
 from validation.run.static import run_static
 from validation.scene.deformable import Damping, Method
 from validation.scene.read import DeformableScene
+from validation.scene.sections import RigidSection
+from validation.scene.usage import uncounted
 
 
 @dataclass(frozen=True)
@@ -176,9 +178,13 @@ def compare(
     assembly = deformable.assembly
     load = scene_load(scene, name, assembly)
     rigid: dict[Norm, RigidRun] = {}
+    idle = [(RigidSection, key) for key in RigidSection.model_fields if key != "solver"]
     for norm in Norm:
-        chosen = scene.model_copy(update={"rigid": scene.rigid.model_copy(update={"norm": norm})})
-        rigid[norm] = analyse_rigid(BuiltScene(name, chosen, assembly, load, 0.0))
+        # Both norms are compared, and no answer further to them.
+        section = RigidSection(norm=norm, solver=scene.rigid.solver)
+        chosen = scene.model_copy(update={"rigid": section})
+        with uncounted(*idle):
+            rigid[norm] = analyse_rigid(BuiltScene(name, chosen, assembly, load, 0.0))
         if not rigid[norm].result.equilibrium.holds:
             raise InputError(f"{name}: {rigid[norm].result.equilibrium.status}")
     static_scene = _with_fem(scene, method=Method.STATIC)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import SymmetryError
@@ -18,8 +19,9 @@ from validation.build.effects import build_effects
 from validation.errors import InputError
 from validation.run.deformable import DeformableRun
 from validation.run.frames import frame_interval
-from validation.scene.deformable import Damping
+from validation.scene.deformable import Damping, FemSection
 from validation.scene.read import DeformableScene
+from validation.scene.usage import count
 
 
 def scene_statement(
@@ -39,11 +41,13 @@ def scene_statement(
         When its effects or its symmetry do not fit.
     """
     fem = fem_section(scene, name)
+    assert scene.material is not None
+    count(scene.material, "density")
     try:
         return explicit_statement(
             deformable,
             effects=build_effects(scene.effects, fem),
-            symmetry=fem.symmetry,
+            symmetry=fem.symmetry if scene.meets else "none",
             ramp_time=fem.ramp_time,
             end_time=fem.end_time,
             mass_scaling=fem.mass_scaling,
@@ -57,6 +61,23 @@ def scene_statement(
         raise InputError(f"{name}: {NO_SECTOR if fem.symmetry == 'sector' else error}") from None
     except ValueError as error:
         raise InputError(f"{name}: {error}") from None
+
+
+def _time_step(fem: FemSection) -> dict[str, float]:
+    """Either the time step that is given or the part of the critical one that is taken."""
+    if fem.time_step is not None:
+        return {"time_step": fem.time_step}
+    return {"safety_factor": fem.safety_factor}
+
+
+def _frames(
+    fem: FemSection, stated: ExplicitStatement, on_frame: Callable[[Frame], None] | None
+) -> dict[str, Any]:
+    """Who is called with frames and how often; nothing where nobody asks for any."""
+    if on_frame is None or fem.frames == 0:
+        return {}
+    interval = frame_interval(fem, stated.end_time, stated.ramp_time)
+    return {"on_frame": on_frame, "frame_interval": interval}
 
 
 def run_explicit(
@@ -105,16 +126,12 @@ def run_explicit(
             lambda counted: scene_statement(scene, name, built_now, counted_pressure=counted),
             # A run that is not damped to the static state watches the residual and goes on.
             residual=fem.residual if fem.damping is Damping.STATIC else 0.0,
-            time_step=fem.time_step,
-            safety_factor=fem.safety_factor,
+            **_time_step(fem),
             precision=fem.precision,
             threads=fem.threads,
             sample_interval=fem.sample_interval,
             output=Output(
-                progress=progress,
-                on_frame=on_frame if fem.frames > 0 else None,
-                frame_interval=frame_interval(fem, stated.end_time, stated.ramp_time),
-                checkpoint=checkpoint,
+                progress=progress, checkpoint=checkpoint, **_frames(fem, stated, on_frame)
             ),
             resume=resume,
         )

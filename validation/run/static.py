@@ -37,7 +37,7 @@ def load_steps(scene: DeformableScene, fem: FemSection) -> int:
 def static_options(scene: DeformableScene, fem: FemSection) -> StaticOptions:
     """Options of the static solver: the largest exact sector unless the scene forbids it."""
     return StaticOptions(
-        symmetry=1 if fem.symmetry == "none" else None,
+        symmetry=1 if not scene.meets or fem.symmetry == "none" else None,
         load_steps=load_steps(scene, fem),
         load_tolerance=LOAD_TOLERANCE if fem.load_steps is None else None,
     )
@@ -78,7 +78,7 @@ def run_static(
         raise InputError(f"{name}: {error}") from None
     result = answer.static
     assert result is not None
-    if fem.symmetry == "sector" and result.symmetry == 1:
+    if scene.meets and fem.symmetry == "sector" and result.symmetry == 1:
         raise InputError(f"{name}: {NO_SECTOR}")
     solved = time.process_time()
     if on_frame is not None and keep:

@@ -15,9 +15,9 @@ def load_words(scene: Any) -> str:
         parts = [_face_load_words(face, found) for face, found in load.items()]
     elif hasattr(load, "case"):
         layer = "" if load.layer is None else f" (layer {load.layer})"
-        printed = ", as printed" if load.as_printed else ""
-        words = named_load(load.case).words
-        parts = [f"{words} {load.pressure:g} MPa{layer}{printed}"]
+        case = named_load(load.case)
+        printed = ", as printed" if case.force_as_printed and load.as_printed else ""
+        parts = [f"{case.words} {load.pressure:g} MPa{layer}{printed}"]
     elif hasattr(load, "pressure"):
         parts = [f"pressure {load.pressure:g} MPa on top"]
     else:

@@ -60,12 +60,16 @@ class AssemblyScene(DeformableSections):
         RefusedError
             When they cannot take it.
         """
-        from geometry.loads import load_case
+        from geometry.loads import load_case, named_load
 
         load = self.load
         assert isinstance(load, TubeLoadSection)
         return load_case(
-            assembly, load.case, load.pressure, as_printed=load.as_printed, layer=load.layer
+            assembly,
+            load.case,
+            load.pressure,
+            as_printed=named_load(load.case).force_as_printed and load.as_printed,
+            layer=load.layer,
         )
 
     def unmatched(self, assembly: Assembly) -> tuple[UnmatchedJoint, ...]:  # noqa: ARG002

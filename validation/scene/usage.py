@@ -79,18 +79,19 @@ class KeyUse:
     @property
     def words(self) -> str:
         """Keys that were not read, whole sections as such; nothing where all were."""
-        unused = self.unused
-        given = self._given()
-        said = []
-        for key in unused:
-            section = key.partition(".")[0]
-            mine = [k for k in unused if k.startswith(f"{section}.")]
-            whole = len(mine) > 1 and len(mine) == sum(k.startswith(f"{section}.") for k in given)
-            said.append(f"[{section}]" if whole else key)
-        return ", ".join(dict.fromkeys(said))
+        return unused_words(self.unused, self.scene)
 
-    def _given(self) -> tuple[str, ...]:
-        return KeyUse(self.scene).unused
+
+def unused_words(unused: tuple[str, ...], scene: BaseModel) -> str:
+    """Keys of a scene in words, sections of which all are meant as such."""
+    given = KeyUse(scene).unused
+    said = []
+    for key in unused:
+        section = key.partition(".")[0]
+        mine = [k for k in unused if k.startswith(f"{section}.")]
+        whole = len(mine) > 1 and len(mine) == sum(k.startswith(f"{section}.") for k in given)
+        said.append(f"[{section}]" if whole else key)
+    return ", ".join(dict.fromkeys(said))
 
 
 def _sections(value: Any) -> Iterator[tuple[str, BaseModel]]:
@@ -116,6 +117,35 @@ def _single(kind: type[BaseModel], name: str) -> bool:
     """Whether a key has one value that it can have: the name of what a section is."""
     annotation = kind.model_fields[name].annotation
     return get_origin(annotation) is Literal and len(get_args(annotation)) == 1
+
+
+@contextmanager
+def uncounted(*keys: _Key) -> Iterator[None]:
+    """Do not count what is read of some keys inside: what is made there has them, the answer not.
+
+    Parameters
+    ----------
+    keys
+        Class of the section and name of each key.
+    """
+    outer = _READ.get()
+    if outer is None:
+        yield
+        return
+    read: set[_Key] = set()
+    token = _READ.set(read)
+    try:
+        yield
+    finally:
+        _READ.reset(token)
+        outer |= read - set(keys)
+
+
+def count(section: BaseModel, *names: str) -> None:
+    """Count keys as read: what was made of them before, uncounted, matters here."""
+    read = _READ.get()
+    if read is not None:
+        read |= {(type(section), name) for name in names}
 
 
 @contextmanager

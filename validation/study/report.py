@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 from validation.errors import InputError
 from validation.output.console import progress, two_columns
 from validation.output.outputs import Outputs
+from validation.scene.usage import unused_words
 from validation.study.run import Tally
 from validation.study.store import ResultFile, write_csv, write_parquet
 from validation.study.study import Row, Study
@@ -95,6 +96,7 @@ def summary(results: ResultFile, tally: Tally, wall_seconds: float) -> dict[str,
         "n_designs": results.study.n_designs,
         "n_rows": total,
         "n_failed": failed,
+        "unused_keys": list(tally.unused or ()),
         "this_run": {
             "computed": tally.computed,
             "workers": tally.workers,
@@ -121,6 +123,9 @@ def print_summary(results: ResultFile, found: dict[str, Any], console: Console) 
     )
     table.add_row("wall seconds", f"{run['wall_seconds']:.1f}")
     console.print(table)
+    if found["unused_keys"]:
+        words = unused_words(tuple(found["unused_keys"]), study.scene_file(0).scene)
+        console.print(f"{'unused':9} {words} (no part of these answers)")
     console.print(f"{'results':9} {results.path}")
 
 

@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from geometry.files.ordinary import unreadable
 from validation.errors import InputError
@@ -36,8 +36,12 @@ from validation.scene.read import (
     read_text,
     scene_data,
 )
-from validation.scene.usage import recording
+from validation.scene.sections import RigidSection
+from validation.scene.usage import recording, uncounted
 from validation.study.builtin import builtin_study_text, nearest
+
+if TYPE_CHECKING:
+    from validation.run.rigid.assembly import BuiltScene
 
 Quantity = Literal["rigid", "fem"]
 Value = Any
@@ -400,6 +404,8 @@ class Row:
     """CPU time of the design [s]."""
     worker: tuple[int, float] = (0, 0.0)
     """Process that computed it and the CPU time it had used by then [s]."""
+    unused: tuple[str, ...] = ()
+    """Keys of its scene on which its results do not depend; empty if failed."""
 
 
 @lru_cache(maxsize=4)
@@ -424,15 +430,16 @@ def run_design(study_text: str, number: int) -> Row:
     # Other threads of the process may be at work on other designs; fem may use several itself.
     clock = time.thread_time if rigid else time.process_time
     start = clock()
-    failure, results, idle = "", {}, []
+    failure, results, unused = "", {}, ()
     try:
         file = study.scene_file(number)
         with recording(file.scene) as use:
             results = _rigid_results(file) if rigid else _fem_results(file)
-        idle = [path for path, _ in study.parameters if path in use.unused]
+        unused = use.unused
     except Exception as error:
         words = " ".join(str(error).split()) or "no message"
         failure = words if isinstance(error, ValueError) else f"{type(error).__name__}: {words}"
+    idle = [path for path, _ in study.parameters if path in unused]
     return Row(
         number=number,
         status="failed" if failure else "ok",
@@ -441,6 +448,7 @@ def run_design(study_text: str, number: int) -> Row:
         results=results,
         cpu_seconds=clock() - start,
         worker=(os.getpid(), time.process_time()),
+        unused=unused,
     )
 
 
@@ -478,19 +486,34 @@ def failed_row(study: Study, number: int, message: str) -> Row:
     return Row(number, "failed", message, study.design(number), {}, 0.0)
 
 
-def _rigid_results(file: SceneFile) -> dict[str, Any]:
-    from validation.run.rigid.assembly import run_rigid
+#: What ``[rigid]`` can ask and no column shows.
+_NO_COLUMN = ("collapse", "sliding", "ranges", "margin")
 
-    result = run_rigid(file).result
+
+def _of_the_columns(built: BuiltScene) -> BuiltScene:
+    """Return a scene that asks for nothing that no column of a study shows."""
+    section = built.scene.rigid.model_copy(update=dict.fromkeys(_NO_COLUMN, False))
+    return replace(built, scene=built.scene.model_copy(update={"rigid": section}))
+
+
+def _rigid_results(file: SceneFile) -> dict[str, Any]:
+    from validation.run.rigid.assembly import analyse_rigid, build_matching
+
+    built = build_matching(file, command="sweep")
+    with uncounted(*((RigidSection, key) for key in _NO_COLUMN)):
+        run = analyse_rigid(_of_the_columns(built))
+    result = run.result
+    # With friction asked, the forces and the verdict are those with it.
+    friction = None if run.further is None else run.further.friction
     found: dict[str, Any] = {
         "mechanism": str(result.mechanism),
-        "equilibrium": int(result.equilibrium.holds),
-        "residual": result.equilibrium.residual,
+        "equilibrium": int(run.carried.holds),
+        "residual": result.equilibrium.residual if friction is None else friction.residual,
         "n_blocks": result.n_blocks,
         "n_contacts": result.n_contacts,
         "iterations": result.equilibrium.iterations,
     }
-    measures = result.measures
+    measures = run.measures
     names = ("effective_count_percent", "effective_area_percent", "p_eff", "p_eff_pooled", "p_max")
     for name in names:
         found[name] = None if measures is None else getattr(measures, name)

@@ -68,13 +68,12 @@ class Flexibility:
 
 
 def rigid_motions(group: BlockGroup, nodes: IntArray) -> FloatArray:
-    """Translations, and rotations about the mass centroid times ℓ, at nodes; (3 n, 6).
+    """Translations, and rotations about the mean of all nodes times ℓ, at nodes; (3 n, 6).
 
-    ℓ is the cube root of the volume of the block's bounding box, so all six are of order one.
+    That mean, not the mass centroid: no bit of a static answer shall hang on the density. ℓ is the cube root of the volume of the block's bounding box, so all six are of order one.
     """
-    mass = group.lumped_mass
     points = group.mesh.nodes
-    arm = (points[nodes] - mass @ points / mass.sum()) / np.cbrt(np.prod(np.ptp(points, axis=0)))
+    arm = (points[nodes] - points.mean(axis=0)) / np.cbrt(np.prod(np.ptp(points, axis=0)))
     motions = np.zeros((len(nodes), 3, 6))
     motions[:, [0, 1, 2], [0, 1, 2]] = 1.0
     for k in range(3):
@@ -122,7 +121,7 @@ class FlexibilityStore:
 def _content(group: BlockGroup) -> bytes:
     """Digest of all of a block that its flexibility depends on."""
     digest = hashlib.sha256()
-    for array in (group.mesh.nodes, group.mesh.elements, group.lumped_mass):
+    for array in (group.mesh.nodes, group.mesh.elements):
         digest.update(np.ascontiguousarray(array).tobytes())
     material = group.material
     digest.update(repr((group.element, material.young_modulus, material.poisson_ratio)).encode())

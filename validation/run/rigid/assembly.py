@@ -97,15 +97,15 @@ def run_rigid(file: SceneFile) -> RigidRun:
     return analyse_rigid(build_matching(file))
 
 
-def build_matching(file: SceneFile) -> BuiltScene:
-    """Build a scene whose contacts are matched facets.
+def build_matching(file: SceneFile, *, command: str = "mbd") -> BuiltScene:
+    """Build a scene whose contacts are matched facets; ``command`` is named in refusals.
 
     Raises
     ------
     InputError
         When it describes nothing that can be built, or facets do not match where blocks touch.
     """
-    built = build_scene(file)
+    built = build_scene(file, command=command)
     require_matching(
         file.name,
         built.unmatched,

@@ -1,0 +1,206 @@
+"""Each key of a scene, set to another value: the answer changes, names the key, or is refused."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from tests.test_validation_unused_keys import leaves, other
+from validation.scene.read import apply_overrides, scene_data
+from validation.study.study import load_study, run_design
+
+TUBE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1")
+EFFECTS = (
+    *("effects.rayleigh.stiffness_proportional=1e-8", "effects.finite_rotation=false"),
+    *("effects.bulk_viscosity.linear_bulk_viscosity=0.1", "fem.threads=1"),
+)
+STEPS = (
+    *("fem.end_time=2e-5", "fem.ramp_time=1e-5", "fem.load_steps=2", "fem.residual=0.5"),
+    *("fem.time_step=1e-6", "fem.safety_factor=0.5", "fem.mass_scaling=2.0", "fem.frames=3"),
+    *("fem.precision='float64'", "fem.sample_interval=3", "fem.symmetry='auto'"),
+    *("fem.error_estimate=false", "material.averaging_radius=20.0"),
+)
+JOINTS = (
+    *("contact.maximum_stiffness=100.0", "effects.finite_sliding=false"),
+    *("effects.friction.coefficient=0.2", "effects.elastic_frame=false"),
+    "effects.friction.stick_stiffness=50.0",
+    *("rigid.friction=0.3", "rigid.friction_law='cone'", "rigid.margin=false"),
+)
+
+#: Of an answer: what differs from run to run, and what only repeats the scene.
+TOLD = {"cpu_seconds", "peak_memory_mb", "provenance", "unused_keys", "load", "scene"}
+TOLD |= {"element_updates_per_cpu_second"}
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A method and what its scene sets."""
+
+    command: tuple[str, ...]
+    scene: str
+    settings: tuple[str, ...]
+    same_by_law: frozenset[str] = frozenset()
+    """Keys that are used though the answer of this small scene is the same with them."""
+
+
+def plain(data: Any) -> Any:
+    """Return what is an answer."""
+    if isinstance(data, dict):
+        return {key: plain(value) for key, value in data.items() if key not in TOLD}
+    return [plain(value) for value in data] if isinstance(data, list) else data
+
+
+def asked(run: Any, walk: Walk, settings: Iterable[str]) -> tuple[Any, set[str]] | None:
+    """Answer and the keys that are named; None where it is refused."""
+    words = [w for s in settings for w in ("--set", s)]
+    if walk.command[0] == "export":
+        target = ("-o", "walk.inp")
+    else:
+        target = ("--json", "walk.json")
+    status, out, err = run(walk.command[0], walk.scene, *walk.command[1:], *target, *words)
+    if status:
+        assert err.startswith("error: "), err
+        assert err.count("\n") == 1, err
+        return None
+    text = Path(target[1]).read_text(encoding="utf-8")
+    if walk.command[0] == "export":
+        said = re.search(r"^unused +(.*) \(", out, re.MULTILINE)
+        words = "" if said is None else said[1]
+        scene = apply_overrides(scene_data(walk.scene)[1], settings)
+        told = set(words.split(", "))
+        return text, {k for k, _ in leaves(scene) if {k, f"[{k.split('.')[0]}]"} & told}
+    data = json.loads(text)
+    return plain(data), set(data["unused_keys"])
+
+
+BOX = ("mesh.divisions=[2,1,1]",)
+STATIC, EXPLICIT = ("fem.method='static'",), ("fem.method='explicit'",)
+WALKS = {
+    "deck, general": Walk(
+        ("export", "--flavour", "general"),
+        "tsb1-shaft",
+        (*TUBE, *EFFECTS, *STEPS, *JOINTS, *EXPLICIT, "load.layer=1"),
+    ),
+    "deck, pairs": Walk(
+        ("export", "--flavour", "pairs"),
+        "tsb1-shaft",
+        (*TUBE, *EFFECTS, *STEPS, *JOINTS, *STATIC),
+    ),
+    "deck, calculix": Walk(
+        ("export", "--flavour", "calculix"), "column", (*EFFECTS, *STEPS, *JOINTS, *STATIC)
+    ),
+    "static box": Walk(("fem",), "cantilever", (*BOX, *EFFECTS, *STEPS, *STATIC)),
+    "explicit box": Walk(
+        ("fem",), "cantilever", (*BOX, *EFFECTS, *STEPS, *EXPLICIT), frozenset({"fem.threads"})
+    ),
+    "static tube": Walk(
+        ("fem",),
+        "tsb1-shaft",
+        # What friction does to a static answer, `test_what_is_used_is_not_named` knows.
+        (*TUBE, *STEPS, *(s for s in JOINTS if "effects.friction" not in s), *STATIC),
+    ),
+    "explicit tube": Walk(
+        ("fem",),
+        "tsb1-pipe",
+        (*TUBE, *STEPS, *JOINTS, *EXPLICIT, "fem.damping='static'"),
+        frozenset({"fem.threads", "fem.sample_interval"}),  # the run ends at the same step
+    ),
+    "compare": Walk(
+        ("compare",), "column", ("fem.residual=1e-2", "rigid.friction=0.3", "fem.symmetry='none'")
+    ),
+}
+
+
+def alike(a: Any, b: Any) -> bool:
+    """Whether two answers are one to what iterations leave, 1e-8 of the forces, with room."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        keys = (a.keys() | b.keys()) - {"status", "residual", "newton_iterations"}
+        return all(key in a and key in b and alike(a[key], b[key]) for key in keys)
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(map(alike, a, b))
+    if isinstance(a, float) and isinstance(b, float):
+        return a == pytest.approx(b, rel=1e-6, abs=1e-6)
+    return bool(a == b)
+
+
+#: Values by which coarse scenes tell what is between them.
+FAR = {"fem.residual": 1e-6, "fem.sample_interval": 1}
+
+
+def listed(value: list[Any]) -> list[Any]:
+    """Lists with every number changed, whole numbers kept."""
+    return [item if isinstance(item, dict) else other(item) for item in value]
+
+
+@pytest.mark.parametrize("name", WALKS)
+def test_every_key_changes_the_answer_is_named_or_refused(tubelock, name: str) -> None:  # noqa: F811
+    """What is named changes nothing, and what is not named changes something."""
+    walk = WALKS[name]
+    found = asked(tubelock, walk, walk.settings)
+    assert found is not None
+    base, named = found
+    data = apply_overrides(scene_data(walk.scene)[1], walk.settings)
+    changed, silent, loud = 0, [], []
+    for key, value in leaves(data):
+        new = FAR.get(key, listed(value) if isinstance(value, list) else other(value))
+        if key in walk.same_by_law or new == value or key == "fem.method":
+            continue
+        found = asked(tubelock, walk, (*walk.settings, f"{key}={json.dumps(new)}"))
+        if found is None:
+            continue
+        changed += found[0] != base
+        if key in named or key in found[1]:
+            loud += [] if alike(found[0], base) else [key]
+        elif found[0] == base:
+            silent.append(key)
+    assert not silent
+    assert not loud
+    assert changed > 5
+
+
+@pytest.mark.parametrize("case", ["pipe", "tunnel", "pillar", "beam"])
+def test_a_load_that_is_printed_as_it_is_names_the_key(tubelock, case: str) -> None:  # noqa: F811
+    words = [w for s in (*TUBE, f"load.case={case}", "load.as_printed=true") for w in ("--set", s)]
+    status, out, _ = tubelock("mbd", "tsb1-pipe", *words, "--json", "a.json")
+    assert status == 0
+    assert "load.as_printed" in json.loads(Path("a.json").read_text())["unused_keys"]
+    assert "as printed" not in out
+
+
+SWEPT = {
+    "rigid.friction": (0.05, 0.5),
+    "rigid.friction_law": ("cone", "pyramid"),
+    "rigid.norm": ("force", "pressure"),
+    "rigid.margin": (False, True),
+    "load.pressure": (0.01, 0.02),
+    "load.layer": (1, 2),
+    "effects.gravity": ([0.0, 0.0, -9810.0], [0.0, 0.0, -98100.0]),
+    "material.density": (2.4e-9, 1.2e-9),
+    "block.amplitude": (20.0, 15.0),
+}
+
+
+@pytest.mark.parametrize("key", SWEPT)
+def test_every_parameter_of_a_rigid_study_changes_rows_or_is_named(tmp_path, key: str) -> None:
+    """Rows over friction are those with friction, not two of the frictionless answer."""
+    path = tmp_path / "study.toml"
+    settings = dict(s.split("=") for s in (*TUBE[:3], "assembly.layers=2", "rigid.friction=0.2"))
+    settings.pop(key, None)
+    text = "".join(f'"{k}" = {v}\n' for k, v in settings.items())
+    path.write_text(
+        f'scene = "tsb1-shaft"\nquantity = "rigid"\n[parameters]\n"{key}" = '
+        f"{json.dumps(list(SWEPT[key]))}\n[settings]\n{text}"
+    )
+    study = load_study(str(path))
+    first, second = (run_design(study.to_json(), number) for number in (0, 1))
+    assert first.status == second.status == "ok", first.message
+    assert (first.results != second.results) != (key in second.unused)
+    assert ("no part of this answer" in second.message) == (key in second.unused)
+    assert {"material.young_modulus", "fem.element"} <= set(first.unused)
