@@ -60,10 +60,7 @@ def plain(data: Any) -> Any:
 def asked(run: Any, walk: Walk, settings: Iterable[str]) -> tuple[Any, set[str]] | None:
     """Answer and the keys that are named; None where it is refused."""
     words = [w for s in settings for w in ("--set", s)]
-    if walk.command[0] == "export":
-        target = ("-o", "walk.inp")
-    else:
-        target = ("--json", "walk.json")
+    target = ("-o", "walk.inp") if walk.command[0] == "export" else ("--json", "walk.json")
     status, out, err = run(walk.command[0], walk.scene, *walk.command[1:], *target, *words)
     if status:
         assert err.startswith("error: "), err

@@ -70,7 +70,8 @@ class Flexibility:
 def rigid_motions(group: BlockGroup, nodes: IntArray) -> FloatArray:
     """Translations, and rotations about the mean of all nodes times ℓ, at nodes; (3 n, 6).
 
-    That mean, not the mass centroid: no bit of a static answer shall hang on the density. ℓ is the cube root of the volume of the block's bounding box, so all six are of order one.
+    That mean, not the mass centroid: no bit of a static answer shall hang on the density. ℓ is the
+    cube root of the volume of the block's bounding box, so all six are of order one.
     """
     points = group.mesh.nodes
     arm = (points[nodes] - points.mean(axis=0)) / np.cbrt(np.prod(np.ptp(points, axis=0)))
