@@ -430,7 +430,8 @@ def run_design(study_text: str, number: int) -> Row:
     # Other threads of the process may be at work on other designs; fem may use several itself.
     clock = time.thread_time if rigid else time.process_time
     start = clock()
-    failure, results, unused = "", {}, ()
+    failure, results = "", {}
+    unused: tuple[str, ...] = ()
     try:
         file = study.scene_file(number)
         with recording(file.scene) as use:
