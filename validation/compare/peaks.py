@@ -1,0 +1,191 @@
+"""`tubelock peaks`: observed orders of curved elements, and what a cap on the contact law changes.
+
+Two layers of TSB1 pipe. Orders: each degree on meshes with one, two and more times as many elements along
+every edge, graded alike; errors against values of much finer meshes (`validation.cost.references`).
+Where an error is no larger than the reference's own, no order is told. Cap: one mesh, the law of
+the text and the same law with a maximum stiffness, which is another law above a pressure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from fem.assembly.measures import CapAction, cap_action_at
+from validation.build.deformable import contact_law
+from validation.cost.references import Reference, references
+from validation.run.accuracy import LADDER, Rung
+from validation.run.curved import Solved, curved_scene, solve_curved
+from validation.run.measures import Measure
+from validation.scene.read import TubeScene, load_scene
+
+NAME = "tsb1-pipe"
+SETTINGS = ("assembly.layers=2",)
+#: Of the references.
+KEY = "tsb1-pipe, assembly.layers = 2"
+#: Elements around, across and along, and into how many each edge is cut, by degree.
+COARSEST, CUTS = (12, 1, 4), {1: (1, 2, 4), 2: (1, 2, 3), 3: (1, 2)}
+#: Elements in the middle over those at the upper and lower faces.
+GRADING = 20.0
+#: Quantities, as they are written above columns.
+HEADS = {
+    "max_displacement": "u",
+    "p_eff": "p_eff",
+    "p_max_point": "p_max point",
+    "sigma_1_max": "σ₁",
+    "sigma_1_averaged": "σ₁ averaged",
+}
+#: Maximum stiffness of the comparison [MPa/mm]: what earlier versions set in silence.
+CAP = 1000.0
+
+
+@dataclass(frozen=True)
+class Refined:
+    """One degree along a refinement."""
+
+    degree: int
+    elements: tuple[tuple[int, int, int], ...]
+    """Around, across and along, from coarse to fine."""
+    unknowns: tuple[int, ...]
+    cpu_seconds: tuple[float, ...]
+    errors: dict[str, tuple[float, ...]]
+    """Relative, with their sign, by quantity [-]."""
+
+    def order(self, quantity: str, known_to: float) -> float | None:
+        """Slope of the error over the size of the elements between the two finest meshes.
+
+        None where an error lies within what the reference is known to, or changes its sign.
+        """
+        coarse, fine = self.errors[quantity][-2:]
+        if min(abs(coarse), abs(fine)) <= known_to or coarse * fine <= 0.0:
+            return None
+        ratio = self.elements[-1][0] / self.elements[-2][0]
+        return float(np.log(coarse / fine) / np.log(ratio))
+
+
+def tube(*settings: str) -> TubeScene:
+    """Two layers of TSB1 pipe."""
+    scene = load_scene(NAME, (*SETTINGS, *settings)).scene
+    assert isinstance(scene, TubeScene)
+    return curved_scene(NAME, scene, "peaks")
+
+
+def judges() -> dict[str, Reference]:
+    """What errors are measured against."""
+    known = references()[KEY]
+    return {quantity: known[quantity] for quantity in HEADS}
+
+
+def refined(degree: int, judged: dict[str, Reference]) -> Refined:
+    """Solve the meshes of one degree."""
+    scene, solved = tube(), list[Solved]()
+    elements = [tuple(cut * n for n in COARSEST) for cut in CUTS[degree]]
+    for around, radial, axial in elements:
+        mesh = Rung(degree, around, radial, axial, 1.0, GRADING).mesh(3)
+        solved.append(solve_curved(NAME, scene, mesh, solved[-1].state if solved else None))
+    return Refined(
+        degree,
+        tuple((a, r, z) for a, r, z in elements),
+        tuple(s.mesh.n_unknowns for s in solved),
+        tuple(s.cpu_seconds for s in solved),
+        {
+            quantity: tuple(reference.error(s.measures[quantity].value) for s in solved)
+            for quantity, reference in judged.items()
+        },
+    )
+
+
+@dataclass(frozen=True)
+class CapComparison:
+    """The same tube with and without a cap on its contact law."""
+
+    without: dict[str, Measure]
+    capped: dict[str, Measure]
+    action: CapAction
+    """Where the cap acted."""
+
+    def change(self, quantity: str) -> float:
+        """What the cap changes, over the value without it [-]."""
+        return self.capped[quantity].value / self.without[quantity].value - 1.0
+
+
+def cap_comparison(rungs: tuple[Rung, ...] = LADDER[:3]) -> CapComparison:
+    """Solve with both laws on the last of some meshes, one after the other."""
+    scene, capped = tube(), tube(f"contact.maximum_stiffness={CAP}")
+    assert capped.contact is not None
+    before: Solved | None = None
+    for rung in rungs:
+        state = None if before is None else before.state
+        before = solve_curved(NAME, scene, rung.mesh(3), state)
+    assert before is not None
+    found = solve_curved(NAME, capped, before.mesh, before.state)
+    action = cap_action_at(contact_law(capped.contact), found.state.pressures, found.state.weights)
+    assert action is not None
+    return CapComparison(before.measures, found.measures, action)
+
+
+def peaks() -> tuple[list[Refined], CapComparison]:
+    """All degrees, and the cap."""
+    judged = judges()
+    return [refined(degree, judged) for degree in CUTS], cap_comparison()
+
+
+def peaks_json(orders: list[Refined], cap: CapComparison) -> dict[str, Any]:
+    """Return plain data."""
+    judged = judges()
+    return {
+        "scene": KEY,
+        "orders": [
+            {
+                "degree": row.degree,
+                "elements": row.elements,
+                "unknowns": row.unknowns,
+                "cpu_seconds": row.cpu_seconds,
+                "errors": row.errors,
+                "order": {q: row.order(q, r.known_to) for q, r in judged.items()},
+            }
+            for row in orders
+        ],
+        "cap": {
+            "maximum_stiffness": cap.action.maximum_stiffness,
+            "acts_above": cap.action.pressure,
+            "force_share": cap.action.force_share,
+            "without": {q: m.value for q, m in cap.without.items()},
+            "capped": {q: m.value for q, m in cap.capped.items()},
+        },
+    }
+
+
+def print_peaks(orders: list[Refined], cap: CapComparison, console: Console) -> None:
+    """Print both tables."""
+    judged = judges()
+    table = Table(title=f"{KEY}: relative errors and observed orders", title_justify="left")
+    for head in ("degree", "elements", "unknowns", "CPU s", *HEADS.values()):
+        table.add_column(head, justify="right")
+    for row in orders:
+        for k, (a, r, z) in enumerate(row.elements):
+            errors = (f"{100 * row.errors[q][k]:+.2g} %" for q in judged)
+            size, spent = str(row.unknowns[k]), f"{row.cpu_seconds[k]:.2g}"
+            table.add_row(str(row.degree), f"{a} × {r} × {z}", size, spent, *errors)
+        found = (row.order(q, reference.known_to) for q, reference in judged.items())
+        words = ("–" if order is None else f"{order:.1f}" for order in found)
+        table.add_row("", "order", "", "", *words, end_section=True)
+    known = (f"± {100 * reference.known_to:.1g} %" for reference in judged.values())
+    table.add_row("", "reference", "", "", *known)
+    console.print(table)
+    action = cap.action
+    title = (
+        f"a cap of {action.maximum_stiffness:g} MPa/mm: another law above {action.pressure:.3g} "
+        f"MPa, where {100 * action.force_share:.2g} % of the contact force is"
+    )
+    second = Table(title=title, title_justify="left")
+    for head in ("measure", "law without a cap", "with it", "change"):
+        second.add_column(head, justify="left" if head == "measure" else "right")
+    for quantity, measure in cap.without.items():
+        values = (f"{m.value:.4g} {m.unit}" for m in (measure, cap.capped[quantity]))
+        second.add_row(quantity, *values, f"{100 * cap.change(quantity):+.2g} %")
+    console.print(second)
