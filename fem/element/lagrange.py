@@ -105,14 +105,28 @@ class LagrangeElement:
         nodes: FloatArray = np.concatenate([ends[:1], between.ravel()])
         return nodes
 
-    def interpolation(self, ends: FloatArray, places: FloatArray) -> FloatArray:
-        """Values at places of a line from those at the nodes of its elements, (n, n_nodes)."""
+    def interpolation(
+        self, ends: FloatArray, places: FloatArray, *, slopes: bool = False
+    ) -> FloatArray:
+        """Values at places of a line from those at the nodes of its elements, (n, n_nodes).
+
+        Parameters
+        ----------
+        ends
+            Of the elements.
+        places
+            On the line.
+        slopes
+            Slopes along the line instead; where elements meet those of the second one.
+        """
         n = len(ends) - 1
         element = np.clip(np.searchsorted(ends, places, side="right") - 1, 0, n - 1)
-        local = 2.0 * (places - ends[element]) / np.diff(ends)[element] - 1.0
+        size = np.diff(ends)[element]
+        found, derived = line_basis(self.degree, 2.0 * (places - ends[element]) / size - 1.0)
         matrix = np.zeros((len(places), n * self.degree + 1))
         columns = self.degree * element[:, None] + np.arange(self.degree + 1)
-        np.put_along_axis(matrix, columns, line_basis(self.degree, local)[0], axis=1)
+        chosen = derived * (2.0 / size)[:, None] if slopes else found
+        np.put_along_axis(matrix, columns, chosen, axis=1)
         return matrix
 
     def gradients(self, coordinates: FloatArray, at: TensorPoints) -> tuple[FloatArray, FloatArray]:

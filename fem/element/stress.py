@@ -222,6 +222,15 @@ def nodal_stress(operator: bsr_array, displacement: FloatArray) -> FloatArray:
     return _rows(np.asarray(operator @ columns, dtype=np.float64), displacement)
 
 
+def stress_of_gradient(gradient: FloatArray, material: Material) -> FloatArray:
+    """Stress of displacement gradients ∂uᵢ/∂xⱼ, (..., 3, 3) [-] to (..., 6) [MPa]."""
+    strain = gradient + np.swapaxes(gradient, -1, -2)
+    # Engineering shear strains, hence no half of theirs.
+    voigt = [strain[..., i, j] * (0.5 if i == j else 1.0) for i, j in VOIGT]
+    stress: FloatArray = np.stack(voigt, axis=-1) @ material.elasticity_matrix().T
+    return stress
+
+
 def stress_tensor(stress: FloatArray) -> FloatArray:
     """Symmetric tensors (..., 3, 3) of stresses (..., 6)."""
     tensor = np.empty((*stress.shape[:-1], 3, 3))

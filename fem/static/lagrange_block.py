@@ -58,7 +58,11 @@ class Lattice:
         return self.shape(*np.meshgrid(*places, indexing="ij"))
 
     def at(
-        self, values: FloatArray, places: tuple[FloatArray, FloatArray, FloatArray]
+        self,
+        values: FloatArray,
+        places: tuple[FloatArray, FloatArray, FloatArray],
+        *,
+        slope: int | None = None,
     ) -> FloatArray:
         """Values of nodes at a grid of parameters.
 
@@ -68,6 +72,8 @@ class Lattice:
             Of the nodes, (n_nodes, m).
         places
             Parameters in each direction.
+        slope
+            Derivatives by the parameter of this direction instead.
 
         Returns
         -------
@@ -76,7 +82,7 @@ class Lattice:
         """
         found = values.reshape(*self.nodes.shape[:3], -1)
         for axis, (line, place) in enumerate(zip(self.lines, places, strict=True)):
-            matrix = self.element.interpolation(line, place)
+            matrix = self.element.interpolation(line, place, slopes=axis == slope)
             found = np.moveaxis(np.tensordot(matrix, found, (1, axis)), 0, axis)
         return found
 

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from fem.contact.law import ContactLaw
 from fem.element.lagrange import TensorPoints, gauss_line, line_points, tensor_points
-from fem.element.stress import principal_stress
+from fem.element.stress import principal_stress, stress_of_gradient
 from fem.static.lagrange_block import FACES, outward_points, windows
 from fem.static.lagrange_tube import CONTACT_FACES, LayeredJoints, TubeState, joints_of
 from geometry.mesh import FloatArray, IntArray
@@ -211,21 +211,10 @@ def sampled_stress(state: TubeState, elements: IntArray, at: TensorPoints) -> Sa
     inverse = np.linalg.inv(jacobian)
     moved = state.displacements[:, members]
     slopes = np.einsum("leai,pak->lepik", moved, at.slopes, optimize=True)
-    gradient = slopes @ inverse
-    strain = gradient + np.swapaxes(gradient, -1, -2)
-    voigt = np.stack(
-        [
-            *(0.5 * strain[..., i, i] for i in range(3)),
-            strain[..., 0, 1],
-            strain[..., 1, 2],
-            strain[..., 0, 2],
-        ],
-        axis=-1,
-    )
     return SampledStress(
         np.einsum("pa,eai->epi", at.values, nodes, optimize=True),
         np.linalg.det(jacobian) * at.weights,
-        voigt @ element.material.elasticity_matrix().T,
+        stress_of_gradient(slopes @ inverse, element.material),
     )
 
 

@@ -87,6 +87,44 @@ def write_hex_mesh(
     _write(path, meshio.Mesh(mesh.nodes, cells, point_data=dict(point_data or {}), cell_data=data))
 
 
+def write_lagrange_cells(
+    path: Path,
+    positions: FloatArray,
+    places: IntArray,
+    point_data: Mapping[str, npt.NDArray[Any]],
+    cell_data: Mapping[str, npt.NDArray[Any]],
+) -> None:
+    """Write curved hexahedra of any degree as Lagrange cells, each with nodes of its own.
+
+    Parameters
+    ----------
+    path
+        File to write, `.vtu`.
+    positions
+        Equidistant nodes, (n_cells, n_points, 3) [mm].
+    places
+        Place of each of these in the three directions, from 0, (n_points, 3).
+    point_data, cell_data
+        Arrays with one row per node, cell after cell, and per cell.
+    """
+    import meshio
+    from vtkmodules.vtkCommonDataModel import vtkHigherOrderHexahedron
+
+    n_cells, n_points, _ = positions.shape
+    degree = int(places.max())
+    order = [degree, degree, degree, n_points]
+    numbered = vtkHigherOrderHexahedron.PointIndexFromIJK
+    number = [numbered(int(i), int(j), int(k), order) for i, j, k in places]
+    cells = np.empty((n_cells, n_points), dtype=np.int64)
+    cells[:, number] = np.arange(n_cells * n_points).reshape(n_cells, n_points)
+    data = {name: [values] for name, values in cell_data.items()}
+    found = [("VTK_LAGRANGE_HEXAHEDRON", cells)]
+    _write(
+        path,
+        meshio.Mesh(positions.reshape(-1, 3), found, point_data=dict(point_data), cell_data=data),
+    )
+
+
 def write_surface(
     path: Path, surface: QuadSurface, cell_data: Mapping[str, npt.NDArray[Any]]
 ) -> None:

@@ -205,13 +205,21 @@ def _write(run: DeformableRun, data: dict[str, Any], outputs: Outputs, use: KeyU
 
 
 def _write_curved(run: CurvedRun, outputs: Outputs, use: KeyUse) -> None:
-    """Print a run with curved elements and write its data."""
-    from validation.output.deformable import print_curved
+    """Print a run with curved elements and write its files and data."""
+    from validation.output.curved import print_curved, write_curved_files
+    from validation.run.curved_fields import CurvedFields
     from validation.run.deformable import peak_memory_mb
+    from validation.run.joints import joints_json
 
     print_curved(run, outputs.console)
     outputs.tell_unused(use)
-    outputs.write_json(run.as_json() | {"peak_memory_mb": peak_memory_mb()})
+    fields = CurvedFields(run)
+    if outputs.folder is not None:
+        write_curved_files(run, fields, outputs)
+    if outputs.json is None:
+        return
+    joints = {"joints": joints_json(fields.joints)}
+    outputs.write_json(run.as_json() | joints | {"peak_memory_mb": peak_memory_mb()})
 
 
 def _answer_accurately(

@@ -1,9 +1,10 @@
 """`tubelock peaks`: observed orders of curved elements, and what a cap on the contact law changes.
 
-Two layers of TSB1 pipe. Orders: each degree on meshes with one, two and more times as many elements along
-every edge, graded alike; errors against values of much finer meshes (`validation.cost.references`).
-Where an error is no larger than the reference's own, no order is told. Cap: one mesh, the law of
-the text and the same law with a maximum stiffness, which is another law above a pressure.
+Two layers of TSB1 pipe. Orders: each degree on meshes with one, two and more times as many
+elements along every edge, graded alike; errors against values of much finer meshes
+(`validation.cost.references`). Where an error is no larger than the reference's own, no order is
+told. Cap: one mesh, the law of the text and the same law with a maximum stiffness, which is another
+law above a pressure.
 """
 
 from __future__ import annotations

@@ -28,12 +28,11 @@ from validation.output.files import write_whole
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
+from validation.output.pictures.drawn import DrawnState
 from validation.output.pictures.energies import draw_energies
-from validation.run.curved import CurvedRun
 from validation.run.deformable import DeformableRun, peak_memory_mb
 from validation.run.friction_set import FrictionSet
 from validation.run.measures import Measure, place_words, value_words
-from validation.run.words import load_words
 from validation.scene.deformable import FemSection
 
 #: Files of a run.
@@ -56,7 +55,7 @@ def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
     """Write fields, contact pressures, pictures and history; nothing without a folder."""
     outputs.write("fields", "fields.vtu", lambda path: _write_fields(run, path))
     if run.meets:
-        outputs.write("pressures", "contact_pressures.vtu", lambda path: _write_contact(run, path))
+        outputs.write("pressures", "contact_pressures.vtu", lambda path: write_contact(run, path))
         write_joints(run.joints, outputs)
     for file, draw in _pictures(run).items():
         outputs.write("picture", file, lambda path, draw=draw: draw(run, path))  # type: ignore[misc]
@@ -75,7 +74,8 @@ def _write_fields(run: DeformableRun, path: Path) -> None:
     )
 
 
-def _write_contact(run: DeformableRun, path: Path) -> None:
+def write_contact(run: DrawnState, path: Path) -> None:
+    """Write contact facets with pressures, forces and gaps."""
     found = run.contact_state
     quads = np.arange(4 * found.n_facets).reshape(-1, 4)
     write_surface(
@@ -153,7 +153,7 @@ def print_run(run: DeformableRun, console: Console) -> None:
         table.add_row("Newton iterations", f"{run.static.newton_iterations}")
     if run.answer.residual is not None:
         table.add_row("force residual", f"{run.answer.residual:.2e}")
-    _add_measures(table, run.measures)
+    add_measures(table, run.measures)
     if run.meets:
         _add_contact(table, run)
     seconds = ", ".join(f"{k} {v:.3f}" for k, v in run.cpu_seconds.items())
@@ -209,7 +209,7 @@ def _add_contact(table: Table, run: DeformableRun) -> None:
     _add_slip(table, run.slip)
     table.add_row("p_eff, pooled", f"{contact.p_eff_pooled:.5g} MPa as the paper's tables")
     if run.cap is not None:
-        table.add_row("cap of the contact law", _cap_words(run.cap))
+        table.add_row("cap of the contact law", cap_words(run.cap))
     table.add_row("effective contact elements", f"{contact.effective_count_percent:.2f} %")
     table.add_row("mean overclosure", f"{contact.mean_overclosure:.4g} mm where surfaces press")
 
@@ -252,7 +252,7 @@ _MEASURES = {
 }
 
 
-def _add_measures(table: Table, found: dict[str, Measure]) -> None:
+def add_measures(table: Table, found: dict[str, Measure]) -> None:
     """Print each measure with its error and its place."""
     for name, (title, remark) in _MEASURES.items():
         if name not in found:
@@ -262,33 +262,7 @@ def _add_measures(table: Table, found: dict[str, Measure]) -> None:
         table.add_row(title, f"{value_words(measure)} {told}{place_words(measure)}".rstrip())
 
 
-def print_curved(run: CurvedRun, console: Console) -> None:
-    """Print the numbers of a run with curved elements."""
-    layers = run.scene.assembly.layers
-    mesh = run.mesh
-    table = two_columns(
-        f"{run.name}, {layers} layer{'s' if layers > 1 else ''}: {load_words(run.scene)}; static "
-        f"FEM, {mesh.n_elements} curved elements of degree {mesh.degree} per block"
-    )
-    for k, (solved, seconds) in enumerate(zip(run.meshes, run.seconds, strict=True)):
-        across, around, along = (len(line) - 1 for line in solved.lines)
-        table.add_row(
-            "" if k else "meshes, CPU seconds",
-            f"{around} × {across} × {along} elements of degree {solved.degree}, "
-            f"{solved.n_unknowns} unknowns: {seconds:.2f}",
-        )
-    table.add_row("Newton iterations", f"{run.iterations}")
-    table.add_row("force residual", f"{run.residual:.2e}")
-    _add_measures(table, run.measures)
-    if run.cap is not None:
-        table.add_row("cap of the contact law", _cap_words(run.cap))
-    table.add_row("errors", run.estimate)
-    table.add_row("files", "no fields and pictures: curved elements give numbers only")
-    table.add_row("CPU seconds", f"{sum(run.seconds):.3f}")
-    console.print(table)
-
-
-def _cap_words(cap: CapAction) -> str:
+def cap_words(cap: CapAction) -> str:
     """Where a maximum stiffness acted, in words."""
     if not cap.points:
         return f"{cap.maximum_stiffness:g} MPa/mm acts above {cap.pressure:.3g} MPa: nowhere"

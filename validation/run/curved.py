@@ -99,10 +99,8 @@ class CurvedRun:
     """With their errors."""
     estimate: str
     """What the errors are, in words."""
-    iterations: int
+    state: TubeState
     """On the last mesh."""
-    residual: float
-    """Contact forces that the law does not have, over all [-]."""
     cap: CapAction | None
     """Where the maximum stiffness of the contact law acted in a sector; None for a law without."""
 
@@ -110,6 +108,16 @@ class CurvedRun:
     def mesh(self) -> CurvedMesh:
         """Of the answer."""
         return self.meshes[-1]
+
+    @property
+    def iterations(self) -> int:
+        """Linear problems of the last mesh."""
+        return self.state.iterations
+
+    @property
+    def residual(self) -> float:
+        """Contact forces that the law does not have, over all [-]."""
+        return self.state.residual
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
@@ -183,8 +191,7 @@ def curved_run(
         seconds=tuple(s.cpu_seconds for s in solved),
         measures={key: replace(m, error=errors.get(key)) for key, m in last.measures.items()},
         estimate=estimate,
-        iterations=state.iterations,
-        residual=state.residual,
+        state=state,
         cap=cap_action_at(contact_law(scene.contact), state.pressures, state.weights),
     )
 

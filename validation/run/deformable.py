@@ -228,12 +228,8 @@ class DeformableRun:
     @property
     def drawing_scale(self) -> float:
         """Round factor that makes the displacement visible in a picture."""
-        largest = self.largest_displacement
-        if largest == 0.0:
-            return 1.0
-        reach = 0.15 * self.deformable.assembly.characteristic_length
-        scale = 10.0 ** np.floor(np.log10(reach / largest))
-        return float(max(scale, 1.0))
+        size = self.deformable.assembly.characteristic_length
+        return drawing_scale(self.largest_displacement, size)
 
     @property
     def title(self) -> str:
@@ -261,6 +257,13 @@ class DeformableRun:
     def is_tube(self) -> bool:
         """Whether the blocks stand round an axis, with inner and outer faces."""
         return isinstance(self.scene, RoundScene)
+
+
+def drawing_scale(largest: float, size: float) -> float:
+    """Power of ten that makes a displacement visible against a size, both [mm]; at least one."""
+    if largest == 0.0:
+        return 1.0
+    return float(max(10.0 ** np.floor(np.log10(0.15 * size / largest)), 1.0))
 
 
 def contact_report(run: DeformableRun) -> dict[str, float]:

@@ -11,7 +11,7 @@ from geometry.mesh import FloatArray, IntArray
 from validation.output.pictures.canvas import as_array, as_cells
 
 if TYPE_CHECKING:
-    from validation.run.deformable import DeformableRun
+    from validation.output.pictures.drawn import DrawnState
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Section:
     """Where the blocks end: both ends of each piece, (n, 2, 2) [mm]."""
 
 
-def section(run: DeformableRun, z: float) -> Section:
+def section(run: DrawnState, z: float) -> Section:
     """Cut all deformable blocks by the plane at height z [mm]."""
     points, triangles, values, borders, offset = [], [], [], [], 0
     for block in run.deformable.deformable_blocks.tolist():

@@ -39,7 +39,7 @@ from validation.output.pictures.sections import section
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from validation.run.deformable import DeformableRun
+    from validation.output.pictures.drawn import DrawnState
 
 #: Faces of a tube's blocks that are seen from outside when blocks have moved.
 _SHELL = ("outer", "inner", "left", "right", *EDGE_NAMES)
@@ -60,7 +60,7 @@ def eye(assembly: Assembly) -> Direction:
 
 
 def blocks_view(
-    run: DeformableRun,
+    run: DrawnState,
     values: Callable[[int], FloatArray],
     scale: Scale,
     faces: Sequence[str],
@@ -89,30 +89,30 @@ def blocks_view(
 # Stresses and displacements
 
 
-def _principal(run: DeformableRun, component: int, block: int) -> FloatArray:
+def _principal(run: DrawnState, component: int, block: int) -> FloatArray:
     stress: FloatArray = run.principal(block)[:, component]
     return stress
 
 
-def _moved(run: DeformableRun, block: int) -> FloatArray:
+def _moved(run: DrawnState, block: int) -> FloatArray:
     return np.asarray(np.linalg.norm(run.displacement(block), axis=1))
 
 
-def all_faces(run: DeformableRun) -> tuple[str, ...]:
+def all_faces(run: DrawnState) -> tuple[str, ...]:
     """Names of all faces of the deformable blocks."""
     assembly = run.deformable.assembly
     shapes = (assembly.shape(b) for b in run.deformable.deformable_blocks.tolist())
     return tuple(dict.fromkeys(face for shape in shapes for face in shape.faces))
 
 
-def stress_scale(run: DeformableRun, component: int) -> Scale:
+def stress_scale(run: DrawnState, component: int) -> Scale:
     """Colours of a principal stress, with what it reaches anywhere in the blocks."""
     blocks = run.deformable.deformable_blocks.tolist()
     values = [_principal(run, component, b) for b in blocks]
     return symmetric_scale(f"{_SYMBOLS[component]} [MPa]", STRESS_MAP, values)
 
 
-def extreme(run: DeformableRun, component: int) -> tuple[FloatArray, str]:
+def extreme(run: DrawnState, component: int) -> tuple[FloatArray, str]:
     """Where σ₁ is largest, or σ₃ smallest, and words for it."""
     sign = 1.0 if component == 0 else -1.0
     best, place, words = -np.inf, np.zeros(3), ""
@@ -128,13 +128,13 @@ def extreme(run: DeformableRun, component: int) -> tuple[FloatArray, str]:
     return place, words
 
 
-def _joint(run: DeformableRun, block: int, node: int) -> str:
+def _joint(run: DrawnState, block: int, node: int) -> str:
     """Say that a node lies in a joint, which no look from outside shows."""
     shape = run.deformable.assembly.shape(block)
     return ", in a joint" if np.isin(node, shape.contact_quads) else ""
 
 
-def draw_stresses(run: DeformableRun, path: Path) -> None:
+def draw_stresses(run: DrawnState, path: Path) -> None:
     """Draw σ₁, σ₃ and the displacement, and σ₁ on the faces that meet other blocks.
 
     Of a tube the outer surface, and the joints of the middle layer; of other blocks all surfaces.
@@ -157,7 +157,7 @@ def draw_stresses(run: DeformableRun, path: Path) -> None:
     gallery(columns, run.title, path, height=7.5 if tube else 5.5)
 
 
-def _joint_panels(run: DeformableRun) -> list[Panel]:
+def _joint_panels(run: DrawnState) -> list[Panel]:
     """σ₁ on the faces that meet other blocks, from above and from below."""
     assembly, scale = run.deformable.assembly, stress_scale(run, 0)
     blocks = run.deformable.deformable_blocks
@@ -184,9 +184,7 @@ def _joint_panels(run: DeformableRun) -> list[Panel]:
     ]
 
 
-def draw_displacement(
-    run: DeformableRun, path: Path, *, printed_factor: float | None = None
-) -> None:
+def draw_displacement(run: DrawnState, path: Path, *, printed_factor: float | None = None) -> None:
     """Draw the displacement in the zy-plane.
 
     Parameters
@@ -226,7 +224,7 @@ def draw_displacement(
 # Sections
 
 
-def section_heights(run: DeformableRun) -> tuple[float, ...]:
+def section_heights(run: DrawnState) -> tuple[float, ...]:
     """Heights of the paper's sections through the middle layer: 10 and 20 mm from its ends."""
     assembly = run.deformable.assembly
     layer = assembly.n_layers // 2 + 1
@@ -250,7 +248,7 @@ def _pitch(assembly: Any) -> float:
     return float(np.ptp(along[inner]))
 
 
-def draw_sections(run: DeformableRun, path: Path) -> None:
+def draw_sections(run: DrawnState, path: Path) -> None:
     """Draw σ₁ and σ₃ in four sections through the middle layer, as the paper's figures."""
     heights = section_heights(run)
     cuts = [section(run, z) for z in heights]
@@ -305,7 +303,7 @@ def draw_sections(run: DeformableRun, path: Path) -> None:
 # Contact
 
 
-def run_facets(run: DeformableRun) -> PressedFacets:
+def run_facets(run: DrawnState) -> PressedFacets:
     """Contact facets of a run where they ended."""
     group_of = run.deformable.group_of
 
@@ -324,7 +322,7 @@ def run_facets(run: DeformableRun) -> PressedFacets:
     )
 
 
-def draw_contact(run: DeformableRun, path: Path) -> None:
+def draw_contact(run: DrawnState, path: Path) -> None:
     """Draw the contact pressures: of a tube as those of rigid blocks are drawn, else all joints."""
     facets, title = run_facets(run), f"{run.title}: contact pressure"
     if run.is_tube:
