@@ -6,7 +6,7 @@ import os
 import re
 import signal
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -54,9 +54,14 @@ def _write(path: Path, mesh: Any) -> None:
     """Write whole or not at all: a killed run never leaves half a file under the final name."""
     import meshio
 
+    _whole(path, lambda partial: meshio.write(partial, mesh))
+
+
+def _whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Write under another name first."""
     partial = path.with_name(f".partial-{path.name}")
     try:
-        meshio.write(partial, mesh)
+        write(partial)
         os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
@@ -107,7 +112,7 @@ def write_lagrange_cells(
     point_data, cell_data
         Arrays with one row per node, cell after cell, and per cell.
     """
-    import meshio
+    import pyvista as pv
     from vtkmodules.vtkCommonDataModel import vtkHigherOrderHexahedron
 
     n_cells, n_points, _ = positions.shape
@@ -117,12 +122,11 @@ def write_lagrange_cells(
     number = [numbered(int(i), int(j), int(k), order) for i, j, k in places]
     cells = np.empty((n_cells, n_points), dtype=np.int64)
     cells[:, number] = np.arange(n_cells * n_points).reshape(n_cells, n_points)
-    data = {name: [values] for name, values in cell_data.items()}
-    found = [("VTK_LAGRANGE_HEXAHEDRON", cells)]
-    _write(
-        path,
-        meshio.Mesh(positions.reshape(-1, 3), found, point_data=dict(point_data), cell_data=data),
-    )
+    # VTK's own writer: files of another version are read with the edges of older cells.
+    grid = pv.UnstructuredGrid({pv.CellType.LAGRANGE_HEXAHEDRON: cells}, positions.reshape(-1, 3))
+    grid.point_data.update(dict(point_data))
+    grid.cell_data.update(dict(cell_data))
+    _whole(path, grid.save)
 
 
 def write_surface(

@@ -59,10 +59,10 @@ class Refined:
     def order(self, quantity: str, known_to: float) -> float | None:
         """Slope of the error over the size of the elements between the two finest meshes.
 
-        None where an error lies within what the reference is known to, or changes its sign.
+        None where an error lies within what the reference is known to, changes its sign or grows.
         """
         coarse, fine = self.errors[quantity][-2:]
-        if min(abs(coarse), abs(fine)) <= known_to or coarse * fine <= 0.0:
+        if not abs(coarse) > abs(fine) > known_to or coarse * fine <= 0.0:
             return None
         ratio = self.elements[-1][0] / self.elements[-2][0]
         return float(np.log(coarse / fine) / np.log(ratio))
@@ -161,6 +161,13 @@ def peaks_json(orders: list[Refined], cap: CapComparison) -> dict[str, Any]:
     }
 
 
+def error_words(error: float, known_to: float) -> str:
+    """A relative error in per cent; within what the reference is known to, that."""
+    if abs(error) <= known_to:
+        return f"≤ {100 * known_to:.1g} %"
+    return f"{100 * error:+.2g} %"
+
+
 def print_peaks(orders: list[Refined], cap: CapComparison, console: Console) -> None:
     """Print both tables."""
     judged = judges()
@@ -169,7 +176,7 @@ def print_peaks(orders: list[Refined], cap: CapComparison, console: Console) -> 
         table.add_column(head, justify="right")
     for row in orders:
         for k, (a, r, z) in enumerate(row.elements):
-            errors = (f"{100 * row.errors[q][k]:+.2g} %" for q in judged)
+            errors = (error_words(row.errors[q][k], r.known_to) for q, r in judged.items())
             size, spent = str(row.unknowns[k]), f"{row.cpu_seconds[k]:.2g}"
             table.add_row(str(row.degree), f"{a} × {r} × {z}", size, spent, *errors)
         found = (row.order(q, reference.known_to) for q, reference in judged.items())

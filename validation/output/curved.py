@@ -70,7 +70,7 @@ def _write_fields(run: CurvedRun, fields: CurvedFields, path: Path) -> None:
     n_elements = cells.positions.shape[0]
     write_lagrange_cells(
         path,
-        (placed + group.translations[copies][:, None, None]).reshape(-1, *placed.shape[2:]),
+        (placed + group.translations[copies, None, None]).reshape(-1, *placed.shape[2:]),
         grid_places(cells.degree),
         {
             "displacement": moved.reshape(-1, 3),

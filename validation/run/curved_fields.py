@@ -32,7 +32,10 @@ class CurvedFields:
     @cached_property
     def deformable(self) -> DeformableAssembly:
         """All blocks with the mesh of ``[mesh]``."""
-        return build_deformable(self.run.scene, self.run.name)
+        scene = self.run.scene
+        assert scene.fem is not None
+        straight = scene.model_copy(update={"fem": scene.fem.model_copy(update={"degree": 1})})
+        return build_deformable(straight, self.run.name)
 
     @cached_property
     def fields(self) -> GridFields:
