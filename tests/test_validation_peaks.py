@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from validation.compare.peaks import Refined, cap_comparison
+from validation.cost.peaks import Refined, cap_comparison
 from validation.run.accuracy import Rung
 
 

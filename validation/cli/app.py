@@ -60,7 +60,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "cell": trust.cell,
     "stability": trust.stability,
     "convergence": compare.convergence,
-    "peaks": compare.peaks,
+    "peaks": cost.peaks,
 }
 _PARTS: tuple[Callable[..., None], ...] = (
     paper.tables,

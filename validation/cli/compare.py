@@ -124,16 +124,3 @@ def convergence(
         draw_convergence(mesh, time, output)
         outputs.say("picture", output)
         outputs.write_json([asdict(curve) | {"order": curve.order} for curve in [*mesh, time]])
-
-
-def peaks(json: JsonOption = None) -> None:
-    """Observed orders of curved elements in pressures and stresses, and what a cap changes."""
-    from validation.compare.peaks import peaks, peaks_json, print_peaks
-    from validation.output.console import status
-    from validation.output.outputs import Outputs
-
-    with Outputs(json) as outputs:
-        with status(outputs.console, "two layers of tsb1-pipe, degrees 1 to 3"):
-            orders, cap = peaks()
-        print_peaks(orders, cap, outputs.console)
-        outputs.write_json(peaks_json(orders, cap))

@@ -1,4 +1,4 @@
-"""The command that says what an accuracy costs."""
+"""Commands that say what an accuracy costs and how errors fall."""
 
 from __future__ import annotations
 
@@ -53,3 +53,16 @@ def cost(
         print_study(study, outputs.console)
         outputs.write("picture", "cost.png", lambda path: draw_study(study, path))
         outputs.write_json(study_json(study))
+
+
+def peaks(json: JsonOption = None) -> None:
+    """Observed orders of curved elements in pressures and stresses, and what a cap changes."""
+    from validation.cost.peaks import peaks, peaks_json, print_peaks
+    from validation.output.console import status
+    from validation.output.outputs import Outputs
+
+    with Outputs(json) as outputs:
+        with status(outputs.console, "two layers of tsb1-pipe, degrees 1 to 3"):
+            orders, cap = peaks()
+        print_peaks(orders, cap, outputs.console)
+        outputs.write_json(peaks_json(orders, cap))
