@@ -19,6 +19,9 @@ from fem.contact.surfaces import ContactNormals, ContactSurfaces, PointKinematic
 from fem.problem.model import BlockGroup, ModelError
 from geometry.mesh import FloatArray, IntArray
 
+#: Prescribed displacements are met to this share of the largest displacement.
+_ROUNDING = 1e-12
+
 
 @dataclass(frozen=True)
 class HeldNodes:
@@ -163,6 +166,14 @@ class LocalSystem:
             along = np.einsum("nij,ni->nj", held.axes, free[held.nodes]) * (1.0 - held.held)
             free[held.nodes] = np.einsum("nij,nj->ni", held.axes, along)
         return free
+
+    def has_prescribed(self, displacement: FloatArray) -> bool:
+        """Whether supports are where they are prescribed, to rounding."""
+        held = self.held
+        along = np.einsum("nij,ni->nj", held.axes, displacement[held.nodes])
+        away = np.abs((along - held.values) * held.held).max(initial=0.0)
+        size = max(np.abs(a).max(initial=0.0) for a in (held.values, displacement))
+        return bool(away <= _ROUNDING * size)
 
     def localised(self, displacements: tuple[FloatArray, ...]) -> FloatArray:
         """Displacements of the representatives in block frames, (n_nodes, 3) [mm].

@@ -641,9 +641,12 @@ def _step_share(
 
     One, unless the energy rises steeply at the end. Along the way overclosures and slips are
     linear, so the energy is convex (friction limits frozen) and the slope is found by bisection
-    from contact points alone.
+    from contact points alone. A way on which supports move goes to its end: energy that they
+    bring in says nothing, and no other state has them where they are prescribed.
     """
     system, step = problem.system, problem.step
+    if not system.has_prescribed(state.displacement):
+        return 1.0
     law, weights = system.deformable.contact.law, system.surfaces.weights
     way = trial - state.displacement
     force = step.internal_force(state.displacement) - linear.load_factor * step.external_force
