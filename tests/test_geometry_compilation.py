@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from geometry.compilation import KernelCache, compiling, njit, source_digest
+from validation.run.stages import stages, summed
 
 ROOT = Path(__file__).parents[1]
 CHOICES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
@@ -167,3 +168,24 @@ def test_compilation_is_counted_and_told_once() -> None:
         assert outer(2.0) == 5.0
     assert told == ["now"]
     assert second.cpu_seconds == 0.0
+
+
+def test_stages_of_a_run_leave_compilation_out() -> None:
+    """Work and compilation add up to the total; the stages are a part of it."""
+
+    @njit()
+    def turned(x: float) -> float:
+        return 1.0 - x
+
+    with stages() as cold:
+        assert turned(0.25) == 0.75
+        cold.lap("solve")
+    with stages() as warm:
+        assert turned(0.5) == 0.5
+        warm.lap("solve")
+    seconds = cold.seconds()
+    assert seconds["compile"] > 0.0
+    assert seconds["solve"] + seconds["compile"] <= seconds["total"]
+    assert seconds["solve"] < seconds["compile"]  # it is one subtraction
+    assert "compile" not in warm.seconds()
+    assert summed({"solve": 1.0}, {"build": 2.0, "solve": 0.5}) == {"solve": 1.5, "build": 2.0}

@@ -308,10 +308,11 @@ def _solved(
     from validation.build.deformable import build_deformable, fem_section
     from validation.effects.cell import cell_table, probed_cell_error
     from validation.effects.report import decided
-    from validation.output.console import explicit_progress, status
+    from validation.output.console import explicit_progress, status, told_of_compilation
     from validation.run.estimate import estimated_errors
     from validation.run.explicit import run_explicit, scene_statement
     from validation.run.friction_set import friction_set
+    from validation.run.stages import stages, summed
     from validation.run.static import run_static
     from validation.scene.deformable import Method
 
@@ -319,12 +320,13 @@ def _solved(
     fem = fem_section(scene, name)
     if fem.method is Method.STATIC:
         refuse_resume(resume)
-    start = time.process_time()
-    deformable = build_deformable(scene, name)
-    statement = None
-    if fem.method is Method.EXPLICIT:
-        statement = scene_statement(scene, name, deformable)
-    built = time.process_time() - start
+    with stages() as watch, told_of_compilation():
+        deformable = build_deformable(scene, name)
+        statement = None
+        if fem.method is Method.EXPLICIT:
+            statement = scene_statement(scene, name, deformable)
+        watch.lap("build")
+    built = watch.seconds()
     added = {}
     if decision is not None:
         added["effects_decision"] = decision.as_json()
@@ -334,7 +336,7 @@ def _solved(
         added["periodic_cell"] = error.as_json()
     kept = _kept(outputs, scene, deformable.model.groups, resumed=resume is not None)
     if statement is None:
-        with status(outputs.console, f"{name}: static"):
+        with status(outputs.console, f"{name}: static"), told_of_compilation():
             frames = kept.get("on_frame")
             run = run_static(name, scene, deformable=deformable, on_frame=frames)
     else:
@@ -350,8 +352,7 @@ def _solved(
             )
     if run.explicit is not None:
         check_finished(run.explicit, outputs)
-    spent = run.cpu_seconds
-    spent |= {"build": spent["build"] + built, "total": spent["total"] + built}
+    run = replace(run, cpu_seconds=summed(run.cpu_seconds, built))
     if fem.error_estimate:
         with status(outputs.console, f"{name}: two coarser meshes, for the errors"):
             run = replace(run, errors=estimated_errors(run))

@@ -45,12 +45,13 @@ def mbd(
         require_tube(file)
     if isinstance(file.scene, PolyhedralScene):
         from validation.output import polyhedra
-        from validation.output.console import status
+        from validation.output.console import status, told_of_compilation
         from validation.run.rigid.polyhedra import polyhedra_json, run_polyhedra
 
         with Outputs(json, folder, polyhedra.FILES, scene=file) as outputs:
             words = f"{file.name}: reads the blocks and finds where they touch"
-            with recording(file.scene) as use, status(outputs.console, words):
+            said = status(outputs.console, words)
+            with recording(file.scene) as use, said, told_of_compilation():
                 bodies = run_polyhedra(file, file.scene)
             polyhedra.print_polyhedra(bodies, outputs.console)
             outputs.tell_unused(use)

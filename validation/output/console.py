@@ -21,6 +21,8 @@ _WIDTH = 118
 #: Whether a call says nothing but errors (``--quiet``).
 quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 
+_TOLD: ContextVar[bool] = ContextVar("compilation is told of", default=False)
+
 
 def text_console(json: str | None = None) -> Console:
     """Text for people; moves aside when JSON takes standard output (``-``).
@@ -71,11 +73,24 @@ def progress(*columns: ProgressColumn) -> Iterator[Progress]:
 
 
 @contextmanager
-def explicit_progress() -> Iterator[Callable[[Sample], None]]:
-    """Live bar with time, step, energies and remaining time; yields the callback that feeds it.
+def told_of_compilation() -> Iterator[None]:
+    """Say so, once, where loops must be compiled first: a bar or a spinner stands still meanwhile."""
+    from geometry.compilation import compiling
 
-    Says so where loops must be compiled first: the bar stands still meanwhile.
-    """
+    console = _console(stderr=True)
+
+    def tell() -> None:
+        if not _TOLD.get():
+            _TOLD.set(True)
+            console.print("compiling the loops of this kind of run: half a minute, once")
+
+    with compiling(tell):
+        yield
+
+
+@contextmanager
+def explicit_progress() -> Iterator[Callable[[Sample], None]]:
+    """Live bar with time, step, energies and remaining time; yields the callback that feeds it."""
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=24),
@@ -83,14 +98,7 @@ def explicit_progress() -> Iterator[Callable[[Sample], None]]:
         TextColumn("{task.fields[state]}", markup=False),
         TimeRemainingColumn(),
     )
-    console = _console(stderr=True)
-
-    def tell() -> None:
-        console.print("compiling the loops of this kind of run: half a minute, once")
-
-    from geometry.compilation import compiling
-
-    with progress(*columns) as bar, compiling(tell):
+    with progress(*columns) as bar, told_of_compilation():
         task = bar.add_task("explicit", total=None, state="")
 
         def show(sample: Sample) -> None:

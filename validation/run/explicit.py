@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from validation.build.effects import build_effects
 from validation.errors import InputError
 from validation.run.deformable import DeformableRun
 from validation.run.frames import frame_interval
+from validation.run.stages import stages
 from validation.scene.deformable import Damping, FemSection
 from validation.scene.read import DeformableScene
 from validation.scene.usage import count
@@ -115,38 +115,32 @@ def run_explicit(
     InputError
         Input that cannot be run, or a run that went unstable (with the remedy).
     """
-    start = time.process_time()
-    fem = fem_section(scene, name)
-    built_now = build_deformable(scene, name) if deformable is None else deformable
-    stated = scene_statement(scene, name, built_now) if statement is None else statement
-    built = time.process_time()
-    try:
-        answer = explicit_answer(
-            stated,
-            lambda counted: scene_statement(scene, name, built_now, counted_pressure=counted),
-            # A run that is not damped to the static state watches the residual and goes on.
-            residual=fem.residual if fem.damping is Damping.STATIC else 0.0,
-            **_time_step(fem),
-            precision=fem.precision,
-            threads=fem.threads,
-            sample_interval=fem.sample_interval,
-            output=Output(
-                progress=progress, checkpoint=checkpoint, **_frames(fem, stated, on_frame)
-            ),
-            resume=resume,
-        )
-    except InputError:
-        raise
-    except RefusedError as error:
-        raise InputError(f"{name}: {error}") from None
+    with stages() as watch:
+        fem = fem_section(scene, name)
+        built = build_deformable(scene, name) if deformable is None else deformable
+        stated = scene_statement(scene, name, built) if statement is None else statement
+        watch.lap("build")
+        try:
+            answer = explicit_answer(
+                stated,
+                lambda counted: scene_statement(scene, name, built, counted_pressure=counted),
+                # A run that is not damped to the static state watches the residual and goes on.
+                residual=fem.residual if fem.damping is Damping.STATIC else 0.0,
+                **_time_step(fem),
+                precision=fem.precision,
+                threads=fem.threads,
+                sample_interval=fem.sample_interval,
+                output=Output(
+                    progress=progress, checkpoint=checkpoint, **_frames(fem, stated, on_frame)
+                ),
+                resume=resume,
+            )
+        except InputError:
+            raise
+        except RefusedError as error:
+            raise InputError(f"{name}: {error}") from None
+        watch.lap("solve")
     result = answer.explicit
     assert result is not None
-    now = time.process_time()
-    seconds = {
-        "build": built - start,
-        "solve": now - built - result.compile_seconds,
-        "loop": result.cpu_seconds,
-        **({"compile": result.compile_seconds} if result.compile_seconds else {}),
-        "total": now - start,
-    }
+    seconds = {**watch.seconds(), "loop": result.cpu_seconds}
     return DeformableRun(name=name, scene=scene, answer=answer, cpu_seconds=seconds)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -18,6 +17,7 @@ from validation.errors import InputError
 from validation.run.deformable import DeformableRun
 from validation.run.frames import static_frames
 from validation.run.held_by_friction import require_held_by_friction
+from validation.run.stages import stages
 from validation.scene.deformable import FemSection
 from validation.scene.read import DeformableScene
 
@@ -63,30 +63,26 @@ def run_static(
     InputError
         Input that cannot be solved, or a run that found no equilibrium.
     """
-    start = time.process_time()
-    fem = fem_section(scene, name)
-    require_held_by_friction(name, scene)
-    if deformable is None:
-        deformable = build_deformable(scene, name)
-    keep = on_frame is not None and fem.frames > 0
-    options = replace(static_options(scene, fem), keep_steps=keep, load_path=load_path)
-    built = time.process_time()
-    try:
-        turning = scene.effects.finite_rotation is True
-        answer = static_answer(deformable, options, finite_rotation=turning, store=store)
-    except RefusedError as error:
-        raise InputError(f"{name}: {error}") from None
+    with stages() as watch:
+        fem = fem_section(scene, name)
+        require_held_by_friction(name, scene)
+        if deformable is None:
+            deformable = build_deformable(scene, name)
+        keep = on_frame is not None and fem.frames > 0
+        options = replace(static_options(scene, fem), keep_steps=keep, load_path=load_path)
+        watch.lap("build")
+        try:
+            turning = scene.effects.finite_rotation is True
+            answer = static_answer(deformable, options, finite_rotation=turning, store=store)
+        except RefusedError as error:
+            raise InputError(f"{name}: {error}") from None
+        watch.lap("solve")
     result = answer.static
     assert result is not None
     if scene.meets and fem.symmetry == "sector" and result.symmetry == 1:
         raise InputError(f"{name}: {NO_SECTOR}")
-    solved = time.process_time()
+    seconds = watch.seconds()
     if on_frame is not None and keep:
         for found in static_frames(fem.frames, [*result.steps[:-1], (1.0, result.displacements)]):
             on_frame(found)
-    seconds = {
-        "build": built - start,
-        "solve": solved - built,
-        "total": solved - start,
-    }
     return DeformableRun(name=name, scene=scene, answer=answer, cpu_seconds=seconds)

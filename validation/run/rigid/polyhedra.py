@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,6 +19,7 @@ from validation.run.rigid.answer import RigidAnswer, answer_json
 from validation.run.rigid.further import (
     further_answers,
 )
+from validation.run.stages import stages, summed
 from validation.scene.polyhedra import BodyLoadSection, MeshScene, PolyhedralScene
 from validation.scene.read import SceneFile
 
@@ -92,18 +92,18 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
     InputError
         When it describes nothing that can be meant.
     """
-    start = time.process_time()
-    assembly = build_polyhedra(scene, file.folder)
-    loads = build_body_loads(_body_load(file.name, scene), assembly)
-    load = loads.load_case(assembly)
-    built = time.process_time() - start
+    with stages() as watch:
+        assembly = build_polyhedra(scene, file.folder)
+        loads = build_body_loads(_body_load(file.name, scene), assembly)
+        load = loads.load_case(assembly)
+        watch.lap("build")
+    built = watch.seconds()
     result = analyse(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
     further = further_answers(assembly, load.fixed, (loads.dead, loads.live), scene.rigid)
-    seconds = {"build": built, **result.cpu_seconds}
-    extra = 0.0
+    seconds = summed({"build": 0.0, **result.cpu_seconds}, built)
     if further is not None:
-        seconds["further"] = extra = further.cpu_seconds
-    seconds["total"] = built + result.cpu_seconds["total"] + extra
+        seconds["further"] = further.cpu_seconds
+        seconds["total"] += further.cpu_seconds
     return PolyhedralRun(
         name=file.name,
         scene=scene,
