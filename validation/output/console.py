@@ -74,7 +74,7 @@ def progress(*columns: ProgressColumn) -> Iterator[Progress]:
 
 @contextmanager
 def told_of_compilation() -> Iterator[None]:
-    """Say so, once, where loops must be compiled first: a bar or a spinner stands still meanwhile."""
+    """Say so, once, where loops must be compiled first: bars stand still meanwhile."""
     from geometry.compilation import compiling
 
     console = _console(stderr=True)
