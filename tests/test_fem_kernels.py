@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 from fem.element.hexahedron import ElementType, block_stiffness
 from fem.element.material import Material
 from fem.explicit import kernels
-from fem.explicit.kernels import reference
+from fem.explicit.kernels import PARALLEL, SERIAL, reference
 from fem.explicit.kernels.layout import (
     BlockRows,
     aligned_zeros,
@@ -33,7 +33,7 @@ def random_lanes(rows: BlockRows, n_copies: int, dtype, seed: int = 0) -> np.nda
     return to_lanes(values, rows.order, dtype)
 
 
-def product(rows: BlockRows, u: np.ndarray, *, torque=None, kernel=kernels.stiffness_product):
+def product(rows: BlockRows, u: np.ndarray, *, torque=None, kernel=SERIAL.stiffness_product):
     force = aligned_zeros(u.shape, u.dtype)
     flat_torque = None if torque is None else torque.ravel()
     kernel(
@@ -99,7 +99,7 @@ def test_copies_do_not_know_how_many_they_are(stiffness):
 def test_threads_do_not_change_a_bit(stiffness, n_copies):
     rows = block_rows(stiffness, np.float64)
     u = random_lanes(rows, n_copies, np.float64)
-    parallel = product(rows, u, kernel=kernels.stiffness_product_parallel)
+    parallel = product(rows, u, kernel=PARALLEL.stiffness_product)
     np.testing.assert_array_equal(product(rows, u), parallel)
 
 
@@ -143,7 +143,7 @@ def test_update_is_one_central_difference_step(dtype):
     chunks = np.array([0, 4, 17, 30])
     kinetic, dissipated, work = np.zeros((3, lanes)), np.ones((3, 2, lanes)), np.ones((3, 2, lanes))
     new_u, new_v = u.copy(), v.copy()
-    kernels.update(
+    SERIAL.update(
         chunks,
         dtype(dt),
         dtype(dt / (1 + half)),
@@ -250,7 +250,7 @@ def test_effects_are_their_plain_statements(dtype, n_copies):
         data, per_step=2.0, displacement=u, strain=strain, stress=stress
     )
     lost = np.zeros((len(data.element_chunks) - 1, lanes))
-    kernels.viscous_pressure(
+    SERIAL.viscous_pressure(
         data.element_chunks,
         data.element_rows.ravel(),
         data.gradient.ravel(),
@@ -268,7 +268,7 @@ def test_effects_are_their_plain_statements(dtype, n_copies):
 
     force, torque = f.copy(), aligned_zeros((n, 3, lanes), dtype)
     added = reference.viscous_force(data, stress, rows.n_nodes)
-    kernels.add_viscous_force(
+    SERIAL.add_viscous_force(
         chunks,
         data.pointer,
         data.corner,
@@ -287,7 +287,7 @@ def test_effects_are_their_plain_statements(dtype, n_copies):
     force, elastic, viscous = f.copy(), old.copy(), lag.copy()
     torque[:] = 0.0
     lost = np.zeros((n, lanes))
-    kernels.add_stiffness_damping(
+    SERIAL.add_stiffness_damping(
         chunks,
         dtype(0.3),
         u.ravel(),
@@ -324,12 +324,12 @@ def test_block_frames_are_their_plain_statements(dtype, n_copies):
     mean, spin = (rng.standard_normal((3, lanes)).astype(dtype) for _ in range(2))
 
     moment = aligned_zeros((len(rows.chunks) - 1, 12, lanes), dtype)
-    kernels.displacement_moments(rows.chunks, mass, x, u.ravel(), moment.ravel(), lanes)
+    SERIAL.displacement_moments(rows.chunks, mass, x, u.ravel(), moment.ravel(), lanes)
     expected = reference.displacement_moments(mass, x, u)
     np.testing.assert_allclose(moment.sum(axis=0), expected, rtol=0, atol=tolerance)
 
     local, increment = before.copy(), np.empty_like(before)
-    kernels.block_frame_displacement(
+    SERIAL.block_frame_displacement(
         rows.chunks,
         turn.ravel(),
         mean.ravel(),
@@ -344,7 +344,7 @@ def test_block_frames_are_their_plain_statements(dtype, n_copies):
     np.testing.assert_allclose(increment, expected - before, rtol=0, atol=tolerance)
 
     force = f.copy()
-    kernels.placement_frame_force(
+    SERIAL.placement_frame_force(
         rows.chunks, turn.ravel(), spin.ravel(), mass, x, force.ravel(), lanes
     )
     expected = reference.placement_frame_force(rotation, spin, mass, x, f)

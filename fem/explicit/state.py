@@ -62,7 +62,7 @@ class ElasticForceBefore:
     force: LaneArray
     """K u of the last step, (n_rows, 3, lanes) [N]."""
     work: FloatArray
-    """See `fem.explicit.kernels.update`, (n_chunks, 2, lanes), per unit of time step."""
+    """See `fem.explicit.kernels.motion.update`, (n_chunks, 2, lanes), per unit of time step."""
     support_loss: Work
     """Correction of the dissipation at supported nodes."""
 
@@ -118,7 +118,7 @@ class BodyState:
     elastic_before: ElasticForceBefore | None
     """With stiffness-proportional damping and neither."""
     mass_damping_work: FloatArray | None
-    """With mass-proportional damping: (n_chunks, 2, lanes), see `fem.explicit.kernels.update`."""
+    """With mass-proportional damping, (n_chunks, 2, lanes): see `update`."""
     rate_form: RateFormState | None
     """With the rate form: stresses of all elements."""
     remembered: FloatArray | None

@@ -24,7 +24,6 @@ from scipy.sparse import csr_array
 
 from fem.element.hexahedron import ElementType, element_stiffness
 from fem.element.material import Material
-from fem.explicit import kernels
 from fem.explicit.output.checkpoint import state_arrays
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import State
@@ -176,7 +175,7 @@ def bare_seconds(system: System, state: State) -> float:
     rows, real = body.rows, body.dtype.type
 
     def work() -> None:
-        kernels.stiffness_product(
+        system.kernels.stiffness_product(
             rows.chunks,
             rows.pointer,
             rows.column,
@@ -186,7 +185,7 @@ def bare_seconds(system: System, state: State) -> float:
             None,
             body.lanes,
         )
-        kernels.update(
+        system.kernels.update(
             rows.chunks,
             real(system.time_step),
             real(system.time_step),

@@ -44,10 +44,10 @@ _EFFECTS: dict[types.ModuleType, tuple[set[str], set[str]]] = {
         },
         {"dot_lanes", "enforce", "viscous_power"},
     ),
-    stiffness: ({"torque"}, {"cross_add"}),
+    stiffness: ({"torque"}, set()),
     contact_kernels: (
         {"normals", "slip", "sliding"},
-        {"forget", "rub", "_given", "collect_forces", "_collect_chunk", "_add_entry", "add_travel"},
+        {"forget", "rub", "collect_forces", "_collect_chunk", "_add_entry", "add_travel"},
     ),
 }
 
@@ -59,13 +59,16 @@ class _WithoutEffects(ast.NodeTransformer):
         self._absent, self._unused = absent, unused
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST | None:
-        parallel = any("parallel" in ast.unparse(d) for d in node.decorator_list)
-        if node.name in self._unused or parallel:
+        if node.name in self._unused:
             return None
         node.args.args = [a for a in node.args.args if a.arg not in self._absent]
-        for decorator in node.decorator_list:
-            if isinstance(decorator, ast.Call):
-                decorator.keywords = [k for k in decorator.keywords if k.arg != "cache"]
+        # One thread, and nothing of this build is kept: the kernels' cache knows files, not texts.
+        node.decorator_list = [
+            ast.parse("njit(**OPTIONS)", mode="eval").body
+            if ast.unparse(decorator) == "serial_and_parallel"
+            else decorator
+            for decorator in node.decorator_list
+        ]
         return self.generic_visit(node)
 
     def visit_If(self, node: ast.If) -> ast.AST | list[ast.stmt]:
@@ -137,17 +140,17 @@ def shared_kernels() -> BareKernels:
     def update(*arguments: Any) -> None:
         *first, mass, internal, row, applied, displacement, velocity = arguments
         chunks, time_step, gain = first
-        motion.update(
+        motion.update.serial(
             chunks, time_step, gain, None, mass, internal, None, None, None, row, applied, None,
             displacement, velocity, None, None, None,
         )  # fmt: skip
 
     def product(*arguments: Any) -> None:
         *first, lanes = arguments
-        stiffness.stiffness_product(*first, None, lanes)
+        stiffness.stiffness_product.serial(*first, None, lanes)
 
     def contact(*arguments: Any) -> None:
-        contact_kernels.contact_forces(*arguments, None, None, None)
+        contact_kernels.contact_forces.serial(*arguments, None, None, None)
 
     return BareKernels(product, update, contact)
 
@@ -201,7 +204,7 @@ def bare_run(system: System, steps: int, kernels: BareKernels | None = None) -> 
                 np.add.at(applied[k].ravel(), load.applied.index, factor * load.values)
         kernels.contact_forces(data, tuple(a.ravel() for a in u), work, law)
         for k, (body, found) in enumerate(zip(bodies, force._collections, strict=True)):
-            contact_kernels.collect_forces(
+            contact_kernels.collect_forces.serial(
                 found.chunks, found.pointer, found.entries, data, work, body.lanes,
                 applied[k].ravel(),
             )  # fmt: skip
@@ -292,7 +295,7 @@ def _compiled_with_none(name: str, built: Any) -> Any:
     from numba import types as kinds
 
     module = {"update": motion, "stiffness_product": stiffness, "contact_forces": contact_kernels}
-    original = getattr(module[name], name).py_func
+    original = getattr(module[name], name).serial.py_func
     (given,) = built.signatures
     values = dict(zip(inspect.signature(built.py_func).parameters, given, strict=True))
     parameters = inspect.signature(original).parameters

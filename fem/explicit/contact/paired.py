@@ -23,12 +23,10 @@ from fem.explicit.contact.paired_kernel import (
     UnitArrays,
     UnitWork,
     collect_forces,
-    collect_forces_parallel,
     contact_forces,
-    contact_forces_parallel,
 )
 from fem.explicit.contact.sleep import Sleepers
-from fem.explicit.kernels import SERIAL
+from fem.explicit.kernels import PARALLEL
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros, equal_work
 from fem.explicit.state import State
 from fem.explicit.step import Interaction, System
@@ -174,12 +172,10 @@ class _BoundContact:
 
     def add_force(self, system: System, state: State) -> None:
         """Add contact forces at the current positions to the applied forces."""
-        serial = system.kernels is SERIAL
-        forces = contact_forces if serial else contact_forces_parallel
-        collect = collect_forces if serial else collect_forces_parallel
+        parallel = system.kernels is PARALLEL
         self._sleepers.wake(state, system.time_step)
         displacements = tuple(now.displacement.ravel() for now in state.bodies)
-        forces(
+        contact_forces.form(parallel=parallel)(
             self._data,
             displacements,
             self._work,
@@ -191,7 +187,7 @@ class _BoundContact:
         for body, now, found in zip(system.bodies, state.bodies, self._collections, strict=True):
             if found is None or now.applied_force is None:
                 continue
-            collect(
+            collect_forces.form(parallel=parallel)(
                 found.chunks,
                 found.pointer,
                 found.entries,

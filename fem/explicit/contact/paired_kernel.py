@@ -21,39 +21,44 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import get_thread_id, prange
+from numba import prange
 
+from fem.contact.law import pressure_formula
+from fem.explicit.kernels.forms import serial_and_parallel
 from fem.explicit.kernels.lanes import (
     ROUNDING_SHIFT,
-    add,
     add_to,
     any_below,
-    divide,
     filled,
     lane_operations,
     larger,
     load_like,
-    multiply,
     multiply_add,
-    scale,
     smaller,
     square_root,
     store,
-    subtract,
     two_to_rounded,
     where_below,
     with_entry,
 )
+from fem.explicit.kernels.options import OPTIONS
+from fem.explicit.kernels.triples import (
+    INLINED,
+    cross,
+    dot,
+    minus,
+    plus,
+    store_triple,
+    times,
+    triple_operations,
+    turned,
+    turned_back,
+)
 from geometry.compilation import njit
 from geometry.mesh import FloatArray, IntArray
 
-_OPTIONS = {"error_model": "numpy", "nogil": True}
-
 #: Last tangential position of points that did not touch.
 NEVER = 1e300
-
-#: For what a loop does to every node or facet: vectors then stay in registers.
-_INLINED = {**_OPTIONS, "forceinline": True}
 
 #: Linear shape functions of an edge at its two Gauss points.
 _NEAR = 0.5 * (1.0 + 1.0 / math.sqrt(3.0))
@@ -106,40 +111,44 @@ class UnitWork(NamedTuple):
     (n_threads, 4, largest unit)."""
 
 
-@njit(**_INLINED)
-def _cross(ax, ay, az, bx, by, bz):
-    """Component by component, a × b."""
-    return (
-        subtract(multiply(ay, bz), multiply(az, by)),
-        subtract(multiply(az, bx), multiply(ax, bz)),
-        subtract(multiply(ax, by), multiply(ay, bx)),
-    )
-
-
-@njit(**_INLINED)
-def _dot(ax, ay, az, bx, by, bz):
-    return multiply_add(ax, bx, multiply_add(ay, by, multiply(az, bz)))
-
-
-@njit(**_INLINED)
+@njit(**INLINED)
 def _mixed(near, far):
     """Value at the Gauss point next to ``near`` on the edge from near to far."""
-    return multiply_add(_NEAR, near, scale(_FAR, far))
+    return multiply_add(_NEAR, near, _FAR * far)
 
 
-@njit(**_INLINED)
+@njit(**INLINED)
 def _at_points(a, b, c, d):
     """One component at the four Gauss points from the four corners."""
     ab, ba, dc, cd = _mixed(a, b), _mixed(b, a), _mixed(d, c), _mixed(c, d)
     return _mixed(ab, dc), _mixed(ba, cd), _mixed(cd, ba), _mixed(dc, ab)
 
 
-@njit(**_INLINED)
+@njit(**INLINED)
 def _slopes(a, b, c, d):
     """One component of dx/dr on the lower and upper, dx/ds on the left and right points."""
-    low, high = scale(0.5, subtract(b, a)), scale(0.5, subtract(c, d))
-    left, right = scale(0.5, subtract(d, a)), scale(0.5, subtract(c, b))
+    low, high = 0.5 * (b - a), 0.5 * (c - d)
+    left, right = 0.5 * (d - a), 0.5 * (c - b)
     return _mixed(low, high), _mixed(high, low), _mixed(left, right), _mixed(right, left)
+
+
+@njit(**INLINED)
+def _slopes_to_corners(low, high, left, right):
+    """Transpose of `_slopes`."""
+    below, above = 0.5 * _mixed(low, high), 0.5 * _mixed(high, low)
+    west, east = 0.5 * _mixed(left, right), 0.5 * _mixed(right, left)
+    return 0.0 - (below + west), below - east, above + east, west - above
+
+
+@njit(**INLINED)
+def _four_triples(x, y, z):
+    """Four vectors from four values of each component."""
+    return (
+        (x[0], y[0], z[0]),
+        (x[1], y[1], z[1]),
+        (x[2], y[2], z[2]),
+        (x[3], y[3], z[3]),
+    )
 
 
 #: Taylor coefficients 1/3!, 1/4!, … of the exponential: enough for |r| <= ln(2)/2.
@@ -149,58 +158,55 @@ _LOW_LN2 = 1.90821492927058770002e-10
 _PER_LN2 = 1.0 / math.log(2.0)
 
 
-@njit(**_INLINED)
+@njit(**INLINED)
 def exponential_minus_one(x):
     """Return eˣ - 1 of every entry, |x| < 700, to a few units in the last place.
 
     x = k ln 2 + r, eˣ - 1 = 2ᵏ (eʳ - 1) + (2ᵏ - 1), eʳ - 1 = r + r²/2 + r³ Σ rⁱ / (i + 3)!.
     """
-    shift = filled(x, ROUNDING_SHIFT)
-    shifted = multiply_add(_PER_LN2, x, shift)
-    k = subtract(shifted, shift)
+    shifted = multiply_add(_PER_LN2, x, ROUNDING_SHIFT)
+    k = shifted - ROUNDING_SHIFT
     r = multiply_add(-_LOW_LN2, k, multiply_add(-_HIGH_LN2, k, x))
     tail = filled(x, _SERIES[-1])
     for i in range(len(_SERIES) - 2, -1, -1):
-        tail = multiply_add(r, tail, filled(x, _SERIES[i]))
-    square = multiply(r, r)
-    small = add(r, multiply_add(0.5, square, multiply(multiply(square, r), tail)))
+        tail = multiply_add(r, tail, _SERIES[i])
+    square = r * r
+    small = r + multiply_add(0.5, square, square * r * tail)
     power = two_to_rounded(shifted)
-    return multiply_add(power, small, subtract(power, filled(x, 1.0)))
+    return multiply_add(power, small, power - 1.0)
 
 
-@njit(**_INLINED)
-def pressure_of_gap(gap, law):
-    """`fem.contact.law.law_pressure` of minus the gap, in every entry, without branches.
-
-    p = s X (eˣ - 1) + k_linear max(x - x_linear, 0) with X held between 0 and its end.
-    """
-    none = filled(gap, 0.0)
-    end = (law.linear_start - law.start) / law.length
-    x = scale(-1.0 / law.length, add(gap, filled(gap, law.start)))
-    x = smaller(larger(x, none), filled(gap, end))
-    curve = scale(law.scale, multiply(x, exponential_minus_one(x)))
-    over = larger(subtract(filled(gap, -law.linear_start), gap), none)
-    return multiply_add(law.linear_stiffness, over, curve)
+#: `fem.contact.law.law_pressure` in every entry, without branches.
+lanes_pressure = pressure_formula(larger, smaller, exponential_minus_one)
 
 
-@njit(**_INLINED)
-def _slopes_to_corners(low, high, left, right):
-    """Transpose of `_slopes`."""
-    below, above = scale(0.5, _mixed(low, high)), scale(0.5, _mixed(high, low))
-    west, east = scale(0.5, _mixed(left, right)), scale(0.5, _mixed(right, left))
-    return (
-        subtract(filled(low, 0.0), add(below, west)),
-        subtract(below, east),
-        add(above, east),
-        subtract(west, above),
-    )
+@njit(**INLINED)
+def _unit_normal(a):
+    """Unit vector along an area vector, and one over its length."""
+    inverse = 1.0 / square_root(dot(a, a))
+    return times(inverse, a), inverse
+
+
+@njit(**INLINED)
+def _given(like, normal):
+    """Return a normal that does not change; nothing is turned with it."""
+    n = filled(like, normal[0]), filled(like, normal[1]), filled(like, normal[2])
+    return n, filled(like, 0.0)
+
+
+@njit(**INLINED)
+def _turning(d, normal, gap, force):
+    """Force times e = (d - n (n · d)) / |a|, which turns the normal."""
+    n, inverse = normal
+    return times(force * inverse, minus(d, times(gap, n)))
 
 
 def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
     """Make the loops over node pairs and over facets for ``width`` lanes."""
     load, zero = lane_operations(width)
+    load_triple = triple_operations(width).load
 
-    @njit(**_INLINED)
+    @njit(**INLINED)
     def fetch(like, array, base, copies, first, side, lane):
         """Displacements of the copies in the lanes; ``first`` is the first of a row, or -1."""
         if first >= 0:
@@ -210,47 +216,38 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
             value = with_entry(value, k, np.float64(array[base + copies[side, lane + k]]))
         return value
 
-    @njit(**_INLINED)
-    def put(at, offset, mean, m, s, difference, middle):
-        one = filled(m, 1.0)
-        store(difference, at, multiply_add(offset, one, subtract(s, m)))
-        store(middle, at, multiply_add(mean, one, scale(0.5, add(m, s))))
+    @njit(**INLINED)
+    def fetch_row(like, array, row, lanes, copies, first, side, lane):
+        """Displacements at a row of a group; zero for rigid blocks, which have none."""
+        u = zero(like), zero(like), zero(like)
+        if row >= 0:
+            base = 3 * row * lanes
+            u = (
+                fetch(like, array, base, copies, first, side, lane),
+                fetch(like, array, base + lanes, copies, first, side, lane),
+                fetch(like, array, base + 2 * lanes, copies, first, side, lane),
+            )
+        return u
 
-    @njit(**_OPTIONS)
+    @njit(**OPTIONS)
     def gather(unit, data, u_m, u_s, difference, middle):
         kind, lane = data.units[unit, 0], data.units[unit, 3]
         first, last = data.alike[kind, 0], data.alike[kind + 1, 0]
         lanes_m = data.lanes[data.alike[kind, 2]]
         lanes_s = data.lanes[data.alike[kind, 3]]
         first_m, first_s = data.units[unit, 6], data.units[unit, 7]
-        turn = data.rotation[kind]
-        like = difference
+        like, copies = difference, data.copies
         for node in range(first, last):
-            mx, my, mz = zero(like), zero(like), zero(like)
-            sx, sy, sz = zero(like), zero(like), zero(like)
-            row = data.rows[node, 0]
-            if row >= 0:
-                base = 3 * row * lanes_m
-                mx = fetch(like, u_m, base, data.copies, first_m, 0, lane)
-                my = fetch(like, u_m, base + lanes_m, data.copies, first_m, 0, lane)
-                mz = fetch(like, u_m, base + 2 * lanes_m, data.copies, first_m, 0, lane)
-            row = data.rows[node, 1]
-            if row >= 0:
-                base = 3 * row * lanes_s
-                x = fetch(like, u_s, base, data.copies, first_s, 1, lane)
-                y = fetch(like, u_s, base + lanes_s, data.copies, first_s, 1, lane)
-                z = fetch(like, u_s, base + 2 * lanes_s, data.copies, first_s, 1, lane)
-                sx = multiply_add(turn[0, 0], x, multiply_add(turn[0, 1], y, scale(turn[0, 2], z)))
-                sy = multiply_add(turn[1, 0], x, multiply_add(turn[1, 1], y, scale(turn[1, 2], z)))
-                sz = multiply_add(turn[2, 0], x, multiply_add(turn[2, 1], y, scale(turn[2, 2], z)))
+            m = fetch_row(like, u_m, data.rows[node, 0], lanes_m, copies, first_m, 0, lane)
+            s = fetch_row(like, u_s, data.rows[node, 1], lanes_s, copies, first_s, 1, lane)
+            if data.rows[node, 1] >= 0:
+                s = turned(data.rotation[kind], s)
             at = 3 * (node - first) * width
-            put(at, data.offset[node, 0], data.mean[node, 0], mx, sx, difference, middle)
-            put(at + width, data.offset[node, 1], data.mean[node, 1], my, sy, difference, middle)
-            put(
-                at + 2 * width, data.offset[node, 2], data.mean[node, 2], mz, sz, difference, middle
-            )
+            offset, mean = data.offset[node], data.mean[node]
+            store_triple(difference, at, width, plus(minus(s, m), offset))
+            store_triple(middle, at, width, plus(times(0.5, plus(m, s)), mean))
 
-    @njit(**_INLINED)
+    @njit(**INLINED)
     def corner_values(array, corners, j):
         """One component of an array at the four corners of a facet."""
         a, b, c, d = corners
@@ -262,26 +259,32 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
             load(array, d + shift),
         )
 
-    @njit(**_INLINED)
-    def at_points(array, corners, j):
-        a, b, c, d = corner_values(array, corners, j)
-        return _at_points(a, b, c, d)
+    @njit(**INLINED)
+    def at_points(array, corners):
+        """Vectors at the four Gauss points."""
+        x = _at_points(*corner_values(array, corners, 0))
+        y = _at_points(*corner_values(array, corners, 1))
+        z = _at_points(*corner_values(array, corners, 2))
+        return _four_triples(x, y, z)
 
-    @njit(**_INLINED)
-    def slopes(array, corners, j):
-        a, b, c, d = corner_values(array, corners, j)
-        return _slopes(a, b, c, d)
+    @njit(**INLINED)
+    def slopes(array, corners):
+        """Vectors dx/dr below and above, dx/ds left and right of the centre."""
+        x = _slopes(*corner_values(array, corners, 0))
+        y = _slopes(*corner_values(array, corners, 1))
+        z = _slopes(*corner_values(array, corners, 2))
+        return _four_triples(x, y, z)
 
-    @njit(**_INLINED)
+    @njit(**INLINED)
     def spread(array, corners, j, values):
         """Add one component of corner forces."""
         shift = j * width
         for i in range(4):
             at = corners[i] + shift
-            store(array, at, add(load(array, at), values[i]))
+            store(array, at, load(array, at) + values[i])
 
-    @njit(**_INLINED)
-    def far_apart(x, y, z, a0, a1, a2, a3, weights, clear, gap, at):
+    @njit(**INLINED)
+    def far_apart(d, areas, weights, clear, gap, at):
         """Whether no point of a facet can touch, told without the length of its normals.
 
         d · a / w is half to twice the gap as long as no area doubles or halves. A lower bound
@@ -289,20 +292,20 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
         """
         factor = 0.5 if clear >= 0.0 else 2.0
         lower = 0.5 / factor
-        g0 = scale(factor / weights[0], _dot(x[0], y[0], z[0], a0[0], a0[1], a0[2]))
-        g1 = scale(factor / weights[1], _dot(x[1], y[1], z[1], a1[0], a1[1], a1[2]))
-        g2 = scale(factor / weights[2], _dot(x[2], y[2], z[2], a2[0], a2[1], a2[2]))
-        g3 = scale(factor / weights[3], _dot(x[3], y[3], z[3], a3[0], a3[1], a3[2]))
+        g0 = (factor / weights[0]) * dot(d[0], areas[0])
+        g1 = (factor / weights[1]) * dot(d[1], areas[1])
+        g2 = (factor / weights[2]) * dot(d[2], areas[2])
+        g3 = (factor / weights[3]) * dot(d[3], areas[3])
         least = smaller(smaller(g0, g1), smaller(g2, g3))
         if any_below(least, clear):
             return False
-        store(gap, at, smaller(g0, scale(lower, g0)))
-        store(gap, at + width, smaller(g1, scale(lower, g1)))
-        store(gap, at + 2 * width, smaller(g2, scale(lower, g2)))
-        store(gap, at + 3 * width, smaller(g3, scale(lower, g3)))
+        store(gap, at, smaller(g0, lower * g0))
+        store(gap, at + width, smaller(g1, lower * g1))
+        store(gap, at + 2 * width, smaller(g2, lower * g2))
+        store(gap, at + 3 * width, smaller(g3, lower * g3))
         return True
 
-    @njit(**_INLINED)
+    @njit(**INLINED)
     def forget(slip, at):
         """Points that do not touch keep no elastic slip and no last position."""
         far = filled(zero(slip), NEVER)
@@ -312,52 +315,43 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
             store(slip, first + width, zero(slip))
             store(slip, first + 2 * width, far)
 
-    @njit(**_INLINED)
+    @njit(**INLINED)
     def rub(unit, force, pressing, weight, d, normal, tangent, slip, at, point, sliding):
         """Add the friction of one point to its force; updates slip and dissipation."""
         friction, dissipated = sliding
         stiffness = weight * friction[1]
         first = 4 * (at + point * width)
         none = zero(slip)
-        square = _dot(tangent[0], tangent[1], tangent[2], tangent[0], tangent[1], tangent[2])
-        inverse = divide(filled(none, 1.0), square_root(square))
-        b = (
-            multiply(tangent[0], inverse),
-            multiply(tangent[1], inverse),
-            multiply(tangent[2], inverse),
-        )
-        c = _cross(normal[0], normal[1], normal[2], b[0], b[1], b[2])
-        along = _dot(d[0], d[1], d[2], b[0], b[1], b[2])
-        across = _dot(d[0], d[1], d[2], c[0], c[1], c[2])
+        b = times(1.0 / square_root(dot(tangent, tangent)), tangent)
+        c = cross(normal, b)
+        along, across = dot(d, b), dot(d, c)
         old_x, old_y = load(slip, first), load(slip, first + width)
         last_x, last_y = load(slip, first + 2 * width), load(slip, first + 3 * width)
-        known = filled(none, 0.5 * NEVER)
-        moved_x = where_below(last_x, known, subtract(along, last_x), none)
-        moved_y = where_below(last_x, known, subtract(across, last_y), none)
-        trial_x, trial_y = add(old_x, moved_x), add(old_y, moved_y)
-        size = square_root(multiply_add(trial_x, trial_x, multiply(trial_y, trial_y)))
-        tiny = filled(none, 1e-300)
-        limit = divide(scale(friction[0], pressing), larger(scale(stiffness, size), tiny))
-        share = smaller(filled(none, 1.0), limit)
-        new_x, new_y = multiply(share, trial_x), multiply(share, trial_y)
+        moved_x = where_below(last_x, 0.5 * NEVER, along - last_x, none)
+        moved_y = where_below(last_x, 0.5 * NEVER, across - last_y, none)
+        trial_x, trial_y = old_x + moved_x, old_y + moved_y
+        size = square_root(multiply_add(trial_x, trial_x, trial_y * trial_y))
+        limit = friction[0] * pressing / larger(stiffness * size, 1e-300)
+        share = smaller(1.0, limit)
+        new_x, new_y = share * trial_x, share * trial_y
         # Work of the mean traction on what slipped.
-        lost_x = multiply(add(old_x, new_x), subtract(moved_x, subtract(new_x, old_x)))
-        lost_y = multiply(add(old_y, new_y), subtract(moved_y, subtract(new_y, old_y)))
-        lost = scale(0.5 * stiffness, add(lost_x, lost_y))
-        store(dissipated, unit * 8, add(load(dissipated, unit * 8), lost))
-        touching = where_below(none, pressing, filled(none, 1.0), none)
+        lost_x = (old_x + new_x) * (moved_x - (new_x - old_x))
+        lost_y = (old_y + new_y) * (moved_y - (new_y - old_y))
+        lost = 0.5 * stiffness * (lost_x + lost_y)
+        store(dissipated, unit * 8, load(dissipated, unit * 8) + lost)
+        touching = where_below(none, pressing, 1.0, none)
         store(slip, first, new_x)
         store(slip, first + width, new_y)
-        store(slip, first + 2 * width, where_below(none, touching, along, filled(none, NEVER)))
+        store(slip, first + 2 * width, where_below(none, touching, along, NEVER))
         store(slip, first + 3 * width, across)
-        pull_x, pull_y = scale(-stiffness, new_x), scale(-stiffness, new_y)
+        pull_x, pull_y = -stiffness * new_x, -stiffness * new_y
         return (
             multiply_add(pull_x, b[0], multiply_add(pull_y, c[0], force[0])),
             multiply_add(pull_x, b[1], multiply_add(pull_y, c[1], force[1])),
             multiply_add(pull_x, b[2], multiply_add(pull_y, c[2], force[2])),
         )
 
-    @njit(**_OPTIONS)
+    @njit(**OPTIONS)
     def facets(
         unit, data, work, law, normals, slip, sliding, difference, middle, on_difference, on_middle
     ):
@@ -377,37 +371,22 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
                 3 * width * data.corners[f, 3],
             )
             at = point + 4 * width * (f - first)
-            x = at_points(difference, corners, 0)
-            y = at_points(difference, corners, 1)
-            z = at_points(difference, corners, 2)
+            w = data.weights[f]
+            d = at_points(difference, corners)
             if normals is None:
-                # dx/dr below and above, dx/ds left and right of the centre
-                tx = slopes(middle, corners, 0)
-                ty = slopes(middle, corners, 1)
-                tz = slopes(middle, corners, 2)
-                a0 = _cross(tx[0], ty[0], tz[0], tx[2], ty[2], tz[2])
-                a1 = _cross(tx[0], ty[0], tz[0], tx[3], ty[3], tz[3])
-                a2 = _cross(tx[1], ty[1], tz[1], tx[3], ty[3], tz[3])
-                a3 = _cross(tx[1], ty[1], tz[1], tx[2], ty[2], tz[2])
-                if far_apart(x, y, z, a0, a1, a2, a3, data.weights[f], clear, work.gap, at):
+                low, high, left, right = slopes(middle, corners)
+                areas = cross(low, left), cross(low, right), cross(high, right), cross(high, left)
+                if far_apart(d, areas, w, clear, work.gap, at):
                     if slip is not None:
                         forget(slip, at)
                     continue
-                n0, n1, n2, n3 = (
-                    _unit_normal(a0),
-                    _unit_normal(a1),
-                    _unit_normal(a2),
-                    _unit_normal(a3),
-                )
+                n0, n1 = _unit_normal(areas[0]), _unit_normal(areas[1])
+                n2, n3 = _unit_normal(areas[2]), _unit_normal(areas[3])
             else:
-                n0 = _given(zero(like), normals[f, 0])
-                n1 = _given(zero(like), normals[f, 1])
-                n2 = _given(zero(like), normals[f, 2])
-                n3 = _given(zero(like), normals[f, 3])
-            g0 = _dot(x[0], y[0], z[0], n0[0], n0[1], n0[2])
-            g1 = _dot(x[1], y[1], z[1], n1[0], n1[1], n1[2])
-            g2 = _dot(x[2], y[2], z[2], n2[0], n2[1], n2[2])
-            g3 = _dot(x[3], y[3], z[3], n3[0], n3[1], n3[2])
+                n0, n1 = _given(zero(like), normals[f, 0]), _given(zero(like), normals[f, 1])
+                n2, n3 = _given(zero(like), normals[f, 2]), _given(zero(like), normals[f, 3])
+            g0, g1 = dot(d[0], n0[0]), dot(d[1], n1[0])
+            g2, g3 = dot(d[2], n2[0]), dot(d[3], n3[0])
             store(work.gap, at, g0)
             store(work.gap, at + width, g1)
             store(work.gap, at + 2 * width, g2)
@@ -416,121 +395,47 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
                 if slip is not None:
                     forget(slip, at)
                 continue
-            q0 = scale(data.weights[f, 0], pressure_of_gap(g0, law))
-            q1 = scale(data.weights[f, 1], pressure_of_gap(g1, law))
-            q2 = scale(data.weights[f, 2], pressure_of_gap(g2, law))
-            q3 = scale(data.weights[f, 3], pressure_of_gap(g3, law))
-            f0, f1, f2, f3 = _along(q0, n0), _along(q1, n1), _along(q2, n2), _along(q3, n3)
+            q0 = w[0] * lanes_pressure(0.0 - g0, law)
+            q1 = w[1] * lanes_pressure(0.0 - g1, law)
+            q2 = w[2] * lanes_pressure(0.0 - g2, law)
+            q3 = w[3] * lanes_pressure(0.0 - g3, law)
+            f0, f1, f2, f3 = times(q0, n0[0]), times(q1, n1[0]), times(q2, n2[0]), times(q3, n3[0])
             if slip is not None:
-                low, high = (tx[0], ty[0], tz[0]), (tx[1], ty[1], tz[1])
-                w = data.weights[f]
-                d0, d1 = (x[0], y[0], z[0]), (x[1], y[1], z[1])
-                d2, d3 = (x[2], y[2], z[2]), (x[3], y[3], z[3])
-                f0 = rub(unit, f0, q0, w[0], d0, n0, low, slip, at, 0, sliding)
-                f1 = rub(unit, f1, q1, w[1], d1, n1, low, slip, at, 1, sliding)
-                f2 = rub(unit, f2, q2, w[2], d2, n2, high, slip, at, 2, sliding)
-                f3 = rub(unit, f3, q3, w[3], d3, n3, high, slip, at, 3, sliding)
+                f0 = rub(unit, f0, q0, w[0], d[0], n0[0], low, slip, at, 0, sliding)
+                f1 = rub(unit, f1, q1, w[1], d[1], n1[0], low, slip, at, 1, sliding)
+                f2 = rub(unit, f2, q2, w[2], d[2], n2[0], high, slip, at, 2, sliding)
+                f3 = rub(unit, f3, q3, w[3], d[3], n3[0], high, slip, at, 3, sliding)
             for j in range(3):
                 spread(on_difference, corners, j, _at_points(f0[j], f1[j], f2[j], f3[j]))
             if normals is None:
-                e0 = _turning(x[0], y[0], z[0], n0, g0, q0)
-                e1 = _turning(x[1], y[1], z[1], n1, g1, q1)
-                e2 = _turning(x[2], y[2], z[2], n2, g2, q2)
-                e3 = _turning(x[3], y[3], z[3], n3, g3, q3)
+                e0, e1 = _turning(d[0], n0, g0, q0), _turning(d[1], n1, g1, q1)
+                e2, e3 = _turning(d[2], n2, g2, q2), _turning(d[3], n3, g3, q3)
                 # Forces on dx/dr are t_2 × e, on dx/ds e × t_1; two points share each.
-                low = _plus(
-                    _cross(tx[2], ty[2], tz[2], e0[0], e0[1], e0[2]),
-                    _cross(tx[3], ty[3], tz[3], e1[0], e1[1], e1[2]),
-                )
-                high = _plus(
-                    _cross(tx[3], ty[3], tz[3], e2[0], e2[1], e2[2]),
-                    _cross(tx[2], ty[2], tz[2], e3[0], e3[1], e3[2]),
-                )
-                left = _plus(
-                    _cross(e0[0], e0[1], e0[2], tx[0], ty[0], tz[0]),
-                    _cross(e3[0], e3[1], e3[2], tx[1], ty[1], tz[1]),
-                )
-                right = _plus(
-                    _cross(e1[0], e1[1], e1[2], tx[0], ty[0], tz[0]),
-                    _cross(e2[0], e2[1], e2[2], tx[1], ty[1], tz[1]),
-                )
+                on_low = plus(cross(left, e0), cross(right, e1))
+                on_high = plus(cross(right, e2), cross(left, e3))
+                on_left = plus(cross(e0, low), cross(e3, high))
+                on_right = plus(cross(e1, low), cross(e2, high))
                 for j in range(3):
-                    values = _slopes_to_corners(low[j], high[j], left[j], right[j])
+                    values = _slopes_to_corners(on_low[j], on_high[j], on_left[j], on_right[j])
                     spread(on_middle, corners, j, values)
 
-    @njit(**_OPTIONS)
+    @njit(**OPTIONS)
     def part(unit, data, work, normals, on_difference, on_middle):
         """Turn forces on differences and means into forces on the two blocks."""
         kind, start = data.units[unit, 0], data.units[unit, 4]
-        turn = data.rotation[kind]
         real = load(data.real, data.units[unit, 3])
-        half = scale(0.5, real)
-        minus = scale(-1.0, real)
         for node in range(data.alike[kind + 1, 0] - data.alike[kind, 0]):
             local = 3 * width * node
-            at = start + local
-            x = multiply(real, load(on_difference, local))
-            y = multiply(real, load(on_difference, local + width))
-            z = multiply(real, load(on_difference, local + 2 * width))
+            apart = times(real, load_triple(on_difference, local, width))
             if normals is None:
-                hx = multiply(half, load(on_middle, local))
-                hy = multiply(half, load(on_middle, local + width))
-                hz = multiply(half, load(on_middle, local + 2 * width))
-                store(work.force_m, at, subtract(hx, x))
-                store(work.force_m, at + width, subtract(hy, y))
-                store(work.force_m, at + 2 * width, subtract(hz, z))
-                x, y, z = add(hx, x), add(hy, y), add(hz, z)
+                shared = times(0.5 * real, load_triple(on_middle, local, width))
+                on_m, on_s = minus(shared, apart), plus(shared, apart)
             else:
-                store(work.force_m, at, multiply(minus, x))
-                store(work.force_m, at + width, multiply(minus, y))
-                store(work.force_m, at + 2 * width, multiply(minus, z))
-            for j in range(3):
-                turned = multiply_add(
-                    turn[0, j], x, multiply_add(turn[1, j], y, scale(turn[2, j], z))
-                )
-                store(work.force_s, at + j * width, turned)
+                on_m, on_s = times(-1.0, apart), apart
+            store_triple(work.force_m, start + local, width, on_m)
+            store_triple(work.force_s, start + local, width, turned_back(data.rotation[kind], on_s))
 
     return gather, facets, part
-
-
-@njit(**_INLINED)
-def _unit_normal(a):
-    """Unit vector along an area vector, and one over its length."""
-    square = _dot(a[0], a[1], a[2], a[0], a[1], a[2])
-    inverse = divide(filled(square, 1.0), square_root(square))
-    return multiply(a[0], inverse), multiply(a[1], inverse), multiply(a[2], inverse), inverse
-
-
-@njit(**_INLINED)
-def _given(like, normal):
-    """Return a normal that does not change; the fourth entry is not used."""
-    return (
-        filled(like, normal[0]),
-        filled(like, normal[1]),
-        filled(like, normal[2]),
-        filled(like, 0.0),
-    )
-
-
-@njit(**_INLINED)
-def _turning(x, y, z, normal, gap, force):
-    """Force times e = (d - n (n · d)) / |a|, which turns the normal."""
-    factor = multiply(force, normal[3])
-    return (
-        multiply(factor, subtract(x, multiply(gap, normal[0]))),
-        multiply(factor, subtract(y, multiply(gap, normal[1]))),
-        multiply(factor, subtract(z, multiply(gap, normal[2]))),
-    )
-
-
-@njit(**_INLINED)
-def _along(force, normal):
-    return multiply(force, normal[0]), multiply(force, normal[1]), multiply(force, normal[2])
-
-
-@njit(**_INLINED)
-def _plus(a, b):
-    return add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2])
 
 
 _load_8 = lane_operations(8)[0]
@@ -540,7 +445,7 @@ _gather_4, _facets_4, _part_4 = _unit_loops(4)
 _gather_1, _facets_1, _part_1 = _unit_loops(1)
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _unit(unit, thread, data, displacements, work, law, normals, slip, sliding):
     if work.awake[unit] == 0:
         return
@@ -563,7 +468,7 @@ def _unit(unit, thread, data, displacements, work, law, normals, slip, sliding):
         _part_1(unit, data, work, normals, on_d, on_m)
 
 
-@njit(cache=True, **_OPTIONS)
+@serial_and_parallel
 def contact_forces(data, displacements, work, law, normals, slip, sliding):
     """Gaps, pressures and forces of all units that are awake.
 
@@ -584,18 +489,13 @@ def contact_forces(data, displacements, work, law, normals, slip, sliding):
         None, or friction coefficient and stick stiffness (2,), and the energy dissipated so
         far, flat (n_units, 8) [N mm].
     """
-    for unit in range(len(data.units)):
-        _unit(unit, 0, data, displacements, work, law, normals, slip, sliding)
+    threads = len(work.scratch)
+    for thread in prange(threads):
+        for unit in range(thread, len(data.units), threads):
+            _unit(unit, thread, data, displacements, work, law, normals, slip, sliding)
 
 
-@njit(cache=True, parallel=True, **_OPTIONS)
-def contact_forces_parallel(data, displacements, work, law, normals, slip, sliding):
-    """`contact_forces` with units shared among threads."""
-    for unit in prange(len(data.units)):
-        _unit(unit, get_thread_id(), data, displacements, work, law, normals, slip, sliding)
-
-
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _collect_chunk(c, chunks, pointer, entries, data, work, lanes, applied):
     for row in range(chunks[c], chunks[c + 1]):
         base = 3 * row * lanes
@@ -609,29 +509,26 @@ def _collect_chunk(c, chunks, pointer, entries, data, work, lanes, applied):
                 _add_entry(unit, 0, data, work.force_m, at, applied, base, lanes)
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _add_entry(unit, side, data, force, at, applied, base, lanes):
     """Add the forces on one node in all lanes of a unit."""
     width, first = data.units[unit, 1], data.units[unit, 6 + side]
     if first >= 0 and width == 8:
-        add_to(applied, base + first, _load_8(force, at))
-        add_to(applied, base + first + lanes, _load_8(force, at + 8))
-        add_to(applied, base + first + 2 * lanes, _load_8(force, at + 16))
+        for j in range(3):
+            add_to(applied, base + first + j * lanes, _load_8(force, at + 8 * j))
         return
     if first >= 0 and width == 4:
-        add_to(applied, base + first, _load_4(force, at))
-        add_to(applied, base + first + lanes, _load_4(force, at + 4))
-        add_to(applied, base + first + 2 * lanes, _load_4(force, at + 8))
+        for j in range(3):
+            add_to(applied, base + first + j * lanes, _load_4(force, at + 4 * j))
         return
     lane = data.units[unit, 3]
     for k in range(data.units[unit, 2]):
         where = base + data.copies[side, lane + k]
-        applied[where] += force[at + k]
-        applied[where + lanes] += force[at + width + k]
-        applied[where + 2 * lanes] += force[at + 2 * width + k]
+        for j in range(3):
+            applied[where + j * lanes] += force[at + j * width + k]
 
 
-@njit(cache=True, **_OPTIONS)
+@serial_and_parallel
 def collect_forces(chunks, pointer, entries, data, work, lanes, applied):
     """Add the forces of all units to the applied forces of one group.
 
@@ -648,18 +545,11 @@ def collect_forces(chunks, pointer, entries, data, work, lanes, applied):
     applied
         Flat (n_applied, 3, lanes), updated.
     """
-    for c in range(len(chunks) - 1):
-        _collect_chunk(c, chunks, pointer, entries, data, work, lanes, applied)
-
-
-@njit(cache=True, parallel=True, **_OPTIONS)
-def collect_forces_parallel(chunks, pointer, entries, data, work, lanes, applied):
-    """`collect_forces` with rows shared among threads."""
     for c in prange(len(chunks) - 1):
         _collect_chunk(c, chunks, pointer, entries, data, work, lanes, applied)
 
 
-@njit(cache=True, **_OPTIONS)
+@njit(cache=True, **OPTIONS)
 def add_travel(rows, velocity, time_step, travel):
     """Add to the travel of every copy the way its fastest surface node goes in a step.
 

@@ -11,24 +11,26 @@ import numpy as np
 from numba import prange
 
 from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
-from fem.explicit.kernels.lanes import add, lane_operations, multiply_add, scale, store, subtract
+from fem.explicit.kernels.lanes import lane_operations, multiply_add, store
 from fem.explicit.kernels.options import OPTIONS
+from fem.explicit.kernels.triples import cross, triple_operations
 from geometry.compilation import njit
 
 
 def _damping_lanes(width: int) -> Callable[..., Any]:
     """Make the stiffness damping of one row for ``width`` copies from ``first`` on."""
     load, _ = lane_operations(width)
+    load_triple, add_triple = triple_operations(width)
 
     @njit(**OPTIONS)
     def component(at, ratio, increment, elastic, viscous, force, lost, here):
         fresh = load(force, at)
-        new = scale(ratio, subtract(fresh, load(elastic, at)))
-        mean = add(load(viscous, at), new)
+        new = ratio * (fresh - load(elastic, at))
+        mean = load(viscous, at) + new
         store(lost, here, multiply_add(mean, load(increment, at), load(lost, here)))
         store(elastic, at, fresh)
         store(viscous, at, new)
-        store(force, at, add(fresh, new))
+        store(force, at, fresh + new)
         return new
 
     @njit(**OPTIONS)
@@ -38,18 +40,14 @@ def _damping_lanes(width: int) -> Callable[..., Any]:
         here = c * lanes + first
         x = i * 3 * lanes + first
         y, z = x + lanes, x + 2 * lanes
-        fx = component(x, ratio, increment, elastic, viscous, force, lost, here)
-        fy = component(y, ratio, increment, elastic, viscous, force, lost, here)
-        fz = component(z, ratio, increment, elastic, viscous, force, lost, here)
+        f = (
+            component(x, ratio, increment, elastic, viscous, force, lost, here),
+            component(y, ratio, increment, elastic, viscous, force, lost, here),
+            component(z, ratio, increment, elastic, viscous, force, lost, here),
+        )
         if torque is not None:
-            t = c * 3 * lanes + first
-            ux, uy, uz = load(displacement, x), load(displacement, y), load(displacement, z)
-            cx = subtract(scale(uy, fz), scale(uz, fy))
-            cy = subtract(scale(uz, fx), scale(ux, fz))
-            cz = subtract(scale(ux, fy), scale(uy, fx))
-            store(torque, t, add(load(torque, t), cx))
-            store(torque, t + lanes, add(load(torque, t + lanes), cy))
-            store(torque, t + 2 * lanes, add(load(torque, t + 2 * lanes), cz))
+            moment = cross(load_triple(displacement, x, lanes), f)
+            add_triple(torque, c * 3 * lanes + first, lanes, moment)
 
     made: Callable[..., Any] = run
     return made

@@ -17,6 +17,10 @@ class Forms(NamedTuple):
     parallel: Callable[..., None]
     """Chunks shared among threads; the same bits, since each writes its own rows and sums."""
 
+    def form(self, *, parallel: bool) -> Callable[..., None]:
+        """One of the two."""
+        return self.parallel if parallel else self.serial
+
 
 def serial_and_parallel(loop: Callable[..., None]) -> Forms:
     """Compile a loop over ``prange``: one thread takes it for ``range``."""

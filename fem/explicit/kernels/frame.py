@@ -11,9 +11,27 @@ import numpy as np
 from numba import prange
 
 from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
-from fem.explicit.kernels.lanes import add, lane_operations, multiply_add, splat, store, subtract
+from fem.explicit.kernels.lanes import lane_operations, multiply_add, store
 from fem.explicit.kernels.options import OPTIONS
+from fem.explicit.kernels.triples import (
+    INLINED,
+    minus,
+    plus,
+    store_triple,
+    triple_operations,
+)
 from geometry.compilation import njit
+
+
+@njit(**INLINED)
+def _grown(sums, weights, value):
+    """Four sums, each grown by its weight times a value."""
+    return (
+        multiply_add(weights[0], value, sums[0]),
+        multiply_add(weights[1], value, sums[1]),
+        multiply_add(weights[2], value, sums[2]),
+        multiply_add(weights[3], value, sums[3]),
+    )
 
 
 def _moment_lanes(width: int) -> Callable[..., Any]:
@@ -22,50 +40,20 @@ def _moment_lanes(width: int) -> Callable[..., Any]:
 
     @njit(**OPTIONS)
     def run(first, lanes, c, begin, end, mass, reference, displacement, moment):
-        xx = zero(displacement)
-        xy = zero(displacement)
-        xz = zero(displacement)
-        xm = zero(displacement)
-        yx = zero(displacement)
-        yy = zero(displacement)
-        yz = zero(displacement)
-        ym = zero(displacement)
-        zx = zero(displacement)
-        zy = zero(displacement)
-        zz = zero(displacement)
-        zm = zero(displacement)
+        none = zero(displacement)
+        of_x = of_y = of_z = (none, none, none, none)
         for i in range(begin, end):
             m = mass[i]
-            rx, ry, rz = m * reference[i, 0], m * reference[i, 1], m * reference[i, 2]
+            weights = m * reference[i, 0], m * reference[i, 1], m * reference[i, 2], m
             base = i * 3 * lanes + first
-            u = load(displacement, base)
-            xx = multiply_add(rx, u, xx)
-            xy = multiply_add(ry, u, xy)
-            xz = multiply_add(rz, u, xz)
-            xm = multiply_add(m, u, xm)
-            u = load(displacement, base + lanes)
-            yx = multiply_add(rx, u, yx)
-            yy = multiply_add(ry, u, yy)
-            yz = multiply_add(rz, u, yz)
-            ym = multiply_add(m, u, ym)
-            u = load(displacement, base + 2 * lanes)
-            zx = multiply_add(rx, u, zx)
-            zy = multiply_add(ry, u, zy)
-            zz = multiply_add(rz, u, zz)
-            zm = multiply_add(m, u, zm)
+            of_x = _grown(of_x, weights, load(displacement, base))
+            of_y = _grown(of_y, weights, load(displacement, base + lanes))
+            of_z = _grown(of_z, weights, load(displacement, base + 2 * lanes))
         at = c * 12 * lanes + first
-        store(moment, at + 0 * lanes, xx)
-        store(moment, at + 1 * lanes, xy)
-        store(moment, at + 2 * lanes, xz)
-        store(moment, at + 3 * lanes, xm)
-        store(moment, at + 4 * lanes, yx)
-        store(moment, at + 5 * lanes, yy)
-        store(moment, at + 6 * lanes, yz)
-        store(moment, at + 7 * lanes, ym)
-        store(moment, at + 8 * lanes, zx)
-        store(moment, at + 9 * lanes, zy)
-        store(moment, at + 10 * lanes, zz)
-        store(moment, at + 11 * lanes, zm)
+        for k in range(4):
+            store(moment, at + k * lanes, of_x[k])
+            store(moment, at + (k + 4) * lanes, of_y[k])
+            store(moment, at + (k + 8) * lanes, of_z[k])
 
     made: Callable[..., Any] = run
     return made
@@ -207,44 +195,30 @@ def fit_frames(moment, second, total_mass, n_copies, quaternion, turn, mean, com
                 compliance[i, j, k] = inverse[i, j]
 
 
+@njit(**INLINED)
+def _with_row(row, a, start):
+    """Row · a + start."""
+    return multiply_add(row[0], a[0], multiply_add(row[1], a[1], multiply_add(row[2], a[2], start)))
+
+
 def _frame_lanes(width: int) -> Callable[..., Any]:
     """Make the view from the block frame of a range of rows for ``width`` copies."""
-    load, zero = lane_operations(width)
+    load_triple, _ = triple_operations(width)
 
     @njit(**OPTIONS)
     def run(first, lanes, begin, end, turn, mean, reference, displacement, local, increment):
-        none = zero(displacement)
-        txx = load(turn, 0 * lanes + first)
-        txy = load(turn, 1 * lanes + first)
-        txz = load(turn, 2 * lanes + first)
-        tyx = load(turn, 3 * lanes + first)
-        tyy = load(turn, 4 * lanes + first)
-        tyz = load(turn, 5 * lanes + first)
-        tzx = load(turn, 6 * lanes + first)
-        tzy = load(turn, 7 * lanes + first)
-        tzz = load(turn, 8 * lanes + first)
-        mx = load(mean, first)
-        my = load(mean, lanes + first)
-        mz = load(mean, 2 * lanes + first)
+        tx = load_triple(turn, first, 3 * lanes)
+        ty = load_triple(turn, first + lanes, 3 * lanes)
+        tz = load_triple(turn, first + 2 * lanes, 3 * lanes)
+        m = load_triple(mean, first, lanes)
         for i in range(begin, end):
-            x = i * 3 * lanes + first
-            y, z = x + lanes, x + 2 * lanes
-            wx = subtract(load(displacement, x), mx)
-            wy = subtract(load(displacement, y), my)
-            wz = subtract(load(displacement, z), mz)
-            px = add(wx, splat(reference[i, 0], none))
-            py = add(wy, splat(reference[i, 1], none))
-            pz = add(wz, splat(reference[i, 2], none))
-            lx = multiply_add(txx, px, multiply_add(tyx, py, multiply_add(tzx, pz, wx)))
-            ly = multiply_add(txy, px, multiply_add(tyy, py, multiply_add(tzy, pz, wy)))
-            lz = multiply_add(txz, px, multiply_add(tyz, py, multiply_add(tzz, pz, wz)))
+            at = i * 3 * lanes + first
+            w = minus(load_triple(displacement, at, lanes), m)
+            p = plus(w, (reference[i, 0], reference[i, 1], reference[i, 2]))
+            seen = _with_row(tx, p, w[0]), _with_row(ty, p, w[1]), _with_row(tz, p, w[2])
             if increment is not None:
-                store(increment, x, subtract(lx, load(local, x)))
-                store(increment, y, subtract(ly, load(local, y)))
-                store(increment, z, subtract(lz, load(local, z)))
-            store(local, x, lx)
-            store(local, y, ly)
-            store(local, z, lz)
+                store_triple(increment, at, lanes, minus(seen, load_triple(local, at, lanes)))
+            store_triple(local, at, lanes, seen)
 
     made: Callable[..., Any] = run
     return made
@@ -289,36 +263,26 @@ def block_frame_displacement(chunks, turn, mean, reference, displacement, local,
 
 def _placement_lanes(width: int) -> Callable[..., Any]:
     """Make the turn back to the placement frame of a range of rows for ``width`` copies."""
-    load, _ = lane_operations(width)
+    load_triple, _ = triple_operations(width)
 
     @njit(**OPTIONS)
     def run(first, lanes, begin, end, turn, spin, mass, reference, force):
-        txx = load(turn, 0 * lanes + first)
-        txy = load(turn, 1 * lanes + first)
-        txz = load(turn, 2 * lanes + first)
-        tyx = load(turn, 3 * lanes + first)
-        tyy = load(turn, 4 * lanes + first)
-        tyz = load(turn, 5 * lanes + first)
-        tzx = load(turn, 6 * lanes + first)
-        tzy = load(turn, 7 * lanes + first)
-        tzz = load(turn, 8 * lanes + first)
-        sx = load(spin, first)
-        sy = load(spin, lanes + first)
-        sz = load(spin, 2 * lanes + first)
+        tx = load_triple(turn, first, lanes)
+        ty = load_triple(turn, first + 3 * lanes, lanes)
+        tz = load_triple(turn, first + 6 * lanes, lanes)
+        sx, sy, sz = load_triple(spin, first, lanes)
         for i in range(begin, end):
             m = mass[i]
             rx, ry, rz = m * reference[i, 0], m * reference[i, 1], m * reference[i, 2]
-            x = i * 3 * lanes + first
-            y, z = x + lanes, x + 2 * lanes
-            fx = multiply_add(ry, sz, multiply_add(-rz, sy, load(force, x)))
-            fy = multiply_add(rz, sx, multiply_add(-rx, sz, load(force, y)))
-            fz = multiply_add(rx, sy, multiply_add(-ry, sx, load(force, z)))
-            gx = multiply_add(txx, fx, multiply_add(txy, fy, multiply_add(txz, fz, fx)))
-            gy = multiply_add(tyx, fx, multiply_add(tyy, fy, multiply_add(tyz, fz, fy)))
-            gz = multiply_add(tzx, fx, multiply_add(tzy, fy, multiply_add(tzz, fz, fz)))
-            store(force, x, gx)
-            store(force, y, gy)
-            store(force, z, gz)
+            at = i * 3 * lanes + first
+            f = load_triple(force, at, lanes)
+            f = (
+                multiply_add(ry, sz, multiply_add(-rz, sy, f[0])),
+                multiply_add(rz, sx, multiply_add(-rx, sz, f[1])),
+                multiply_add(rx, sy, multiply_add(-ry, sx, f[2])),
+            )
+            back = _with_row(tx, f, f[0]), _with_row(ty, f, f[1]), _with_row(tz, f, f[2])
+            store_triple(force, at, lanes, back)
 
     made: Callable[..., Any] = run
     return made

@@ -3,20 +3,23 @@
 numba vectorises a loop over copies only after proving that no two arrays overlap, and it does
 not keep the three sums of a row in registers across the row's neighbours. Both cost a factor
 of two. So this module gives the kernels a vector type of fixed width (an LLVM vector, which
-LLVM maps to whatever the processor has: one or two AVX-512 registers, four AVX2 ones, …) and
-the few operations they need. Nothing here knows mechanics.
+LLVM maps to whatever the processor has: one or two AVX-512 registers, four AVX2 ones, …), the
+operators + - * / on it and the few functions they need. Nothing here knows mechanics.
 """
 
 # mypy: disable-error-code="misc, untyped-decorator"
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.imputils import lower_builtin
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, models, register_model
 
 #: Added to a float64 below 2^50, it rounds it to a whole number.
@@ -79,6 +82,51 @@ def lane_operations(width: int) -> tuple[Callable[..., Any], Callable[..., Any]]
     return load, zero
 
 
+def _vector_type(kinds: Any) -> LanesType | None:
+    """Type of the vectors among some operands, which else are scalars; None for other operands."""
+    vectors = [kind for kind in kinds if isinstance(kind, LanesType)]
+    known = all(isinstance(kind, LanesType | types.Number) for kind in kinds)
+    return vectors[0] if vectors and known else None
+
+
+def _as_vectors(context: Any, builder: Any, signature: Any, args: Any) -> list[Any]:
+    """Operands of an operation on vectors: a scalar fills every entry."""
+    lanes = _vector_type(signature.args)
+    assert lanes is not None
+    vector = context.get_value_type(lanes)
+    return [
+        value
+        if isinstance(kind, LanesType)
+        else _splat(builder, context.cast(builder, value, kind, lanes.scalar), vector)
+        for kind, value in zip(signature.args, args, strict=True)
+    ]
+
+
+def _vector_operator(symbol: Any, instruction: str) -> None:
+    """Let an operator of Python work on vectors, entry by entry; one side may be a scalar."""
+
+    class Typing(AbstractTemplate):
+        def generic(self, args: Any, _: Any) -> Any:
+            lanes = _vector_type(args)
+            return None if lanes is None else signature(lanes, *args)
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return getattr(builder, instruction)(*_as_vectors(context, builder, signature, args))
+
+    infer_global(symbol)(Typing)
+    for sides in ((LanesType, LanesType), (types.Number, LanesType), (LanesType, types.Number)):
+        lower_builtin(symbol, *sides)(code)
+
+
+for _symbol, _instruction in (
+    (operator.add, "fadd"),
+    (operator.sub, "fsub"),
+    (operator.mul, "fmul"),
+    (operator.truediv, "fdiv"),
+):
+    _vector_operator(_symbol, _instruction)
+
+
 @intrinsic
 def store(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
     """Write a vector to ``array`` from scalar number ``index`` on."""
@@ -94,45 +142,21 @@ def store(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
 
 @intrinsic
 def multiply_add(typing_context: Any, factor: Any, value: Any, total: Any) -> Any:
-    """Return factor · value + total, rounded once; the factor is a scalar or a vector."""
+    """Return factor · value + total, rounded once; some of them may be scalars."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        factor, value, total = args
-        vector = total.type
-        if not isinstance(signature.args[0], LanesType):
-            factor = _splat(builder, factor, vector)
+        operands = _as_vectors(context, builder, signature, args)
+        vector = operands[0].type
         bits = 64 if isinstance(vector.element, ir.DoubleType) else 32
         function = cgutils.get_or_insert_function(
             builder.module,
             ir.FunctionType(vector, [vector] * 3),
             f"llvm.fma.v{vector.count}f{bits}",
         )
-        return builder.call(function, [factor, value, total])
+        return builder.call(function, operands)
 
-    return total(factor, value, total), code
-
-
-@intrinsic
-def scale(typing_context: Any, factor: Any, value: Any) -> Any:
-    """Return factor · value; the factor is a scalar or a vector."""
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        factor = args[0]
-        if not isinstance(signature.args[0], LanesType):
-            factor = _splat(builder, factor, args[1].type)
-        return builder.fmul(factor, args[1])
-
-    return value(factor, value), code
-
-
-@intrinsic
-def splat(typing_context: Any, scalar: Any, like: Any) -> Any:
-    """Return a vector of the type of ``like`` with the scalar in every lane."""
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return _splat(builder, args[0], args[1].type)
-
-    return like(scalar, like), code
+    lanes = _vector_type((factor, value, total))
+    return lanes(factor, value, total), code
 
 
 def _splat(builder: Any, scalar: Any, vector: Any) -> Any:
@@ -143,37 +167,6 @@ def _splat(builder: Any, scalar: Any, vector: Any) -> Any:
 
 
 @intrinsic
-def add(typing_context: Any, a: Any, b: Any) -> Any:
-    """Return a + b of two vectors."""
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.fadd(args[0], args[1])
-
-    return a(a, b), code
-
-
-@intrinsic
-def subtract(typing_context: Any, a: Any, b: Any) -> Any:
-    """Return a - b of two vectors."""
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.fsub(args[0], args[1])
-
-    return a(a, b), code
-
-
-@intrinsic
-def minimum(typing_context: Any, a: Any, b: Any) -> Any:
-    """Return the smaller of two vectors, lane by lane."""
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        smaller = builder.fcmp_ordered("<", args[0], args[1])
-        return builder.select(smaller, args[0], args[1])
-
-    return a(a, b), code
-
-
-@intrinsic
 def entry(typing_context: Any, value: Any, index: Any) -> Any:
     """Return one scalar of a vector."""
 
@@ -181,26 +174,6 @@ def entry(typing_context: Any, value: Any, index: Any) -> Any:
         return builder.extract_element(args[0], args[1])
 
     return value.scalar(value, types.intp), code
-
-
-@intrinsic
-def multiply(typing_context: Any, a: Any, b: Any) -> Any:
-    """Return a · b of two vectors, entry by entry."""
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.fmul(args[0], args[1])
-
-    return a(a, b), code
-
-
-@intrinsic
-def divide(typing_context: Any, a: Any, b: Any) -> Any:
-    """Return a / b of two vectors, entry by entry."""
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.fdiv(args[0], args[1])
-
-    return a(a, b), code
 
 
 @intrinsic
@@ -253,29 +226,23 @@ def with_entry(typing_context: Any, value: Any, index: Any, scalar: Any) -> Any:
     return value(value, types.intp, scalar), code
 
 
-def _two_operands(name: str) -> Callable[..., Any]:
-    """Make an operation of two vectors from an LLVM intrinsic."""
+def _selected(relation: str) -> Callable[..., Any]:
+    """Make the choice, entry by entry, between two operands; one may be a scalar."""
 
     @intrinsic
-    def operation(typing_context: Any, a: Any, b: Any) -> Any:
+    def choice(typing_context: Any, a: Any, b: Any) -> Any:
         def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            vector = args[0].type
-            bits = 64 if isinstance(vector.element, ir.DoubleType) else 32
-            function = cgutils.get_or_insert_function(
-                builder.module,
-                ir.FunctionType(vector, [vector] * 2),
-                f"llvm.{name}.v{vector.count}f{bits}",
-            )
-            return builder.call(function, [args[0], args[1]])
+            operands = _as_vectors(context, builder, signature, args)
+            return builder.select(builder.fcmp_ordered(relation, *operands), *operands)
 
-        return a(a, b), code
+        return _vector_type((a, b))(a, b), code
 
-    made: Callable[..., Any] = operation
+    made: Callable[..., Any] = choice
     return made
 
 
-smaller = _two_operands("minnum")
-larger = _two_operands("maxnum")
+smaller = _selected("<")
+larger = _selected(">")
 
 
 @intrinsic
@@ -334,6 +301,8 @@ def where_below(typing_context: Any, value: Any, bound: Any, then: Any, otherwis
     """Return, entry by entry, ``then`` where ``value`` is less than ``bound``, or ``otherwise``."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.select(builder.fcmp_ordered("<", args[0], args[1]), args[2], args[3])
+        value, bound, *results = _as_vectors(context, builder, signature, args)
+        return builder.select(builder.fcmp_ordered("<", value, bound), *results)
 
-    return value(value, bound, then, otherwise), code
+    kinds = (value, bound, then, otherwise)
+    return _vector_type(kinds)(*kinds), code

@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
+from fem.explicit.kernels.forms import serial_and_parallel
 from fem.explicit.kernels.options import OPTIONS
 from geometry.compilation import njit
 
@@ -74,7 +75,7 @@ def _update_chunk(
                     dissipated[c, 1, k] += mean * after
 
 
-@njit(cache=True, **OPTIONS)
+@serial_and_parallel
 def update(
     chunks,
     time_step,
@@ -129,50 +130,6 @@ def update(
         p = α Δt m (v₋ + v₊)/4: [:, 0] grows by p · (v₋ + v₊), the dissipation of the step;
         [:, 1] is overwritten with p · v₊, the half of it that comes after the time of the force.
     """
-    for c in range(len(chunks) - 1):
-        _update_chunk(
-            c,
-            chunks,
-            time_step,
-            gain,
-            keep,
-            mass,
-            internal_force,
-            ratio,
-            elastic_before,
-            viscous_work,
-            applied_row,
-            applied_force,
-            acceleration,
-            displacement,
-            velocity,
-            kinetic,
-            loss,
-            dissipated,
-        )
-
-
-@njit(cache=True, parallel=True, **OPTIONS)
-def update_parallel(
-    chunks,
-    time_step,
-    gain,
-    keep,
-    mass,
-    internal_force,
-    ratio,
-    elastic_before,
-    viscous_work,
-    applied_row,
-    applied_force,
-    acceleration,
-    displacement,
-    velocity,
-    kinetic,
-    loss,
-    dissipated,
-):
-    """`update` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
         _update_chunk(
             c,

@@ -10,34 +10,20 @@ from typing import Any
 import numpy as np
 from numba import prange
 
-from fem.explicit.kernels.lanes import add, entry, lane_operations, multiply_add, store, subtract
+from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
+from fem.explicit.kernels.lanes import entry, lane_operations, multiply_add
 from fem.explicit.kernels.options import OPTIONS
+from fem.explicit.kernels.triples import cross, store_triple, triple_operations
 from geometry.compilation import njit
 
 
-def _row_product(width: int) -> Callable[..., Any]:
+def _product_lanes(width: int) -> Callable[..., Any]:
     """Make the product of one block row with ``width`` copies from lane ``first`` on."""
     load, zero = lane_operations(width)
+    load_triple, add_triple = triple_operations(width)
 
     @njit(**OPTIONS)
-    def cross_add(total, chunk, a, b, base, first, lanes):
-        """Add a × b, (3,) each from ``base`` on, to ``total[chunk]``."""
-        ax, bx = load(a, base), load(b, base)
-        ay, by = load(a, base + lanes), load(b, base + lanes)
-        az, bz = load(a, base + 2 * lanes), load(b, base + 2 * lanes)
-        none = zero(a)
-        where = chunk * 3 * lanes + first
-        cx = subtract(multiply_add(ay, bz, none), multiply_add(az, by, none))
-        cy = subtract(multiply_add(az, bx, none), multiply_add(ax, bz, none))
-        cz = subtract(multiply_add(ax, by, none), multiply_add(ay, bx, none))
-        store(total, where, add(load(total, where), cx))
-        store(total, where + lanes, add(load(total, where + lanes), cy))
-        store(total, where + 2 * lanes, add(load(total, where + 2 * lanes), cz))
-
-    @njit(**OPTIONS)
-    def row_product(
-        start, stop, column, blocks, displacement, force, torque, chunk, row, first, lanes
-    ):
+    def run(first, lanes, row, start, stop, column, blocks, displacement, force, torque, chunk):
         fx = zero(displacement)
         fy = zero(displacement)
         fz = zero(displacement)
@@ -55,27 +41,22 @@ def _row_product(width: int) -> Callable[..., Any]:
             fx = multiply_add(blocks[9 * k + 6], u, fx)
             fy = multiply_add(blocks[9 * k + 7], u, fy)
             fz = multiply_add(blocks[9 * k + 8], u, fz)
-        base = row * 3 * lanes + first
-        store(force, base, fx)
-        store(force, base + lanes, fy)
-        store(force, base + 2 * lanes, fz)
+        at = row * 3 * lanes + first
+        store_triple(force, at, lanes, (fx, fy, fz))
         if torque is not None:
-            cross_add(torque, chunk, displacement, force, base, first, lanes)
+            moment = cross(load_triple(displacement, at, lanes), (fx, fy, fz))
+            add_triple(torque, chunk * 3 * lanes + first, lanes, moment)
 
-    made: Callable[..., Any] = row_product
+    made: Callable[..., Any] = run
     return made
 
 
-_row_product_32 = _row_product(32)
-_row_product_16 = _row_product(16)
-_row_product_8 = _row_product(8)
-_row_product_4 = _row_product(4)
-_row_product_2 = _row_product(2)
+_row_product = over_lanes(_product_lanes, 32)
 _load_4, _zero_4 = lane_operations(4)
 
 
 @njit(**OPTIONS)
-def _single_row(start, stop, column, blocks, displacement, force, row):
+def _single_row(row, start, stop, column, blocks, displacement, force, torque, chunk):
     """One copy: the lanes are the components of the force, the fourth one is not used.
 
     Three sums, one per column of the blocks, hide the latency of the additions.
@@ -88,69 +69,29 @@ def _single_row(start, stop, column, blocks, displacement, force, row):
         by_x = multiply_add(displacement[node], _load_4(blocks, 9 * k), by_x)
         by_y = multiply_add(displacement[node + 1], _load_4(blocks, 9 * k + 3), by_y)
         by_z = multiply_add(displacement[node + 2], _load_4(blocks, 9 * k + 6), by_z)
-    total = add(add(by_x, by_y), by_z)
-    force[3 * row] = entry(total, 0)
-    force[3 * row + 1] = entry(total, 1)
-    force[3 * row + 2] = entry(total, 2)
-
-
-@njit(**OPTIONS)
-def _single_rows(begin, end, pointer, column, blocks, u, force, torque, chunk):
-    for row in range(begin, end):
-        _single_row(pointer[row], pointer[row + 1], column, blocks, u, force, row)
-        if torque is not None:
-            k = 3 * row
-            torque[3 * chunk] += u[k + 1] * force[k + 2] - u[k + 2] * force[k + 1]
-            torque[3 * chunk + 1] += u[k + 2] * force[k] - u[k] * force[k + 2]
-            torque[3 * chunk + 2] += u[k] * force[k + 1] - u[k + 1] * force[k]
-
-
-@njit(**OPTIONS)
-def _product_rows(begin, end, pointer, column, blocks, displacement, force, torque, chunk, lanes):
-    for row in range(begin, end):
-        start, stop = pointer[row], pointer[row + 1]
-        at = 0
-        while at + 32 <= lanes:
-            _row_product_32(
-                start, stop, column, blocks, displacement, force, torque, chunk, row, at, lanes
-            )
-            at += 32
-        while at + 16 <= lanes:
-            _row_product_16(
-                start, stop, column, blocks, displacement, force, torque, chunk, row, at, lanes
-            )
-            at += 16
-        if at + 8 <= lanes:
-            _row_product_8(
-                start, stop, column, blocks, displacement, force, torque, chunk, row, at, lanes
-            )
-            at += 8
-        if at + 4 <= lanes:
-            _row_product_4(
-                start, stop, column, blocks, displacement, force, torque, chunk, row, at, lanes
-            )
-            at += 4
-        if at + 2 <= lanes:
-            _row_product_2(
-                start, stop, column, blocks, displacement, force, torque, chunk, row, at, lanes
-            )
+    total = by_x + by_y + by_z
+    at = 3 * row
+    f = entry(total, 0), entry(total, 1), entry(total, 2)
+    force[at], force[at + 1], force[at + 2] = f
+    if torque is not None:
+        moment = cross((displacement[at], displacement[at + 1], displacement[at + 2]), f)
+        for j in range(3):
+            torque[3 * chunk + j] += moment[j]
 
 
 @njit(**OPTIONS)
 def _product_chunk(c, chunks, pointer, column, blocks, displacement, force, torque, lanes):
     if torque is not None:
         torque[3 * c * lanes : 3 * (c + 1) * lanes] = 0.0
-    if lanes == 1:
-        _single_rows(
-            chunks[c], chunks[c + 1], pointer, column, blocks, displacement, force, torque, c
-        )
-    else:
-        _product_rows(
-            chunks[c], chunks[c + 1], pointer, column, blocks, displacement, force, torque, c, lanes
-        )
+    for row in range(chunks[c], chunks[c + 1]):
+        start, stop = pointer[row], pointer[row + 1]
+        if lanes == 1:
+            _single_row(row, start, stop, column, blocks, displacement, force, torque, c)
+        else:
+            _row_product(0, lanes, row, start, stop, column, blocks, displacement, force, torque, c)
 
 
-@njit(cache=True, **OPTIONS)
+@serial_and_parallel
 def stiffness_product(chunks, pointer, column, blocks, displacement, force, torque, lanes):
     """Internal force K u of every copy; overwrites ``force``.
 
@@ -165,12 +106,5 @@ def stiffness_product(chunks, pointer, column, blocks, displacement, force, torq
     lanes
         Padded number of copies.
     """
-    for c in range(len(chunks) - 1):
-        _product_chunk(c, chunks, pointer, column, blocks, displacement, force, torque, lanes)
-
-
-@njit(cache=True, parallel=True, **OPTIONS)
-def stiffness_product_parallel(chunks, pointer, column, blocks, displacement, force, torque, lanes):
-    """`stiffness_product` with chunks shared among threads."""
     for c in prange(len(chunks) - 1):
         _product_chunk(c, chunks, pointer, column, blocks, displacement, force, torque, lanes)

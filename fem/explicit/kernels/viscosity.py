@@ -11,17 +11,9 @@ import numpy as np
 from numba import prange
 
 from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
-from fem.explicit.kernels.lanes import (
-    add,
-    entry,
-    lane_operations,
-    minimum,
-    multiply_add,
-    scale,
-    store,
-    subtract,
-)
+from fem.explicit.kernels.lanes import entry, lane_operations, multiply_add, smaller, store
 from fem.explicit.kernels.options import OPTIONS
+from fem.explicit.kernels.triples import cross, triple_operations
 from geometry.compilation import njit
 
 
@@ -57,12 +49,11 @@ def _pressure_lanes(width: int) -> Callable[..., Any]:
                 fresh = multiply_add(gradient[g + 1], load(displacement, node + lanes), fresh)
                 fresh = multiply_add(gradient[g + 2], load(displacement, node + 2 * lanes), fresh)
             at = e * lanes + first
-            change = subtract(fresh, load(strain, at))
-            rate = scale(per_step, change)
-            closing = minimum(rate, none)
-            q = scale(linear[e], rate)
-            q = subtract(q, scale(quadratic[e], scale(closing, closing)))
-            lost = multiply_add(add(load(stress, at), q), change, lost)
+            change = fresh - load(strain, at)
+            rate = per_step * change
+            closing = smaller(rate, none)
+            q = linear[e] * rate - quadratic[e] * (closing * closing)
+            lost = multiply_add(load(stress, at) + q, change, lost)
             store(strain, at, fresh)
             store(stress, at, q)
         for k in range(width):
@@ -131,6 +122,7 @@ def viscous_pressure(
 def _viscous_lanes(width: int) -> Callable[..., Any]:
     """Make the viscous nodal force of a range of rows for ``width`` copies from ``first`` on."""
     load, zero = lane_operations(width)
+    load_triple, add_triple = triple_operations(width)
 
     @njit(**OPTIONS)
     def run(
@@ -145,20 +137,11 @@ def _viscous_lanes(width: int) -> Callable[..., Any]:
                 fx = multiply_add(gradient[3 * k], q, fx)
                 fy = multiply_add(gradient[3 * k + 1], q, fy)
                 fz = multiply_add(gradient[3 * k + 2], q, fz)
-            x = i * 3 * lanes + first
-            y, z = x + lanes, x + 2 * lanes
-            store(force, x, add(load(force, x), fx))
-            store(force, y, add(load(force, y), fy))
-            store(force, z, add(load(force, z), fz))
+            at = i * 3 * lanes + first
+            add_triple(force, at, lanes, (fx, fy, fz))
             if torque is not None:
-                t = c * 3 * lanes + first
-                ux, uy, uz = load(displacement, x), load(displacement, y), load(displacement, z)
-                cx = subtract(scale(uy, fz), scale(uz, fy))
-                cy = subtract(scale(uz, fx), scale(ux, fz))
-                cz = subtract(scale(ux, fy), scale(uy, fx))
-                store(torque, t, add(load(torque, t), cx))
-                store(torque, t + lanes, add(load(torque, t + lanes), cy))
-                store(torque, t + 2 * lanes, add(load(torque, t + 2 * lanes), cz))
+                moment = cross(load_triple(displacement, at, lanes), (fx, fy, fz))
+                add_triple(torque, c * 3 * lanes + first, lanes, moment)
 
     made: Callable[..., Any] = run
     return made
