@@ -50,6 +50,7 @@ from fem.explicit.kernels.triples import (
     plus,
     store_triple,
     times,
+    triple_of,
     triple_operations,
     turned,
     turned_back,
@@ -216,19 +217,6 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
             value = with_entry(value, k, np.float64(array[base + copies[side, lane + k]]))
         return value
 
-    @njit(**INLINED)
-    def fetch_row(like, array, row, lanes, copies, first, side, lane):
-        """Displacements at a row of a group; zero for rigid blocks, which have none."""
-        u = zero(like), zero(like), zero(like)
-        if row >= 0:
-            base = 3 * row * lanes
-            u = (
-                fetch(like, array, base, copies, first, side, lane),
-                fetch(like, array, base + lanes, copies, first, side, lane),
-                fetch(like, array, base + 2 * lanes, copies, first, side, lane),
-            )
-        return u
-
     @njit(**OPTIONS)
     def gather(unit, data, u_m, u_s, difference, middle):
         kind, lane = data.units[unit, 0], data.units[unit, 3]
@@ -236,14 +224,31 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
         lanes_m = data.lanes[data.alike[kind, 2]]
         lanes_s = data.lanes[data.alike[kind, 3]]
         first_m, first_s = data.units[unit, 6], data.units[unit, 7]
-        like, copies = difference, data.copies
+        turn = data.rotation[kind]
+        like = difference
+        none = zero(like), zero(like), zero(like)
         for node in range(first, last):
-            m = fetch_row(like, u_m, data.rows[node, 0], lanes_m, copies, first_m, 0, lane)
-            s = fetch_row(like, u_s, data.rows[node, 1], lanes_s, copies, first_s, 1, lane)
-            if data.rows[node, 1] >= 0:
-                s = turned(data.rotation[kind], s)
+            m = s = none  # rigid blocks have no displacements
+            # Not one function for both: what branches in two nested calls counts references.
+            row = data.rows[node, 0]
+            if row >= 0:
+                base = 3 * row * lanes_m
+                m = (
+                    fetch(like, u_m, base, data.copies, first_m, 0, lane),
+                    fetch(like, u_m, base + lanes_m, data.copies, first_m, 0, lane),
+                    fetch(like, u_m, base + 2 * lanes_m, data.copies, first_m, 0, lane),
+                )
+            row = data.rows[node, 1]
+            if row >= 0:
+                base = 3 * row * lanes_s
+                local = (
+                    fetch(like, u_s, base, data.copies, first_s, 1, lane),
+                    fetch(like, u_s, base + lanes_s, data.copies, first_s, 1, lane),
+                    fetch(like, u_s, base + 2 * lanes_s, data.copies, first_s, 1, lane),
+                )
+                s = turned(turn, local)
             at = 3 * (node - first) * width
-            offset, mean = data.offset[node], data.mean[node]
+            offset, mean = triple_of(data.offset, node), triple_of(data.mean, node)
             store_triple(difference, at, width, plus(minus(s, m), offset))
             store_triple(middle, at, width, plus(times(0.5, plus(m, s)), mean))
 
@@ -371,7 +376,8 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
                 3 * width * data.corners[f, 3],
             )
             at = point + 4 * width * (f - first)
-            w = data.weights[f]
+            # A slice would count references to the array, at every facet.
+            w = data.weights[f, 0], data.weights[f, 1], data.weights[f, 2], data.weights[f, 3]
             d = at_points(difference, corners)
             if normals is None:
                 low, high, left, right = slopes(middle, corners)
@@ -423,6 +429,7 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
     def part(unit, data, work, normals, on_difference, on_middle):
         """Turn forces on differences and means into forces on the two blocks."""
         kind, start = data.units[unit, 0], data.units[unit, 4]
+        turn = data.rotation[kind]
         real = load(data.real, data.units[unit, 3])
         for node in range(data.alike[kind + 1, 0] - data.alike[kind, 0]):
             local = 3 * width * node
@@ -433,7 +440,7 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
             else:
                 on_m, on_s = times(-1.0, apart), apart
             store_triple(work.force_m, start + local, width, on_m)
-            store_triple(work.force_s, start + local, width, turned_back(data.rotation[kind], on_s))
+            store_triple(work.force_s, start + local, width, turned_back(turn, on_s))
 
     return gather, facets, part
 
@@ -468,6 +475,15 @@ def _unit(unit, thread, data, displacements, work, law, normals, slip, sliding):
         _part_1(unit, data, work, normals, on_d, on_m)
 
 
+@njit(**OPTIONS)
+def _units_of(thread, threads, data, displacements, work, law, normals, slip, sliding):
+    """Every unit whose turn it is; a range, whose step might be zero, could raise."""
+    unit = thread
+    while unit < len(data.units):
+        _unit(unit, thread, data, displacements, work, law, normals, slip, sliding)
+        unit += threads
+
+
 @serial_and_parallel
 def contact_forces(data, displacements, work, law, normals, slip, sliding):
     """Gaps, pressures and forces of all units that are awake.
@@ -491,8 +507,7 @@ def contact_forces(data, displacements, work, law, normals, slip, sliding):
     """
     threads = len(work.scratch)
     for thread in prange(threads):
-        for unit in range(thread, len(data.units), threads):
-            _unit(unit, thread, data, displacements, work, law, normals, slip, sliding)
+        _units_of(np.int64(thread), threads, data, displacements, work, law, normals, slip, sliding)
 
 
 @njit(**OPTIONS)
@@ -514,18 +529,21 @@ def _add_entry(unit, side, data, force, at, applied, base, lanes):
     """Add the forces on one node in all lanes of a unit."""
     width, first = data.units[unit, 1], data.units[unit, 6 + side]
     if first >= 0 and width == 8:
-        for j in range(3):
-            add_to(applied, base + first + j * lanes, _load_8(force, at + 8 * j))
+        add_to(applied, base + first, _load_8(force, at))
+        add_to(applied, base + first + lanes, _load_8(force, at + 8))
+        add_to(applied, base + first + 2 * lanes, _load_8(force, at + 16))
         return
     if first >= 0 and width == 4:
-        for j in range(3):
-            add_to(applied, base + first + j * lanes, _load_4(force, at + 4 * j))
+        add_to(applied, base + first, _load_4(force, at))
+        add_to(applied, base + first + lanes, _load_4(force, at + 4))
+        add_to(applied, base + first + 2 * lanes, _load_4(force, at + 8))
         return
     lane = data.units[unit, 3]
     for k in range(data.units[unit, 2]):
         where = base + data.copies[side, lane + k]
-        for j in range(3):
-            applied[where + j * lanes] += force[at + j * width + k]
+        applied[where] += force[at + k]
+        applied[where + lanes] += force[at + width + k]
+        applied[where + 2 * lanes] += force[at + 2 * width + k]
 
 
 @serial_and_parallel

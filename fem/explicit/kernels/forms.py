@@ -50,7 +50,7 @@ def over_lanes(make: Callable[[int], Callable[..., None]], width: int) -> Callab
 
     if rest is None:
 
-        @njit(**OPTIONS)
+        @njit(**OPTIONS, forceinline=True)
         def walk(first, lanes, *arguments):  # type: ignore[no-untyped-def]
             while first < lanes:
                 run(first, lanes, *arguments)
@@ -58,7 +58,7 @@ def over_lanes(make: Callable[[int], Callable[..., None]], width: int) -> Callab
 
     else:
 
-        @njit(**OPTIONS)
+        @njit(**OPTIONS, forceinline=True)
         def walk(first, lanes, *arguments):  # type: ignore[no-untyped-def]
             while first + width <= lanes:
                 run(first, lanes, *arguments)

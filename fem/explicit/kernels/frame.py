@@ -18,6 +18,7 @@ from fem.explicit.kernels.triples import (
     minus,
     plus,
     store_triple,
+    triple_of,
     triple_operations,
 )
 from geometry.compilation import njit
@@ -214,7 +215,7 @@ def _frame_lanes(width: int) -> Callable[..., Any]:
         for i in range(begin, end):
             at = i * 3 * lanes + first
             w = minus(load_triple(displacement, at, lanes), m)
-            p = plus(w, (reference[i, 0], reference[i, 1], reference[i, 2]))
+            p = plus(w, triple_of(reference, i))
             seen = _with_row(tx, p, w[0]), _with_row(ty, p, w[1]), _with_row(tz, p, w[2])
             if increment is not None:
                 store_triple(increment, at, lanes, minus(seen, load_triple(local, at, lanes)))

@@ -69,6 +69,12 @@ def turned_back(m, a):
 
 
 @njit(**INLINED)
+def triple_of(array, row):
+    """Row of an array (n, 3), scalars."""
+    return array[row, 0], array[row, 1], array[row, 2]
+
+
+@njit(**INLINED)
 def store_triple(array, at, stride, a):
     """Write lanes from ``at`` on, components ``stride`` apart."""
     store(array, at, a[0])
