@@ -14,7 +14,13 @@ from fem.explicit.body import Body
 from fem.explicit.kernels import add_at
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import BodyState, State, world_vectors
-from fem.explicit.step import System, damped_internal_force, load_factor, load_values
+from fem.explicit.step import (
+    System,
+    damped_internal_force,
+    gravity_at,
+    load_factor,
+    load_values,
+)
 from fem.problem.effects import AdaptiveMassDamping
 from geometry.mesh import FloatArray
 
@@ -58,11 +64,12 @@ def load_forces(body: Body, now: BodyState, time: float) -> FloatArray:
     return force
 
 
-def gravity_forces(body: Body) -> FloatArray | float:
-    """Weight of the rows, (n_rows, 3, lanes) [N]."""
-    if body.acceleration is None:
+def gravity_forces(system: System, body: Body, time: float) -> FloatArray | float:
+    """Weight of the rows at a time, (n_rows, 3, lanes) [N]."""
+    falling = gravity_at(system, body, time)
+    if falling is None:
         return 0.0
-    weight: FloatArray = body.mass.astype(np.float64)[:, None, None] * body.acceleration
+    weight: FloatArray = body.mass.astype(np.float64)[:, None, None] * falling
     return weight
 
 
@@ -92,7 +99,7 @@ def residual(system: System, state: State) -> Residual:
     time = (state.step - 1) * system.time_step
     unbalanced = loads = internal = 0.0
     for body, now in zip(system.bodies, state.bodies, strict=True):
-        weight = gravity_forces(body)
+        weight = gravity_forces(system, body, time)
         inner = damped_internal_force(system, now)
         total = applied_forces(body, now) + weight - inner
         unbalanced += _square(free_part(body, total))
@@ -137,7 +144,7 @@ def settling(system: System, state: State) -> float | None:
         speed += float(np.einsum("n,njk,njk->", body.mass, now.velocity, now.velocity))
     if moved == 0.0:
         return None
-    frequency = state.mass_damping / (2.0 * adaptive.fraction_of_critical)
+    frequency = state.mass_damping / (2.0 * adaptive.fraction(system.time(state)))
     return math.sqrt(speed / moved) / frequency
 
 
@@ -179,6 +186,6 @@ def adapt(system: System, state: State, effect: AdaptiveMassDamping) -> None:
     """Set mass damping to critical damping of the active frequency, at most `CAP` / Δt."""
     frequency = active_frequency(system, state)
     if frequency is not None:
-        wanted = 2.0 * effect.fraction_of_critical * frequency
+        wanted = 2.0 * effect.fraction(system.time(state)) * frequency
         state.mass_damping = min(wanted, CAP / system.time_step)
     remember(system, state)

@@ -15,12 +15,20 @@ import numpy as np
 from fem.explicit.body import Body, make_body
 from fem.explicit.damping import adapt, residual, round_off, settling
 from fem.explicit.kernels import PARALLEL, SERIAL
+from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.output.checkpoint import read_checkpoint, state_arrays, write_checkpoint
 from fem.explicit.output.energy import Energies, copy_energies, energies
 from fem.explicit.output.history import History
 from fem.explicit.output.interrupt import StopRequest, stop_requests
 from fem.explicit.state import BodyState, State, initial_body_state, world_vectors
-from fem.explicit.step import System, bound, set_applied_force, set_internal_force, step
+from fem.explicit.step import (
+    System,
+    bound,
+    gravity_at,
+    set_applied_force,
+    set_internal_force,
+    step,
+)
 from fem.problem.model import Model
 from fem.problem.time_step import CriticalTimeStep, TimeStepError, critical_time_step
 from geometry.compilation import compiling
@@ -212,7 +220,11 @@ def initial_state(
     for interaction in system.interactions:
         interaction.add_force(system, state)
     for body, now in zip(system.bodies, state.bodies, strict=True):
-        now.velocity -= 0.5 * system.time_step * acceleration(body, now, state.mass_damping)
+        now.velocity -= (
+            0.5
+            * system.time_step
+            * acceleration(body, now, state.mass_damping, gravity_at(system, body, 0.0))
+        )
         _stop_supported(body, now)
     return state
 
@@ -232,15 +244,17 @@ def forget_rates(now: BodyState) -> None:
         viscous.dissipated[:] = 0.0
 
 
-def acceleration(body: Body, now: BodyState, mass_damping: float | None) -> FloatArray:
+def acceleration(
+    body: Body, now: BodyState, mass_damping: float | None, falling: LaneArray | None
+) -> FloatArray:
     """Accelerations of the forces that the state holds, placement frame, (n_rows, 3, lanes)."""
     force = -now.internal_force.astype(np.float64)
     if body.applied_row is not None and now.applied_force is not None:
         touched = body.applied_row >= 0
         force[touched] += now.applied_force[body.applied_row[touched]]
     result: FloatArray = force / body.mass[:, None, None]
-    if body.acceleration is not None:
-        result += body.acceleration
+    if falling is not None:
+        result += falling
     if mass_damping is not None:
         result -= mass_damping * now.velocity
     return result

@@ -101,10 +101,13 @@ def step(system: System, state: State, *, sample: bool = False) -> None:
     for interaction in system.interactions:
         interaction.add_force(system, state)
     for body, now in zip(system.bodies, state.bodies, strict=True):
-        before = load_power(body, now, system.time(state))
-        advance(system, body, now, state.mass_damping, sample=sample)
+        time = system.time(state)
+        falling = gravity_at(system, body, time)
+        before = load_power(body, now, time) + ramped_gravity_power(system, body, now, falling)
+        advance(system, body, now, state.mass_damping, falling, sample=sample)
         enforce_support(system, body, now, state)
-        after = load_power(body, now, system.time(state), moved=True)
+        after = load_power(body, now, time, moved=True)
+        after += ramped_gravity_power(system, body, now, falling)
         half = 0.5 * system.time_step
         now.external_work.add(half * before, half * after)
     state.step += 1
@@ -300,8 +303,33 @@ def load_power(body: Body, now: BodyState, time: float, *, moved: bool = False) 
     return power
 
 
+def gravity_at(system: System, body: Body, time: float) -> LaneArray | None:
+    """Acceleration of gravity at a time, (3, lanes) [mm/s²]; None without."""
+    amplitude = system.model.effects.gravity_amplitude
+    if body.acceleration is None or amplitude is None:
+        return body.acceleration
+    falling: LaneArray = body.dtype.type(amplitude(time)) * body.acceleration
+    return falling
+
+
+def ramped_gravity_power(
+    system: System, body: Body, now: BodyState, falling: LaneArray | None
+) -> float:
+    """Power of a gravity that changes in time [N mm/s]; 0 where it does not and has a potential."""
+    if falling is None or system.model.effects.gravity_amplitude is None:
+        return 0.0
+    momentum = body.mass @ now.velocity.reshape(len(body.mass), -1)
+    return float(momentum @ falling.ravel())
+
+
 def advance(
-    system: System, body: Body, now: BodyState, mass_damping: float | None, *, sample: bool
+    system: System,
+    body: Body,
+    now: BodyState,
+    mass_damping: float | None,
+    falling: LaneArray | None,
+    *,
+    sample: bool,
 ) -> None:
     """v_{n+½} = v_{n-½} + Δt a_n and u_{n+1} = u_n + Δt v_{n+½}."""
     real = body.dtype.type
@@ -318,7 +346,7 @@ def advance(
         None if now.elastic_before is None else now.elastic_before.work,
         body.applied_row,
         now.applied_force,
-        body.acceleration,
+        falling,
         now.displacement,
         now.velocity,
         now.kinetic if sample else None,

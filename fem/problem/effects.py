@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from fem.problem.loads import Amplitude
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 
@@ -64,12 +65,27 @@ class AdaptiveMassDamping:
     """Steps between two estimates of the lowest active frequency."""
     fraction_of_critical: float = 1.0
     """Mass damping is 2 · fraction · ω of the estimate [-]."""
+    loading_time: float = 0.0
+    """Duration of the loading [s], during which another fraction may count: drag against the slow
+    motion is remembered by friction."""
+    fraction_while_loading: float = 1.0
+    """That fraction [-]."""
 
     def __post_init__(self) -> None:
         _require(self.interval >= 1, "adaptive_mass_damping.interval", self.interval, ">= 1")
-        fraction = self.fraction_of_critical
-        good = math.isfinite(fraction) and fraction > 0.0
-        _require(good, "adaptive_mass_damping.fraction_of_critical", fraction, "> 0")
+        for name in ("fraction_of_critical", "fraction_while_loading"):
+            fraction = getattr(self, name)
+            good = math.isfinite(fraction) and fraction > 0.0
+            _require(good, f"adaptive_mass_damping.{name}", fraction, "> 0")
+        duration = self.loading_time
+        good = math.isfinite(duration) and duration >= 0.0
+        _require(good, "adaptive_mass_damping.loading_time", duration, ">= 0")
+
+    def fraction(self, time: float) -> float:
+        """Fraction of critical damping at a time [-]."""
+        if time < self.loading_time:
+            return self.fraction_while_loading
+        return self.fraction_of_critical
 
 
 @dataclass(frozen=True)
@@ -84,6 +100,8 @@ class Effects:
     """Whether blocks may turn by any angle; otherwise rotations must stay small."""
     gravity: FloatArray | None = None
     """Uniform acceleration in world axes, (3,) [mm/s²]."""
+    gravity_amplitude: Amplitude | None = None
+    """Factor of gravity in time; None: one."""
     adaptive_mass_damping: AdaptiveMassDamping | None = None
     """Damping to the static state; excludes `RayleighDamping.mass_proportional`."""
 

@@ -123,8 +123,11 @@ def _bulk_viscosity(now: BodyState) -> float:
 
 
 def gravity_work(system: System, body: Body, now: BodyState) -> float:
-    """Work of gravity since the undeformed state, Σ m g · u_n [N mm]."""
-    if body.acceleration is None:
+    """Work of gravity since the undeformed state, Σ m g · u_n [N mm].
+
+    Gravity that changes in time has no potential: its work is with that of the loads.
+    """
+    if body.acceleration is None or system.model.effects.gravity_amplitude is not None:
         return 0.0
     mass = body.mass.astype(np.float64)
     moved = np.einsum("n,njk->jk", mass, now.displacement)

@@ -126,7 +126,8 @@ def explicit_assembly(
     effects
         Damping and the like; by default none. Gravity is that of the assembly.
     amplitude
-        Factor of all loads in time; None: constant.
+        Factor of all loads in time; None: constant. On the way to a static state gravity is one of
+        them; else it acts at once, as in Abaqus' steps.
     friction
         Coulomb friction on all contact surfaces; None: that of the assembly.
     finite_sliding
@@ -176,7 +177,7 @@ def explicit_assembly(
             groups=tuple(_some_copies(g, k) for g, k in zip(model.groups, kept, strict=True)),
             supports=tuple(_some_support(s, kept[s.group]) for s in model.supports),
             loads=tuple(_some_load(f, kept[f.group], amplitude) for f in model.loads),
-            effects=_with_gravity(effects, deformable.gravity),
+            effects=_with_gravity(effects, deformable.gravity, amplitude),
             interactions=tuple(interactions),
             formulation=formulation,
         ),
@@ -184,10 +185,14 @@ def explicit_assembly(
     )
 
 
-def _with_gravity(effects: Effects | None, gravity: FloatArray | None) -> Effects:
+def _with_gravity(
+    effects: Effects | None, gravity: FloatArray | None, amplitude: Amplitude | None
+) -> Effects:
     """Effects with the gravity of the assembly, which is stated there and nowhere else."""
     if effects is None:
         return Effects(gravity=gravity)
+    if gravity is not None and effects.adaptive_mass_damping is not None:
+        effects = replace(effects, gravity_amplitude=amplitude)
     if effects.gravity is None:
         return replace(effects, gravity=gravity)
     if gravity is None or (effects.gravity != gravity).any():

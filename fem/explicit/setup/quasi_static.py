@@ -26,8 +26,19 @@ _RAMP_PERIODS = {True: 0.25, False: 10.0}
 
 #: Least ramp where friction acts: what slid too far in a fast ramp stays there. After a quarter of
 #: a period, coarse TSB1 tubes rest at pressures 1 to 40 % from those of slow loading; after four,
-#: 0 to 5 %.
-_RAMP_PERIODS_WITH_FRICTION = 4.0
+#: 0 to 5 %; after sixteen with `FRACTION_WHILE_LOADING`, 0 to 1 %.
+_RAMP_PERIODS_WITH_FRICTION = 16.0
+
+#: The same where blocks must first close a gap: they fly through it and slide where they land, so
+#: little load may act by then. In 16 periods a pipe with 0.05 mm lands under a tenth of its load.
+_RAMP_PERIODS_CLOSING = 64.0
+
+#: Damping while the load grows, over critical: drag against the slow motion holds blocks back where
+#: friction keeps them, too little lets them ring and rub. Coarse TSB1 tubes with friction, ramps of
+#: 16 periods, p_max against slow loading: shaft (mu 0.3) 1.9 % at 1, 1.1 % at 0.3, 1.0 % at 0.1,
+#: pillar (mu 0.05) -1.5 %, -0.2 %, +0.8 %. Damping of velocities less their running mean gives
+#: 1.1 % and 1.1 %; stopping all nodes when the kinetic energy falls 2.4 % and -2.6 %.
+FRACTION_WHILE_LOADING = 0.3
 
 #: Periods after which a damped run that has not settled will hardly do so.
 _END_PERIODS = 50.0
@@ -48,7 +59,7 @@ class RecommendedTimes:
 
 
 def recommended_times(
-    model: Model, *, damped: bool, pressure: float = REFERENCE_PRESSURE
+    model: Model, *, damped: bool, closing: bool = False, pressure: float = REFERENCE_PRESSURE
 ) -> RecommendedTimes:
     """Recommend times from the lowest frequency of rigid blocks on their contacts.
 
@@ -60,6 +71,8 @@ def recommended_times(
         Blocks with contact.
     damped
         Whether mass damping adapts to the motion (`static`), or hardly damps (`paper`).
+    closing
+        Whether blocks must first close gaps.
     pressure
         Contact pressure that decides the stiffness of the law [MPa].
 
@@ -72,7 +85,8 @@ def recommended_times(
     period = 1.0 / found.excited
     periods = _RAMP_PERIODS[damped]
     if _has_friction(model):
-        periods = max(periods, _RAMP_PERIODS_WITH_FRICTION)
+        slow = _RAMP_PERIODS_CLOSING if closing else _RAMP_PERIODS_WITH_FRICTION
+        periods = max(periods, slow)
     ramp = periods * period
     return RecommendedTimes(found.excited, found.lowest, ramp, ramp + _END_PERIODS * period)
 

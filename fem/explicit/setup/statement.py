@@ -19,7 +19,11 @@ from fem.explicit.setup.assembly import (
     counted_stiffness,
     explicit_assembly,
 )
-from fem.explicit.setup.quasi_static import RecommendedTimes, recommended_times
+from fem.explicit.setup.quasi_static import (
+    FRACTION_WHILE_LOADING,
+    RecommendedTimes,
+    recommended_times,
+)
 from fem.problem.effects import Effects
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.mass_scaling import scale_masses
@@ -114,6 +118,7 @@ def explicit_statement(
             "of a layer; expected none"
         )
     times, ramp, end = _times(deformable, orbits, effects, ramp_time, end_time)
+    effects = _loading_slowly(effects, deformable, ramp)
     # What presses before any load acts is counted too.
     at_start = float(deformable.contact.law.pressure(-deformable.surfaces.clearance))
     counted_pressure = max(counted_pressure, 2.0 * at_start)
@@ -127,6 +132,15 @@ def explicit_statement(
     )
     velocities = None if motion is None else motion.velocities(stated.model)
     return ExplicitStatement(stated, times, ramp, end, counted_pressure, velocities)
+
+
+def _loading_slowly(effects: Effects, deformable: DeformableAssembly, ramp: float) -> Effects:
+    """Less adaptive damping while the load grows, where friction remembers what drags."""
+    adaptive = effects.adaptive_mass_damping
+    if adaptive is None or deformable.contact.friction is None:
+        return effects
+    slow = replace(adaptive, loading_time=ramp, fraction_while_loading=FRACTION_WHILE_LOADING)
+    return replace(effects, adaptive_mass_damping=slow)
 
 
 def _times(
@@ -147,6 +161,8 @@ def _times(
     if plain.sliding is not None:
         start = plain.sliding.at_start
         refuse_overlap(start.block_m, start.block_s, start.deepest, deformable.contact.law)
-    times = recommended_times(plain.model, damped=effects.adaptive_mass_damping is not None)
+    closing = deformable.surfaces.clearance > 0.0 or bool(deformable.offsets.any())
+    damped = effects.adaptive_mass_damping is not None
+    times = recommended_times(plain.model, damped=damped, closing=closing)
     ramp = times.ramp_time if ramp_time is None else ramp_time
     return times, ramp, ramp + times.end_time - times.ramp_time if end_time is None else end_time
