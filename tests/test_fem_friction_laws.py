@@ -1,0 +1,139 @@
+"""Known laws of friction in explicit runs: hysteresis, sticking, gravity that grows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fem.contact.friction import CoulombFriction
+from fem.contact.law import LinearPenalty
+from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.solve import solve
+from fem.problem.effects import Effects
+from fem.problem.loads import SmoothStepAmplitude, TabularAmplitude
+from fem.problem.model import Model, fixed_nodes
+from tests.test_fem_explicit_contact_physics import GRAVITY, block_on_floor
+from validation.build.deformable import build_deformable
+from validation.build.effects import build_effects
+from validation.run.explicit import run_explicit, scene_statement
+from validation.run.static import run_static
+from validation.scene.read import DeformableScene, check_scene
+
+#: A block of 40 × 30 mm² pressed into the floor so far, on a linear law [mm, MPa/mm].
+SINK, PENALTY, AREA = 5e-4, 200.0, 1200.0
+FRICTION = CoulombFriction(0.3, 50.0)
+#: Friction at its limit [N] and the elastic slip that reaches it [mm].
+LIMIT = FRICTION.coefficient * PENALTY * SINK * AREA
+ELASTIC = FRICTION.coefficient * PENALTY * SINK / FRICTION.stick_stiffness
+
+
+def pushed(amplitude, cycles):
+    """All nodes moved along x by 0, +A, -A, +A …, back to +A after so many cycles."""
+    deformable = block_on_floor(law=LinearPenalty(PENALTY), lift=-SINK)
+    model = explicit_assembly(deformable, friction=FRICTION).model
+    turns = np.array([0.0, 1.0, *([-1.0, 1.0] * cycles)])
+    times = np.cumsum([0.0, 1.0, *([2.0] * 2 * cycles)]) * 2.5e-4
+    moved = fixed_nodes(
+        0,
+        np.arange(model.groups[0].n_nodes),
+        displacement=np.array([amplitude, 0.0, 0.0]),
+        amplitude=TabularAmplitude(tuple(times), tuple(turns)),
+    )
+    end = float(times[-1])
+    # Time steps meet the turning points.
+    step = 2.5e-4 / 128
+    held = replace(model, supports=(moved,))
+    return solve(held, end_time=end, time_step=step, sample_interval=1)
+
+
+def test_a_block_pushed_to_and_fro_loses_the_area_of_the_loop():
+    """A quarter loses μN (A - s), a cycle 4 μN (A - s), s the elastic slip: all nodes move alike,
+    so every point has that pressure and slip, and the anchor's path is what counts, however it is
+    stepped, but for the steps in which sliding begins, at the start and after four turns: those
+    count with the mean of both tractions, at most half a step's work less. The last sample is one
+    step before the end, of 2 A in 5e-4 s."""
+    amplitude = 0.05
+    result = pushed(amplitude, 2)
+    expected = LIMIT * (9.0 * amplitude - 9.0 * ELASTIC)
+    last_step = LIMIT * 2.0 * amplitude / 5e-4 * result.time_step
+    lost = result.energies.frictional_dissipation
+    assert lost == pytest.approx(expected - last_step, abs=5 * 0.5 * last_step)
+    assert lost < expected - last_step
+    # The supports' work is what is lost and stored: rounding, of some hundred steps.
+    assert result.energy_balance < 1e-9
+
+
+def test_what_sticks_loses_nothing():
+    """Pushed by nine tenths of the elastic slip the joint is a spring: it holds k A²/2 at the turns
+    and loses nothing, to rounding."""
+    result = pushed(0.9 * ELASTIC, 2)
+    held = result.history.column("contact_energy")
+    spring = 0.5 * FRICTION.stick_stiffness * AREA * (0.9 * ELASTIC) ** 2
+    assert held.max() - held[0] == pytest.approx(spring, rel=1e-9)
+    assert np.abs(result.history.column("frictional_dissipation")).max() < 1e-12 * spring
+    assert result.energy_balance < 1e-9
+
+
+def test_gravity_that_grows_does_the_work_that_it_does():
+    """A free block: speed g T/2 after a smooth step of T, which is odd about its middle; work is
+    kinetic energy to rounding, as by central differences."""
+    group = explicit_assembly(block_on_floor()).model.groups[0]
+    duration, down = 2e-4, np.array([0.0, 0.0, -GRAVITY])
+    effects = Effects(gravity=down, gravity_amplitude=SmoothStepAmplitude(duration))
+    result = solve(Model(groups=(group,), effects=effects), end_time=2 * duration)
+    speed = -result.velocities[0][0, :, 2]
+    # Of the second half all, but for the half step by which velocities lag.
+    late = 0.5 * result.time_step * GRAVITY
+    expected = GRAVITY * (0.5 * duration + result.time - duration) - late
+    assert speed == pytest.approx(expected, rel=1e-6)
+    energies = result.energies
+    assert energies.external_work == pytest.approx(energies.kinetic_energy, rel=1e-10)
+
+
+def plate(method: str, damping: str = "static", friction: float = 0.3) -> DeformableScene:
+    """A plate on a held one, gravity leaning by 0.8 of the angle of friction."""
+    boxes = [{"size": [50.0, 50.0, 10.0], "divisions": [2, 2, 1]}] * 2
+    scene = check_scene(
+        {
+            "block": {"type": "boxes", "boxes": boxes},
+            "load": {"pressure": 1e-6},
+            "material": {"density": 2.4e-9, "young_modulus": 33e3, "poisson_ratio": 0.2},
+            "contact": {"law": "linear", "stiffness": 200.0},
+            "fem": {"method": method, "damping": damping},
+            "effects": {
+                "gravity": [0.8 * friction * GRAVITY, 0.0, -GRAVITY],
+                "friction": {"coefficient": friction},
+            },
+        }
+    )
+    assert isinstance(scene, DeformableScene)
+    return scene
+
+
+def test_a_plate_that_statics_holds_does_not_slide_on_its_way():
+    """Gravity pulls at half the height, 5 of 50 mm: pressures differ by 0.24 · 6 · 5/50 = 14 %, so
+    no point is beyond 0.8/0.86 = 0.93 of its limit, and a ramp of sixteen periods rings by less
+    than the rest. Nothing is lost, and both answers are that of an elastic joint: to the residual,
+    1e-4, and the way still to go, 1e-3."""
+    static, slow = run_static("plate", plate("static")), run_explicit("plate", plate("explicit"))
+    lost = (slow.explicit.energies.frictional_dissipation, static.static.frictional_dissipation)
+    assert np.abs(lost).max() < 1e-12 * slow.explicit.energies.contact_energy
+    for name in ("p_max", "p_eff", "max_displacement"):
+        assert slow.measures[name].value == pytest.approx(static.measures[name].value, rel=2e-3)
+
+
+def test_gravity_grows_only_on_the_way_to_a_static_state():
+    """The paper's damping follows a motion: gravity is there from the start, and damping is what
+    was written."""
+    for damping, ramped in (("static", True), ("paper", False)):
+        scene = plate("explicit", damping)
+        stated = scene_statement(scene, "plate", build_deformable(scene, "plate"))
+        effects = stated.assembly.model.effects
+        assert (effects.gravity_amplitude is not None) is ramped
+        if not ramped:
+            assert effects.rayleigh == build_effects(scene.effects, scene.fem).rayleigh
+            continue
+        adaptive = effects.adaptive_mass_damping
+        assert (
+            adaptive.fraction(0.5 * stated.ramp_time) < adaptive.fraction(stated.ramp_time) == 1.0
+        )
