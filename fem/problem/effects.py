@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from fem.problem.loads import Amplitude
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 
@@ -100,7 +100,7 @@ class Effects:
     """Whether blocks may turn by any angle; otherwise rotations must stay small."""
     gravity: FloatArray | None = None
     """Uniform acceleration in world axes, (3,) [mm/s²]."""
-    gravity_amplitude: Amplitude | None = None
+    gravity_amplitude: Callable[[float], float] | None = None
     """Factor of gravity in time; None: one."""
     adaptive_mass_damping: AdaptiveMassDamping | None = None
     """Damping to the static state; excludes `RayleighDamping.mass_proportional`."""
