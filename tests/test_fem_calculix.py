@@ -16,10 +16,12 @@ from fem.decks.laws import TABLE_POINTS, law_table
 from fem.decks.model import as_nodal_forces, block_nodes, deck_assembly, nodal_forces
 from fem.decks.placement import canonical
 from fem.decks.read.cards import read_cards
+from fem.decks.read.deck import read_deck
 from fem.decks.statement import Deck, Flavour, Joint, Procedure, loads_of_case
 from fem.decks.write import deck_lines, write_deck
 from fem.element.hexahedron import ElementType
 from fem.problem.effects import Effects, RayleighDamping
+from fem.static.solve import solve_static
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import load_case
@@ -35,6 +37,8 @@ from validation.compare.calculix_check import (
     column_rows,
     converted_column_rows,
     converter_available,
+    crossing_deck,
+    crossing_rows,
     tube_deck,
     tube_rows,
 )
@@ -169,6 +173,30 @@ def test_column(tmp_path: Path) -> None:
     """A uniform state: both programs must agree within the table of the law, 0.1 %."""
     for row in column_rows(tmp_path):
         assert row.agrees, row
+
+
+@needs_ccx
+def test_column_whose_facets_do_not_match(tmp_path: Path) -> None:
+    """The same with 3 × 3 facets on 2 × 2; the bound is derived in `crossing_rows`."""
+    for row in crossing_rows(tmp_path):
+        assert row.agrees, row
+
+
+@pytest.mark.parametrize("flavour", [Flavour.GENERAL, Flavour.PAIRS])
+def test_instance_decks_remember_that_facets_do_not_match(flavour) -> None:
+    """Written, read and written again; one pair of whole faces, the finer one slave; the model that
+    comes back is solved by the search."""
+    lines = list(deck_lines(crossing_deck(flavour)))
+    pairs = [k for k, line in enumerate(lines) if line.startswith("*Contact Pair")]
+    assert len(pairs) == (flavour is Flavour.PAIRS)
+    for k in pairs:
+        assert "type=SURFACE TO SURFACE" in lines[k]
+        assert lines[k + 1] == "BLOCK-001.Z-MIN, BLOCK-000.Z-MAX"
+    again = read_deck(lines)
+    assert list(deck_lines(again)) == lines
+    found = solve_static(deck_assembly(again))
+    assert found.converged
+    assert found.pressures == pytest.approx(0.01, rel=1e-6)
 
 
 @needs_ccx

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import Orbits
 from fem.contact.search import BlockSurface, FacingPoints
+from geometry.assembly import Assembly
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -29,23 +32,34 @@ def block_surfaces(
     turns = _turns(deformable, orbits)
     found = []
     for block in range(assembly.n_blocks):
-        quads = assembly.shape(block).contact_quads
-        if len(quads):
-            nodes, local = np.unique(quads, return_inverse=True)
+        if len(assembly.shape(block).contact_quads):
+            surface = block_surface(assembly, block, deformable.offsets[block])
             found.append(
-                BlockSurface(
-                    block=block,
+                replace(
+                    surface,
                     group=int(deformable.group_of[block]),
                     copy=int(max(copies[block], 0)),
-                    rotation=assembly.rotations[block],
-                    nodes=nodes,
-                    reference=(assembly.nodes(block) + deformable.offsets[block])[nodes],
-                    quads=local.reshape(quads.shape).astype(np.int64),
                     stands=block if orbits is None else int(orbits.representative[block]),
                     turn=int(turns[block]),
                 )
             )
     return tuple(sorted(found, key=lambda surface: surface.group))
+
+
+def block_surface(assembly: Assembly, block: int, offset: FloatArray) -> BlockSurface:
+    """Facets of one block that can touch others, moved by an offset (3,) [mm]; it moves alone."""
+    quads = assembly.shape(block).contact_quads
+    nodes, local = np.unique(quads, return_inverse=True)
+    return BlockSurface(
+        block=block,
+        group=0,
+        copy=block,
+        rotation=assembly.rotations[block],
+        nodes=nodes,
+        reference=(assembly.nodes(block) + offset)[nodes],
+        quads=local.reshape(quads.shape).astype(np.int64),
+        stands=block,
+    )
 
 
 def _turns(deformable: DeformableAssembly, orbits: Orbits | None) -> IntArray:

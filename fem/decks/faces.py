@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fem.assembly.block_surfaces import block_surface
+from fem.contact.search import FacingPoints
 from fem.decks.keywords import DeckError, label
 from fem.decks.statement import Deck
 from geometry.assembly import Assembly
@@ -100,8 +102,11 @@ class Patches:
 def contact_patches(deck: Deck) -> Patches:
     """Patches on which blocks of a deck meet; pairs of which both blocks are held are left out.
 
-    Congruent blocks meet their neighbours alike, so a shape has few distinct patches.
+    Congruent blocks meet their neighbours alike, so a shape has few distinct patches. Where facets
+    do not match, whole faces meet: those that face each other somewhere.
     """
+    if deck.searched:
+        return Patches(tuple(() for _ in deck.assembly.shapes), tuple(_facing_faces(deck)))
     assembly = deck.assembly
     found = assembly.interfaces
     offsets = [_face_offsets(shape) for shape in assembly.shapes]
@@ -120,6 +125,28 @@ def contact_patches(deck: Deck) -> Patches:
         patch_s = register.label(s, f_s, found.facet_s[mine])
         pairs.append(PatchPair(m, patch_m, s, patch_s))
     return Patches(register.of_shape(), tuple(pairs))
+
+
+def _facing_faces(deck: Deck) -> list[PatchPair]:
+    """Faces of two blocks that face each other; the slave is the one of the smaller facets."""
+    assembly = deck.assembly
+    surfaces = tuple(
+        block_surface(assembly, block, deck.offsets[block])
+        for block in range(assembly.n_blocks)
+        if len(assembly.shape(block).contact_quads)
+    )
+    points = FacingPoints(surfaces, reach=deck.spacing)
+    names = [
+        [name for name in shape.contact_faces for _ in shape.faces[name]]
+        for shape in assembly.shapes
+    ]
+    face_of = [label(n) for s in surfaces for n in names[int(assembly.shape_of[s.block])]]
+    held, block_of = set(deck.held_blocks.tolist()), points.facet_block.tolist()
+    facing = np.unique(np.column_stack([points.facet, points.slave]), axis=0).tolist()
+    pairs = dict.fromkeys(
+        PatchPair(block_of[m], face_of[m], block_of[s], face_of[s]) for m, s in facing
+    )
+    return [pair for pair in pairs if not {pair.block_m, pair.block_s} <= held]
 
 
 def _face_offsets(shape: Block) -> IntArray:

@@ -142,7 +142,12 @@ def deck_assembly(
         copy_of=copy_of,
         offsets=deck.offsets,
         surfaces=surfaces,
-        contact=Contact(deck.joint.law, normals, _friction(deck.joint), deck.joint.finite_sliding),
+        contact=Contact(
+            deck.joint.law,
+            normals,
+            _friction(deck.joint),
+            deck.joint.finite_sliding or deck.searched,
+        ),
     )
 
 

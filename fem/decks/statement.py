@@ -147,6 +147,8 @@ class Deck:
     """Initial motion; None: at rest."""
     clearance: float = 0.0
     """Gap along the normal of every facet before the load acts [mm]."""
+    searched: bool = False
+    """Whether joints do not match corner on corner: whole faces meet, wherever they are."""
     spacing: float = 0.0
     """Distance by which neighbours are moved apart [mm] (`geometry.spacing`)."""
     notes: tuple[str, ...] = ()

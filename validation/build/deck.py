@@ -31,7 +31,7 @@ from fem.problem.effects import Effects
 from fem.problem.time_step import critical_time_step
 from geometry.errors import RefusedError
 from geometry.loads.case import CircumferentialLoad
-from validation.build.blocks import HexahedralBlocks, require_matching
+from validation.build.blocks import HexahedralBlocks
 from validation.build.cell import refuse_cell
 from validation.build.deformable import build_hexahedra, build_problem, fem_section, scene_load
 from validation.build.effects import build_effects
@@ -83,13 +83,6 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     fem, effects = fem_section(scene, name), scene.effects
     refuse_cell(scene, name, "export")
     blocks = build_hexahedra(scene, name)
-    if flavour is not Flavour.GENERAL:
-        require_matching(
-            name,
-            blocks.unmatched,
-            f"flavour {flavour} writes pairs of matching facets: mesh both alike there, or export "
-            f"with --flavour {Flavour.GENERAL}",
-        )
     assembly = canonical(blocks.assembly)
     case = scene_load(scene, name, assembly)
     with uncounted((EffectsSection, "finite_sliding")):
@@ -115,8 +108,11 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
         motion=problem.motion,
         clearance=problem.clearance,
         spacing=problem.spacing,
+        searched=bool(blocks.unmatched),
     )
-    notes = _contact_notes(scene, flavour, static=static) if scene.meets else []
+    notes = (
+        _contact_notes(scene, flavour, static=static, searched=deck.searched) if scene.meets else []
+    )
     around = [load for load in deck.loads if isinstance(load, CircumferentialLoad)]
     if flavour is Flavour.PAIRS and around:
         deck = replace(deck, loads=(as_nodal_forces(deck, around[0]),))
@@ -163,7 +159,9 @@ def _joint(problem: Problem, effects: EffectsSection) -> Joint:
     )
 
 
-def _contact_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) -> list[str]:
+def _contact_notes(
+    scene: DeformableScene, flavour: Flavour, *, static: bool, searched: bool
+) -> list[str]:
     notes = []
     contact = scene.contact
     if contact is not None and contact.law == "exponential" and contact.maximum_stiffness is None:
@@ -185,6 +183,11 @@ def _contact_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) ->
             "surface",
             "contact: nodes that slide over a rim by more than 1e-3 sqrt(area of a node) are lost",
         ]
+        if searched:
+            notes.append(
+                "contact: nodes on facets of another mesh pass no uniform pressure; with a table "
+                "for SURFACE TO SURFACE CalculiX 2.20 ends in a fault of memory"
+            )
     if flavour is Flavour.PAIRS and static:
         notes.append("contact: Abaqus/Standard has no maximum stiffness; it is in the heading only")
     if not static and not scene.effects.finite_rotation:

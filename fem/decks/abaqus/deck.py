@@ -76,7 +76,7 @@ def check_abaqus(deck: Deck) -> None:
     """
     check_deck(deck)
     static = deck.step.procedure is Procedure.STATIC
-    small = deck.joint is not None and not deck.joint.finite_sliding
+    small = deck.joint is not None and not (deck.joint.finite_sliding or deck.searched)
     if deck.clearance != 0.0 and not (deck.flavour is Flavour.PAIRS and static and small):
         raise DeckError(
             f"contact.clearance: got {deck.clearance:g} mm, a gap along every normal, which Abaqus "
@@ -111,6 +111,8 @@ def heading_lines(deck: Deck) -> Iterator[str]:
     yield "units: mm, N, MPa, s, t (density in t/mm3)"
     yield f"axis: {reals(assembly.axis)} through {reals(assembly.origin)}"
     yield f"open faces: {'allowed' if assembly.unmatched_allowed else 'none'}"
+    if deck.searched:
+        yield "joints: faces that do not match"
     told = None if deck.joint is None else law_heading(deck.joint.law)
     if told is not None:
         yield told

@@ -12,7 +12,14 @@ import numpy as np
 from fem.decks.faces import Patches
 from fem.decks.keywords import keyword, label, real, reals
 from fem.decks.names import ALL, CYLINDRICAL, JOINT, LOADING, block_label
-from fem.decks.statement import BodyForceLoad, Deck, DeckLoad, NodalForceLoad, Procedure
+from fem.decks.statement import (
+    BodyForceLoad,
+    Deck,
+    DeckLoad,
+    Flavour,
+    NodalForceLoad,
+    Procedure,
+)
 from geometry.loads.case import CircumferentialLoad, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray
 
@@ -85,6 +92,9 @@ def pair_keyword(deck: Deck) -> str:
     """Keyword line of a contact pair."""
     if deck.step.procedure is Procedure.EXPLICIT:
         return f"*Contact Pair, interaction={JOINT}, mechanical constraint=PENALTY"
+    if deck.searched and deck.flavour is Flavour.PAIRS:
+        # Nodes on facets of another mesh pass no uniform pressure; surface on surface does.
+        return f"*Contact Pair, interaction={JOINT}, type=SURFACE TO SURFACE"
     line = f"*Contact Pair, interaction={JOINT}, type=NODE TO SURFACE"
     finite = deck.joint is not None and deck.joint.finite_sliding
     return line if finite else f"{line}, small sliding"

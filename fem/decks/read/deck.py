@@ -133,6 +133,7 @@ def _build(cards: list[Card], heading: Heading) -> Deck:
         motion=read_motion(sections),
         clearance=float(heading_value(heading, "clearance along every normal", 1)[0]),
         spacing=float(heading_value(heading, "spacing of the blocks", 1)[0]),
+        searched="joints" in heading.values,
         notes=tuple(heading.notes),
     )
 

@@ -40,7 +40,11 @@ def read_joint(sections: Sections, behavior: Card, heading: Heading) -> Joint:
         kind, values, line=behavior.line, maximum_stiffness=lambda: _maximum_stiffness(heading)
     )
     pairs = sections.all("CONTACT PAIR")
-    finite = any("TYPE" in p.parameters and "SMALL SLIDING" not in p.parameters for p in pairs)
+    finite = any(
+        p.parameters.get("TYPE", "").upper() == "NODE TO SURFACE"
+        and "SMALL SLIDING" not in p.parameters
+        for p in pairs
+    )
     friction = sections.maybe("FRICTION")
     if friction is None:
         return Joint(law, finite_sliding=finite)
