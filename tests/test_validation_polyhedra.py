@@ -14,7 +14,7 @@ from geometry.families.platonic_layers import tetrahedra_layer, tetrahedron
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.cli.app import app
 from validation.errors import InputError
-from validation.run.rigid.polyhedra import polyhedra_json, run_polyhedra
+from validation.run.rigid.polyhedra import run_polyhedra
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import SceneFile, load_scene
 
@@ -23,7 +23,7 @@ EDGE = 60.0
 
 def _answer(file: SceneFile) -> dict[str, object]:
     assert isinstance(file.scene, PolyhedralScene)
-    return polyhedra_json(run_polyhedra(file, file.scene))
+    return run_polyhedra(file, file.scene).json()
 
 
 def _save(path: Path, shape: Polyhedron, scale: float = 1.0) -> None:
@@ -92,16 +92,16 @@ def test_what_is_not_asked_is_absent_and_what_is_asked_is_answered() -> None:
 
 
 def test_friction_can_be_asked_of_a_tube() -> None:
-    from validation.run.rigid.assembly import rigid_json, run_rigid
+    from validation.run.rigid.assembly import run_rigid
 
     settings = ["mesh.edge=6", "mesh.radial=3", "assembly.layers=4"]
-    slippery = rigid_json(run_rigid(load_scene("thb0-pipe", [*settings, "rigid.friction=0.01"])))
+    slippery = run_rigid(load_scene("thb0-pipe", [*settings, "rigid.friction=0.01"])).json()
     assert slippery["friction"]["holds"] is False
     assert slippery["friction"]["work"] > 0
     assert slippery["friction"]["smallest_contact_work"] >= -1e-6 * slippery["friction"]["work"]
-    rough = rigid_json(run_rigid(load_scene("thb0-pipe", [*settings, "rigid.friction=1.0"])))
+    rough = run_rigid(load_scene("thb0-pipe", [*settings, "rigid.friction=1.0"])).json()
     assert rough["friction"]["holds"] is True
-    assert "friction" not in rigid_json(run_rigid(load_scene("thb0-pipe", settings)))
+    assert "friction" not in run_rigid(load_scene("thb0-pipe", settings)).json()
 
 
 def test_command_writes_contacts_and_pictures(tmp_path: Path) -> None:

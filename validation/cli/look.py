@@ -63,8 +63,7 @@ def show(
     """Draw a scene: blocks, frame, load and supports."""
     from validation.output.files import picture_file
     from validation.output.outputs import Outputs
-    from validation.run.words import load_words
-    from validation.scene.polyhedra import PolyhedralScene
+    from validation.output.rigid_answers import rigid_output
     from validation.scene.read import load_scene
 
     file = load_scene(scene, settings or ())
@@ -72,19 +71,8 @@ def show(
     with Outputs(files={"-o": picture}, scene=file) as outputs:
         if block:
             _draw_one_block(file, picture)
-        elif isinstance(file.scene, PolyhedralScene):
-            from validation.build.polyhedra import build_polyhedra
-            from validation.output.pictures.polyhedra import draw_blocks
-
-            title = f"{file.name}: {load_words(file.scene)}"
-            draw_blocks(build_polyhedra(file.scene, file.folder), picture, title=title)
         else:
-            from validation.output.pictures.assemblies import draw_assembly
-            from validation.run.rigid.assembly import build_scene
-
-            built = build_scene(file, command="show")
-            title = f"{file.name}: {load_words(file.scene)}"
-            draw_assembly(built.assembly, built.load, picture, title=title)
+            rigid_output(file).draw(file, picture)
         outputs.say("picture", picture)
 
 

@@ -33,39 +33,25 @@ def mbd(
 ) -> None:
     """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
     from validation.output.outputs import Outputs
-    from validation.scene.polyhedra import PolyhedralScene
+    from validation.output.rigid_answers import rigid_output
+    from validation.run.rigid.unlock import (
+        frame_warning,
+        layers_to_unlock,
+        require_tube,
+        unlocking_json,
+    )
     from validation.scene.read import load_scene
     from validation.scene.usage import recording
 
     file = load_scene(scene, settings or ())
     folder = default_folder(output, json, file.name)
     if unlock:
-        from validation.run.rigid.unlock import require_tube
-
         require_tube(file)
-    if isinstance(file.scene, PolyhedralScene):
-        from validation.output import polyhedra
-        from validation.output.console import status, told_of_compilation
-        from validation.run.rigid.polyhedra import polyhedra_json, run_polyhedra
-
-        with Outputs(json, folder, polyhedra.FILES, scene=file) as outputs:
-            words = f"{file.name}: reads the blocks and finds where they touch"
-            said = status(outputs.console, words)
-            with recording(file.scene) as use, said, told_of_compilation():
-                bodies = run_polyhedra(file, file.scene)
-            polyhedra.print_polyhedra(bodies, outputs.console)
-            outputs.tell_unused(use)
-            polyhedra.write_polyhedra(bodies, outputs)
-            outputs.write_json(polyhedra_json(bodies))
-        return
-    from validation.output import rigid
-    from validation.run.rigid.assembly import rigid_json, run_rigid
-    from validation.run.rigid.unlock import frame_warning, layers_to_unlock, unlocking_json
-
-    with Outputs(json, folder, rigid.FILES, scene=file) as outputs:
+    rigid = rigid_output(file)
+    with Outputs(json, folder, rigid.files, scene=file) as outputs:
         with recording(file.scene) as use:
-            run = run_rigid(file)
-        rigid.print_rigid(run, outputs.console)
+            run = rigid.run(file, outputs.console)
+        rigid.tell(run, outputs.console)
         outputs.tell_unused(use)
         warning = frame_warning(file, run)
         if warning is not None:
@@ -73,8 +59,8 @@ def mbd(
         found = layers_to_unlock(file) if unlock else None
         if found is not None:
             outputs.console.print(f"{'unlock':9} {found.words}")
-        rigid.write_rigid(run, outputs)
-        outputs.write_json(rigid_json(run) | unlocking_json(warning, found))
+        rigid.write(run, outputs)
+        outputs.write_json(run.json() | unlocking_json(warning, found))
 
 
 def explode(

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from geometry.joints import JointResultants, joint_resultants
 from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray
@@ -63,29 +65,50 @@ class RigidAnswer(ABC):
             self.assembly.interfaces, self.result.contact_index, self.carried.forces
         )
 
+    @cached_property
+    def motion(self) -> FloatArray | None:
+        """(δt [mm], δθ [rad]) of each block under the certified mechanism, (n_blocks, 6).
 
-def answer_json(run: RigidAnswer) -> dict[str, Any]:
-    """Return what every rigid answer says as plain data, numbers in full precision."""
-    result = run.result
-    return {
-        "scene": run.name,
-        "mechanism": str(result.mechanism),
-        "certificate": _certificate_json(result),
-        "equilibrium": {
-            "holds": result.equilibrium.holds,
-            "residual": result.equilibrium.residual,
-            "iterations": result.equilibrium.iterations,
-            "status": result.equilibrium.status,
-        },
-        "held_against": run.held,
-        "answer": run.carried.words,
-        "carried": run.carried.holds,
-        "joints": joints_json(run.joints) if run.carried.holds else [],
-        "n_blocks": result.n_blocks,
-        "n_contacts": result.n_contacts,
-        **further_json(run.further),
-        "cpu_seconds": run.cpu_seconds,
-    }
+        None if locked, or where friction was asked for and holds the blocks. Prefers the mechanism
+        that the load drives; blocks held by the certificate's supports stay.
+        """
+        driven = self.carried.mechanism
+        if self.carried.holds and self.scene.rigid.friction is not None:
+            return None
+        certificate = self.result.classification.certificate
+        if driven is not None:
+            motion, held = driven.reshape(-1, 6), self.load.fixed
+        elif isinstance(certificate, Mechanism):
+            motion, held = certificate.virtual_displacement, self.assembly.fixed
+        else:
+            return None
+        moving = np.zeros((self.assembly.n_blocks, 6))
+        moving[~held] = motion
+        moving[:, 3:] /= self.assembly.characteristic_length
+        return moving
+
+    def json(self) -> dict[str, Any]:
+        """Return the answer as plain data, numbers in full precision."""
+        result = self.result
+        return {
+            "scene": self.name,
+            "mechanism": str(result.mechanism),
+            "certificate": _certificate_json(result),
+            "equilibrium": {
+                "holds": result.equilibrium.holds,
+                "residual": result.equilibrium.residual,
+                "iterations": result.equilibrium.iterations,
+                "status": result.equilibrium.status,
+            },
+            "held_against": self.held,
+            "answer": self.carried.words,
+            "carried": self.carried.holds,
+            "joints": joints_json(self.joints) if self.carried.holds else [],
+            "n_blocks": result.n_blocks,
+            "n_contacts": result.n_contacts,
+            **further_json(self.further),
+            "cpu_seconds": self.cpu_seconds,
+        }
 
 
 def _certificate_json(result: RigidResult) -> dict[str, Any] | None:

@@ -18,14 +18,13 @@ from geometry.loads.case import LoadCase, with_body_wrenches
 from geometry.mesh import FloatArray
 from mbd import (
     Measures,
-    Mechanism,
     analyse,
     block_measures,
     block_wrenches,
     measures,
 )
 from validation.build.blocks import build_blocks, build_weight, require_assembly, require_matching
-from validation.run.rigid.answer import RigidAnswer, answer_json
+from validation.run.rigid.answer import RigidAnswer
 from validation.run.rigid.further import (
     further_answers,
 )
@@ -62,6 +61,12 @@ class RigidRun(RigidAnswer):
         )
         eligible, areas = self.assembly.eligible_facets(), self.assembly.eligible_areas()
         return measures(of_blocks, eligible[measured], areas[measured])
+
+    def json(self) -> dict[str, Any]:
+        """Return the answer as plain data, numbers in full precision."""
+        found = None if self.measures is None else dataclasses.asdict(self.measures)
+        supported = self.result.supported_classification.mechanism
+        return super().json() | {"mechanism_as_supported": str(supported), "measures": found}
 
 
 @dataclass(frozen=True)
@@ -140,42 +145,19 @@ def analyse_rigid(built: BuiltScene) -> RigidRun:
     )
 
 
-def rigid_json(run: RigidRun) -> dict[str, Any]:
-    """Return the result as plain data, numbers in full precision."""
-    found = None if run.measures is None else dataclasses.asdict(run.measures)
-    supported = run.result.supported_classification.mechanism
-    return answer_json(run) | {"mechanism_as_supported": str(supported), "measures": found}
-
-
 def mechanism_displacements(run: RigidRun) -> FloatArray | None:
-    """First-order motion of every block's nodes under the certified mechanism.
-
-    Prefers the mechanism that the load drives; blocks held by the certificate's supports stay.
+    """First-order motion of every block's nodes, `RigidAnswer.motion`.
 
     Returns
     -------
     FloatArray | None
-        Displacements of the nodes of `assembly_mesh`, largest 1, (n_nodes, 3); None if locked, or
-        where friction was asked for and holds the blocks.
+        Displacements of the nodes of `assembly_mesh`, largest 1, (n_nodes, 3); None without motion.
     """
-    assembly, result = run.assembly, run.result
-    driven = run.carried.mechanism
-    if run.carried.holds and run.scene.rigid.friction is not None:
+    moving, assembly = run.motion, run.assembly
+    if moving is None:
         return None
-    certificate = result.classification.certificate
-    if driven is not None:
-        motion, held = driven.reshape(-1, 6), run.load.fixed
-    elif isinstance(certificate, Mechanism):
-        motion, held = certificate.virtual_displacement, assembly.fixed
-    else:
-        return None
-    moving = np.zeros((assembly.n_blocks, 6))
-    moving[~held] = motion
-    parts = []
-    for block in range(assembly.n_blocks):
-        arm = assembly.nodes(block) - assembly.centroids[block]
-        turn = moving[block, 3:] / assembly.characteristic_length
-        parts.append(moving[block, :3] + np.cross(turn, arm))
+    arms = (assembly.nodes(b) - assembly.centroids[b] for b in range(assembly.n_blocks))
+    parts = [m[:3] + np.cross(m[3:], arm) for m, arm in zip(moving, arms, strict=True)]
     displacement = np.concatenate(parts)
     largest = float(np.linalg.norm(displacement, axis=1).max())
     return displacement / largest

@@ -12,10 +12,10 @@ from geometry.joints import JointResultants, joint_resultants
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import ContactPolygons
-from mbd import Mechanism, analyse
+from mbd import analyse
 from validation.build.own_blocks import refuse_two_weights
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
-from validation.run.rigid.answer import RigidAnswer, answer_json
+from validation.run.rigid.answer import RigidAnswer
 from validation.run.rigid.further import (
     further_answers,
 )
@@ -50,6 +50,23 @@ class PolyhedralRun(RigidAnswer):
         pairs = np.unique(np.column_stack([found.block_m[index], found.block_s[index]]), axis=0)
         centroids = _joint_centroids(self.assembly, pairs)
         return joint_resultants(found, index, self.carried.forces, centroids)
+
+    def json(self) -> dict[str, Any]:
+        """Return the answer as plain data, numbers in full precision."""
+        interfaces = self.assembly.interfaces
+        return super().json() | {
+            "interlocked": self.result.classification.locked,
+            "largest_contact_force": self._largest(self.normal_forces),
+            "largest_patch_pressure": self._largest(self.patch_pressures),
+            "n_patches": len(interfaces.patches.areas),
+            "n_points_without_area": int((interfaces.patch < 0).sum()),
+            "contact_area": float(interfaces.patches.areas.sum()),
+            "tolerance": self.assembly.tolerance,
+        }
+
+    def _largest(self, values: FloatArray) -> float | None:
+        """Largest of some values, where forces hold the load; else there is none."""
+        return float(values.max(initial=0.0)) if self.carried.holds else None
 
     def _of_patches(self, values: FloatArray) -> FloatArray:
         """Sum of what acts at the contacts of each patch."""
@@ -127,25 +144,6 @@ def _body_load(name: str, scene: PolyhedralScene) -> BodyLoadSection:
     return scene.load.model_copy(update=stated)
 
 
-def polyhedra_json(run: PolyhedralRun) -> dict[str, Any]:
-    """Return the result as plain data, numbers in full precision."""
-    interfaces = run.assembly.interfaces
-    return answer_json(run) | {
-        "interlocked": run.result.classification.locked,
-        "largest_contact_force": _largest(run.normal_forces, run),
-        "largest_patch_pressure": _largest(run.patch_pressures, run),
-        "n_patches": len(interfaces.patches.areas),
-        "n_points_without_area": int((interfaces.patch < 0).sum()),
-        "contact_area": float(interfaces.patches.areas.sum()),
-        "tolerance": run.assembly.tolerance,
-    }
-
-
-def _largest(values: FloatArray, run: PolyhedralRun) -> float | None:
-    """Largest of some values, where forces hold the load; else there is none."""
-    return float(values.max(initial=0.0)) if run.carried.holds else None
-
-
 def polygon_centroids(polygons: ContactPolygons) -> tuple[FloatArray, FloatArray, IntArray]:
     """Centroid and area of each triangle of the contact polygons, and the polygon it is of."""
     triangles, owner = polygon_triangles(polygons)
@@ -172,22 +170,10 @@ def polygon_triangles(polygons: ContactPolygons) -> tuple[IntArray, IntArray]:
 
 
 def mechanism_motion(run: PolyhedralRun) -> FloatArray | None:
-    """(δt, δθ) of each block under the certified mechanism, (n_blocks, 6); None if locked.
-
-    None, too, where friction was asked for and holds the blocks. Prefers the mechanism that the
-    load drives. Scaled so that the farthest-moving centroid or block corner moves by about 1.
-    """
-    result, assembly = run.result, run.assembly
-    certificate = result.classification.certificate
-    motion = run.carried.mechanism
-    stands = run.carried.holds and run.scene.rigid.friction is not None
-    if motion is None and isinstance(certificate, Mechanism) and not stands:
-        motion = certificate.virtual_displacement.ravel()
-    if motion is None:
+    """`RigidAnswer.motion`, scaled: the farthest-moving centroid or corner moves by about 1."""
+    moving, assembly = run.motion, run.assembly
+    if moving is None:
         return None
-    moving = np.zeros((assembly.n_blocks, 6))
-    moving[~run.load.fixed] = motion.reshape(-1, 6)
-    moving[:, 3:] /= assembly.characteristic_length
     largest = max(
         float(np.linalg.norm(moving[b, :3] + np.cross(moving[b, 3:], arm), axis=1).max())
         for b in range(assembly.n_blocks)

@@ -11,7 +11,8 @@ from typing import Any
 
 from mbd import MechanismClass
 from validation.errors import InputError
-from validation.run.rigid.assembly import RigidRun, run_rigid
+from validation.run.rigid.answer import RigidAnswer
+from validation.run.rigid.assembly import run_rigid
 from validation.scene.families.hexagon import HexagonTubeScene
 from validation.scene.family import RoundScene
 from validation.scene.read import SceneFile
@@ -95,17 +96,18 @@ def layers_to_unlock(file: SceneFile, most: int = 4 * LONG_TUBE) -> Unlocking:
     return Unlocking(dict(sorted(found.items())), high)
 
 
-def frame_warning(file: SceneFile, run: RigidRun) -> str | None:
+def frame_warning(file: SceneFile, run: RigidAnswer) -> str | None:
     """Say where a short tube of hexagon-based blocks is locked by its frames alone."""
     scene = file.scene
-    short = isinstance(scene, HexagonTubeScene) and scene.assembly.layers < LONG_TUBE
-    if not short or run.result.mechanism is not MechanismClass.LOCKED:
+    if not isinstance(scene, HexagonTubeScene) or scene.assembly.layers >= LONG_TUBE:
+        return None
+    if run.result.mechanism is not MechanismClass.LOCKED:
         return None
     other = class_with_layers(file, LONG_TUBE)
     if other is MechanismClass.LOCKED:
         return None
     return (
-        f"{run.assembly.n_layers} layers are locked by the frames at their ends, not by the "
+        f"{scene.assembly.layers} layers are locked by the frames at their ends, not by the "
         f"blocks: with {LONG_TUBE} layers the tube is {other}; --layers-to-unlock finds how many "
         "it takes"
     )
