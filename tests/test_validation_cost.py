@@ -28,6 +28,7 @@ from validation.cost.measure import overlap, partition_pressures
 from validation.cost.settings import (
     CostPlan,
     base_mesh,
+    curved_setting,
     full_plan,
     graded,
     quick_plan,
@@ -37,6 +38,7 @@ from validation.cost.settings import (
 )
 from validation.cost.store import CostStore, measurement_key
 from validation.errors import InputError
+from validation.run.accuracy import Rung
 from validation.scene.read import TubeScene, load_scene
 
 SETTINGS = ("--set", "assembly.layers=1")
@@ -223,16 +225,37 @@ def test_hit_gives_the_same_bits_and_no_new_run(tmp_path, monkeypatch) -> None:
         assert one.tobytes() == other.tobytes()
     # What the study says follows from it: rigid blocks err by their model, meshes converge.
     finest = first.families()["static C3D8I"]
-    assert finest[1].errors["displacement"] < finest[0].errors["displacement"]
+    assert finest[1].errors["max_displacement"] < finest[0].errors["max_displacement"]
     assert first.best("pressure_l2").setting.method == "static"
     # A scene that cost has measured is answered without any run.
     quantity, target = (
-        "displacement",
-        1.01 * (finest[1].errors["displacement"] + first.reference_errors["displacement"]),
+        "max_displacement",
+        1.01 * (finest[1].errors["max_displacement"] + first.reference_errors["max_displacement"]),
     )
     chosen = first.choose(quantity, target)
     assert chosen is not None
     assert chosen.errors[quantity] <= target
+
+
+def test_rungs_of_curved_elements_are_judged_by_the_finest(tmp_path, monkeypatch) -> None:
+    """Two tiny rungs: the reference is the last, its error 1.5 times the change from the first."""
+    rungs = tuple(Rung(2, 12, 1, axial, 1.0, 8.0) for axial in (2, 4))
+    monkeypatch.setattr("validation.cost.curved.LADDER", rungs)
+    scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
+    settings = (rigid_setting(Norm.PRESSURE, 1), curved_setting(1), curved_setting(2))
+    plan = CostPlan(base_mesh(scene), settings, (1, 2), curved=True)
+    found = cost.run_cost("a", scene, plan, store)
+    first, second = found.families()["static curved"]
+    assert set(second.errors) == set(cost.QUANTITIES)
+    assert all(error == 0.0 for error in second.errors.values())
+    for quantity, error in first.errors.items():
+        assert found.reference_errors[quantity] == pytest.approx(1.5 * error, rel=1e-12)
+
+
+def test_the_reference_is_curved_where_the_scene_has_curved_elements() -> None:
+    assert full_plan(tube()).curved
+    # A gap by spacing is none of theirs.
+    assert not full_plan(tube("contact.spacing=0.01")).curved
 
 
 def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch) -> None:
@@ -315,12 +338,12 @@ def test_quick_command(tubelock) -> None:  # noqa: F811
     )
     assert status == 0
     # Which of two methods is cheaper on one mesh is noise; that one of them keeps it is not.
-    assert re.search(r"10 % in displacement: \w+ C3D8\w?, mesh ×1,", out)
+    assert re.search(r"10 % in max_displacement: \w+ C3D8\w?, mesh ×1,", out)
     assert Path("run/cost.png").stat().st_size > 10_000
     data = json.loads(Path("cost.json").read_text())
     assert len(data["settings"]) == 10
     assert all(s["cpu_seconds"][0] > 0 for s in data["settings"])
-    assert any(name.endswith("mesh ×1") for name in data["pareto"]["displacement"])
+    assert any(name.endswith("mesh ×1") for name in data["pareto"]["max_displacement"])
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from geometry.assembly import Assembly
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.mesh import FloatArray, IntArray
 from validation.build.deformable import build_deformable
+from validation.cost.curved import solve_rungs
 from validation.cost.settings import (
     BaseMesh,
     CostSetting,
@@ -35,10 +36,10 @@ from validation.scene.read import SceneFile, TubeScene
 
 #: Scalars that are measured, with their units and what they are.
 SCALARS = {
-    "p_max": ("MPa", "mean over blocks of the largest facet pressure"),
+    "p_max_point": ("MPa", "largest contact pressure at a point"),
     "p_eff": ("MPa", "effective mean contact pressure"),
-    "sigma_1": ("MPa", "largest principal stress"),
-    "displacement": ("mm", "largest displacement"),
+    "sigma_1_averaged": ("MPa", "largest principal stress averaged over a ball"),
+    "max_displacement": ("mm", "largest displacement"),
 }
 #: The partition's cells in a face are as many as the facets of this level.
 PARTITION_LEVEL = 2
@@ -51,7 +52,7 @@ class Measurement:
     """What a setting answers and what it costs."""
 
     scalars: dict[str, float]
-    """By the names of `SCALARS`; rigid blocks have pressures only."""
+    """By the names of `SCALARS`; rigid blocks have means of pressures only."""
     pressures: list[float]
     """Mean contact pressure of each cell of the partition [MPa]."""
     areas: list[float]
@@ -237,7 +238,7 @@ def _run(
         measures = rigid.result.measures
         if measures is None:
             raise InputError(f"{where}: {rigid.result.equilibrium.status}")
-        scalars = {"p_max": measures.p_max, "p_eff": measures.p_eff}
+        scalars = {"p_eff": measures.p_eff}
         details: dict[str, Any] = {
             "n_contacts": rigid.result.n_contacts,
             "iterations": rigid.result.equilibrium.iterations,
@@ -245,6 +246,13 @@ def _run(
         }
         assembly = rigid.assembly
         contacts, pressures = rigid.result.contact_index, rigid.result.contact_pressures
+    elif setting.method == "curved":
+        curved, values, seconds = solve_rungs(where, scene, setting)
+        scalars = {name: values[name] for name in SCALARS}
+        details = {"unknowns_per_block": curved.run.mesh.n_unknowns}
+        assembly, state = curved.deformable.assembly, curved.contact_state
+        assert state.interface is not None
+        contacts, pressures = state.interface, state.pressures
     else:
         tube = _deformable(where, scene, setting)
         seconds = time.process_time() - start
@@ -273,13 +281,7 @@ def _deformable(where: str, scene: TubeScene, setting: CostSetting) -> Deformabl
 
 
 def _tube_numbers(tube: DeformableRun) -> tuple[dict[str, float], dict[str, Any]]:
-    blocks = tube.deformable.assembly.free_blocks.tolist()
-    scalars = {
-        "p_max": tube.contact.p_max_face,
-        "p_eff": tube.contact.p_eff,
-        "sigma_1": max(float(tube.principal(b)[:, 0].max()) for b in blocks),
-        "displacement": tube.largest_displacement,
-    }
+    scalars = {name: tube.measures[name].value for name in SCALARS}
     kept = ("status", "n_steps", "time_step", "time", "newton_iterations", "residual", "symmetry")
     told = {key: getattr(tube.answer.solver, key, None) for key in kept}
     details = {key: value for key, value in told.items() if value is not None}

@@ -32,15 +32,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _TITLES = {
-    "p_max": "p_max, mean of block maxima",
+    "p_max_point": "p_max, largest pressure at a point",
     "p_eff": "p_eff, effective mean pressure",
-    "sigma_1": "largest principal stress σ₁",
-    "displacement": "largest displacement",
+    "sigma_1_averaged": "largest σ₁ averaged over a ball",
+    "max_displacement": "largest displacement",
     "pressure_l2": "contact pressure field, L2",
 }
 _UNITS = {**{name: unit for name, (unit, _) in SCALARS.items()}, "pressure_l2": "N"}
-_COLOURS = {"rigid": GREY, "static": BLUE, "explicit": VERMILION}
-_MARKERS = {"C3D8I": "o", "full": "^", "C3D8": "s", "C3D8R": "D"}
+_COLOURS = {"rigid": GREY, "static": BLUE, "curved": GREEN, "explicit": VERMILION}
+_MARKERS = {"C3D8I": "o", "full": "^", "C3D8": "s", "C3D8R": "D", "curved": "h"}
 
 
 # ---------------------------------------------------------------------------------------------
@@ -53,6 +53,7 @@ def study_json(study: CostStudy) -> dict[str, Any]:
         "scene": study.name,
         "base_mesh": study.plan.base.at(1),
         "reference": {
+            "curved": study.plan.curved,
             "levels": list(study.plan.reference_levels),
             "cpu_seconds": study.reference_seconds,
             "values": {q: float(study.reference[q].value[0]) for q in SCALARS},
@@ -108,12 +109,15 @@ def _print_reference(study: CostStudy, console: Console) -> None:
         f"{study.name}: base mesh ×1 is {base.around} × {base.radial} × {base.axial} elements per "
         f"block (around, radial, axial)"
     )
-    console.print(
-        f"reference: static C3D8I on {levels}, extrapolated; {study.reference_seconds:.3g} CPU s"
-    )
+    what = f"static C3D8I on {levels}, extrapolated"
+    if study.plan.curved:
+        what = f"{study.plan.references[-1].name}, judged by the meshes before"
+    console.print(f"reference: {what}; {study.reference_seconds:.3g} CPU s")
     for q in QUANTITIES:
         order = study.reference[q].order
         how = "not extrapolated, follows no order" if order is None else f"order {order:.2g}"
+        if study.plan.curved:
+            how = "as its error bar says"
         value = "" if q not in SCALARS else f"{float(study.reference[q].value[0]):.5g} {_UNITS[q]} "
         console.print(f"  {_TITLES[q]}: {value}± {percent(study.reference_errors[q])} ({how})")
 
@@ -264,17 +268,19 @@ def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom
         xerr=[[0.0] * len(x), more],
         marker=marker,
         color=colour,
-        markerfacecolor="none" if variant or element not in ("C3D8I", "force") else colour,
+        markerfacecolor=colour
+        if element in ("C3D8I", "force", "curved") and not variant
+        else "none",
         linestyle="none" if variant else "--" if graded else "-",
         lw=1.2,
         markersize=7 if variant else 6,
         capsize=2,
         label=family,
     )
-    if not (variant or graded) and element == "C3D8I":
+    if not (variant or graded) and element in ("C3D8I", "curved"):
         for row, a, b in zip(rows, x, y, strict=True):
             axes.annotate(
-                f"×{row.setting.level}",
+                row.setting.mesh_words.removeprefix("mesh ").replace(" of degree ", ", "),
                 (a, b),
                 xytext=(4, 5),
                 textcoords="offset points",

@@ -16,6 +16,8 @@ from mbd import Norm
 from validation.build.cell import refuse_cell
 from validation.build.deformable import fem_section
 from validation.errors import InputError
+from validation.run.accuracy import LADDER
+from validation.run.curved import refused
 from validation.scene.deformable import Damping, Method, RayleighSection
 from validation.scene.read import TubeScene
 
@@ -30,6 +32,8 @@ ELEMENT_NAMES = {
 
 #: Elements at the inner over those at the outer face of graded meshes.
 RADIAL_GRADING = 8.0
+#: Level of the facets over which pressures of curved elements are means.
+CURVED_FACETS = 8
 
 
 @dataclass(frozen=True)
@@ -57,9 +61,9 @@ class CostSetting:
     family: str
     """What it is apart from the mesh; settings of one family are meshes of one method."""
     method: str
-    """``rigid``, ``static`` or ``explicit``."""
+    """``rigid``, ``static``, ``curved`` or ``explicit``."""
     level: int
-    """Refinement of the base mesh."""
+    """Refinement of the base mesh; of curved elements the rung, from 1."""
     changes: tuple[tuple[str, str], ...] = ()
     """Values of the scene that differ, as ``section.key`` and text."""
     ramp_factor: float = 1.0
@@ -73,12 +77,21 @@ class CostSetting:
 
     def mesh(self, base: BaseMesh) -> dict[str, float]:
         """Values of ``[mesh]``."""
-        return base.at(self.level, self.radial_grading)
+        level = CURVED_FACETS if self.method == "curved" else self.level
+        return base.at(level, self.radial_grading)
 
     @property
     def name(self) -> str:
         """Family and mesh."""
-        return f"{self.family}, mesh ×{self.level}"
+        return f"{self.family}, {self.mesh_words}"
+
+    @property
+    def mesh_words(self) -> str:
+        """Level, or the elements of a rung."""
+        if self.method != "curved":
+            return f"mesh ×{self.level}"
+        rung = LADDER[self.level - 1]
+        return f"{rung.around} × {rung.radial} × {rung.axial} of degree {rung.degree}"
 
 
 @dataclass(frozen=True)
@@ -88,17 +101,21 @@ class CostPlan:
     base: BaseMesh
     settings: tuple[CostSetting, ...]
     reference_levels: tuple[int, ...]
-    """Levels of the static C3D8I solutions that are extrapolated."""
+    """Levels of the static C3D8I solutions that are extrapolated, or rungs of curved elements."""
+    curved: bool = False
+    """Whether the finest of some rungs of curved elements is the reference."""
 
     @property
     def references(self) -> tuple[CostSetting, ...]:
         """Settings of the reference."""
+        if self.curved:
+            return tuple(curved_setting(k) for k in self.reference_levels)
         return tuple(static_setting(ElementType.INCOMPATIBLE, k) for k in self.reference_levels)
 
     @property
     def graded_references(self) -> tuple[CostSetting, ...]:
         """Settings of the reference of what sits at the outer edge, on graded meshes."""
-        return tuple(graded(setting) for setting in self.references)
+        return () if self.curved else tuple(graded(setting) for setting in self.references)
 
 
 def require_cost_scene(scene: Any, name: str) -> TubeScene:
@@ -159,6 +176,11 @@ def static_setting(element: ElementType, level: int) -> CostSetting:
     return CostSetting(f"static {ELEMENT_NAMES[element]}", "static", level, changes)
 
 
+def curved_setting(rung: int) -> CostSetting:
+    """Curved elements as `fem --accuracy` takes them, up to a rung from 1."""
+    return CostSetting("static curved", "curved", rung, (("fem.method", "static"),))
+
+
 def graded(setting: CostSetting) -> CostSetting:
     """Return the same on meshes with short elements at the outer face, where pressures peak."""
     family = f"{setting.family}, graded"
@@ -216,7 +238,11 @@ def full_plan(scene: TubeScene) -> CostPlan:
     found += _variants(2)
     # Without strong damping a run takes far longer: its price shows on the coarser mesh.
     found += [s for s in _variants(4) if s.hold_periods is None or s.hold_periods < 10.0]
-    return CostPlan(base_mesh(scene), tuple(found), (4, 6, 7, 8))
+    if refused(scene) is not None:
+        return CostPlan(base_mesh(scene), tuple(found), (4, 6, 7, 8))
+    # The finest rung judges the others and all that is not curved.
+    found += [curved_setting(k) for k in (1, 2, 3)]
+    return CostPlan(base_mesh(scene), tuple(found), (2, 3, 4), curved=True)
 
 
 def quick_plan(scene: TubeScene) -> CostPlan:

@@ -41,6 +41,7 @@ def measurement_key(scene: TubeScene, base: BaseMesh, setting: CostSetting) -> s
             "solver": scene.rigid.solver,
             "fem": scene.fem.model_dump(mode="json"),
             "mesh": setting.mesh(base),
+            "elements": setting.mesh_words,
             "base": base.at(1),
             "method": setting.method,
             "changes": sorted(setting.changes),

@@ -1,13 +1,15 @@
 """Work and precision of a scene: runs kept by content, errors against an extrapolated reference.
 
-The reference is static, of incompatible-mode elements, on meshes finer than all that are measured,
-extrapolated to vanishing mesh size; its own error is estimated and added to every claim.
+The reference is static: the finest rung of curved elements where the scene has them, judged by the
+rungs before as `fem --accuracy` judges it; else of incompatible-mode elements on meshes finer than
+all that are measured, extrapolated to vanishing mesh size. Its own error is added to every claim.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -25,13 +27,14 @@ from validation.cost.measure import SCALARS, Measurement, measure, warm_up
 from validation.cost.settings import CostPlan, CostSetting
 from validation.cost.store import CostStore, measurement_key
 from validation.errors import InputError
+from validation.run.accuracy import error_bar
 from validation.scene.read import TubeScene
 
 #: What errors are measured in: the scalars, and the pressure field in L2.
 QUANTITIES = (*SCALARS, "pressure_l2")
-#: What sits at the outer edge of the wall: its reference is of graded meshes, which resolve it
-#: (the limit is the same). Plain means over facets have another limit there.
-EDGE_QUANTITIES = ("p_max",)
+#: What sits at the outer edge of the wall: an extrapolated reference is of graded meshes, which
+#: resolve it (the limit is the same). Plain means over facets have another limit there.
+EDGE_QUANTITIES = ("p_max_point",)
 #: Accuracies that are answered in words.
 TARGETS = (0.1, 0.01, 0.001)
 
@@ -207,9 +210,14 @@ def compare_settings(
     finest = references[-1]
     reference = {}
     for q in QUANTITIES:
-        solutions = graded_references if q in EDGE_QUANTITIES else references
-        values = [_value(m, q) for m in solutions]
-        reference[q] = richardson(levels, values, _weights(finest, q))
+        weights = _weights(finest, q)
+        edge = q in EDGE_QUANTITIES and not plan.curved
+        values = [_value(m, q) for m in (graded_references if edge else references)]
+        if plan.curved:
+            error = error_bar(values, partial(_norm, weights=weights))
+            reference[q] = Extrapolated(values[-1], error, None)
+        else:
+            reference[q] = richardson(levels, values, weights)
     sizes = {q: _norm(reference[q].value, _weights(finest, q)) for q in QUANTITIES}
     rows = []
     for setting, found in known:

@@ -14,8 +14,9 @@ Other scenes take shares of their own mesh (`validation.run.estimate`).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -196,9 +197,17 @@ def _answer(name: str, scene: TubeScene, solved: list[Solved]) -> CurvedRun:
     return curved_run(name, scene, tuple(solved), errors, words)
 
 
-def error_bar(values: list[float]) -> float:
-    """Estimated error of the last of the values of two meshes or more, from coarse to fine."""
-    changes = [abs(b - a) for a, b in itertools.pairwise(values)]
+def error_bar(values: Sequence[Any], size: Callable[[Any], float] = abs) -> float:
+    """Estimated error of the last of the values of two meshes or more, from coarse to fine.
+
+    Parameters
+    ----------
+    values
+        Numbers or arrays.
+    size
+        Of a change of them.
+    """
+    changes = [size(b - a) for a, b in itertools.pairwise(values)]
     return SAFETY * max(changes[-1], _EARLIER * max(changes[-2:-1], default=0.0))
 
 
