@@ -298,6 +298,17 @@ def seen_block(points: ContactPoints, seen: BoolArray) -> SeenBlock:
     )
 
 
+def body_force(lattice: Lattice, acceleration: FloatArray) -> FloatArray:
+    """Nodal forces of an acceleration (3,) [mm/s²] on the mass of a block, (n_nodes, 3) [N]."""
+    element = lattice.element
+    at = tensor_points(element.degree, *gauss_line(2 * element.degree))
+    mass = np.zeros(len(lattice.positions))
+    for nodes in lattice.elements:
+        _, volumes = element.gradients(lattice.positions[nodes], at)
+        mass[nodes] += element.material.density * volumes @ at.values
+    return mass[:, None] * acceleration
+
+
 def face_pressure(lattice: Lattice, name: str, pressure: float) -> FloatArray:
     """Nodal forces of a pressure on a face, (n_nodes, 3) [N]."""
     at = tensor_points(lattice.element.degree, *gauss_line(lattice.element.degree + 2), dimension=2)

@@ -353,7 +353,7 @@ class _Problem:
                     holding=holding * np.eye(6),
                     first_shared=first,
                     next_flexibility=np.zeros((len(m) - first, after)),
-                    next_motions=np.zeros((len(m) - first, 6 if after else 0)),
+                    next_motions=np.zeros((len(m) - first, 6 if k + 1 < n_levels else 0)),
                 )
             )
         self.responses.include(np.concatenate([p.local for parts in mine for p in parts]))

@@ -259,6 +259,7 @@ def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom
         marker, colour = "P", GREEN
     elif graded:
         marker = "p"
+    filled = element in ("C3D8I", "force", "curved") and not variant
     x = [row.found.cost for row in rows]
     y = [max(row.errors[quantity], bottom) for row in rows]
     more = [max(row.found.cpu_seconds) - row.found.cost for row in rows]
@@ -268,9 +269,7 @@ def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom
         xerr=[[0.0] * len(x), more],
         marker=marker,
         color=colour,
-        markerfacecolor=colour
-        if element in ("C3D8I", "force", "curved") and not variant
-        else "none",
+        markerfacecolor=colour if filled else "none",
         linestyle="none" if variant else "--" if graded else "-",
         lw=1.2,
         markersize=7 if variant else 6,

@@ -16,7 +16,7 @@ import numpy as np
 from fem.assembly.measures import CapAction, cap_action_at
 from fem.contact.law import ContactLaw
 from fem.element.lagrange import LagrangeElement
-from fem.static.lagrange_block import Lattice, face_pressure
+from fem.static.lagrange_block import Lattice, body_force, face_pressure
 from fem.static.lagrange_peaks import (
     FacetMeans,
     Lines,
@@ -213,9 +213,15 @@ def refused(scene: DeformableScene) -> tuple[str, str] | None:
         (not fem.frames, "fem.frames", "none"),
         (CASES[case].every_layer, f"load case {case}", "pipe or tunnel"),
         (not scene.contact.spacing, "contact.spacing", "contact.clearance"),
+        (
+            effects.gravity is None or not any(effects.gravity[:2]),
+            "effects.gravity across the axis",
+            "gravity along the axis alone, such as [0, 0, -9810]",
+        ),
         *(
-            (not getattr(effects, key), f"effects.{key}", "no effects")
+            (not getattr(effects, key), f"effects.{key}", "no effect but gravity")
             for key in type(effects).model_fields
+            if key != "gravity"
         ),
     ]
     return next(((what, expected) for good, what, expected in checks if not good), None)
@@ -269,7 +275,7 @@ def solve_curved(
         state = solve_layered_tube(
             lattice,
             layered,
-            face_pressure(lattice, CASES[scene.load.case].face, scene.load.pressure),
+            _force(lattice, scene),
             law,
             clearance=clearance,
             start=None if before is None else transferred(before, lattice),
@@ -281,16 +287,26 @@ def solve_curved(
     return Solved(mesh, state, measures, time.process_time() - start)
 
 
+def _force(lattice: Lattice, scene: TubeScene) -> FloatArray:
+    """Loads on the nodes of a block in its own frame, (n_nodes, 3) [N]: pressure and weight."""
+    force = face_pressure(lattice, CASES[scene.load.case].face, scene.load.pressure)
+    if scene.effects.gravity is None:
+        return force
+    return force + body_force(lattice, np.array(scene.effects.gravity))
+
+
 def _layered(scene: TubeScene, block: SineBlockParameters, turn: int) -> LayeredJoints:
     """How layers meet, with a turn in elements.
 
     A turn by π about a radius maps the tube onto itself where the wave is odd about the middle of
-    a block; an even number of layers is then computed by its lower half.
+    a block, and nothing weighs; an even number of layers is then computed by its lower half.
     """
     layers = scene.assembly.layers
     # Odd layers are turned towards larger angles: the one above an odd one is turned back.
     turned = tuple(-turn if layer % 2 else turn for layer in range(1, layers))
-    return LayeredJoints(layers, turned, layers % 2 == 0 and block.shift == round(block.shift))
+    odd = block.shift == round(block.shift)
+    weighs = scene.effects.gravity is not None
+    return LayeredJoints(layers, turned, layers % 2 == 0 and odd and not weighs)
 
 
 def facet_lines(scene: TubeScene) -> Lines:
