@@ -30,10 +30,15 @@ def mbd(
             "--layers-to-unlock", help="Also find with how many layers a locked tube no longer is."
         ),
     ] = False,
+    refine: Annotated[
+        bool,
+        typer.Option("--refine", help="Also say what facets of half the length change."),
+    ] = False,
 ) -> None:
     """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
     from validation.output.outputs import Outputs
     from validation.output.rigid_answers import rigid_output
+    from validation.run.rigid.refinement import refined, require_mesh
     from validation.run.rigid.unlock import (
         frame_warning,
         layers_to_unlock,
@@ -47,6 +52,8 @@ def mbd(
     folder = default_folder(output, json, file.name)
     if unlock:
         require_tube(file)
+    if refine:
+        require_mesh(file)
     rigid = rigid_output(file)
     with Outputs(json, folder, rigid.files, scene=file) as outputs:
         with recording(file.scene) as use:
@@ -60,7 +67,12 @@ def mbd(
         if found is not None:
             outputs.console.print(f"{'unlock':9} {found.words}")
         rigid.write(run, outputs)
-        outputs.write_json(run.json() | unlocking_json(warning, found))
+        data = run.json() | unlocking_json(warning, found)
+        if refine:
+            change = refined(file, run)
+            outputs.console.print(f"{'refined':9} {change.words}")
+            data |= {"refinement": change.as_json()}
+        outputs.write_json(data)
 
 
 def explode(

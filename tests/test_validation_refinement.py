@@ -1,0 +1,41 @@
+"""`mbd --refine`: the change under one refinement is the difference of two answers."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+
+COARSE = {"around": 12, "radial": 1, "axial": 2}
+
+
+def asked(factor: int) -> list[str]:
+    counts = {key: factor * n for key, n in COARSE.items()}
+    pairs = ["assembly.layers=2", *(f"mesh.{key}={n}" for key, n in counts.items())]
+    return ["tsb1-pipe", *(word for pair in pairs for word in ("--set", pair))]
+
+
+def test_a_refinement_is_the_difference_of_two_answers(tubelock) -> None:  # type: ignore[no-untyped-def] # noqa: F811
+    status, out, _ = tubelock("mbd", *asked(1), "--refine", "--json", "one.json")
+    assert status == 0
+    assert tubelock("mbd", *asked(2), "--json", "two.json")[0] == 0
+    one, two = (json.loads(Path(f"{name}.json").read_text()) for name in ("one", "two"))
+    found = one["refinement"]
+    assert found["n_contacts"] == two["n_contacts"] == 4 * one["n_contacts"]
+    assert not found["class_changes"]
+    for name, change in found["changes"].items():
+        # The same run twice; measures of 0.1 MPa to round-off of a thousand sums.
+        assert found["values"][name] == pytest.approx(two["measures"][name], rel=1e-9)
+        difference = two["measures"][name] - one["measures"][name]
+        assert change == pytest.approx(difference, abs=1e-9)
+    assert "refined" in out
+
+
+@pytest.mark.parametrize("scene", ["cubes", "voxel-puzzle"])
+def test_blocks_without_a_mesh_are_refused(tubelock, scene: str) -> None:  # type: ignore[no-untyped-def] # noqa: F811
+    status, _, err = tubelock("mbd", scene, "--refine")
+    assert status == 2
+    assert "no mesh that could be refined" in err
