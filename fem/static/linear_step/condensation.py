@@ -162,11 +162,12 @@ def condense_elements(
         for own, many, _ in pieces:
             count[np.searchsorted(nodes, own)] += many
         inside = count == uses[nodes]
-        matrix, n_inside = _assemble(nodes, inside, pieces)
-        if n_inside:
-            part, matrix = _eliminate(matrix, nodes, inside)
-            parts.append(part)
-        return nodes[~inside], count[~inside], matrix
+        split = _assemble(nodes, inside, pieces)
+        if not inside.any():
+            return nodes, count, split.rest
+        part, rest = _eliminate(split, nodes, inside)
+        parts.append(part)
+        return nodes[~inside], count[~inside], rest
 
     nodes, _, stiffness = visit(np.arange(len(elements_of)))
     if not np.array_equal(nodes, retained):
@@ -204,43 +205,72 @@ def _element_pieces(corners: IntArray, matrices: FloatArray) -> list[_Piece]:
     ]
 
 
-def _assemble(nodes: IntArray, inside: BoolArray, pieces: list[_Piece]) -> tuple[FloatArray, int]:
-    """Lower triangle with the nodes to be eliminated first, and how many these are."""
+@dataclass(frozen=True)
+class _Split:
+    """Stiffness on nodes to be eliminated (i) and those around (b); lower triangles, Fortran."""
+
+    inner: FloatArray
+    """A_ii, (n_i, n_i)."""
+    coupling: FloatArray
+    """A_bi, (n_b, n_i)."""
+    rest: FloatArray
+    """A_bb, (n_b, n_b)."""
+
+
+def _assemble(nodes: IntArray, inside: BoolArray, pieces: list[_Piece]) -> _Split:
+    """Sum of pieces, split by nodes inside and around."""
     place = np.empty(len(nodes), dtype=np.int64)
     order = np.concatenate([np.flatnonzero(inside), np.flatnonzero(~inside)])
     place[order] = np.arange(len(nodes))
-    stiffness = np.zeros((3 * len(nodes), 3 * len(nodes)), order="F")
+    n, m = 3 * int(inside.sum()), 3 * int((~inside).sum())
+    split = _Split(
+        np.zeros((n, n), order="F"), np.zeros((m, n), order="F"), np.zeros((m, m), order="F")
+    )
     for own, _, matrix in pieces:
-        dofs = (3 * place[np.searchsorted(nodes, own)][:, None] + np.arange(3)).ravel()
-        _add_lower(stiffness, dofs, matrix)
-    return stiffness, int(inside.sum())
+        places = place[np.searchsorted(nodes, own)]
+        # Nodes that follow each other in both are added in one run, none over the border.
+        breaks = np.flatnonzero((np.diff(places) != 1) | (places[1:] == n // 3)) + 1
+        runs = 3 * np.concatenate([[0], breaks, [len(places)]])
+        dofs = (3 * places[:, None] + np.arange(3)).ravel()
+        _add_lower((split.inner, split.coupling, split.rest), dofs, runs, matrix)
+    return split
 
 
 @njit(cache=True, nogil=True)
-def _add_lower(total, places, matrix):  # type: ignore[no-untyped-def]
-    """Add the lower triangle of a symmetric matrix to that of a larger one, both (n, n) Fortran."""
+def _add_lower(parts, places, runs, matrix):  # type: ignore[no-untyped-def]
+    """Add a lower triangle at places (n,) to the parts of a `_Split`; all Fortran."""
+    inner, coupling, rest = parts
+    n = inner.shape[0]
     for column in range(len(places)):
         to = places[column]
-        for row in range(column, len(places)):
-            at = places[row]
+        for run in range(len(runs) - 1):
+            first = max(runs[run], column)
+            if first >= runs[run + 1]:
+                continue
+            # A run lies below the column's place as a whole, or above it: then transposed.
+            at = places[first]
+            low, high = min(at, to), max(at, to)
+            target = rest if low >= n else coupling if high >= n else inner
+            i, j = high - n * (high >= n), low - n * (low >= n)
             if at >= to:
-                total[at, to] += matrix[row, column]
+                for k in range(runs[run + 1] - first):
+                    target[i + k, j] += matrix[first + k, column]
             else:
-                total[to, at] += matrix[row, column]
+                for k in range(runs[run + 1] - first):
+                    target[i, j + k] += matrix[first + k, column]
 
 
-def _eliminate(matrix: FloatArray, nodes: IntArray, inside: BoolArray) -> tuple[_Part, FloatArray]:
-    """Schur complement (lower) of a lower triangle, whose first rows are those of nodes inside."""
-    n = 3 * int(inside.sum())
-    factor = scipy.linalg.cholesky(matrix[:n, :n], lower=True, check_finite=False)
-    rest = np.array(matrix[n:, n:], order="F")
-    coupling = np.empty((n, len(rest)))
-    if len(rest):
-        # A_bi L⁻ᵀ, from the right: the lower triangle holds A_bi.
-        outward = scipy.linalg.blas.dtrsm(1.0, factor, matrix[n:, :n], side=1, lower=1, trans_a=1)
+def _eliminate(split: _Split, nodes: IntArray, inside: BoolArray) -> tuple[_Part, FloatArray]:
+    """Schur complement (lower) on the nodes around; the parts are overwritten."""
+    factor = scipy.linalg.cholesky(split.inner, lower=True, overwrite_a=True, check_finite=False)
+    outward, rest = split.coupling, split.rest
+    if outward.size:
+        # A_bi L⁻ᵀ, from the right.
+        outward = scipy.linalg.blas.dtrsm(
+            1.0, factor, outward, side=1, lower=1, trans_a=1, overwrite_b=1
+        )
         rest = scipy.linalg.blas.dsyrk(-1.0, outward, 1.0, rest, lower=1, overwrite_c=1)
-        coupling = outward.T
     inner, outer = (
         (3 * some[:, None] + np.arange(3)).ravel() for some in (nodes[inside], nodes[~inside])
     )
-    return _Part(inner, outer, factor, coupling), rest
+    return _Part(inner, outer, factor, outward.T), rest
