@@ -12,6 +12,7 @@ from geometry.files.block_files import read_blocks, read_hexahedra
 from geometry.mesh import FloatArray, IntArray, MeshError
 from geometry.polyhedra.polygons import triangles_of_polygons
 from geometry.polyhedra.polyhedron import convex_polyhedron, polyhedron
+from geometry.polyhedra.solids import one_solid
 
 #: Outline of an L of 500 mm², counter-clockwise.
 L_OUTLINE = np.array([[0, 0], [30, 0], [30, 10], [10, 10], [10, 30], [0, 30]], dtype=float)
@@ -297,3 +298,48 @@ def test_a_deck_that_moves_its_parts_is_no_mesh(tmp_path: Path) -> None:
     )
     with pytest.raises(MeshError, match=r"places parts by \*Instance"):
         read_blocks(tmp_path / "b.inp")
+
+
+def scaled(part: tuple[FloatArray, IntArray], size: float, at: float):
+    """A smaller copy of the unit cube's surface, moved along the diagonal."""
+    return size * part[0] + at * SIDE, part[1]
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_a_surface_inside_another_turned_the_other_way_is_a_cavity(
+    tmp_path: Path, inside_out: bool
+) -> None:
+    """A hollow cube with a cube in its cavity, and one beside it: refused as overlapping before."""
+    outer, void, island = cube(0, 0, 0), scaled(cube(0, 0, 0), 0.5, 0.25), (0.25, 0.375)
+    parts = [outer, turned(void), scaled(cube(0, 0, 0), *island), cube(2, 0, 0)]
+    parts = [turned(part) for part in parts] if inside_out else parts
+    meshio.write(tmp_path / "a.stl", soup(*parts))
+    expected = [SIDE**3 / 64, SIDE**3 * 7 / 8, SIDE**3]
+    assert volumes(tmp_path / "a.stl") == pytest.approx(expected, rel=1e-5)
+    hollow = max(read_blocks(tmp_path / "a.stl"), key=lambda b: (len(b.triangles), b.volume))
+    assert hollow.centroid == pytest.approx([SIDE / 2] * 3, rel=1e-5)
+    moment = (SIDE**5 - (SIDE / 2) ** 5) / 6  # m a² / 6 of each cube, about one centre
+    assert np.diag(hollow.mass_properties.inertia) == pytest.approx([moment] * 3, rel=1e-5)
+
+
+def test_the_surfaces_of_one_solid_may_be_turned_anyhow() -> None:
+    """CAD programs turn the faces of a cavity as they like: the volume is the matter's."""
+    outer, void = cube(0, 0, 0), scaled(cube(0, 0, 0), 0.5, 0.25)
+    for inner in (void, turned(void)):
+        mesh = soup(outer, inner)
+        shape = polyhedron("hollow", mesh.points, one_solid(mesh.points, mesh.cells[0].data))
+        assert shape.volume == pytest.approx(SIDE**3 * 7 / 8, rel=1e-12)
+
+
+@pytest.mark.parametrize("word", ["vertex_index", "vertex_indices"])
+def test_faces_of_a_ply_have_two_names(tmp_path: Path, word: str) -> None:
+    points, triangles = cube(0, 0, 0)
+    head = (
+        f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\n"
+        f"property float z\nelement face {len(triangles)}\nproperty list uchar int {word}\n"
+        "end_header\n"
+    )
+    rows = [" ".join(map(str, p)) for p in points.tolist()]
+    rows += [f"3 {a} {b} {c}" for a, b, c in triangles.tolist()]
+    (tmp_path / "a.PLY").write_text(head + "\n".join(rows) + "\n")
+    assert volumes(tmp_path / "a.PLY") == pytest.approx([SIDE**3], rel=1e-6)

@@ -14,7 +14,7 @@ from geometry.files.ordinary import unreadable
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray, MeshError, check_mesh
 from geometry.polyhedra.polygons import triangles_of_polygons
 from geometry.polyhedra.polyhedron import Polyhedron, merge_points, polyhedron
-from geometry.polyhedra.solids import closed_solids
+from geometry.polyhedra.solids import closed_solids, one_solid
 from geometry.polyhedra.triangle_search import distinct_rows
 
 #: Millimetres in each unit a file may be drawn in.
@@ -195,7 +195,7 @@ def _read_step(path: Path, element_size: float | None) -> list[tuple[FloatArray,
             for _, face in gmsh.model.getBoundary([(3, volume)], oriented=False):
                 _, nodes = gmsh.model.mesh.getElementsByType(2, face)
                 parts.append(number[nodes.astype(np.int64)].reshape(-1, 3))
-            solids.append((points, _oriented(np.concatenate(parts))))
+            solids.append((points, one_solid(points, _oriented(np.concatenate(parts)))))
         return solids
     finally:
         if gmsh.isInitialized():
@@ -233,7 +233,8 @@ def read_blocks(
 ) -> list[Polyhedron]:
     """Read the solids of a file: each closed surface is one block shape.
 
-    Solids that touch along faces, edges or corners are told apart; see `closed_solids`.
+    Solids that touch along faces, edges or corners are told apart, and cavities belong to the
+    solid round them; see `closed_solids`.
 
     Parameters
     ----------

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -159,6 +160,22 @@ def write_triangles(
     _write(path, meshio.Mesh(points, [("triangle", triangles)], cell_data=data))
 
 
+@contextmanager
+def _as_meshio_reads(path: Path) -> Iterator[Path]:
+    """Yield the file, or a copy of a PLY whose faces list ``vertex_index``, as some programs say."""
+    head, end, rest = b"", b"end_header", b""
+    if path.suffix.lower() == ".ply":
+        head, end, rest = path.read_bytes().partition(end)
+    renamed = re.sub(rb"(property list \S+ \S+ )vertex_index(?=\s)", rb"\1vertex_indices", head)
+    if renamed == head:
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        copy = Path(folder) / path.name
+        copy.write_bytes(renamed + end + rest)
+        yield copy
+
+
 def read_any_mesh(path: Path) -> Any:
     """Read a mesh file of any kind that meshio knows.
 
@@ -185,8 +202,9 @@ def read_any_mesh(path: Path) -> Any:
             np.errstate(all="ignore"),
             redirect_stdout(StringIO()),
             redirect_stderr(StringIO()),
+            _as_meshio_reads(path) as file,
         ):
-            return meshio.read(path)
+            return meshio.read(file)
     # Bytes that are no such file raise what they like, a missing reader and SystemExit too.
     except (Exception, SystemExit) as error:
         reason = " ".join(str(error).split()) or type(error).__name__

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from geometry.mesh import FloatArray, IntArray, MeshError
+from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
 from geometry.polyhedra.triangle_search import distinct_rows
 
 #: Faces within this angle round their edge lie on each other [rad].
@@ -19,7 +19,9 @@ _SAME_PLACE = 1e-3
 
 
 def closed_solids(name: str, points: FloatArray, triangles: IntArray) -> list[IntArray]:
-    """Triangles of each closed surface, in the order of their first triangles.
+    """Triangles of each solid, in the order of their first triangles.
+
+    A closed surface inside another one and turned the other way is a cavity of that solid.
 
     Parameters
     ----------
@@ -33,11 +35,89 @@ def closed_solids(name: str, points: FloatArray, triangles: IntArray) -> list[In
     MeshError
         For triangles that lie on each other, facing the same way.
     """
-    triangles = _turned_outward(points, triangles)
-    pairs = across_matter(name, points, triangles)
+    outward, turned = _turned_outward(points, triangles)
+    pairs = across_matter(name, points, outward)
     label = _components(len(triangles), pairs)
     _, first = np.unique(label, return_index=True)
-    return [triangles[label == label[k]] for k in np.sort(first)]
+    first = np.sort(first)
+    solids = [outward[label == label[k]] for k in first]
+    return with_cavities(points, solids, turned[first])
+
+
+def one_solid(points: FloatArray, triangles: IntArray) -> IntArray:
+    """Turn the closed surfaces that bound one solid: the outer one outward, cavities inward.
+
+    Parameters
+    ----------
+    points, triangles
+        Of surfaces that are each turned one way, whichever; (n_points, 3) and (n_triangles, 3).
+    """
+    outward, _ = _turned_outward(points, triangles)
+    label = _components(len(points), outward[:, [[0, 1], [1, 2]]].reshape(-1, 2))[outward[:, 0]]
+    shells = [outward[label == k] for k in np.unique(label)]
+    return np.concatenate(with_cavities(points, shells))
+
+
+def with_cavities(
+    points: FloatArray, solids: list[IntArray], turned: BoolArray | None = None
+) -> list[IntArray]:
+    """Join cavities, turned inward, to the solids that they are in.
+
+    Parameters
+    ----------
+    points
+        (n_points, 3)
+    solids
+        Triangles of closed surfaces, turned outward.
+    turned
+        Whether each had faced the other way: a surface inside one that had not is a cavity, any
+        other is a solid of its own. None: solids and cavities alternate from outside inwards.
+
+    Returns
+    -------
+    list of IntArray
+        Triangles of the solids, in the order given.
+    """
+    if len(solids) < 2 or (turned is not None and turned.all() == turned.any()):
+        return solids
+    corners = [points[s] for s in solids]
+    lower, upper = (np.array([f(c, axis=(0, 1)) for c in corners]) for f in (np.min, np.max))
+    volumes = np.array([_six_volumes(c).sum() for c in corners])
+    cavity = np.zeros(len(solids), dtype=np.bool_)
+    joined = list(solids)
+    for k in np.argsort(-volumes, kind="stable").tolist():
+        around = np.flatnonzero((lower < lower[k]).all(axis=1) & (upper > upper[k]).all(axis=1))
+        outer = [j for j in around.tolist() if _encloses(corners[j], corners[k][0].mean(axis=0))]
+        if not outer:
+            continue
+        parent = min(outer, key=volumes.__getitem__)
+        cavity[k] = not cavity[parent] and (turned is None or turned[k] != turned[parent])
+        if cavity[k]:
+            joined[parent] = np.concatenate([joined[parent], solids[k][:, ::-1]])
+    return [joined[k] for k in np.flatnonzero(~cavity)]
+
+
+def _encloses(corners: FloatArray, point: FloatArray) -> bool:
+    """Whether a closed surface goes round a point: its triangles fill 4π of what is seen from it.
+
+    Reference: A. Van Oosterom and J. Strackee, The solid angle of a plane triangle, IEEE Trans.
+    Biomed. Eng. 30 (1983) 125-126.
+    """
+    a, b, c = np.moveaxis(corners - point, 1, 0)
+    la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+    ab, bc, ca = (np.einsum("ti,ti->t", x, y) for x, y in ((a, b), (b, c), (c, a)))
+    angle = np.arctan2(
+        np.einsum("ti,ti->t", a, np.cross(b, c)), la * lb * lc + ab * lc + bc * la + ca * lb
+    )
+    return abs(float(angle.sum())) > np.pi  # half of each angle: 2π inside, 0 outside
+
+
+def _six_volumes(corners: FloatArray) -> FloatArray:
+    """Six times the volume that each triangle spans with the origin, (n,)."""
+    volumes: FloatArray = np.einsum(
+        "ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])
+    )
+    return volumes
 
 
 def across_matter(name: str, points: FloatArray, triangles: IntArray) -> IntArray:
@@ -107,13 +187,16 @@ def _round_edge(name: str, points: FloatArray, triangles: IntArray, uses: IntArr
     return np.column_stack([of[~along], of[along][other]])
 
 
-def _turned_outward(points: FloatArray, triangles: IntArray) -> IntArray:
-    """Turn parts that enclose a negative volume inside out; what shares corners is one part."""
+def _turned_outward(points: FloatArray, triangles: IntArray) -> tuple[IntArray, BoolArray]:
+    """Turn parts that enclose a negative volume inside out; what shares corners is one part.
+
+    Returns the triangles and whether each was turned.
+    """
     corners = triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2)
     label = _components(len(points), corners)[triangles[:, 0]]
-    p = points[triangles] - points.mean(axis=0)
-    volume = np.bincount(label, weights=np.einsum("ti,ti->t", p[:, 0], np.cross(p[:, 1], p[:, 2])))
-    return np.where((volume[label] < 0.0)[:, None], triangles[:, ::-1], triangles)
+    volume = np.bincount(label, weights=_six_volumes(points[triangles] - points.mean(axis=0)))
+    turned = volume[label] < 0.0
+    return np.where(turned[:, None], triangles[:, ::-1], triangles), turned
 
 
 def _components(n: int, pairs: IntArray) -> IntArray:

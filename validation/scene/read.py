@@ -267,6 +267,9 @@ def check_scene(data: Mapping[str, Any], source: str = "scene") -> Scene:
 # ---------------------------------------------------------------------------------------------
 # One clear line
 
+#: Places named beside the first mistake.
+_MOST_NAMED = 3
+
 
 def _known_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
     """Keys allowed at a place of the scene."""
@@ -284,6 +287,13 @@ def _known_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str
     return list(model.model_fields)
 
 
+def _some(words: list[str]) -> str:
+    """The first of some words, and how many more there are."""
+    more = len(words) - _MOST_NAMED
+    named = ", ".join(words[:_MOST_NAMED])
+    return f"{named} and {more} more" if more > 0 else named
+
+
 def _one_line(error: ValidationError, model: type[BaseModel]) -> str:
     problems = error.errors(include_url=False)
     first = problems[0]
@@ -295,8 +305,9 @@ def _one_line(error: ValidationError, model: type[BaseModel]) -> str:
         line = f"unknown key {place}: {hint}"
     else:
         line = _wrong_value(first, place, model)
-    more = len(problems) - 1
-    line += f" (and {more} more)" if more else ""
+    others = dict.fromkeys(".".join(str(key) for key in p["loc"]) for p in problems[1:])
+    others.pop(place, None)
+    line += f"; wrong, too: {_some(list(others))}" if others else ""
     # Names of keys may hold anything, line breaks too.
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
 
