@@ -12,6 +12,8 @@ from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeR
 from rich.table import Table
 from rich.text import Text
 
+from validation.output.forecast import Forecast
+
 if TYPE_CHECKING:
     from fem.explicit.solve import Progress as Sample
 
@@ -48,6 +50,11 @@ def _console(*, stderr: bool) -> Console:
     return console if console.is_terminal else make(_WIDTH)
 
 
+def error_console() -> Console:
+    """Text beside the results, for what is said while they come."""
+    return _console(stderr=True)
+
+
 def two_columns(title: str) -> Table:
     """Table of words and values under a title."""
     table = Table(title=title, show_header=False, title_justify="left")
@@ -66,7 +73,7 @@ def status(console: Console, words: str) -> Iterator[Callable[[str], None]]:
 @contextmanager
 def progress(*columns: ProgressColumn) -> Iterator[Progress]:
     """Live bar on a terminal; a log file wants the result, not a thousand states of a bar."""
-    console = _console(stderr=True)
+    console = error_console()
     hidden = not console.is_terminal or quiet.get()
     with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
         yield bar
@@ -77,7 +84,7 @@ def told_of_compilation() -> Iterator[None]:
     """Say so, once, where loops must be compiled first: bars stand still meanwhile."""
     from geometry.compilation import compiling
 
-    console = _console(stderr=True)
+    console = error_console()
 
     def tell() -> None:
         if not _TOLD.get():
@@ -90,7 +97,10 @@ def told_of_compilation() -> Iterator[None]:
 
 @contextmanager
 def explicit_progress() -> Iterator[Callable[[Sample], None]]:
-    """Live bar with time, step, energies and remaining time; yields the callback that feeds it."""
+    """Live bar with time, step, energies and remaining time; yields the callback that feeds it.
+
+    A run that will take long says so after two seconds, in a log file too.
+    """
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=24),
@@ -98,10 +108,19 @@ def explicit_progress() -> Iterator[Callable[[Sample], None]]:
         TextColumn("{task.fields[state]}", markup=False),
         TimeRemainingColumn(),
     )
+    forecast, console = Forecast(), error_console()
+
     with progress(*columns) as bar, told_of_compilation():
         task = bar.add_task("explicit", total=None, state="")
 
         def show(sample: Sample) -> None:
+            left = forecast.left(sample.step, sample.n_steps)
+            if left is not None:
+                console.print(
+                    f"long: about {left} for {sample.n_steps:.3g} steps, unless the run settles "
+                    "before; Ctrl-C ends it; fem.end_time, fem.time_step, fem.mass_scaling or "
+                    'fem.method = "static" make it shorter'
+                )
             energies = sample.energies
             state = (
                 f"t {1e3 * sample.time:.4g} ms  step {sample.step}  "

@@ -13,7 +13,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
 from validation.errors import InputError
-from validation.output.console import progress, two_columns
+from validation.output.console import error_console, progress, two_columns
+from validation.output.forecast import Forecast
 from validation.output.outputs import Outputs
 from validation.scene.usage import unused_words
 from validation.study.run import Tally
@@ -23,7 +24,10 @@ from validation.study.study import Row, Study
 
 @contextmanager
 def sweep_progress(results: ResultFile, *, retry_failed: bool = False) -> Iterator[Any]:
-    """Live bar with failures and remaining time on a terminal; yields what takes each row."""
+    """Live bar with failures and remaining time on a terminal; yields what takes each row.
+
+    A sweep that will take long says so as soon as rows come, in a log file too.
+    """
     done, failed = results.counts()
     if retry_failed:
         done, failed = done - failed, 0
@@ -35,14 +39,21 @@ def sweep_progress(results: ResultFile, *, retry_failed: bool = False) -> Iterat
         TimeRemainingColumn(),
         TextColumn("left"),
     )
+    # Processes start one after the other: the first rows come slowly.
+    forecast, total = Forecast(measured=10.0), results.study.n_designs
     with progress(*columns) as bar:
-        task = bar.add_task(
-            results.study.name, total=results.study.n_designs, completed=done, failed=""
-        )
+        task = bar.add_task(results.study.name, total=total, completed=done, failed="")
 
         def show(row: Row) -> None:
-            nonlocal failed
+            nonlocal done, failed
+            done += 1
             failed += row.status == "failed"
+            left = forecast.left(done, total)
+            if left is not None:
+                error_console().print(
+                    f"long: about {left} for {total - done} more designs; Ctrl-C ends it, all rows "
+                    "so far are kept, and the same command goes on"
+                )
             bar.update(task, advance=1, failed=f"{failed} failed" if failed else "")
 
         yield show

@@ -81,6 +81,8 @@ _FORMAT = 1
 _DEFORMABLE = ("material", "contact", "effects", "fem")
 #: More values of one parameter than this are a slip of the pen.
 _MOST_VALUES = 100_000
+#: Values of one parameter that are tried before a study begins.
+_MOST_TRIED = 500
 #: Most designs of one study, and the CPU time of the quickest ones [s].
 _MOST_DESIGNS, _QUICKEST_DESIGN = 10_000_000, 0.05
 
@@ -371,13 +373,17 @@ def _check_count(study: Study) -> None:
 
 
 def _check_values(study: Study) -> None:
-    """Refuse unknown parameters and values that no scene takes; combinations are tried later."""
+    """Refuse unknown parameters and values that no scene takes; combinations are tried later.
+
+    Of very many values those at the ends and some between them are tried: a scene is read for each.
+    """
     first = study.design(0)
     check_scene(study._data(first), study.name)
     for path, values in study.parameters:
-        for value in values:
+        count = min(len(values), _MOST_TRIED)
+        for place in (k * (len(values) - 1) // max(count - 1, 1) for k in range(count)):
             try:
-                check_scene(study._data(first | {path: value}), study.name)
+                check_scene(study._data(first | {path: values[place]}), study.name)
             except InputError as error:
                 if path in str(error):
                     raise
