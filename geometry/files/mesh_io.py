@@ -162,7 +162,7 @@ def write_triangles(
 
 @contextmanager
 def _as_meshio_reads(path: Path) -> Iterator[Path]:
-    """Yield the file, or a copy of a PLY whose faces list ``vertex_index``, as some programs say."""
+    """Yield the file, or a copy of a PLY whose faces list ``vertex_index``, as some write."""
     head, end, rest = b"", b"end_header", b""
     if path.suffix.lower() == ".ply":
         head, end, rest = path.read_bytes().partition(end)
