@@ -90,8 +90,9 @@ def test_gravity_that_grows_does_the_work_that_it_does():
     assert energies.external_work == pytest.approx(energies.kinetic_energy, rel=1e-10)
 
 
-def plate(method: str, damping: str = "static", friction: float = 0.3) -> DeformableScene:
-    """A plate on a held one, gravity leaning by 0.8 of the angle of friction."""
+def plate(method: str, damping: str = "static", *, rough: bool = True) -> DeformableScene:
+    """A plate on a held one, gravity leaning by 0.8 of the angle of friction, 0.3, or not rough."""
+    friction = {"friction": {"coefficient": 0.3}} if rough else {}
     boxes = [{"size": [50.0, 50.0, 10.0], "divisions": [2, 2, 1]}] * 2
     scene = check_scene(
         {
@@ -101,8 +102,8 @@ def plate(method: str, damping: str = "static", friction: float = 0.3) -> Deform
             "contact": {"law": "linear", "stiffness": 200.0},
             "fem": {"method": method, "damping": damping},
             "effects": {
-                "gravity": [0.8 * friction * GRAVITY, 0.0, -GRAVITY],
-                "friction": {"coefficient": friction},
+                "gravity": [0.8 * 0.3 * GRAVITY if rough else 0.0, 0.0, -GRAVITY],
+                **friction,
             },
         }
     )

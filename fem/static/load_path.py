@@ -71,16 +71,16 @@ def refined(
     Returns
     -------
     tuple[StaticResult, StaticResult | None]
-        The last state, and the one by half as many parts; None where only one was reached.
+        The last state that was reached, and the one before it; None where there is but one.
     """
-    coarse = solve(parts)
+    known: StaticResult | None = None
     while True:
-        parts *= 2
         fine = solve(parts)
-        if not fine.converged:
-            return coarse, None
-        known = coarse if coarse.converged else None
-        enough = known is not None and path_change(known, fine) <= tolerance
-        if enough or parts >= MOST_PARTS:
-            return fine, known
-        coarse = fine
+        enough = known is not None and fine.converged and path_change(known, fine) <= tolerance
+        if enough or 2 * parts > MOST_PARTS:
+            break
+        known = fine if fine.converged else known
+        parts *= 2
+    if known is None or fine.converged:
+        return fine, known
+    return known, None

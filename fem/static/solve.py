@@ -86,6 +86,10 @@ _CONTACT_SHARE = 1e-2
 _PATIENCE = 40
 _PATIENCE_NEAR = 10
 _NEAR = 1e-2
+#: Iterations without a better residual after which friction limits follow the pressures by half:
+#: with much friction (mu 0.6) pressures and their limits drive each other to and fro.
+_SWINGING = 6
+_LIMIT_SHARE = 0.5
 #: Parts in which the load is applied when all at once does not converge.
 _FALLBACK_LOAD_STEPS = 4
 #: Searches for one load step at most, and the motion after the last one that no cut needs to
@@ -299,6 +303,9 @@ class _State:
     rescues: int = 0
     coarse_iterations: int = 0
     anchor: FloatArray | None = None
+    limiting: FloatArray | None = None
+    """Pressures whose friction limits the last linear problem had."""
+    swinging: bool = False
     dissipation: float = 0.0
     residuals: tuple[float, ...] = ()
     converged: bool = False
@@ -352,6 +359,10 @@ def _load_up(problem: _Problem, state: _State, parts: int) -> _State:
         begin = state.displacement
         state = replace(state, load_factor=factor, converged=False)
         reached = _converge(problem, state)
+        if problem.friction is not None and not reached.converged:
+            # What follows would start from a history that no equilibrium has.
+            state = reached
+            break
         if not reached.converged and _has_potential(problem):
             reached = _descend(problem, replace(state, residuals=reached.residuals))
         state = _advance_friction(problem, reached, begin)
@@ -420,7 +431,8 @@ def _searched_anew(
     points.search()
     there = _problem(system.deformable, system.orbits, problem.options, store, points)
     kinematics = there.kinematics(state.displacement)
-    return there, replace(state, kinematics=kinematics, at=kinematics.overclosure)
+    at = kinematics.overclosure
+    return there, replace(state, kinematics=kinematics, at=at, limiting=None)
 
 
 @dataclass(frozen=True)
@@ -513,6 +525,8 @@ def _converge(problem: _Problem, state: _State) -> _State:
     for _ in range(problem.options.max_iterations):
         state = _iterate(problem, state)
         since = 0 if state.residuals[-1] < 0.9 * least else since + 1
+        if problem.friction is not None and since == _SWINGING and not state.swinging:
+            state, since = replace(state, swinging=True), 0
         least = min(least, state.residuals[-1])
         if state.converged or since > (_PATIENCE_NEAR if least < _NEAR else _PATIENCE):
             break
@@ -553,6 +567,7 @@ def _iterate(problem: _Problem, state: _State) -> _State:
     """One linear problem, and what follows from it."""
     system, law = problem.system, problem.system.deformable.contact.law
     linear = _linearise(system, state)
+    state = _with_limits(problem, state)
     trial, state = _solve(problem, _linear_problem(problem, linear, state), state)
     share = _step_share(problem, linear, state, trial)
     displacement = state.displacement + share * (trial - state.displacement)
@@ -581,10 +596,19 @@ def _linear_problem(problem: _Problem, normal: Linearisation, state: _State) -> 
         return coarsened(normal)
     if problem.friction is None:
         return normal
-    law = problem.system.deformable.contact.law
-    pressure = law.pressure(state.kinematics.overclosure)
-    rows = problem.friction.linearise(state.displacement, _anchor(state), pressure)
+    assert state.limiting is not None
+    rows = problem.friction.linearise(state.displacement, _anchor(state), state.limiting)
     return joined(normal, rows)
+
+
+def _with_limits(problem: _Problem, state: _State) -> _State:
+    """The state with the pressures that limit friction in the next linear problem."""
+    if problem.friction is None:
+        return state
+    pressure = problem.system.deformable.contact.law.pressure(state.kinematics.overclosure)
+    if state.swinging and state.limiting is not None:
+        pressure = state.limiting + _LIMIT_SHARE * (pressure - state.limiting)
+    return replace(state, limiting=pressure)
 
 
 def _linearise(system: LocalSystem, state: _State) -> Linearisation:
