@@ -46,7 +46,7 @@ def pushed(amplitude, cycles):
     return solve(held, end_time=end, time_step=step, sample_interval=1)
 
 
-def test_a_block_pushed_to_and_fro_loses_the_area_of_the_loop():
+def test_a_block_pushed_there_and_back_loses_the_area_of_the_loop():
     """A quarter loses μN (A - s), a cycle 4 μN (A - s), s the elastic slip: all nodes move alike,
     so every point has that pressure and slip, and the anchor's path is what counts, however it is
     stepped, but for the steps in which sliding begins, at the start and after four turns: those

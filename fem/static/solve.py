@@ -87,7 +87,7 @@ _PATIENCE = 40
 _PATIENCE_NEAR = 10
 _NEAR = 1e-2
 #: Iterations without a better residual after which friction limits follow the pressures by half:
-#: with much friction (mu 0.6) pressures and their limits drive each other to and fro.
+#: with much friction (mu 0.6) pressures and their limits drive each other up and down.
 _SWINGING = 6
 _LIMIT_SHARE = 0.5
 #: Parts in which the load is applied when all at once does not converge.
