@@ -54,6 +54,8 @@ class ContactState:
     """(n_points,) [mm]"""
     corner_overclosures: FloatArray | None = None
     """At the corners of matched facets, (n_facets, 4) [mm]; None where a search found them."""
+    position_s: IntArray | None = None
+    """Where a search found them: position of each in the contact facets of block s, (n_facets,)."""
 
     @property
     def n_facets(self) -> int:
@@ -254,6 +256,7 @@ def searched_state(points: FacingPoints, law: ContactLaw, clearance: float) -> C
         point_areas=points.weights[near],
         point_pressures=law.pressure(overclosure),
         point_overclosures=overclosure,
+        position_s=points.facet_position[entries[:, 2]],
     )
 
 

@@ -56,7 +56,7 @@ def contact_measures(assembly: Assembly, state: ContactState) -> ContactMeasures
     per_block = block_measures(blocks, m, s, state.pressures, state.areas)
     eligible: FloatArray = assembly.eligible_facets().astype(np.float64)
     if state.interface is None:
-        eligible = _facets_that_fit(assembly, state)
+        eligible = facets_that_fit(assembly, state)
     overall = measures(per_block, eligible[blocks], areas[blocks])
     pressing = np.where(state.point_pressures > 0.0, state.point_areas, 0.0)
     area = float(pressing.sum())
@@ -110,12 +110,14 @@ def cap_action_at(law: ContactLaw, pressures: FloatArray, areas: FloatArray) -> 
     )
 
 
-def _facets_that_fit(assembly: Assembly, state: ContactState) -> FloatArray:
-    """How many of the facets that a search found cover the contact faces of each block."""
-    whole = np.array([facet_areas(s.mesh.nodes, s.contact_quads).sum() for s in assembly.shapes])[
-        assembly.shape_of
-    ]
+def facets_that_fit(assembly: Assembly, state: ContactState) -> FloatArray:
+    """How many facets that a search found cover the contact faces of each block, (n_blocks,)."""
+    areas = [facet_areas(s.mesh.nodes, s.contact_quads) for s in assembly.shapes]
+    whole, own = (
+        np.array([of(area) for area in areas], dtype=np.float64)[assembly.shape_of]
+        for of in (np.sum, len)
+    )
     ends = np.concatenate([state.block_m, state.block_s])
     met = np.bincount(ends, minlength=assembly.n_blocks)
     covered = np.bincount(ends, np.tile(state.areas, 2), minlength=assembly.n_blocks)
-    return np.where(met > 0, met * whole / np.maximum(covered, 1e-300), assembly.eligible_facets())
+    return np.where(met > 0, met * whole / np.maximum(covered, 1e-300), own)

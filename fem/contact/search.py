@@ -158,6 +158,11 @@ class FacingPoints:
         blocks = [s.block for s in self.surfaces]
         return np.repeat(blocks, [f.stop - f.start for f in self.facets])
 
+    @property
+    def facet_position(self) -> IntArray:
+        """Position of each facet among those of its surface, (n_facets,)."""
+        return np.concatenate([np.arange(f.stop - f.start) for f in self.facets])
+
     def place(self) -> FloatArray:
         """Positions of the points, world axes, (n, 3) [mm]."""
         corners = self.position[self.quads[self.slave]]

@@ -29,20 +29,6 @@ class HexahedralBlocks:
     """Joints where facets do not match corner on corner."""
 
 
-def require_matching(name: str, unmatched: tuple[UnmatchedJoint, ...], remedy: str) -> None:
-    """Refuse joints that do not match.
-
-    Raises
-    ------
-    InputError
-        Naming the first one, and what to do.
-    """
-    if unmatched:
-        more = len(unmatched) - 1
-        others = f" (and {more} more joint{'s' if more > 1 else ''})" if more else ""
-        raise InputError(f"{name}: {unmatched[0]}{others}; {remedy}")
-
-
 def block_parameters(scene: TubeScene) -> SineBlockParameters:
     """Return the block of a tube scene.
 

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
+from geometry.assembly import Assembly
 from geometry.joints import between_layers
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from mbd import Norm
-from validation.build.blocks import require_matching
-from validation.build.deformable import build_deformable, build_hexahedra, fem_section, scene_load
+from validation.build.deformable import build_deformable, fem_section, scene_load
+from validation.build.facing import FacingBlocks, facing_blocks
 from validation.compare.decomposition import Step, decompose
 from validation.errors import InputError
 from validation.run.deformable import DeformableRun
@@ -75,7 +76,7 @@ class Comparison:
     static: DeformableRun
     explicit: DeformableRun | None
     contacts: IntArray
-    """Facets that all answers share, positions in the assembly's interfaces, (n,)."""
+    """Facets that all answers share, positions in the interfaces of the rigid blocks, (n,)."""
     answers: tuple[Answer, ...]
     """Rigid in both norms, static, explicit."""
     agreement: dict[str, tuple[PressureAgreement, ...]]
@@ -176,6 +177,8 @@ def compare(
     fem = fem_section(scene, name)
     deformable = build_comparable(scene, name)
     assembly = deformable.assembly
+    if deformable.contact.finite_sliding:
+        assembly = facing_blocks(assembly)
     load = scene_load(scene, name, assembly)
     rigid: dict[Norm, RigidRun] = {}
     idle = [(RigidSection, key) for key in RigidSection.model_fields if key != "solver"]
@@ -204,25 +207,11 @@ def build_comparable(scene: DeformableScene, name: str) -> DeformableAssembly:
     Raises
     ------
     InputError
-        When they cannot be solved, or contact is to be searched: rigid and static blocks meet on
-        matched facets alone.
+        When they cannot be solved.
     """
     fem_section(scene, name)
-    if scene.effects.finite_sliding:
-        raise InputError(
-            f"{name}: effects.finite_sliding: rigid and static answers keep matched facets "
-            "matched; expected it off: compare the scene without, or run it alone by `tubelock fem`"
-        )
-    # The method is not the scene's to choose here: a search shows that joints do not match.
-    deformable = build_deformable(_with_fem(scene, method=Method.EXPLICIT), name)
-    if deformable.contact.finite_sliding:
-        require_matching(
-            name,
-            build_hexahedra(scene, name).unmatched,
-            "rigid and static answers need matching facets: mesh both alike there, or run the "
-            "explicit answer alone by `tubelock fem --set fem.method=explicit`",
-        )
-    return deformable
+    # The method is not the scene's to choose here.
+    return build_deformable(_with_fem(scene, method=Method.EXPLICIT), name)
 
 
 def _with_fem(scene: DeformableScene, **changes: Any) -> DeformableScene:
@@ -237,8 +226,12 @@ def _collect(
     dynamic: DeformableRun | None,
     steps: list[Step],
 ) -> Comparison:
-    first = rigid[Norm.FORCE].result
-    contacts = np.intersect1d(first.contact_index, static.contact_index)
+    blocks = rigid[Norm.FORCE].assembly
+    contacts = rigid[Norm.FORCE].result.contact_index
+    solved = [run for run in (static, dynamic) if run is not None]
+    places = [_places(run, blocks) for run in solved]
+    for place in places:
+        contacts = np.intersect1d(contacts, place)
     answers = []
     for norm, run in rigid.items():
         rows = np.searchsorted(run.result.contact_index, contacts)
@@ -254,11 +247,9 @@ def _collect(
                 run.cpu_seconds["total"],
             )
         )
-    for tube in (static, dynamic):
-        if tube is None:
-            continue
-        order = np.argsort(tube.contact_index)
-        rows = order[np.searchsorted(tube.contact_index[order], contacts)]
+    for tube, place in zip(solved, places, strict=True):
+        order = np.argsort(place)
+        rows = order[np.searchsorted(place[order], contacts)]
         answers.append(
             Answer(
                 str(tube.method),
@@ -276,16 +267,22 @@ def _collect(
         explicit=dynamic,
         contacts=contacts,
         answers=tuple(answers),
-        agreement=_agreements(static, contacts, answers),
-        interface_forces=_interface_forces(static, contacts, answers),
+        agreement=_agreements(static, blocks, contacts, answers),
+        interface_forces=_interface_forces(blocks, contacts, answers),
         steps=tuple(steps),
     )
 
 
+def _places(run: DeformableRun, blocks: Assembly) -> IntArray:
+    """Position of each facet of a run in the interfaces of the rigid blocks, -1 where none is."""
+    if isinstance(blocks, FacingBlocks):
+        return blocks.positions(run.contact_state)
+    return run.contact_index
+
+
 def _agreements(
-    static: DeformableRun, contacts: IntArray, answers: list[Answer]
+    static: DeformableRun, assembly: Assembly, contacts: IntArray, answers: list[Answer]
 ) -> dict[str, tuple[PressureAgreement, ...]]:
-    assembly = static.deformable.assembly
     found = assembly.interfaces
     layer = assembly.n_layers // 2 + 1
     reference = next(a.pressures for a in answers if a.method == "static")
@@ -315,9 +312,9 @@ def _agreements(
 
 
 def _interface_forces(
-    static: DeformableRun, contacts: IntArray, answers: list[Answer]
+    assembly: Assembly, contacts: IntArray, answers: list[Answer]
 ) -> dict[str, FloatArray]:
-    found = static.deformable.assembly.interfaces
+    found = assembly.interfaces
     pair = np.searchsorted(found.pair_start, contacts, side="right") - 1
     used, row = np.unique(pair, return_inverse=True)
     direction = found.normals[contacts] * found.areas[contacts, None]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fem.assembly.deformable import Contact, DeformableAssembly
+from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.measures import contact_measures
 from fem.contact.law import LinearPenalty
 from fem.problem.model import BlockGroup
@@ -91,7 +91,7 @@ def decompose(name: str, scene: DeformableScene, static: DeformableRun) -> list[
     tasks = [
         (
             "stiff blocks on linear springs",
-            replace(stiff, contact=Contact(springs, closed.contact.normals)),
+            replace(stiff, contact=replace(closed.contact, law=springs, friction=None)),
         ),
         ("with the scene's contact law", stiff),
     ]

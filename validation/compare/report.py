@@ -139,7 +139,7 @@ def _tube_columns(
     found: Comparison, reference: Answer, others: Sequence[Answer]
 ) -> list[list[Panel]]:
     """Pressures of the middle layer's joints, seen and unrolled; differences, unrolled."""
-    assembly = found.static.deformable.assembly
+    assembly = found.rigid.assembly
     facets = interface_facets(assembly, found.contacts, reference.pressures)
     layer = assembly.n_layers // 2 + 1
     joints = {"top": layer, "bottom": layer - 1}
@@ -164,7 +164,7 @@ def _wall_columns(
     found: Comparison, reference: Answer, others: Sequence[Answer]
 ) -> list[list[Panel]]:
     """Pressures of all joints, and differences, from above and from below."""
-    assembly = found.static.deformable.assembly
+    assembly = found.rigid.assembly
     everything, (x, y, z) = np.arange(len(found.contacts)), eye(assembly)
     blocks = range(assembly.n_blocks)
 

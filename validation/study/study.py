@@ -504,9 +504,9 @@ def _of_the_columns(built: BuiltScene) -> BuiltScene:
 
 
 def _rigid_results(file: SceneFile) -> dict[str, Any]:
-    from validation.run.rigid.assembly import analyse_rigid, build_matching
+    from validation.run.rigid.assembly import analyse_rigid, build_scene
 
-    built = build_matching(file, command="sweep")
+    built = build_scene(file, command="sweep")
     with uncounted(*((RigidSection, key) for key in _NO_COLUMN)):
         run = analyse_rigid(_of_the_columns(built))
     result = run.result

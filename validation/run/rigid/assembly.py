@@ -13,7 +13,6 @@ import numpy as np
 
 from geometry.assembly import Assembly
 from geometry.files.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
-from geometry.joints import UnmatchedJoint
 from geometry.loads.case import LoadCase, with_body_wrenches
 from geometry.mesh import FloatArray
 from mbd import (
@@ -23,7 +22,8 @@ from mbd import (
     block_wrenches,
     measures,
 )
-from validation.build.blocks import build_blocks, build_weight, require_assembly, require_matching
+from validation.build.blocks import build_blocks, build_weight, require_assembly
+from validation.build.facing import facing_blocks
 from validation.run.rigid.answer import RigidAnswer
 from validation.run.rigid.further import (
     further_answers,
@@ -78,8 +78,6 @@ class BuiltScene:
     assembly: Assembly
     load: LoadCase
     cpu_seconds: float
-    unmatched: tuple[UnmatchedJoint, ...] = ()
-    """Joints where facets do not match: no contact of the rigid analysis lies there."""
 
 
 def build_scene(file: SceneFile, *, command: str = "mbd") -> BuiltScene:
@@ -93,31 +91,14 @@ def build_scene(file: SceneFile, *, command: str = "mbd") -> BuiltScene:
     start = time.process_time()
     scene = require_assembly(file.scene, file.name, command)
     blocks = build_blocks(scene)
+    assembly = facing_blocks(blocks.assembly) if blocks.unmatched else blocks.assembly
     seconds = time.process_time() - start
-    return BuiltScene(file.name, scene, blocks.assembly, blocks.load, seconds, blocks.unmatched)
+    return BuiltScene(file.name, scene, assembly, blocks.load, seconds)
 
 
 def run_rigid(file: SceneFile) -> RigidRun:
     """Build and analyse a scene."""
-    return analyse_rigid(build_matching(file))
-
-
-def build_matching(file: SceneFile, *, command: str = "mbd") -> BuiltScene:
-    """Build a scene whose contacts are matched facets; ``command`` is named in refusals.
-
-    Raises
-    ------
-    InputError
-        When it describes nothing that can be built, or facets do not match where blocks touch.
-    """
-    built = build_scene(file, command=command)
-    require_matching(
-        file.name,
-        built.unmatched,
-        "the contacts of rigid blocks are matched facets: mesh both alike there, or give the "
-        'blocks as files in a scene of type "mesh", whose contacts need no matching facets',
-    )
-    return built
+    return analyse_rigid(build_scene(file))
 
 
 def analyse_rigid(built: BuiltScene) -> RigidRun:

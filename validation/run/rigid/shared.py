@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, field, replace
 
 from validation.build.blocks import build_load
-from validation.run.rigid.assembly import BuiltScene, RigidRun, analyse_rigid, build_matching
+from validation.run.rigid.assembly import BuiltScene, RigidRun, analyse_rigid, build_scene
 from validation.scene.family import RoundScene
 from validation.scene.read import SceneFile
 
@@ -29,11 +29,11 @@ class SharedTubes:
         """
         scene = file.scene
         if not isinstance(scene, RoundScene):
-            return analyse_rigid(build_matching(file))
+            return analyse_rigid(build_scene(file))
         sections = (scene.block, scene.assembly, scene.mesh)
         key = "\n".join(section.model_dump_json() for section in sections)
         if key not in self._built:
-            built = build_matching(file)
+            built = build_scene(file)
             start = time.process_time()
             _ = built.assembly.interfaces  # found once and kept
             seconds = built.cpu_seconds + time.process_time() - start
