@@ -32,6 +32,8 @@ from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from fem.problem.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
 from fem.problem.time_step import critical_time_step
 from geometry.block import box_block
+from validation.benchmarks.kernels import KernelRow, kernel_rows
+from validation.benchmarks.kernels import table as kernel_table
 from validation.benchmarks.roofline import Roofline, roofline
 from validation.benchmarks.stopwatch import best_cpu_seconds, best_wall_seconds
 
@@ -247,11 +249,16 @@ def benchmark() -> dict[str, Any]:
         group = benchmark_group(divisions, copies)
         counts = [1, 2] if divisions == LARGE else [1]
         rows.extend(row(group, time_step, "float64", threads) for threads in counts)
+
+    def prepared(effects: Effects) -> tuple[System, State]:
+        return ready(Model((small,), effects=effects), time_step)
+
     return {
         "roofline": dataclasses.asdict(limits),
         "rows": [dataclasses.asdict(r) for r in rows],
         "flops_per_element": flops_per_element(small),
         "internal_force_limit": internal_force_limit(small, limits),
+        "kernels": [dataclasses.asdict(r) for r in kernel_rows(small, limits, prepared)],
         "effects_added_percent": effect_costs(small, time_step),
         "peers": peers(small),
         "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
@@ -287,6 +294,7 @@ def table(result: dict[str, Any]) -> str:
             f"{r['internal_force']:10.1f} {r['whole_step']:9.1f} {r['gflops']:5.1f} "
             f"{r['bytes_per_node']:11.0f}"
         )
+    lines += kernel_table([KernelRow(**r) for r in result["kernels"]])
     lines += ["", "Effects add to a step:"]
     lines += [f"  {name}: {cost:+.1f} %" for name, cost in result["effects_added_percent"].items()]
     lines += ["", "Internal force otherwise, M/s per CPU second:"]

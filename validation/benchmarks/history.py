@@ -13,7 +13,6 @@ for 10⁹ operations.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import datetime
 import json
 import platform
@@ -26,7 +25,8 @@ from typing import Any
 from fem.problem.model import BlockGroup, Model
 from fem.problem.time_step import critical_time_step
 from validation.benchmarks import contact, explicit, rigid
-from validation.benchmarks.roofline import Roofline, roofline
+from validation.benchmarks.kernels import internal_force_work, update_work
+from validation.benchmarks.roofline import Roofline, Work, roofline
 from validation.errors import InputError
 from validation.output.files import prepare_file, write_whole
 from validation.output.program import program
@@ -35,10 +35,6 @@ HISTORY = Path(__file__).with_name("history.jsonl")
 
 #: A share that is less than this part of the last one is a fall.
 KEPT = 0.9
-
-#: Streams of one component of a node, read or written once: K u reads u and writes f (whose line is
-#: read first); the update reads f, u and v and writes u and v.
-_PRODUCT_STREAMS, _UPDATE_STREAMS = 3, 5
 
 
 @dataclass(frozen=True)
@@ -129,31 +125,10 @@ def falls(before: Entry, now: Entry) -> list[str]:
 # What is measured
 
 
-@dataclass(frozen=True)
-class Work:
-    """Operations and bytes of an element update, by counting."""
-
-    flops: float
-    bytes: float
-
-    def limit(self, machine: Roofline, precision: str) -> float:
-        """Million updates per second that the roofline allows."""
-        single = precision == "float32"
-        peak = machine.peak_float32_gflops if single else machine.peak_float64_gflops
-        return 1e3 * min(peak / self.flops, machine.triad_cache_gb_per_s / self.bytes)
-
-
-def work_of(group: BlockGroup, precision: str) -> tuple[Work, Work]:
-    """Internal force and whole step of a group; each array passes once."""
-    elements, nodes = group.mesh.n_elements, group.n_nodes
-    size = 4.0 if precision == "float32" else 8.0
-    components = 3.0 * size * nodes / elements
-    blocks = len(group.stiffness.indices) / elements
-    stiffness = blocks * (9.0 * size + 4.0) / group.n_copies
-    force = Work(18.0 * blocks, _PRODUCT_STREAMS * components + stiffness)
-    # Of the update: two multiply-adds and a division for each component.
-    whole = Work(force.flops + 5.0 * 3.0 * nodes / elements, force.bytes)
-    return force, dataclasses.replace(whole, bytes=force.bytes + _UPDATE_STREAMS * components)
+def _works(group: BlockGroup, precision: str) -> tuple[Work, Work]:
+    """Internal force and whole step of a group."""
+    force = internal_force_work(group, precision)
+    return force, force + update_work(group, precision)
 
 
 def explicit_rates(machine: Roofline) -> list[Rate]:
@@ -165,12 +140,12 @@ def explicit_rates(machine: Roofline) -> list[Rate]:
     for copies, precision in ((52, "float64"), (52, "float32"), (12, "float64"), (1, "float64")):
         group = explicit.benchmark_group(explicit.SMALL, copies)
         row = explicit.row(group, time_step, precision, 1)
-        force, whole = (w.limit(machine, precision) for w in work_of(group, precision))
+        force, whole = (w.limit(machine, precision) for w in _works(group, precision))
         name = f"{copies} {'copy' if copies == 1 else 'copies'}, {precision}"
         rates.append(Rate(f"internal force, {name}", row.internal_force, unit, force))
         rates.append(Rate(f"step with loads, {name}", row.whole_step, unit, whole))
     group = explicit.benchmark_group(explicit.SMALL, 52)
-    limit = work_of(group, "float64")[1].limit(machine, "float64")
+    limit = _works(group, "float64")[1].limit(machine, "float64")
     for name, effects in explicit.EFFECTS.items():
         case = explicit.ready(Model((group,), effects=effects), time_step)
         seconds = explicit.seconds_of_step(*case, threads=1, repeats=3)
@@ -183,7 +158,7 @@ def contact_rates(machine: Roofline) -> list[Rate]:
     """Whole step of one layer in contact."""
     row = contact.rate(1, 960, 1, warm_up=500)
     (group,) = contact.statement(contact.pipe(1, 960), 1)[0].model.groups
-    limit = work_of(group, "float64")[1].limit(machine, "float64")
+    limit = _works(group, "float64")[1].limit(machine, "float64")
     value = row.million_updates_per_second
     return [Rate("step with contact, 960 elements a block", value, "M element updates/s", limit)]
 

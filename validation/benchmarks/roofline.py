@@ -27,6 +27,23 @@ class Roofline:
     """The same in single precision."""
 
 
+@dataclass(frozen=True)
+class Work:
+    """Operations and bytes of an element update, by counting."""
+
+    flops: float
+    bytes: float
+
+    def __add__(self, other: Work) -> Work:
+        return Work(self.flops + other.flops, self.bytes + other.bytes)
+
+    def limit(self, machine: Roofline, precision: str = "float64") -> float:
+        """Million updates per second that the roofline allows."""
+        single = precision == "float32"
+        peak = machine.peak_float32_gflops if single else machine.peak_float64_gflops
+        return 1e3 * min(peak / self.flops, machine.triad_cache_gb_per_s / self.bytes)
+
+
 @njit(error_model="numpy")
 def _triad(a, b, c, s):  # type: ignore[no-untyped-def]
     for i in range(len(a)):

@@ -41,13 +41,15 @@ def _pressure_lanes(width: int) -> Callable[..., Any]:
         none = zero(stress)
         lost = none
         for e in range(begin, end):
-            fresh = none
+            # Three sums, one of each component, hide the latency of the additions.
+            by_x, by_y, by_z = none, none, none
             for a in range(8):
                 g = 24 * e + 3 * a
                 node = np.int64(element_rows[8 * e + a]) * 3 * lanes + first
-                fresh = multiply_add(gradient[g], load(displacement, node), fresh)
-                fresh = multiply_add(gradient[g + 1], load(displacement, node + lanes), fresh)
-                fresh = multiply_add(gradient[g + 2], load(displacement, node + 2 * lanes), fresh)
+                by_x = multiply_add(gradient[g], load(displacement, node), by_x)
+                by_y = multiply_add(gradient[g + 1], load(displacement, node + lanes), by_y)
+                by_z = multiply_add(gradient[g + 2], load(displacement, node + 2 * lanes), by_z)
+            fresh = by_x + by_y + by_z
             at = e * lanes + first
             change = fresh - load(strain, at)
             rate = per_step * change
