@@ -281,7 +281,9 @@ def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom
             axes.annotate(
                 row.setting.mesh_words.removeprefix("mesh ").replace(" of degree ", ", "),
                 (a, b),
-                xytext=(4, 5),
+                # Words of a rung would leave the panel on the right.
+                xytext=(-6, -9) if element == "curved" else (4, 5),
+                ha="right" if element == "curved" else "left",
                 textcoords="offset points",
                 fontsize=8,
                 color=colour,
