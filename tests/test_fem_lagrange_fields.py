@@ -16,8 +16,8 @@ from tests.test_fem_lagrange import CONCRETE, lattice
 from tests.test_validation_accuracy import scene
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.build.deformable import contact_law
-from validation.run.accuracy import Rung
-from validation.run.curved import Solved, solve_curved
+from validation.run.curved.accuracy import Rung
+from validation.run.curved.solve import Solved, solve_curved
 
 GRADIENT = 1e-4 * np.array([[1.0, 0.3, -0.2], [0.1, -0.5, 0.4], [0.0, 0.2, 0.7]])
 

@@ -12,7 +12,7 @@ from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import deformable
 from validation.cost.references import references
 from validation.errors import InputError
-from validation.run.accuracy import (
+from validation.run.curved.accuracy import (
     LADDER,
     QUANTITIES,
     SAFETY,
@@ -23,7 +23,7 @@ from validation.run.accuracy import (
     run_to_accuracy,
     unmet,
 )
-from validation.run.curved import curved_scene, solve_curved
+from validation.run.curved.solve import curved_scene, solve_curved
 from validation.run.measures import Measure
 from validation.scene.read import TubeScene
 

@@ -38,7 +38,7 @@ from validation.cost.settings import (
 )
 from validation.cost.store import CostStore, measurement_key
 from validation.errors import InputError
-from validation.run.accuracy import Rung
+from validation.run.curved.accuracy import Rung
 from validation.scene.read import TubeScene, load_scene
 
 SETTINGS = ("--set", "assembly.layers=1")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from validation.cost.peaks import Refined, cap_comparison
-from validation.run.accuracy import Rung
+from validation.run.curved.accuracy import Rung
 
 
 @pytest.mark.parametrize("order", [1.0, 2.5])

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from fem.explicit.solve import ExplicitResult
     from fem.problem.model import BlockGroup
     from validation.output.outputs import Outputs
-    from validation.run.curved import CurvedRun
+    from validation.run.curved.solve import CurvedRun
     from validation.run.deformable import DeformableRun
     from validation.scene.read import DeformableScene
     from validation.scene.usage import KeyUse
@@ -93,7 +93,7 @@ def _targets(
     InputError
         For what cannot be asked.
     """
-    from validation.run.accuracy import parse_targets
+    from validation.run.curved.accuracy import parse_targets
 
     if not accuracy:
         if max_seconds is not None:
@@ -179,7 +179,7 @@ def _answer(name: str, scene: DeformableScene, outputs: Outputs, resume: Path | 
     from validation.scene.usage import recording
 
     if scene.fem is not None and scene.fem.degree > 1:
-        from validation.run.curved import run_curved
+        from validation.run.curved.solve import run_curved
 
         refuse_resume(resume)
         with recording(scene) as use, status(outputs.console, f"{name}: curved elements"):
@@ -207,7 +207,7 @@ def _write(run: DeformableRun, data: dict[str, Any], outputs: Outputs, use: KeyU
 def _write_curved(run: CurvedRun, outputs: Outputs, use: KeyUse) -> None:
     """Print a run with curved elements and write its files and data."""
     from validation.output.curved import print_curved, write_curved_files
-    from validation.run.curved_fields import CurvedFields
+    from validation.run.curved.fields import CurvedFields
     from validation.run.deformable import peak_memory_mb
     from validation.run.joints import joints_json
 
@@ -237,8 +237,8 @@ def _answer_accurately(
         When they do not get there.
     """
     from validation.output.console import status
-    from validation.run.accuracy import run_to_accuracy
-    from validation.run.curved import curved_scene, refused
+    from validation.run.curved.accuracy import run_to_accuracy
+    from validation.run.curved.solve import curved_scene, refused
     from validation.scene.usage import recording
 
     if refused(scene) is not None:
@@ -265,7 +265,7 @@ def _answer_by_shares(
         When the scene's own mesh, or the time, is not enough, or it asks for no error bars.
     """
     from validation.build.coarser import coarser
-    from validation.run.accuracy import SHARES, unmet, words_of
+    from validation.run.curved.accuracy import SHARES, unmet, words_of
     from validation.run.deformable import run_json
     from validation.scene.usage import recording
 

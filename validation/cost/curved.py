@@ -9,9 +9,9 @@ from __future__ import annotations
 import time
 
 from validation.cost.settings import CostSetting
-from validation.run.accuracy import LADDER
-from validation.run.curved import Solved, curved_run, solve_curved
-from validation.run.curved_fields import CurvedFields
+from validation.run.curved.accuracy import LADDER
+from validation.run.curved.fields import CurvedFields
+from validation.run.curved.solve import Solved, curved_run, solve_curved
 from validation.scene.read import TubeScene
 
 

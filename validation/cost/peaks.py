@@ -19,8 +19,8 @@ from rich.table import Table
 from fem.assembly.measures import CapAction, cap_action_at
 from validation.build.deformable import contact_law
 from validation.cost.references import Reference, references
-from validation.run.accuracy import LADDER, Rung
-from validation.run.curved import Solved, curved_scene, solve_curved
+from validation.run.curved.accuracy import LADDER, Rung
+from validation.run.curved.solve import Solved, curved_scene, solve_curved
 from validation.run.measures import Measure
 from validation.scene.read import TubeScene, load_scene
 

@@ -16,8 +16,8 @@ from mbd import Norm
 from validation.build.cell import refuse_cell
 from validation.build.deformable import fem_section
 from validation.errors import InputError
-from validation.run.accuracy import LADDER
-from validation.run.curved import refused
+from validation.run.curved.accuracy import LADDER
+from validation.run.curved.solve import refused
 from validation.scene.deformable import Damping, Method, RayleighSection
 from validation.scene.read import TubeScene
 

@@ -27,7 +27,7 @@ from validation.cost.measure import SCALARS, Measurement, measure, warm_up
 from validation.cost.settings import CostPlan, CostSetting
 from validation.cost.store import CostStore, measurement_key
 from validation.errors import InputError
-from validation.run.accuracy import error_bar
+from validation.run.curved.accuracy import error_bar
 from validation.scene.read import TubeScene
 
 #: What errors are measured in: the scalars, and the pressure field in L2.

@@ -15,8 +15,8 @@ from validation.output.deformable import add_measures, cap_words, write_contact
 from validation.output.joints import write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
-from validation.run.curved import CurvedRun
-from validation.run.curved_fields import CurvedFields
+from validation.run.curved.fields import CurvedFields
+from validation.run.curved.solve import CurvedRun
 from validation.run.words import load_words
 
 

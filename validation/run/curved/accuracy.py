@@ -23,7 +23,7 @@ import numpy as np
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.mesh import FloatArray
 from validation.errors import InputError
-from validation.run.curved import CurvedMesh, CurvedRun, Solved, curved_run, solve_curved
+from validation.run.curved.solve import CurvedMesh, CurvedRun, Solved, curved_run, solve_curved
 from validation.run.measures import Measure
 from validation.scene.deformable import parse_share
 from validation.scene.read import TubeScene
@@ -156,7 +156,7 @@ def run_to_accuracy(
     Parameters
     ----------
     name, scene
-        A tube that curved elements solve (`validation.run.curved.curved_scene`).
+        A tube that curved elements solve (`validation.run.curved.solve.curved_scene`).
     targets
         Relative errors [-] by quantity.
     seconds

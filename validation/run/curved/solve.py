@@ -1,8 +1,8 @@
 """Static runs of Sine Block tubes with curved elements.
 
 With the degree and the mesh of the scene each measure has the change from one degree less as the
-estimate of its error; `validation.run.accuracy` chooses degree and mesh. Means over facets are
-those over the facets of ``[mesh]``, whatever the elements.
+estimate of its error; `validation.run.curved.accuracy` chooses degree and mesh. Means over facets
+are those over the facets of ``[mesh]``, whatever the elements.
 """
 
 from __future__ import annotations
