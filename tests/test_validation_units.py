@@ -144,3 +144,11 @@ def test_a_size_that_no_block_has_can_be_meant_as_well() -> None:
         build_polyhedra(file.scene, file.folder)  # type: ignore[arg-type]
     meant = load_scene("octahedra", [*small, 'plausibility.accept=["block.size"]'])
     assert build_polyhedra(meant.scene, meant.folder).n_blocks == 7  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("key", ["rigid.friction", "effects.friction.coefficient"])
+@pytest.mark.parametrize("angle", ["30°", "30 deg"])
+def test_an_angle_of_friction_is_told_its_coefficient(key: str, angle: str) -> None:
+    with pytest.raises(InputError, match=rf"{key}: .*an angle .* tan φ = 0\.57735") as refused:
+        load_scene("tsb1-pipe", [f"{key}={angle}"])
+    assert "\n" not in str(refused.value)

@@ -189,7 +189,7 @@ def main(
     only: Annotated[str, typer.Option(help="Scenes whose name contains this.")] = "",
 ) -> None:
     """Print static against explicit answers with friction."""
-    console, rows = Console(width=170), []
+    console, rows = Console(width=200), []
     for case in CASES:
         if only in case.scene:
             rows.append(compared(case))

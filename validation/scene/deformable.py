@@ -11,7 +11,7 @@ from pydantic.json_schema import JsonSchemaValue
 from fem.element.hexahedron import ElementType
 from fem.problem.model import Formulation
 from validation.scene.plausibility import WholeScene
-from validation.scene.sections import Finite, NonNegative, Positive, Section, fewer
+from validation.scene.sections import Finite, NoAngle, NonNegative, Positive, Section, fewer
 
 if TYPE_CHECKING:
     from fem.assembly.statement import Motion
@@ -103,7 +103,7 @@ class BulkViscositySection(Section):
 class FrictionSection(Section):
     """``[effects.friction]``: Coulomb friction with regularised stick."""
 
-    coefficient: Positive
+    coefficient: Annotated[Positive, NoAngle]
     """μ [-]"""
     stick_stiffness: Positive | None = None
     """Tangential slope while sticking [MPa/mm]; None: the solver's default."""

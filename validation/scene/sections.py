@@ -2,20 +2,45 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, get_args
 
-from pydantic import AfterValidator, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    field_validator,
+)
 
 from geometry.loads import CASES
 from mbd import Norm, Solver
 from mbd.friction import FrictionLaw
 from validation.scene.docstrings import field_docstrings
-from validation.scene.quantities import Unit, converted, unit_of
+from validation.scene.quantities import Unit, converted, parse_unit, unit_of
 from validation.scene.usage import Recorded
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+def _no_angle(value: Any) -> Any:
+    """Refuse an angle of friction that comes with its unit, and say the coefficient."""
+    radian = parse_unit("rad")
+    assert radian is not None
+    try:
+        angle = converted(value, radian) if isinstance(value, str) else None
+    except ValueError:
+        return value
+    if angle is None:
+        return value
+    raise ValueError(f"an angle φ is given as its coefficient, tan φ = {math.tan(angle):.6g}")
+
+
+#: Reads a coefficient of friction.
+NoAngle = BeforeValidator(_no_angle)
 
 
 def _known_load(name: str) -> str:
@@ -102,7 +127,7 @@ class RigidSection(Section):
 
     norm: Norm = Norm.FORCE
     solver: Solver = Solver.NEWTON
-    friction: NonNegative | None = None
+    friction: Annotated[NonNegative | None, NoAngle] = None
     """Coefficient of friction μ: asks whether the load can be carried with Coulomb friction."""
     friction_law: FrictionLaw = FrictionLaw.CONE
     """``cone`` (exact) or ``pyramid`` (inside it, linear)."""
