@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
-from fem.explicit import kernels
+from fem.explicit.kernels import SERIAL
 from fem.explicit.kernels.layout import aligned_zeros, to_lanes
 from fem.explicit.output.energy import energies
 from fem.explicit.output.history import History
@@ -384,7 +384,7 @@ def test_effects_that_are_off_leave_the_bits_of_the_bare_loop():
     v, f = to_lanes(velocity, body.rows.order, np.float64), np.zeros_like(u)
     r = body.rows
     for _ in range(200):
-        kernels.stiffness_product(
+        SERIAL.stiffness_product(
             r.chunks, r.pointer, r.column, r.blocks, u.ravel(), f.ravel(), None, 8
         )
         v += (dt / body.mass[:, None, None]) * -f

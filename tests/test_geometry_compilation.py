@@ -124,7 +124,8 @@ def test_every_kernel_of_the_program_has_its_helpers_in_its_key() -> None:
     from fem.explicit.contact.sliding_kernel import sliding_forces
     from fem.explicit.kernels.stiffness import stiffness_product
 
-    assert isinstance(stiffness_product._cache, KernelCache)
+    assert isinstance(stiffness_product.serial._cache, KernelCache)
+    assert isinstance(stiffness_product.parallel._cache, KernelCache)
     assert isinstance(sliding_forces._cache, KernelCache)
     assert njit()(lambda x: 2 * x)(3) == 6
 
