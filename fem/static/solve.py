@@ -92,6 +92,10 @@ _SWINGING = 6
 _LIMIT_SHARE = 0.5
 #: Parts in which the load is applied when all at once does not converge.
 _FALLBACK_LOAD_STEPS = 4
+#: Residual of a load step on the way above which its slips are no history to go on with: what load
+#: steps are doubled for. Blocks that hardly touch yet under a hundredth of the load may not come to
+#: the tolerance, which is of all of it.
+_HISTORY = 1e-2
 #: Searches for one load step at most, and the motion after the last one that no cut needs to
 #: follow: what it changes is its square [skins].
 _MAX_SEARCHES = 12
@@ -357,9 +361,9 @@ def _load_up(problem: _Problem, state: _State, parts: int) -> _State:
     first = state
     for factor in _load_path(problem, parts):
         begin = state.displacement
-        state = replace(state, load_factor=factor, converged=False)
+        state = replace(state, load_factor=factor, converged=False, swinging=False)
         reached = _converge(problem, state)
-        if problem.friction is not None and not reached.converged:
+        if problem.friction is not None and reached.residuals[-1] > _HISTORY:
             # What follows would start from a history that no equilibrium has.
             state = reached
             break
