@@ -99,7 +99,7 @@ def told_of_compilation() -> Iterator[None]:
 def explicit_progress() -> Iterator[Callable[[Sample], None]]:
     """Live bar with time, step, energies and remaining time; yields the callback that feeds it.
 
-    A run that will take long says so after two seconds, in a log file too.
+    A run that will take long says so after some seconds, in a log file too.
     """
     columns = (
         TextColumn("{task.description}", markup=False),

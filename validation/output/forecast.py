@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 
-#: Time over which the pace is measured unless said otherwise, and least time left that is said [s].
-MEASURED, LONG = 2.0, 600.0
+#: Times over which the pace is measured and their number, least time left that is said [s].
+WINDOW, WINDOWS, LONG = 2.0, 3, 600.0
 
 _UNITS = ((365.0 * 86400.0, "years"), (86400.0, "days"), (3600.0, "h"), (60.0, "min"))
 
@@ -17,17 +17,18 @@ def duration_words(seconds: float) -> str:
 
 
 class Forecast:
-    """Tells once how long the rest takes at the pace of some seconds."""
+    """Tells once how long the rest takes at the best pace of its first seconds.
 
-    def __init__(self, measured: float = MEASURED) -> None:
-        self._measured = measured
-        self._first: tuple[float, float] | None = None
-        self._told = False
+    The best one: functions are compiled and processes started meanwhile, which comes once.
+    """
+
+    def __init__(self, window: float = WINDOW) -> None:
+        self._window = window
+        self._last: tuple[float, float] | None = None
+        self._paces: list[float] = []
 
     def left(self, done: float, total: float) -> str | None:
         """Words for the time left, once, where it is long; None else.
-
-        The pace counts from the first call: what came before, such as compilation, comes once.
 
         Parameters
         ----------
@@ -35,11 +36,14 @@ class Forecast:
             Parts of the work, in one unit.
         """
         now = time.perf_counter()
-        if self._first is None:
-            self._first = (now, done)
-        start, before = self._first
-        if self._told or now - start < self._measured or done <= before:
+        if self._last is None:
+            self._last = (now, done)
+        start, before = self._last
+        if len(self._paces) == WINDOWS or now - start < self._window or done <= before:
             return None
-        self._told = True
-        seconds = (now - start) * (total - done) / (done - before)
+        self._paces.append((now - start) / (done - before))
+        self._last = (now, done)
+        if len(self._paces) < WINDOWS:
+            return None
+        seconds = min(self._paces) * (total - done)
         return duration_words(seconds) if seconds > LONG else None

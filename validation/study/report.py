@@ -39,8 +39,7 @@ def sweep_progress(results: ResultFile, *, retry_failed: bool = False) -> Iterat
         TimeRemainingColumn(),
         TextColumn("left"),
     )
-    # Processes start one after the other: the first rows come slowly.
-    forecast, total = Forecast(measured=10.0), results.study.n_designs
+    forecast, total = Forecast(window=4.0), results.study.n_designs
     with progress(*columns) as bar:
         task = bar.add_task(results.study.name, total=total, completed=done, failed="")
 
