@@ -16,10 +16,9 @@ def clock(monkeypatch):
 
 def test_the_rest_takes_what_the_best_pace_says(clock) -> None:
     """One part a second, a minute of compilation in between: 3 h for the rest."""
-    told, said, done = Forecast(), [], 0
-    for second in range(100):
-        clock[0] += 61.0 if second == 3 else 1.0
-        done += 1
+    told, said = Forecast(), []
+    for done in range(1, 101):
+        clock[0] += 61.0 if done == 4 else 1.0
         said.append(told.left(done, 10808))
     assert [words for words in said if words is not None] == ["3 h"], "said once"
     assert said.index("3 h") < 4 * WINDOWS * WINDOW
