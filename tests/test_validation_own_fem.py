@@ -13,6 +13,7 @@ from fem.decks.statement import Flavour
 from fem.problem.loads import wrench_forces
 from geometry.block import box_block
 from geometry.families.box_column import ColumnBox, box_column, unmatched_joints
+from geometry.families.masonry import box
 from geometry.files.block_files import step_hexahedra
 from geometry.files.hexahedral_solids import connected_solids, six_sided_hexahedra
 from geometry.files.mesh_io import write_hex_mesh
@@ -286,3 +287,23 @@ def test_a_wrench_is_spread_without_changing_it() -> None:
     # Sums of twenty numbers of order one.
     np.testing.assert_allclose(forces.sum(axis=0), force, atol=1e-13)
     np.testing.assert_allclose(np.cross(points - centre, forces).sum(axis=0), moment, atol=1e-12)
+
+
+def test_a_cube_on_its_edge_is_a_rigid_answer_and_no_deformable_one(tubelock, tmp_path) -> None:  # noqa: F811
+    """Contacts without any area: a traceback of the report before, and of fem another reason."""
+    for name, shape in (("floor", box((400.0, 400.0, 50.0))), ("cube", box((100.0,) * 3))):
+        mesh = meshio.Mesh(shape.points, [("triangle", shape.triangles)])
+        meshio.write(tmp_path / f"{name}.stl", mesh)
+    (tmp_path / "edge.toml").write_text(
+        '[block]\ntype = "mesh"\n[effects]\ngravity = [0, 0, -9810.0]\n[material]\n'
+        "density = 2.4e-9\nyoung_modulus = 33000.0\npoisson_ratio = 0.2\n[contact]\n[fem]\n"
+        'method = "static"\n[[parts]]\nfile = "floor.stl"\nfixed = true\n'
+        '[[parts.places]]\nat = [-200.0, -200.0, -50.0]\n[[parts]]\nfile = "cube.stl"\n'
+        "[[parts.places]]\naxis = [0.0, 1.0, 0.0]\nangle = -45.0\n"
+    )
+    status, out, _ = tubelock("mbd", "edge.toml", "-o", "here")
+    assert status == 0
+    assert "edges and points have no area" in out
+    status, _, err = tubelock("fem", "edge.toml", "-o", "there")
+    assert status == 2
+    assert "blocks 0 and 1 touch along an edge or at a point alone" in err

@@ -57,6 +57,7 @@ def build_own_blocks(scene: MeshScene, name: str) -> HexahedralBlocks:
         check_assembly(surfaces)
     except RefusedError as error:
         raise InputError(f"{name}: {error}") from None
+    refuse_bare_joints(name, surfaces)
     assembly = replace(assembly, layer=contact_distance(surfaces))
     unmatched = unmatched_joints(assembly, surfaces)
     return HexahedralBlocks(assembly, own_load(scene, name, assembly), unmatched)
@@ -103,6 +104,28 @@ def _part_blocks(path: Path, scene: MeshScene) -> Sequence[Block]:
     except MeshError as error:
         raise MeshError(f"stays rigid, `tubelock mbd` gives the answer: {error}") from None
     return [hexahedral_block(s.name, m) for s, m in zip(solids, meshes, strict=True)]
+
+
+def refuse_bare_joints(name: str, surfaces: PolyhedralAssembly) -> None:
+    """Refuse blocks that meet without an area: what carries there would be left out in silence.
+
+    Raises
+    ------
+    InputError
+        Naming the first of them.
+    """
+    found = surfaces.interfaces
+    pairs = np.sort(np.column_stack([found.block_m, found.block_s]), axis=1)
+    key = pairs[:, 0] * surfaces.n_blocks + pairs[:, 1]
+    bare = np.flatnonzero(~np.isin(key, key[found.patch >= 0]))
+    if bare.size:
+        m, s = pairs[bare[0]].tolist()
+        raise InputError(
+            f"{name}: blocks {m} and {s} touch along an edge or at a point alone, near "
+            f"{np.round(found.centroids[bare[0]], 3).tolist()} mm, and deformable blocks press on "
+            "faces: place them so that faces meet or with a gap, or ask `tubelock mbd`, which has "
+            "such contacts"
+        )
 
 
 def unmatched_joints(

@@ -54,7 +54,10 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
     add_further_rows(table, run.further)
     if run.carried.holds and run.normal_forces.max(initial=0.0) > 0:
         table.add_row("largest contact force", f"{run.normal_forces.max():.5g} N")
-        table.add_row("largest patch pressure", f"{run.patch_pressures.max():.5g} MPa")
+        pressure = "none: edges and points have no area"
+        if run.patch_pressures.size:
+            pressure = f"{run.patch_pressures.max():.5g} MPa"
+        table.add_row("largest patch pressure", pressure)
         for words, value in joint_words(run.joints):
             table.add_row(words, value)
     bare = int((interfaces.patch < 0).sum())

@@ -11,7 +11,7 @@ import json
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeAlias, get_args
+from typing import Any, TypeAlias, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -273,7 +273,11 @@ _MOST_NAMED = 3
 
 def _known_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
     """Keys allowed at a place of the scene."""
+    inside = False  # a list or table of sections: its places and names are no keys of a section
     for key in path:
+        if inside:
+            inside = False
+            continue
         field = model.model_fields.get(str(key))
         inner = None if field is None else field.annotation
         sections = [
@@ -283,7 +287,7 @@ def _known_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str
         ]
         if not sections:
             return []
-        model = sections[0]
+        model, inside = sections[0], get_origin(inner) in (tuple, list, dict)
     return list(model.model_fields)
 
 
@@ -301,8 +305,8 @@ def _one_line(error: ValidationError, model: type[BaseModel]) -> str:
     if first["type"] == "extra_forbidden":
         known = _known_keys(model, first["loc"][:-1])
         near = difflib.get_close_matches(str(first["loc"][-1]), known, n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}?" if near else f"expected one of {', '.join(known)}"
-        line = f"unknown key {place}: {hint}"
+        hint = f": expected one of {', '.join(known)}" if known else "; remove it"
+        line = f"unknown key {place}{f': did you mean {near[0]!r}?' if near else hint}"
     else:
         line = _wrong_value(first, place, model)
     others = dict.fromkeys(".".join(str(key) for key in p["loc"]) for p in problems[1:])

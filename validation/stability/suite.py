@@ -8,6 +8,7 @@ from validation.errors import InputError
 from validation.stability import (
     contact_law,
     degenerate,
+    degenerate_blocks,
     explicit,
     geometry,
     invariance,
@@ -25,6 +26,7 @@ def cases() -> tuple[Case, ...]:
         rigid,
         invariance,
         degenerate,
+        degenerate_blocks,
         numbers,
         contact_law,
         static,

@@ -1,0 +1,127 @@
+"""Degenerate contact of deformable blocks: facets of any size, rims, edges, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fem.assembly.statement import Problem
+from fem.contact.law import LinearPenalty
+from fem.element.material import Material
+from fem.solvers import solve_static
+from geometry.assembly import Assembly
+from geometry.block import Block, box_block
+from geometry.loads.case import LoadCase
+from geometry.mesh import FloatArray
+from geometry.polyhedra.assembly import as_polyhedral
+from geometry.polyhedra.options import DetectionOptions
+from validation.build.own_blocks import refuse_bare_joints
+from validation.errors import InputError
+from validation.stability.case import Cases, Check, Finding, refusal
+from validation.stability.problems import relative
+
+CASES = Cases("degenerate")
+
+_EYE = np.eye(3)
+_CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
+_GRAVITY = 9810.0
+#: Newton's residual, on one block's weight.
+_RESIDUAL = 1e-7
+
+Placed = tuple[Block, FloatArray, FloatArray]
+
+
+def _standing(*placed: Placed) -> Assembly:
+    """Blocks of which the first is held."""
+    n = len(placed)
+    return Assembly(
+        name="degenerate",
+        shapes=tuple(block for block, _, _ in placed),
+        shape_of=np.arange(n),
+        rotations=np.array([turn for _, turn, _ in placed]),
+        translations=np.array([shift for _, _, shift in placed]),
+        layer=np.arange(n),
+        fixed=np.arange(n) == 0,
+        unmatched_allowed=True,
+    )
+
+
+def _box(size: tuple[float, float, float], divisions: tuple[int, int, int]) -> Block:
+    return box_block(size, divisions, contact_faces=("x-", "x+", "y-", "y+", "z-", "z+"))
+
+
+#: One facet on top, 400 mm wide.
+_FLOOR: Placed = (_box((400.0, 400.0, 50.0), (1, 1, 1)), _EYE, np.array([-200.0, -200.0, -50.0]))
+
+
+def _presses(*placed: Placed, joints: int) -> Finding:
+    """What lies on the floor presses on it with its weight, and on nothing else."""
+    assembly = _standing(*placed)
+    problem = Problem(
+        assembly,
+        LoadCase(assembly, "weight", (), assembly.fixed.copy()),
+        _CONCRETE,
+        law=LinearPenalty(100.0),
+        finite_sliding=True,
+        gravity=(0.0, 0.0, -_GRAVITY),
+    )
+    answer = solve_static(problem)
+    state = answer.contact_state
+    lift = abs(float(state.point_forces[:, 2].sum()))
+    weight = _GRAVITY * _CONCRETE.density * float(assembly.volumes[1:].sum())
+    pressing = state.pressures > 0.0
+    pairs = np.sort(np.column_stack([state.block_m, state.block_s])[pressing], axis=1)
+    return Finding(
+        (
+            Check("lift against weight", relative(lift, weight), _RESIDUAL),
+            Check("joints that press", len(np.unique(pairs, axis=0)), joints, joints),
+        )
+    )
+
+
+def _cube(x: float, y: float, degrees: float = 0.0) -> Placed:
+    turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+    return _box((100.0, 100.0, 100.0), (2, 2, 2)), turn, np.array([x, y, 0.0])
+
+
+@CASES.add("dice-on-a-facet", "A cube of 5 mm on a facet of 400 mm: presses with its weight")
+def _dice() -> Finding:
+    dice = _box((5.0, 5.0, 5.0), (3, 3, 3)), _EYE, np.array([1.0, -7.0, 0.0])
+    return _presses(_FLOOR, dice, joints=1)
+
+
+@CASES.add("facets-turned", "A cube turned by 31° on the floor's facet: presses with its weight")
+def _turned() -> Finding:
+    return _presses(_FLOOR, _cube(0.0, 0.0, 31.0), joints=1)
+
+
+@CASES.add("over-the-rim", "A cube whose part beyond the floor's rim has nothing under it")
+def _rim() -> Finding:
+    return _presses(_FLOOR, _cube(140.0, 0.0), joints=1)
+
+
+@CASES.add("blocks-share-an-edge", "Cubes on a floor that share an edge: it carries nothing")
+def _share_edge() -> Finding:
+    return _presses(_FLOOR, _cube(0.0, 0.0), _cube(-100.0, -100.0), joints=2)
+
+
+def _refused(turn: FloatArray, x: float = 0.0) -> Finding:
+    cube = _box((100.0, 100.0, 100.0), (2, 2, 2))
+    assembly = _standing(_FLOOR, (cube, turn, np.array([x, 0.0, 0.0])))
+    return refusal(
+        lambda: refuse_bare_joints("cube", as_polyhedral(assembly, DetectionOptions())),
+        InputError,
+        "blocks 0 and 1 touch along an edge or at a point alone",
+    )
+
+
+@CASES.add("block-on-its-edge", "A deformable cube on its edge: refused, faces alone press")
+def _on_edge() -> Finding:
+    return _refused(Rotation.from_euler("y", -45.0, degrees=True).as_matrix())
+
+
+@CASES.add("block-on-its-corner", "A deformable cube on its corner: refused, faces alone press")
+def _on_corner() -> Finding:
+    up = np.array([[1.0, 1.0, 1.0]]) / np.sqrt(3.0)
+    turn, _ = Rotation.align_vectors(np.array([[0.0, 0.0, 1.0]]), up)
+    return _refused(turn.as_matrix())
