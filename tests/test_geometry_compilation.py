@@ -190,3 +190,18 @@ def test_stages_of_a_run_leave_compilation_out() -> None:
     assert seconds["solve"] < seconds["compile"]  # it is one subtraction
     assert "compile" not in warm.seconds()
     assert summed({"solve": 1.0}, {"build": 2.0, "solve": 0.5}) == {"solve": 1.5, "build": 2.0}
+
+
+def test_rigid_answers_of_matching_blocks_load_no_compiler() -> None:
+    script = """
+import sys
+from validation.cli.app import main
+sys.argv = ["tubelock", "mbd", "tsb1-pipe", "--set", "assembly.layers=1", "--json", "-"]
+try:
+    main()
+finally:
+    assert "validation.run.rigid.assembly" in sys.modules
+    assert not {"numba", "llvmlite"} & set(sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

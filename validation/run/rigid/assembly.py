@@ -23,7 +23,6 @@ from mbd import (
     measures,
 )
 from validation.build.blocks import build_blocks, build_weight, require_assembly
-from validation.build.facing import facing_blocks
 from validation.run.rigid.answer import RigidAnswer
 from validation.run.rigid.further import (
     further_answers,
@@ -91,7 +90,11 @@ def build_scene(file: SceneFile, *, command: str = "mbd") -> BuiltScene:
     start = time.process_time()
     scene = require_assembly(file.scene, file.name, command)
     blocks = build_blocks(scene)
-    assembly = facing_blocks(blocks.assembly) if blocks.unmatched else blocks.assembly
+    assembly = blocks.assembly
+    if blocks.unmatched:
+        from validation.build.facing import facing_blocks  # it loads a compiler
+
+        assembly = facing_blocks(assembly)
     seconds = time.process_time() - start
     return BuiltScene(file.name, scene, assembly, blocks.load, seconds)
 
