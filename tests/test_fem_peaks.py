@@ -11,7 +11,7 @@ from fem.element.facet import FACET_VALUES
 from fem.element.stress import integration_points
 from tests.test_validation_own_fem import column
 from validation.build.deformable import build_deformable
-from validation.output.deformable import print_run
+from validation.output.deformable.answers import print_run
 from validation.run.deformable import DeformableRun
 from validation.run.measures import Measure, value_words
 from validation.run.static import run_static

@@ -11,7 +11,7 @@ from geometry.joints import JointResultants, chain, joint_resultants
 from mbd import contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from tests.test_validation_own_fem import column
-from validation.output.polyhedra import write_contacts
+from validation.output.rigid.polyhedra import write_contacts
 from validation.run.deformable import run_json
 from validation.run.rigid.assembly import run_rigid
 from validation.run.rigid.polyhedra import PolyhedralRun, run_polyhedra

@@ -11,7 +11,7 @@ from tests.test_validation_own_fem import column, overclosure
 from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
-from validation.output.deformable import print_run
+from validation.output.deformable.answers import print_run
 from validation.run.deformable import run_json
 from validation.run.explicit import run_explicit, scene_statement
 from validation.run.static import run_static

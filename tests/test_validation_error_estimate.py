@@ -8,7 +8,7 @@ from rich.console import Console
 from tests.test_validation_own_fem import column, deformable
 from validation.build.coarser import coarser
 from validation.build.deformable import build_deformable
-from validation.output.deformable import print_run
+from validation.output.deformable.answers import print_run
 from validation.run.deformable import DeformableRun, run_json
 from validation.run.estimate import estimated_errors
 from validation.run.static import run_static

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from validation.build.deformable import build_deformable
-from validation.output.fields import FrameWriter
+from validation.output.deformable.fields import FrameWriter
 from validation.run.explicit import run_explicit
 from validation.run.static import run_static
 from validation.scene.read import load_scene

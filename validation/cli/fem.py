@@ -61,7 +61,7 @@ def fem(
     keep: KeepOption = None,
 ) -> None:
     """Deformable blocks: displacements, principal stresses, energies."""
-    from validation.output.deformable import FILES
+    from validation.output.deformable.answers import FILES
     from validation.output.outputs import Outputs
     from validation.scene.read import DeformableScene, load_scene, with_auto
 
@@ -157,7 +157,7 @@ def _kept(
     resumed: bool,
 ) -> dict[str, Any]:
     """Checkpoint and writer of frames of an explicit run; neither without a folder."""
-    from validation.output.fields import FrameWriter
+    from validation.output.deformable.fields import FrameWriter
 
     if outputs.folder is None:
         return {}
@@ -196,7 +196,7 @@ def _answer(name: str, scene: DeformableScene, outputs: Outputs, resume: Path | 
 
 def _write(run: DeformableRun, data: dict[str, Any], outputs: Outputs, use: KeyUse) -> None:
     """Print a run and write its files and data."""
-    from validation.output.deformable import print_run, write_run_files
+    from validation.output.deformable.answers import print_run, write_run_files
 
     print_run(run, outputs.console)
     outputs.tell_unused(use)
@@ -206,7 +206,7 @@ def _write(run: DeformableRun, data: dict[str, Any], outputs: Outputs, use: KeyU
 
 def _write_curved(run: CurvedRun, outputs: Outputs, use: KeyUse) -> None:
     """Print a run with curved elements and write its files and data."""
-    from validation.output.curved import print_curved, write_curved_files
+    from validation.output.deformable.curved import print_curved, write_curved_files
     from validation.run.curved.fields import CurvedFields
     from validation.run.deformable import peak_memory_mb
     from validation.run.joints import joints_json

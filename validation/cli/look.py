@@ -63,7 +63,7 @@ def show(
     """Draw a scene: blocks, frame, load and supports."""
     from validation.output.files import picture_file
     from validation.output.outputs import Outputs
-    from validation.output.rigid_answers import rigid_output
+    from validation.output.rigid.answers import rigid_output
     from validation.scene.read import load_scene
 
     file = load_scene(scene, settings or ())

@@ -37,7 +37,7 @@ def mbd(
 ) -> None:
     """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
     from validation.output.outputs import Outputs
-    from validation.output.rigid_answers import rigid_output
+    from validation.output.rigid.answers import rigid_output
     from validation.run.rigid.refinement import refined, require_mesh
     from validation.run.rigid.unlock import (
         frame_warning,
@@ -92,7 +92,7 @@ def explode(
     """Move all blocks of a tube outward at once, frame released: does it explode, and how far."""
     from validation.output.files import picture_file
     from validation.output.outputs import Outputs
-    from validation.output.rigid import print_explosion
+    from validation.output.rigid.assembly import print_explosion
     from validation.run.rigid.explosion import explosion_json, run_explosion
     from validation.scene.read import load_scene
     from validation.scene.usage import recording

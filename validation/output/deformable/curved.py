@@ -11,7 +11,7 @@ from fem.static.lagrange_fields import grid_places, lagrange_cells
 from geometry.assembly import Assembly
 from geometry.files.mesh_io import write_lagrange_cells
 from validation.output.console import two_columns
-from validation.output.deformable import add_measures, cap_words, write_contact
+from validation.output.deformable.answers import add_measures, cap_words, write_contact
 from validation.output.joints import write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes

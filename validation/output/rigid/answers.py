@@ -37,7 +37,7 @@ def rigid_output(file: SceneFile) -> RigidOutput:
     """Find what asks and shows the answer; what only other blocks need is not loaded."""
     if isinstance(file.scene, PolyhedralScene):
         return _of_triangles(file.scene)
-    from validation.output import rigid
+    from validation.output.rigid import assembly
     from validation.run.rigid.assembly import build_scene, run_rigid
 
     def draw(file: SceneFile, path: Path) -> None:
@@ -47,13 +47,17 @@ def rigid_output(file: SceneFile) -> RigidOutput:
         draw_assembly(built.assembly, built.load, path, title=_title(file))
 
     return RigidOutput(
-        rigid.FILES, lambda f, _: run_rigid(f), rigid.print_rigid, rigid.write_rigid, draw
+        assembly.FILES,
+        lambda file, _: run_rigid(file),
+        assembly.print_rigid,
+        assembly.write_rigid,
+        draw,
     )
 
 
 def _of_triangles(scene: PolyhedralScene) -> RigidOutput:
-    from validation.output import polyhedra
     from validation.output.console import status, told_of_compilation
+    from validation.output.rigid import polyhedra
     from validation.run.rigid.polyhedra import run_polyhedra
 
     def run(file: SceneFile, console: Console) -> RigidAnswer:

@@ -17,7 +17,7 @@ from fem.problem.mass_scaling import added_mass_share
 from geometry.files.mesh_io import write_hex_mesh, write_surface
 from geometry.mesh import QuadSurface
 from validation.output.console import two_columns
-from validation.output.fields import (
+from validation.output.deformable.fields import (
     element_owners,
     facet_owners,
     field_data,

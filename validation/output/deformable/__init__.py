@@ -1,0 +1,1 @@
+"""Deformable answers as text and files."""

@@ -1,0 +1,1 @@
+"""Rigid answers as text and files."""
