@@ -1,0 +1,147 @@
+"""What a sliding step costs over a paired one: ``python -m validation.benchmarks.sliding``.
+
+TSB1 under the pipe load, 0.01 MPa, in a state with contact: facets paired or searched (each one
+cut where its neighbours went), with finite rotation, with friction of 0.1, with both; all blocks
+and the exact sector, on two meshes. CPU time of a step of one core, each the best of several
+short batches, all variants of a mesh taken in turn so that a busy machine slows them alike.
+``--json FILE|-`` writes the numbers.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+
+from rich.console import Console
+from rich.table import Table
+
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.symmetry import cyclic_orbits
+from fem.contact.friction import CoulombFriction
+from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.solve import initial_state, prepare
+from fem.explicit.state import State
+from fem.explicit.step import System, step
+from fem.problem.effects import Effects
+from fem.problem.time_step import critical_time_step
+from validation.benchmarks.contact import pipe
+from validation.benchmarks.stopwatch import best_cpu_seconds
+from validation.output.files import prepare_json, write_json
+
+#: Layers, elements per block, order of the sector.
+MESHES = ((1, 960, 1), (1, 960, 4), (2, 3888, 1), (2, 3888, 4))
+#: Steps before the clock starts: blocks press by then.
+_WARM_UP = 1500
+#: Times that every variant is measured, in turn, and steps of one batch.
+_ROUNDS, _STEPS = 3, 20
+
+#: Friction, finite rotation.
+EFFECTS = {
+    "alone": (False, False),
+    "finite rotation": (False, True),
+    "friction": (True, False),
+    "friction and rotation": (True, True),
+}
+
+
+@dataclass(frozen=True)
+class SlidingRow:
+    """Cost of a step, paired and sliding."""
+
+    layers: int
+    elements_per_block: int
+    symmetry: int
+    """Order of the sector that is computed; 1: all blocks."""
+    effects: str
+    paired: float
+    """CPU time of a step with paired facets [s]."""
+    sliding: float
+    """The same with searched facets [s]."""
+    points_per_pair: float
+    """Contact points that the search integrates, over four for each matched pair."""
+
+    @property
+    def ratio(self) -> float:
+        """What sliding costs over pairs."""
+        return self.sliding / self.paired
+
+
+def warm(
+    deformable: DeformableAssembly, symmetry: int, *, friction: bool, rotation: bool
+) -> tuple[System, State]:
+    """A run with contact, ready for the next step."""
+    law = CoulombFriction(0.1) if friction else None
+    found = explicit_assembly(
+        deformable,
+        orbits=cyclic_orbits(deformable, symmetry),
+        counted_pressure=4.0,
+        friction=law,
+        effects=Effects(finite_rotation=rotation),
+    )
+    system = prepare(
+        found.model, time_step=0.9 * critical_time_step(found.model).critical_time_step
+    )
+    state = initial_state(system)
+    state.mass_damping = 2000.0
+    for _ in range(_WARM_UP):
+        step(system, state)
+    return system, state
+
+
+def measure(layers: int, elements: int, symmetry: int, effects: str) -> SlidingRow:
+    """Measure one row."""
+    friction, rotation = EFFECTS[effects]
+    paired = pipe(layers, elements)
+    sliding = replace(paired, contact=replace(paired.contact, finite_sliding=True))
+    both = [
+        warm(problem, symmetry, friction=friction, rotation=rotation)
+        for problem in (paired, sliding)
+    ]
+
+    def work(system: System, state: State) -> Callable[[], None]:
+        return lambda: step(system, state)
+
+    seconds = [float("inf"), float("inf")]
+    for _ in range(_ROUNDS):
+        for k, (system, state) in enumerate(both):
+            seconds[k] = min(
+                seconds[k], best_cpu_seconds(work(system, state), repeats=_STEPS, trials=4)
+            )
+    facets = paired.surfaces.n_facets / symmetry
+    points = both[1][0].interactions[0].points.count  # type: ignore[attr-defined]
+    share = points / (4.0 * facets)
+    return SlidingRow(layers, elements, symmetry, effects, seconds[0], seconds[1], share)
+
+
+def print_rows(rows: list[SlidingRow], console: Console) -> None:
+    """Print the table."""
+    table = Table(title="CPU time of a step, one thread", title_justify="left")
+    for head in ("layers", "elements/block", "sector 1/", "with", "paired ms", "sliding ms", "×"):
+        table.add_column(head, justify="right")
+    for row in rows:
+        table.add_row(
+            str(row.layers),
+            str(row.elements_per_block),
+            str(row.symmetry),
+            row.effects,
+            f"{1e3 * row.paired:.3f}",
+            f"{1e3 * row.sliding:.3f}",
+            f"{row.ratio:.2f}",
+        )
+    console.print(table)
+
+
+def main() -> None:
+    """Run the benchmark from the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", metavar="FILE|-")
+    arguments = parser.parse_args()
+    prepare_json(arguments.json)
+    rows = [measure(*mesh, effects) for mesh in MESHES for effects in EFFECTS]
+    print_rows(rows, Console(stderr=arguments.json == "-", width=110))
+    write_json(arguments.json, [asdict(row) | {"ratio": row.ratio} for row in rows])
+
+
+if __name__ == "__main__":
+    main()
