@@ -122,3 +122,21 @@ def test_values_go_to_the_nearest_point_of_the_same_facet():
     new = np.empty((3, 3))
     carry_over(old_slave, corners[[0, 1, 2]], old, slave, corners[[1, 1, 3]], new)
     assert (new == [[3.0, 4.0, 5.0], [0.0, 0.0, 0.0], [6.0, 7.0, 8.0]]).all()
+
+
+@pytest.mark.parametrize("shift", [1e-4, 5e-3, 2e-2])
+def test_slivers_have_fewer_points_and_err_by_their_share(shift):
+    """Facets of 1 mm that are moved aside a little, and turned by as much: nodal areas as exact
+    points give them, to the share of each piece; a node has four facets of at most nine pieces."""
+    slight = 1e-7
+    plates = plate(0, 8, up=True), plate(1, 4, (shift, 0.5 * shift), shift, up=False)
+    found = []
+    for share in (0.0, slight):
+        points = FacingPoints(plates, reach=0.1, slight=share)
+        on_nodes = np.zeros(len(points.position))
+        np.add.at(on_nodes, points.quads[points.slave], points.weights[:, None] * points.shapes)
+        found.append((points.count, on_nodes, points.weights.sum()))
+    (many, exact, area), (fewer, close, same) = found
+    assert fewer < many
+    assert same == pytest.approx(area, rel=1e-12)
+    assert np.abs(close - exact).max() < 4 * 9 * slight

@@ -207,8 +207,8 @@ def clip(polygon, n, quad, size, spare):
 
 
 @njit(**_OPTIONS)
-def moment_points(polygon, n, points):
-    """Three points that integrate quadratic functions on a convex polygon; its area."""
+def _moments(polygon, n):
+    """Area of a convex polygon, its centroid, and second moments about it over the area."""
     area, x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     ox, oy = polygon[0, 0], polygon[0, 1]
     for k in range(1, n - 1):
@@ -222,15 +222,43 @@ def moment_points(polygon, n, points):
         xy += part * (2.0 * ax * ay + ax * by + bx * ay + 2.0 * bx * by) / 12.0
         yy += part * (ay * ay + ay * by + by * by) / 6.0
     x, y = x / area, y / area
-    xx, xy, yy = xx / area - x * x, xy / area - x * y, yy / area - y * y
+    return area, ox + x, oy + y, xx / area - x * x, xy / area - x * y, yy / area - y * y
+
+
+@njit(**_OPTIONS)
+def sliver_points(polygon, n, least, points):
+    """One or two points of equal weight that integrate what matters on a sliver; none elsewhere.
+
+    A moment λ of area A on a facet of area W changes its nodal forces by a share of A λ / W². Where
+    A λ is below ``least`` the moment is left out: two points lie at the root of the larger moment
+    along its axis, one in the centroid.
+    """
+    area, x, y, xx, xy, yy = _moments(polygon, n)
+    mean, half = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+    if area * (mean - half) >= least:
+        return 0
+    if area * (mean + half) < least:
+        points[0, 0], points[0, 1] = x, y
+        return 1
+    angle, root = 0.5 * math.atan2(2.0 * xy, xx - yy), math.sqrt(mean + half)
+    for k in range(2):
+        way = root if k else -root
+        points[k, 0], points[k, 1] = x + way * math.cos(angle), y + way * math.sin(angle)
+    return 2
+
+
+@njit(**_OPTIONS)
+def moment_points(polygon, n, points):
+    """Three points that integrate quadratic functions on a convex polygon; its area."""
+    area, x, y, xx, xy, yy = _moments(polygon, n)
     low_xx = math.sqrt(max(xx, 0.0))
     low_xy = xy / low_xx if low_xx > 0.0 else 0.0
     low_yy = math.sqrt(max(yy - low_xy * low_xy, 0.0))
     for k in range(3):
         angle = 0.5 * math.pi + 2.0 * math.pi * k / 3.0
         u, v = math.sqrt(2.0) * math.cos(angle), math.sqrt(2.0) * math.sin(angle)
-        points[k, 0] = ox + x + low_xx * u
-        points[k, 1] = oy + y + low_xy * u + low_yy * v
+        points[k, 0] = x + low_xx * u
+        points[k, 1] = y + low_xy * u + low_yy * v
     return area
 
 
@@ -391,7 +419,20 @@ def _piece(own, flat, plane, other, bounds, size, piece, at, xi, work):
 
 @njit(cache=True, **_OPTIONS)
 def cut_facets(
-    position, quads, area, start, near, share, bounds, slave, shapes, weights, facet, xi, cells
+    position,
+    quads,
+    area,
+    start,
+    near,
+    share,
+    bounds,
+    slight,
+    slave,
+    shapes,
+    weights,
+    facet,
+    xi,
+    cells,
 ):
     """Points of all facets on their pieces, each with the facet that it faces.
 
@@ -409,6 +450,8 @@ def cut_facets(
         With which the points of a facet against one near it count, as ``near``.
     bounds
         Least and largest gap at which a point faces a facet, (2,) [mm].
+    slight
+        Share of a facet's nodal forces by which the points of a sliver may err; 0: none.
     slave, shapes, weights, facet, xi, cells
         Out, up to a capacity of points (m,): facet of the point, its shape functions there
         (m, 4), area [mm²], facet that it faces, natural coordinates of the closest point on it
@@ -466,7 +509,10 @@ def cut_facets(
             n = corners[c]
             for a in range(4):
                 other[a] = position[quads[near[which[c]], a]]
-            if n == 4:
+            many = sliver_points(pieces[c], n, slight * whole * whole, at)
+            if many:
+                part[:] = sizes[c] / many
+            elif n == 4:
                 many = 4
                 _gauss_points(pieces[c], at, part)
             else:

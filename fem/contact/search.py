@@ -70,7 +70,12 @@ class FacingPoints:
     """Points on the surfaces that look for others, and the facet that each faces at present."""
 
     def __init__(
-        self, surfaces: tuple[BlockSurface, ...], *, reach: float, symmetry: int = 1
+        self,
+        surfaces: tuple[BlockSurface, ...],
+        *,
+        reach: float,
+        symmetry: int = 1,
+        slight: float = 0.0,
     ) -> None:
         """Place the surfaces and find what faces what.
 
@@ -83,10 +88,13 @@ class FacingPoints:
         symmetry
             Order of the sector: contact of blocks with `BlockSurface.turn` 0 alone is integrated,
             as those of all others are images of it.
+        slight
+            Share of a facet's nodal forces by which the points of a sliver may err, so that they
+            are one or two.
         """
         sizes = np.cumsum([0, *(len(s.nodes) for s in surfaces)])
         facets = np.cumsum([0, *(len(s.quads) for s in surfaces)])
-        self.surfaces, self.symmetry = surfaces, symmetry
+        self.surfaces, self.symmetry, self._slight = surfaces, symmetry, slight
         self.node_start: IntArray = sizes
         self.position = np.concatenate([s.reference for s in surfaces])
         self.quads = np.concatenate(
@@ -213,6 +221,7 @@ class FacingPoints:
                     self._near,
                     self._share,
                     self._bounds,
+                    self._slight,
                     self._slave,
                     self._shapes,
                     self._weights,
