@@ -14,16 +14,17 @@ from fem.assembly.symmetry import local_forces
 from fem.contact.surfaces import corner_forces, point_kinematics
 from fem.explicit.solve import Status
 from fem.static.result import pair_resultants
-from fem.static.solve import StaticMethod, StaticOptions, solve_static
+from fem.static.solve import StaticError, StaticMethod, StaticOptions, solve_static
 from geometry.mesh import FloatArray
 from validation.build.deformable import build_deformable
 from validation.cli.app import app
 from validation.effects.cell import middle_answer, offered_cell
 from validation.errors import InputError
+from validation.run import static
 from validation.run.deformable import DeformableRun
 from validation.run.explicit import run_explicit
-from validation.run.static import run_static
-from validation.scene.read import DeformableScene, load_scene
+from validation.run.static import floating_words, run_static, static_options
+from validation.scene.read import DeformableScene, load_scene, require_deformable
 
 COARSE = ["mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
 CELL = [*COARSE, "fem.symmetry='periodic cell'"]
@@ -242,3 +243,28 @@ def test_commands_that_need_the_whole_tube_refuse_a_cell(command: str) -> None:
 def test_a_cell_is_offered_where_it_is_smaller_than_the_tube(layers: int, offered: bool) -> None:
     scene = scene_of(*COARSE, f"assembly.layers={layers}")
     assert (offered_cell(scene, "tube") is not None) == offered
+
+
+def test_blocks_that_float_in_their_gaps_are_named(monkeypatch) -> None:
+    """Outside pressure closes the joints of a layer and leaves those between layers open."""
+    coarse = ("mesh.around=12", "mesh.radial=1", "mesh.axial=2", "assembly.layers=2")
+    cell = (*coarse, 'fem.symmetry="periodic cell"')
+    words = {}
+    for gap, case in ((0.01, "tunnel"), (0.01, "pipe"), (0.0, "tunnel")):
+        file = load_scene("tsb2-tunnel", (*cell, f"contact.clearance={gap}", f"load.case={case}"))
+        scene = require_deformable(file, "fem")
+        assert scene.fem is not None
+        options = static_options(scene, scene.fem)
+        words[gap, case] = floating_words(scene, build_deformable(scene, "cell"), options)
+        if words[gap, case] is not None:
+
+            def wanders(*_: object, **__: object) -> None:
+                raise StaticError("no equilibrium after 500 iterations")
+
+            with monkeypatch.context() as patched:
+                patched.setattr(static, "static_answer", wanders)
+                with pytest.raises(InputError, match=r"cell: blocks 0, 1, 2.* float in their gaps"):
+                    static.run_static("cell", scene)
+    assert words[0.01, "tunnel"] is not None
+    assert words[0.01, "pipe"] is None
+    assert words[0.0, "tunnel"] is None

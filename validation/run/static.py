@@ -6,13 +6,14 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from fem.assembly.deformable import DeformableAssembly
+from fem.contact.law import LinearPenalty
 from fem.explicit.solve import Frame
 from fem.solvers import static_answer
 from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.load_path import LOAD_TOLERANCE
-from fem.static.solve import StaticOptions
+from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
-from validation.build.deformable import NO_SECTOR, build_deformable, fem_section
+from validation.build.deformable import NO_SECTOR, build_deformable, fem_section, gap_words
 from validation.errors import InputError
 from validation.run.deformable import DeformableRun
 from validation.run.frames import static_frames
@@ -21,6 +22,8 @@ from validation.run.stages import stages
 from validation.scene.deformable import FemSection
 from validation.scene.read import DeformableScene
 
+#: Springs in the joints by which blocks are known to float [MPa/mm], and blocks that are named.
+_SPRINGS, _NAMED = 1000.0, 8
 #: First load steps of blocks with friction that close a clearance: slip before touch is no stick.
 _CLOSING_STEPS = 4
 
@@ -40,6 +43,33 @@ def static_options(scene: DeformableScene, fem: FemSection) -> StaticOptions:
         symmetry=1 if not scene.meets or fem.symmetry == "none" else None,
         load_steps=load_steps(scene, fem),
         load_tolerance=LOAD_TOLERANCE if fem.load_steps is None else None,
+    )
+
+
+def floating_words(
+    scene: DeformableScene, deformable: DeformableAssembly, options: StaticOptions
+) -> str | None:
+    """Say which blocks float in their gaps; None where there are no gaps, or all are held.
+
+    For a search that found no equilibrium: springs in the joints find one where the exponential
+    law, which is flat in a gap, wanders; blocks that none of them holds have no place of their own.
+    """
+    if scene.contact is None or not scene.contact.opened or scene.effects.friction is not None:
+        return None
+    springs = replace(deformable.contact, law=LinearPenalty(_SPRINGS))
+    once = replace(options, load_steps=1, keep_steps=False)
+    try:
+        found = solve_static(replace(deformable, contact=springs), once)
+    except RefusedError:
+        return None
+    loose = found.loose_blocks.tolist()
+    if not found.converged or not loose:
+        return None
+    named = ", ".join(map(str, loose[:_NAMED])) + (", …" if len(loose) > _NAMED else "")
+    return (
+        f"blocks {named} float in their gaps ({gap_words(scene.contact).removeprefix(', ')}): the "
+        "load closes some joints and leaves others open, so that nothing says where these blocks "
+        "stand; expected a smaller gap, a load or a weight that closes all joints, or friction"
     )
 
 
@@ -75,7 +105,8 @@ def run_static(
             turning = scene.effects.finite_rotation is True
             answer = static_answer(deformable, options, finite_rotation=turning, store=store)
         except RefusedError as error:
-            raise InputError(f"{name}: {error}") from None
+            why = floating_words(scene, deformable, options)
+            raise InputError(f"{name}: {why or error}") from None
         watch.lap("solve")
     result = answer.static
     assert result is not None
