@@ -12,7 +12,7 @@ from tests.test_fem_friction_laws import plate
 from tests.test_fem_static import pipe, sheared_column
 from validation.errors import InputError
 from validation.run.deformable import run_json
-from validation.run.friction_set import friction_set, load_step_change
+from validation.run.friction.width import friction_set, load_step_change
 from validation.run.static import run_static
 
 TIGHT = StaticOptions(tolerance=1e-10)

@@ -311,7 +311,7 @@ def _solved(
     from validation.output.console import explicit_progress, status, told_of_compilation
     from validation.run.estimate import estimated_errors
     from validation.run.explicit import run_explicit, scene_statement
-    from validation.run.friction_set import friction_set
+    from validation.run.friction.width import friction_set
     from validation.run.stages import stages, summed
     from validation.run.static import run_static
     from validation.scene.deformable import Method

@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from validation.run.explicit import run_explicit
-from validation.run.friction_set import PAST_AND_BACK, load_step_change
+from validation.run.friction.width import PAST_AND_BACK, load_step_change
 from validation.run.static import run_static
 from validation.scene.read import DeformableScene, load_scene
 

@@ -31,7 +31,7 @@ from validation.effects.probe import (
     without_finite_rotation,
 )
 from validation.errors import InputError
-from validation.run.slip import largest_slip
+from validation.run.friction.slip import largest_slip
 from validation.scene.deformable import AutoSection, Damping, EffectName, Method
 from validation.scene.family import AssemblyScene
 from validation.scene.read import DeformableScene

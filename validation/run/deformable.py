@@ -6,7 +6,7 @@ import resource
 from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,16 +24,14 @@ from fem.static.result import StaticResult
 from geometry.joints import JointResultants
 from geometry.mesh import FloatArray, IntArray
 from validation.build.deformable import gap_words
+from validation.run.friction.admissible import FrictionSet
+from validation.run.friction.slip import largest_slip
 from validation.run.joints import joints_json
 from validation.run.measures import Measure, run_measures
-from validation.run.slip import largest_slip
 from validation.run.words import load_words
 from validation.scene.deformable import Method
 from validation.scene.family import RoundScene
 from validation.scene.read import DeformableScene
-
-if TYPE_CHECKING:
-    from validation.run.friction_set import FrictionSet
 
 
 class ContactSearch(StrEnum):

@@ -13,7 +13,7 @@ and at their corners lie on the same side: what an element hides comes on top of
 leaves out.
 
 With friction the way to the load counts: what half as many load steps change is added
-(`validation.run.friction_set.load_step_change`).
+(`validation.run.friction.width.load_step_change`).
 
 References: P. J. Roache, Perspective: a method for uniform reporting of grid refinement studies,
 J. Fluids Eng. 116 (1994) 405-413.
@@ -26,7 +26,7 @@ from collections.abc import Callable
 from validation.build.coarser import coarser
 from validation.errors import InputError
 from validation.run.deformable import DeformableRun
-from validation.run.friction_set import load_step_change
+from validation.run.friction.width import load_step_change
 from validation.run.measures import bracketed
 from validation.run.solve import run_scene
 from validation.scene.read import DeformableScene

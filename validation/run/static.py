@@ -17,7 +17,7 @@ from validation.build.deformable import NO_SECTOR, build_deformable, fem_section
 from validation.errors import InputError
 from validation.run.deformable import DeformableRun
 from validation.run.frames import static_frames
-from validation.run.held_by_friction import require_held_by_friction
+from validation.run.friction.held import require_held_by_friction
 from validation.run.stages import stages
 from validation.scene.deformable import FemSection
 from validation.scene.read import DeformableScene

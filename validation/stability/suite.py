@@ -7,8 +7,6 @@ from collections.abc import Iterator, Sequence
 from validation.errors import InputError
 from validation.stability import (
     contact_law,
-    degenerate,
-    degenerate_blocks,
     explicit,
     geometry,
     invariance,
@@ -18,6 +16,8 @@ from validation.stability import (
     static,
 )
 from validation.stability.case import Case, Outcome, run_case
+from validation.stability.degenerate import deformable as degenerate_deformable
+from validation.stability.degenerate import rigid as degenerate_rigid
 
 
 def cases() -> tuple[Case, ...]:
@@ -25,8 +25,8 @@ def cases() -> tuple[Case, ...]:
     subjects = (
         rigid,
         invariance,
-        degenerate,
-        degenerate_blocks,
+        degenerate_rigid,
+        degenerate_deformable,
         numbers,
         contact_law,
         static,

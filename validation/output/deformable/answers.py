@@ -31,7 +31,7 @@ from validation.output.pictures import tubes
 from validation.output.pictures.drawn import DrawnState
 from validation.output.pictures.energies import draw_energies
 from validation.run.deformable import DeformableRun, peak_memory_mb
-from validation.run.friction_set import FrictionSet
+from validation.run.friction.admissible import FrictionSet
 from validation.run.measures import Measure, place_words, value_words
 from validation.scene.deformable import FemSection
 

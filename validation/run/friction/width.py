@@ -12,47 +12,21 @@ continuum, C. R. Mecanique 336 (2008), on the dependence on the initial state.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 from validation.build.coarser import coarser
 from validation.errors import InputError
+from validation.run.deformable import DeformableRun
+from validation.run.friction.admissible import FrictionSet
 from validation.run.static import run_static
 from validation.scene.deformable import Damping, Method
 from validation.scene.read import DeformableScene
-
-if TYPE_CHECKING:
-    from validation.run.deformable import DeformableRun
 
 #: Elements along an edge of the meshes on which the width is sought, over those of the run.
 _SHARES = (0.5, 2.0 / 3.0)
 #: Load factors of the way past the load and back.
 PAST_AND_BACK = (0.09, 0.38, 0.84, 1.5, 1.25, 1.0)
-
-
-@dataclass(frozen=True)
-class FrictionSet:
-    """Where an answer with friction lies among those that the laws admit."""
-
-    member: str
-    """How the load was applied."""
-    change: dict[str, float]
-    """Of each measure when half as many load steps are taken, in its unit; empty where only one
-    number of them was solved."""
-    width: dict[str, float]
-    """Of each measure after the way past the load and back, relative to that straight up, less
-    one [-]; empty where that way has no end."""
-    remark: str
-    """Why there is no width, or where it was found."""
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain data."""
-        return {
-            "member": self.member,
-            "change_by_load_steps": self.change,
-            "past_and_back": self.width,
-            "remark": self.remark,
-        }
 
 
 def seeks_static_state(scene: DeformableScene) -> bool:

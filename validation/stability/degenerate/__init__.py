@@ -1,0 +1,1 @@
+"""Contact at edges, corners and facets of very different size."""
