@@ -68,16 +68,14 @@ class Assembly(PlacedBlocks[Block]):
     def eligible_facets(self) -> IntArray:
         """Facets of each block that can meet another block, k_b of the paper; (n_blocks,)."""
         count = np.array([len(shape.contact_quads) for shape in self.shapes])
-        eligible: IntArray = count[self.shape_of]
-        return eligible
+        return count[self.shape_of]
 
     def eligible_areas(self) -> FloatArray:
         """Total area of those facets, (n_blocks,) [mm²]."""
         area = np.array(
             [sum(float(s.surface(f).areas.sum()) for f in s.contact_faces) for s in self.shapes]
         )
-        eligible: FloatArray = area[self.shape_of]
-        return eligible
+        return area[self.shape_of]
 
     def _check_partners(self, found: Interfaces) -> None:
         apart = ~(self.fixed[found.block_m] & self.fixed[found.block_s])

@@ -45,28 +45,24 @@ class JointResultants:
     @property
     def normal_force(self) -> FloatArray:
         """N, positive where the blocks press on each other; (n_joints,) [N]."""
-        normal: FloatArray = np.einsum("ji,ji->j", self.forces, self.normals)
-        return normal
+        return np.einsum("ji,ji->j", self.forces, self.normals)
 
     @property
     def shear_force(self) -> FloatArray:
         """T, size of the force in the plane of the joint; (n_joints,) [N]."""
         along = self.forces - self.normal_force[:, None] * self.normals
-        shear: FloatArray = np.linalg.norm(along, axis=1)
-        return shear
+        return np.linalg.norm(along, axis=1)
 
     @property
     def twisting_moment(self) -> FloatArray:
         """Moment about the normal, (n_joints,) [N mm]."""
-        twist: FloatArray = np.einsum("ji,ji->j", self.moments, self.normals)
-        return twist
+        return np.einsum("ji,ji->j", self.moments, self.normals)
 
     @property
     def bending_moment(self) -> FloatArray:
         """Size of the moment in the plane of the joint, (n_joints,) [N mm]."""
         bending = self.moments - self.twisting_moment[:, None] * self.normals
-        size: FloatArray = np.linalg.norm(bending, axis=1)
-        return size
+        return np.linalg.norm(bending, axis=1)
 
     @property
     def eccentricity(self) -> FloatArray:
@@ -74,14 +70,12 @@ class JointResultants:
         normal = self.normal_force
         pressed = normal > _ROUND_OFF * np.abs(self.forces).max(initial=0.0)
         arm = np.cross(self.normals, self.moments) / np.where(pressed, normal, 1.0)[:, None]
-        eccentricity: FloatArray = np.where(pressed[:, None], arm, 0.0)
-        return eccentricity
+        return np.where(pressed[:, None], arm, 0.0)
 
     @property
     def points(self) -> FloatArray:
         """Where N acts: the points of the thrust line, (n_joints, 3) [mm]."""
-        points: FloatArray = self.centroids + self.eccentricity
-        return points
+        return self.centroids + self.eccentricity
 
 
 def joint_resultants(

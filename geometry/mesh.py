@@ -114,20 +114,17 @@ class QuadSurface:
         warp, so a uniform pressure on a closed surface has no resultant.
         """
         p = self.nodes[self.quads]
-        vectors: FloatArray = 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
-        return vectors
+        return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
 
     @cached_property
     def areas(self) -> FloatArray:
         """Magnitude of the vector area, (n_facets,) [mm²]."""
-        areas: FloatArray = np.linalg.norm(self.area_vectors, axis=1)
-        return areas
+        return np.linalg.norm(self.area_vectors, axis=1)
 
     @cached_property
     def normals(self) -> FloatArray:
         """Unit outward normals, (n_facets, 3)."""
-        normals: FloatArray = self.area_vectors / self.areas[:, None]
-        return normals
+        return self.area_vectors / self.areas[:, None]
 
 
 @dataclass(frozen=True)
@@ -169,8 +166,7 @@ def shape_gradients(natural: FloatArray) -> FloatArray:
 
 def shape_values(natural: FloatArray) -> FloatArray:
     """Trilinear shape functions at ``natural`` (n_points, 3): (n_points, 8)."""
-    values: FloatArray = np.prod(1.0 + natural[:, None, :] * CORNERS[None, :, :], axis=2) / 8.0
-    return values
+    return np.prod(1.0 + natural[:, None, :] * CORNERS[None, :, :], axis=2) / 8.0
 
 
 def gauss_points(order: int = 2) -> tuple[FloatArray, FloatArray]:
@@ -194,8 +190,7 @@ def jacobians(mesh: HexMesh, natural: FloatArray) -> FloatArray:
 def _interpolated(mesh: HexMesh, values: FloatArray) -> FloatArray:
     """Sum of values (n_points, 8) times corners of every element: (3, n_points, n_elements)."""
     corners = np.ascontiguousarray(mesh.nodes[mesh.elements].transpose(2, 1, 0))
-    result: FloatArray = np.matmul(values, corners)
-    return result
+    return np.matmul(values, corners)
 
 
 def corner_jacobians(mesh: HexMesh) -> FloatArray:
@@ -293,8 +288,7 @@ def boundary_quads(mesh: HexMesh) -> IntArray:
     order = np.lexsort(corners.T)
     same = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
     alone = ~(np.append(same, False) | np.append(False, same))
-    outside: IntArray = quads[np.sort(order[alone])]
-    return outside
+    return quads[np.sort(order[alone])]
 
 
 def structured_hexahedra(n_u: int, n_v: int, n_w: int) -> IntArray:
@@ -305,8 +299,7 @@ def structured_hexahedra(n_u: int, n_v: int, n_w: int) -> IntArray:
     i, j, k = (index.ravel() for index in np.indices((n_u, n_v, n_w)))
 
     def node(du: int, dv: int, dw: int) -> IntArray:
-        number: IntArray = ((i + du) * (n_v + 1) + (j + dv)) * (n_w + 1) + (k + dw)
-        return number
+        return ((i + du) * (n_v + 1) + (j + dv)) * (n_w + 1) + (k + dw)
 
     return np.column_stack(
         [

@@ -96,23 +96,20 @@ class PlacedBlocks(ABC, Generic[AnyShape]):
 
     def place(self, block: int, points: FloatArray) -> FloatArray:
         """World coordinates of points given in a block's reference position, (n, 3) [mm]."""
-        placed: FloatArray = points @ self.rotations[block].T + self.translations[block]
-        return placed
+        return points @ self.rotations[block].T + self.translations[block]
 
     @cached_property
     def centroids(self) -> FloatArray:
         """Mass centroid of each block in world coordinates, (n_blocks, 3) [mm]."""
         local = np.array([shape.centroid for shape in self.shapes])
         turned = np.einsum("bij,bj->bi", self.rotations, local[self.shape_of])
-        centroids: FloatArray = turned + self.translations
-        return centroids
+        return turned + self.translations
 
     @cached_property
     def volumes(self) -> FloatArray:
         """Volume of each block, (n_blocks,) [mm³]."""
         local = np.array([shape.volume for shape in self.shapes])
-        volumes: FloatArray = local[self.shape_of]
-        return volumes
+        return local[self.shape_of]
 
     @cached_property
     def characteristic_length(self) -> float:

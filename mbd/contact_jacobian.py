@@ -69,13 +69,11 @@ class MatrixJacobian:
 
     def gap_rates(self, virtual_displacement: FloatArray) -> FloatArray:
         """Gᵀ δq, (n_contacts,)."""
-        rates: FloatArray = self.matrix.T @ virtual_displacement
-        return rates
+        return self.matrix.T @ virtual_displacement
 
     def resultant(self, forces: FloatArray) -> FloatArray:
         """G λ, (n_rows,)."""
-        total: FloatArray = self.matrix @ forces
-        return total
+        return self.matrix @ forces
 
     def normal_solver(self, weights: FloatArray, shift: float) -> NormalSolver:
         """Factor G diag(weights) Gᵀ + shift I."""
@@ -85,8 +83,7 @@ class MatrixJacobian:
         factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
 
         def solve(right_hand_side: FloatArray) -> FloatArray:
-            x: FloatArray = scipy.linalg.cho_solve(factor, right_hand_side, check_finite=False)
-            return x
+            return scipy.linalg.cho_solve(factor, right_hand_side, check_finite=False)
 
         return solve
 
@@ -188,8 +185,7 @@ class PairJacobian:
             ordered = np.empty(n)
             ordered[scatter] = right_hand_side
             x = scipy.linalg.cho_solve_banded((factor, True), ordered, check_finite=False)
-            solution: FloatArray = x[scatter]
-            return solution
+            return x[scatter]
 
         return solve
 
@@ -268,8 +264,7 @@ class _Pairs:
         if not len(self.points):
             return np.zeros((0, 3))
         total = np.add.reduceat(self.points, self.start[:-1], axis=0)
-        middle: FloatArray = total / np.diff(self.start)[:, None]
-        return middle
+        return total / np.diff(self.start)[:, None]
 
     def wrenches(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Unit wrenches of normals at points given from their pair's middle, (n, 6)."""

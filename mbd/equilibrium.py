@@ -94,8 +94,7 @@ def column_weights(norm: Norm, areas: FloatArray) -> FloatArray:
     """
     if norm is Norm.FORCE or not len(areas):
         return np.ones(len(areas))
-    weights: FloatArray = np.sqrt(areas / areas.mean())
-    return weights
+    return np.sqrt(areas / areas.mean())
 
 
 def _infeasible_status() -> str:
@@ -193,8 +192,7 @@ class _Dual:
 
 def _noise(dual: _Dual, y: FloatArray) -> FloatArray:
     """Gaps below this are round-off of Gᵀy, (n_contacts,)."""
-    noise: FloatArray = 16 * _EPS * float(np.linalg.norm(y)) * dual.column
-    return noise
+    return 16 * _EPS * float(np.linalg.norm(y)) * dual.column
 
 
 def _newton(dual: _Dual, y: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int]:

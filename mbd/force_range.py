@@ -66,20 +66,17 @@ class ForceRanges:
     @property
     def width(self) -> FloatArray:
         """Largest less least, (n_joints,) [N]."""
-        width: FloatArray = self.largest - self.least
-        return width
+        return self.largest - self.least
 
     @property
     def undetermined(self) -> BoolArray:
         """Which joints have a range and no value, (n_joints,)."""
-        wide: BoolArray = self.width > DETERMINED * self.load
-        return wide
+        return self.width > DETERMINED * self.load
 
     @property
     def unbounded(self) -> BoolArray:
         """Which joints a self-stress can press without bound, (n_joints,)."""
-        without: BoolArray = np.isinf(self.largest)
-        return without
+        return np.isinf(self.largest)
 
 
 def force_ranges(
@@ -209,8 +206,7 @@ class _Program:
         if found is None:
             return np.zeros(n_joints, dtype=np.bool_)
         # Self-stresses are a cone: s is 0, or can be scaled up to 1.
-        pressed: BoolArray = found[n_columns:] < 0.5
-        return pressed
+        return found[n_columns:] < 0.5
 
 
 def _program(

@@ -69,35 +69,31 @@ class FrictionalContacts:
 
     def slip(self, displacement: FloatArray) -> FloatArray:
         """Relative displacement (normal, first, second tangent) at each contact, (n, 3)."""
-        relative: FloatArray = (self.matrix.T @ displacement).reshape(-1, 3)
-        return relative
+        return (self.matrix.T @ displacement).reshape(-1, 3)
 
     def slip_size(self, tangential: FloatArray) -> FloatArray:
         """Return the friction work per μ λ_n of slips along the tangents, (n, 2) to (n,).
 
         Their length; for the pyramid the larger of the two parts.
         """
-        size: FloatArray = (
+        return (
             np.linalg.norm(tangential, axis=1)
             if self.law is FrictionLaw.CONE
             else np.abs(tangential).max(axis=1)
         )
-        return size
 
     def shear_size(self, tangential: FloatArray) -> FloatArray:
         """Return the size of tangential forces that the law compares with μ λ_n, (n, 2) to (n,)."""
-        size: FloatArray = (
+        return (
             np.linalg.norm(tangential, axis=1)
             if self.law is FrictionLaw.CONE
             else np.abs(tangential).sum(axis=1)
         )
-        return size
 
     def smallest_work(self, displacement: FloatArray) -> FloatArray:
         """Return the least work of an admissible force with λ_n = 1 at each contact, (n,)."""
         relative = self.slip(displacement)
-        work: FloatArray = relative[:, 0] - self.friction * self.slip_size(relative[:, 1:])
-        return work
+        return relative[:, 0] - self.friction * self.slip_size(relative[:, 1:])
 
     def world(self, forces: FloatArray, normals: FloatArray) -> FloatArray:
         """Forces (normal, first, second tangent) as vectors on block s, (n_contacts, 3) [N].

@@ -74,8 +74,7 @@ class SeparateWrenches:
     def pair_of(self) -> IntArray:
         """Pair of each contact, (n_contacts,)."""
         count = np.diff(self.pair_start)
-        pair_of: IntArray = np.repeat(np.arange(len(count)), count)
-        return pair_of
+        return np.repeat(np.arange(len(count)), count)
 
     @cached_property
     def _products(self) -> FloatArray:
@@ -84,13 +83,11 @@ class SeparateWrenches:
     def _sums(self, values: FloatArray) -> FloatArray:
         if not len(values):
             return np.zeros((len(self.pair_start) - 1, values.shape[1]))
-        sums: FloatArray = np.add.reduceat(values, self.pair_start[:-1], axis=0)
-        return sums
+        return np.add.reduceat(values, self.pair_start[:-1], axis=0)
 
     def rates(self, motion: FloatArray) -> FloatArray:
         """Gap rates (n_contacts,) of relative motions of the pairs (n_pairs, 6)."""
-        rates: FloatArray = np.einsum("ci,ci->c", self.wrenches, motion[self.pair_of])
-        return rates
+        return np.einsum("ci,ci->c", self.wrenches, motion[self.pair_of])
 
     def sums(self, forces: FloatArray) -> FloatArray:
         """Wrenches of the pairs (n_pairs, 6) from contact forces (n_contacts,)."""

@@ -43,8 +43,7 @@ class PlaneProblem:
         outside = np.delete(load, self.rows)
         if np.abs(outside).max(initial=0.0) > _FLAT * np.abs(load).max(initial=0.0):
             raise FrictionError("plane problem: the load acts out of the plane")
-        kept: FloatArray = load[self.rows]
-        return kept
+        return load[self.rows]
 
 
 def plane_problem(

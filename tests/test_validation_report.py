@@ -70,8 +70,7 @@ def open_pixels(png: bytes) -> np.ndarray:
     """(height, width, 3), 0 … 1."""
     import matplotlib.image
 
-    pixels: np.ndarray = matplotlib.image.imread(io.BytesIO(png))[..., :3]
-    return pixels
+    return matplotlib.image.imread(io.BytesIO(png))[..., :3]
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")

@@ -72,14 +72,12 @@ class ContactState:
     def pressures(self) -> FloatArray:
         """Force over area of each facet, (n_facets,) [MPa]."""
         force = self.point_areas * self.point_pressures
-        pressures: FloatArray = np.bincount(self.facet, force, minlength=self.n_facets) / self.areas
-        return pressures
+        return np.bincount(self.facet, force, minlength=self.n_facets) / self.areas
 
     @cached_property
     def point_forces(self) -> FloatArray:
         """Normal force of each point on block s, (n_points, 3) [N]."""
-        forces: FloatArray = (self.point_areas * self.point_pressures)[:, None] * self.normals
-        return forces
+        return (self.point_areas * self.point_pressures)[:, None] * self.normals
 
     @cached_property
     def forces(self) -> FloatArray:
@@ -90,8 +88,7 @@ class ContactState:
     def mean_normals(self) -> FloatArray:
         """Normals from m to s, weighted by area, unit length, (n_facets, 3)."""
         mean = self._of_facets(self.point_areas[:, None] * self.normals)
-        normals: FloatArray = mean / np.linalg.norm(mean, axis=1, keepdims=True)
-        return normals
+        return mean / np.linalg.norm(mean, axis=1, keepdims=True)
 
     def _of_facets(self, values: FloatArray) -> FloatArray:
         """Sum of the values of the points of each facet, (n_facets, 3)."""
@@ -108,8 +105,7 @@ class ContactState:
     @cached_property
     def centroids(self) -> FloatArray:
         """Means of the corners, (n_facets, 3) [mm]."""
-        centroids: FloatArray = self.corners.mean(axis=1)
-        return centroids
+        return self.corners.mean(axis=1)
 
     def joint(self, m: int, s: int) -> IntArray:
         """Points between two blocks, either of which may be the master."""
@@ -270,5 +266,4 @@ def _faced_parts(
     xi = np.stack([low, np.stack([high[:, 0], low[:, 1]], 1), high], axis=1)
     xi = np.concatenate([xi, np.stack([low[:, 0], high[:, 1]], 1)[:, None]], axis=1)
     corners = points.position[points.quads[facets]]
-    parts: FloatArray = np.einsum("fpa,fai->fpi", bilinear(xi)[0], corners)
-    return parts
+    return np.einsum("fpa,fai->fpi", bilinear(xi)[0], corners)

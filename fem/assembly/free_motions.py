@@ -42,17 +42,14 @@ class FreeMotions:
         answers = np.stack([inverse(motion) for motion in self.motions])
         work = np.einsum("kni,lni->kl", self.motions, answers)
         share = np.linalg.solve(work, self._share(displacement))
-        rest: FloatArray = displacement - np.einsum("k,kni->ni", share, answers)
-        return rest
+        return displacement - np.einsum("k,kni->ni", share, answers)
 
     def without(self, vector: FloatArray) -> FloatArray:
         """Nodal displacements, or forces without those of the constraint, (n_nodes, 3)."""
-        rest: FloatArray = vector - np.einsum("k,kni->ni", self._share(vector), self.motions)
-        return rest
+        return vector - np.einsum("k,kni->ni", self._share(vector), self.motions)
 
     def _share(self, vector: FloatArray) -> FloatArray:
-        share: FloatArray = np.einsum("kni,ni->k", self.motions, vector)
-        return share
+        return np.einsum("kni,ni->k", self.motions, vector)
 
 
 def free_motions(system: LocalSystem, nodes: BoolArray) -> FreeMotions | None:

@@ -85,31 +85,25 @@ class LocalSystem:
     def rotations(self) -> FloatArray:
         """Rotations of master and opposing block of each facet, (n_facets, 2, 3, 3)."""
         turns = self.deformable.assembly.rotations
-        both: FloatArray = np.stack(
-            [turns[self.surfaces.block_m], turns[self.surfaces.block_s]], axis=1
-        )
-        return both
+        return np.stack([turns[self.surfaces.block_m], turns[self.surfaces.block_s]], axis=1)
 
     @cached_property
     def moves(self) -> FloatArray:
         """One at the corners of deformable blocks, zero at those of rigid ones, (n, 8)."""
-        moving: FloatArray = (self.corner_nodes < self.n_nodes).astype(np.float64)
-        return moving
+        return (self.corner_nodes < self.n_nodes).astype(np.float64)
 
     def corner_displacements(self, displacement: FloatArray) -> FloatArray:
         """World displacements of the corners, (n_facets, 8, 3) [mm]."""
         padded = np.concatenate([displacement, np.zeros((1, 3))])
         local = padded[self.corner_nodes].reshape(-1, 2, 4, 3)
-        world: FloatArray = np.einsum("fbij,fbaj->fbai", self.rotations, local).reshape(-1, 8, 3)
-        return world
+        return np.einsum("fbij,fbaj->fbai", self.rotations, local).reshape(-1, 8, 3)
 
     def local_gradient(self, gradient: FloatArray) -> FloatArray:
         """World gradients (n, n_points, 8, 3) in block frames, zero at rigid corners."""
         shape = gradient.shape
         split = gradient.reshape(*shape[:2], 2, 4, 3)
         local = np.einsum("fbij,fpbai->fpbaj", self.rotations, split).reshape(shape)
-        masked: FloatArray = local * self.moves[:, None, :, None]
-        return masked
+        return local * self.moves[:, None, :, None]
 
     def kinematics(self, displacement: FloatArray, normals: ContactNormals) -> PointKinematics:
         """Overclosures at a displacement, gradients in block frames."""
@@ -119,10 +113,7 @@ class LocalSystem:
     def gather(self, local_gradient: FloatArray, displacement: FloatArray) -> FloatArray:
         """Product of gradients with a displacement, (n_facets, n_points) [mm]."""
         padded = np.concatenate([displacement, np.zeros((1, 3))])
-        product: FloatArray = np.einsum(
-            "fpai,fai->fp", local_gradient, padded[self.corner_nodes], optimize=True
-        )
-        return product
+        return np.einsum("fpai,fai->fp", local_gradient, padded[self.corner_nodes], optimize=True)
 
     def scatter(self, local_gradient: FloatArray, point_forces: FloatArray) -> FloatArray:
         """Nodal forces -Σ w p ∂(overclosure)/∂u, (n_nodes, 3) [N]."""
@@ -244,8 +235,7 @@ def local_system(
 def _slot_nodes(quads: IntArray, slots: IntArray, node_start: IntArray) -> IntArray:
     """Node numbers of facet corners; the total number of nodes for rigid blocks."""
     first = node_start[np.maximum(slots, 0)][:, None]
-    numbered: IntArray = np.where(slots[:, None] >= 0, quads + first, node_start[-1])
-    return numbered
+    return np.where(slots[:, None] >= 0, quads + first, node_start[-1])
 
 
 def _held_nodes(

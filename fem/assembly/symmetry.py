@@ -87,8 +87,7 @@ def largest_cyclic_orbits(deformable: DeformableAssembly) -> Orbits:
 def axis_rotation(axis: FloatArray, angle: float) -> FloatArray:
     """Rotation by an angle [rad] about a unit axis, (3, 3) (Rodrigues)."""
     cross = -np.cross(axis[None, :], np.eye(3))
-    turn: FloatArray = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
-    return turn
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
 
 
 def _images(deformable: DeformableAssembly, order: int) -> IntArray:

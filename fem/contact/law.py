@@ -83,8 +83,7 @@ def pressure_formula(
         beyond = larger(overclosure - law.linear_start, 0.0)
         return law.linear_stiffness * beyond + law.scale * (x * expm1(x))
 
-    made: Callable[..., Any] = pressure
-    return made
+    return pressure
 
 
 _pressure = pressure_formula(max, min, math.expm1)
@@ -95,8 +94,7 @@ def law_pressure(overclosure: float, law: LawConstants) -> float:
     """Pressure [MPa] at an overclosure [mm]."""
     if overclosure <= law.start:
         return 0.0
-    found: float = _pressure(min(overclosure, LARGEST_OVERCLOSURE), law)
-    return found
+    return _pressure(min(overclosure, LARGEST_OVERCLOSURE), law)
 
 
 @njit(cache=True)
@@ -118,8 +116,7 @@ def law_stored_energy(overclosure: float, law: LawConstants) -> float:
         return 0.0
     if overclosure < law.linear_start:
         x = (overclosure - law.start) / law.length
-        energy: float = law.scale * law.length * _energy_integral(x)
-        return energy
+        return law.scale * law.length * _energy_integral(x)
     beyond = min(overclosure, LARGEST_OVERCLOSURE) - law.linear_start
     return law.linear_energy + beyond * (law.linear_pressure + 0.5 * law.linear_stiffness * beyond)
 

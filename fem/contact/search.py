@@ -62,8 +62,7 @@ class BlockSurface:
 
 def facet_area_vectors(corners: FloatArray) -> FloatArray:
     """Vector areas of facets (n, 4, 3): (n, 3) [mm²]."""
-    areas: FloatArray = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    return areas
+    return 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
 
 
 class FacingPoints:
@@ -174,8 +173,7 @@ class FacingPoints:
     def place(self) -> FloatArray:
         """Positions of the points, world axes, (n, 3) [mm]."""
         corners = self.position[self.quads[self.slave]]
-        positions: FloatArray = np.einsum("pa,pai->pi", self.shapes, corners)
-        return positions
+        return np.einsum("pa,pai->pi", self.shapes, corners)
 
     def displace(self, displacements: tuple[FloatArray, ...]) -> None:
         """Place the surfaces at displacements of each group, world axes; none of a sector.

@@ -54,8 +54,7 @@ class SearchedSurfaces:
     @property
     def areas(self) -> FloatArray:
         """Area of each point, (n,) [mm²]."""
-        areas: FloatArray = self.weights[:, 0]
-        return areas
+        return self.weights[:, 0]
 
     @cached_property
     def pair_start(self) -> IntArray:
@@ -65,8 +64,7 @@ class SearchedSurfaces:
     @cached_property
     def difference(self) -> FloatArray:
         """Corner weights of d = x_s - x_m, (n, 1 point, 8)."""
-        found: FloatArray = np.concatenate([-bilinear(self.xi)[0], self.shapes], axis=1)[:, None]
-        return found
+        return np.concatenate([-bilinear(self.xi)[0], self.shapes], axis=1)[:, None]
 
     @cached_property
     def tangents(self) -> FloatArray:

@@ -77,33 +77,28 @@ class ContactSurfaces:
     @cached_property
     def area_vectors(self) -> FloatArray:
         """t_1 × t_2 of the reference position, (n, 4 points, 3) [mm²]."""
-        vectors: FloatArray = np.cross(self.tangents[:, :, 0], self.tangents[:, :, 1])
-        return vectors
+        return np.cross(self.tangents[:, :, 0], self.tangents[:, :, 1])
 
     @cached_property
     def weights(self) -> FloatArray:
         """Reference area of each point, (n, 4 points) [mm²]."""
-        weights: FloatArray = np.linalg.norm(self.area_vectors, axis=2)
-        return weights
+        return np.linalg.norm(self.area_vectors, axis=2)
 
     @cached_property
     def normals(self) -> FloatArray:
         """Reference normals from m to s, (n, 4 points, 3)."""
-        normals: FloatArray = self.area_vectors / self.weights[:, :, None]
-        return normals
+        return self.area_vectors / self.weights[:, :, None]
 
     @cached_property
     def areas(self) -> FloatArray:
         """Reference area of each facet, (n,) [mm²]."""
-        areas: FloatArray = self.weights.sum(axis=1)
-        return areas
+        return self.weights.sum(axis=1)
 
     @property
     def initial_gaps(self) -> FloatArray:
         """Gap before any displacement, (n, 4 points) [mm]."""
         along = np.einsum("fpi,fpi->fp", self.normals, self.offsets)
-        gaps: FloatArray = along + self.clearance
-        return gaps
+        return along + self.clearance
 
     @property
     def difference(self) -> FloatArray:
@@ -255,8 +250,7 @@ _MEAN_SLOPES: FloatArray = 0.5 * np.concatenate([FACET_SLOPES, FACET_SLOPES], ax
 
 def reference_gradient(surfaces: ContactSurfaces) -> FloatArray:
     """Gradient of the overclosure with reference normals, (n, 4 points, 8 corners, 3)."""
-    gradient: FloatArray = -np.einsum("pa,fpi->fpai", _DIFFERENCE, surfaces.normals)
-    return gradient
+    return -np.einsum("pa,fpi->fpai", _DIFFERENCE, surfaces.normals)
 
 
 def point_kinematics(
@@ -349,8 +343,7 @@ def corner_overclosures(
     vector: FloatArray = np.cross(first, second)
     normal: FloatArray = vector / np.linalg.norm(vector, axis=2, keepdims=True)
     distance = np.einsum("cp,fpi->fci", _TO_CORNERS, d)
-    overclosures: FloatArray = -np.einsum("fci,fci->fc", normal, distance) - surfaces.clearance
-    return overclosures
+    return -np.einsum("fci,fci->fc", normal, distance) - surfaces.clearance
 
 
 def _cross_matrix(vector: FloatArray) -> FloatArray:
@@ -390,8 +383,7 @@ def curvature(surfaces: ContactSurfaces, corner_displacements: FloatArray) -> Fl
     hessian[..., 6:, 3:6] -= _cross_matrix(e)
     factors = np.stack([_DIFFERENCE, _MEAN_SLOPES[:, :, 0], _MEAN_SLOPES[:, :, 1]], axis=1)
     spread = np.einsum("pka,ij->pkiaj", factors, np.eye(3)).reshape(4, 9, 24)
-    result: FloatArray = _transposed(spread) @ hessian @ spread
-    return result
+    return _transposed(spread) @ hessian @ spread
 
 
 def _transposed(matrix: FloatArray) -> FloatArray:
@@ -412,8 +404,7 @@ def corner_forces(kinematics: PointKinematics, point_forces: FloatArray) -> Floa
     point_forces
         w p of each point, (n, 4 points) [N].
     """
-    forces: FloatArray = -np.einsum("fp,fpai->fai", point_forces, kinematics.gradient)
-    return forces
+    return -np.einsum("fp,fpai->fai", point_forces, kinematics.gradient)
 
 
 def curvature_tangent(
@@ -426,13 +417,9 @@ def curvature_tangent(
     FloatArray
         (n, 24, 24) [N/mm].
     """
-    tangent: FloatArray = np.einsum(
-        "fp,fpij->fij", point_forces, curvature(surfaces, corner_displacements)
-    )
-    return tangent
+    return np.einsum("fp,fpij->fij", point_forces, curvature(surfaces, corner_displacements))
 
 
 def facet_pressures(surfaces: ContactSurfaces, point_pressures: FloatArray) -> FloatArray:
     """Mean pressure of each facet, its force over its area; (n,) [MPa]."""
-    pressures: FloatArray = (surfaces.weights * point_pressures).sum(axis=1) / surfaces.areas
-    return pressures
+    return (surfaces.weights * point_pressures).sum(axis=1) / surfaces.areas

@@ -31,8 +31,7 @@ def rotation_matrix(axis: FloatArray, degrees: float) -> FloatArray:
     n = axis / np.linalg.norm(axis)
     cosine, sine = _cosine_sine(degrees)
     cross = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
-    matrix: FloatArray = cosine * np.eye(3) + sine * cross + (1.0 - cosine) * np.outer(n, n)
-    return matrix
+    return cosine * np.eye(3) + sine * cross + (1.0 - cosine) * np.outer(n, n)
 
 
 def _cosine_sine(degrees: float) -> tuple[float, float]:

@@ -45,5 +45,4 @@ def facet_area_vectors(nodes: FloatArray, quads: IntArray) -> FloatArray:
 
 def facet_areas(nodes: FloatArray, quads: IntArray) -> FloatArray:
     """Areas by the 2 × 2 rule, (..., n_facets) [mm²]."""
-    areas: FloatArray = np.linalg.norm(facet_area_vectors(nodes, quads), axis=-1).sum(axis=-1)
-    return areas
+    return np.linalg.norm(facet_area_vectors(nodes, quads), axis=-1).sum(axis=-1)

@@ -134,8 +134,7 @@ def incompatible_gradients(coordinates: FloatArray, volume: FloatArray) -> Float
     centre = np.swapaxes(coordinates, 1, 2) @ shape_gradients(np.zeros((1, 3)))[0]
     slopes = -2.0 * points[:, :, None] * np.eye(3)
     scale = np.linalg.det(centre)[:, None] / volume
-    modes: FloatArray = scale[:, :, None, None] * (slopes @ np.linalg.inv(centre)[:, None])
-    return modes
+    return scale[:, :, None, None] * (slopes @ np.linalg.inv(centre)[:, None])
 
 
 def gradient_tensor(gradients: FloatArray, volume: FloatArray) -> FloatArray:
@@ -147,8 +146,7 @@ def gradient_tensor(gradients: FloatArray, volume: FloatArray) -> FloatArray:
 
 def _symmetric(matrices: FloatArray) -> FloatArray:
     """Remove the round-off of a product that is symmetric: (n, m, m)."""
-    symmetric: FloatArray = 0.5 * (matrices + np.swapaxes(matrices, 1, 2))
-    return symmetric
+    return 0.5 * (matrices + np.swapaxes(matrices, 1, 2))
 
 
 def isotropic_stiffness(tensor: FloatArray, lame: float, shear: float) -> FloatArray:
@@ -159,8 +157,7 @@ def isotropic_stiffness(tensor: FloatArray, lame: float, shear: float) -> FloatA
     laplacian = shear * np.einsum("eakbk->eab", t)
     for i in range(3):
         stiffness[:, :, i, :, i] += laplacian
-    flat: FloatArray = stiffness.reshape(-1, 3 * n, 3 * n)
-    return flat
+    return stiffness.reshape(-1, 3 * n, 3 * n)
 
 
 def extended_stiffness(
@@ -212,20 +209,14 @@ def hourglass_shape(coordinates: FloatArray, mean: FloatArray) -> FloatArray:
     gamma = Gamma - B (x · Gamma), Flanagan and Belytschko (1981), doi:10.1002/nme.1620170504,
     with ``mean`` the averaged gradients B (n_elements, 8, 3).
     """
-    shape: FloatArray = HOURGLASS_VECTORS - mean @ (
-        np.swapaxes(coordinates, 1, 2) @ HOURGLASS_VECTORS
-    )
-    return shape
+    return HOURGLASS_VECTORS - mean @ (np.swapaxes(coordinates, 1, 2) @ HOURGLASS_VECTORS)
 
 
 def hourglass_coefficient(
     mean: FloatArray, volume: FloatArray, material: Material, scale: float = HOURGLASS_SCALE
 ) -> FloatArray:
     """Stiffness of one hourglass mode, scale · mu · V · B:B; (n_elements,) [N/mm]."""
-    coefficient: FloatArray = (
-        scale * material.shear_modulus * volume * np.einsum("eai,eai->e", mean, mean)
-    )
-    return coefficient
+    return scale * material.shear_modulus * volume * np.einsum("eai,eai->e", mean, mean)
 
 
 def hourglass_stiffness(
@@ -253,8 +244,7 @@ def hourglass_stiffness(
     shape = hourglass_shape(coordinates, mean)
     coefficient = hourglass_coefficient(mean, volume, material, scale)
     scalar = _symmetric(coefficient[:, None, None] * (shape @ np.swapaxes(shape, 1, 2)))
-    stiffness: FloatArray = np.einsum("eab,ij->eaibj", scalar, np.eye(3)).reshape(-1, 24, 24)
-    return stiffness
+    return np.einsum("eab,ij->eaibj", scalar, np.eye(3)).reshape(-1, 24, 24)
 
 
 def _reduced(coordinates: FloatArray, material: Material, scale: float) -> FloatArray:
@@ -315,8 +305,7 @@ def element_lumped_mass(coordinates: FloatArray, density: float) -> FloatArray:
     points, weights = gauss_points(2)
     natural = shape_gradients(points)
     jacobian = np.swapaxes(coordinates, 1, 2)[:, None] @ natural
-    mass: FloatArray = density * (np.linalg.det(jacobian) * weights) @ shape_values(points)
-    return mass
+    return density * (np.linalg.det(jacobian) * weights) @ shape_values(points)
 
 
 def _block_pattern(mesh: HexMesh) -> tuple[IntArray, IntArray, IntArray]:

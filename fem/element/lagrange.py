@@ -24,8 +24,7 @@ from geometry.mesh import FloatArray, MeshError
 def lobatto_points(degree: int) -> FloatArray:
     """Gauss-Lobatto points on [-1, 1], (degree + 1,)."""
     inner = legendre.Legendre.basis(degree).deriv().roots() if degree > 1 else np.empty(0)
-    points: FloatArray = np.concatenate([[-1.0], np.sort(np.real(inner)), [1.0]])
-    return points
+    return np.concatenate([[-1.0], np.sort(np.real(inner)), [1.0]])
 
 
 def line_basis(degree: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -102,8 +101,7 @@ class LagrangeElement:
         """Places of the nodes of elements along a line, each once, from the elements' ends."""
         inside = 0.5 * (lobatto_points(self.degree)[1:] + 1.0)
         between = ends[:-1, None] + np.diff(ends)[:, None] * inside
-        nodes: FloatArray = np.concatenate([ends[:1], between.ravel()])
-        return nodes
+        return np.concatenate([ends[:1], between.ravel()])
 
     def interpolation(
         self, ends: FloatArray, places: FloatArray, *, slopes: bool = False
@@ -185,5 +183,4 @@ class LagrangeElement:
         """
         gradients, _ = self.gradients(coordinates, at)
         strain = strain_operator(gradients) @ displacement.ravel()
-        stress: FloatArray = strain @ self.material.elasticity_matrix().T
-        return stress
+        return strain @ self.material.elasticity_matrix().T

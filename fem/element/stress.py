@@ -98,8 +98,7 @@ def corner_extrapolation(element: ElementType) -> FloatArray:
         return np.ones((8, 1))
     points = gauss_points(2)[0]
     # Trilinear Lagrange polynomials on the points ± 1/√3: the product of (1 + 3 x x_p) / 2.
-    weights: FloatArray = np.prod(0.5 * (1.0 + 3.0 * CORNERS[:, None] * points[None]), axis=2)
-    return weights
+    return np.prod(0.5 * (1.0 + 3.0 * CORNERS[:, None] * points[None]), axis=2)
 
 
 def integration_points(mesh: HexMesh, element: ElementType) -> FloatArray:
@@ -227,8 +226,7 @@ def stress_of_gradient(gradient: FloatArray, material: Material) -> FloatArray:
     strain = gradient + np.swapaxes(gradient, -1, -2)
     # Engineering shear strains, hence no half of theirs.
     voigt = [strain[..., i, j] * (0.5 if i == j else 1.0) for i, j in VOIGT]
-    stress: FloatArray = np.stack(voigt, axis=-1) @ material.elasticity_matrix().T
-    return stress
+    return np.stack(voigt, axis=-1) @ material.elasticity_matrix().T
 
 
 def stress_tensor(stress: FloatArray) -> FloatArray:
@@ -270,5 +268,4 @@ def von_mises_stress(stress: FloatArray) -> FloatArray:
     normal, shear = stress[..., :3], stress[..., 3:]
     deviator = normal - normal.mean(axis=-1, keepdims=True)
     squares = (deviator**2).sum(axis=-1) + 2.0 * (shear**2).sum(axis=-1)
-    root: FloatArray = np.sqrt(1.5 * squares)
-    return root
+    return np.sqrt(1.5 * squares)

@@ -38,8 +38,7 @@ def characteristic_length(coordinates: FloatArray) -> FloatArray:
     volume = np.concatenate(
         [gauss_gradients(coordinates[part])[1].sum(axis=1) for part in chunks(len(coordinates))]
     )
-    length: FloatArray = volume / largest
-    return length
+    return volume / largest
 
 
 def damped_factor(damping_ratio: float) -> float:

@@ -140,5 +140,4 @@ def _quaternions(rotation: FloatArray) -> FloatArray:
         outer[:, i + 1, j + 1] = outer[:, j + 1, i + 1] = r[:, i, j] + r[:, j, i]
     best = np.argmax(np.einsum("nii->ni", outer), axis=1)
     row = outer[np.arange(len(r)), best]
-    quaternion: FloatArray = row / np.linalg.norm(row, axis=1, keepdims=True)
-    return quaternion
+    return row / np.linalg.norm(row, axis=1, keepdims=True)

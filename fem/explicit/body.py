@@ -95,8 +95,7 @@ class BodySupport:
         """Return the prescribed displacement components, (n,) [mm]; at rest before time 0."""
         clipped = max(time, 0.0)
         factor = np.array([1.0 if a is None else a(clipped) for a in self.amplitudes])
-        values: FloatArray = factor[self.amplitude_of] * self.displacement
-        return values
+        return factor[self.amplitude_of] * self.displacement
 
 
 @dataclass(frozen=True)
@@ -152,8 +151,7 @@ class Body:
         """Σ m X Xᵀ about the mass centroid, (3, 3) [t mm²]."""
         reference = self.reference.astype(np.float64)
         weighted = self.mass.astype(np.float64)[:, None] * reference
-        moment: FloatArray = weighted.T @ reference
-        return moment
+        return weighted.T @ reference
 
     @property
     def n_copies(self) -> int:

@@ -69,8 +69,7 @@ def gravity_forces(system: System, body: Body, time: float) -> FloatArray | floa
     falling = gravity_at(system, body, time)
     if falling is None:
         return 0.0
-    weight: FloatArray = body.mass.astype(np.float64)[:, None, None] * falling
-    return weight
+    return body.mass.astype(np.float64)[:, None, None] * falling
 
 
 def free_part(body: Body, force: FloatArray) -> FloatArray:

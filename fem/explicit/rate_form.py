@@ -248,8 +248,7 @@ def internal_force_reference(
 def _hooke(material: Material, strain: FloatArray) -> FloatArray:
     """Stress of strains (n, 3, 3)."""
     trace = np.trace(strain, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    stress: FloatArray = material.lame_modulus * trace + 2.0 * material.shear_modulus * strain
-    return stress
+    return material.lame_modulus * trace + 2.0 * material.shear_modulus * strain
 
 
 def _bulk_viscosity(model: RateFormModel, strain: FloatArray, time_step: float) -> FloatArray:
@@ -260,5 +259,4 @@ def _bulk_viscosity(model: RateFormModel, strain: FloatArray, time_step: float) 
         (model.quadratic_bulk_viscosity or 0.0) ** 2
     ) * model.length / speed * np.minimum(rate, 0.0)
     pressure = ratio * model.material.density * speed * model.length * rate
-    stress: FloatArray = pressure[:, None, None] * np.eye(3)
-    return stress
+    return pressure[:, None, None] * np.eye(3)

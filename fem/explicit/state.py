@@ -257,5 +257,4 @@ def _stiffness_damping_state(body: Body) -> StiffnessDampingState:
 def world_vectors(body: Body, lanes: LaneArray) -> FloatArray:
     """Placement-frame lanes (n_rows, 3, lanes) as world vectors, (n_copies, n_nodes, 3)."""
     local = from_lanes(lanes, body.rows.row, body.n_copies)
-    world: FloatArray = np.einsum("cij,cnj->cni", body.group.rotations, local)
-    return world
+    return np.einsum("cij,cnj->cni", body.group.rotations, local)

@@ -208,8 +208,7 @@ def damped_internal_force(system: System, now: BodyState) -> LaneArray:
     if now.elastic_before is None:
         return now.internal_force
     change = now.internal_force - now.elastic_before.force
-    force: LaneArray = now.internal_force + damping_ratio(system, now) * change
-    return force
+    return now.internal_force + damping_ratio(system, now) * change
 
 
 def add_bulk_viscosity(
@@ -275,8 +274,7 @@ def load_values(load: BodyLoad, now: BodyState) -> FloatArray:
         return load.values
     turn = now.frame.turn[:, :, following.copies]
     turned = following.forces + np.einsum("ijn,nj->ni", turn, following.forces)
-    values: FloatArray = turned.ravel()[following.order]
-    return values
+    return turned.ravel()[following.order]
 
 
 def load_power(body: Body, now: BodyState, time: float, *, moved: bool = False) -> float:
@@ -308,8 +306,7 @@ def gravity_at(system: System, body: Body, time: float) -> LaneArray | None:
     amplitude = system.model.effects.gravity_amplitude
     if body.acceleration is None or amplitude is None:
         return body.acceleration
-    falling: LaneArray = body.dtype.type(amplitude(time)) * body.acceleration
-    return falling
+    return body.dtype.type(amplitude(time)) * body.acceleration
 
 
 def ramped_gravity_power(
@@ -395,11 +392,10 @@ def supported_viscous_power(system: System, body: Body, now: BodyState) -> float
     before = now.elastic_before
     if before is None or not len(body.supported):
         return 0.0
-    power: float = viscous_power(
+    return viscous_power(
         body.supported,
         damping_ratio(system, now),
         now.internal_force.ravel(),
         before.force.ravel(),
         now.velocity.ravel(),
     )
-    return power

@@ -216,5 +216,4 @@ def wrench_forces(
     arm = points - weight @ points
     second = np.einsum("n,ni,nj->ij", weight, arm, arm)
     angular = np.linalg.solve(np.trace(second) * np.eye(3) - second, moment)
-    forces: FloatArray = weight[:, None] * (force + np.cross(angular, arm))
-    return forces
+    return weight[:, None] * (force + np.cross(angular, arm))

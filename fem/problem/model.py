@@ -83,8 +83,7 @@ class BlockGroup:
     def reference_positions(self) -> FloatArray:
         """Undeformed nodes of all copies in world axes, (n_copies, n_nodes, 3) [mm]."""
         turned = np.einsum("cij,nj->cni", self.rotations, self.mesh.nodes)
-        positions: FloatArray = turned + self.translations[:, None]
-        return positions
+        return turned + self.translations[:, None]
 
 
 def block_group(

@@ -62,8 +62,7 @@ def best_rotations(group: BlockGroup, displacement: FloatArray) -> FloatArray:
     left, _, right = np.linalg.svd(covariance)
     sign = np.linalg.det(left @ right)
     left[:, :, 2] *= sign[:, None]
-    rotations: FloatArray = left @ right
-    return rotations
+    return left @ right
 
 
 def block_displacements(

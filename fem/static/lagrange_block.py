@@ -127,8 +127,7 @@ def windows(numbers: IntArray, counts: tuple[int, ...], degree: int) -> IntArray
     dimension = len(counts)
     found = np.lib.stride_tricks.sliding_window_view(numbers, (degree + 1,) * dimension)
     chosen = found[tuple(slice(None, None, degree) for _ in range(dimension))]
-    elements: IntArray = np.ascontiguousarray(chosen.reshape(int(np.prod(counts)), -1))
-    return elements
+    return np.ascontiguousarray(chosen.reshape(int(np.prod(counts)), -1))
 
 
 def outward_points(
@@ -242,17 +241,13 @@ class SeenBlock:
 
     def lower(self, right: FloatArray) -> FloatArray:
         """C⁻¹ of forces on the contact nodes; F is the product of C⁻¹ Bᵀ with itself."""
-        found: FloatArray = scipy.linalg.solve_triangular(
-            self.factor, right, lower=True, check_finite=False
-        )
-        return found
+        return scipy.linalg.solve_triangular(self.factor, right, lower=True, check_finite=False)
 
     def displacement(self, force: FloatArray) -> FloatArray:
         """Displacement of the contact nodes but for a rigid motion, (3 n_c,) [mm]."""
-        found: FloatArray = scipy.linalg.solve_triangular(
+        return scipy.linalg.solve_triangular(
             self.factor, self.lower(force), lower=True, trans="T", check_finite=False
         )
-        return found
 
 
 def rigid_motions_of(positions: FloatArray) -> FloatArray:

@@ -329,8 +329,7 @@ def _tension(cells: _Cells, centres: FloatArray, radius: float, size: float) -> 
     )
     total = np.asarray(weights.sum(axis=1)).ravel()[:, None]
     means = np.stack([(weights @ layer) / total for layer in cells.stress])
-    principal: FloatArray = principal_stress(means)[..., 0]
-    return principal
+    return principal_stress(means)[..., 0]
 
 
 def _apart(points: FloatArray, spacing: float) -> IntArray:

@@ -184,8 +184,7 @@ class _Responses:
 
     def between(self, local: IntArray, other: IntArray) -> FloatArray:
         """F of points that `include` was given, (n, m) [mm/N]."""
-        found: FloatArray = self.flexibility[np.ix_(self.row[local], self.row[other])]
-        return found
+        return self.flexibility[np.ix_(self.row[local], self.row[other])]
 
     def include(self, local: IntArray) -> None:
         """Find the response to forces on points."""

@@ -472,8 +472,7 @@ class _Elastic:
             return None
         carried = points.carried(self.slave, self.shapes, self.slip)[_searched(problem).order]
         elastic = np.einsum("nki,ni->nk", rows.tangents[:, 0], carried)
-        anchor: FloatArray = rows.slip(begin) - elastic[:, None]
-        return anchor
+        return rows.slip(begin) - elastic[:, None]
 
 
 def _searched(problem: _Problem) -> SearchedSurfaces:
@@ -804,8 +803,7 @@ def _copies(system: LocalSystem) -> FloatArray:
     """Blocks that each node's representative stands for, (n_nodes,)."""
     slots = system.slot_of[system.deformable.deformable_blocks]
     count = np.bincount(slots, minlength=system.n_slots)
-    copies: FloatArray = np.repeat(count, np.diff(system.node_start)).astype(np.float64)
-    return copies
+    return np.repeat(count, np.diff(system.node_start)).astype(np.float64)
 
 
 def _status(state: _State, options: StaticOptions, loose: IntArray) -> str:

@@ -114,8 +114,7 @@ def _edge_points(k: int, u: FloatArray, bulge: FloatArray) -> FloatArray:
     half_chord = 2 * u - 1
     offset = np.sqrt(1.0 - 0.25 * half_chord**2) - np.sqrt(0.75)
     sign = 1.0 if k % 2 == 0 else -1.0
-    points: FloatArray = chord + sign * bulge[:, None, None] * offset[:, None] * normal
-    return points
+    return chord + sign * bulge[:, None, None] * offset[:, None] * normal
 
 
 def _kite(k: int, bulge: FloatArray, m: int) -> FloatArray:
@@ -135,8 +134,7 @@ def _kite(k: int, bulge: FloatArray, m: int) -> FloatArray:
     straight = a * (1 - b) * middle_after[:, None] + b * (1 - a) * middle_before[:, None]
     ruled_b = (1 - a) * b * middle_before[:, None] + along_b
     ruled_a = (1 - b) * a * middle_after[:, None] + along_a
-    points: FloatArray = ruled_a + ruled_b - straight - corners
-    return points
+    return ruled_a + ruled_b - straight - corners
 
 
 def _wall(segments: IntArray, n_r: int, n_plane: int) -> IntArray:

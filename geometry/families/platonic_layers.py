@@ -82,8 +82,7 @@ def _upright(corners: FloatArray) -> FloatArray:
     """Turn the (1, 1, 1) direction into z and the direction (2, -1, -1) into x."""
     z = np.ones(3) / np.sqrt(3.0)
     x = np.array([2.0, -1.0, -1.0]) / np.sqrt(6.0)
-    turned: FloatArray = corners @ np.column_stack([x, np.cross(z, x), z])
-    return turned
+    return corners @ np.column_stack([x, np.cross(z, x), z])
 
 
 def _hexagonal(

@@ -310,8 +310,7 @@ def sine_block_points(
     """
     theta = block.block_angle * (u - 0.5)
     z = block.height * w + wave(block, u, r)
-    points: FloatArray = np.stack([r * np.cos(theta), r * np.sin(theta), z], axis=-1)
-    return points
+    return np.stack([r * np.cos(theta), r * np.sin(theta), z], axis=-1)
 
 
 def _build(

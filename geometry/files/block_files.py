@@ -107,8 +107,7 @@ def _outside(faces: IntArray) -> IntArray:
     _, first, count = np.unique(
         np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
     )
-    outside: IntArray = faces[np.sort(first[count == 1])]
-    return outside
+    return faces[np.sort(first[count == 1])]
 
 
 def _others(shell: IntArray, outside: list[IntArray]) -> IntArray:

@@ -72,8 +72,7 @@ class CircumferentialLoad:
         arm = centroids - assembly.origin
         arm = arm - np.outer(arm @ assembly.axis, assembly.axis)
         radial = arm / np.linalg.norm(arm, axis=1, keepdims=True)
-        around: FloatArray = self.traction * np.cross(assembly.axis, radial)
-        return around
+        return self.traction * np.cross(assembly.axis, radial)
 
 
 FaceLoad: TypeAlias = PressureLoad | TractionLoad | CircumferentialLoad
@@ -101,8 +100,7 @@ class LoadedFacets:
         """Force on each facet, (n_facets, 3) [N]."""
         if self.tractions is None:
             return -self.pressure * self.area_vectors
-        forces: FloatArray = self.tractions * np.linalg.norm(self.area_vectors, axis=1)[:, None]
-        return forces
+        return self.tractions * np.linalg.norm(self.area_vectors, axis=1)[:, None]
 
 
 @dataclass(frozen=True)
@@ -215,8 +213,7 @@ def surface_means(assembly: Assembly) -> FloatArray:
     """Mean of the surface nodes of each block in world coordinates, (n_blocks, 3) [mm]."""
     local = np.array([s.mesh.nodes[s.surface_nodes].mean(axis=0) for s in assembly.shapes])
     turned = np.einsum("bij,bj->bi", assembly.rotations, local[assembly.shape_of])
-    means: FloatArray = turned + assembly.translations
-    return means
+    return turned + assembly.translations
 
 
 def with_body_wrenches(load: LoadCase, wrenches: FloatArray) -> LoadCase:

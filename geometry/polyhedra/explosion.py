@@ -36,8 +36,7 @@ def outward_directions(assembly: Assembly) -> FloatArray:
             f"{assembly.name}: is not a tube round an axis; expected blocks that all lie off the "
             "axis to move outward"
         )
-    directions: FloatArray = arm / length
-    return directions
+    return arm / length
 
 
 @dataclass(frozen=True)

@@ -101,8 +101,7 @@ def _starts(*keys: IntArray) -> IntArray:
     change = np.zeros(n - 1, dtype=bool)
     for key in keys:
         change |= np.diff(key) != 0
-    starts: IntArray = np.concatenate([[0], np.flatnonzero(change) + 1, [n]])
-    return starts
+    return np.concatenate([[0], np.flatnonzero(change) + 1, [n]])
 
 
 @dataclass(frozen=True)
@@ -137,8 +136,7 @@ def _opposing(world: _World, tolerance: float, cosine: float) -> IntArray:
     pairs = overlapping_boxes(low, high, low, high, (world.block, world.block))
     pairs = pairs[world.block[pairs[:, 0]] < world.block[pairs[:, 1]]]
     dot = np.einsum("pi,pi->p", world.normals[pairs[:, 0]], world.normals[pairs[:, 1]])
-    opposing: IntArray = pairs[dot <= -cosine]
-    return opposing
+    return pairs[dot <= -cosine]
 
 
 def find_contacts(

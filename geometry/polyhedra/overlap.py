@@ -71,8 +71,7 @@ def _inner_middles(a: FloatArray, a_triangles: IntArray, corners_b: FloatArray) 
     same = edge[1:] == edge[:-1]
     middle = 0.5 * (position[1:] + position[:-1])[same]
     edge = edge[1:][same]
-    points: FloatArray = start[edge] + middle[:, None] * (end - start)[edge]
-    return points
+    return start[edge] + middle[:, None] * (end - start)[edge]
 
 
 def penetration(
@@ -108,8 +107,7 @@ def penetration(
         return 0.0, np.zeros(3)
 
     def within(points: FloatArray) -> FloatArray:
-        kept: FloatArray = points[((points >= low) & (points <= high)).all(axis=1)]
-        return kept
+        return points[((points >= low) & (points <= high)).all(axis=1)]
 
     of_b = [b_points, _inner_middles(b_points, b.triangles, a.corners)]
     of_a = [a.points, _inner_middles(a.points, a.triangles, b_corners)]

@@ -104,8 +104,7 @@ def _in_cone(direction: FloatArray, normals: FloatArray) -> BoolArray:
     along_b = np.einsum("ni,ni->n", direction, b)
     scale = 1.0 - dot**2
     alpha, beta = (along_a - dot * along_b) / scale, (along_b - dot * along_a) / scale
-    inside: BoolArray = np.minimum(alpha, beta) >= -_CONE
-    return inside
+    return np.minimum(alpha, beta) >= -_CONE
 
 
 def crossing_edges(

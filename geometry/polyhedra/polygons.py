@@ -60,8 +60,7 @@ def _covers(points: FloatArray, triangles: IntArray) -> BoolArray:
     total = vectors.sum(axis=1)
     along = np.einsum("pti,pi->pt", vectors, total)
     square = np.einsum("pi,pi->p", total, total)
-    enough: BoolArray = (along > _TINY * square[:, None]).all(axis=1) & (square > 0.0)
-    return enough
+    return (along > _TINY * square[:, None]).all(axis=1) & (square > 0.0)
 
 
 def _without_ears(name: str, points: FloatArray, polygon: IntArray) -> IntArray:

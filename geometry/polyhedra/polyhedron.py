@@ -43,20 +43,17 @@ class Polyhedron:
     def area_vectors(self) -> FloatArray:
         """Outward vector areas, (n_triangles, 3) [mm²]."""
         p = self.corners
-        vectors: FloatArray = 0.5 * np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-        return vectors
+        return 0.5 * np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
 
     @cached_property
     def areas(self) -> FloatArray:
         """Triangle areas, (n_triangles,) [mm²]."""
-        areas: FloatArray = np.linalg.norm(self.area_vectors, axis=1)
-        return areas
+        return np.linalg.norm(self.area_vectors, axis=1)
 
     @cached_property
     def normals(self) -> FloatArray:
         """Unit outward normals, (n_triangles, 3)."""
-        normals: FloatArray = self.area_vectors / self.areas[:, None]
-        return normals
+        return self.area_vectors / self.areas[:, None]
 
     @cached_property
     def plane_of(self) -> IntArray:

@@ -114,10 +114,7 @@ def _encloses(corners: FloatArray, point: FloatArray) -> bool:
 
 def _six_volumes(corners: FloatArray) -> FloatArray:
     """Six times the volume that each triangle spans with the origin, (n,)."""
-    volumes: FloatArray = np.einsum(
-        "ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])
-    )
-    return volumes
+    return np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
 
 
 def across_matter(name: str, points: FloatArray, triangles: IntArray) -> IntArray:

@@ -130,7 +130,7 @@ def coplanar_groups(
         (n_triangles,).
     """
     distance = _PLANE_DISTANCE * float(np.linalg.norm(np.ptp(points, axis=0)))
-    groups: IntArray = flood_planes(
+    return flood_planes(
         np.argsort(-areas, kind="stable"),
         _neighbours(triangles),
         normals,
@@ -138,7 +138,6 @@ def coplanar_groups(
         float(np.cos(_PLANE_ANGLE)),
         distance,
     )
-    return groups
 
 
 def surface_edges(triangles: IntArray) -> IntArray:
@@ -228,8 +227,7 @@ def piercings(
             apart &= edge[:, e] != corner[:, c]
     pairs, position = segment_piercings(start, end, corners, margin, pairs[apart])
     first = pairs[:, 0]
-    where: FloatArray = start[first] + position[:, None] * (end - start)[first]
-    return where
+    return start[first] + position[:, None] * (end - start)[first]
 
 
 def _near(

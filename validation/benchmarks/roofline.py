@@ -68,8 +68,7 @@ def _multiply_adds(width: int) -> Callable[..., None]:
         total = ((a + b) + (c + d)) + ((e + f) + (g + h))
         store(x, 0, total + ((i + j) + (k + o)))
 
-    made: Callable[..., None] = run
-    return made
+    return run
 
 
 def _triad_rate(n: int) -> float:

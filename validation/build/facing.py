@@ -80,8 +80,7 @@ class FacingBlocks(Assembly):
         place = np.full(int(number.max(initial=-1)) + 1, -1, dtype=np.int64)
         n = self.found.n_facets
         place[number[:n]] = np.arange(n)
-        found: IntArray = place[number[n:]]
-        return found
+        return place[number[n:]]
 
 
 def facing_blocks(assembly: Assembly) -> FacingBlocks:
@@ -99,5 +98,4 @@ def _centres(state: ContactState) -> FloatArray:
     """Centroids of the parts of facets that face their block, (n_facets, 3) [mm]."""
     total = np.zeros((state.n_facets, 3))
     np.add.at(total, state.facet, state.point_areas[:, None] * state.positions)
-    centres: FloatArray = total / state.areas[:, None]
-    return centres
+    return total / state.areas[:, None]

@@ -76,8 +76,7 @@ class Pressed:
     @property
     def closed(self) -> FloatArray:
         """Pressures of the closed form at the points, (n,) [MPa]."""
-        pressures: FloatArray = self.p0 * np.sqrt(np.maximum(1.0 - (self.radius / self.a) ** 2, 0))
-        return pressures
+        return self.p0 * np.sqrt(np.maximum(1.0 - (self.radius / self.a) ** 2, 0))
 
     @property
     def field_error(self) -> float:
@@ -111,8 +110,7 @@ class Slipped:
         """Tractions of the closed form at the points, (n,) [MPa]."""
         outer = np.sqrt(np.maximum(1.0 - (self.x / self.a) ** 2, 0.0))
         inner = np.sqrt(np.maximum(1.0 - (self.x / self.c) ** 2, 0.0))
-        tractions: FloatArray = self.limit * (outer - self.c / self.a * inner)
-        return tractions
+        return self.limit * (outer - self.c / self.a * inner)
 
     @property
     def field_error(self) -> float:

@@ -95,8 +95,7 @@ def overlap(edges_from: FloatArray, edges_to: FloatArray) -> FloatArray:
     a, b = edges_from, edges_to
     low = np.maximum(a[None, :-1], b[:-1, None])
     high = np.minimum(a[None, 1:], b[1:, None])
-    shares: FloatArray = np.clip(high - low, 0.0, None) / np.diff(a)
-    return shares
+    return np.clip(high - low, 0.0, None) / np.diff(a)
 
 
 def _edges(mesh: Mapping[str, float]) -> dict[str, FloatArray]:

@@ -28,8 +28,7 @@ LAYOUT = Layout(
 
 def scene_content(scene: TubeScene) -> dict[str, Any]:
     """What a scene states apart from how it is solved: no mesh, no solver."""
-    content: dict[str, Any] = scene.model_dump(mode="json", exclude={"mesh", "rigid", "fem"})
-    return content
+    return scene.model_dump(mode="json", exclude={"mesh", "rigid", "fem"})
 
 
 def measurement_key(scene: TubeScene, base: BaseMesh, setting: CostSetting) -> str:

@@ -248,5 +248,4 @@ class Evidence:
 
 def printed(block: str, case: str) -> dict[str, Any]:
     """Row of the paper's tables."""
-    row: dict[str, Any] = reference()["table"][block][case]
-    return row
+    return reference()["table"][block][case]

@@ -97,20 +97,17 @@ class DeformableRun:
     def displacement(self, block: int) -> FloatArray:
         """Nodal displacements of a deformable block, (n_nodes, 3) [mm]."""
         d = self.deformable
-        u: FloatArray = self.displacements[int(d.group_of[block])][int(d.copy_of[block])]
-        return u
+        return self.displacements[int(d.group_of[block])][int(d.copy_of[block])]
 
     def principal(self, block: int) -> FloatArray:
         """Principal stresses at the nodes of a deformable block, (n_nodes, 3) [MPa]."""
         d = self.deformable
         found = self.answer.recovered[int(d.group_of[block])]
-        sigma: FloatArray = found.principal[int(d.copy_of[block])]
-        return sigma
+        return found.principal[int(d.copy_of[block])]
 
     def positions(self, block: int) -> FloatArray:
         """Nodes of a block before the load acts, spacing included, (n_nodes, 3) [mm]."""
-        placed: FloatArray = self.deformable.assembly.nodes(block) + self.deformable.offsets[block]
-        return placed
+        return self.deformable.assembly.nodes(block) + self.deformable.offsets[block]
 
     @property
     def contact_search(self) -> ContactSearch:

@@ -80,8 +80,7 @@ def _facets(line: int, row: list[str], sets: dict[str, Card], mesh: HexMesh) -> 
             f"line {sets[row[0].upper()].line}: got an element number outside 1 to "
             f"{mesh.n_elements}"
         )
-    quads: IntArray = mesh.elements[elements][:, HEX_FACES[int(row[1][1]) - 1]]
-    return quads
+    return mesh.elements[elements][:, HEX_FACES[int(row[1][1]) - 1]]
 
 
 def read_assembly(

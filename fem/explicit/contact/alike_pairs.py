@@ -62,16 +62,14 @@ class AlikePairs:
     def area_vectors(self) -> FloatArray:
         """t_1 × t_2 at the Gauss points before any displacement, (n_facets, 4, 3) [mm²]."""
         tangents = np.einsum("pak,fai->fpki", FACET_SLOPES, self.mean[self.corners])
-        vectors: FloatArray = np.cross(tangents[:, :, 0], tangents[:, :, 1])
-        return vectors
+        return np.cross(tangents[:, :, 0], tangents[:, :, 1])
 
     def initial_gaps(self) -> FloatArray:
         """Gap at the Gauss points before any displacement, (n_facets, 4) [mm]."""
         vectors = self.area_vectors()
         normals = vectors / np.linalg.norm(vectors, axis=2, keepdims=True)
         offset = np.einsum("pa,fai->fpi", FACET_VALUES, self.offset[self.corners])
-        gaps: FloatArray = np.einsum("fpi,fpi->fp", normals, offset)
-        return gaps
+        return np.einsum("fpi,fpi->fp", normals, offset)
 
 
 @dataclass(frozen=True)

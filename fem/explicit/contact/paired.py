@@ -96,8 +96,7 @@ class FaceContact:
                     np.add.at(total, nodes, share)
         if not by_copy:
             return None
-        largest: FloatArray = np.max(list(by_copy.values()), axis=0)
-        return largest
+        return np.max(list(by_copy.values()), axis=0)
 
     def bind(self, bodies: tuple[Body, ...]) -> Interaction:
         """Prepare the force for the loop."""
@@ -403,8 +402,7 @@ def _unit_work(data: UnitArrays) -> UnitWork:
 
 def _reference_normals(pairs: tuple[AlikePairs, ...]) -> FloatArray:
     vectors = np.concatenate([found.area_vectors() for found in pairs])
-    normals: FloatArray = vectors / np.linalg.norm(vectors, axis=2, keepdims=True)
-    return normals
+    return vectors / np.linalg.norm(vectors, axis=2, keepdims=True)
 
 
 def _collections(data: UnitArrays, bodies: tuple[Body, ...]) -> tuple[_Collection | None, ...]:

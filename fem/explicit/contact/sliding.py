@@ -255,8 +255,7 @@ class BoundSlidingContact:
 
     def _gaps(self) -> FloatArray:
         """Gaps of all points, (n,) [mm]."""
-        gaps: FloatArray = self._gap[: self.points.count] + self._statement.clearance
-        return gaps
+        return self._gap[: self.points.count] + self._statement.clearance
 
     def energy(self) -> float:
         """Energy stored at the last force evaluation [N mm]."""

@@ -49,8 +49,7 @@ def _damping_lanes(width: int) -> Callable[..., Any]:
             moment = cross(load_triple(displacement, x, lanes), f)
             add_triple(torque, c * 3 * lanes + first, lanes, moment)
 
-    made: Callable[..., Any] = run
-    return made
+    return run
 
 
 _damping_row = over_lanes(_damping_lanes, 8)

@@ -65,5 +65,4 @@ def over_lanes(make: Callable[[int], Callable[..., None]], width: int) -> Callab
                 first += width
             rest(first, lanes, *arguments)
 
-    made: Callable[..., None] = walk
-    return made
+    return walk

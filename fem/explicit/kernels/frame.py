@@ -56,8 +56,7 @@ def _moment_lanes(width: int) -> Callable[..., Any]:
             store(moment, at + (k + 4) * lanes, of_y[k])
             store(moment, at + (k + 8) * lanes, of_z[k])
 
-    made: Callable[..., Any] = run
-    return made
+    return run
 
 
 _moments = over_lanes(_moment_lanes, 16)
@@ -221,8 +220,7 @@ def _frame_lanes(width: int) -> Callable[..., Any]:
                 store_triple(increment, at, lanes, minus(seen, load_triple(local, at, lanes)))
             store_triple(local, at, lanes, seen)
 
-    made: Callable[..., Any] = run
-    return made
+    return run
 
 
 _frames = over_lanes(_frame_lanes, 8)
@@ -285,8 +283,7 @@ def _placement_lanes(width: int) -> Callable[..., Any]:
             back = _with_row(tx, f, f[0]), _with_row(ty, f, f[1]), _with_row(tz, f, f[2])
             store_triple(force, at, lanes, back)
 
-    made: Callable[..., Any] = run
-    return made
+    return run
 
 
 _placements = over_lanes(_placement_lanes, 8)

@@ -237,8 +237,7 @@ def _selected(relation: str) -> Callable[..., Any]:
 
         return _vector_type((a, b))(a, b), code
 
-    made: Callable[..., Any] = choice
-    return made
+    return choice
 
 
 smaller = _selected("<")

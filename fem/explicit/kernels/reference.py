@@ -24,14 +24,12 @@ def sparse_stiffness(rows: BlockRows) -> bsr_array:
 def stiffness_product(rows: BlockRows, displacement: LaneArray) -> LaneArray:
     """K u of every copy, (n_rows, 3, lanes)."""
     flat = displacement.reshape(3 * rows.n_nodes, -1)
-    product: LaneArray = (sparse_stiffness(rows) @ flat).reshape(displacement.shape)
-    return product
+    return (sparse_stiffness(rows) @ flat).reshape(displacement.shape)
 
 
 def torque(displacement: LaneArray, force: LaneArray) -> FloatArray:
     """Sum of u × f over the nodes of every copy, (3, lanes)."""
-    moment: FloatArray = np.cross(displacement, force, axis=1).sum(axis=0)
-    return moment
+    return np.cross(displacement, force, axis=1).sum(axis=0)
 
 
 def update(
@@ -108,8 +106,7 @@ def displacement_moments(
     """Σ m u_j (X_x, X_y, X_z, 1), (12, lanes)."""
     extended = np.column_stack([reference, np.ones(len(mass))])
     moments = np.einsum("n,njk,nx->jxk", mass, displacement, extended)
-    flat: FloatArray = moments.reshape(12, -1)
-    return flat
+    return moments.reshape(12, -1)
 
 
 def block_frame_displacement(
@@ -117,8 +114,7 @@ def block_frame_displacement(
 ) -> LaneArray:
     """Qᵀ (X + u - ū) - X with Q (3, 3, lanes) and ū (3, lanes)."""
     moved = reference[:, :, None] + displacement - mean
-    local: LaneArray = np.einsum("jik,njk->nik", rotation, moved) - reference[:, :, None]
-    return local
+    return np.einsum("jik,njk->nik", rotation, moved) - reference[:, :, None]
 
 
 def placement_frame_force(
@@ -131,5 +127,4 @@ def placement_frame_force(
     """Q (f - m ψ × X) with Q (3, 3, lanes) and ψ (3, lanes)."""
     arm = (mass[:, None] * reference)[:, :, None]
     free = force - np.cross(spin[None], arm, axis=1)
-    turned: LaneArray = np.einsum("ijk,njk->nik", rotation, free)
-    return turned
+    return np.einsum("ijk,njk->nik", rotation, free)

@@ -47,8 +47,7 @@ def _product_lanes(width: int) -> Callable[..., Any]:
             moment = cross(load_triple(displacement, at, lanes), (fx, fy, fz))
             add_triple(torque, chunk * 3 * lanes + first, lanes, moment)
 
-    made: Callable[..., Any] = run
-    return made
+    return run
 
 
 _row_product = over_lanes(_product_lanes, 32)

@@ -61,8 +61,7 @@ def _pressure_lanes(width: int) -> Callable[..., Any]:
         for k in range(width):
             dissipated[c * lanes + first + k] += 0.5 * np.float64(entry(lost, k))
 
-    made: Callable[..., Any] = run
-    return made
+    return run
 
 
 _pressures = over_lanes(_pressure_lanes, 16)
@@ -145,8 +144,7 @@ def _viscous_lanes(width: int) -> Callable[..., Any]:
                 moment = cross(load_triple(displacement, at, lanes), (fx, fy, fz))
                 add_triple(torque, c * 3 * lanes + first, lanes, moment)
 
-    made: Callable[..., Any] = run
-    return made
+    return run
 
 
 _viscous = over_lanes(_viscous_lanes, 16)

@@ -167,5 +167,4 @@ def hourglass_energy(system: System, body: Body, now: BodyState) -> float:
 
 def copy_energies(now: BodyState) -> FloatArray:
     """Strain energy plus magnitude of the kinetic energy of each copy, (lanes,) [N mm]."""
-    total: FloatArray = now.strain_energy + np.abs(now.kinetic.sum(axis=0))
-    return total
+    return now.strain_energy + np.abs(now.kinetic.sum(axis=0))

@@ -126,10 +126,7 @@ def factor_chain(levels: Sequence[Level]) -> ChainFactor:
 
 
 def _lower_solve(factor: FloatArray, right: FloatArray) -> FloatArray:
-    solution: FloatArray = scipy.linalg.solve_triangular(
-        factor, right, lower=True, check_finite=False
-    )
-    return solution
+    return scipy.linalg.solve_triangular(factor, right, lower=True, check_finite=False)
 
 
 def _eliminate(number: int, level: Level) -> _Eliminated:

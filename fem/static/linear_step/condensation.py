@@ -58,8 +58,7 @@ class CondensedBlock:
     @property
     def degrees_of_freedom(self) -> IntArray:
         """Degrees of freedom of the block that are retained, (3 n_c,)."""
-        dofs: IntArray = (3 * self.retained[:, None] + np.arange(3)).ravel()
-        return dofs
+        return (3 * self.retained[:, None] + np.arange(3)).ravel()
 
     def condense_forces(self, forces: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Move nodal forces to the retained nodes.

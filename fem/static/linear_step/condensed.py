@@ -174,8 +174,7 @@ class CondensedStep:
     def _held_rows(self, slot: int) -> npt.NDArray[np.bool_]:
         """Which held nodes are of a slot, (n_held,)."""
         nodes, start = self._system.held.nodes, self._system.node_start
-        rows: npt.NDArray[np.bool_] = (nodes >= start[slot]) & (nodes < start[slot + 1])
-        return rows
+        return (nodes >= start[slot]) & (nodes < start[slot + 1])
 
     def _make_flexibility(self, slot: int) -> Flexibility:
         system = self._system
@@ -215,16 +214,14 @@ class CondensedStep:
     def _retained(self, slot: int) -> IntArray:
         """Degrees of freedom of a slot's retained nodes in the numbering of the system."""
         kind = self._kinds[self._kind_of[slot]]
-        dofs: IntArray = kind.condensed.degrees_of_freedom + 3 * int(self._system.node_start[slot])
-        return dofs
+        return kind.condensed.degrees_of_freedom + 3 * int(self._system.node_start[slot])
 
     def _to_variables(self, slot: int, vector: FloatArray) -> FloatArray:
         """Tᵀ on the retained variables of a slot."""
         if not len(self._system.held.nodes):
             return vector
         dofs = self._retained(slot)
-        turned: FloatArray = self._transform[dofs][:, dofs].T @ vector
-        return turned
+        return self._transform[dofs][:, dofs].T @ vector
 
     def _number_variables(self) -> None:
         """Number the free retained variables of all slots one after the other."""

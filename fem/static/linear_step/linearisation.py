@@ -58,8 +58,7 @@ def coarsened(linear: Linearisation) -> Linearisation:
     weights = linear.weights.sum(axis=1, keepdims=True)
 
     def mean(values: FloatArray) -> FloatArray:
-        averaged: FloatArray = (linear.weights * values).sum(axis=1, keepdims=True) / weights
-        return averaged
+        return (linear.weights * values).sum(axis=1, keepdims=True) / weights
 
     gradient = np.einsum("fp,fpai->fai", linear.weights / weights, linear.gradient)
     return Linearisation(
@@ -161,8 +160,7 @@ class SparseStep:
         right -= matrix @ self._value
         solution = self._value.copy()
         solution[self._free] = self._factor(matrix)(right[self._free])
-        displacement: FloatArray = (self._transform @ solution).reshape(-1, 3)
-        return displacement
+        return (self._transform @ solution).reshape(-1, 3)
 
     def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
         """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ, zero on prescribed components.
@@ -178,8 +176,7 @@ class SparseStep:
         def apply(force: FloatArray) -> FloatArray:
             solution = np.zeros_like(self._value)
             solution[self._free] = solve((self._transform.T @ force.ravel())[self._free])
-            displacement: FloatArray = (self._transform @ solution).reshape(-1, 3)
-            return displacement
+            return (self._transform @ solution).reshape(-1, 3)
 
         return apply
 
@@ -198,8 +195,7 @@ class SparseStep:
     def _shares(self) -> FloatArray:
         """One over the number of nodes of its block, for every variable."""
         sizes = np.diff(self._system.node_start)
-        shares: FloatArray = np.repeat(1.0 / sizes, 3 * sizes)
-        return shares
+        return np.repeat(1.0 / sizes, 3 * sizes)
 
     def internal_force(self, displacement: FloatArray) -> FloatArray:
         """K u, (n_nodes, 3) [N]."""

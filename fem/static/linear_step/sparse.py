@@ -98,8 +98,7 @@ def _pardiso(matrix: csr_array) -> Solve:
 
         def __call__(self, right: FloatArray) -> FloatArray:
             solver.set_phase(33)
-            solution: FloatArray = solver._call_pardiso(upper, np.ascontiguousarray(right))
-            return solution
+            return solver._call_pardiso(upper, np.ascontiguousarray(right))
 
         def __del__(self) -> None:
             solver.free_memory(everything=True)

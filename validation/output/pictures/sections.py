@@ -105,5 +105,4 @@ def _border(nodes: FloatArray, quads: IntArray, z: float) -> FloatArray:
     if not cut.GetNumberOfLines():
         return np.zeros((0, 2, 2))
     corners = _numbers(cut.GetPoints().GetData())[:, :2]
-    ends: FloatArray = corners[_numbers(cut.GetLines().GetConnectivityArray()).reshape(-1, 2)]
-    return ends
+    return corners[_numbers(cut.GetLines().GetConnectivityArray()).reshape(-1, 2)]

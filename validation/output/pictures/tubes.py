@@ -72,8 +72,7 @@ def blocks_view(
     assembly, deformable = run.deformable.assembly, run.deformable.deformable_blocks.tolist()
 
     def nodes(block: int) -> FloatArray:
-        moved: FloatArray = run.positions(block) + factor * run.displacement(block)
-        return moved
+        return run.positions(block) + factor * run.displacement(block)
 
     parts: list[Part] = [
         coloured_blocks(assembly, deformable, values, scale, nodes=nodes, faces=faces)
@@ -90,8 +89,7 @@ def blocks_view(
 
 
 def _principal(run: DrawnState, component: int, block: int) -> FloatArray:
-    stress: FloatArray = run.principal(block)[:, component]
-    return stress
+    return run.principal(block)[:, component]
 
 
 def _moved(run: DrawnState, block: int) -> FloatArray:

@@ -41,8 +41,7 @@ def viewer_page() -> str | None:
         from trame_vtk.tools.vtksz2html import HTML_VIEWER_PATH
     except ImportError:
         return None
-    text: str = HTML_VIEWER_PATH.read_text("utf-8")
-    return text
+    return HTML_VIEWER_PATH.read_text("utf-8")
 
 
 def colour_gradient(colours: str) -> str:

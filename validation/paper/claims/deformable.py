@@ -443,8 +443,7 @@ def _load(run: DeformableRun) -> FloatArray:
     from validation.build.blocks import build_load
 
     load = build_load(_tube(run), run.deformable.assembly)
-    total: FloatArray = load.facet_forces.sum(axis=0)
-    return total
+    return load.facet_forces.sum(axis=0)
 
 
 def _far_axial_stress(run: DeformableRun, force: FloatArray) -> float:

@@ -94,8 +94,7 @@ LADDER = (
 def graded_to_both_ends(n: int, grading: float) -> FloatArray:
     """Ends of n elements on [0, 1], by a hyperbolic tangent; its slopes' ratio is the grading."""
     x = np.arccosh(np.sqrt(grading)) * np.linspace(-1.0, 1.0, n + 1)
-    ends: FloatArray = 0.5 * (np.tanh(x) / np.tanh(x[-1]) + 1.0)
-    return ends
+    return 0.5 * (np.tanh(x) / np.tanh(x[-1]) + 1.0)
 
 
 def parse_targets(texts: list[str]) -> dict[str, float]:

@@ -75,14 +75,12 @@ class CurvedFields:
 
     def displacement(self, block: int) -> FloatArray:
         """Of the nodes of a free block, (n_nodes, 3) [mm]."""
-        moved: FloatArray = self._displacements[int(self.deformable.copy_of[block])]
-        return moved
+        return self._displacements[int(self.deformable.copy_of[block])]
 
     def principal(self, block: int) -> FloatArray:
         """σ₁ ≥ σ₂ ≥ σ₃ at the nodes of a free block, (n_nodes, 3) [MPa]."""
         layer = int(self.deformable.assembly.layer[block]) - 1
-        sigma: FloatArray = self.fields.principal[layer]
-        return sigma
+        return self.fields.principal[layer]
 
     @cached_property
     def _displacements(self) -> FloatArray:

@@ -61,8 +61,7 @@ class Carried:
 
     def normal_forces(self, normals: FloatArray) -> FloatArray:
         """Part along the normals of the contacts, (n_contacts,) [N]."""
-        normal: FloatArray = np.maximum(np.einsum("ni,ni->n", self.forces, normals), 0.0)
-        return normal
+        return np.maximum(np.einsum("ni,ni->n", self.forces, normals), 0.0)
 
 
 def carried(
