@@ -1,5 +1,7 @@
 """Static states of joints whose facets a search finds: patch test, weight, friction, sector."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,8 @@ from fem.contact.friction import CoulombFriction
 from fem.contact.law import LinearPenalty
 from fem.contact.surfaces import ContactNormals
 from fem.element.material import Material
+from fem.problem.loads import SmoothStepAmplitude
+from fem.problem.model import fixed_nodes
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.families.box_column import ColumnBox, box_column
 from geometry.loads.case import face_pressure
@@ -94,3 +98,39 @@ def test_friction_holds_what_it_can_and_carries_the_push():
     top = np.isclose(found.deformable.group(0).mesh.nodes[:, 2], 50.0)
     slip = moved[bottom, 0].mean() - lower[top, 0].mean()
     assert slip == pytest.approx(push / 8000.0 / 100.0, rel=0.1)
+
+
+def drawn(model, aside, squeeze=0.02):
+    """The lowest of three boxes held, the highest pushed down, the one between drawn aside."""
+    ramp, supports = SmoothStepAmplitude(1.0), []
+    held = ((2, (0.0, 0.0, 0.0)), (0, (aside, 0.0)), (2, (0.0, 0.0, -squeeze)))
+    for block, (axis, way) in enumerate(held):
+        along = model.group(block).mesh.nodes[:, axis]
+        end = along.min() if block == 0 else along.max()
+        nodes = np.flatnonzero(np.isclose(along, end))
+        moves = {"components": tuple(range(len(way))), "displacement": np.array(way)}
+        supports.append(fixed_nodes(block, nodes, **moves, amplitude=ramp))
+    return replace(model, model=replace(model.model, supports=tuple(supports)))
+
+
+def test_a_box_is_drawn_over_many_facets_out_of_the_channel_between_two_others():
+    """Half of it is out after two facets of its neighbours. The area in contact is what is left of
+    it, to the elastic strain of 4e-4. On each way of 6 mm Coulomb's law loses no more than mu N of
+    its beginning, and no less than mu N of its end, but for the way on which points still stick:
+    mu p/k, 1e-2 mm by which the boxes give, and pieces of cut facets that are made on the way (a
+    facet in contact is cut once in its way of 20 mm: 1/50 of the way here)."""
+    friction = CoulombFriction(0.3)
+    model = stack((4, 4, 2), (3, 3, 2), (4, 4, 1), friction=friction, pressure=0.0)
+    options = StaticOptions(symmetry=1, method=StaticMethod.SPARSE)
+    state = solve_static(drawn(model, 0.0), options)
+    before = np.linalg.norm(state.contact_state.forces, axis=1).sum()
+    for aside in np.arange(6.0, 54.1, 6.0):
+        state = solve_static(drawn(model, aside), options, start=state)
+        assert state.converged
+        found = state.contact_state
+        assert found.areas.sum() == pytest.approx(2.0 * 80.0 * (100.0 - aside), rel=4e-4)
+        after = np.linalg.norm(found.forces, axis=1).sum()
+        sticks = 0.3 * found.point_pressures.max() / friction.stick_stiffness + 1e-2 + 6.0 / 50.0
+        lost = state.frictional_dissipation
+        assert 0.3 * after * (6.0 - sticks) < lost < 0.3 * before * 6.0
+        before = after

@@ -493,7 +493,9 @@ def _kept_step(problem: _Problem, state: _State) -> tuple[float, FloatArray]:
 def _advance_friction(problem: _Problem, state: _State, begin: FloatArray) -> _State:
     """Move the anchors at the end of a load step, and count the work lost on their way.
 
-    Along that way the traction goes from that at the beginning to that at the end: in the mean.
+    An anchor moves only while a point slides, at the limit of its traction: that goes along with
+    the pressure from the beginning to the end, in the mean. A point that lifts off loses half of
+    what it had.
     """
     rows = problem.friction
     if rows is None:
@@ -505,7 +507,10 @@ def _advance_friction(problem: _Problem, state: _State, begin: FloatArray) -> _S
     slip = rows.slip(state.displacement)
     first, _ = friction_tractions(rows.friction, rows.slip(begin), anchor, before)
     traction, moved = friction_tractions(rows.friction, slip, anchor, pressure)
-    work = ((moved - anchor) * (0.5 * (first + traction))).sum(axis=2)
+    touching = pressure > 0.0
+    mean = 0.5 + 0.5 * np.divide(before, pressure, out=np.zeros_like(pressure), where=touching)
+    lost = np.where(touching[:, :, None], mean[:, :, None] * traction, 0.5 * first)
+    work = ((moved - anchor) * lost).sum(axis=2)
     lost = problem.system.surfaces.weights * work
     orbits = problem.system.orbits
     times: IntArray | int = orbits.order
