@@ -62,6 +62,10 @@ _NEIGHBOURS = (
 )
 
 
+#: Volumes of larger bodies overflow [mm].
+LARGEST_COORDINATE = 1e100
+
+
 class MeshError(RefusedError):
     """A mesh that cannot be used: the message names the element and what is wrong with it."""
 
@@ -212,7 +216,7 @@ def check_mesh(mesh: HexMesh, name: str = "mesh") -> None:
     Raises
     ------
     MeshError
-        Non-finite coordinates, node numbers out of range, or a hexahedron that is inverted
+        Coordinates that are not finite or too large, node numbers out of range, or a hexahedron that is inverted
         or flat at a corner (the first and the worst such element are named).
     """
     if mesh.n_elements == 0:
@@ -228,6 +232,12 @@ def check_mesh(mesh: HexMesh, name: str = "mesh") -> None:
         raise MeshError(
             f"{name}: an element names node {int(mesh.elements.max())}, "
             f"but there are only {mesh.n_nodes} nodes (numbered from 0)"
+        )
+    largest = float(np.abs(mesh.nodes).max())
+    if largest > LARGEST_COORDINATE:
+        raise MeshError(
+            f"{name}: got coordinates up to {largest:.3g} mm; expected at most "
+            f"{LARGEST_COORDINATE:.0g} mm, whose cubes are still numbers"
         )
     worst = corner_jacobians(mesh).min(axis=1)
     bad_elements = np.flatnonzero(worst <= 0.0)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from validation.benchmarks import explicit
+from validation.benchmarks.kernels import kernel_rows
 from validation.benchmarks.roofline import Roofline
 
 
@@ -19,17 +20,27 @@ def test_rows_and_table_on_a_tiny_block():
     peers = explicit.peers(group)
     assert min(peers.values()) > 0.0
     limits = Roofline(1.0, 2.0, 3.0, 4.0)
+
+    def prepared(effects):
+        return explicit.ready(explicit.Model((group,), effects=effects), 1e-8)
+
+    kernels = kernel_rows(group, limits, prepared)
+    assert all(kernel.nanoseconds > 0.0 for kernel in kernels)
+    product, update, *_, rotating = kernels
+    assert update.flops < product.flops < rotating.flops
     text = explicit.table(
         {
             "roofline": vars(limits),
             "internal_force_limit": explicit.internal_force_limit(group, limits),
             "rows": [vars(row)],
+            "kernels": [vars(kernel) for kernel in kernels],
             "effects_added_percent": {"gravity": 1.0},
             "peers": peers,
             "peak_memory_mb": 1.0,
         }
     )
     assert "gravity: +1.0 %" in text
+    assert all(kernel.kernel in text for kernel in kernels)
 
 
 def test_operations_are_counted_from_the_assembled_stiffness():

@@ -12,7 +12,7 @@ from typing import Any
 
 import pydantic
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from validation.build.blocks import build_blocks
@@ -122,6 +122,7 @@ BUILT = [
         st.lists(st.floats(-1e300, 1e300), min_size=3, max_size=3),
     ),
 )
+@example(place=("thb0-pipe", ("block", "inner_radius")), value=1.4320280237946012e103)
 def test_what_is_read_is_built_or_refused_in_one_line(
     place: tuple[str, tuple[str, ...]], value: Any
 ) -> None:
