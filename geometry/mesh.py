@@ -216,8 +216,8 @@ def check_mesh(mesh: HexMesh, name: str = "mesh") -> None:
     Raises
     ------
     MeshError
-        Coordinates that are not finite or too large, node numbers out of range, or a hexahedron that is inverted
-        or flat at a corner (the first and the worst such element are named).
+        Coordinates that are not finite or too large, node numbers out of range, or a hexahedron
+        that is inverted or flat at a corner (the first and the worst such element are named).
     """
     if mesh.n_elements == 0:
         raise MeshError(f"{name}: got no hexahedra; expected at least one")
