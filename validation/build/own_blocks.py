@@ -56,7 +56,8 @@ def build_own_blocks(scene: MeshScene, name: str) -> HexahedralBlocks:
         )
         check_assembly(surfaces)
     except RefusedError as error:
-        raise InputError(f"{name}: {error}") from None
+        # What is wrong with the whole assembly begins with its name.
+        raise InputError(f"{name}: {str(error).removeprefix(f'{name}: ')}") from None
     refuse_bare_joints(name, surfaces)
     assembly = replace(assembly, layer=contact_distance(surfaces))
     unmatched = unmatched_joints(assembly, surfaces)
