@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import contextlib
 import os
 import resource
 import shutil
@@ -141,9 +142,9 @@ def made(path: str, operator: str, number: int) -> Change | None:
     if changed is None:
         return None
     text = changed.decode() if isinstance(changed, bytes) else changed
-    if meaning(text) == meaning(source):
-        return None
-    return Change(path, operator, number, 0, text)
+    with contextlib.suppress(SyntaxError):  # it may take the / of a signature for a division
+        return None if meaning(text) == meaning(source) else Change(path, operator, number, 0, text)
+    return None
 
 
 def passed(folder: Path, tests: tuple[str, ...], limit: float) -> tuple[bool, float]:

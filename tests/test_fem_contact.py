@@ -17,6 +17,7 @@ from fem.contact.surfaces import (
     ContactNormals,
     contact_surfaces,
     corner_forces,
+    corner_overclosures,
     curvature,
     facet_pressures,
     point_kinematics,
@@ -240,3 +241,23 @@ def test_a_clearance_opens_every_gap_by_itself(surfaces, normals):
     opened = point_kinematics(replace(surfaces, clearance=0.03), corners, normals)
     np.testing.assert_allclose(opened.overclosure, plain.overclosure - 0.03, atol=1e-15)
     np.testing.assert_array_equal(opened.gradient, plain.gradient)
+
+
+@pytest.mark.parametrize("normals", list(ContactNormals))
+def test_overclosures_at_corners_are_those_between_points_carried_on(surfaces, normals):
+    """Of flat facets without displacement the gap is bilinear: at the points it is the mean of the
+    corners with the shape functions there, to rounding; a clearance is taken off once."""
+    still = np.zeros((surfaces.n_facets, 8, 3))
+    found = replace(surfaces, clearance=0.03)
+    normal = found.normals[:, :1]
+    flat = np.abs(found.normals - normal).max(axis=(1, 2)) < 1e-12
+    at_corners = corner_overclosures(found, still, normals)
+    at_points = point_kinematics(found, still, normals).overclosure
+    near, far = 0.5 * (1.0 + 3.0**-0.5), 0.5 * (1.0 - 3.0**-0.5)
+    a, b, c = near * near, near * far, far * far
+    shapes = np.array([[a, b, c, b], [b, a, b, c], [c, b, a, b], [b, c, b, a]])
+    assert flat.any()
+    np.testing.assert_allclose((at_corners @ shapes.T)[flat], at_points[flat], atol=1e-13)
+    assert surfaces.clearance == 0.0
+    bare = corner_overclosures(surfaces, still, normals)
+    np.testing.assert_allclose(at_corners, bare - 0.03, atol=1e-15)
