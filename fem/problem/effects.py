@@ -58,7 +58,7 @@ class BulkViscosity:
 class AdaptiveMassDamping:
     """A numerical device, not physics: critical damping of the lowest active mode.
 
-    Drives a run to its static state (see `fem.explicit.damping.adaptive_coefficient`).
+    Drives a run to its static state (see `fem.explicit.damping.adapt`).
     """
 
     interval: int = 20
