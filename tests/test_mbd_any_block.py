@@ -325,6 +325,7 @@ def test_both_sides_of_the_incline_are_certified() -> None:
             _check_forces(contacts, found.forces, load)
         else:
             assert found.mechanism is not None
+            assert np.linalg.norm(found.mechanism) == pytest.approx(1.0, rel=1e-14)
             _check_mechanism(contacts, found.mechanism, load)
 
 
