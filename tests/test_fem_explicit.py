@@ -286,6 +286,7 @@ def test_damping_that_would_make_the_step_vanish_is_refused():
         lambda: AdaptiveMassDamping(interval=0),
         lambda: AdaptiveMassDamping(fraction_of_critical=0.0),
         lambda: Effects(gravity=np.array([0.0, np.inf, 0.0])),
+        lambda: Effects(gravity_amplitude=SmoothStepAmplitude(1.0)),
         lambda: Effects(RayleighDamping(2.0), adaptive_mass_damping=AdaptiveMassDamping()),
     ],
 )

@@ -117,6 +117,8 @@ class Effects:
         if self.gravity is not None:
             good = self.gravity.shape == (3,) and all(math.isfinite(g) for g in self.gravity)
             _require(good, "gravity", self.gravity, "three finite numbers [mm/s²]")
+        alone = self.gravity is None and self.gravity_amplitude is not None
+        _require(not alone, "gravity_amplitude", "one", "effects.gravity beside it")
 
     @property
     def mass_damping(self) -> float | None:

@@ -191,17 +191,15 @@ def _with_gravity(
     """Effects with the gravity of the assembly, which is stated there and nowhere else."""
     if effects is None:
         return Effects(gravity=gravity)
-    if gravity is not None and effects.adaptive_mass_damping is not None:
-        effects = replace(effects, gravity_amplitude=amplitude)
-    if effects.gravity is None:
-        return replace(effects, gravity=gravity)
-    if gravity is None or (effects.gravity != gravity).any():
+    if effects.gravity is not None and (gravity is None or (effects.gravity != gravity).any()):
         stated = "none" if gravity is None else gravity.tolist()
         raise EffectError(
             f"effects.gravity: got {effects.gravity.tolist()} where the assembly has {stated}; "
             "expected it in `deformable_assembly` alone, for static and explicit runs alike"
         )
-    return effects
+    if gravity is None or effects.adaptive_mass_damping is None:
+        return replace(effects, gravity=gravity)
+    return replace(effects, gravity=gravity, gravity_amplitude=amplitude)
 
 
 def _face_contact(
