@@ -53,8 +53,9 @@ class StaticResult:
     external_work: float
     """Of the full loads along the displacements, as dead loads [N mm]."""
     frictional_dissipation: float
-    """Work lost in sliding, zero without friction [N mm]. The slip of a load step counts with the
-    mean of the tractions at its ends: with few load steps too much, by about a tenth with four."""
+    """Work lost in sliding, zero without friction [N mm]. What slides in a load step does so at the
+    limit, which counts with the mean of the pressures at its ends: with few load steps too much, by
+    about a tenth with four."""
     symmetry: int
     """Order of the sector model that was used."""
     n_unknowns: int

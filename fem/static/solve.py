@@ -134,7 +134,7 @@ class StaticOptions:
     """Parts in which the load is applied: equal ones, with friction as `load_factors` says."""
     load_tolerance: float | None = None
     """With friction the parts are doubled until that changes displacements and pressures by less
-    [-]; None: they stay as they are."""
+    [-]; None: they stay as they are, and so they do from a given start."""
     load_path: tuple[float, ...] | None = None
     """Load factors at the ends of the load steps, the last one 1; None: straight up, in
     `load_steps` of `load_factors`."""
@@ -509,9 +509,8 @@ def _advance_friction(problem: _Problem, state: _State, begin: FloatArray) -> _S
     traction, moved = friction_tractions(rows.friction, slip, anchor, pressure)
     touching = pressure > 0.0
     mean = 0.5 + 0.5 * np.divide(before, pressure, out=np.zeros_like(pressure), where=touching)
-    lost = np.where(touching[:, :, None], mean[:, :, None] * traction, 0.5 * first)
-    work = ((moved - anchor) * lost).sum(axis=2)
-    lost = problem.system.surfaces.weights * work
+    resisting = np.where(touching[:, :, None], mean[:, :, None] * traction, 0.5 * first)
+    lost = problem.system.surfaces.weights * ((moved - anchor) * resisting).sum(axis=2)
     orbits = problem.system.orbits
     times: IntArray | int = orbits.order
     if not isinstance(problem.system.surfaces, SearchedSurfaces):

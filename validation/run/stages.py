@@ -5,8 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-from geometry.compilation import Compiling, compiling
+if TYPE_CHECKING:
+    from geometry.compilation import Compiling
 
 
 class Stages:
@@ -37,6 +39,8 @@ class Stages:
 @contextmanager
 def stages() -> Iterator[Stages]:
     """Time the stages of what runs inside."""
+    from geometry.compilation import compiling  # it loads a compiler
+
     with compiling() as compiled:
         yield Stages(compiled)
 

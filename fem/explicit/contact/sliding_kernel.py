@@ -14,9 +14,9 @@ from __future__ import annotations
 import math
 
 from fem.contact.law import law_pressure
+from fem.explicit.kernels.options import OPTIONS
+from fem.explicit.kernels.triples import triple_of
 from geometry.compilation import njit
-
-_OPTIONS = {"error_model": "numpy", "nogil": True}
 
 #: Newton iterations on the closest point; a step moves it by far less than a facet.
 _PROJECTIONS = 6
@@ -28,23 +28,18 @@ _LEFT = 1e-15
 # Vectors are tuples of three: they stay in registers, where small arrays would go through memory.
 
 
-@njit(**_OPTIONS)
-def _node(position, n):
-    return position[n, 0], position[n, 1], position[n, 2]
-
-
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _plus(a, share, b):
     """A + share b."""
     return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _sum(wa, a, wb, b, wc, c, wd, d):
     return (
         wa * a[0] + wb * b[0] + wc * c[0] + wd * d[0],
@@ -53,13 +48,13 @@ def _sum(wa, a, wb, b, wc, c, wd, d):
     )
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _add(force, n, share, f):
     for i in range(3):
         force[n, i] += share * f[i]
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _frame(facet, r, s, point):
     """Tangents of a facet and what lies between a point and it, at natural coordinates."""
     middle, along, across, warp = facet
@@ -68,7 +63,7 @@ def _frame(facet, r, s, point):
     return first, second, _plus(point, -1.0, there)
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _closest(facet, point, r, s, frame):
     """Closest point of a facet by Newton from (r, s), where ``frame`` was asked; asked there."""
     warp = facet[3]
@@ -89,7 +84,7 @@ def _closest(facet, point, r, s, frame):
     return r, s, frame
 
 
-@njit(**_OPTIONS)
+@njit(**OPTIONS)
 def _rub(p, friction, pressure, weight, moved, normal, slip, dissipated):
     """Friction of one point, whose way on the master is ``moved``; times its area."""
     stiffness = friction[1]
@@ -111,7 +106,7 @@ def _rub(p, friction, pressure, weight, moved, normal, slip, dissipated):
     return pull * new[0], pull * new[1], pull * new[2]
 
 
-@njit(cache=True, **_OPTIONS)
+@njit(cache=True, **OPTIONS)
 def sliding_forces(
     position, quads, slave, shapes, weights, facet, xi, law, friction, slip, dissipated, gap, force
 ):
@@ -140,16 +135,16 @@ def sliding_forces(
     force[:] = 0.0
     for p in range(len(facet)):
         own, quad = quads[slave[p]], quads[facet[p]]
-        a, b = _node(position, quad[0]), _node(position, quad[1])
-        c, d = _node(position, quad[2]), _node(position, quad[3])
+        a, b = triple_of(position, quad[0]), triple_of(position, quad[1])
+        c, d = triple_of(position, quad[2]), triple_of(position, quad[3])
         master = (
             _sum(0.25, a, 0.25, b, 0.25, c, 0.25, d),
             _sum(-0.25, a, 0.25, b, 0.25, c, -0.25, d),
             _sum(-0.25, a, -0.25, b, 0.25, c, 0.25, d),
             _sum(0.25, a, -0.25, b, 0.25, c, -0.25, d),
         )
-        a, b = _node(position, own[0]), _node(position, own[1])
-        c, d = _node(position, own[2]), _node(position, own[3])
+        a, b = triple_of(position, own[0]), triple_of(position, own[1])
+        c, d = triple_of(position, own[2]), triple_of(position, own[3])
         point = _sum(shapes[p, 0], a, shapes[p, 1], b, shapes[p, 2], c, shapes[p, 3], d)
         before = _frame(master, xi[p, 0], xi[p, 1], point)
         r, s, (first, second, away) = _closest(master, point, xi[p, 0], xi[p, 1], before)
@@ -180,7 +175,7 @@ def sliding_forces(
         _add(force, quad[3], -0.25 * (1.0 - r) * (1.0 + s), pull)
 
 
-@njit(cache=True, **_OPTIONS)
+@njit(cache=True, **OPTIONS)
 def place_surface(reference, rows, lanes, copies, turns, turn_of, displacement, position):
     """World positions of the surface nodes of one group, R (X + u) + t.
 
@@ -207,7 +202,7 @@ def place_surface(reference, rows, lanes, copies, turns, turn_of, displacement, 
             position[k, i] = reference[k, i] + (turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z)
 
 
-@njit(cache=True, **_OPTIONS)
+@njit(cache=True, **OPTIONS)
 def apply_surface(force, rows, lanes, copies, turns, turn_of, applied):
     """Add world forces of the surface nodes of one group to its applied forces, Rᵀ f."""
     for k in range(len(rows)):

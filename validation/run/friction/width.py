@@ -13,8 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
+from fem.static.linear_step.condensed import FlexibilityStore
 from validation.build.coarser import coarser
 from validation.errors import InputError
 from validation.run.deformable import DeformableRun
@@ -54,7 +56,7 @@ def load_step_change(run: DeformableRun) -> dict[str, float]:
 
 
 def friction_set(
-    run: DeformableRun, solve: Callable[..., DeformableRun] = run_static
+    run: DeformableRun, solve: Callable[..., DeformableRun] | None = None
 ) -> FrictionSet | None:
     """Say which member of the set a run has found and how wide the set is.
 
@@ -63,10 +65,12 @@ def friction_set(
     run
         A run; None comes back where it has no friction or seeks no static state.
     solve
-        Solves a scene for its static state along a ``load_path``.
+        Solves a scene for its static state along a ``load_path``; by default the static solver,
+        which condenses the blocks of both ways once.
     """
     if not seeks_static_state(run.scene):
         return None
+    solve = partial(run_static, store=FlexibilityStore()) if solve is None else solve
     change, member = load_step_change(run), _member(run)
     found, reason = None, ""
     for scene in _meshes(run.scene):

@@ -17,6 +17,7 @@ from mbd import Mechanism, RigidResult, SelfStress
 from mbd.pushes import held_against
 from validation.run.joints import joints_json
 from validation.run.rigid.further import Carried, Further, carried, further_json
+from validation.run.stages import summed
 from validation.scene.family import AssemblyScene
 from validation.scene.polyhedra import PolyhedralScene
 
@@ -109,6 +110,16 @@ class RigidAnswer(ABC):
             **further_json(self.further),
             "cpu_seconds": self.cpu_seconds,
         }
+
+
+def spent(
+    built: dict[str, float], result: RigidResult, further: Further | None
+) -> dict[str, float]:
+    """CPU time of each stage and of all [s], building and what was asked for beside included."""
+    seconds = summed({"build": 0.0, **result.cpu_seconds}, built)
+    if further is None:
+        return seconds
+    return summed(seconds, {"further": further.cpu_seconds, "total": further.cpu_seconds})
 
 
 def _certificate_json(result: RigidResult) -> dict[str, Any] | None:

@@ -23,7 +23,7 @@ from mbd import (
     measures,
 )
 from validation.build.blocks import build_blocks, build_weight, require_assembly
-from validation.run.rigid.answer import RigidAnswer
+from validation.run.rigid.answer import RigidAnswer, spent
 from validation.run.rigid.further import (
     further_answers,
 )
@@ -111,13 +111,9 @@ def analyse_rigid(built: BuiltScene) -> RigidRun:
     weight = build_weight(scene, assembly)
     load = built.load if weight is None else with_body_wrenches(built.load, weight)
     result = analyse(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
-    seconds = {"build": built.cpu_seconds, **result.cpu_seconds}
-    seconds["total"] = built.cpu_seconds + result.cpu_seconds["total"]
     dead = np.zeros_like(live) if weight is None else weight
     further = further_answers(assembly, load.fixed, (dead, live), scene.rigid)
-    if further is not None:
-        seconds["further"] = further.cpu_seconds
-        seconds["total"] += further.cpu_seconds
+    building = {"build": built.cpu_seconds, "total": built.cpu_seconds}
     return RigidRun(
         name=built.name,
         scene=scene,
@@ -125,7 +121,7 @@ def analyse_rigid(built: BuiltScene) -> RigidRun:
         load=load,
         result=result,
         further=further,
-        cpu_seconds=seconds,
+        cpu_seconds=spent(building, result, further),
     )
 
 

@@ -15,11 +15,11 @@ from geometry.polyhedra.facet_contact import ContactPolygons
 from mbd import analyse
 from validation.build.own_blocks import refuse_two_weights
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
-from validation.run.rigid.answer import RigidAnswer
+from validation.run.rigid.answer import RigidAnswer, spent
 from validation.run.rigid.further import (
     further_answers,
 )
-from validation.run.stages import stages, summed
+from validation.run.stages import stages
 from validation.scene.polyhedra import BodyLoadSection, MeshScene, PolyhedralScene
 from validation.scene.read import SceneFile
 
@@ -117,10 +117,6 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
     built = watch.seconds()
     result = analyse(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
     further = further_answers(assembly, load.fixed, (loads.dead, loads.live), scene.rigid)
-    seconds = summed({"build": 0.0, **result.cpu_seconds}, built)
-    if further is not None:
-        seconds["further"] = further.cpu_seconds
-        seconds["total"] += further.cpu_seconds
     return PolyhedralRun(
         name=file.name,
         scene=scene,
@@ -129,7 +125,7 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
         load=load,
         result=result,
         further=further,
-        cpu_seconds=seconds,
+        cpu_seconds=spent(built, result, further),
     )
 
 

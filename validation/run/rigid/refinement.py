@@ -87,7 +87,7 @@ def refined(file: SceneFile, run: RigidAnswer) -> Refinement:
     finer = coarser(require_mesh(file), FACTOR)
     assert finer is not None
     assert isinstance(run, RigidRun)
-    found = run_rigid(SceneFile(name=file.name, scene=finer))
+    found = run_rigid(file.model_copy(update={"scene": finer}))
     one, other = run.measures, found.measures
     values: dict[str, float] = {}
     if one is not None and other is not None:
