@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 
@@ -21,7 +20,7 @@ from validation.cli import (
     trust,
 )
 from validation.cli.options import command
-from validation.errors import InputError
+from validation.errors import run_command
 
 _EPILOG = (
     "Exit status: 0 done; 1 done, and a hard case is red (`stability`); 2 refused, with one line "
@@ -96,30 +95,9 @@ def _habits(
     """Topological interlocking assemblies: locked or not, contact pressures, stresses."""
 
 
-def _stop(words: str, status: int = 2) -> NoReturn:
-    print(" ".join(words.split("\n")), file=sys.stderr)
-    raise SystemExit(status)
-
-
 def main() -> None:
-    """Run the command line; the only place that turns errors into exit statuses."""
-    try:
-        app()
-    except InputError as error:
-        _stop(f"error: {error}")
-    except MemoryError as error:
-        _stop(
-            f"error: this needs more memory than there is ({error}); "
-            "take fewer elements ([mesh]) or fewer layers (assembly.layers)"
-        )
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        _stop(
-            f"error: {where}{error.strerror or error}; the output could not be written or a file "
-            "not be read: make room, or choose another place"
-        )
-    except KeyboardInterrupt:
-        _stop("interrupted", 130)
+    """Run the command line."""
+    run_command(app)
 
 
 if __name__ == "__main__":

@@ -30,7 +30,8 @@ from mbd.friction import (
     frictional_contacts,
     frictional_equilibrium,
 )
-from validation.output.files import prepare_file
+from validation.errors import run_command
+from validation.output.files import prepare_picture
 
 #: Minimum thickness of a semicircular arch over its centre-line radius, four digits.
 ARCH_LIMIT = 0.1075
@@ -165,6 +166,8 @@ def main(
     ] = None,
 ) -> None:
     """Print every limit beside its closed form."""
+    if output is not None:
+        prepare_picture(output)
     console = Console()
     table = Table(title="Limit analysis of rigid blocks beside closed forms", title_justify="left")
     for head in ("problem", "found", "closed form", "difference"):
@@ -178,10 +181,9 @@ def main(
         )
     console.print(table)
     if output is not None:
-        prepare_file(output)
         draw_arches(output)
         console.print(f"picture   {output}")
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_command(lambda: typer.run(main))

@@ -27,7 +27,8 @@ from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import classify, contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
-from validation.output.files import prepare_file
+from validation.errors import run_command
+from validation.output.files import prepare_picture
 
 #: compas_cra's RBE lets joints pull at a price; a pull above this part of the largest force says
 #: that the assembly does not stand.
@@ -283,6 +284,8 @@ def main(
     ] = None,
 ) -> None:
     """Compare with compas_cra."""
+    if output is not None:
+        prepare_picture(output)
     console = Console(width=150)
     installed = importlib.util.find_spec("compas_cra") is not None
     if not installed:
@@ -290,10 +293,9 @@ def main(
     answers = compare(with_peer=installed)
     print_answers(answers, console)
     if output is not None:
-        prepare_file(output)
         draw_times(answers, output)
         console.print(f"picture   {output}")
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_command(lambda: typer.run(main))

@@ -20,6 +20,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from validation.errors import run_command
 from validation.run.explicit import run_explicit
 from validation.run.friction.width import PAST_AND_BACK, load_step_change
 from validation.run.static import run_static
@@ -200,4 +201,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_command(lambda: typer.run(main))

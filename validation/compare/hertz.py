@@ -34,7 +34,8 @@ from validation.compare.hertz_problems import (
     roller,
     slipped_roller,
 )
-from validation.output.files import prepare_file
+from validation.errors import run_command
+from validation.output.files import prepare_picture
 
 
 @dataclass(frozen=True)
@@ -158,6 +159,8 @@ def draw(path: Path, problems: dict[str, list[Row]]) -> None:
     """Pressures and tractions of every mesh beside the closed forms."""
     import matplotlib.pyplot as plt
 
+    from validation.output.pictures.gallery import save_figure
+
     figure, axes = plt.subplots(1, len(problems), figsize=(4.4 * len(problems), 3.6))
     for axis, (title, table) in zip(np.atleast_1d(axes), problems.items(), strict=True):
         share = np.linspace(0.0, 1.0, 400)
@@ -176,8 +179,8 @@ def draw(path: Path, problems: dict[str, list[Row]]) -> None:
         axis.set(title=title, xlabel="r / a", xlim=(0.0, 1.3),
                  ylabel="q / μp₀" if slipped else "p / p₀")  # fmt: skip
         axis.legend(frameon=False, fontsize=8)
-    figure.tight_layout()
-    figure.savefig(path, dpi=130)
+    figure.tight_layout(rect=(0.0, 0.03, 1.0, 1.0))
+    save_figure(figure, path)
     plt.close(figure)
 
 
@@ -188,7 +191,7 @@ def main(
 ) -> None:
     """Print every problem on its meshes beside the closed form."""
     if output is not None:
-        prepare_file(output)
+        prepare_picture(output)
     console = Console(width=130)
     cases: list[tuple[str, Case, tuple[float, ...], tuple[float, ...]]] = [
         ("two balls R 50 mm, E 20 GPa, approach 4 mm", ball_case, BALL_MESHES, (4.0,)),
@@ -210,4 +213,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_command(lambda: typer.run(main))

@@ -25,6 +25,7 @@ from mbd.friction import collapse_load, frictional_contacts, frictional_equilibr
 from mbd.plane import PlaneProblem, plane_problem
 from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
 from validation.compare.closed_forms import bisect, body_force, incline
+from validation.errors import run_command
 
 #: Friction of the walls.
 WALL_FRICTION = 0.65
@@ -138,4 +139,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_command(lambda: typer.run(main))

@@ -93,6 +93,18 @@ def require_picture(path: Path) -> None:
         )
 
 
+def prepare_picture(path: Path) -> Path:
+    """`prepare_file` for a picture, of a kind that is drawn.
+
+    Raises
+    ------
+    InputError
+        For another ending, or where it cannot be written.
+    """
+    require_picture(path)
+    return prepare_file(path)
+
+
 def picture_file(given: Path | None, default: Path, scene: SceneFile) -> Path:
     """Where the picture of a scene goes: by default with the ending that the scene asks for.
 
