@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import datetime
 import json
-import platform
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -30,6 +29,7 @@ from validation.benchmarks.roofline import Roofline, Work, roofline
 from validation.errors import InputError
 from validation.output.files import prepare_file, write_whole
 from validation.output.program import program
+from validation.output.provenance import processor
 
 HISTORY = Path(__file__).with_name("history.jsonl")
 
@@ -177,17 +177,6 @@ MEASUREMENTS: tuple[Callable[[Roofline], list[Rate]], ...] = (
     contact_rates,
     rigid_rates,
 )
-
-
-def processor() -> str:
-    """Name of the processor, as far as the system tells."""
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
-        lines = dict(line.split(":", 1) for line in text.splitlines() if ":" in line)
-        names = {key.strip(): value.strip() for key, value in lines.items()}
-        return f"{names['model name']}, family {names['cpu family']} model {names['model']}"
-    except (OSError, KeyError):
-        return platform.processor() or platform.machine()
 
 
 def measure() -> Entry:

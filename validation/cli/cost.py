@@ -23,13 +23,16 @@ def cost(
     *,
     settings: SetOption = None,
     quick: Annotated[bool, typer.Option("--quick", help="Coarse meshes only, in seconds.")] = False,
+    others: Annotated[
+        bool, typer.Option("--others", help="Other programs too, where installed: CalculiX.")
+    ] = False,
     json: JsonOption = None,
     output: Annotated[Path | None, folder_option("the figure", "out/SCENE-cost")] = None,
     store: CostStoreOption = COST_STORE,
 ) -> None:
     """Error against CPU time of every method and mesh: what an accuracy costs."""
+    from validation.cost.plan import full_plan, quick_plan, require_cost_scene
     from validation.cost.report import draw_study, print_study, study_json
-    from validation.cost.settings import full_plan, quick_plan, require_cost_scene
     from validation.cost.store import CostStore
     from validation.cost.study import run_cost
     from validation.output.console import status
@@ -38,7 +41,7 @@ def cost(
 
     file = load_scene(scene, settings or ())
     checked = require_cost_scene(file.scene, file.name)
-    plan = quick_plan(checked) if quick else full_plan(checked)
+    plan = (quick_plan if quick else full_plan)(file.name, checked, others=others)
     folder = default_folder(output, json, f"{file.name}-cost")
     stores = {"--store": store}
     with Outputs(json, folder, ("cost.png",), stores=stores, scene=file) as outputs:
@@ -51,7 +54,8 @@ def cost(
                 progress=lambda number, total, what: tell(f"{number} of {total}: {what}"),
             )
         print_study(study, outputs.console)
-        outputs.write("picture", "cost.png", lambda path: draw_study(study, path))
+        title = ", ".join((file.name, *(settings or ())))
+        outputs.write("picture", "cost.png", lambda path: draw_study(study, path, title=title))
         outputs.write_json(study_json(study))
 
 

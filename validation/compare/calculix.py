@@ -43,6 +43,14 @@ def calculix_available() -> bool:
     return shutil.which(PROGRAM) is not None
 
 
+def calculix_version() -> str | None:
+    """Version of the program, such as ``2.20``; None where it is not installed."""
+    if not calculix_available():
+        return None
+    said = subprocess.run([PROGRAM, "-v"], capture_output=True, text=True, check=False).stdout
+    return said.split()[-1] if said.split() else "of unknown version"
+
+
 def run_calculix(deck: Path, *, timeout: float = 600.0) -> CalculixResult:
     """Run CalculiX in the folder of a deck.
 

@@ -1,26 +1,24 @@
-"""One setting of `tubelock cost`: run it, take its numbers and its CPU time.
-
-Pressures of different meshes are compared on one partition of every contact face into cells,
-equal in the parameters of the face; a cell's pressure is the mean over its area.
-"""
+"""One setting of `tubelock cost`: run it, take its numbers and its CPU time."""
 
 from __future__ import annotations
 
+import datetime
 import gc
 import math
 import time
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
-
-import numpy as np
 
 from fem.explicit.solve import Status
 from geometry.assembly import Assembly
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.mesh import FloatArray, IntArray
+from validation.build.blocks import build_assembly
 from validation.build.deformable import build_deformable
+from validation.cost.calculix import solve_by_calculix
 from validation.cost.curved import solve_rungs
+from validation.cost.partition import PARTITION_LEVEL, partition_pressures
 from validation.cost.settings import (
     BaseMesh,
     CostSetting,
@@ -28,10 +26,12 @@ from validation.cost.settings import (
     with_setting,
 )
 from validation.errors import InputError
+from validation.output.provenance import processor
 from validation.run.deformable import DeformableRun
 from validation.run.explicit import run_explicit, scene_statement
 from validation.run.rigid.assembly import analyse_rigid, build_scene
 from validation.run.static import run_static
+from validation.scene.family import AssemblyScene
 from validation.scene.read import SceneFile, TubeScene
 
 #: Scalars that are measured, with their units and what they are.
@@ -41,8 +41,6 @@ SCALARS = {
     "sigma_1_averaged": ("MPa", "largest principal stress averaged over a ball"),
     "max_displacement": ("mm", "largest displacement"),
 }
-#: The partition's cells in a face are as many as the facets of this level.
-PARTITION_LEVEL = 2
 #: Settings cheaper than this are run twice [CPU s].
 CHEAP = 3.0
 
@@ -61,6 +59,10 @@ class Measurement:
     """From the scene to the pressures, of each repeat [s]."""
     details: dict[str, Any]
     """Numbers of the solver: elements, steps or iterations, residual, status."""
+    date: str
+    """Day of the run, ISO."""
+    processor: str
+    """Where it ran."""
 
     @property
     def cost(self) -> float:
@@ -87,91 +89,11 @@ class Measurement:
 
 
 # ---------------------------------------------------------------------------------------------
-# Pressures on the common partition
-
-
-def overlap(edges_from: FloatArray, edges_to: FloatArray) -> FloatArray:
-    """Share of each interval between edges in each of others, (n_to, n_from)."""
-    a, b = edges_from, edges_to
-    low = np.maximum(a[None, :-1], b[:-1, None])
-    high = np.minimum(a[None, 1:], b[1:, None])
-    return np.clip(high - low, 0.0, None) / np.diff(a)
-
-
-def _edges(mesh: Mapping[str, float]) -> dict[str, FloatArray]:
-    """Places of the nodes of a block in each direction, 0 to 1."""
-    around, radial, axial = (int(mesh[key]) for key in ("around", "radial", "axial"))
-    divisions = SineBlockDivisions(around, radial, axial, mesh["radial_grading"])
-    return {
-        "around": np.linspace(0.0, 1.0, around + 1),
-        "radial": divisions.radial_positions,
-        "axial": np.linspace(0.0, 1.0, axial + 1),
-    }
-
-
-def partition_pressures(
-    assembly: Assembly,
-    contacts: IntArray,
-    pressures: FloatArray,
-    *,
-    mesh: Mapping[str, float],
-    cells: Mapping[str, float],
-) -> tuple[FloatArray, FloatArray]:
-    """Mean pressure and area of the cells of all contact faces of a tube of Sine Blocks.
-
-    Parameters
-    ----------
-    assembly
-        The tube.
-    contacts
-        Facets in its interfaces that carry pressures, (n,).
-    pressures
-        (n,) [MPa]
-    mesh
-        ``[mesh]``: ``around``, ``radial``, ``axial``, ``radial_grading``.
-    cells
-        The same of the partition.
-
-    Returns
-    -------
-    tuple[FloatArray, FloatArray]
-        (n_cells,) [MPa] and [mm²]; face by face in the order of blocks, the same for all meshes.
-    """
-    found = assembly.interfaces
-    free = ~(assembly.fixed[found.block_m[contacts]] & assembly.fixed[found.block_s[contacts]])
-    contacts, pressures = contacts[free], pressures[free]
-    block, facet = found.block_m[contacts], found.facet_m[contacts]
-    areas = found.areas[contacts]
-    own, common = _edges(mesh), _edges(cells)
-    all_pressures, all_areas = [], []
-    for number in np.unique(block):
-        mine = block == number
-        shape, first = assembly.shape(int(number)), 0
-        for name in shape.contact_faces:
-            size = len(shape.faces[name])
-            inside = mine & (facet >= first) & (facet < first + size)
-            if inside.any():
-                area, force = np.zeros(size), np.zeros(size)
-                np.add.at(area, facet[inside] - first, areas[inside])
-                np.add.at(force, facet[inside] - first, (areas * pressures)[inside])
-                other = "axial" if name in ("left", "right") else "around"
-                rows = overlap(own["radial"], common["radial"])
-                columns = overlap(own[other], common[other])
-                grid = (rows.shape[1], columns.shape[1])
-                area = rows @ area.reshape(grid) @ columns.T
-                force = rows @ force.reshape(grid) @ columns.T
-                all_areas.append(area.ravel())
-                all_pressures.append((force / area).ravel())
-            first += size
-    return np.concatenate(all_pressures), np.concatenate(all_areas)
-
-
-# ---------------------------------------------------------------------------------------------
 # Runs
 
 
 def measure(
-    name: str, scene: TubeScene, base: BaseMesh, setting: CostSetting, *, repeats: int = 2
+    name: str, scene: AssemblyScene, base: BaseMesh, setting: CostSetting, *, repeats: int = 2
 ) -> Measurement:
     """Run a setting; twice where that is cheap.
 
@@ -187,11 +109,14 @@ def measure(
     times = [seconds]
     while len(times) < repeats and min(times) < CHEAP:
         times.append(_run(name, solved, base, setting)[1])
-    return Measurement(**found, cpu_seconds=times)
+    today = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
+    return Measurement(**found, cpu_seconds=times, date=today, processor=processor())
 
 
-def warm_up(name: str, scene: TubeScene, base: BaseMesh, setting: CostSetting) -> None:
+def warm_up(name: str, scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> None:
     """Run a setting once on its coarsest mesh for a few steps, so that all kernels are compiled."""
+    if setting.method == "calculix":
+        return  # its program is compiled
     solved = _timed(setting, with_setting(scene, base, setting), name)
     if setting.method == "explicit":
         assert solved.fem is not None
@@ -200,12 +125,7 @@ def warm_up(name: str, scene: TubeScene, base: BaseMesh, setting: CostSetting) -
     _run(name, solved, base, setting)
 
 
-def solver_scene(name: str, scene: TubeScene, base: BaseMesh, setting: CostSetting) -> TubeScene:
-    """Scene that a setting solves, its times included."""
-    return _timed(setting, with_setting(scene, base, setting), name)
-
-
-def _timed(setting: CostSetting, scene: TubeScene, name: str) -> TubeScene:
+def _timed(setting: CostSetting, scene: AssemblyScene, name: str) -> AssemblyScene:
     """Give the scene the times that depend on its lowest excited frequency."""
     usual = setting.ramp_factor == 1.0 and setting.hold_periods is None
     if setting.method != "explicit" or usual:
@@ -224,62 +144,105 @@ def _timed(setting: CostSetting, scene: TubeScene, name: str) -> TubeScene:
     return scene
 
 
+@dataclass(frozen=True)
+class _Answer:
+    """What a run gives, whatever the method."""
+
+    scalars: dict[str, float]
+    details: dict[str, Any]
+    assembly: Assembly
+    contacts: IntArray
+    """Facets in its interfaces that carry pressures, (n,)."""
+    pressures: FloatArray
+    """(n,) [MPa]"""
+    cpu_seconds: float
+
+
 def _run(
-    name: str, scene: TubeScene, base: BaseMesh, setting: CostSetting
+    name: str, scene: AssemblyScene, base: BaseMesh, setting: CostSetting
 ) -> tuple[dict[str, Any], float]:
     """Numbers of one run and its CPU time [s]."""
     gc.collect()
-    where = f"{name}, {setting.name}"
-    start = time.process_time()
-    if setting.method == "rigid":
-        rigid = analyse_rigid(build_scene(SceneFile(name=where, scene=scene)))
-        seconds = time.process_time() - start
-        measures = rigid.result.measures
-        if measures is None:
-            raise InputError(f"{where}: {rigid.result.equilibrium.status}")
-        scalars = {"p_eff": measures.p_eff}
-        details: dict[str, Any] = {
-            "n_contacts": rigid.result.n_contacts,
-            "iterations": rigid.result.equilibrium.iterations,
-            "residual": rigid.result.equilibrium.residual,
-        }
-        assembly = rigid.assembly
-        contacts, pressures = rigid.result.contact_index, rigid.result.contact_pressures
-    elif setting.method == "curved":
-        curved, values, seconds = solve_rungs(where, scene, setting)
-        scalars = {name: values[name] for name in SCALARS}
-        details = {"unknowns_per_block": curved.run.mesh.n_unknowns}
-        assembly, state = curved.deformable.assembly, curved.contact_state
-        assert state.interface is not None
-        contacts, pressures = state.interface, state.pressures
-    else:
-        tube = _deformable(where, scene, setting)
-        seconds = time.process_time() - start
-        scalars, details = _tube_numbers(tube)
-        assembly = tube.deformable.assembly
-        contacts, pressures = tube.contact_index, tube.facet_pressures
-    cell_pressures, areas = partition_pressures(
-        assembly, contacts, pressures, mesh=setting.mesh(base), cells=base.at(PARTITION_LEVEL)
+    found = _METHODS[setting.method](f"{name}, {setting.name}", scene, setting)
+    cells = replace(setting, method="static", level=PARTITION_LEVEL, radial_grading=1.0)
+    pressures, areas = partition_pressures(
+        found.assembly,
+        found.contacts,
+        found.pressures,
+        build_assembly(with_setting(scene, base, cells)),
+        level=setting.facet_level,
+        across=_rows(setting, base),
     )
-    found = {
-        "scalars": scalars,
-        "pressures": cell_pressures.tolist(),
+    numbers = {
+        "scalars": found.scalars,
+        "pressures": pressures.tolist(),
         "areas": areas.tolist(),
-        "details": details,
+        "details": found.details,
     }
-    return found, seconds
+    return numbers, found.cpu_seconds
 
 
-def _deformable(where: str, scene: TubeScene, setting: CostSetting) -> DeformableRun:
-    if setting.method == "static":
-        return run_static(where, scene)
-    run = run_explicit(where, scene)
-    if run.explicit is not None and run.explicit.status is Status.INTERRUPTED:
+def _rows(setting: CostSetting, base: BaseMesh) -> FloatArray | None:
+    """Places of the rows of facets of a graded mesh across the wall; None where they are equal."""
+    if setting.radial_grading == 1.0:
+        return None
+    return SineBlockDivisions(**setting.mesh(base)).radial_positions
+
+
+def _rigid(where: str, scene: AssemblyScene, _: CostSetting) -> _Answer:
+    start = time.process_time()
+    rigid = analyse_rigid(build_scene(SceneFile(name=where, scene=scene)))
+    seconds = time.process_time() - start
+    result = rigid.result
+    if result.measures is None:
+        raise InputError(f"{where}: {result.equilibrium.status}")
+    details: dict[str, Any] = {
+        "n_contacts": result.n_contacts,
+        "iterations": result.equilibrium.iterations,
+        "residual": result.equilibrium.residual,
+    }
+    scalars = {"p_eff": result.measures.p_eff}
+    contacts, pressures = result.contact_index, result.contact_pressures
+    return _Answer(scalars, details, rigid.assembly, contacts, pressures, seconds)
+
+
+def _curved(where: str, scene: AssemblyScene, setting: CostSetting) -> _Answer:
+    assert isinstance(scene, TubeScene)
+    curved, values, seconds = solve_rungs(where, scene, setting)
+    scalars = {name: values[name] for name in SCALARS}
+    details = {"unknowns_per_block": curved.run.mesh.n_unknowns}
+    assembly, state = curved.deformable.assembly, curved.contact_state
+    assert state.interface is not None
+    return _Answer(scalars, details, assembly, state.interface, state.pressures, seconds)
+
+
+def _calculix(where: str, scene: AssemblyScene, _: CostSetting) -> _Answer:
+    found = solve_by_calculix(where, scene)
+    pressures, seconds = found.pressures, found.cpu_seconds
+    return _Answer(found.scalars, {}, found.assembly, found.contacts, pressures, seconds)
+
+
+def _deformable(where: str, scene: AssemblyScene, setting: CostSetting) -> _Answer:
+    start = time.process_time()
+    tube = (run_static if setting.method == "static" else run_explicit)(where, scene)
+    if tube.explicit is not None and tube.explicit.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
-    return run
+    seconds = time.process_time() - start
+    scalars, details = _numbers(tube)
+    assembly = tube.deformable.assembly
+    return _Answer(scalars, details, assembly, tube.contact_index, tube.facet_pressures, seconds)
 
 
-def _tube_numbers(tube: DeformableRun) -> tuple[dict[str, float], dict[str, Any]]:
+_METHODS: dict[str, Callable[[str, AssemblyScene, CostSetting], _Answer]] = {
+    "rigid": _rigid,
+    "static": _deformable,
+    "explicit": _deformable,
+    "curved": _curved,
+    "calculix": _calculix,
+}
+
+
+def _numbers(tube: DeformableRun) -> tuple[dict[str, float], dict[str, Any]]:
     scalars = {name: tube.measures[name].value for name in SCALARS}
     kept = ("status", "n_steps", "time_step", "time", "newton_iterations", "residual", "symmetry")
     told = {key: getattr(tube.answer.solver, key, None) for key in kept}

@@ -27,6 +27,7 @@ from validation.output.pictures.gallery import (
     save_figure,
     subplots,
 )
+from validation.output.provenance import Provenance
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +40,13 @@ _TITLES = {
     "pressure_l2": "contact pressure field, L2",
 }
 _UNITS = {**{name: unit for name, (unit, _) in SCALARS.items()}, "pressure_l2": "N"}
-_COLOURS = {"rigid": GREY, "static": BLUE, "curved": GREEN, "explicit": VERMILION}
+_COLOURS = {
+    "rigid": GREY,
+    "static": BLUE,
+    "curved": GREEN,
+    "explicit": VERMILION,
+    "calculix": "black",
+}
 _MARKERS = {"C3D8I": "o", "full": "^", "C3D8": "s", "C3D8R": "D", "curved": "h"}
 
 
@@ -52,6 +59,8 @@ def study_json(study: CostStudy) -> dict[str, Any]:
     return {
         "scene": study.name,
         "base_mesh": study.plan.base.at(1),
+        "measured": dict(zip(("processor", "date"), study.measured, strict=True)),
+        "left_out": dict(study.plan.left_out),
         "reference": {
             "curved": study.plan.curved,
             "levels": list(study.plan.reference_levels),
@@ -104,11 +113,10 @@ def print_study(study: CostStudy, console: Console) -> None:
 
 def _print_reference(study: CostStudy, console: Console) -> None:
     levels = ", ".join(f"×{k}" for k in study.plan.reference_levels)
-    base = study.plan.base
-    console.print(
-        f"{study.name}: base mesh ×1 is {base.around} × {base.radial} × {base.axial} elements per "
-        f"block (around, radial, axial)"
-    )
+    console.print(f"{study.name}: base mesh ×1 is {study.plan.base.words} elements per block")
+    console.print(f"measured on {', '.join(study.measured)}")
+    for method, why in study.plan.left_out:
+        console.print(f"left out: {method}: {why}")
     what = f"static C3D8I on {levels}, extrapolated"
     if study.plan.curved:
         what = f"{study.plan.references[-1].name}, judged by the meshes before"
@@ -174,8 +182,11 @@ def _order_cell(study: CostStudy, family: str, quantity: str) -> str:
 # Figure
 
 
-def draw_study(study: CostStudy, path: Path) -> None:
-    """Draw error over CPU time for every quantity, Pareto front and reference error with it."""
+def draw_study(study: CostStudy, path: Path, *, title: str = "") -> None:
+    """Draw error over CPU time for every quantity, Pareto front and reference error with it.
+
+    ``title`` says which scene where its name does not say all.
+    """
     figure, panels = subplots(2, 3, size=(15, 9.2), sharex=True)
     axes = list(panels.ravel())
     for panel, quantity in zip(axes, QUANTITIES, strict=False):
@@ -192,14 +203,22 @@ def draw_study(study: CostStudy, path: Path) -> None:
         panel.tick_params(which="both", labelbottom=True)
     for panel in (axes[0], axes[3]):
         panel.set_ylabel("relative error [%]")
-    base = study.plan.base
+    left_out = "\n".join(f"left out: {method}: {why}" for method, why in study.plan.left_out)
+    axes[-1].text(0.02, 0.0, left_out, transform=axes[-1].transAxes, fontsize=8, wrap=True)
     figure.suptitle(
-        f"{study.name}: what accuracy costs (mesh ×1: {base.around} × {base.radial} × {base.axial} "
-        "elements per block; numbers at the points: mesh)",
+        f"{title or study.name}: what accuracy costs (mesh ×1: {study.plan.base.words} elements "
+        "per block; numbers at the points: mesh)",
         x=0.02,
         ha="left",
     )
-    save_figure(figure, path)
+    save_figure(figure, path, about=", ".join((*study.measured, _software())))
+
+
+def _software() -> str:
+    """Versions of what the answers come from, beside this program's own."""
+    found = Provenance().as_json()
+    libraries = [f"{name} {version}" for name, version in found["libraries"].items()]
+    return ", ".join([f"Python {found['python']}", *libraries])
 
 
 def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:

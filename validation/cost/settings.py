@@ -7,19 +7,16 @@ steps, the same answer); with a ramp in seconds it is a longer or shorter ramp, 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 from fem.element.hexahedron import ElementType
 from mbd import Norm
-from validation.build.cell import refuse_cell
-from validation.build.deformable import fem_section
 from validation.errors import InputError
 from validation.run.curved.accuracy import LADDER
-from validation.run.curved.solve import refused
 from validation.scene.deformable import Damping, Method, RayleighSection
-from validation.scene.read import TubeScene
+from validation.scene.family import AssemblyScene
+from validation.scene.sections import Section
 
 #: Abaqus' names, as the field knows the elements.
 ELEMENT_NAMES = {
@@ -34,24 +31,53 @@ ELEMENT_NAMES = {
 RADIAL_GRADING = 8.0
 #: Level of the facets over which pressures of curved elements are means.
 CURVED_FACETS = 8
+#: Elements of the coarsest mesh along a wave or an edge, through the wall and in the direction that
+#: is left: pressures peak on the flanks of waves, so elements are shortest along these.
+_COARSEST = (4, 1, 2)
 
 
 @dataclass(frozen=True)
 class BaseMesh:
     """Elements of one block at level 1; level k has k times as many in each direction."""
 
-    around: int
-    radial: int
-    axial: int
+    counts: tuple[tuple[str, int | tuple[int, ...]], ...]
+    """Values of ``[mesh]`` that count elements."""
+    grades: bool = False
+    """Whether ``[mesh]`` knows a grading across the wall."""
 
-    def at(self, level: int, radial_grading: float = 1.0) -> dict[str, float]:
+    def at(self, level: int, radial_grading: float = 1.0) -> dict[str, Any]:
         """Values of ``[mesh]`` at a level."""
-        return {
-            "around": level * self.around,
-            "radial": level * self.radial,
-            "axial": level * self.axial,
-            "radial_grading": radial_grading,
+        found: dict[str, Any] = {
+            key: level * n if isinstance(n, int) else tuple(level * k for k in n)
+            for key, n in self.counts
         }
+        return found | ({"radial_grading": radial_grading} if self.grades else {})
+
+    @property
+    def words(self) -> str:
+        """Such as ``12 × 1 × 2 (around, radial, axial)``."""
+        names = ", ".join(key if isinstance(n, int) else "x, y, z" for key, n in self.counts)
+        sizes = [size for _, n in self.counts for size in ([n] if isinstance(n, int) else n)]
+        return f"{' × '.join(map(str, sizes))} ({names})"
+
+
+def base_mesh(scene: AssemblyScene, name: str) -> BaseMesh:
+    """Coarsest mesh, whose multiples conform: one element through the wall, four a wave.
+
+    Raises
+    ------
+    InputError
+        A scene that gives its meshes block by block.
+    """
+    counts = scene.element_counts | scene.coarse_mesh(*_COARSEST)
+    if not counts:
+        raise InputError(
+            f"{name}: block.type {scene.block.type!r}: the cost of accuracy is measured on nested "
+            "meshes, and this scene gives a mesh of its own to every block; expected a family with "
+            "[mesh], such as tsb1-pipe, thb0-tunnel or planar-sine"
+        )
+    given = getattr(scene, "mesh", None)
+    return BaseMesh(tuple(counts.items()), hasattr(given, "radial_grading"))
 
 
 @dataclass(frozen=True)
@@ -61,7 +87,7 @@ class CostSetting:
     family: str
     """What it is apart from the mesh; settings of one family are meshes of one method."""
     method: str
-    """``rigid``, ``static``, ``curved`` or ``explicit``."""
+    """``rigid``, ``static``, ``curved``, ``explicit`` or ``calculix``."""
     level: int
     """Refinement of the base mesh; of curved elements the rung, from 1."""
     changes: tuple[tuple[str, str], ...] = ()
@@ -75,10 +101,14 @@ class CostSetting:
     radial_grading: float = 1.0
     """Elements at the inner over those at the outer face of the wall [-]."""
 
-    def mesh(self, base: BaseMesh) -> dict[str, float]:
+    def mesh(self, base: BaseMesh) -> dict[str, Any]:
         """Values of ``[mesh]``."""
-        level = CURVED_FACETS if self.method == "curved" else self.level
-        return base.at(level, self.radial_grading)
+        return base.at(self.facet_level, self.radial_grading)
+
+    @property
+    def facet_level(self) -> int:
+        """Level of the facets that pressures are means over."""
+        return CURVED_FACETS if self.method == "curved" else self.level
 
     @property
     def name(self) -> str:
@@ -92,77 +122,6 @@ class CostSetting:
             return f"mesh ×{self.level}"
         rung = LADDER[self.level - 1]
         return f"{rung.around} × {rung.radial} × {rung.axial} of degree {rung.degree}"
-
-
-@dataclass(frozen=True)
-class CostPlan:
-    """All that one call measures."""
-
-    base: BaseMesh
-    settings: tuple[CostSetting, ...]
-    reference_levels: tuple[int, ...]
-    """Levels of the static C3D8I solutions that are extrapolated, or rungs of curved elements."""
-    curved: bool = False
-    """Whether the finest of some rungs of curved elements is the reference."""
-
-    @property
-    def references(self) -> tuple[CostSetting, ...]:
-        """Settings of the reference."""
-        if self.curved:
-            return tuple(curved_setting(k) for k in self.reference_levels)
-        return tuple(static_setting(ElementType.INCOMPATIBLE, k) for k in self.reference_levels)
-
-    @property
-    def graded_references(self) -> tuple[CostSetting, ...]:
-        """Settings of the reference of what sits at the outer edge, on graded meshes."""
-        return () if self.curved else tuple(graded(setting) for setting in self.references)
-
-
-def require_cost_scene(scene: Any, name: str) -> TubeScene:
-    """Return the scene if its work and precision can be measured.
-
-    Raises
-    ------
-    InputError
-        Other blocks than Sine Blocks, missing sections, effects without a static reference.
-    """
-    if not isinstance(scene, TubeScene):
-        raise InputError(
-            f"{name}: block.type {scene.block.type!r}: the cost of accuracy is measured on nested "
-            'meshes of Sine Blocks; expected block.type = "sine", such as tsb1-pipe'
-        )
-    fem_section(scene, name)
-    refuse_cell(scene, name, "cost")
-    if scene.effects.friction is not None:
-        raise InputError(
-            f"{name}: effects.friction: errors are measured against a static solution, which "
-            "depends on no history; remove friction"
-        )
-    if scene.effects.gravity is not None:
-        raise InputError(
-            f"{name}: effects.gravity: rigid answers are measured too, of the load alone; remove it"
-        )
-    if scene.effects.elastic_frame:
-        raise InputError(
-            f"{name}: effects.elastic_frame: expected rigid frame blocks, which rigid and "
-            "deformable answers share; remove it"
-        )
-    return scene
-
-
-def base_mesh(scene: TubeScene) -> BaseMesh:
-    """Coarsest mesh: one element through the wall, at least four a wave.
-
-    The pressure peaks sit on the flanks of the waves, so elements are twice as short round the
-    block as across the wall, and two and a half times as long along the axis. The count round a
-    block is a multiple of the number of waves, so that all levels conform.
-    """
-    block = scene.block
-    waves = round(2 * block.frequency)
-    size = max(block.thickness, block.height / 5)
-    arc = 2 * math.pi * (block.inner_radius + block.thickness / 2) / block.blocks_per_layer
-    per_wave = max(4, round(2 * arc / size / waves))
-    return BaseMesh(waves * per_wave, 1, max(2, round(block.height / (2.5 * size))))
 
 
 def rigid_setting(norm: Norm, level: int) -> CostSetting:
@@ -181,6 +140,13 @@ def curved_setting(rung: int) -> CostSetting:
     return CostSetting("static curved", "curved", rung, (("fem.method", "static"),))
 
 
+def calculix_setting(level: int, version: str) -> CostSetting:
+    """The same blocks by CalculiX, from the deck that `tubelock export` writes."""
+    element = ElementType.INCOMPATIBLE
+    changes = (("fem.method", "static"), ("fem.element", element.value), ("calculix", version))
+    return CostSetting(f"CalculiX {version} {ELEMENT_NAMES[element]}", "calculix", level, changes)
+
+
 def graded(setting: CostSetting) -> CostSetting:
     """Return the same on meshes with short elements at the outer face, where pressures peak."""
     family = f"{setting.family}, graded"
@@ -195,7 +161,7 @@ def explicit_setting(element: ElementType, level: int, **changes: str) -> CostSe
     return CostSetting(f"explicit {ELEMENT_NAMES[element]}", "explicit", level, pairs)
 
 
-def _variants(level: int) -> list[CostSetting]:
+def variants(level: int) -> list[CostSetting]:
     """Explicit C3D8I with one thing changed."""
     plain = explicit_setting(ElementType.INCOMPATIBLE, level)
     single = explicit_setting(ElementType.INCOMPATIBLE, level, precision="float32")
@@ -223,47 +189,13 @@ def _variants(level: int) -> list[CostSetting]:
     ]
 
 
-def full_plan(scene: TubeScene) -> CostPlan:
-    """Everything, to decide by."""
-    found = [rigid_setting(norm, k) for norm in Norm for k in (1, 2, 4, 6)]
-    best = ElementType.INCOMPATIBLE
-    for element in ELEMENT_NAMES:
-        found += [
-            static_setting(element, k) for k in (1, 2, 3, 4, 6)[: 5 if element is best else 4]
-        ]
-    for element in ELEMENT_NAMES:
-        found += [explicit_setting(element, k) for k in (1, 2, 4, 6)[: 4 if element is best else 3]]
-    found += [graded(static_setting(best, k)) for k in (2, 3, 4, 6)]
-    found += [graded(explicit_setting(best, k)) for k in (2, 4)]
-    found += _variants(2)
-    # Without strong damping a run takes far longer: its price shows on the coarser mesh.
-    found += [s for s in _variants(4) if s.hold_periods is None or s.hold_periods < 10.0]
-    if refused(scene) is not None:
-        return CostPlan(base_mesh(scene), tuple(found), (4, 6, 7, 8))
-    # The finest rung judges the others and all that is not curved.
-    found += [curved_setting(k) for k in (1, 2, 3)]
-    return CostPlan(base_mesh(scene), tuple(found), (2, 3, 4), curved=True)
-
-
-def quick_plan(scene: TubeScene) -> CostPlan:
-    """Coarse meshes: shows how it works, in seconds."""
-    found = [rigid_setting(norm, k) for norm in Norm for k in (1, 2)]
-    found += [
-        static_setting(element, k)
-        for element in (ElementType.INCOMPATIBLE, ElementType.REDUCED)
-        for k in (1, 2)
-    ]
-    found += [explicit_setting(ElementType.INCOMPATIBLE, 1)]
-    found += [_variants(1)[0]]
-    return CostPlan(base_mesh(scene), tuple(found), (2, 3, 4))
-
-
-def with_setting(scene: TubeScene, base: BaseMesh, setting: CostSetting) -> TubeScene:
+def with_setting(scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> AssemblyScene:
     """Scene that a setting solves; times that depend on its frequency are left to the run."""
     assert scene.fem is not None
     rigid = dict(p for p in setting.changes if p[0].startswith("rigid."))
     fem = dict(p for p in setting.changes if p[0].startswith("fem."))
-    changed: dict[str, Any] = {"mesh": scene.mesh.model_validate(setting.mesh(base))}
+    mesh: Section = scene.mesh  # type: ignore[attr-defined]
+    changed: dict[str, Any] = {"mesh": mesh.model_copy(update=setting.mesh(base))}
     if rigid:
         update = {key.partition(".")[2]: value for key, value in rigid.items()}
         changed["rigid"] = scene.rigid.model_copy(update={"norm": Norm(update["norm"])})
@@ -290,7 +222,7 @@ def _fem_values(changes: dict[str, str]) -> dict[str, Any]:
     return values
 
 
-def damped_constantly(scene: TubeScene, coefficient: float) -> TubeScene:
+def damped_constantly(scene: AssemblyScene, coefficient: float) -> AssemblyScene:
     """Scene with constant mass damping [1/s] in place of an adaptive one."""
     assert scene.fem is not None
     given = scene.effects.rayleigh or RayleighSection()

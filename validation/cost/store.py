@@ -13,7 +13,10 @@ from typing import Any
 from validation.cost.measure import Measurement
 from validation.cost.settings import BaseMesh, CostSetting
 from validation.output.store import Layout, Store, content_key
-from validation.scene.read import TubeScene
+from validation.scene.family import AssemblyScene
+
+#: What a measurement holds; another number where it holds other things than before.
+_CONTENT = 2
 
 LAYOUT = Layout(
     kind="cost",
@@ -26,16 +29,17 @@ LAYOUT = Layout(
 )
 
 
-def scene_content(scene: TubeScene) -> dict[str, Any]:
+def scene_content(scene: AssemblyScene) -> dict[str, Any]:
     """What a scene states apart from how it is solved: no mesh, no solver."""
     return scene.model_dump(mode="json", exclude={"mesh", "rigid", "fem"})
 
 
-def measurement_key(scene: TubeScene, base: BaseMesh, setting: CostSetting) -> str:
+def measurement_key(scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> str:
     """Digest of all that a measurement depends on; the name of a family is not among it."""
     assert scene.fem is not None
     return content_key(
         {
+            "measurement": _CONTENT,
             "scene": scene_content(scene),
             "solver": scene.rigid.solver,
             "fem": scene.fem.model_dump(mode="json"),

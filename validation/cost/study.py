@@ -24,11 +24,12 @@ from validation.cost.analysis import (
     richardson,
 )
 from validation.cost.measure import SCALARS, Measurement, measure, warm_up
-from validation.cost.settings import CostPlan, CostSetting
+from validation.cost.plan import CostPlan
+from validation.cost.settings import CostSetting
 from validation.cost.store import CostStore, measurement_key
 from validation.errors import InputError
 from validation.run.curved.accuracy import error_bar
-from validation.scene.read import TubeScene
+from validation.scene.family import AssemblyScene
 
 #: What errors are measured in: the scalars, and the pressure field in L2.
 QUANTITIES = (*SCALARS, "pressure_l2")
@@ -74,6 +75,13 @@ class CostStudy:
     """CPU time of the reference solutions [s]."""
     failures: dict[str, str] = field(default_factory=dict)
     """Settings that have no answer, and why."""
+
+    @property
+    def measured(self) -> tuple[str, str]:
+        """Processors and days of the runs, each once."""
+        processors = sorted({row.found.processor for row in self.rows})
+        days = sorted({row.found.date for row in self.rows})
+        return " and ".join(processors), " to ".join(dict.fromkeys((days[0], days[-1])))
 
     def points(self, quantity: str) -> tuple[list[Row], list[Point]]:
         """Rows that answer a quantity, and where they lie."""
@@ -132,7 +140,7 @@ class CostStudy:
 
 def run_cost(
     name: str,
-    scene: TubeScene,
+    scene: AssemblyScene,
     plan: CostPlan,
     store: CostStore,
     *,
@@ -143,7 +151,7 @@ def run_cost(
     Parameters
     ----------
     name, scene
-        A tube of Sine Blocks with sections for deformable blocks.
+        A scene that `validation.cost.plan.require_cost_scene` lets in.
     plan
         Settings and reference.
     store
@@ -185,7 +193,9 @@ def run_cost(
     return replace(study, failures=failures)
 
 
-def stored_study(name: str, scene: TubeScene, plan: CostPlan, store: CostStore) -> CostStudy | None:
+def stored_study(
+    name: str, scene: AssemblyScene, plan: CostPlan, store: CostStore
+) -> CostStudy | None:
     """Compare what the store holds; None without the reference or without any setting."""
     wanted = (*plan.references, *plan.graded_references)
     references = [store.load(measurement_key(scene, plan.base, s)) for s in wanted]
@@ -211,8 +221,9 @@ def compare_settings(
     reference = {}
     for q in QUANTITIES:
         weights = _weights(finest, q)
-        edge = q in EDGE_QUANTITIES and not plan.curved
-        values = [_value(m, q) for m in (graded_references if edge else references)]
+        edge = q in EDGE_QUANTITIES
+        judges = graded_references if edge and graded_references else references
+        values = [_value(m, q) for m in judges]
         if plan.curved:
             error = error_bar(values, partial(_norm, weights=weights))
             reference[q] = Extrapolated(values[-1], error, None)

@@ -54,6 +54,17 @@ class Provenance:
         return found
 
 
+def processor() -> str:
+    """Name of the processor, as far as the system tells."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+        lines = dict(line.split(":", 1) for line in text.splitlines() if ":" in line)
+        names = {key.strip(): value.strip() for key, value in lines.items()}
+        return f"{names['model name']}, family {names['cpu family']} model {names['model']}"
+    except (OSError, KeyError):
+        return platform.processor() or platform.machine()
+
+
 def _day() -> str:
     """Today, or the day that reproducible builds name."""
     epoch = os.environ.get("SOURCE_DATE_EPOCH")

@@ -1,0 +1,147 @@
+"""Which settings `tubelock cost` runs on a scene, which is the reference, and what is left out why.
+
+What a scene or a machine does not have is left out by name: curved elements, a grading across the
+wall, another program.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from fem.element.hexahedron import ElementType
+from mbd import Norm
+from validation.build.cell import refuse_cell
+from validation.build.deformable import fem_section
+from validation.compare.calculix import calculix_version
+from validation.cost.settings import (
+    ELEMENT_NAMES,
+    BaseMesh,
+    CostSetting,
+    base_mesh,
+    calculix_setting,
+    curved_setting,
+    explicit_setting,
+    graded,
+    rigid_setting,
+    static_setting,
+    variants,
+)
+from validation.errors import InputError
+from validation.run.curved.solve import refused
+from validation.scene.family import AssemblyScene
+
+#: Effects that errors cannot be measured with, and why.
+_REFUSED = {
+    "friction": "errors are measured against a static solution, which depends on no history",
+    "gravity": "rigid answers are measured too, of the load alone",
+    "elastic_frame": "expected rigid frame blocks, which rigid and deformable answers share",
+    "finite_sliding": "pressures are compared facet by facet, and a search finds other facets",
+}
+
+
+@dataclass(frozen=True)
+class CostPlan:
+    """All that one call measures."""
+
+    base: BaseMesh
+    settings: tuple[CostSetting, ...]
+    reference_levels: tuple[int, ...]
+    """Levels of the static C3D8I solutions that are extrapolated, or rungs of curved elements."""
+    curved: bool = False
+    """Whether the finest of some rungs of curved elements is the reference."""
+    left_out: tuple[tuple[str, str], ...] = ()
+    """Methods that are not measured, and why."""
+
+    @property
+    def references(self) -> tuple[CostSetting, ...]:
+        """Settings of the reference."""
+        if self.curved:
+            return tuple(curved_setting(k) for k in self.reference_levels)
+        return tuple(static_setting(ElementType.INCOMPATIBLE, k) for k in self.reference_levels)
+
+    @property
+    def graded_references(self) -> tuple[CostSetting, ...]:
+        """Settings of the reference of what sits at the outer edge, on graded meshes."""
+        if self.curved or not self.base.grades:
+            return ()
+        return tuple(graded(setting) for setting in self.references)
+
+
+def require_cost_scene(scene: Any, name: str) -> AssemblyScene:
+    """Return the scene if its work and precision can be measured.
+
+    Raises
+    ------
+    InputError
+        Blocks without hexahedra or that do not meet, missing sections, effects without a static
+        reference.
+    """
+    if not isinstance(scene, AssemblyScene) or not scene.meets:
+        raise InputError(
+            f"{name}: block.type {scene.block.type!r}: the cost of accuracy is that of contact "
+            "pressures on finer and finer meshes; expected a scene whose blocks meet and have "
+            "[mesh], such as tsb1-pipe, thb0-tunnel or planar-sine"
+        )
+    fem_section(scene, name)
+    refuse_cell(scene, name, "cost")
+    for effect, why in _REFUSED.items():
+        if getattr(scene.effects, effect):
+            raise InputError(f"{name}: effects.{effect}: {why}; remove {effect}")
+    base_mesh(scene, name)
+    return scene
+
+
+def full_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostPlan:
+    """Everything, to decide by; of ``others``, programs that are installed."""
+    base, best = base_mesh(scene, name), ElementType.INCOMPATIBLE
+    left_out: list[tuple[str, str]] = []
+    found = [rigid_setting(norm, k) for norm in Norm for k in (1, 2, 4, 6)]
+    for element in ELEMENT_NAMES:
+        found += [static_setting(element, k) for k in (1, 2, 3, 4)]
+    for element in ELEMENT_NAMES:
+        found += [explicit_setting(element, k) for k in (1, 2, 4)]
+    found += [static_setting(best, 6), explicit_setting(best, 6)]
+    if base.grades:
+        found += [graded(static_setting(best, k)) for k in (2, 3, 4, 6)]
+        found += [graded(explicit_setting(best, k)) for k in (2, 4)]
+    else:
+        left_out.append(("graded meshes", f'[mesh] of "{scene.block.type}" has no grading'))
+    found += variants(2)
+    if others:
+        found += calculix_settings(left_out, (1, 2, 3))
+    why = refused(scene)
+    if why is not None:
+        left_out.append(("curved elements", f"they do not do {why[0]}"))
+        return CostPlan(base, tuple(found), (4, 6, 7, 8), left_out=tuple(left_out))
+    # The finest rung judges the others and all that is not curved.
+    found += [curved_setting(k) for k in (1, 2, 3, 4)]
+    return CostPlan(base, tuple(found), (3, 4, 5), curved=True, left_out=tuple(left_out))
+
+
+def quick_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostPlan:
+    """Coarse meshes: shows how it works, in seconds."""
+    found = [rigid_setting(norm, k) for norm in Norm for k in (1, 2)]
+    found += [
+        static_setting(element, k)
+        for element in (ElementType.INCOMPATIBLE, ElementType.REDUCED)
+        for k in (1, 2)
+    ]
+    found += [explicit_setting(ElementType.INCOMPATIBLE, 1)]
+    found += [variants(1)[0]]
+    left_out: list[tuple[str, str]] = []
+    if others:
+        found += calculix_settings(left_out, (1, 2))
+    base = base_mesh(scene, name)
+    return CostPlan(base, tuple(found), (2, 3, 4), left_out=tuple(left_out))
+
+
+def calculix_settings(
+    left_out: list[tuple[str, str]], levels: tuple[int, ...]
+) -> list[CostSetting]:
+    """CalculiX on some meshes; nothing, and said so, where it is not installed."""
+    version = calculix_version()
+    if version is None:
+        left_out.append(("CalculiX", "not installed (Debian: calculix-ccx)"))
+        return []
+    return [calculix_setting(k, version) for k in levels]
