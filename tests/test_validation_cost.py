@@ -11,10 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fem.decks.statement import Flavour
 from fem.element.hexahedron import ElementType
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.mesh import FloatArray
 from mbd import Norm
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.build.blocks import build_assembly
+from validation.build.deck import build_deck
+from validation.compare.calculix import CalculixResult, calculix_available
+from validation.compare.calculix_check import half_facet_angle
 from validation.cost import study as cost
 from validation.cost.analysis import (
     Point,
@@ -24,14 +30,15 @@ from validation.cost.analysis import (
     pareto_front,
     richardson,
 )
-from validation.cost.measure import overlap, partition_pressures
+from validation.cost.calculix import measured_answer
+from validation.cost.measure import measure
+from validation.cost.partition import grid_of, overlap, partition_pressures
+from validation.cost.plan import CostPlan, full_plan, quick_plan
 from validation.cost.settings import (
-    CostPlan,
     base_mesh,
+    calculix_setting,
     curved_setting,
-    full_plan,
     graded,
-    quick_plan,
     rigid_setting,
     static_setting,
     with_setting,
@@ -39,7 +46,10 @@ from validation.cost.settings import (
 from validation.cost.store import CostStore, measurement_key
 from validation.errors import InputError
 from validation.run.curved.accuracy import Rung
-from validation.scene.read import TubeScene, load_scene
+from validation.run.deformable import DeformableRun
+from validation.run.static import run_static
+from validation.scene.family import AssemblyScene
+from validation.scene.read import SceneFile, TubeScene, load_scene
 
 SETTINGS = ("--set", "assembly.layers=1")
 
@@ -47,6 +57,21 @@ SETTINGS = ("--set", "assembly.layers=1")
 def tube(*settings: str) -> TubeScene:
     scene = load_scene("tsb1-pipe", ["assembly.layers=1", *settings]).scene
     assert isinstance(scene, TubeScene)
+    return scene
+
+
+#: A small scene of every other family whose blocks meet and refine.
+OTHERS = {
+    "thb0-tunnel": ("assembly.layers=1",),
+    "planar-sine": ("assembly.columns=2", "assembly.layers=1"),
+    "osteomorphic": ("assembly.columns=1", "assembly.layers=1"),
+    "brick-stack": (),
+}
+
+
+def other(name: str) -> AssemblyScene:
+    scene = load_scene(name, OTHERS[name]).scene
+    assert isinstance(scene, AssemblyScene)
     return scene
 
 
@@ -159,27 +184,68 @@ def test_every_interval_is_shared_out_whole(n_from: int, n_to: int) -> None:
     np.testing.assert_allclose(shares.sum(axis=1), n_from / n_to, rtol=1e-13)
 
 
-@pytest.mark.parametrize(("level", "grading"), [(1, 1.0), (2, 1.0), (3, 1.0), (3, 8.0)])
-def test_partition_keeps_forces_and_uniform_pressures(level: int, grading: float) -> None:
-    scene = tube()
-    base = base_mesh(scene)
+def check_partition(scene: AssemblyScene, level: int, grading: float = 1.0) -> int:
+    """Forces and uniform pressures stay what they are; number of cells."""
+    base = base_mesh(scene, "a")
     setting = replace(rigid_setting(Norm.FORCE, level), radial_grading=grading)
     assembly = build_assembly(with_setting(scene, base, setting))
+    cells = build_assembly(with_setting(scene, base, rigid_setting(Norm.FORCE, 2)))
     found = assembly.interfaces
     # Contacts of two frame blocks are left out.
     free = ~(assembly.fixed[found.block_m] & assembly.fixed[found.block_s])
     contacts = np.flatnonzero(free)
     pressures = np.random.default_rng(level).uniform(0, 1, len(contacts))
-    mesh, cells = setting.mesh(base), base.at(2)
-    p, area = partition_pressures(assembly, contacts, pressures, mesh=mesh, cells=cells)
+    rows = None
+    if grading != 1.0:
+        rows = SineBlockDivisions(**setting.mesh(base)).radial_positions
+    p, area = partition_pressures(assembly, contacts, pressures, cells, level=level, across=rows)
     assert p @ area == pytest.approx(pressures @ found.areas[contacts], rel=1e-12)
     assert area.sum() == pytest.approx(found.areas[contacts].sum(), rel=1e-12)
     ones, _ = partition_pressures(
-        assembly, contacts, np.ones(len(contacts)), mesh=mesh, cells=cells
+        assembly, contacts, np.ones(len(contacts)), cells, level=level, across=rows
     )
     np.testing.assert_allclose(ones, 1.0, rtol=1e-12)
+    return len(p)
+
+
+@pytest.mark.parametrize(("level", "grading"), [(1, 1.0), (2, 1.0), (3, 1.0), (3, 8.0)])
+def test_partition_keeps_forces_and_uniform_pressures(level: int, grading: float) -> None:
     # Four blocks: two wavy layers of interfaces and the sides, 2 × 24 cells and 2 × 4 each.
-    assert len(p) == 4 * (2 * 48 + 8)
+    assert check_partition(tube(), level, grading) == 4 * (2 * 48 + 8)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_partition_is_the_same_for_all_meshes_of_a_family(name: str) -> None:
+    scene = other(name)
+    assert len({check_partition(scene, level) for level in (1, 2, 3)}) == 1
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_a_field_that_varies_along_a_face_lies_alike_on_all_meshes(name: str) -> None:
+    """Facets run in one order on all meshes: pressures of one place meet in one cell.
+
+    A pressure linear in space has on a cell the mean of its facets; facets of curved faces are
+    flat, and their centroids lie off by at most their size squared over a radius.
+    """
+    scene = other(name)
+    base = base_mesh(scene, "a")
+    cells = build_assembly(with_setting(scene, base, rigid_setting(Norm.FORCE, 2)))
+    found = []
+    for level in (2, 6):
+        setting = rigid_setting(Norm.FORCE, level)
+        assembly = build_assembly(with_setting(scene, base, setting))
+        contacts = np.arange(assembly.interfaces.n_contacts)
+        linear = assembly.interfaces.centroids @ np.array([1.0, 2.0, 3.0])
+        found.append(partition_pressures(assembly, contacts, linear, cells, level=level)[0])
+    size = float(np.sqrt(cells.interfaces.areas.max()))
+    assert np.abs(found[0] - found[1]).max() < 0.5 * size
+    assert np.ptp(found[0]) > 10.0 * size
+
+
+def test_grid_of_facets_row_by_row() -> None:
+    node = np.arange(4 * 6).reshape(4, 6)
+    quads = np.stack([node[:-1, :-1], node[:-1, 1:], node[1:, 1:], node[1:, :-1]], axis=-1)
+    assert grid_of(quads.reshape(-1, 4)) == (3, 5)
 
 
 @pytest.mark.parametrize("frequency", [1.0, 1.5, 2.0, 2.5])
@@ -188,7 +254,7 @@ def test_every_level_of_the_base_mesh_conforms(frequency: float, blocks: int) ->
     scene = tube(f"block.frequency={frequency}", f"block.blocks_per_layer={blocks}")
     for level in (1, 2):
         setting = rigid_setting(Norm.FORCE, level)
-        assembly = build_assembly(with_setting(scene, base_mesh(scene), setting))
+        assembly = build_assembly(with_setting(scene, base_mesh(scene, "a"), setting))
         assert assembly.interfaces.n_contacts > 0
 
 
@@ -196,13 +262,13 @@ def test_every_level_of_the_base_mesh_conforms(frequency: float, blocks: int) ->
 # Cache
 
 
-def small_plan(scene: TubeScene) -> CostPlan:
+def small_plan(scene: AssemblyScene) -> CostPlan:
     settings = (
         rigid_setting(Norm.PRESSURE, 1),
         static_setting(ElementType.INCOMPATIBLE, 1),
         static_setting(ElementType.INCOMPATIBLE, 2),
     )
-    return CostPlan(base_mesh(scene), settings, (1, 2, 3))
+    return CostPlan(base_mesh(scene, "a"), settings, (1, 2, 3))
 
 
 def test_hit_gives_the_same_bits_and_no_new_run(tmp_path, monkeypatch) -> None:
@@ -243,7 +309,7 @@ def test_rungs_of_curved_elements_are_judged_by_the_finest(tmp_path, monkeypatch
     monkeypatch.setattr("validation.cost.curved.LADDER", rungs)
     scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
     settings = (rigid_setting(Norm.PRESSURE, 1), curved_setting(1), curved_setting(2))
-    plan = CostPlan(base_mesh(scene), settings, (1, 2), curved=True)
+    plan = CostPlan(base_mesh(scene, "a"), settings, (1, 2), curved=True)
     found = cost.run_cost("a", scene, plan, store)
     first, second = found.families()["static curved"]
     assert set(second.errors) == set(cost.QUANTITIES)
@@ -253,9 +319,89 @@ def test_rungs_of_curved_elements_are_judged_by_the_finest(tmp_path, monkeypatch
 
 
 def test_the_reference_is_curved_where_the_scene_has_curved_elements() -> None:
-    assert full_plan(tube()).curved
+    assert full_plan("a", tube()).curved
     # A gap by spacing is none of theirs.
-    assert not full_plan(tube("contact.spacing=0.01")).curved
+    assert not full_plan("a", tube("contact.spacing=0.01")).curved
+
+
+@pytest.mark.parametrize("name", ["thb0-tunnel", "planar-sine"])
+def test_other_families_are_measured_and_say_what_is_left_out(name, tmp_path) -> None:
+    """Without a grading the reference of every quantity is extrapolated from plain meshes."""
+    scene, store = other(name), CostStore(tmp_path / "cost.sqlite")
+    assert {"graded meshes", "curved elements"} <= dict(full_plan("a", scene).left_out).keys()
+    plan = small_plan(scene)
+    assert not plan.graded_references
+    found = cost.run_cost("a", scene, plan, store)
+    assert not found.failures
+    coarse, fine = found.families()["static C3D8I"]
+    assert set(fine.errors) == set(cost.QUANTITIES)
+    assert fine.errors["pressure_l2"] < coarse.errors["pressure_l2"]
+    assert set(found.families()["rigid, pressure norm"][0].errors) == {"p_eff", "pressure_l2"}
+    assert all(row.found.processor and row.found.date for row in found.rows)
+
+
+def test_another_program_is_left_out_where_it_is_not_installed(monkeypatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    plan = quick_plan("a", tube(), others=True)
+    assert "not installed" in dict(plan.left_out)["CalculiX"]
+    assert all(setting.method != "calculix" for setting in plan.settings)
+    assert not quick_plan("a", tube()).left_out
+
+
+def test_what_calculix_prints_is_measured_as_our_own_answer() -> None:
+    """Our static state as CalculiX would print it: the same measures, but for round-off."""
+    scene = with_setting(
+        tube(), base_mesh(tube(), "a"), static_setting(ElementType.INCOMPATIBLE, 1)
+    )
+    deck = build_deck(SceneFile(name="a", scene=scene), Flavour.CALCULIX)
+    ours = run_static("a", scene)
+    nodes = np.concatenate([ours_of(ours, block) for block in range(deck.assembly.n_blocks)])
+    every = np.arange(len(nodes))
+    printed = CalculixResult(nodes, every, np.full(len(nodes), 0.3), {}, 1.0)
+    found = measured_answer(scene, deck, printed)
+    for quantity in ("max_displacement", "sigma_1_averaged"):
+        # Places of blocks are rounded to 14 digits in a deck, and the solver stops at 1e-10.
+        assert found.scalars[quantity] == pytest.approx(ours.measures[quantity].value, rel=1e-8)
+    # Uniform nodal pressures are uniform on facets, and so are the paper's means of them.
+    np.testing.assert_allclose(found.pressures, 0.3, rtol=1e-14)
+    assert found.scalars["p_max_point"] == 0.3
+    assert found.scalars["p_eff"] == pytest.approx(0.3, rel=1e-12)
+    assert np.array_equal(np.sort(found.contacts), np.sort(ours.contact_index))
+
+
+def ours_of(run: DeformableRun, block: int) -> FloatArray:
+    """Displacements of a block; none where it is held."""
+    deformable = run.deformable
+    if deformable.group_of[block] < 0:
+        return np.zeros_like(deformable.assembly.shape(block).mesh.nodes)
+    return run.displacement(block)
+
+
+@pytest.mark.skipif(not calculix_available(), reason="ccx is not installed")
+def test_calculix_converges_to_what_we_find() -> None:
+    """A ring pressed from outside.
+
+    CalculiX presses at nodes, along the normal of one facet of the other surface: forces differ by
+    half the angle between neighbouring facets, and with them the largest pressure; nodes that
+    leave a rim are lost. All of that falls with the mesh.
+    """
+    scene = load_scene("tsb1-tunnel", ["assembly.layers=1"]).scene
+    assert isinstance(scene, TubeScene)
+    base = base_mesh(scene, "a")
+    apart: dict[str, list[float]] = {"max_displacement": [], "p_eff": [], "field": []}
+    for level in (1, 2):
+        setting = static_setting(ElementType.INCOMPATIBLE, level)
+        shape = build_assembly(with_setting(scene, base, setting)).shape(4)
+        ours = measure("a", scene, base, setting, repeats=1)
+        theirs = measure("a", scene, base, calculix_setting(level, "x"), repeats=1)
+        differs = {q: abs(theirs.scalars[q] / ours.scalars[q] - 1.0) for q in ours.scalars}
+        assert differs["p_max_point"] < half_facet_angle(shape, "top")
+        weights, own = np.array(ours.areas), np.array(ours.pressures)
+        change = np.array(theirs.pressures) - own
+        differs["field"] = np.sqrt(weights @ change**2 / (weights @ own**2))
+        for quantity, found in apart.items():
+            found.append(differs[quantity])
+    assert all(fine < coarse for coarse, fine in apart.values())
 
 
 def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch) -> None:
@@ -304,7 +450,7 @@ def test_a_setting_without_an_answer_is_told_and_the_rest_stands(tmp_path, monke
 def test_key_is_the_content(tmp_path) -> None:
     scene = tube()
     setting = static_setting(ElementType.FULL, 2)
-    base = base_mesh(scene)
+    base = base_mesh(scene, "a")
     key = measurement_key(scene, base, setting)
     # The mesh of the scene is what cost varies; a family's name is only a name.
     same = [
@@ -322,7 +468,7 @@ def test_key_is_the_content(tmp_path) -> None:
     ]
     assert set(same) == {key}
     assert len({key, *other}) == 1 + len(other)
-    for plan in (full_plan(scene), quick_plan(scene)):
+    for plan in (full_plan("a", scene), quick_plan("a", scene)):
         runs = {*plan.settings, *plan.references, *plan.graded_references}
         assert len({measurement_key(scene, base, s) for s in runs}) == len(runs)
 
@@ -349,8 +495,11 @@ def test_quick_command(tubelock) -> None:  # noqa: F811
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["cost", "thb0-pipe"], "Sine Blocks"),
-        (["cost", "cantilever"], "Sine Blocks"),
+        (["cost", "cantilever"], "whose blocks meet"),
+        (["cost", "tetrahedra"], "whose blocks meet"),
+        (["cost", "column"], "mesh of its own"),
+        (["cost", "wall"], "whose blocks meet"),
+        (["cost", "tsb1-pipe", "--set", "effects.finite_sliding=true"], "remove finite_sliding"),
         (["cost", "tsb1-pipe", "--set", "effects.friction.coefficient=0.1"], "remove friction"),
         (["cost", "tsb1-pipe", "--set", "effects.elastic_frame=true"], "elastic_frame"),
     ],

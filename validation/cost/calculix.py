@@ -60,6 +60,11 @@ def solve_by_calculix(where: str, scene: AssemblyScene) -> CalculixAnswer:
             found = run_calculix(path, timeout=_TIMEOUT)
         except CalculixError as error:
             raise InputError(f"{where}: {error}") from None
+    return measured_answer(scene, deck, found)
+
+
+def measured_answer(scene: AssemblyScene, deck: Deck, found: CalculixResult) -> CalculixAnswer:
+    """Measure what CalculiX printed of the deck of a scene."""
     contacts, pressures = _facet_pressures(deck, found)
     assembly, interfaces = deck.assembly, deck.assembly.interfaces
     per_block = block_measures(

@@ -105,8 +105,8 @@ class OsteomorphicScene(AssemblyScene):
         )
 
     def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
-        """Limit the elements along, across and up."""
-        return self.mesh.at_most(2 * wave, through, other)
+        """Limit the elements along, across and up; one across would miss the joints' amplitude."""
+        return self.mesh.at_most(2 * wave, max(2, through), other)
 
     def fewer_elements(self, share: float) -> dict[str, Any]:
         """Keep an even number along the block, whose neighbours stand on its halves."""
