@@ -18,11 +18,14 @@ from fem.static.lagrange_block import (
     FACES,
     Lattice,
     body_force,
+    columns_of,
     contact_points,
     face_pressure,
+    free_block,
     rigid_motions_of,
-    seen_block,
 )
+from fem.static.lagrange_tube import CONTACT_FACES
+from fem.static.linear_step.columns import alike_lengths
 from geometry.families.sine_block import SineBlockParameters
 from geometry.mesh import FloatArray, MeshError
 from tests.test_validation_own_fem import deformable
@@ -130,27 +133,54 @@ def test_weight_has_its_resultant() -> None:
     np.testing.assert_allclose(force.sum(axis=0), [0.0, 0.0, -weight], atol=1e-4 * weight)
 
 
-def test_a_block_seen_from_its_points_answers_as_a_whole() -> None:
-    """Forces in balance on a few points: the same displacements whatever else is condensed."""
-    block = lattice(2)
-    points = contact_points(block, ("bottom", "top", "left", "right"))
-    everything = np.ones(points.outward.shape[0], dtype=np.bool_)
-    some = np.repeat(np.arange(len(everything) // 16) < 3, 16)
-    forces = points.outward.T @ np.where(some, np.linspace(1.0, 2.0, len(some)), 0.0)
+@pytest.mark.parametrize("counts", [(1, 1, 1), (2, 5, 1), (1, 12, 2)])
+def test_columns_answer_as_the_whole_block(counts: tuple[int, int, int]) -> None:
+    """Forces in balance on points and nodes, against the assembled stiffness without substructures.
+
+    One column, columns that are not alike, and half waves within waves within the block.
+    """
+    block = lattice(2, counts)
+    points = contact_points(block, CONTACT_FACES)
     rigid = rigid_motions_of(block.positions)
-    forces -= rigid @ np.linalg.lstsq(rigid, forces)[0]  # in balance
-    found = []
-    for seen in (everything, some):
-        view = seen_block(points, seen)
-        on_contact, reduced = view.condensed.condense_forces(forces.reshape(1, -1, 3))
-        u = view.condensed.recover(view.displacement(on_contact[0])[None], reduced)[0].ravel()
-        found.append(u - rigid @ np.linalg.lstsq(rigid, u)[0])
-        assert (
-            np.abs(view.condensed.stiffness @ view.rigid).max()
-            < 1e-9 * np.abs(view.condensed.stiffness).max()
-        )
     # Conditions of the held stiffness of some 1e5.
-    np.testing.assert_allclose(found[0], found[1], atol=1e-9 * np.abs(found[0]).max())
+    precision, n = 1e-9, rigid.shape[0]
+    whole = np.zeros((n, n))
+    for nodes in block.elements:
+        unknowns = (3 * nodes[:, None] + np.arange(3)).ravel()
+        stiffness = block.element.stiffness(block.positions[nodes][None])[0]
+        whole[np.ix_(unknowns, unknowns)] += stiffness
+    inverse = np.linalg.inv(whole + whole.diagonal().mean() * rigid @ rigid.T)
+
+    def balanced(found: FloatArray, motions: FloatArray) -> FloatArray:
+        return np.asarray(found - motions @ np.linalg.lstsq(motions, found)[0])
+
+    rng = np.random.default_rng(1)
+    for asked in (
+        np.ones(points.outward.shape[0], bool),
+        rng.random(points.outward.shape[0]) < 0.2,
+    ):
+        free = free_block(points, asked)
+        chosen = free.flexible.points
+        assert sorted(chosen) == np.flatnonzero(asked).tolist()
+        outward, motions = points.outward[chosen], free.motions[chosen]
+        expected = outward @ (outward @ inverse).T
+        found = free.flexible.flexibility
+        sides = (balanced(balanced(f, motions).T, motions) for f in (found, expected))
+        np.testing.assert_allclose(*sides, rtol=0, atol=precision * np.abs(expected).max())
+    forces = balanced(rng.standard_normal((n, 2)), rigid)
+    moved = free.flexible.displacements(forces.T.reshape(2, -1, 3)).reshape(2, -1).T
+    sides = (balanced(u, rigid) for u in (moved, inverse @ forces))
+    np.testing.assert_allclose(*sides, rtol=0, atol=precision * np.abs(inverse @ forces).max())
+
+
+def test_alike_columns_are_found() -> None:
+    """Quarter waves of two elements, three of them, half a block; nothing in five elements."""
+
+    def lengths(around: int) -> list[int]:
+        return alike_lengths(columns_of(contact_points(lattice(1, (1, around, 1)), CONTACT_FACES)))
+
+    assert lengths(24) == [2, 6, 12, 24]
+    assert lengths(5) == [5]
 
 
 def test_an_element_that_folds_is_refused() -> None:

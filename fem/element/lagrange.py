@@ -10,7 +10,7 @@ Reference: Karniadakis and Sherwin (2005), Spectral/hp Element Methods, chapter 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -29,13 +29,18 @@ def lobatto_points(degree: int) -> FloatArray:
 
 def line_basis(degree: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lagrange polynomials on the Gauss-Lobatto points and their slopes, (n, degree + 1) each."""
-    nodes = lobatto_points(degree)
-    to_nodal = np.linalg.inv(legendre.legvander(nodes, degree))
-    slopes = np.stack(
-        [legendre.legval(x, legendre.legder(np.eye(degree + 1)[k])) for k in range(degree + 1)],
-        axis=-1,
-    )
-    return legendre.legvander(x, degree) @ to_nodal, slopes @ to_nodal
+    to_nodal, derived = _to_nodal(degree)
+    values: FloatArray = legendre.legvander(x, degree) @ to_nodal
+    slopes: FloatArray = legendre.legvander(x, degree - 1) @ derived
+    return values, slopes
+
+
+@cache
+def _to_nodal(degree: int) -> tuple[FloatArray, FloatArray]:
+    """Legendre coefficients of the Lagrange polynomials and of their slopes."""
+    to_nodal = np.linalg.inv(legendre.legvander(lobatto_points(degree), degree))
+    derived: FloatArray = legendre.legder(to_nodal)
+    return to_nodal, derived
 
 
 @dataclass(frozen=True)
@@ -147,14 +152,14 @@ class LagrangeElement:
         MeshError
             An element that folds at one of the points.
         """
-        jacobian = np.einsum("ai,pak->pik", coordinates, at.slopes)
+        jacobian = coordinates.T @ at.slopes
         determinant = np.linalg.det(jacobian)
         if not (determinant > 0.0).all():
             raise MeshError(
                 f"curved element: Jacobian {determinant.min():.3g} mm³, it folds; expected "
                 "elements that do not: more of them, or less grading"
             )
-        gradients = np.einsum("pak,pki->pai", at.slopes, np.linalg.inv(jacobian))
+        gradients = at.slopes @ np.linalg.inv(jacobian)
         return gradients, determinant * at.weights
 
     def stiffness(self, coordinates: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from its loads f up to a rigid motion,
 
     ν · u = -F q + h + b α      with  F = B G Bᵀ,  h = B G f,  b = B R,
 
-where B takes nodes to points, G is the flexibility of the condensed block and R its rigid motions.
+where B takes nodes to points, G is a flexibility for forces in balance and R are its rigid motions.
 All congruent blocks share F, h and b, and nothing else of a block appears in the contact problem.
 """
 
@@ -16,11 +16,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 from scipy.sparse import csr_array, vstack
 
 from fem.element.lagrange import LagrangeElement, TensorPoints, gauss_line, tensor_points
-from fem.static.linear_step.condensation import CondensedBlock, condense_elements
+from fem.static.linear_step.columns import ColumnBlock, FlexibleBlock, flexible_block
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Direction across a face and the end of it, by name; the others span it in their order.
@@ -221,35 +220,6 @@ def contact_points(lattice: Lattice, contact_faces: tuple[str, ...]) -> ContactP
     return ContactPoints(lattice, faces, dict(zip(faces, starts, strict=True)), outward)
 
 
-@dataclass(frozen=True)
-class SeenBlock:
-    """A block seen from some of its contact points, in the forces on them."""
-
-    condensed: CondensedBlock
-    """Seen from the nodes of the quads of those points."""
-    seen: BoolArray
-    """Which points those are, (n_points,)."""
-    factor: FloatArray
-    """Lower Cholesky factor C of the condensed stiffness plus that of springs on rigid motions:
-    its inverse is a flexibility for all forces in balance, (3 n_c, 3 n_c)."""
-    rigid: FloatArray
-    """R there, (3 n_c, 6)."""
-    outward: csr_array
-    """B there, (n_points, 3 n_c); meaningless in the rows of points that are not seen."""
-    motions: FloatArray
-    """b, (n_points, 6)."""
-
-    def lower(self, right: FloatArray) -> FloatArray:
-        """C⁻¹ of forces on the contact nodes; F is the product of C⁻¹ Bᵀ with itself."""
-        return scipy.linalg.solve_triangular(self.factor, right, lower=True, check_finite=False)
-
-    def displacement(self, force: FloatArray) -> FloatArray:
-        """Displacement of the contact nodes but for a rigid motion, (3 n_c,) [mm]."""
-        return scipy.linalg.solve_triangular(
-            self.factor, self.lower(force), lower=True, trans="T", check_finite=False
-        )
-
-
 def rigid_motions_of(positions: FloatArray) -> FloatArray:
     """Translations, and rotations about the middle over the size, (3 n, 6)."""
     arm = (positions - positions.mean(axis=0)) / np.ptp(positions, axis=0).max()
@@ -260,36 +230,44 @@ def rigid_motions_of(positions: FloatArray) -> FloatArray:
     return motions.reshape(-1, 6)
 
 
-def seen_block(points: ContactPoints, seen: BoolArray) -> SeenBlock:
-    """Condense a block on the nodes of the quads of some contact points.
+@dataclass(frozen=True)
+class FreeBlock:
+    """A block in the forces on its contact points."""
+
+    points: ContactPoints
+    """All of them."""
+    flexible: FlexibleBlock
+    """G, and F between the points that were asked for."""
+    rigid: FloatArray
+    """R of all nodes, (3 n_nodes, 6)."""
+    motions: FloatArray
+    """b, (n_points, 6)."""
+
+
+def free_block(points: ContactPoints, asked: BoolArray) -> FreeBlock:
+    """Condense a block on some of its contact points.
 
     Parameters
     ----------
     points
-        Of the contact faces.
-    seen
-        Points that are to be seen, whole quads of them, (n_points,).
+        Of the contact faces, the lower and the upper one first.
+    asked
+        Points between which the flexibility is found, (n_points,).
     """
+    rigid = rigid_motions_of(points.lattice.positions)
+    flexible = flexible_block(columns_of(points), asked, rigid)
+    return FreeBlock(points, flexible, rigid, points.outward @ rigid)
+
+
+def columns_of(points: ContactPoints) -> ColumnBlock:
+    """Elements and points as columns round the block."""
     lattice = points.lattice
-    element, positions = lattice.element, lattice.positions
-    retained = np.unique(points.outward[np.flatnonzero(seen)].indices // 3).astype(np.int64)
-    condensed = condense_elements(
-        lattice.elements,
-        positions,
-        lambda some: element.stiffness(positions[lattice.elements[some]]),
-        retained,
-    )
-    rigid = rigid_motions_of(positions)[condensed.degrees_of_freedom]
-    basis = np.linalg.qr(rigid)[0]
-    held = condensed.stiffness + float(np.diag(condensed.stiffness).mean()) * basis @ basis.T
-    outward = csr_array(points.outward[:, condensed.degrees_of_freedom])
-    return SeenBlock(
-        condensed=condensed,
-        seen=seen,
-        factor=scipy.linalg.cholesky(held, lower=True, overwrite_a=True, check_finite=False),
-        rigid=rigid,
-        outward=outward,
-        motions=outward @ rigid,
+    return ColumnBlock(
+        lattice.nodes,
+        lattice.element.degree,
+        lattice.element.stiffness,
+        points.outward,
+        round(points.per_quad**0.5),
     )
 
 

@@ -24,10 +24,10 @@ import numpy as np
 from fem.contact.law import ContactLaw
 from fem.static.lagrange_block import (
     ContactPoints,
+    FreeBlock,
     Lattice,
-    SeenBlock,
     contact_points,
-    seen_block,
+    free_block,
 )
 from fem.static.linear_step.block_tridiagonal import (
     Level,
@@ -176,11 +176,12 @@ class _Part:
 class _Responses:
     """Flexibility of a block between the points that were asked for so far."""
 
-    def __init__(self, block: SeenBlock) -> None:
+    def __init__(self, block: FreeBlock) -> None:
         self.block = block
-        self.row = np.full(len(block.seen), -1, dtype=np.int64)
-        self.towards = np.zeros((len(block.factor), 0), order="F")
-        self.flexibility = np.zeros((0, 0))
+        self.asked = block.flexible.points
+        self.row = np.full(len(block.motions), -1, dtype=np.int64)
+        self.row[self.asked] = np.arange(len(self.asked))
+        self.flexibility = block.flexible.flexibility
 
     def between(self, local: IntArray, other: IntArray) -> FloatArray:
         """F of points that `include` was given, (n, m) [mm/N]."""
@@ -191,15 +192,16 @@ class _Responses:
         new = np.unique(local[self.row[local] < 0])
         if not len(new):
             return
-        before, after = self.towards.shape[1], self.towards.shape[1] + len(new)
+        outward = self.block.points.outward
+        forces = outward[new].toarray().reshape(len(new), -1, 3)
+        moved = self.block.flexible.displacements(forces).reshape(len(new), -1).T
+        before, after = len(self.asked), len(self.asked) + len(new)
+        self.asked = np.concatenate([self.asked, new])
         self.row[new] = np.arange(before, after)
-        added = self.block.lower(self.block.outward[new].T.toarray())
         grown = np.empty((after, after))
         grown[:before, :before] = self.flexibility
-        grown[:before, before:] = self.towards.T @ added
+        grown[:, before:] = outward[self.asked] @ moved
         grown[before:, :before] = grown[:before, before:].T
-        grown[before:, before:] = added.T @ added
-        self.towards = np.hstack([self.towards, added])
         self.flexibility = grown
 
 
@@ -245,13 +247,12 @@ class _Joints:
                 found[part.points] += outward[part.local]
         return found
 
-    def on_quads(self, points: BoolArray) -> BoolArray:
-        """Own points of a block whose quad holds one of some points of joints, (n_local,)."""
+    def of_blocks(self, points: BoolArray) -> BoolArray:
+        """Own points of a block at some points of joints, (n_local,)."""
         local = np.zeros(self.points.outward.shape[0], dtype=np.bool_)
         for part in (p for parts in self.parts for p in parts):
             local[part.local[points[part.points]]] = True
-        whole = local.reshape(-1, self.points.per_quad).any(axis=1)
-        return np.repeat(whole, self.points.per_quad)
+        return local
 
     def soft(self, stiffness: FloatArray, below: float) -> BoolArray:
         """Points softer than a bound that carry little of the stiffness of their joints, (n,)."""
@@ -266,18 +267,11 @@ class _Joints:
         little[order] = sums - before[number] <= _SOFT_SHARE * total[number]
         return little & (stiffness < below)
 
-    def visible(self, block: SeenBlock) -> BoolArray:
-        """Points of joints that all their blocks see, (n,)."""
-        found = np.ones(self.n, dtype=np.bool_)
-        for part in (p for parts in self.parts for p in parts):
-            found[part.points[~block.seen[part.local]]] = False
-        return found
-
 
 class _Problem:
     """The linear problems of one sector."""
 
-    def __init__(self, joints: _Joints, block: SeenBlock, force: FloatArray) -> None:
+    def __init__(self, joints: _Joints, block: FreeBlock, force: FloatArray) -> None:
         self.joints, self.block = joints, block
         self.force = np.tile(force, (joints.layered.n_blocks, 1, 1))
         self.responses = _Responses(block)
@@ -311,24 +305,22 @@ class _Problem:
         row = np.full(joints.n, -1, dtype=np.int64)
         row[stiff] = np.arange(len(stiff))
         mine = [[_among(part, row) for part in parts] for parts in joints.parts]
-        on_contact, reduced = block.condensed.condense_forces(self.force + joints.on_blocks(given))
+        loads = self.force + joints.on_blocks(given)
+        loaded = block.flexible.displacements(loads)
         side, motions = right - joints.clearance, np.zeros_like(before)
         for layer, parts in enumerate(mine):
-            response = block.outward @ block.displacement(on_contact[layer])
+            response = block.points.outward @ loaded[layer].ravel()
             for part in parts:
                 side[part.points] += response[part.local]
-            motions[layer] = -block.rigid.T @ on_contact[layer] - holding * before[layer]
+            motions[layer] = -block.rigid.T @ loads[layer].ravel() - holding * before[layer]
         levels, members = self._chain(stiff, mine, softness, holding)
         sides = [(side[m], motions[k]) for k, m in enumerate(members)]
         forces = given.copy()
         for k, found in enumerate(factor_chain(levels).solve(sides)):
             forces[stiff[members[k]]], motions[k] = found
-        pushed, _ = block.condensed.condense_forces(joints.on_blocks(forces - given))
-        retained = [
-            block.displacement(on_contact[k] + pushed[k]) + block.rigid @ motions[k]
-            for k in range(len(motions))
-        ]
-        return forces, motions, block.condensed.recover(np.stack(retained), reduced)
+        pushed = block.flexible.displacements(joints.on_blocks(forces - given))
+        rigid = (motions @ block.rigid.T).reshape(pushed.shape)
+        return forces, motions, loaded + pushed + rigid
 
     def _chain(
         self, stiff: IntArray, mine: list[list[_Part]], softness: FloatArray, holding: float
@@ -440,9 +432,10 @@ def solve_layered_tube(
     if start is not None:
         at = joints.overclosure(start)
         soft = joints.soft(law.stiffness(at), _SOFT * _stiffness_of_block(lattice))
+        asked = joints.of_blocks(~soft)
         try:
-            return _iterate(joints, joints.on_quads(~soft), force, law, tolerance=tolerance, at=at)
-        except StaticError:  # a start that saw too little
+            return _iterate(joints, asked, force, law, tolerance=tolerance, at=at)
+        except StaticError:  # a start that is too far
             pass
     everywhere = np.ones(joints.points.outward.shape[0], dtype=np.bool_)
     return _iterate(joints, everywhere, force, law, tolerance=tolerance, at=None)
@@ -450,16 +443,15 @@ def solve_layered_tube(
 
 def _iterate(
     joints: _Joints,
-    seen: BoolArray,
+    asked: BoolArray,
     force: FloatArray,
     law: ContactLaw,
     *,
     tolerance: float,
     at: FloatArray | None,
 ) -> TubeState:
-    """Newton's method with the stiff ones of the seen points as unknowns, from overclosures."""
-    block = seen_block(joints.points, seen)
-    problem = _Problem(joints, block, force)
+    """Newton's method with the stiff points as unknowns, from overclosures."""
+    problem = _Problem(joints, free_block(joints.points, asked), force)
     n_blocks, weights = joints.layered.n_blocks, joints.weights
     area = float(weights.sum())
     load = float(np.linalg.norm(force, axis=1).sum()) * n_blocks
@@ -470,12 +462,11 @@ def _iterate(
     holding, most = (first, _MOST_ITERATIONS) if at is None else (least, _MOST_FROM_START)
     bound = 0.0 if at is None else _SOFT * _stiffness_of_block(joints.points.lattice)
     at = np.full(joints.n, rest) if at is None else at
-    visible = joints.visible(block)
     motion = np.zeros((n_blocks, 6))
     residual = float("inf")
     for iteration in range(1, most + 1):
         stiffness = law.stiffness(at)
-        counts = visible & ~joints.soft(stiffness, bound)
+        counts = ~joints.soft(stiffness, bound)
         stiff = np.flatnonzero(counts & (stiffness > _LEAST_STIFFNESS * law.touching_stiffness))
         given, slope = weights * law.pressure(at), stiffness[stiff]
         given[stiff] = 0.0

@@ -1,0 +1,513 @@
+"""Flexibility of a structured block between points of its faces, by congruent columns of elements.
+
+A block is cut into columns round it. Columns that a rotation or a reflection maps onto each other,
+half waves of a Sine Block and whole ones, are condensed once for all: elements by nested dissection
+to the two planes at which a column ends, columns to longer ones by elimination of the planes
+between them, the whole block by elimination of its two ends, held by springs on its rigid motions.
+Points on the lower and upper faces are carried along as unknowns that are never eliminated,
+
+    [ K  Bᵀ ]
+    [ B  0  ],
+
+with B u the displacements that points ask for: what remains is minus their flexibility B K⁻¹ Bᵀ,
+and no node of a face need be retained. Displacements under any forces follow by substitution.
+
+Reference: George (1973), doi:10.1137/0710032, for nested dissection; Kabsch (1976),
+doi:10.1107/S0567739476001873, for the rotation between two sets of points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import scipy.linalg
+import scipy.linalg.blas
+from scipy.sparse import csr_array
+
+from geometry.mesh import BoolArray, FloatArray, IntArray
+
+#: Columns are congruent where nodes map onto each other to this part of their size.
+_CONGRUENT = 1e-9
+#: Rows of a symmetric matrix that are mirrored at once.
+_TILE = 128
+
+
+@dataclass(frozen=True)
+class ColumnBlock:
+    """Elements of one degree in a structured block, and the points that are asked for."""
+
+    nodes: FloatArray
+    """Grid of nodes, (n_1, n_2, n_3, 3) [mm]; columns follow each other in the second direction."""
+    degree: int
+    """Of the elements."""
+    stiffness: Callable[[FloatArray], FloatArray]
+    """Stiffness matrices of elements from their nodes, (m, n, 3) to (m, 3 n, 3 n) [N/mm]."""
+    rows: csr_array
+    """B: points of the lower and upper face, each quad by quad with the second direction faster,
+    points of a quad likewise; then any points of both ends. Each row is full on its quad."""
+    per_line: int
+    """Points of a quad along an edge."""
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """Elements in each direction."""
+        n_1, n_2, n_3 = ((n - 1) // self.degree for n in self.nodes.shape[:3])
+        return n_1, n_2, n_3
+
+    @property
+    def n_beside(self) -> int:
+        """Points of the lower and upper faces."""
+        n_1, n_2, _ = self.counts
+        return 2 * n_1 * n_2 * self.per_line**2
+
+    def node_grid(self, columns: int) -> IntArray:
+        """Numbers of the nodes of the first columns."""
+        n_1, _, n_3 = self.nodes.shape[:3]
+        n_2 = columns * self.degree + 1
+        return np.arange(n_1 * n_2 * n_3).reshape(n_1, n_2, n_3)
+
+    def point_grid(self, columns: int) -> IntArray:
+        """Numbers of the points of the first columns: face, quads and points in two directions."""
+        shape = (2, self.counts[0], columns, self.per_line, self.per_line)
+        return np.arange(int(np.prod(shape))).reshape(shape)
+
+
+@dataclass(frozen=True)
+class _Step:
+    """Unknowns eliminated together, and how they follow from those around them."""
+
+    inside: IntArray
+    around: IntArray
+    factor: FloatArray
+    """Lower Cholesky factor L of A_ii, Fortran order."""
+    coupling: FloatArray
+    """L⁻¹ A_ib of nodes, (n_i, n_b)."""
+
+    def forward(self, forces: FloatArray) -> None:
+        """Move forces (n, n_cases) from inside to around; inside remains what `backward` needs."""
+        inner = scipy.linalg.blas.dtrsm(1.0, self.factor, forces[self.inside], lower=1)
+        forces[self.inside] = inner
+        forces[self.around] -= self.coupling.T @ inner
+
+    def backward(self, found: FloatArray) -> None:
+        """Turn what `forward` left inside into displacements, from those around."""
+        right = found[self.inside] - self.coupling @ found[self.around]
+        found[self.inside] = scipy.linalg.blas.dtrsm(1.0, self.factor, right, lower=1, trans_a=1)
+
+
+@dataclass(frozen=True)
+class _Copy:
+    """A shorter column within a longer one."""
+
+    nodes: IntArray
+    """Nodes of the longer one at those of the shorter one, (n,)."""
+    points: IntArray
+    """The same of points."""
+    turn: FloatArray
+    """Rotation or reflection T of the shorter one, (3, 3)."""
+
+
+@dataclass(frozen=True)
+class _Front:
+    """Condensed stiffness on planes across the columns and on points."""
+
+    planes: dict[int, IntArray]
+    """Unknowns of the nodes of each plane, in the order of the matrix; shared by its number."""
+    points: IntArray
+    """Numbers of the points that come after them, (n_points,)."""
+    matrix: FloatArray
+    """Symmetric, (n, n)."""
+
+    @property
+    def starts(self) -> IntArray:
+        """Where planes and points begin, and the end."""
+        sizes = [len(plane) for plane in self.planes.values()]
+        return np.cumsum([0, *sizes, len(self.points)])
+
+
+@dataclass(frozen=True)
+class _Column:
+    """Eliminations in a column of a length, shared by all that are congruent."""
+
+    n_nodes: int
+    planes: IntArray
+    """Nodes of both ends, (n,)."""
+    copies: tuple[_Copy, ...]
+    """Shorter columns that it is made of; none where it is made of elements."""
+    shorter: _Column | None
+    steps: tuple[_Step, ...]
+    """Eliminations of its own, in their order."""
+
+    @cached_property
+    def _inner(self) -> BoolArray:
+        """Nodes between the planes."""
+        found = np.ones(self.n_nodes, dtype=np.bool_)
+        found[self.planes] = False
+        return found
+
+    def forward(self, forces: FloatArray) -> list[FloatArray]:
+        """Move forces (n_nodes, 3, n_cases) to the planes; returns what `backward` needs."""
+        kept: list[FloatArray] = []
+        if self.shorter is not None:
+            inner, ends = self.shorter._inner, self.shorter.planes
+            n = forces.shape[2]
+            local = np.zeros((self.shorter.n_nodes, 3, len(self.copies) * n))
+            for k, copy in enumerate(self.copies):
+                local[inner, :, k * n : (k + 1) * n] = copy.turn.T @ forces[copy.nodes[inner]]
+            kept = [local, *self.shorter.forward(local)]
+            for k, copy in enumerate(self.copies):
+                forces[copy.nodes[ends]] += copy.turn @ local[ends, :, k * n : (k + 1) * n]
+        flat = forces.reshape(-1, forces.shape[2])
+        for step in self.steps:
+            step.forward(flat)
+        return kept
+
+    def backward(self, found: FloatArray, kept: list[FloatArray]) -> None:
+        """Displacements of all nodes from those of the planes, in place of what remained."""
+        flat = found.reshape(-1, found.shape[2])
+        for step in reversed(self.steps):
+            step.backward(flat)
+        if self.shorter is None:
+            return
+        inner, ends = self.shorter._inner, self.shorter.planes
+        local, n = kept[0], found.shape[2]
+        for k, copy in enumerate(self.copies):
+            local[ends, :, k * n : (k + 1) * n] = copy.turn.T @ found[copy.nodes[ends]]
+        self.shorter.backward(local, kept[1:])
+        for k, copy in enumerate(self.copies):
+            found[copy.nodes[inner]] = copy.turn @ local[inner, :, k * n : (k + 1) * n]
+
+
+@dataclass(frozen=True)
+class FlexibleBlock:
+    """A block without its rigid motions: any generalised inverse G serves forces in balance."""
+
+    points: IntArray
+    """Points that were asked for, in the order of the flexibility, (n,)."""
+    flexibility: FloatArray
+    """B G Bᵀ between them, (n, n) [mm/N]."""
+    column: _Column
+    """The whole block."""
+
+    def displacements(self, forces: FloatArray) -> FloatArray:
+        """G of nodal forces, (n_cases, n_nodes, 3) [N], to displacements of that shape [mm]."""
+        work = np.moveaxis(forces, 0, 2).copy(order="C")
+        self.column.backward(work, self.column.forward(work))
+        return np.ascontiguousarray(np.moveaxis(work, 2, 0))
+
+
+def flexible_block(block: ColumnBlock, asked: BoolArray, rigid: FloatArray) -> FlexibleBlock:
+    """Eliminate all nodes of a block and keep the flexibility between points.
+
+    Parameters
+    ----------
+    block
+        Elements and points.
+    asked
+        Points that count, (n_points,).
+    rigid
+        Rigid motions of the nodes, (3 n_nodes, 6).
+    """
+    column, fronts = _parts(block, alike_lengths(block), asked[: block.n_beside])
+    steps, last = list(column.steps), len(fronts)
+    numbers = block.n_beside + np.flatnonzero(asked[block.n_beside :])
+    # The ends go first: no front has more than two planes, and the last one has only one.
+    front = _joined([fronts[0], _end(block, fronts[0], 0, numbers)], 0, steps)
+    for k, other in enumerate(fronts[1:-1], 1):
+        front = _joined([front, other], k, steps)
+    end = _end(block, fronts[-1], last, numbers)
+    final = last - 1 if last > 1 else last
+    other = _joined([fronts[-1], end], last, steps) if last > 1 else end
+    held = front.planes[final]
+    springs = np.linalg.qr(rigid[held])[0]
+    stiffness = float(np.diag(front.matrix)[: len(held)].mean())
+    spring = _Front({final: held}, np.empty(0, dtype=np.int64), stiffness * springs @ springs.T)
+    front = _joined([front, other, spring], final, steps)
+    return FlexibleBlock(front.points, -front.matrix, replace(column, steps=tuple(steps)))
+
+
+def _end(block: ColumnBlock, front: _Front, plane: int, points: IntArray) -> _Front:
+    """Those points that lie on a plane."""
+    unknowns = front.planes[plane]
+    rows = block.rows[points][:, unknowns].toarray()
+    here = rows.any(axis=1)
+    n, m = len(unknowns), int(here.sum())
+    matrix = np.zeros((n + m, n + m))
+    matrix[n:, :n] = rows[here]
+    matrix[:n, n:] = rows[here].T
+    return _Front({plane: unknowns}, points[here], matrix)
+
+
+def _unknowns(nodes: IntArray) -> IntArray:
+    return (3 * nodes[:, None] + np.arange(3)).ravel()
+
+
+# ---------------------------------------------------------------------------------------------
+# Congruence
+
+
+def alike_lengths(block: ColumnBlock) -> list[int]:
+    """Numbers of elements of columns whose copies make the block up, each of the one before."""
+    n = block.counts[1]
+    found = [n]
+    for length in reversed([k for k in range(1, n) if n % k == 0]):
+        if found[-1] % length == 0 and _copies(block, length, n) is not None:
+            found.append(length)
+    return found[::-1]
+
+
+def _copies(block: ColumnBlock, length: int, longer: int) -> tuple[_Copy, ...] | None:
+    """Columns of a length within the first longer one as copies of the first; None: not alike."""
+    found = []
+    for start in range(0, longer, length):
+        copy = _copy(block, length, longer, start)
+        if copy is None:
+            return None
+        found.append(copy)
+    return tuple(found)
+
+
+def _copy(block: ColumnBlock, length: int, longer: int, start: int) -> _Copy | None:
+    """A column as it is, turned upside down, reversed, or both."""
+    p, points = block.degree, block.nodes[:, : longer * block.degree + 1].reshape(-1, 3)
+    nodes = block.node_grid(longer)[:, start * p : (start + length) * p + 1]
+    on_faces = block.point_grid(longer)[:, :, start : start + length]
+    own = block.nodes[:, : length * p + 1].reshape(-1, 3)
+    for back in (1, -1):
+        for down in (1, -1):
+            image = nodes[:, ::back, ::down].ravel()
+            turn = _rotation(own, points[image])
+            if turn is not None:
+                ordered = on_faces[::down, :, ::back, :, ::back].ravel()
+                return _Copy(image, ordered, turn)
+    return None
+
+
+def _rotation(points: FloatArray, images: FloatArray) -> FloatArray | None:
+    """Orthogonal matrix that takes points to their images but for a shift; None where none does."""
+    one, other = points - points.mean(axis=0), images - images.mean(axis=0)
+    left, _, right = np.linalg.svd(one.T @ other)
+    turn = (left @ right).T
+    if np.abs(one @ turn.T - other).max() > _CONGRUENT * np.ptp(points, axis=0).max():
+        return None
+    return turn
+
+
+# ---------------------------------------------------------------------------------------------
+# Elimination
+
+
+def _condensed(block: ColumnBlock, lengths: list[int], wanted: BoolArray) -> tuple[_Column, _Front]:
+    """A column of the last of some lengths between its ends, with the points wanted of it."""
+    column, (front, *others) = _parts(block, lengths, wanted)
+    steps = list(column.steps)
+    for k, other in enumerate(others, 1):
+        front = _joined([front, other], k, steps)
+    return replace(column, steps=tuple(steps)), front
+
+
+def _parts(
+    block: ColumnBlock, lengths: list[int], wanted: BoolArray
+) -> tuple[_Column, list[_Front]]:
+    """The same as the columns that it consists of, one after the other between their planes."""
+    length = lengths[-1]
+    nodes = block.node_grid(length)
+    planes = np.concatenate([nodes[:, 0].ravel(), nodes[:, -1].ravel()])
+    if len(lengths) == 1:
+        steps, front = _Dissection(block, length, wanted).condensed(planes)
+        return _Column(nodes.size, planes, (), None, steps), [front]
+    copies = _copies(block, lengths[-2], length)
+    assert copies is not None
+    needed = np.any([wanted[copy.points] for copy in copies], axis=0)
+    shorter, own = _condensed(block, lengths[:-1], needed)
+    fronts = [_placed(own, copy, shorter, wanted, k) for k, copy in enumerate(copies)]
+    return _Column(nodes.size, planes, copies, shorter, ()), fronts
+
+
+def _placed(front: _Front, copy: _Copy, shorter: _Column, wanted: BoolArray, number: int) -> _Front:
+    """The front of the copy of a number in a longer column, its nodes ascending in each plane."""
+    n = len(shorter.planes)
+    places = copy.nodes[shorter.planes].reshape(2, -1)
+    one, other = np.argsort(places, axis=1)
+    other += n // 2
+    if places[0].min() > places[1].min():
+        one, other = other, one
+    numbers = copy.points[front.points]
+    kept = np.flatnonzero(wanted[numbers])
+    take = np.concatenate([_unknowns(one), _unknowns(other), 3 * n + kept])
+    same = np.array_equal(take, np.arange(len(front.matrix)))
+    matrix = front.matrix if same else front.matrix[np.ix_(take, take)]
+    if not np.allclose(copy.turn, np.eye(3), rtol=0.0, atol=1e-14):
+        matrix = _turned(matrix, copy.turn, n)
+    flat = places.ravel()
+    planes = {number: _unknowns(flat[one]), number + 1: _unknowns(flat[other])}
+    return _Front(planes, numbers[kept], matrix)
+
+
+def _turned(matrix: FloatArray, turn: FloatArray, n: int) -> FloatArray:
+    """Turn the components of the first n nodes on both sides."""
+    rows = (turn @ matrix[: 3 * n].reshape(n, 3, -1)).reshape(3 * n, -1)
+    found = np.empty_like(matrix)
+    found[: 3 * n, : 3 * n] = (rows[:, : 3 * n].reshape(-1, n, 3) @ turn.T).reshape(3 * n, -1)
+    found[: 3 * n, 3 * n :] = rows[:, 3 * n :]
+    found[3 * n :, : 3 * n] = rows[:, 3 * n :].T
+    found[3 * n :, 3 * n :] = matrix[3 * n :, 3 * n :]
+    return found
+
+
+def _joined(fronts: list[_Front], inside: int, steps: list[_Step]) -> _Front:
+    """Sum of fronts without one of their planes; its step is added to those before."""
+    planes = {key: plane for front in fronts for key, plane in front.planes.items()}
+    eliminated = planes.pop(inside)
+    n = len(eliminated)
+    around = np.concatenate([*planes.values(), np.empty(0, dtype=np.int64)])
+    keys = dict(zip(planes, np.cumsum([0, *map(len, planes.values())]), strict=False))
+    points = np.concatenate([front.points for front in fronts])
+    m, first = len(around) + len(points), len(around)
+    inner, coupling, rest = np.zeros((n, n)), np.zeros((n, m), order="F"), np.zeros((m, m))
+    for front in fronts:
+        starts = [-1 if key == inside else keys[key] for key in front.planes] + [first]
+        first += len(front.points)
+        own = [slice(a, b) for a, b in pairwise(front.starts)]
+        to = [slice(t, t + o.stop - o.start) for t, o in zip(starts, own, strict=True)]
+        for i, row in enumerate(own):
+            for j, column in enumerate(own):
+                part = front.matrix[row, column]
+                if starts[i] < 0 and starts[j] < 0:
+                    inner += part
+                elif starts[i] < 0:
+                    coupling[:, to[j]] += part
+                elif starts[j] >= 0:
+                    rest[to[i], to[j]] += part
+    factor = scipy.linalg.cholesky(inner, lower=True, check_finite=False)
+    coupling = scipy.linalg.blas.dtrsm(1.0, factor, coupling, lower=1, overwrite_b=1)
+    _subtract_square(rest, coupling)
+    nodes = np.ascontiguousarray(coupling[:, : len(around)])
+    steps.append(_Step(eliminated, around, factor, nodes))
+    return _Front(planes, points, rest)
+
+
+def _subtract_square(matrix: FloatArray, factor: FloatArray) -> None:
+    """Subtract WᵀW from a symmetric matrix in C order; W in Fortran order, both by BLAS."""
+    # The lower triangle in Fortran order is the upper one of the matrix.
+    scipy.linalg.blas.dsyrk(-1.0, factor, 1.0, matrix.T, trans=1, lower=1, overwrite_c=1)
+    n = len(matrix)
+    for a in range(0, n, _TILE):
+        b = min(a + _TILE, n)
+        matrix[b:, a:b] = matrix[a:b, b:].T
+        corner = np.triu(matrix[a:b, a:b])
+        matrix[a:b, a:b] = corner + np.triu(corner, 1).T
+
+
+#: Unknowns of a part, ascending, and its stiffness on them.
+_Piece = tuple[IntArray, FloatArray]
+
+
+class _Dissection:
+    """Nested dissection of the elements of a column."""
+
+    def __init__(self, block: ColumnBlock, length: int, wanted: BoolArray) -> None:
+        n_1, _, n_3 = block.counts
+        self.block, self.counts, p = block, (n_1, length, n_3), block.degree
+        self.numbers = block.node_grid(length)
+        self.points, self.wanted = block.point_grid(length), wanted
+        self.steps: list[_Step] = []
+        # First and last element of each node in each direction; those of planes lie outside.
+        self.first, self.last = [], []
+        for axis, count in enumerate(self.counts):
+            k = np.arange(count * p + 1)
+            ends = axis == 1
+            first = np.maximum((k - 1) // p, -1 if ends else 0)
+            last = np.minimum(k // p, count if ends else count - 1)
+            shape = [1, 1, 1]
+            shape[axis] = -1
+            grid = self.numbers.shape
+            self.first.append(np.broadcast_to(first.reshape(shape), grid).ravel())
+            self.last.append(np.broadcast_to(last.reshape(shape), grid).ravel())
+
+    def condensed(self, planes: IntArray) -> tuple[tuple[_Step, ...], _Front]:
+        """Eliminations, and what remains on both planes of nodes and the points."""
+        unknowns, matrix = self._visit(((0, 0, 0), self.counts))
+        numbers = np.flatnonzero(self.wanted)
+        order = np.concatenate([_unknowns(planes), 3 * self.numbers.size + numbers])
+        take = np.searchsorted(unknowns, order)
+        one, other = (_unknowns(plane) for plane in planes.reshape(2, -1))
+        return tuple(self.steps), _Front({0: one, 1: other}, numbers, matrix[np.ix_(take, take)])
+
+    def _visit(self, box: tuple[tuple[int, ...], tuple[int, ...]]) -> _Piece:
+        """Condensed stiffness of a box of elements."""
+        low, high = box
+        sizes = [b - a for a, b in zip(low, high, strict=True)]
+        axis = int(np.argmax(sizes))
+        if sizes[axis] == 1:
+            return self._eliminated([self._element(low)], box)
+        middle = low[axis] + sizes[axis] // 2
+        lower = tuple(middle if k == axis else h for k, h in enumerate(high))
+        upper = tuple(middle if k == axis else a for k, a in enumerate(low))
+        return self._eliminated([self._visit((low, lower)), self._visit((upper, high))], box)
+
+    def _element(self, at: tuple[int, ...]) -> _Piece:
+        """Stiffness of an element, with its points."""
+        p, block = self.block.degree, self.block
+        window = tuple(slice(k * p, (k + 1) * p + 1) for k in at)
+        nodes = self.numbers[window].ravel()
+        stiffness = block.stiffness(block.nodes[window].reshape(1, -1, 3))[0]
+        faces = [face for face, end in ((0, 0), (1, self.counts[2] - 1)) if at[2] == end]
+        on_quad = self.points[faces, at[0], at[1]].ravel()
+        numbers = on_quad[self.wanted[on_quad]]
+        unknowns = _unknowns(nodes)
+        if not len(numbers):
+            return unknowns, stiffness
+        n = len(unknowns)
+        matrix = np.zeros((n + len(numbers),) * 2)
+        matrix[:n, :n] = stiffness
+        # Points and nodes of the block, which begins with this column.
+        rows = block.rows[self._of_block(numbers)]
+        places = np.empty(rows.shape[1] // 3, dtype=np.int64)
+        places[self._nodes_of_block(window)] = np.arange(len(nodes))
+        entry = csr_array(rows).tocoo()
+        columns = 3 * places[entry.col // 3] + entry.col % 3
+        matrix[n + entry.row, columns] = entry.data
+        matrix[columns, n + entry.row] = entry.data
+        return np.concatenate([unknowns, 3 * self.numbers.size + numbers]), matrix
+
+    def _of_block(self, points: IntArray) -> IntArray:
+        return self.block.point_grid(self.block.counts[1])[:, :, : self.counts[1]].ravel()[points]
+
+    def _nodes_of_block(self, window: tuple[slice, ...]) -> IntArray:
+        return self.block.node_grid(self.block.counts[1])[window].ravel()
+
+    def _eliminated(
+        self, pieces: list[_Piece], box: tuple[tuple[int, ...], tuple[int, ...]]
+    ) -> _Piece:
+        """Sum of pieces without the nodes that no element outside the box has."""
+        unknowns = np.unique(np.concatenate([own for own, _ in pieces]))
+        nodes = unknowns[unknowns < 3 * self.numbers.size] // 3
+        inside = np.zeros(len(unknowns), dtype=np.bool_)
+        within = np.ones(len(nodes), dtype=np.bool_)
+        for axis, (a, b) in enumerate(zip(*box, strict=True)):
+            within &= (self.first[axis][nodes] >= a) & (self.last[axis][nodes] < b)
+        inside[: len(nodes)] = within
+        n = int(inside.sum())
+        place = np.empty(len(unknowns), dtype=np.int64)
+        order = np.concatenate([np.flatnonzero(inside), np.flatnonzero(~inside)])
+        place[order] = np.arange(len(order))
+        total = np.zeros((len(order),) * 2)
+        for own, matrix in pieces:
+            at = place[np.searchsorted(unknowns, own)]
+            total[np.ix_(at, at)] += matrix
+        rest = total[n:, n:]
+        around = unknowns[~inside]
+        if n:
+            factor = scipy.linalg.cholesky(total[:n, :n], lower=True, check_finite=False)
+            coupling = scipy.linalg.blas.dtrsm(1.0, factor, total[:n, n:], lower=1)
+            rest = np.ascontiguousarray(rest)
+            _subtract_square(rest, coupling)
+            k = int((around < 3 * self.numbers.size).sum())
+            kept = np.ascontiguousarray(coupling[:, :k])
+            self.steps.append(_Step(unknowns[inside], around[:k], factor, kept))
+        return around, rest
