@@ -30,17 +30,16 @@ def lobatto_points(degree: int) -> FloatArray:
 def line_basis(degree: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lagrange polynomials on the Gauss-Lobatto points and their slopes, (n, degree + 1) each."""
     to_nodal, derived = _to_nodal(degree)
-    values: FloatArray = legendre.legvander(x, degree) @ to_nodal
-    slopes: FloatArray = legendre.legvander(x, degree - 1) @ derived
-    return values, slopes
+    powers = legendre.legvander(x, degree)
+    return powers @ to_nodal, powers[:, :degree] @ derived
 
 
 @cache
 def _to_nodal(degree: int) -> tuple[FloatArray, FloatArray]:
     """Legendre coefficients of the Lagrange polynomials and of their slopes."""
-    to_nodal = np.linalg.inv(legendre.legvander(lobatto_points(degree), degree))
-    derived: FloatArray = legendre.legder(to_nodal)
-    return to_nodal, derived
+    powers = legendre.legvander(lobatto_points(degree), degree)
+    to_nodal = np.linalg.inv(powers).astype(np.float64)
+    return to_nodal, legendre.legder(to_nodal).astype(np.float64)
 
 
 @dataclass(frozen=True)
