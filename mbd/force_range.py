@@ -24,7 +24,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.optimize
 import scipy.sparse as sp
 
 from geometry.mesh import BoolArray, FloatArray, IntArray
@@ -253,6 +252,9 @@ def _minimise(
     cost: FloatArray, rows: _Rows, signed: BoolArray, pool: BoolArray, *, grow: bool = True
 ) -> FloatArray | None:
     """Least cost · x in HiGHS by columns of a pool that grows; None without an answer."""
+    # Loaded here: most answers need no linear program.
+    from scipy.optimize import linprog
+
     right = np.zeros(rows.above.shape[0]) if rows.limit is None else rows.limit
     while True:
         columns = np.flatnonzero(pool)
@@ -262,7 +264,7 @@ def _minimise(
         lower = np.where(signed[columns], 0.0, -np.inf)
         bounds = np.column_stack([lower, np.full(len(columns), np.inf)])
         constraints["bounds"] = bounds
-        found = scipy.optimize.linprog(cost[columns], method="highs", **constraints)
+        found = linprog(cost[columns], method="highs", **constraints)
         if found.x is None or not found.success:
             return None
         price = cost - rows.equal.T @ found.eqlin.marginals

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-import scipy.optimize
 import scipy.sparse as sp
 
 from geometry.mesh import FloatArray
@@ -261,12 +260,15 @@ def _highs(
     equal: tuple[sp.sparray, FloatArray] | None = None,
     above: tuple[sp.sparray, FloatArray] | None = None,
 ) -> float:
+    # Loaded here: most answers need no linear program.
+    from scipy.optimize import linprog
+
     constraints: dict[str, Any] = {}
     if equal is not None:
         constraints |= {"A_eq": sp.csc_array(equal[0]), "b_eq": equal[1]}
     if above is not None:
         constraints |= {"A_ub": sp.csc_array(above[0]), "b_ub": above[1]}
-    result = scipy.optimize.linprog(cost, bounds=bounds, method="highs", **constraints)
+    result = linprog(cost, bounds=bounds, method="highs", **constraints)
     if not result.success:
         raise RuntimeError(f"HiGHS could not solve a linear program: {result.message}")
     return float(result.fun or 0.0)

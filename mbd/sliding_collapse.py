@@ -31,7 +31,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy.optimize
 import scipy.sparse as sp
 
 from geometry.mesh import FloatArray
@@ -188,6 +187,9 @@ class _Programs:
         tuple[_State, float] | None
             Next state and predicted decrease; None where HiGHS gives up.
         """
+        # Loaded here: most answers need no linear program.
+        from scipy.optimize import linprog
+
         n, mu = self.contacts.n_contacts, self.contacts.friction
         pressure, load = slice(0, 3 * n, 3), 3 * n
         motion, slip = slice(load + 1, load + 1 + len(self.dead)), slice(-n, None)
@@ -204,7 +206,7 @@ class _Programs:
             bounds[part, 0] = np.maximum(centre - radius, 0.0)
             bounds[part, 1] = centre + radius
         constraints: dict[str, Any] = {"A_eq": self.equal, "A_ub": self.above, "bounds": bounds}
-        found = scipy.optimize.linprog(
+        found = linprog(
             cost,
             b_eq=self.target,
             b_ub=np.zeros(self.above.shape[0]),
