@@ -51,7 +51,7 @@ class NormalSolver(Protocol):
     """A factored normal matrix."""
 
     def __call__(self, right_hand_side: FloatArray) -> FloatArray:
-        """Solve for one right-hand side, (n_rows,)."""
+        """Solve for right-hand sides, (n_rows,) or (n_rows, n)."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +92,14 @@ class MatrixJacobian:
         return self.matrix
 
 
+def _block_places(rows: IntArray, columns: IntArray) -> tuple[IntArray, IntArray]:
+    """Row and column of each entry of 6 × 6 blocks, (n, 6, 6) each."""
+    six = np.arange(6)
+    i = np.repeat(6 * rows[:, None, None] + six[:, None], 6, axis=2)
+    j = np.repeat(6 * columns[:, None, None] + six, 6, axis=1)
+    return i, j
+
+
 def _cross_matrix(vector: FloatArray) -> FloatArray:
     """Skew matrices [v]× of vectors (n, 3): (n, 3, 3)."""
     out = np.zeros((len(vector), 3, 3))
@@ -124,20 +132,34 @@ class PairJacobian:
         """(6 n_free, n_contacts)."""
         return 6 * self.n_free, self.contacts.n_contacts
 
+    @cached_property
+    def _transfer(self) -> sp.csr_array:
+        """Both transfers as one matrix, (6 n_free, 6 n_pairs)."""
+        n_pairs = len(self.row_m)
+        rows = np.concatenate([self.row_m, self.row_s])
+        columns = np.tile(np.arange(n_pairs), 2)
+        i, j = _block_places(rows, columns)
+        values = np.concatenate([-self.transfer_m, self.transfer_s])
+        matrix = sp.csr_array(
+            sp.coo_array(
+                (values.ravel(), (i.ravel(), j.ravel())), shape=(self.shape[0], 6 * n_pairs)
+            )
+        )
+        matrix.eliminate_zeros()
+        return matrix
+
+    @cached_property
+    def _relative(self) -> sp.csr_array:
+        """Motion of s against m of each pair from those of the blocks, (6 n_pairs, 6 n_free)."""
+        return sp.csr_array(self._transfer.T)
+
     def gap_rates(self, virtual_displacement: FloatArray) -> FloatArray:
         """Gᵀ δq, (n_contacts,)."""
-        q = virtual_displacement.reshape(-1, 6)
-        relative = np.einsum("pji,pj->pi", self.transfer_s, q[self.row_s])
-        relative -= np.einsum("pji,pj->pi", self.transfer_m, q[self.row_m])
-        return self.contacts.rates(relative)
+        return self.contacts.rates((self._relative @ virtual_displacement).reshape(-1, 6))
 
     def resultant(self, forces: FloatArray) -> FloatArray:
         """G λ, (6 n_free,)."""
-        pair_wrench = self.contacts.sums(forces)
-        total = np.zeros((self.n_free, 6))
-        np.add.at(total, self.row_s, np.einsum("pij,pj->pi", self.transfer_s, pair_wrench))
-        np.subtract.at(total, self.row_m, np.einsum("pij,pj->pi", self.transfer_m, pair_wrench))
-        return total.ravel()
+        return self._transfer @ self.contacts.sums(forces).ravel()
 
     @cached_property
     def _band(self) -> tuple[IntArray, int]:
@@ -151,28 +173,33 @@ class PairJacobian:
         reach = np.abs(position[self.row_m] - position[self.row_s]).max(initial=0)
         return position, int(6 * reach + 5)
 
-    def _block_entries(self, weights: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
-        """6 × 6 blocks of G diag(weights) Gᵀ: block rows, block columns, values."""
+    @cached_property
+    def _band_places(self) -> tuple[IntArray, IntArray]:
+        """Entries of `_block_entries` in the lower triangle, and where they are in its band."""
+        position, _ = self._band
+        m, s = position[self.row_m], position[self.row_s]
+        i, j = _block_places(np.concatenate([m, s, m]), np.concatenate([m, s, s]))
+        # A block off the diagonal is there once, above or below it; one on it is there whole.
+        low, high = np.minimum(i, j), np.maximum(i, j)
+        lower = i >= j
+        lower[2 * len(m) :] = True
+        return np.flatnonzero(lower), ((high - low) * self.shape[0] + low)[lower]
+
+    def _block_entries(self, weights: FloatArray) -> FloatArray:
+        """6 × 6 blocks (m, m), (s, s) and (m, s) of G diag(weights) Gᵀ, (3 n_pairs, 6, 6)."""
         pair = self.contacts.squares(weights)
         left_m, left_s = self.transfer_m @ pair, self.transfer_s @ pair
         t_m, t_s = self.transfer_m.transpose(0, 2, 1), self.transfer_s.transpose(0, 2, 1)
-        rows = np.concatenate([self.row_m, self.row_s, self.row_m, self.row_s])
-        columns = np.concatenate([self.row_m, self.row_s, self.row_s, self.row_m])
-        values = np.concatenate([left_m @ t_m, left_s @ t_s, -left_m @ t_s, -left_s @ t_m])
-        return rows, columns, values
+        return np.concatenate([left_m @ t_m, left_s @ t_s, -left_m @ t_s])
 
     def normal_solver(self, weights: FloatArray, shift: float) -> NormalSolver:
         """Factor G diag(weights) Gᵀ + shift I by a banded Cholesky decomposition."""
         position, half_band = self._band
-        n = 6 * self.n_free
-        rows, columns, values = self._block_entries(weights)
-        i = (6 * position[rows])[:, None, None] + np.arange(6)[None, :, None]
-        j = (6 * position[columns])[:, None, None] + np.arange(6)[None, None, :]
-        i, j = np.broadcast_arrays(i, j)
-        lower = i >= j
+        entries, places = self._band_places
+        n = self.shape[0]
         band = np.bincount(
-            (i[lower] - j[lower]) * n + j[lower],
-            weights=values[lower],
+            places,
+            weights=self._block_entries(weights).ravel()[entries],
             minlength=(half_band + 1) * n,
         ).reshape(half_band + 1, n)
         band[0] += shift
@@ -182,7 +209,7 @@ class PairJacobian:
         scatter = (6 * position[:, None] + np.arange(6)).ravel()
 
         def solve(right_hand_side: FloatArray) -> FloatArray:
-            ordered = np.empty(n)
+            ordered = np.empty_like(right_hand_side)
             ordered[scatter] = right_hand_side
             x = scipy.linalg.cho_solve_banded((factor, True), ordered, check_finite=False)
             return x[scatter]

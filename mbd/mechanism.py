@@ -122,7 +122,7 @@ def smallest_singular_pair(jacobian: ContactJacobian) -> tuple[float, FloatArray
             shift *= 10.0
     subspace = np.linalg.qr(rng.standard_normal((n_rows, min(n_rows, 8))))[0]
     for _ in range(8):
-        subspace = np.linalg.qr(np.column_stack([solve(v) for v in subspace.T]))[0]
+        subspace = np.linalg.qr(solve(subspace))[0]
     rates = np.column_stack([jacobian.gap_rates(v) for v in subspace.T])
     # The triangle of the tall matrix has its singular values and right vectors.
     _, values, right = np.linalg.svd(np.linalg.qr(rates, mode="r"))
