@@ -37,6 +37,8 @@ _TARGET = 1e-12
 _EPS = float(np.finfo(np.float64).eps)
 #: Residual at which an iteration that no longer improves has reached round-off.
 _STALLED = 1e-9
+#: ε shrinks by this from one proximal step to the next …
+_SHRINK = 0.01
 #: A mechanism d is load-activated where fᵀd exceeds this (‖f‖ = ‖d‖ = 1) …
 _SMALLEST_WORK = 1e-7
 #: … and admissible where no gap closes faster than this fraction of fᵀd: forces that balanced
@@ -296,7 +298,7 @@ def newton_equilibrium(
     scale = float(column @ column) / n_rows
     y = np.zeros(n_rows) if start is None else start / size
     dual = _Dual(jacobian, load / size, column, y, 1e-4 * scale)
-    used, best = 0, np.inf
+    used, best, last = 0, np.inf, 1.0
     direction: FloatArray | None = None
     final_y, final_forces = y, np.zeros(n_contacts)
     while used < most_iterations:
@@ -313,12 +315,14 @@ def newton_equilibrium(
             best, final_y, final_forces = residual, y, column * np.maximum(gap, 0.0)
         if best <= _TARGET or stalled:
             break
-        if best > _STALLED:
+        # … and of a load that can be carried the imbalance, ε ‖y - y_k‖, with it.
+        if best > _STALLED and residual > _SHRINK * last:
             direction = _ray(dual, y)
             if direction is not None:
                 break
+        last = residual
         dual.centre = y
-        dual.epsilon = max(0.01 * dual.epsilon, 1e-15 * scale)
+        dual.epsilon = max(_SHRINK * dual.epsilon, 1e-15 * scale)
         # Where the load is infeasible, the next solution lies this way, 1/ε times the rest away.
         rest = -dual.imbalance(gap) / dual.epsilon
         y = y + dual.step_length(y, gap, rest, dual.gap(rest)) * rest
