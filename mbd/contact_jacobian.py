@@ -12,6 +12,7 @@ pairs of blocks have the same contacts, so products and normal matrices cost lit
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -25,6 +26,9 @@ from geometry.interface import Interfaces
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.placed_blocks import AnyBlocks
 from mbd.pair_wrenches import CongruentWrenches, PairKind, PairWrenches, SeparateWrenches
+
+#: A normal matrix, or the inverse of one, which also takes several vectors as columns.
+NormalMap = Callable[[FloatArray], FloatArray]
 
 
 class ContactJacobian(Protocol):
@@ -40,18 +44,14 @@ class ContactJacobian(Protocol):
     def resultant(self, forces: FloatArray) -> FloatArray:
         """G λ, (n_rows,)."""
 
-    def normal_solver(self, weights: FloatArray, shift: float) -> NormalSolver:
+    def normal_product(self) -> NormalMap:
+        """Product with G Gᵀ."""
+
+    def normal_solver(self, weights: FloatArray, shift: float) -> NormalMap:
         """Factor G diag(weights) Gᵀ + shift I."""
 
     def to_matrix(self) -> sp.csc_array:
         """G as a sparse matrix, (n_rows, n_contacts)."""
-
-
-class NormalSolver(Protocol):
-    """A factored normal matrix."""
-
-    def __call__(self, right_hand_side: FloatArray) -> FloatArray:
-        """Solve for right-hand sides, (n_rows,) or (n_rows, n)."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,11 @@ class MatrixJacobian:
         """G λ, (n_rows,)."""
         return self.matrix @ forces
 
-    def normal_solver(self, weights: FloatArray, shift: float) -> NormalSolver:
+    def normal_product(self) -> NormalMap:
+        """Product with G Gᵀ."""
+        return lambda vector: self.matrix @ (self.matrix.T @ vector)
+
+    def normal_solver(self, weights: FloatArray, shift: float) -> NormalMap:
         """Factor G diag(weights) Gᵀ + shift I."""
         weighted = self.matrix * weights[None, :]
         normal = (weighted @ self.matrix.T).toarray()
@@ -192,7 +196,17 @@ class PairJacobian:
         t_m, t_s = self.transfer_m.transpose(0, 2, 1), self.transfer_s.transpose(0, 2, 1)
         return np.concatenate([left_m @ t_m, left_s @ t_s, -left_m @ t_s])
 
-    def normal_solver(self, weights: FloatArray, shift: float) -> NormalSolver:
+    def normal_product(self) -> NormalMap:
+        """Product with G Gᵀ, without a walk over the contacts."""
+        pair = self.contacts.squares(np.ones(self.contacts.n_contacts))
+
+        def product(vector: FloatArray) -> FloatArray:
+            relative = (self._relative @ vector).reshape(-1, 6, 1)
+            return self._transfer @ (pair @ relative).ravel()
+
+        return product
+
+    def normal_solver(self, weights: FloatArray, shift: float) -> NormalMap:
         """Factor G diag(weights) Gᵀ + shift I by a banded Cholesky decomposition."""
         position, half_band = self._band
         entries, places = self._band_places

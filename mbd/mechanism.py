@@ -134,14 +134,14 @@ def _largest_singular_value(jacobian: ContactJacobian) -> float:
     n_rows, n_contacts = jacobian.shape
     if n_contacts == 0:
         return 0.0
+    product = jacobian.normal_product()
     v = np.random.default_rng(1).standard_normal(n_rows)
     value = 0.0
     for _ in range(30):
         v = v / np.linalg.norm(v)
-        rates = jacobian.gap_rates(v)
-        value = float(np.linalg.norm(rates))
-        v = jacobian.resultant(rates)
-    return value
+        image = product(v)
+        value, v = float(v @ image), image
+    return float(np.sqrt(max(value, 0.0)))
 
 
 def classify(jacobian: ContactJacobian, load: FloatArray) -> Classification:
