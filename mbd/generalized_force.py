@@ -20,11 +20,12 @@ def block_wrenches(assembly: AnyBlocks, load: LoadCase) -> FloatArray:
     FloatArray
         (F, M) per block, (n_blocks, 6) [N, N mm].
     """
-    wrench = np.zeros((assembly.n_blocks, 6))
     force = load.facet_forces
-    np.add.at(wrench[:, :3], load.block, force)
     arm = load.centroids - assembly.centroids[load.block]
-    np.add.at(wrench[:, 3:], load.block, np.cross(arm, force))
+    wrench = np.zeros((assembly.n_blocks, 6))
+    # Column by column: several times faster than `np.add.at`.
+    for k, column in enumerate(np.hstack([force, np.cross(arm, force)]).T):
+        wrench[:, k] = np.bincount(load.block, column, assembly.n_blocks)
     if load.body_wrenches is not None:
         wrench += load.body_wrenches
     return wrench
