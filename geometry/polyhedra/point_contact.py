@@ -152,14 +152,29 @@ def crossing_edges(
     return PointContacts(edges.block[m[kept]], edges.block[s[kept]], points[kept], normal[kept])
 
 
-def _corner_rays(shape: Polyhedron) -> tuple[IntArray, FloatArray]:
-    """Corner numbers and unit vectors to their neighbours, sorted by corner; (n,), (n, 3)."""
-    t = shape.triangles
-    directed = t[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    ray = shape.points[directed[:, 1]] - shape.points[directed[:, 0]]
-    order = np.argsort(directed[:, 0], kind="stable")
-    unit: FloatArray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
-    return directed[order, 0], unit[order]
+@dataclass(frozen=True)
+class _Rays:
+    """Unit vectors from corners to their neighbours, shape after shape."""
+
+    unit: FloatArray
+    first: IntArray
+    """First ray of each corner, and the total."""
+    base: dict[int, int]
+    """Number of the first corner of each shape."""
+
+
+def _rays(shapes: Sequence[Polyhedron], used: Sequence[int]) -> _Rays:
+    units, corners, base, total = [], [], {}, 0
+    for k in used:
+        shape = shapes[k]
+        start, end = shape.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).T
+        ray = shape.points[end] - shape.points[start]
+        units.append(ray / np.linalg.norm(ray, axis=1, keepdims=True))
+        corners.append(total + start)
+        base[k], total = total, total + len(shape.points)
+    corner = np.concatenate(corners)
+    first = np.concatenate([[0], np.cumsum(np.bincount(corner, minlength=total))])
+    return _Rays(np.concatenate(units)[np.argsort(corner, kind="stable")], first, base)
 
 
 def standing_corners(
@@ -180,7 +195,7 @@ def standing_corners(
         As in `crossing_edges`.
     """
     used = np.unique(shape_of).tolist()
-    rays = {k: _corner_rays(shapes[k]) for k in used}
+    rays = _rays(shapes, used)
     pointed = {k: np.unique(_sharp_edges(shapes[k])[0]) for k in used}
     points, owner, corner = [], [], []
     triangles, normals, face_owner = [], [], []
@@ -189,7 +204,7 @@ def standing_corners(
         placed = shape.points @ rotations[block].T + translations[block]
         sharp = pointed[number]
         points.append(placed[sharp])
-        corner.append(sharp)
+        corner.append(rays.base[number] + sharp)
         owner.append(np.full(len(sharp), block))
         triangles.append(placed[shape.triangles])
         normals.append(shape.normals @ rotations[block].T)
@@ -207,13 +222,9 @@ def standing_corners(
         inward = np.einsum("ni,ni->n", np.cross(n[j], along), p[i] - tri[j, edge])
         inside &= inward > -_ON_EDGE * tolerance
     i, j = i[inside], j[inside]
-    kept = []
-    for k, (a, b) in enumerate(zip(i.tolist(), j.tolist(), strict=True)):
-        block = int(p_block[a])
-        local = rotations[block].T @ n[b]
-        if _stands(rays[int(shape_of[block])], int(p_corner[a]), local):
-            kept.append(k)
-    i, j = i[kept], j[kept]
+    local = np.einsum("nji,nj->ni", rotations[p_block[i]], n[j])
+    stands = _stand(rays, p_corner[i], local)
+    i, j = i[stands], j[stands]
     swap = p_block[i] > t_block[j]
     # The face's normal points to the corner's block.
     return PointContacts(
@@ -224,13 +235,17 @@ def standing_corners(
     )
 
 
-def _stands(rays: tuple[IntArray, FloatArray], corner: int, normal: FloatArray) -> bool:
-    """Whether all rays of a corner leave a plane towards its normal, but one edge in it at most.
+def _stand(rays: _Rays, corners: IntArray, normals: FloatArray) -> BoolArray:
+    """Whether all rays of corners leave a plane towards its normal, but one edge in it at most.
 
     Where two rays lie in the plane a face does, whose corners are those of its patch.
     """
-    numbers, unit = rays
-    first, last = np.searchsorted(numbers, [corner, corner + 1])
-    rising = unit[first:last] @ normal
+    if not len(corners):
+        return np.zeros(0, dtype=bool)
+    count = rays.first[corners + 1] - rays.first[corners]
+    start = np.cumsum(count) - count
+    mine = np.arange(count.sum()) + np.repeat(rays.first[corners] - start, count)
+    rising = np.einsum("ni,ni->n", rays.unit[mine], np.repeat(normals, count, axis=0))
     flat = np.abs(rising) <= _CONE
-    return int(flat.sum()) <= 1 and bool(rising[~flat].min(initial=np.inf) > _PARALLEL)
+    lowest = np.minimum.reduceat(np.where(flat, np.inf, rising), start)
+    return (np.add.reduceat(flat.astype(np.int64), start) <= 1) & (lowest > _PARALLEL)
