@@ -15,7 +15,11 @@ import numpy as np
 
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.polyhedron import Polyhedron
-from geometry.polyhedra.triangle_search import overlapping_boxes, segment_piercings, surface_edges
+from geometry.polyhedra.triangle_search import (
+    boxes_of_triangles,
+    overlapping_boxes,
+    segment_piercings,
+)
 
 #: Points along each edge of the lattice in the shared box.
 _LATTICE = 7
@@ -59,15 +63,16 @@ class SignedDistance:
         return np.array(vtk_to_numpy(found), dtype=np.float64)
 
 
-def _inner_middles(a: FloatArray, a_triangles: IntArray, corners_b: FloatArray) -> FloatArray:
+def _inner_middles(a: FloatArray, a_edges: IntArray, corners_b: FloatArray) -> FloatArray:
     """Middles of the pieces of a's edges between two piercings of b, (n, 3)."""
-    edges = surface_edges(a_triangles)
-    start, end = a[edges[:, 0]], a[edges[:, 1]]
+    start, end = a[a_edges[:, 0]], a[a_edges[:, 1]]
     low, high = corners_b.min(axis=(0, 1)), corners_b.max(axis=(0, 1))
-    near = (np.minimum(start, end) <= high).all(axis=1) & (np.maximum(start, end) >= low).all(
-        axis=1
-    )
+    near = _meeting(np.minimum(start, end), np.maximum(start, end), low, high)
     start, end = start[near], end[near]
+    if not len(start):
+        return np.zeros((0, 3))
+    low, high = np.minimum(start, end).min(axis=0), np.maximum(start, end).max(axis=0)
+    corners_b = corners_b[_meeting(*boxes_of_triangles(corners_b), low, high)]
     pairs, position = segment_piercings(start, end, corners_b, 0.0)
     if len(pairs) < 2:
         return np.zeros((0, 3))
@@ -77,6 +82,13 @@ def _inner_middles(a: FloatArray, a_triangles: IntArray, corners_b: FloatArray) 
     middle = 0.5 * (position[1:] + position[:-1])[same]
     edge = edge[1:][same]
     return start[edge] + middle[:, None] * (end - start)[edge]
+
+
+def _meeting(
+    low: FloatArray, high: FloatArray, box_low: FloatArray, box_high: FloatArray
+) -> IntArray:
+    """Which boxes (n, 3) meet one, (n_meeting,)."""
+    return np.flatnonzero(((low <= box_high) & (high >= box_low)).all(axis=1))
 
 
 def penetration(
@@ -114,8 +126,8 @@ def penetration(
     def within(points: FloatArray) -> FloatArray:
         return points[((points >= low) & (points <= high)).all(axis=1)]
 
-    of_b = [b_points, _inner_middles(b_points, b.triangles, a.corners)]
-    of_a = [a.points, _inner_middles(a.points, a.triangles, b_corners)]
+    of_b = [b_points, _inner_middles(b_points, b.edges, a.corners)]
+    of_a = [a.points, _inner_middles(a.points, a.edges, b_corners)]
     if len(b.triangles) <= _FINE:
         of_b.append(b_corners.mean(axis=1))
     if len(a.triangles) <= _FINE:

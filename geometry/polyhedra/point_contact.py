@@ -13,13 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.polyhedra.polyhedron import Polyhedron
 from geometry.polyhedra.triangle_search import boxes_of_triangles, overlapping_boxes
-
-BoolArray = npt.NDArray[np.bool_]
 
 #: Edges flatter than this are the facets of a curved face, not edges [°].
 _SHARP = 25.0

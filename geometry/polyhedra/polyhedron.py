@@ -17,7 +17,12 @@ from scipy.spatial import ConvexHull, cKDTree
 from geometry.block import Block
 from geometry.mesh import FloatArray, IntArray, MassProperties, MeshError
 from geometry.polyhedra.solids import across_matter
-from geometry.polyhedra.triangle_search import coplanar_groups, distinct_rows, piercings
+from geometry.polyhedra.triangle_search import (
+    coplanar_groups,
+    distinct_rows,
+    piercings,
+    surface_edges,
+)
 
 #: 1 + cos of the angle between neighbours that lie on each other: half a thousandth of a radian.
 _FLAT = 1e-7
@@ -54,6 +59,11 @@ class Polyhedron:
     def normals(self) -> FloatArray:
         """Unit outward normals, (n_triangles, 3)."""
         return self.area_vectors / self.areas[:, None]
+
+    @cached_property
+    def edges(self) -> IntArray:
+        """Undirected edges, (n_edges, 2)."""
+        return surface_edges(self.triangles)
 
     @cached_property
     def plane_of(self) -> IntArray:
