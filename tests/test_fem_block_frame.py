@@ -79,9 +79,7 @@ def test_forces_are_the_gradient_of_the_strain_energy():
         total = np.zeros(system.bodies[0].lanes)
         force = np.zeros_like(now.frame.local)
         r = system.bodies[0].rows
-        SERIAL.stiffness_product(
-            r.chunks, r.pointer, r.column, r.blocks, now.frame.local.ravel(), force.ravel(), None, 2
-        )
+        SERIAL.stiffness_product(*r.packed, now.frame.local.ravel(), force.ravel(), None, 2)
         kernels.dot_lanes(now.frame.local, force, total)
         placed = now.internal_force[r.row].transpose(2, 0, 1)
         return 0.5 * total.sum(), np.einsum("cij,cnj->cni", PLACEMENTS[:2], placed)

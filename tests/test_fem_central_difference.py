@@ -384,9 +384,7 @@ def test_effects_that_are_off_leave_the_bits_of_the_bare_loop():
     v, f = to_lanes(velocity, body.rows.order, np.float64), np.zeros_like(u)
     r = body.rows
     for _ in range(200):
-        SERIAL.stiffness_product(
-            r.chunks, r.pointer, r.column, r.blocks, u.ravel(), f.ravel(), None, 8
-        )
+        SERIAL.stiffness_product(*r.packed, u.ravel(), f.ravel(), None, 8)
         v += (dt / body.mass[:, None, None]) * -f
         u += dt * v
     np.testing.assert_array_equal(state.bodies[0].displacement, u)

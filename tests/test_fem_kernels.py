@@ -37,10 +37,7 @@ def product(rows: BlockRows, u: np.ndarray, *, torque=None, kernel=SERIAL.stiffn
     force = aligned_zeros(u.shape, u.dtype)
     flat_torque = None if torque is None else torque.ravel()
     kernel(
-        rows.chunks,
-        rows.pointer,
-        rows.column,
-        rows.blocks,
+        *rows.packed,
         u.ravel(),
         force.ravel(),
         flat_torque,
@@ -59,8 +56,9 @@ def product_bound(rows: BlockRows, u: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("n_copies", [1, 2, 3, 4, 7, 12, 24, 52, 61])
-def test_stiffness_product_is_the_sparse_product(stiffness, n_copies, dtype):
-    rows = block_rows(stiffness, dtype)
+@pytest.mark.parametrize("half", [False, True])
+def test_stiffness_product_is_the_sparse_product(stiffness, n_copies, half, dtype):
+    rows = block_rows(stiffness, dtype, half=half)
     u = random_lanes(rows, n_copies, dtype)
     torque = aligned_zeros((len(rows.chunks) - 1, 3, u.shape[2]), dtype)
     force = product(rows, u, torque=torque)
@@ -72,8 +70,9 @@ def test_stiffness_product_is_the_sparse_product(stiffness, n_copies, dtype):
     assert error <= rows.n_nodes * EPS[dtype] * size
 
 
-def test_packed_stiffness_is_the_assembled_one_in_another_order(stiffness):
-    rows = block_rows(stiffness, np.float64)
+@pytest.mark.parametrize("half", [False, True])
+def test_packed_stiffness_is_the_assembled_one_in_another_order(stiffness, half):
+    rows = block_rows(stiffness, np.float64, half=half)
     dof = (3 * rows.order[:, None] + np.arange(3)).ravel()
     packed = reference.sparse_stiffness(rows).toarray()
     np.testing.assert_array_equal(packed, stiffness.toarray()[np.ix_(dof, dof)])
@@ -81,13 +80,16 @@ def test_packed_stiffness_is_the_assembled_one_in_another_order(stiffness):
 
 def test_copies_do_not_know_how_many_they_are(stiffness):
     # A lane of a vector of any width does the same operations in the same order: same bits.
+    # Half rows and whole ones sum over the neighbours in the same order.
     rows = block_rows(stiffness, np.float64)
     values = np.random.default_rng(1).standard_normal((52, rows.n_nodes, 3))
     alone = {}
-    for n in (2, 3, 8, 20, 52):
-        force = product(rows, to_lanes(values[:n], rows.order, np.float64))
-        alone[n] = from_lanes(force, rows.row, n)
-        np.testing.assert_array_equal(alone[n][:2], alone[2])
+    for n in (2, 3, 8, 12, 20, 52):
+        for half in (False, True):
+            rows = block_rows(stiffness, np.float64, half=half)
+            force = product(rows, to_lanes(values[:n], rows.order, np.float64))
+            alone[n] = from_lanes(force, rows.row, n)
+            np.testing.assert_array_equal(alone[n][:2], alone[2][:2])
     # One copy sums by columns of the blocks: same terms, another order, 81 of them.
     u = to_lanes(values[:1], rows.order, np.float64)
     single = from_lanes(product(rows, u), rows.row, 1)
@@ -95,9 +97,10 @@ def test_copies_do_not_know_how_many_they_are(stiffness):
     assert (np.abs(single - alone[2][:1]) <= bound).all()
 
 
+@pytest.mark.parametrize("half", [False, True])
 @pytest.mark.parametrize("n_copies", [1, 12])
-def test_threads_do_not_change_a_bit(stiffness, n_copies):
-    rows = block_rows(stiffness, np.float64)
+def test_threads_do_not_change_a_bit(stiffness, n_copies, half):
+    rows = block_rows(stiffness, np.float64, half=half)
     u = random_lanes(rows, n_copies, np.float64)
     parallel = product(rows, u, kernel=PARALLEL.stiffness_product)
     np.testing.assert_array_equal(product(rows, u), parallel)
@@ -112,8 +115,8 @@ def test_lanes_round_trip_and_padding():
     assert lanes.shape == (10, 3, 8)
     assert lanes.ctypes.data % 64 == 0
     np.testing.assert_array_equal(from_lanes(lanes, row, 5), values)
-    assert [padded_lanes(n, np.float64) for n in (1, 2, 3, 8, 9, 52)] == [1, 2, 4, 8, 16, 56]
-    assert [padded_lanes(n, np.float32) for n in (1, 9, 16, 17, 52)] == [1, 16, 16, 32, 64]
+    assert [padded_lanes(n, np.float64) for n in (1, 2, 3, 8, 9, 52)] == [1, 2, 4, 8, 12, 52]
+    assert [padded_lanes(n, np.float32) for n in (1, 9, 16, 17, 52)] == [1, 16, 16, 24, 56]
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])

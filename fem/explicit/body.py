@@ -163,6 +163,7 @@ class Body:
         """Memory of stiffness, mass and connectivity."""
         rows = [r for r in (self.rows, self.hourglass) if r is not None]
         arrays = [a for r in rows for a in (r.blocks, r.column, r.pointer, r.order, r.row)]
+        arrays += [r.shared for r in rows if r.shared is not None]
         arrays += [self.mass, self.reference]
         if self.viscosity is not None:
             v = self.viscosity
@@ -197,8 +198,8 @@ def make_body(
         Further nodes on which forces will be applied (contact).
     """
     group = model.groups[number]
-    rows = block_rows(group.stiffness, dtype)
     lanes = padded_lanes(group.n_copies, dtype)
+    rows = block_rows(group.stiffness, dtype, lanes=lanes)
     loads = [load for load in model.loads if load.group == number]
     supports = [s for s in model.supports if s.group == number]
     touched = np.unique(
@@ -213,7 +214,7 @@ def make_body(
     return Body(
         group=group,
         rows=rows,
-        hourglass=None if hourglass is None else block_rows(hourglass, dtype),
+        hourglass=None if hourglass is None else block_rows(hourglass, dtype, lanes=lanes),
         lanes=lanes,
         mass=group.lumped_mass[rows.order].astype(dtype),
         reference=(group.mesh.nodes[rows.order] - centroid).astype(dtype),

@@ -160,10 +160,7 @@ def stiffness_force(
     """F = K u of all copies; (n_rows, 3, lanes) [N]."""
     rows = body.rows
     kernels.stiffness_product(
-        rows.chunks,
-        rows.pointer,
-        rows.column,
-        rows.blocks,
+        *rows.packed,
         displacement.ravel(),
         force.ravel(),
         None if torque is None else torque.ravel(),

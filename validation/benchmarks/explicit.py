@@ -136,7 +136,7 @@ def row(group: BlockGroup, time_step: float, precision: str, threads: int) -> Ro
         threads=threads,
         internal_force=updates / force / 1e6,
         whole_step=updates / whole / 1e6,
-        gflops=18.0 * len(body.rows.column) * body.lanes / force / 1e9,
+        gflops=18.0 * len(group.stiffness.indices) * body.lanes / force / 1e9,
         bytes_per_node=memory / (group.n_nodes * group.n_copies),
     )
 
@@ -178,10 +178,7 @@ def bare_seconds(system: System, state: State) -> float:
 
     def work() -> None:
         system.kernels.stiffness_product(
-            rows.chunks,
-            rows.pointer,
-            rows.column,
-            rows.blocks,
+            *rows.packed,
             now.displacement.ravel(),
             now.internal_force.ravel(),
             None,

@@ -195,8 +195,7 @@ def bare_run(system: System, steps: int, kernels: BareKernels | None = None) -> 
         for k, body in enumerate(bodies):
             rows = body.rows
             kernels.stiffness_product(
-                rows.chunks, rows.pointer, rows.column, rows.blocks, u[k].ravel(),
-                inner[k].ravel(), body.lanes,
+                *rows.packed, u[k].ravel(), inner[k].ravel(), body.lanes,
             )  # fmt: skip
             applied[k][:] = 0.0
             for load in body.loads:

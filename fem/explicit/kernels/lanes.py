@@ -15,12 +15,16 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
-from llvmlite import ir
+from llvmlite import binding, ir
 from numba import types
 from numba.core import cgutils
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, models, register_model
+
+#: Entries of float64 in a register of the processor. Results do not depend on it: every lane sums
+#: by itself.
+REGISTER_DOUBLES = 8 if binding.get_host_cpu_features().get("avx512f", False) else 4
 
 #: Added to a float64 below 2^50, it rounds it to a whole number.
 ROUNDING_SHIFT = 1.5 * 2.0**52

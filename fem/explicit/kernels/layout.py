@@ -21,16 +21,19 @@ from geometry.mesh import FloatArray, IntArray
 LaneArray = npt.NDArray[Any]
 """float64 or float32, (n_rows, components, n_lanes)."""
 
-#: Bytes of a cache line and of the widest vector register.
+#: Bytes of a cache line.
 _LINE = 64
+
+#: Bytes of u and f that a row reaches, above which whole rows are faster (measured).
+HALF_WINDOW = 1 << 17
 
 #: Row chunks of a kernel: fixed, so that sums do not depend on the number of threads.
 N_CHUNKS = 16
 
 
 def padded_lanes(n_copies: int, dtype: npt.DTypeLike) -> int:
-    """Lanes that hold ``n_copies``: 1, 2, 4, … up to one vector, then whole vectors."""
-    vector = _LINE // np.dtype(dtype).itemsize
+    """Lanes that hold ``n_copies``: 1, 2, 4, … up to half a cache line, then whole halves."""
+    vector = _LINE // np.dtype(dtype).itemsize // 2
     if n_copies > vector:
         return -(-n_copies // vector) * vector
     return 1 << (n_copies - 1).bit_length()
@@ -47,7 +50,11 @@ def aligned_zeros(shape: tuple[int, ...], dtype: npt.DTypeLike) -> LaneArray:
 
 @dataclass(frozen=True)
 class BlockRows:
-    """A sparse stiffness as 3 × 3 node blocks, rows in the solver's node order."""
+    """A sparse stiffness as 3 × 3 node blocks, rows in the solver's node order.
+
+    Few copies are bound by loading the stiffness, so that each pair of neighbours in one chunk is
+    stored once, with the earlier of its rows: their rows are *half*, else they are *whole*.
+    """
 
     order: IntArray
     """Mesh node of each row, (n_nodes,)."""
@@ -55,8 +62,13 @@ class BlockRows:
     """Row of each mesh node, (n_nodes,)."""
     pointer: IntArray
     """First block of each row, (n_nodes + 1,)."""
+    shared: IntArray | None
+    """Half rows: first block (the diagonal) and end of those that stand for both rows of a pair,
+    (n_nodes, 2). None: whole rows."""
+    reach: int
+    """Largest distance of two rows that share a block."""
     column: npt.NDArray[np.int32]
-    """Row number of the neighbour of each block, (n_blocks,)."""
+    """Row number of the neighbour of each block, (n_blocks,); ascends in a row."""
     blocks: LaneArray
     """Nine entries of each block, column by column, flat (9 n_blocks,) [N/mm]."""
     chunks: IntArray
@@ -66,6 +78,11 @@ class BlockRows:
     def n_nodes(self) -> int:
         """Number of rows."""
         return len(self.order)
+
+    @property
+    def packed(self) -> tuple[Any, ...]:
+        """First arguments of `fem.explicit.kernels.stiffness.stiffness_product`."""
+        return self.chunks, self.pointer, self.shared, self.reach, self.column, self.blocks
 
 
 def node_order(stiffness: bsr_array) -> IntArray:
@@ -87,15 +104,21 @@ def _bandwidth(graph: csr_array, order: IntArray | None = None) -> int:
     return int(np.abs(number[row] - number[graph.indices]).max())
 
 
-def block_rows(stiffness: bsr_array, dtype: npt.DTypeLike) -> BlockRows:
+def block_rows(
+    stiffness: bsr_array, dtype: npt.DTypeLike, *, half: bool | None = None, lanes: int = 1
+) -> BlockRows:
     """Pack a stiffness matrix for the kernels.
 
     Parameters
     ----------
     stiffness
-        (3 n_nodes, 3 n_nodes) in 3 × 3 blocks [N/mm].
+        (3 n_nodes, 3 n_nodes) in 3 × 3 blocks, symmetric to the bit [N/mm].
     dtype
         float64 or float32.
+    half
+        Whether rows are half; None: where it is faster.
+    lanes
+        Padded number of copies.
     """
     order = node_order(stiffness)
     row = np.empty_like(order)
@@ -104,17 +127,54 @@ def block_rows(stiffness: bsr_array, dtype: npt.DTypeLike) -> BlockRows:
         order
     ][:, order]
     numbered.sort_indices()
-    pointer = numbered.indptr.astype(np.int64)
-    blocks = aligned_zeros((9 * len(numbered.data),), dtype)
-    blocks[:] = stiffness.data[numbered.data].transpose(0, 2, 1).ravel()
-    return BlockRows(
-        order=order,
-        row=row,
-        pointer=pointer,
-        column=numbered.indices.astype(np.int32),
-        blocks=blocks,
-        chunks=equal_work(pointer),
+    pointer, column = numbered.indptr.astype(np.int64), numbered.indices.astype(np.int32)
+    bandwidth = _bandwidth(numbered)
+    if half is None:
+        half = _half_is_faster(bandwidth, lanes, dtype)
+    chunks = equal_work(pointer, _half_chunks(len(order), bandwidth) if half else N_CHUNKS)
+    kept: Any = slice(None)
+    shared, reach = None, 0
+    if half:
+        kept, pointer, shared = _half_rows(pointer, column, chunks)
+        column = column[kept]
+        reach = bandwidth
+    blocks = aligned_zeros((9 * len(column),), dtype)
+    blocks[:] = stiffness.data[numbered.data[kept]].transpose(0, 2, 1).ravel()
+    return BlockRows(order, row, pointer, shared, reach, column, blocks, chunks)
+
+
+def _half_is_faster(bandwidth: int, lanes: int, dtype: npt.DTypeLike) -> bool:
+    """Whether loading the stiffness is what takes time: it is where u and f are small."""
+    window = 6 * bandwidth * lanes * np.dtype(dtype).itemsize
+    return lanes == 1 or (lanes < 16 and window <= HALF_WINDOW)
+
+
+def _half_chunks(n_rows: int, bandwidth: int) -> int:
+    """Chunks of half rows: fewer, since pairs across their boundaries are stored twice."""
+    return min(max(2, n_rows // (6 * bandwidth + 1) // 2 * 2), N_CHUNKS)
+
+
+def _half_rows(
+    pointer: IntArray, column: npt.NDArray[np.int32], chunks: IntArray
+) -> tuple[npt.NDArray[np.bool_], IntArray, IntArray]:
+    """Leave out what an earlier row of the same chunk stands for.
+
+    Returns
+    -------
+    tuple
+        Which blocks are kept, the pointer of the rows that they make and `BlockRows.shared`.
+    """
+    n_rows = len(pointer) - 1
+    row = np.repeat(np.arange(n_rows), np.diff(pointer))
+    chunk = np.repeat(np.arange(len(chunks) - 1), np.diff(chunks))
+    side = np.sign(chunk[column] - chunk[row])
+    kept = (side != 0) | (column >= row)
+    earlier, here, later = (
+        np.bincount(row[kept & (side == s)], minlength=n_rows) for s in (-1, 0, 1)
     )
+    new = np.append(0, np.cumsum(earlier + here + later)).astype(np.int64)
+    first = new[:-1] + earlier
+    return kept, new, np.column_stack([first, first + here])
 
 
 def equal_work(pointer: IntArray, n_chunks: int = N_CHUNKS) -> IntArray:

@@ -18,7 +18,14 @@ def sparse_stiffness(rows: BlockRows) -> bsr_array:
     """Return the packed stiffness as scipy's matrix, in the solver's node order."""
     blocks = rows.blocks.reshape(-1, 3, 3).transpose(0, 2, 1)
     size = 3 * rows.n_nodes
-    return bsr_array((blocks, rows.column, rows.pointer), shape=(size, size))
+    stored = bsr_array((blocks, rows.column, rows.pointer), shape=(size, size))
+    if rows.shared is None:
+        return stored
+    pair = np.zeros(len(rows.column), dtype=bool)
+    for first, after in rows.shared:
+        pair[first + 1 : after] = True
+    mirrored = bsr_array((blocks * pair[:, None, None], rows.column, rows.pointer), stored.shape)
+    return bsr_array(stored + mirrored.T, blocksize=(3, 3))
 
 
 def stiffness_product(rows: BlockRows, displacement: LaneArray) -> LaneArray:

@@ -1,6 +1,11 @@
 # mypy: disable-error-code="no-untyped-def, untyped-decorator"
 
-"""Internal force of all copies: one sparse stiffness times many displacements."""
+"""Internal force of all copies: one sparse stiffness times many displacements.
+
+Every row is stored whole, or only the half of it from the diagonal on: then a block K_ij is used
+for f_i and, transposed, for f_j, and is loaded once. Both give the same bits, since either way
+the sums of a row run over its neighbours in ascending order.
+"""
 
 from __future__ import annotations
 
@@ -11,92 +16,251 @@ import numpy as np
 from numba import prange
 
 from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
-from fem.explicit.kernels.lanes import entry, lane_operations, multiply_add
+from fem.explicit.kernels.lanes import (
+    REGISTER_DOUBLES,
+    entry,
+    lane_operations,
+    multiply_add,
+    store,
+    with_entry,
+)
 from fem.explicit.kernels.options import OPTIONS
-from fem.explicit.kernels.triples import cross, store_triple, triple_operations
+from fem.explicit.kernels.triples import INLINED, cross, store_triple, triple_operations
 from geometry.compilation import njit
 
+_load_1, _ = lane_operations(1)
 
-def _product_lanes(width: int) -> Callable[..., Any]:
-    """Make the product of one block row with ``width`` copies from lane ``first`` on."""
-    load, zero = lane_operations(width)
+
+@njit(**INLINED)
+def _three(array, at):
+    """Three neighbours in a flat array."""
+    return (
+        entry(_load_1(array, at), 0),
+        entry(_load_1(array, at + 1), 0),
+        entry(_load_1(array, at + 2), 0),
+    )
+
+
+@njit(**INLINED)
+def _grown(f, column, u):
+    """F + u times a column of a block."""
+    return (
+        multiply_add(column[0], u, f[0]),
+        multiply_add(column[1], u, f[1]),
+        multiply_add(column[2], u, f[2]),
+    )
+
+
+def _sum_of(width: int) -> Callable[..., Any]:
+    """Make f + Σ K_ij u_j over some blocks of a row, for ``width`` copies."""
+    load, _ = lane_operations(width)
+
+    @njit(**INLINED)
+    def grown_by(f, first, lanes, start, stop, column, blocks, displacement):
+        for k in range(start, stop):
+            node = np.int64(column[k]) * 3 * lanes + first
+            f = _grown(f, _three(blocks, 9 * k), load(displacement, node))
+            f = _grown(f, _three(blocks, 9 * k + 3), load(displacement, node + lanes))
+            f = _grown(f, _three(blocks, 9 * k + 6), load(displacement, node + 2 * lanes))
+        return f
+
+    return grown_by
+
+
+def _whole_lanes(width: int) -> Callable[..., Any]:
+    """Make the product of one whole row with ``width`` copies from lane ``first`` on."""
+    _, zero = lane_operations(width)
     load_triple, add_triple = triple_operations(width)
+    grown_by = _sum_of(width)
 
     @njit(**OPTIONS)
     def run(first, lanes, row, start, stop, column, blocks, displacement, force, torque, chunk):
-        fx = zero(displacement)
-        fy = zero(displacement)
-        fz = zero(displacement)
-        for k in range(start, stop):
-            node = np.int64(column[k]) * 3 * lanes + first
-            u = load(displacement, node)
-            fx = multiply_add(blocks[9 * k], u, fx)
-            fy = multiply_add(blocks[9 * k + 1], u, fy)
-            fz = multiply_add(blocks[9 * k + 2], u, fz)
-            u = load(displacement, node + lanes)
-            fx = multiply_add(blocks[9 * k + 3], u, fx)
-            fy = multiply_add(blocks[9 * k + 4], u, fy)
-            fz = multiply_add(blocks[9 * k + 5], u, fz)
-            u = load(displacement, node + 2 * lanes)
-            fx = multiply_add(blocks[9 * k + 6], u, fx)
-            fy = multiply_add(blocks[9 * k + 7], u, fy)
-            fz = multiply_add(blocks[9 * k + 8], u, fz)
+        none = zero(displacement)
+        f = grown_by((none, none, none), first, lanes, start, stop, column, blocks, displacement)
         at = row * 3 * lanes + first
-        store_triple(force, at, lanes, (fx, fy, fz))
+        store_triple(force, at, lanes, f)
         if torque is not None:
-            moment = cross(load_triple(displacement, at, lanes), (fx, fy, fz))
+            moment = cross(load_triple(displacement, at, lanes), f)
             add_triple(torque, chunk * 3 * lanes + first, lanes, moment)
 
     return run
 
 
-_row_product = over_lanes(_product_lanes, 32)
+def _half_lanes(width: int) -> Callable[..., Any]:
+    """Make the product of a chunk of half rows with ``width`` copies from lane ``first`` on."""
+    load, zero = lane_operations(width)
+    load_triple, add_triple = triple_operations(width)
+    grown_by = _sum_of(width)
+
+    @njit(**INLINED)
+    def both_ways(f, u, column, at, displacement, force):
+        """Column of a block for the row, and as a row for its neighbour."""
+        f = _grown(f, column, load(displacement, at))
+        back = multiply_add(column[0], u[0], load(force, at))
+        back = multiply_add(column[1], u[1], back)
+        store(force, at, multiply_add(column[2], u[2], back))
+        return f
+
+    @njit(**OPTIONS)
+    def run(
+        first, lanes, c, begin, end, pointer, shared, column, blocks, displacement, force, torque
+    ):
+        none = zero(displacement)
+        for row in range(begin, end):
+            # Neighbours of earlier chunks come first, from their side alone.
+            start, stop = pointer[row], shared[row, 0]
+            f = grown_by(
+                (none, none, none), first, lanes, start, stop, column, blocks, displacement
+            )
+            store_triple(force, row * 3 * lanes + first, lanes, f)
+        for row in range(begin, end):
+            at = row * 3 * lanes + first
+            u = load_triple(displacement, at, lanes)
+            diagonal, after = shared[row, 0], shared[row, 1]
+            f = load_triple(force, at, lanes)
+            f = _grown(f, _three(blocks, 9 * diagonal), u[0])
+            f = _grown(f, _three(blocks, 9 * diagonal + 3), u[1])
+            f = _grown(f, _three(blocks, 9 * diagonal + 6), u[2])
+            for k in range(diagonal + 1, after):
+                node = np.int64(column[k]) * 3 * lanes + first
+                f = both_ways(f, u, _three(blocks, 9 * k), node, displacement, force)
+                f = both_ways(f, u, _three(blocks, 9 * k + 3), node + lanes, displacement, force)
+                f = both_ways(
+                    f, u, _three(blocks, 9 * k + 6), node + 2 * lanes, displacement, force
+                )
+            f = grown_by(f, first, lanes, after, pointer[row + 1], column, blocks, displacement)
+            store_triple(force, at, lanes, f)
+            if torque is not None:
+                add_triple(torque, c * 3 * lanes + first, lanes, cross(u, f))
+
+    return run
+
+
+# Three sums of four registers, or three sums and three displacements of two, and what is loaded
+# beside them: as much as the processor has.
+_whole_rows = over_lanes(_whole_lanes, 4 * REGISTER_DOUBLES)
+_half_rows = over_lanes(_half_lanes, 2 * REGISTER_DOUBLES)
 _load_4, _zero_4 = lane_operations(4)
 
 
-@njit(**OPTIONS)
-def _single_row(row, start, stop, column, blocks, displacement, force, torque, chunk):
-    """One copy: the lanes are the components of the force, the fourth one is not used.
+@njit(**INLINED)
+def _columns(blocks, k):
+    """Block k as three columns; the fourth lane is not used."""
+    return _load_4(blocks, 9 * k), _load_4(blocks, 9 * k + 3), _load_4(blocks, 9 * k + 6)
 
-    Three sums, one per column of the blocks, hide the latency of the additions.
-    """
-    by_x = _zero_4(displacement)
-    by_y = _zero_4(displacement)
-    by_z = _zero_4(displacement)
+
+@njit(**INLINED)
+def _columns_grown(sums, columns, u):
+    """One sum for each column, which hides the latency of the additions."""
+    return (
+        multiply_add(u[0], columns[0], sums[0]),
+        multiply_add(u[1], columns[1], sums[1]),
+        multiply_add(u[2], columns[2], sums[2]),
+    )
+
+
+@njit(**INLINED)
+def _column_sums(sums, start, stop, column, blocks, displacement):
     for k in range(start, stop):
-        node = 3 * np.int64(column[k])
-        by_x = multiply_add(displacement[node], _load_4(blocks, 9 * k), by_x)
-        by_y = multiply_add(displacement[node + 1], _load_4(blocks, 9 * k + 3), by_y)
-        by_z = multiply_add(displacement[node + 2], _load_4(blocks, 9 * k + 6), by_z)
-    total = by_x + by_y + by_z
-    at = 3 * row
-    f = entry(total, 0), entry(total, 1), entry(total, 2)
-    force[at], force[at + 1], force[at + 2] = f
-    if torque is not None:
-        moment = cross((displacement[at], displacement[at + 1], displacement[at + 2]), f)
-        for j in range(3):
-            torque[3 * chunk + j] += moment[j]
+        u = _three(displacement, 3 * np.int64(column[k]))
+        sums = _columns_grown(sums, _columns(blocks, k), u)
+    return sums
+
+
+@njit(**INLINED)
+def _sent(columns, u, sums):
+    """Products of the columns with u, entry by entry."""
+    return (
+        multiply_add(columns[0], u, sums[0]),
+        multiply_add(columns[1], u, sums[1]),
+        multiply_add(columns[2], u, sums[2]),
+    )
+
+
+@njit(**INLINED)
+def _total(lanes):
+    return entry(lanes, 0) + entry(lanes, 1) + entry(lanes, 2)
 
 
 @njit(**OPTIONS)
-def _product_chunk(c, chunks, pointer, column, blocks, displacement, force, torque, lanes):
+def _single_half(
+    c, begin, end, pointer, shared, reach, column, blocks, displacement, force, torque
+):
+    """Product of a chunk of half rows with one copy: lanes are components, not copies.
+
+    What a row sends to later ones waits in a ring, as the products of each column's three
+    entries: they are summed once, when their row comes.
+    """
+    none = _zero_4(displacement)
+    size = 16
+    while size < 12 * (reach + 1):
+        size *= 2
+    ring = np.zeros(size + 8, displacement.dtype)
+    for row in range(begin, end):
+        diagonal, after = shared[row, 0], shared[row, 1]
+        u = _three(displacement, 3 * row)
+        u_lanes = with_entry(with_entry(with_entry(none, 0, u[0]), 1, u[1]), 2, u[2])
+        slot = 12 * row & size - 1
+        sent = _load_4(ring, slot), _load_4(ring, slot + 4), _load_4(ring, slot + 8)
+        store_triple(ring, slot, 4, (none, none, none))
+        sums = _columns_grown((none, none, none), _columns(blocks, diagonal), u)
+        for k in range(diagonal + 1, after):
+            node = 3 * np.int64(column[k])
+            columns = _columns(blocks, k)
+            sums = _columns_grown(sums, columns, _three(displacement, node))
+            at = 4 * node & size - 1
+            old = _load_4(ring, at), _load_4(ring, at + 4), _load_4(ring, at + 8)
+            store_triple(ring, at, 4, _sent(columns, u_lanes, old))
+        total = sums[0] + sums[1] + sums[2]
+        force[3 * row] = entry(total, 0) + _total(sent[0])
+        force[3 * row + 1] = entry(total, 1) + _total(sent[1])
+        force[3 * row + 2] = entry(total, 2) + _total(sent[2])
+    for row in range(begin, end):
+        # Neighbours in other chunks, apart so as not to burden the loop above.
+        start, stop = pointer[row], pointer[row + 1]
+        diagonal, after = shared[row, 0], shared[row, 1]
+        if start < diagonal or after < stop:
+            sums = _column_sums((none, none, none), start, diagonal, column, blocks, displacement)
+            sums = _column_sums(sums, after, stop, column, blocks, displacement)
+            total = sums[0] + sums[1] + sums[2]
+            for j in range(3):
+                force[3 * row + j] += entry(total, j)
+        if torque is not None:
+            moment = cross(_three(displacement, 3 * row), _three(force, 3 * row))
+            for j in range(3):
+                torque[3 * c + j] += moment[j]
+
+
+@njit(**OPTIONS)
+def _product_chunk(
+    c, chunks, pointer, shared, reach, column, blocks, displacement, force, torque, lanes
+):
+    begin, end = chunks[c], chunks[c + 1]
     if torque is not None:
         torque[3 * c * lanes : 3 * (c + 1) * lanes] = 0.0
-    for row in range(chunks[c], chunks[c + 1]):
-        start, stop = pointer[row], pointer[row + 1]
-        if lanes == 1:
-            _single_row(row, start, stop, column, blocks, displacement, force, torque, c)
-        else:
-            _row_product(0, lanes, row, start, stop, column, blocks, displacement, force, torque, c)
+    if shared is None:
+        for row in range(begin, end):
+            start, stop = pointer[row], pointer[row + 1]
+            _whole_rows(0, lanes, row, start, stop, column, blocks, displacement, force, torque, c)
+    elif lanes == 1:
+        _single_half(
+            c, begin, end, pointer, shared, reach, column, blocks, displacement, force, torque
+        )
+    else:
+        _half_rows(
+            0, lanes, c, begin, end, pointer, shared, column, blocks, displacement, force, torque
+        )
 
 
 @serial_and_parallel
-def stiffness_product(chunks, pointer, column, blocks, displacement, force, torque, lanes):
+def stiffness_product(
+    chunks, pointer, shared, reach, column, blocks, displacement, force, torque, lanes
+):
     """Internal force K u of every copy; overwrites ``force``.
 
     Parameters
     ----------
-    chunks, pointer, column, blocks
+    chunks, pointer, shared, reach, column, blocks
         The packed stiffness (`fem.explicit.kernels.layout.BlockRows`).
     displacement, force
         Flat views of (n_rows, 3, lanes).
@@ -106,4 +270,6 @@ def stiffness_product(chunks, pointer, column, blocks, displacement, force, torq
         Padded number of copies.
     """
     for c in prange(len(chunks) - 1):
-        _product_chunk(c, chunks, pointer, column, blocks, displacement, force, torque, lanes)
+        _product_chunk(
+            c, chunks, pointer, shared, reach, column, blocks, displacement, force, torque, lanes
+        )

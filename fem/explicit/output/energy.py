@@ -151,10 +151,7 @@ def hourglass_energy(system: System, body: Body, now: BodyState) -> float:
         local = local - body.dtype.type(system.time_step) * now.velocity
     force = aligned_zeros(local.shape, body.dtype)
     system.kernels.stiffness_product(
-        rows.chunks,
-        rows.pointer,
-        rows.column,
-        rows.blocks,
+        *rows.packed,
         local.ravel(),
         force.ravel(),
         None,
