@@ -239,10 +239,10 @@ def _static_step(effects: EffectsSection) -> DeckStep:
 
 def _effects(section: EffectsSection, fem: FemSection, *, static: bool) -> Effects:
     if static:
-        section = section.model_copy(update={"rayleigh": None, "bulk_viscosity": None})
-        fem = fem.model_copy(update={"damping": None})
+        section = section.changed({"rayleigh": None, "bulk_viscosity": None})
+        fem = fem.changed({"damping": None})
     elif _quasi_static(fem):
-        fem = fem.model_copy(update={"damping": Damping.PAPER})
+        fem = fem.changed({"damping": Damping.PAPER})
     with uncounted(*_idle_keys(fem, static=static)):
         built = build_effects(section, fem)
     return Effects(

@@ -204,5 +204,4 @@ def own_load(scene: MeshScene, name: str, assembly: Assembly) -> LoadCase:
             f"{name}: load.density is {given:g} and material.density {density:g} t/mm³; expected "
             "one density: remove load.density"
         )
-    section = scene.load.model_copy(update={"density": density})
-    return build_body_loads(section, assembly).load_case(assembly)
+    return build_body_loads(scene.load.changed({"density": density}), assembly).load_case(assembly)

@@ -73,12 +73,11 @@ def effects(
     file = load_scene(scene, settings or ())
     checked = require_deformable(file, "effects")
     bound = report.bound(checked, tolerance)
-    plain = checked.effects.model_copy(update={"auto": None})
     folder = default_folder(output, json, file.name)
     with Outputs(json, folder, (report.PICTURE,), scene=file) as outputs:
         console = outputs.console
         found = effect_costs(
-            checked.model_copy(update={"effects": plain}),
+            checked.changed({"effects.auto": None}),
             file.name,
             told=lambda name: console.print(f"… {name}") if console.is_terminal else None,
         )

@@ -185,17 +185,17 @@ def compare(
     for norm in Norm:
         # Both norms are compared, and no answer further to them.
         section = RigidSection(norm=norm, solver=scene.rigid.solver)
-        chosen = scene.model_copy(update={"rigid": section})
+        chosen = scene.changed({"rigid": section})
         with uncounted(*idle):
             rigid[norm] = analyse_rigid(BuiltScene(name, chosen, assembly, load, 0.0))
         if not rigid[norm].result.equilibrium.holds:
             raise InputError(f"{name}: {rigid[norm].result.equilibrium.status}")
-    static_scene = _with_fem(scene, method=Method.STATIC)
+    static_scene = scene.changed({"fem.method": Method.STATIC})
     static = run_static(name, static_scene, deformable=deformable)
     dynamic = None
     if explicit:
         damping = fem.damping or Damping.STATIC
-        explicit_scene = _with_fem(scene, method=Method.EXPLICIT, damping=damping)
+        explicit_scene = scene.changed({"fem": {"method": Method.EXPLICIT, "damping": damping}})
         dynamic = run_explicit(name, explicit_scene, deformable=deformable, progress=progress)
     steps = decompose(name, scene, static)
     return _collect(name, rigid, static, dynamic, steps)
@@ -211,12 +211,7 @@ def build_comparable(scene: DeformableScene, name: str) -> DeformableAssembly:
     """
     fem_section(scene, name)
     # The method is not the scene's to choose here.
-    return build_deformable(_with_fem(scene, method=Method.EXPLICIT), name)
-
-
-def _with_fem(scene: DeformableScene, **changes: Any) -> DeformableScene:
-    assert scene.fem is not None
-    return scene.model_copy(update={"fem": scene.fem.model_copy(update=changes)})
+    return build_deformable(scene.changed({"fem.method": Method.EXPLICIT}), name)
 
 
 def _collect(

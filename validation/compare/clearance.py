@@ -58,14 +58,8 @@ def clearance_row(
     kind: Kind = "clearance",
 ) -> ClearanceRow:
     """Solve the scene with one initial gap."""
-    fem = fem_section(scene, name)
-    assert scene.contact is not None
-    spaced = scene.model_copy(
-        update={
-            "contact": scene.contact.model_copy(update={kind: gap}),
-            "fem": fem.model_copy(update={"method": Method.STATIC}),
-        }
-    )
+    fem_section(scene, name)
+    spaced = scene.changed({f"contact.{kind}": gap, "fem.method": Method.STATIC})
     run = run_static(f"{name}, {kind} {gap:g} mm", spaced, store=store)
     blocks = run.deformable.deformable_blocks.tolist()
     return ClearanceRow(

@@ -82,8 +82,8 @@ def decompose(name: str, scene: DeformableScene, static: DeformableRun) -> list[
     opened = scene.contact.opened
     closed = static.deformable
     if opened:
-        contact = scene.contact.model_copy(update={"clearance": 0.0, "spacing": 0.0})
-        closed = build_deformable(scene.model_copy(update={"contact": contact}), name)
+        shut = scene.changed({"contact": {"clearance": 0.0, "spacing": 0.0}})
+        closed = build_deformable(shut, name)
     law = closed.contact.law
     mean = np.array([static.contact.mean_overclosure])
     springs = LinearPenalty(max(float(law.stiffness(mean)[0]), 1.0))

@@ -106,17 +106,14 @@ def has_effect(scene: DeformableScene, effect: EffectName) -> bool:
 
 def with_effect(scene: DeformableScene, effect: EffectName) -> DeformableScene:
     """Scene with one of the effects that need no value."""
-    return scene.model_copy(update={"effects": scene.effects.model_copy(update={effect: True})})
+    return scene.changed({f"effects.{effect}": True})
 
 
 def without_effect(scene: DeformableScene, effect: EffectName) -> DeformableScene:
     """Scene without an effect."""
     if effect in _GAPS:
-        assert scene.contact is not None
-        contact = scene.contact.model_copy(update={effect: 0.0})
-        return scene.model_copy(update={"contact": contact})
-    absent = False if effect in _SWITCHES else None
-    return scene.model_copy(update={"effects": scene.effects.model_copy(update={effect: absent})})
+        return scene.changed({f"contact.{effect}": 0.0})
+    return scene.changed({f"effects.{effect}": False if effect in _SWITCHES else None})
 
 
 def candidates(scene: DeformableScene, name: str, auto: AutoSection) -> tuple[EffectName, ...]:
@@ -195,7 +192,7 @@ def decide_effects(
         A probe that has no solution, or an effect that matters and that the method does not have.
     """
     auto = scene.effects.auto or AutoSection()
-    plain = scene.model_copy(update={"effects": scene.effects.model_copy(update={"auto": None})})
+    plain = scene.changed({"effects.auto": None})
     fem = fem_section(plain, name)
     names = candidates(plain, name, auto)
     start = time.process_time()

@@ -82,8 +82,7 @@ def offered_cell(scene: DeformableScene, name: str) -> CellError | None:
     An elastic frame is part of the tube and not of the cell.
     """
     tube = _static(scene, "auto")
-    framed = tube.effects.model_copy(update={"elastic_frame": False})
-    cell = tube.model_copy(update={"effects": framed})
+    cell = tube.changed({"effects.elastic_frame": False})
     if scene.fem is None or scene.fem.symmetry != "auto":
         return None
     try:
@@ -97,9 +96,7 @@ def offered_cell(scene: DeformableScene, name: str) -> CellError | None:
 
 
 def _static(scene: DeformableScene, symmetry: str) -> DeformableScene:
-    assert scene.fem is not None
-    fem = scene.fem.model_copy(update={"symmetry": symmetry, "method": Method.STATIC})
-    return scene.model_copy(update={"fem": fem})
+    return scene.changed({"fem.symmetry": symmetry, "fem.method": Method.STATIC})
 
 
 def _beside(cell_scene: DeformableScene, tube_scene: DeformableScene, name: str) -> CellError:

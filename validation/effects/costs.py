@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,8 +56,8 @@ class Effect:
     name: str
     setting: str
     """The value that is switched on."""
-    add: Callable[[DeformableScene], DeformableScene] | None
-    """None: not available."""
+    changes: Mapping[str, Any]
+    """Of the scene, by place."""
     note: str = ""
 
 
@@ -66,7 +66,6 @@ class EffectCost:
     """What an effect changes and costs."""
 
     effect: Effect
-    available: bool
     p_max: float | None = None
     """Change of the answer [%]."""
     p_eff: float | None = None
@@ -107,47 +106,14 @@ class EffectReport:
 
 def bare(scene: DeformableScene) -> DeformableScene:
     """Return the scene without any effect, to be run explicitly to its static state."""
-    assert scene.fem is not None
-    assert scene.contact is not None
-    fem = scene.fem.model_copy(
-        update={"method": Method.EXPLICIT, "damping": Damping.STATIC, "frames": 0}
-    )
-    contact = scene.contact.model_copy(update={"clearance": 0.0, "spacing": 0.0})
-    return scene.model_copy(update={"fem": fem, "contact": contact, "effects": EffectsSection()})
+    still = {"method": Method.EXPLICIT, "damping": Damping.STATIC, "frames": 0}
+    closed = {"clearance": 0.0, "spacing": 0.0}
+    return scene.changed({"fem": still, "contact": closed, "effects": EffectsSection()})
 
 
 def undamped(scene: DeformableScene) -> DeformableScene:
     """Return the scene without any effect, adaptive damping included."""
-    plain = bare(scene)
-    assert plain.fem is not None
-    fem = plain.fem.model_copy(update={"damping": None})
-    return plain.model_copy(update={"fem": fem})
-
-
-def _with(**values: Any) -> Callable[[DeformableScene], DeformableScene]:
-    def add(scene: DeformableScene) -> DeformableScene:
-        return scene.model_copy(update={"effects": scene.effects.model_copy(update=values)})
-
-    return add
-
-
-def _with_mass_damping(coefficient: float) -> Callable[[DeformableScene], DeformableScene]:
-    def add(scene: DeformableScene) -> DeformableScene:
-        assert scene.fem is not None
-        fem = scene.fem.model_copy(update={"damping": None})
-        added = _with(rayleigh=RayleighSection(mass_proportional=coefficient))(scene)
-        return added.model_copy(update={"fem": fem})
-
-    return add
-
-
-def _with_clearance(clearance: float) -> Callable[[DeformableScene], DeformableScene]:
-    def add(scene: DeformableScene) -> DeformableScene:
-        assert scene.contact is not None
-        contact = scene.contact.model_copy(update={"clearance": clearance})
-        return scene.model_copy(update={"contact": contact})
-
-    return add
+    return bare(scene).changed({"fem.damping": None})
 
 
 def effects_of(scene: DeformableScene, mass_damping: float) -> tuple[Effect, ...]:
@@ -160,29 +126,32 @@ def effects_of(scene: DeformableScene, mass_damping: float) -> tuple[Effect, ...
     gravity = own.gravity or GRAVITY
     clearance = (scene.contact.clearance if scene.contact else 0.0) or CLEARANCE
     return (
-        Effect("friction", f"μ = {friction.coefficient:g}", _with(friction=friction)),
+        Effect("friction", f"μ = {friction.coefficient:g}", {"effects.friction": friction}),
         Effect(
             "Rayleigh mass",
             f"α = {mass_damping:.3g} /s",
-            _with_mass_damping(mass_damping),
+            {
+                "fem.damping": None,
+                "effects.rayleigh": RayleighSection(mass_proportional=mass_damping),
+            },
             "critical for the lowest excited mode; in place of adaptive damping",
         ),
         Effect(
             "Rayleigh stiffness",
             f"β = {beta:g} s",
-            _with(rayleigh=RayleighSection(stiffness_proportional=beta)),
+            {"effects.rayleigh": RayleighSection(stiffness_proportional=beta)},
         ),
         Effect(
             "bulk viscosity",
             f"b₁ = {viscosity.linear_bulk_viscosity:g}, "
             f"b₂ = {viscosity.quadratic_bulk_viscosity:g}",
-            _with(bulk_viscosity=viscosity),
+            {"effects.bulk_viscosity": viscosity},
         ),
-        Effect("finite rotation", "on", _with(finite_rotation=True)),
-        Effect("finite sliding", "on", _with(finite_sliding=True)),
-        Effect("frame elasticity", "on", _with(elastic_frame=True)),
-        Effect("clearance", f"{clearance:g} mm", _with_clearance(clearance)),
-        Effect("gravity", f"{abs(gravity[2]):g} mm/s² down", _with(gravity=gravity)),
+        Effect("finite rotation", "on", {"effects.finite_rotation": True}),
+        Effect("finite sliding", "on", {"effects.finite_sliding": True}),
+        Effect("frame elasticity", "on", {"effects.elastic_frame": True}),
+        Effect("clearance", f"{clearance:g} mm", {"contact.clearance": clearance}),
+        Effect("gravity", f"{abs(gravity[2]):g} mm/s² down", {"effects.gravity": gravity}),
     )
 
 
@@ -303,16 +272,13 @@ def _measure(base: _Base, say: Callable[[str], None]) -> Iterator[EffectCost]:
     """Measure one effect after the other."""
     name = base.name
     for effect in effects_of(base.scene, 4.0 * np.pi * base.frequency):
-        if effect.add is None:
-            yield EffectCost(effect, available=False)
-            continue
         say(effect.name)
-        scene = effect.add(base.scene)
+        scene = base.scene.changed(effect.changes)
         assert scene.fem is not None
         times = {"ramp_time": base.ramp_time}
         if scene.fem.damping is None:
             times["end_time"] = base.ramp_time + _PERIODS / base.frequency
-        scene = scene.model_copy(update={"fem": scene.fem.model_copy(update=times)})
+        scene = scene.changed({"fem": times})
         before = compiled_forms()
         system, state = ready(scene, name)
         advance(system, state)
@@ -335,7 +301,6 @@ def _measure(base: _Base, say: Callable[[str], None]) -> Iterator[EffectCost]:
             )
         yield EffectCost(
             effect,
-            available=True,
             p_max=change[0],
             p_eff=change[1],
             displacement=change[2],

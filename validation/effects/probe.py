@@ -141,17 +141,13 @@ def probe_scene(scene: DeformableScene, name: str, *, fineness: int = 1) -> Defo
     fineness
         Times as many elements along each edge as the coarsest mesh has.
     """
-    assert scene.fem is not None
-    fem = scene.fem.model_copy(update={"method": Method.STATIC, "frames": 0})
     still = {"rayleigh": None, "bulk_viscosity": None, "auto": None}
-    effects = scene.effects.model_copy(update=still)
-    static = scene.model_copy(update={"fem": fem, "effects": effects})
+    static = scene.changed({"fem": {"method": Method.STATIC, "frames": 0}, "effects": still})
     for factor in (fineness, 2 * fineness, 4 * fineness):
         coarse = _coarse_mesh(scene, factor)
         if not coarse:
             break
-        mesh = scene.mesh.model_copy(update=coarse)  # type: ignore[union-attr]
-        probe = static.model_copy(update={"mesh": mesh})
+        probe = static.changed({"mesh": coarse})
         try:
             build_deformable(without_motion(probe), name)
         except InputError:
@@ -162,8 +158,7 @@ def probe_scene(scene: DeformableScene, name: str, *, fineness: int = 1) -> Defo
 
 def without_motion(scene: DeformableScene) -> DeformableScene:
     """Scene without the effects that no static problem has."""
-    absent = {"finite_rotation": False, "finite_sliding": False}
-    return scene.model_copy(update={"effects": scene.effects.model_copy(update=absent)})
+    return scene.changed({"effects": {"finite_rotation": False, "finite_sliding": False}})
 
 
 def _coarse_mesh(scene: DeformableScene, fineness: int) -> dict[str, Any]:

@@ -127,7 +127,7 @@ def effects_table(report: EffectReport, tolerance: float = TOLERANCE) -> Table:
     )
     table.caption_justify = "left"
     for cost in report.costs:
-        words = _proof(cost) if cost.available else cost.effect.note
+        words = _proof(cost)
         table.add_row(
             cost.effect.name,
             cost.effect.setting,
@@ -143,7 +143,8 @@ def effects_json(report: EffectReport, tolerance: float = TOLERANCE) -> dict[str
     """Return the report as plain data."""
     data = asdict(report) | {"tolerance": tolerance}
     for cost, found in zip(data["costs"], report.costs, strict=True):
-        cost["matters"] = found.matters(tolerance)
+        # Readers of earlier files ask for "available"; now every effect is.
+        cost |= {"matters": found.matters(tolerance), "available": True}
         effect = cost.pop("effect")
         cost |= {key: effect[key] for key in ("name", "setting", "note")}
     return data
@@ -167,7 +168,7 @@ def draw_effects(report: EffectReport, path: Path) -> None:
         subplots,
     )
 
-    costs = [cost for cost in report.costs if cost.available]
+    costs = report.costs
     figure, (left, right) = subplots(1, 2, size=(10, 4.6), sharey=True)
     rows = range(len(costs))
     columns = (

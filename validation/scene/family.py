@@ -105,7 +105,7 @@ class AssemblyScene(DeformableSections):
         mesh, found = getattr(self, "mesh", None), self.fewer_elements(share)
         if mesh is None or all(getattr(mesh, key) == value for key, value in found.items()):
             return None
-        return self.model_copy(update={"mesh": mesh.model_copy(update=found)})
+        return self.changed({"mesh": found})
 
     @property
     def element_counts(self) -> dict[str, Any]:

@@ -241,11 +241,8 @@ class MeshScene(_PolyhedralScene, DeformableSections):
 
     def located(self, folder: Path) -> MeshScene:
         """Return the same scene with absolute file names, relative ones taken from a folder."""
-        parts = tuple(
-            part.model_copy(update={"file": str((folder / part.file).absolute())})
-            for part in self.parts
-        )
-        return self.model_copy(update={"parts": parts})
+        parts = [p.changed({"file": str((folder / p.file).absolute())}) for p in self.parts]
+        return self.changed({"parts": parts})
 
 
 #: Scenes of triangulated blocks.

@@ -6,21 +6,17 @@ A scene is checked by pydantic at the door. What a scene does not name is off. T
 
 from __future__ import annotations
 
-import difflib
 import json
 import tomllib
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias, get_args, get_origin
+from typing import Any, TypeAlias
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    ValidationError,
-)
+from pydantic import ValidationError
 
 from geometry.files.ordinary import unreadable
-from validation.errors import InputError
+from validation.errors import InputError, one_line
 from validation.scene.builtin import builtin_text
 from validation.scene.deformable import (
     AutoSection,
@@ -46,10 +42,9 @@ SCENE_TYPES: dict[str, type[Scene]] = {
 }
 
 
-class SceneFile(BaseModel):
+@dataclass(frozen=True, kw_only=True)
+class SceneFile:
     """A checked scene and where it came from."""
-
-    model_config = ConfigDict(frozen=True, arbitrary_types_allowed=True)
 
     name: str
     """Name of the built-in scene or stem of the file."""
@@ -217,8 +212,7 @@ def with_auto(file: SceneFile, tolerance: str | None, keep: Iterable[str] = ()) 
     auto = AutoSection(
         tolerance=given.tolerance if share is None else share, decide=decide, keep=kept
     )
-    changed = effects.model_copy(update={"auto": auto})
-    return file.model_copy(update={"scene": file.scene.model_copy(update={"effects": changed})})
+    return replace(file, scene=file.scene.changed({"effects.auto": auto}))
 
 
 def scene_data(source: str) -> tuple[str, dict[str, Any]]:
@@ -254,7 +248,7 @@ def check_scene(data: Mapping[str, Any], source: str = "scene") -> Scene:
     try:
         scene = model.model_validate(data)
     except ValidationError as error:
-        raise InputError(f"{source}: {_one_line(error, model)}") from None
+        raise InputError(f"{source}: {one_line(error, model)}") from None
     slip = implausible(scene, scene.plausibility.accept)
     if slip is not None:
         raise InputError(f"{source}: {slip}")
@@ -262,76 +256,3 @@ def check_scene(data: Mapping[str, Any], source: str = "scene") -> Scene:
     if size is not None:
         raise InputError(f"{source}: {size}")
     return scene
-
-
-# ---------------------------------------------------------------------------------------------
-# One clear line
-
-#: Places named beside the first mistake.
-_MOST_NAMED = 3
-
-
-def _known_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
-    """Keys allowed at a place of the scene."""
-    inside = False  # a list or table of sections: its places and names are no keys of a section
-    for key in path:
-        if inside:
-            inside = False
-            continue
-        field = model.model_fields.get(str(key))
-        inner = None if field is None else field.annotation
-        sections = [
-            kind
-            for kind in (inner, *get_args(inner))
-            if isinstance(kind, type) and issubclass(kind, BaseModel)
-        ]
-        if not sections:
-            return []
-        model, inside = sections[0], get_origin(inner) in (tuple, list, dict)
-    return list(model.model_fields)
-
-
-def _some(words: list[str]) -> str:
-    """The first of some words, and how many more there are."""
-    more = len(words) - _MOST_NAMED
-    named = ", ".join(words[:_MOST_NAMED])
-    return f"{named} and {more} more" if more > 0 else named
-
-
-def _one_line(error: ValidationError, model: type[BaseModel]) -> str:
-    problems = error.errors(include_url=False)
-    first = problems[0]
-    place = ".".join(str(key) for key in first["loc"])
-    if first["type"] == "extra_forbidden":
-        known = _known_keys(model, first["loc"][:-1])
-        near = difflib.get_close_matches(str(first["loc"][-1]), known, n=1, cutoff=0.5)
-        hint = f": expected one of {', '.join(known)}" if known else "; remove it"
-        line = f"unknown key {place}{f': did you mean {near[0]!r}?' if near else hint}"
-    else:
-        line = _wrong_value(first, place, model)
-    others = dict.fromkeys(".".join(str(key) for key in p["loc"]) for p in problems[1:])
-    others.pop(place, None)
-    line += f"; wrong, too: {_some(list(others))}" if others else ""
-    # Names of keys may hold anything, line breaks too.
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
-
-
-def _wrong_value(problem: Any, place: str, model: type[BaseModel]) -> str:
-    """Say what is wrong with a value that has a known place, in the words of scenes."""
-    kind, got, path = problem["type"], problem["input"], problem["loc"]
-    if kind == "missing" and isinstance(path[-1], int):
-        parent = ".".join(str(key) for key in path[:-1])
-        return f"{parent}: got {got!r}; a value is missing at the end of the list"
-    if kind == "missing":
-        return f"{place} is missing: add it to the scene"
-    if kind == "value_error":
-        # Checks of a whole section name their keys; the section itself, in braces, helps nobody.
-        words = str(problem["ctx"]["error"])
-        return words if isinstance(got, dict) else f"{place}: got {got!r}; {words}"
-    if kind in ("model_type", "dict_type"):
-        keys = ", ".join(_known_keys(model, path))
-        return f"{place}: got {got!r}; expected a section" + (f" with {keys}" if keys else "")
-    if kind in ("tuple_type", "list_type"):
-        return f"{place}: got {got!r}; expected a list of values in brackets, [ … ]"
-    message = problem["msg"]
-    return f"{place}: got {got!r}; {message[0].lower()}{message[1:]}"

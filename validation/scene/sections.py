@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, get_args
+from collections.abc import Mapping
+from typing import Annotated, Any, Self, get_args
 
 from pydantic import (
     AfterValidator,
     BeforeValidator,
     ConfigDict,
     Field,
+    ValidationError,
     ValidationInfo,
     field_validator,
 )
@@ -17,9 +19,10 @@ from pydantic import (
 from geometry.loads import CASES
 from mbd import Norm, Solver
 from mbd.friction import FrictionLaw
+from validation.errors import InputError, one_line
 from validation.scene.docstrings import field_docstrings
 from validation.scene.quantities import Unit, converted, parse_unit, unit_of
-from validation.scene.usage import Recorded
+from validation.scene.usage import Recorded, unrecorded
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -94,6 +97,37 @@ class Section(Recorded):
             return value
         numbers = [_as_number(v, unit) for v in given]
         return numbers if isinstance(value, list | tuple) else numbers[0]
+
+    def changed(self, values: Mapping[str, Any]) -> Self:
+        """Return a copy with other values, checked as those of a file are.
+
+        Parameters
+        ----------
+        values
+            By place, such as ``fem.method``; a mapping changes the keys of a section, a section
+            stands in its place.
+
+        Raises
+        ------
+        InputError
+            A key that is not known, or a value that cannot be.
+        """
+        found = {name: self.__dict__[name] for name in self.model_fields_set}
+        inside: dict[str, dict[str, Any]] = {}
+        for place, value in values.items():
+            key, _, rest = place.partition(".")
+            if rest or isinstance(value, Mapping):
+                inside.setdefault(key, {}).update({rest: value} if rest else value)
+            else:
+                found[key] = value
+        for key, inner in inside.items():
+            section = found.get(key, self.__dict__.get(key))
+            found[key] = section.changed(inner) if isinstance(section, Section) else inner
+        try:
+            with unrecorded():
+                return type(self).model_validate(found)
+        except ValidationError as error:
+            raise InputError(one_line(error, type(self))) from None
 
 
 def fewer(count: int, share: float, multiple: int = 1) -> int:

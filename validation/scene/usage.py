@@ -141,6 +141,16 @@ def uncounted(*keys: _Key) -> Iterator[None]:
         outer |= read - set(keys)
 
 
+@contextmanager
+def unrecorded() -> Iterator[None]:
+    """Record nothing of what is read inside: sections check and copy themselves."""
+    token = _READ.set(None)
+    try:
+        yield
+    finally:
+        _READ.reset(token)
+
+
 def count(section: BaseModel, *names: str) -> None:
     """Count keys as read: what was made of them before, uncounted, matters here."""
     read = _READ.get()

@@ -141,8 +141,7 @@ def _scene(name: str) -> Subject:
     assert isinstance(scene, AssemblyScene)
     layers = getattr(getattr(scene, "assembly", None), "layers", 0)
     if layers > 2:
-        fewer = scene.assembly.model_copy(update={"layers": 2})  # type: ignore[attr-defined]
-        scene = scene.model_copy(update={"assembly": fewer})
+        scene = scene.changed({"assembly.layers": 2})
     blocks = build_blocks(scene.coarser(0.2) or scene)
     return blocks.assembly, blocks.load, None
 

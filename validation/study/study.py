@@ -499,8 +499,7 @@ _NO_COLUMN = ("collapse", "sliding", "ranges", "margin")
 
 def _of_the_columns(built: BuiltScene) -> BuiltScene:
     """Return a scene that asks for nothing that no column of a study shows."""
-    section = built.scene.rigid.model_copy(update=dict.fromkeys(_NO_COLUMN, False))
-    return replace(built, scene=built.scene.model_copy(update={"rigid": section}))
+    return replace(built, scene=built.scene.changed({"rigid": dict.fromkeys(_NO_COLUMN, False)}))
 
 
 def _rigid_results(file: SceneFile) -> dict[str, Any]:

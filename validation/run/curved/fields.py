@@ -32,10 +32,7 @@ class CurvedFields:
     @cached_property
     def deformable(self) -> DeformableAssembly:
         """All blocks with the mesh of ``[mesh]``."""
-        scene = self.run.scene
-        assert scene.fem is not None
-        straight = scene.model_copy(update={"fem": scene.fem.model_copy(update={"degree": 1})})
-        return build_deformable(straight, self.run.name)
+        return build_deformable(self.run.scene.changed({"fem.degree": 1}), self.run.name)
 
     @cached_property
     def fields(self) -> GridFields:

@@ -101,9 +101,8 @@ def _meshes(scene: DeformableScene) -> Iterator[DeformableScene]:
     if scene.fem.symmetry == "sector":
         static["symmetry"] = "auto"
     for given in (*(coarser(scene, share) for share in _SHARES), scene):
-        if given is not None and given.fem is not None:
-            fem = given.fem.model_copy(update=static)
-            yield given.model_copy(update={"fem": fem})
+        if given is not None:
+            yield given.changed({"fem": static})
 
 
 def _member(run: DeformableRun) -> str:

@@ -55,9 +55,8 @@ def _surface_scene(scene: RoundScene) -> RoundScene:
 
     Layers repeat with period two, so more of them show no other pair of neighbours.
     """
-    mesh = scene.mesh.model_copy(update=scene.coarse_mesh(12, 6, 8))
-    layers = scene.assembly.model_copy(update={"layers": min(scene.assembly.layers, 3)})
-    return scene.model_copy(update={"mesh": mesh, "assembly": layers})
+    layers = min(scene.assembly.layers, 3)
+    return scene.changed({"mesh": scene.coarse_mesh(12, 6, 8), "assembly.layers": layers})
 
 
 def run_explosion(file: SceneFile) -> Explosion:

@@ -137,7 +137,7 @@ def _body_load(name: str, scene: PolyhedralScene) -> BodyLoadSection:
     stated: dict[str, Any] = {"gravity": scene.effects.gravity}
     if scene.material is not None:
         stated["density"] = scene.material.density
-    return scene.load.model_copy(update=stated)
+    return scene.load.changed(stated)
 
 
 def polygon_centroids(polygons: ContactPolygons) -> tuple[FloatArray, FloatArray, IntArray]:

@@ -6,7 +6,7 @@ Forces between rigid blocks are not unique: the answer is the one of least norm 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from validation.build.coarser import coarser
@@ -87,7 +87,7 @@ def refined(file: SceneFile, run: RigidAnswer) -> Refinement:
     finer = coarser(require_mesh(file), FACTOR)
     assert finer is not None
     assert isinstance(run, RigidRun)
-    found = run_rigid(file.model_copy(update={"scene": finer}))
+    found = run_rigid(replace(file, scene=finer))
     one, other = run.measures, found.measures
     values: dict[str, float] = {}
     if one is not None and other is not None:

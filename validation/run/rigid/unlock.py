@@ -6,7 +6,7 @@ hexagon-based blocks under internal pressure are. More layers tell.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mbd import MechanismClass
@@ -62,10 +62,8 @@ def class_with_layers(file: SceneFile, layers: int) -> MechanismClass:
     InputError
         For a scene that is no tube, or cannot be built so.
     """
-    tube = require_tube(file)
-    assembly = tube.assembly.model_copy(update={"layers": layers})
-    scene = tube.model_copy(update={"assembly": assembly})
-    return run_rigid(file.model_copy(update={"scene": scene})).result.mechanism
+    scene = require_tube(file).changed({"assembly.layers": layers})
+    return run_rigid(replace(file, scene=scene)).result.mechanism
 
 
 def layers_to_unlock(file: SceneFile, most: int = 4 * LONG_TUBE) -> Unlocking:

@@ -72,9 +72,7 @@ class BoxesScene(AssemblyScene):
     def coarser(self, share: float) -> Self | None:
         """Divide every box into fewer elements."""
         boxes = tuple(
-            box.model_copy(update={"divisions": tuple(fewer(n, share) for n in box.divisions)})
+            box.changed({"divisions": [fewer(n, share) for n in box.divisions]})
             for box in self.block.boxes
         )
-        if boxes == self.block.boxes:
-            return None
-        return self.model_copy(update={"block": self.block.model_copy(update={"boxes": boxes})})
+        return None if boxes == self.block.boxes else self.changed({"block.boxes": boxes})
