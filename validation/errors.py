@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn, get_args, get_origin
 
 from geometry.errors import RefusedError
@@ -13,8 +14,19 @@ if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
 
 
-class InputError(ValueError):
-    """Bad input: what was got, what is expected, what to do."""
+class InputError(RefusedError):
+    """Bad input, in whole words for people: who wraps refusals lets it pass."""
+
+
+@contextmanager
+def named(name: str) -> Iterator[None]:
+    """Put the name of a scene or file before refusals of the libraries inside."""
+    try:
+        yield
+    except InputError:
+        raise
+    except RefusedError as error:
+        raise InputError(f"{name}: {error}") from None
 
 
 def _stop(words: str, status: int = 2) -> NoReturn:
@@ -26,7 +38,7 @@ def run_command(command: Callable[[], object]) -> None:
     """Run a command; the only place that turns errors into exit statuses."""
     try:
         command()
-    except (InputError, RefusedError) as error:
+    except RefusedError as error:
         _stop(f"error: {error}")
     except MemoryError as error:
         _stop(

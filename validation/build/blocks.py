@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.assembly import Assembly
-from geometry.errors import RefusedError
-from geometry.families.sine_block import BlockParameterError, SineBlockParameters
 from geometry.joints import UnmatchedJoint
 from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray
@@ -16,7 +14,7 @@ from validation.errors import InputError
 from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import DeformableScene, Scene, TubeScene
+from validation.scene.read import DeformableScene, Scene
 
 
 @dataclass(frozen=True)
@@ -27,20 +25,6 @@ class HexahedralBlocks:
     load: LoadCase
     unmatched: tuple[UnmatchedJoint, ...]
     """Joints where facets do not match corner on corner."""
-
-
-def block_parameters(scene: TubeScene) -> SineBlockParameters:
-    """Return the block of a tube scene.
-
-    Raises
-    ------
-    InputError
-        For parameters that describe no block.
-    """
-    try:
-        return scene.shape
-    except BlockParameterError as error:
-        raise InputError(str(error)) from None
 
 
 def require_assembly(scene: Scene, name: str, command: str) -> AssemblyScene:
@@ -69,29 +53,12 @@ def build_assembly(scene: AssemblyScene) -> Assembly:
 
     Raises
     ------
-    InputError
+    RefusedError
         When the parameters describe no assembly.
     """
-    try:
-        assembly = scene.build()
-        check_block_size(scene, assembly)
-        return assembly
-    except RefusedError as error:
-        raise InputError(str(error)) from None
-
-
-def build_load(scene: AssemblyScene, assembly: Assembly) -> LoadCase:
-    """Build the load case of a scene.
-
-    Raises
-    ------
-    InputError
-        When the assembly cannot take it.
-    """
-    try:
-        return scene.build_load(assembly)
-    except RefusedError as error:
-        raise InputError(str(error)) from None
+    assembly = scene.build()
+    check_block_size(scene, assembly)
+    return assembly
 
 
 def build_weight(scene: DeformableScene, assembly: Assembly) -> FloatArray | None:
@@ -126,8 +93,8 @@ def build_blocks(scene: AssemblyScene) -> HexahedralBlocks:
 
     Raises
     ------
-    InputError
+    RefusedError
         When the parameters describe no assembly, or it cannot take the load.
     """
     assembly = build_assembly(scene)
-    return HexahedralBlocks(assembly, build_load(scene, assembly), scene.unmatched(assembly))
+    return HexahedralBlocks(assembly, scene.build_load(assembly), scene.unmatched(assembly))

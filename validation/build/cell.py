@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from geometry.assembly import Assembly
 from geometry.loads import CASES
-from validation.errors import InputError
+from validation.errors import InputError, named
 from validation.scene.deformable import FemSection
 from validation.scene.family import RoundScene, round_types
 from validation.scene.plausibility import check_block_size
@@ -63,11 +63,9 @@ def build_cell(scene: DeformableScene, name: str) -> Assembly:
         Where the layers do not repeat, or blocks that do not exist.
     """
     tube = check_cell(scene, name)
-    try:
+    with named(name):
         assembly = tube.build_cell()
         check_block_size(scene, assembly)
-    except ValueError as error:
-        raise InputError(f"{name}: {error}") from None
     return assembly
 
 

@@ -29,13 +29,12 @@ from fem.decks.statement import (
 from fem.element.hexahedron import ElementType
 from fem.problem.effects import Effects
 from fem.problem.time_step import critical_time_step
-from geometry.errors import RefusedError
 from geometry.loads.case import CircumferentialLoad
 from validation.build.blocks import HexahedralBlocks
 from validation.build.cell import refuse_cell
 from validation.build.deformable import build_hexahedra, build_problem, fem_section, scene_load
 from validation.build.effects import build_effects
-from validation.errors import InputError
+from validation.errors import InputError, named
 from validation.scene.deformable import Damping, EffectsSection, FemSection, Method
 from validation.scene.read import DeformableScene, SceneFile
 from validation.scene.usage import count, uncounted
@@ -71,12 +70,8 @@ def build_deck(file: SceneFile, flavour: Flavour) -> Deck:
             f"{file.name}: block.type {scene.block.type!r} has no [material]; a deck is written of "
             "scenes with deformable blocks, such as tsb1-pipe or cantilever"
         )
-    try:
+    with named(file.name):
         return _deck(file.name, scene, flavour)
-    except InputError:
-        raise
-    except RefusedError as error:
-        raise InputError(f"{file.name}: {error}") from None
 
 
 def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:

@@ -9,17 +9,16 @@ from fem.assembly.deformable import (
     Frames,
 )
 from fem.assembly.statement import Problem
-from fem.contact.friction import CoulombFriction, FrictionError
-from fem.contact.law import ContactLaw, ContactLawError, ExponentialLaw, LinearPenalty
+from fem.contact.friction import CoulombFriction
+from fem.contact.law import ContactLaw, ExponentialLaw, LinearPenalty
 from fem.contact.surfaces import ContactNormals
-from fem.element.material import Material, MaterialError
+from fem.element.material import Material
 from fem.problem.model import Formulation
 from geometry.assembly import Assembly
-from geometry.errors import RefusedError
 from geometry.loads.case import LoadCase
-from validation.build.blocks import HexahedralBlocks, build_blocks, build_load
+from validation.build.blocks import HexahedralBlocks, build_blocks
 from validation.build.cell import build_cell, is_cell
-from validation.errors import InputError
+from validation.errors import InputError, named
 from validation.scene.deformable import (
     ContactSection,
     EffectsSection,
@@ -45,18 +44,11 @@ def build_material(section: MaterialSection) -> Material:
 
     Raises
     ------
-    InputError
+    MaterialError
         For constants no elastic material has.
     """
-    try:
-        with uncounted((MaterialSection, "density")):
-            return Material(
-                density=section.density,
-                young_modulus=section.young_modulus,
-                poisson_ratio=section.poisson_ratio,
-            )
-    except MaterialError as error:
-        raise InputError(str(error)) from None
+    with uncounted((MaterialSection, "density")):
+        return Material(**section.model_dump(exclude={"averaging_radius"}))
 
 
 def contact_law(section: ContactSection) -> ContactLaw:
@@ -64,21 +56,18 @@ def contact_law(section: ContactSection) -> ContactLaw:
 
     Raises
     ------
-    InputError
+    ContactLawError
         For constants that make no law.
     """
-    try:
-        if section.law == "linear":
-            assert section.stiffness is not None
-            return LinearPenalty(section.stiffness)
-        cap = section.maximum_stiffness
-        return ExponentialLaw(
-            section.clearance_at_zero_pressure,
-            section.pressure_at_zero_clearance,
-            math.inf if cap is None else cap,
-        )
-    except ContactLawError as error:
-        raise InputError(str(error)) from None
+    if section.law == "linear":
+        assert section.stiffness is not None
+        return LinearPenalty(section.stiffness)
+    cap = section.maximum_stiffness
+    return ExponentialLaw(
+        section.clearance_at_zero_pressure,
+        section.pressure_at_zero_clearance,
+        math.inf if cap is None else cap,
+    )
 
 
 def gap_words(section: ContactSection | None) -> str:
@@ -130,18 +119,15 @@ def build_friction(effects: EffectsSection) -> CoulombFriction | None:
 
     Raises
     ------
-    InputError
+    FrictionError
         For a coefficient that cannot be used.
     """
     section = effects.friction
     if section is None:
         return None
-    try:
-        if section.stick_stiffness is None:
-            return CoulombFriction(section.coefficient)
-        return CoulombFriction(section.coefficient, section.stick_stiffness)
-    except FrictionError as error:
-        raise InputError(str(error)) from None
+    if section.stick_stiffness is None:
+        return CoulombFriction(section.coefficient)
+    return CoulombFriction(section.coefficient, section.stick_stiffness)
 
 
 def build_hexahedra(scene: DeformableScene, name: str) -> HexahedralBlocks:
@@ -182,7 +168,7 @@ def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCas
         from validation.build.own_blocks import own_load
 
         return own_load(scene, name, assembly)
-    return build_load(scene, assembly)
+    return scene.build_load(assembly)
 
 
 def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -> Problem:
@@ -229,9 +215,5 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
         When it describes nothing that can be solved.
     """
     blocks = build_hexahedra(scene, name)
-    try:
+    with named(name):
         return build_problem(scene, name, blocks).deformable
-    except InputError:
-        raise
-    except RefusedError as error:
-        raise InputError(f"{name}: {error}") from None

@@ -7,7 +7,6 @@ import numpy as np
 from fem.problem.effects import (
     AdaptiveMassDamping,
     BulkViscosity,
-    EffectError,
     Effects,
     RayleighDamping,
 )
@@ -18,30 +17,12 @@ from validation.scene.deformable import Damping, EffectsSection, FemSection
 PAPER_RAYLEIGH = RayleighDamping(mass_proportional=2.0, stiffness_proportional=1.0e-8)
 
 
-def _rayleigh(section: EffectsSection) -> RayleighDamping | None:
-    if section.rayleigh is None:
-        return None
-    return RayleighDamping(
-        mass_proportional=section.rayleigh.mass_proportional,
-        stiffness_proportional=section.rayleigh.stiffness_proportional,
-    )
-
-
-def _bulk_viscosity(section: EffectsSection) -> BulkViscosity | None:
-    if section.bulk_viscosity is None:
-        return None
-    return BulkViscosity(
-        linear_bulk_viscosity=section.bulk_viscosity.linear_bulk_viscosity,
-        quadratic_bulk_viscosity=section.bulk_viscosity.quadratic_bulk_viscosity,
-    )
-
-
 def build_effects(section: EffectsSection, fem: FemSection) -> Effects:
     """Effects of a run.
 
     Raises
     ------
-    InputError
+    RefusedError
         For effects that exclude each other.
     """
     if fem.mass_scaling is not None and section.gravity is not None:
@@ -49,18 +30,17 @@ def build_effects(section: EffectsSection, fem: FemSection) -> Effects:
             f"fem.mass_scaling: got {fem.mass_scaling:g} beside effects.gravity; added mass would "
             "weigh: expected one of the two"
         )
-    rayleigh, viscosity = _rayleigh(section), _bulk_viscosity(section)
+    given, bulk = section.rayleigh, section.bulk_viscosity
+    rayleigh = None if given is None else RayleighDamping(**given.model_dump())
+    viscosity = None if bulk is None else BulkViscosity(**bulk.model_dump())
     if fem.damping is Damping.PAPER:
         rayleigh, viscosity = rayleigh or PAPER_RAYLEIGH, viscosity or BulkViscosity()
     adaptive = AdaptiveMassDamping() if fem.damping is Damping.STATIC else None
     gravity = None if section.gravity is None else np.array(section.gravity)
-    try:
-        return Effects(
-            rayleigh=rayleigh,
-            bulk_viscosity=viscosity,
-            finite_rotation=section.finite_rotation,
-            gravity=gravity,
-            adaptive_mass_damping=adaptive,
-        )
-    except EffectError as error:
-        raise InputError(str(error)) from None
+    return Effects(
+        rayleigh=rayleigh,
+        bulk_viscosity=viscosity,
+        finite_rotation=section.finite_rotation,
+        gravity=gravity,
+        adaptive_mass_damping=adaptive,
+    )

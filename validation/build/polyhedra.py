@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from geometry.errors import RefusedError
 from geometry.families.masonry import circular_arch, running_bond_wall
 from geometry.families.platonic_layers import cubes_layer, octahedra_layer, tetrahedra_layer
 from geometry.families.voxels import voxel_assembly
@@ -48,16 +47,13 @@ def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
 
     Raises
     ------
-    InputError
+    RefusedError
         When the scene describes no assembly that can be meant.
     """
-    try:
-        assembly = _build(scene, folder)
-        check_block_size(scene, assembly)
-        check_assembly(assembly)
-        return assembly
-    except RefusedError as error:
-        raise InputError(str(error)) from None
+    assembly = _build(scene, folder)
+    check_block_size(scene, assembly)
+    check_assembly(assembly)
+    return assembly
 
 
 def _build(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:

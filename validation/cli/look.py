@@ -78,7 +78,6 @@ def show(
 
 def _draw_one_block(file: SceneFile, output: Path) -> None:
     """Draw one block of a tube of Sine Blocks with the measures of its scene."""
-    from validation.build.blocks import block_parameters
     from validation.errors import InputError
     from validation.output.pictures.block import draw_block
     from validation.run.rigid.assembly import build_scene
@@ -91,4 +90,4 @@ def _draw_one_block(file: SceneFile, output: Path) -> None:
         )
     assembly = build_scene(file, command="show").assembly
     title = f"{file.name}: Sine Block TSB(h, a, f, s, n, r_i, t)"
-    draw_block(assembly, block_parameters(file.scene), output, title=title)
+    draw_block(assembly, file.scene.shape, output, title=title)

@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from validation.cost.analysis import (
     Extrapolated,
@@ -180,7 +181,7 @@ def run_cost(
                 warm.add(kernels)
                 warm_up(name, scene, plan.base, replace(setting, level=1))
             found = measure(name, scene, plan.base, setting)
-        except InputError as error:
+        except RefusedError as error:
             if setting in references:
                 raise
             failures[setting.name] = str(error)

@@ -17,6 +17,7 @@ from typing import Any
 from rich.table import Table
 
 from fem.static.linear_step.condensed import FlexibilityStore
+from geometry.errors import RefusedError
 from validation.build.deformable import build_deformable, fem_section
 from validation.effects.probe import (
     Answer,
@@ -277,7 +278,7 @@ class _Probe:
             try:
                 build_deformable(with_effect(full, elastic), self._name)
                 full = with_effect(full, elastic)
-            except InputError as error:
+            except RefusedError as error:
                 words = f"not possible here: {error}"
                 refused.append(Decision(elastic, "on", False, None, words, 0.0))
         return full, refused
@@ -293,7 +294,7 @@ class _Probe:
         start = time.process_time()
         try:
             without = solve_probe(without_effect(full, effect), self._name, self._store)
-        except InputError:
+        except RefusedError:
             setting, cpu = setting_words(self._whole, effect), time.process_time() - start
             words = "without it the probe has no static state"
             return Decision(effect, setting, True, None, words, cpu)

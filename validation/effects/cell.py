@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from validation.build.cell import check_cell
 from validation.effects.probe import Answer, Change, change, mesh_words, probe_scene
-from validation.errors import InputError
 from validation.run.deformable import DeformableRun
 from validation.run.static import run_static
 from validation.scene.deformable import Method
@@ -89,7 +89,7 @@ def offered_cell(scene: DeformableScene, name: str) -> CellError | None:
         check_cell(cell, name)
         probe = _static(probe_scene(cell, name, fineness=_FINENESS), "periodic cell")
         found = _beside(probe, probe_scene(tube, name, fineness=_FINENESS), name)
-    except InputError:
+    except RefusedError:
         return None
     # The cell has two layers itself: of a tube of two it saves nothing.
     return found if found.layers > 2 else None

@@ -150,7 +150,7 @@ def probe_scene(scene: DeformableScene, name: str, *, fineness: int = 1) -> Defo
         probe = static.changed({"mesh": coarse})
         try:
             build_deformable(without_motion(probe), name)
-        except InputError:
+        except RefusedError:
             continue
         return probe
     return static

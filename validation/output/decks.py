@@ -22,7 +22,7 @@ from geometry.files.mesh_io import assembly_mesh, read_hex_mesh, write_hex_mesh
 from geometry.files.ordinary import unreadable
 from geometry.mesh import HexMesh, corner_jacobians, mass_properties
 from validation.build.deck import build_deck
-from validation.errors import InputError
+from validation.errors import InputError, named
 from validation.output.console import two_columns
 from validation.output.files import prepare_file, write_whole
 from validation.scene.read import SceneFile
@@ -65,10 +65,8 @@ def export_deck(file: SceneFile, flavour: Flavour, path: Path) -> WrittenDeck:
 def _write(deck: Deck, path: Path, start: float) -> WrittenDeck:
     prepare_file(path)
     keywords: dict[str, int] = {}
-    try:
+    with named(deck.name):
         write_whole(path, lambda partial: keywords.update(write_deck(partial, deck)))
-    except DeckError as error:
-        raise InputError(f"{deck.name}: {error}") from None
     return WrittenDeck(deck, path, path.stat().st_size, keywords, time.process_time() - start)
 
 
@@ -96,14 +94,12 @@ def import_deck(path: Path) -> Deck:
         With the line that cannot be read.
     """
     try:
-        with path.open(encoding="ascii") as file:
+        with named(str(path)), path.open(encoding="ascii") as file:
             return read_deck(file)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; expected a deck") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is no text (byte {error.start}); expected a deck") from None
-    except DeckError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def import_mesh(path: Path) -> HexMesh:

@@ -12,11 +12,10 @@ import scipy.sparse as sp
 from rich.console import Console
 from rich.table import Table
 
+from geometry.errors import RefusedError
 from geometry.families.sine_block import LayerTurn, SineBlockParameters, wave, waves_of_turn
 from geometry.loads import load_case
 from mbd import contact_jacobian, generalized_force, solve_linear_programs
-from validation.build.blocks import block_parameters
-from validation.errors import InputError
 from validation.paper.evidence import Evidence
 from validation.paper.naming import chosen_by_name
 from validation.paper.reading import Ingredient, ingredients, sensitivity
@@ -148,7 +147,7 @@ def _ingredient(ingredient: Ingredient) -> Erratum:
 def _tsb1() -> SineBlockParameters:
     scene = load_scene("tsb1-pipe").scene
     assert isinstance(scene, TubeScene)
-    return block_parameters(scene)
+    return scene.shape
 
 
 def _density(evidence: Evidence) -> Shown:
@@ -195,7 +194,7 @@ def _half_block(_: Evidence) -> Shown:
     try:
         build_scene(load_scene("tsb1-pipe", ["block.frequency=0.75"]))
         refusal = "none"
-    except InputError as error:
+    except RefusedError as error:
         refusal = str(error).split(";")[0]
     return Shown(
         f"printed ℓ = {half:.1f} mm, a block's chord is {whole:.1f} mm; f = 1.5 on ℓ gives the "

@@ -23,8 +23,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from geometry.errors import RefusedError
 from validation.build.coarser import coarser
-from validation.errors import InputError
 from validation.run.deformable import DeformableRun
 from validation.run.friction.width import load_step_change
 from validation.run.measures import bracketed
@@ -60,7 +60,7 @@ def estimated_errors(
             continue
         try:
             coarse = solve(run.name, scene)
-        except InputError:
+        except RefusedError:
             continue
         ratio = run.deformable.model.n_elements / coarse.deformable.model.n_elements
         refinement = ratio ** (1.0 / 3.0)

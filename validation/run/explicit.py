@@ -12,10 +12,9 @@ from fem.explicit.setup.assembly import COUNTED_PRESSURE
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
 from fem.explicit.solve import Frame, Output, Progress
 from fem.solvers import explicit_answer
-from geometry.errors import RefusedError
 from validation.build.deformable import NO_SECTOR, build_deformable, fem_section
 from validation.build.effects import build_effects
-from validation.errors import InputError
+from validation.errors import InputError, named
 from validation.run.deformable import DeformableRun
 from validation.run.frames import frame_interval
 from validation.run.stages import stages
@@ -43,24 +42,23 @@ def scene_statement(
     fem = fem_section(scene, name)
     assert scene.material is not None
     count(scene.material, "density")
-    try:
-        return explicit_statement(
-            deformable,
-            effects=build_effects(scene.effects, fem),
-            symmetry=fem.symmetry if scene.meets else "none",
-            ramp_time=fem.ramp_time,
-            end_time=fem.end_time,
-            mass_scaling=fem.mass_scaling,
-            counted_pressure=counted_pressure,
-            formulation=fem.formulation,
-            motion=scene.motion,
-        )
-    except InputError:
-        raise
-    except SymmetryError as error:
-        raise InputError(f"{name}: {NO_SECTOR if fem.symmetry == 'sector' else error}") from None
-    except ValueError as error:
-        raise InputError(f"{name}: {error}") from None
+    with named(name):
+        try:
+            return explicit_statement(
+                deformable,
+                effects=build_effects(scene.effects, fem),
+                symmetry=fem.symmetry if scene.meets else "none",
+                ramp_time=fem.ramp_time,
+                end_time=fem.end_time,
+                mass_scaling=fem.mass_scaling,
+                counted_pressure=counted_pressure,
+                formulation=fem.formulation,
+                motion=scene.motion,
+            )
+        except SymmetryError:
+            if fem.symmetry == "sector":
+                raise InputError(f"{name}: {NO_SECTOR}") from None
+            raise
 
 
 def _time_step(fem: FemSection) -> dict[str, float]:
@@ -120,7 +118,7 @@ def run_explicit(
         built = build_deformable(scene, name) if deformable is None else deformable
         stated = scene_statement(scene, name, built) if statement is None else statement
         watch.lap("build")
-        try:
+        with named(name):
             answer = explicit_answer(
                 stated,
                 lambda counted: scene_statement(scene, name, built, counted_pressure=counted),
@@ -135,10 +133,6 @@ def run_explicit(
                 ),
                 resume=resume,
             )
-        except InputError:
-            raise
-        except RefusedError as error:
-            raise InputError(f"{name}: {error}") from None
         watch.lap("solve")
     result = answer.explicit
     assert result is not None

@@ -17,6 +17,7 @@ import numpy as np
 import scipy.linalg
 
 from fem.contact.law import ContactLaw
+from fem.contact.surfaces import ContactError
 from fem.element.facet import FACET_VALUES
 from fem.explicit.contact.alike_pairs import AlikePairs
 from fem.explicit.contact.paired import FaceContact
@@ -74,7 +75,7 @@ def block_frequencies(model: Model, pressure: float) -> BlockFrequencies:
 
     Raises
     ------
-    ValueError
+    ContactError
         Nothing resists any motion of the blocks.
     """
     first = np.cumsum([0, *(g.n_copies for g in model.groups)])
@@ -98,7 +99,7 @@ def block_frequencies(model: Model, pressure: float) -> BlockFrequencies:
     squares, modes = scipy.linalg.eigh(stiffness[np.ix_(free, free)], mass[np.ix_(free, free)])
     resisted = squares > _FREE_MOTION**2 * squares[-1]
     if not len(squares) or not resisted.any():
-        raise ValueError(f"no contact resists any motion of the {int(first[-1])} blocks")
+        raise ContactError(f"no contact resists any motion of the {int(first[-1])} blocks")
     squares, modes = squares[resisted], modes[:, resisted]
     work = (modes.T @ load[free]) ** 2 / squares
     excited = work > _EXCITED * work.sum() if work.sum() > 0.0 else np.ones_like(work, np.bool_)

@@ -13,7 +13,6 @@ import numpy as np
 from fem.problem.recovery import recover
 from geometry.joints import between_layers
 from geometry.mesh import FloatArray, IntArray
-from validation.build.blocks import block_parameters
 from validation.paper.claims.claim import Claim, Truth, Verdict, judged
 from validation.paper.evidence import Evidence
 from validation.run.deformable import DeformableRun, contact_report
@@ -211,7 +210,7 @@ def _peaks(run: DeformableRun, side: str) -> tuple[FloatArray, FloatArray]:
     tuple
         Peaks [MPa] and distances in wave lengths, from left to right.
     """
-    block = block_parameters(_tube(run))
+    block = _tube(run).shape
     field, waves = _sigma(run, _LAYER), block.waves_per_block
     near = field[:, :, -3:] if side == "top" else field[:, :, :3]
     along = near.max(axis=(0, 2))
@@ -408,7 +407,7 @@ def _monolith(run: DeformableRun) -> _Monolith:
     scene = run.scene
     assert isinstance(scene, TubeScene)
     assert scene.material is not None
-    block = block_parameters(scene)
+    block = scene.shape
     bending = np.pi / 4 * (block.outer_radius**4 - block.inner_radius**4)
     return _Monolith(
         scene.assembly.layers * block.height,
@@ -440,9 +439,7 @@ def _far_side(evidence: Evidence) -> Verdict:
 
 def _load(run: DeformableRun) -> FloatArray:
     """Resultant of the load [N]."""
-    from validation.build.blocks import build_load
-
-    load = build_load(_tube(run), run.deformable.assembly)
+    load = _tube(run).build_load(run.deformable.assembly)
     return load.facet_forces.sum(axis=0)
 
 
@@ -475,7 +472,7 @@ def _monolithic(evidence: Evidence) -> Verdict:
         sag = force * solid.length**3 / (192 * solid.young * solid.bending)
         ratios[f"{name} beam"] = run.largest_displacement / sag
         run = _run(evidence, name, "shaft")
-        block = block_parameters(_tube(run))
+        block = _tube(run).shape
         torque = _tube(run).load.pressure * 2 * np.pi * block.outer_radius**2 * block.height
         shear = solid.young / (2 * (1 + solid.poisson))
         turn = torque / 2 * (solid.length / 2) / (shear * 2 * solid.bending)

@@ -32,9 +32,7 @@ from fem.static.lagrange_tube import (
     solve_layered_tube,
     transferred,
 )
-from fem.static.solve import StaticError
 from geometry.families.sine_block import (
-    BlockParameterError,
     SineBlockDivisions,
     SineBlockParameters,
     sine_block_points,
@@ -42,10 +40,9 @@ from geometry.families.sine_block import (
 )
 from geometry.loads import CASES
 from geometry.measures import block_measures
-from geometry.mesh import FloatArray, MeshError
-from validation.build.blocks import block_parameters
+from geometry.mesh import FloatArray
 from validation.build.deformable import build_material, contact_law
-from validation.errors import InputError
+from validation.errors import InputError, named
 from validation.run.measures import Measure
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene, TubeScene
@@ -265,11 +262,11 @@ def solve_curved(
     assert scene.material is not None
     assert scene.contact is not None
     start = time.process_time()
-    block = block_parameters(scene)
+    block = scene.shape
     element = LagrangeElement(mesh.degree, build_material(scene.material))
     lattice = sine_lattice(block, mesh.lines, element)
     law, clearance = contact_law(scene.contact), scene.contact.clearance
-    try:
+    with named(name):
         waves = waves_of_turn(block, scene.assembly.turn)
         layered = _layered(scene, block, waves * (len(mesh.lines[1]) - 1) // block.waves_per_block)
         state = solve_layered_tube(
@@ -280,8 +277,6 @@ def solve_curved(
             clearance=clearance,
             start=None if before is None else transferred(before, lattice),
         )
-    except (StaticError, MeshError, BlockParameterError) as error:
-        raise InputError(f"{name}: {error}") from None
     angle = waves / block.waves_per_block * block.block_angle
     measures = _measures(state, scene, law, block, angle)
     return Solved(mesh, state, measures, time.process_time() - start)

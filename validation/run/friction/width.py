@@ -17,8 +17,8 @@ from functools import partial
 from typing import Any
 
 from fem.static.linear_step.condensed import FlexibilityStore
+from geometry.errors import RefusedError
 from validation.build.coarser import coarser
-from validation.errors import InputError
 from validation.run.deformable import DeformableRun
 from validation.run.friction.admissible import FrictionSet
 from validation.run.static import run_static
@@ -77,14 +77,14 @@ def friction_set(
         try:
             found = scene, solve(run.name, scene).measures
             break
-        except InputError as error:
+        except RefusedError as error:
             reason = str(error)
     if found is None:
         return FrictionSet(member, change, {}, f"no static state: {reason}")
     scene, direct = found
     try:
         back = solve(run.name, scene, load_path=PAST_AND_BACK)
-    except InputError as error:
+    except RefusedError as error:
         return FrictionSet(member, change, {}, f"half as much more is not carried: {error}")
     width = {
         name: measure.value / direct[name].value - 1.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 
-from validation.build.blocks import build_load
 from validation.run.rigid.assembly import BuiltScene, RigidRun, analyse_rigid, build_scene
 from validation.scene.family import RoundScene
 from validation.scene.read import SceneFile
@@ -39,5 +38,5 @@ class SharedTubes:
             seconds = built.cpu_seconds + time.process_time() - start
             self._built[key] = replace(built, cpu_seconds=seconds)
         known = self._built[key]
-        load = build_load(scene, known.assembly)
+        load = scene.build_load(known.assembly)
         return analyse_rigid(replace(known, name=file.name, scene=scene, load=load))
