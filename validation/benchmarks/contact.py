@@ -17,7 +17,6 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from fem.assembly.contact_state import matched_pressures
 from fem.assembly.deformable import DeformableAssembly, deformable_assembly
@@ -44,6 +43,7 @@ from geometry.families.tube import sine_tube
 from geometry.loads import load_case
 from geometry.mesh import FloatArray
 from validation.benchmarks.stopwatch import best_cpu_seconds
+from validation.output.console import listing
 from validation.output.files import prepare_json, write_json
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
@@ -221,9 +221,8 @@ def _relative(a: FloatArray, b: FloatArray) -> float:
 
 def print_rows(rates: list[RateRow], runs: list[RunRow], console: Console) -> None:
     """Print both tables."""
-    table = Table(title="Step with contact, one thread", title_justify="left")
-    for head in ("layers", "elements/block", "sector 1/", "M updates/s", "contact %", "pressing %"):
-        table.add_column(head, justify="right")
+    numbers = ("layers", "elements/block", "sector 1/", "M updates/s", "contact %", "pressing %")
+    table = listing("Step with contact, one thread", numbers=numbers)
     for row in rates:
         table.add_row(
             str(row.layers),
@@ -234,21 +233,9 @@ def print_rows(rates: list[RateRow], runs: list[RunRow], console: Console) -> No
             f"{row.pressing_percent:.0f}",
         )
     console.print(table)
-    table = Table(title="Explicit runs to the static state, CPU seconds", title_justify="left")
-    for head in (
-        "layers",
-        "elements/block",
-        "sector 1/",
-        "steps",
-        "CPU s",
-        "target",
-        "static CPU s",
-        "u error",
-        "p error",
-        "p_max error",
-        "peak MB",
-    ):
-        table.add_column(head, justify="right")
+    heads = (*numbers[:3], "steps", "CPU s", "target", "static CPU s")
+    errors = ("u error", "p error", "p_max error", "peak MB")
+    table = listing("Explicit runs to the static state, CPU seconds", numbers=heads + errors)
     for found in runs:
         table.add_row(
             str(found.layers),

@@ -15,7 +15,6 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from geometry.loads import load_case
 from mbd import (
@@ -26,6 +25,7 @@ from mbd import (
     newton_equilibrium,
     solve_linear_programs,
 )
+from validation.output.console import listing
 from validation.output.files import prepare_json, write_json
 from validation.run.rigid.assembly import build_scene, run_rigid
 from validation.scene.read import load_scene
@@ -115,9 +115,10 @@ _SIZES = ((42, 4, 10), (60, 6, 14), (84, 8, 20))
 
 def print_rows(rows: list[BenchmarkRow], console: Console) -> None:
     """Print the rows as a table."""
-    table = Table(title="Rigid blocks, one thread: CPU seconds", title_justify="left")
-    for head in ("problem", "contacts", "ours [s]", "other", "other [s]", "ratio", "peak [MB]"):
-        table.add_column(escape(head), justify="left" if head in ("problem", "other") else "right")
+    heads = ("contacts", "ours [s]", "other", "other [s]", "ratio", "peak [MB]")
+    title = "Rigid blocks, one thread: CPU seconds"
+    table = listing(title, "problem", numbers=map(escape, heads))
+    table.columns[3].justify = "left"
     for row in rows:
         other = "" if row.other_cpu_seconds is None else f"{row.other_cpu_seconds:.3f}"
         ratio = "" if row.ratio is None else f"{row.ratio:.1f}"

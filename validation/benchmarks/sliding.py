@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
 from rich.console import Console
-from rich.table import Table
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import cyclic_orbits
@@ -27,6 +26,7 @@ from fem.problem.effects import Effects
 from fem.problem.time_step import critical_time_step
 from validation.benchmarks.contact import pipe
 from validation.benchmarks.stopwatch import best_cpu_seconds
+from validation.output.console import listing
 from validation.output.files import prepare_json, write_json
 
 #: Layers, elements per block, order of the sector.
@@ -116,9 +116,8 @@ def measure(layers: int, elements: int, symmetry: int, effects: str) -> SlidingR
 
 def print_rows(rows: list[SlidingRow], console: Console) -> None:
     """Print the table."""
-    table = Table(title="CPU time of a step, one thread", title_justify="left")
-    for head in ("layers", "elements/block", "sector 1/", "with", "paired ms", "sliding ms", "×"):
-        table.add_column(head, justify="right")
+    numbers = ("layers", "elements/block", "sector 1/", "with", "paired ms", "sliding ms", "×")
+    table = listing("CPU time of a step, one thread", numbers=numbers)
     for row in rows:
         table.add_row(
             str(row.layers),

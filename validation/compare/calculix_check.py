@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from fem.contact.law import ExponentialLaw
 from fem.decks.model import deck_assembly, deck_model
@@ -37,6 +36,7 @@ from geometry.loads import load_case
 from geometry.loads.case import PressureLoad
 from geometry.mesh import FloatArray
 from validation.compare.calculix import CalculixResult, calculix_available, run_calculix
+from validation.output.console import listing
 from validation.output.files import prepare_json, write_json
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
@@ -328,11 +328,8 @@ def all_rows(folder: Path) -> list[CheckRow]:
 
 def print_rows(rows: list[CheckRow], console: Console) -> None:
     """Print the comparisons as a table."""
-    table = Table(title="CalculiX against tubelock", title_justify="left")
-    for column in ("case", "quantity"):
-        table.add_column(column)
-    for column in ("CalculiX", "tubelock", "difference", "allowed", "CPU s", "CPU s (ours)"):
-        table.add_column(column, justify="right")
+    numbers = ("CalculiX", "tubelock", "difference", "allowed", "CPU s", "CPU s (ours)")
+    table = listing("CalculiX against tubelock", "case", "quantity", numbers=numbers)
     for row in rows:
         table.add_row(
             row.case,

@@ -14,11 +14,11 @@ from typing import Literal
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from fem.static.linear_step.condensed import FlexibilityStore
 from validation.build.deformable import fem_section
 from validation.errors import InputError
+from validation.output.console import listing
 from validation.output.pictures.gallery import BLUE, ORANGE, VERMILION, save_figure, subplots
 from validation.run.static import run_static
 from validation.scene.deformable import Method
@@ -93,18 +93,9 @@ def clearance_rows(
 
 def print_rows(name: str, rows: list[ClearanceRow], console: Console) -> None:
     """Print the study."""
-    table = Table(title=f"{name}: static state over the {rows[0].kind}", title_justify="left")
-    for head in (
-        f"{rows[0].kind} [mm]",
-        "|u| max [mm]",
-        "p_eff [MPa]",
-        "p_max [MPa]",
-        "effective elements",
-        "σ₁ max [MPa]",
-        "iterations",
-        "CPU s",
-    ):
-        table.add_column(head, justify="right")
+    heads = (f"{rows[0].kind} [mm]", "|u| max [mm]", "p_eff [MPa]", "p_max [MPa]")
+    more = ("effective elements", "σ₁ max [MPa]", "iterations", "CPU s")
+    table = listing(f"{name}: static state over the {rows[0].kind}", numbers=heads + more)
     for row in rows:
         table.add_row(
             f"{row.gap:g}",

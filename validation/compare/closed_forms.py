@@ -17,7 +17,6 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from geometry.families.masonry import box, circular_arch
 from geometry.mesh import FloatArray
@@ -31,6 +30,7 @@ from mbd.friction import (
     frictional_equilibrium,
 )
 from validation.errors import run_command
+from validation.output.console import listing
 from validation.output.files import prepare_picture
 
 #: Minimum thickness of a semicircular arch over its centre-line radius, four digits.
@@ -169,9 +169,8 @@ def main(
     if output is not None:
         prepare_picture(output)
     console = Console()
-    table = Table(title="Limit analysis of rigid blocks beside closed forms", title_justify="left")
-    for head in ("problem", "found", "closed form", "difference"):
-        table.add_column(head)
+    title = "Limit analysis of rigid blocks beside closed forms"
+    table = listing(title, "problem", "found", "closed form", "difference")
     for row in limits():
         table.add_row(
             row.name,

@@ -20,7 +20,6 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from geometry.families.masonry import circular_arch, running_bond_wall
 from geometry.mesh import FloatArray
@@ -28,6 +27,7 @@ from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import classify, contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from validation.errors import run_command
+from validation.output.console import listing
 from validation.output.files import prepare_picture
 
 #: compas_cra's RBE lets joints pull at a price; a pull above this part of the largest force says
@@ -216,11 +216,9 @@ def compare(*, with_peer: bool) -> list[Answer]:
 
 def print_answers(answers: list[Answer], console: Console) -> None:
     """Print a table of verdicts and CPU times."""
-    table = Table(title="Walls and arches under their weight", title_justify="left")
-    for head in ("problem", "theory", "program", "blocks, contacts", "stands", "detect [s]"):
-        table.add_column(head)
-    table.add_column("solve [s]")
-    table.add_column("note")
+    heads = ("problem", "theory", "program", "blocks, contacts", "stands")
+    title = "Walls and arches under their weight"
+    table = listing(title, *heads, "detect [s]", "solve [s]", "note")
     theory = {problem.name: problem.stands for problem in problems()}
     words = {True: "yes", False: "no", None: "–"}
     for a in answers:

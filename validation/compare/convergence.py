@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 from rich.console import Console
-from rich.table import Table
 from scipy.sparse.linalg import eigsh
 
 from fem.element.hexahedron import ElementType, block_lumped_mass, block_stiffness
@@ -22,6 +21,7 @@ from fem.explicit.solve import solve
 from fem.problem.model import Model, block_group, fixed_nodes
 from geometry.block import box_block
 from geometry.mesh import FloatArray
+from validation.output.console import listing
 from validation.output.pictures.gallery import (
     BLUE,
     GREEN,
@@ -157,9 +157,8 @@ def draw_convergence(mesh: list[Curve], time: Curve, path: Path) -> None:
 
 def print_convergence(mesh: list[Curve], time: Curve, console: Console) -> None:
     """Print sizes, errors and observed orders."""
-    table = Table(title="Observed orders of convergence (first frequency)", title_justify="left")
-    for head in ("refinement", "sizes", "relative errors", "order"):
-        table.add_column(head)
+    title = "Observed orders of convergence (first frequency)"
+    table = listing(title, "refinement", "sizes", "relative errors", "order")
     for curve in [*mesh, time]:
         unit = "of the critical step" if curve is time else "mm"
         sizes = f"{', '.join(f'{s:g}' for s in curve.sizes)} {unit}"

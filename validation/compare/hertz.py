@@ -18,7 +18,6 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from fem.contact.friction import CoulombFriction
 from validation.compare.hertz_problems import (
@@ -35,6 +34,7 @@ from validation.compare.hertz_problems import (
     slipped_roller,
 )
 from validation.errors import run_command
+from validation.output.console import listing
 from validation.output.files import prepare_picture
 
 
@@ -132,9 +132,8 @@ def at_approach(found: Pressed, approach: float) -> str:
 
 
 def _print(console: Console, title: str, table: list[Row], law: Pressed | Slipped) -> None:
-    sheet = Table(title=title, title_justify="left")
-    for head in ("a / h", "nodes", "force", "a", "p0", "Q/μP", "c", "rms of field", "CPU s"):
-        sheet.add_column(head, justify="right")
+    heads = ("a / h", "nodes", "force", "a", "p0", "Q/μP", "c", "rms of field", "CPU s")
+    sheet = listing(title, numbers=heads)
     for row in table:
         sheet.add_row(
             f"{row.cells:.2f}", str(row.nodes), *_words(row.found), f"{row.cpu_seconds:.0f}"

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from geometry.families.masonry import circular_arch, wall_of_rows
 from geometry.polyhedra.assembly import PolyhedralAssembly
@@ -26,6 +25,7 @@ from mbd.plane import PlaneProblem, plane_problem
 from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
 from validation.compare.closed_forms import bisect, body_force, incline
 from validation.errors import run_command
+from validation.output.console import listing
 
 #: Friction of the walls.
 WALL_FRICTION = 0.65
@@ -130,9 +130,8 @@ def rows() -> list[Row]:
 
 def main() -> None:
     """Print every number of others beside ours."""
-    table = Table(title="Rigid blocks with friction: numbers of others", title_justify="left")
-    for head in ("problem", "ours", "printed", "proof"):
-        table.add_column(head)
+    title = "Rigid blocks with friction: numbers of others"
+    table = listing(title, "problem", "ours", "printed", "proof")
     for row in rows():
         table.add_row(row.name, row.found, row.printed, row.proof)
     Console().print(table)

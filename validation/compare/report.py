@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from geometry.mesh import FloatArray, IntArray
 from validation.compare.answers import (
@@ -19,6 +18,7 @@ from validation.compare.answers import (
     explicit_errors,
     interface_force_error,
 )
+from validation.output.console import listing
 from validation.output.pictures.assemblies import ring_panel, unrolled_panel
 from validation.output.pictures.bodies import interface_facets
 from validation.output.pictures.canvas import Part, View
@@ -65,10 +65,8 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
 
 def print_comparison(found: Comparison, console: Console) -> None:
     """Print both tables and the words."""
-    table = Table(title=f"{found.name}: the same mesh, three ways", title_justify="left")
-    heads = ("answer", "p_eff [MPa]", "p_max [MPa]", "effective elements", "|u| max [mm]", "CPU s")
-    for head in heads:
-        table.add_column(head, justify="left" if head == "answer" else "right")
+    heads = ("p_eff [MPa]", "p_max [MPa]", "effective elements", "|u| max [mm]", "CPU s")
+    table = listing(f"{found.name}: the same mesh, three ways", "answer", numbers=heads)
     moved = {
         str(run.method): f"{run.largest_displacement:.5g}"
         for run in (found.static, found.explicit)
@@ -84,10 +82,9 @@ def print_comparison(found: Comparison, console: Console) -> None:
             f"{answer.cpu_seconds:.2f}",
         )
     console.print(table)
-    table = Table(title="Contact pressures against the static answer", title_justify="left")
-    heads = ("answer", "faces", "correlation", "overlap of effective areas", "peaks found", "force")
-    for head in heads:
-        table.add_column(head, justify="left" if head in ("answer", "faces") else "right")
+    title = "Contact pressures against the static answer"
+    numbers = ("correlation", "overlap of effective areas", "peaks found", "force")
+    table = listing(title, "answer", "faces", numbers=numbers)
     layer = found.static.deformable.assembly.n_layers // 2 + 1
     joints = "whole tube" if found.static.is_tube else "all joints"
     for method, rows in found.agreement.items():

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from fem.assembly.measures import CapAction, cap_action_at
 from validation.build.deformable import contact_law
 from validation.cost.references import Reference, references
+from validation.output.console import listing
 from validation.run.curved.accuracy import LADDER, Rung
 from validation.run.curved.solve import Solved, curved_scene, solve_curved
 from validation.run.measures import Measure
@@ -171,9 +171,8 @@ def error_words(error: float, known_to: float) -> str:
 def print_peaks(orders: list[Refined], cap: CapComparison, console: Console) -> None:
     """Print both tables."""
     judged = judges()
-    table = Table(title=f"{KEY}: relative errors and observed orders", title_justify="left")
-    for head in ("degree", "elements", "unknowns", "CPU s", *HEADS.values()):
-        table.add_column(head, justify="right")
+    heads = ("degree", "elements", "unknowns", "CPU s", *HEADS.values())
+    table = listing(f"{KEY}: relative errors and observed orders", numbers=heads)
     for row in orders:
         for k, (a, r, z) in enumerate(row.elements):
             errors = (error_words(row.errors[q][k], r.known_to) for q, r in judged.items())
@@ -190,9 +189,7 @@ def print_peaks(orders: list[Refined], cap: CapComparison, console: Console) -> 
         f"a cap of {action.maximum_stiffness:g} MPa/mm: another law above {action.pressure:.3g} "
         f"MPa, where {100 * action.force_share:.2g} % of the contact force is"
     )
-    second = Table(title=title, title_justify="left")
-    for head in ("measure", "law without a cap", "with it", "change"):
-        second.add_column(head, justify="left" if head == "measure" else "right")
+    second = listing(title, "measure", numbers=("law without a cap", "with it", "change"))
     for quantity, measure in cap.without.items():
         values = (f"{m.value:.4g} {m.unit}" for m in (measure, cap.capped[quantity]))
         second.add_row(quantity, *values, f"{100 * cap.change(quantity):+.2g} %")

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.table import Table
 
 from validation.cost.measure import SCALARS
 from validation.cost.study import (
@@ -17,6 +16,7 @@ from validation.cost.study import (
     answer,
     percent,
 )
+from validation.output.console import listing
 from validation.output.pictures.gallery import (
     BLUE,
     GREEN,
@@ -131,14 +131,8 @@ def _print_reference(study: CostStudy, console: Console) -> None:
 
 
 def _print_fronts(study: CostStudy, console: Console) -> None:
-    table = Table(
-        title="Pareto fronts: no other setting is cheaper and nearer (F in that quantity)",
-        title_justify="left",
-    )
-    table.add_column("setting")
-    table.add_column("CPU s", justify="right")
-    for q in QUANTITIES:
-        table.add_column(q, justify="right")
+    title = "Pareto fronts: no other setting is cheaper and nearer (F in that quantity)"
+    table = listing(title, "setting", numbers=("CPU s", *QUANTITIES))
     fronts = {q: {row.setting for row in study.front(q)} for q in QUANTITIES}
     anywhere = set().union(*fronts.values())
     for row in sorted(study.rows, key=lambda r: r.found.cost):
@@ -154,13 +148,8 @@ def _print_fronts(study: CostStudy, console: Console) -> None:
 
 
 def _print_orders(study: CostStudy, console: Console) -> None:
-    table = Table(
-        title="Observed orders in mesh size: against the reference / of three meshes by themselves",
-        title_justify="left",
-    )
-    table.add_column("family")
-    for q in QUANTITIES:
-        table.add_column(q, justify="right")
+    title = "Observed orders in mesh size: against the reference / of three meshes by themselves"
+    table = listing(title, "family", numbers=QUANTITIES)
     for family, rows in study.families().items():
         if len(rows) > 2:
             table.add_row(family, *(_order_cell(study, family, q) for q in QUANTITIES))

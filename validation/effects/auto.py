@@ -32,6 +32,7 @@ from validation.effects.probe import (
     without_finite_rotation,
 )
 from validation.errors import InputError
+from validation.output.console import listing
 from validation.run.friction.slip import largest_slip
 from validation.scene.deformable import AutoSection, Damping, EffectName, Method
 from validation.scene.family import AssemblyScene
@@ -383,16 +384,12 @@ class _Probe:
 
 def decision_table(name: str, found: EffectsDecision) -> Table:
     """Return one row for each candidate, and what was decided."""
-    table = Table(
-        title=(
-            f"{name}: effects that matter beyond {100 * found.tolerance:.3g} % "
-            f"(left out below half of it; probe: {found.probe}, "
-            f"{found.cpu_seconds:.2g} CPU s in all)"
-        ),
-        title_justify="left",
+    title = (
+        f"{name}: effects that matter beyond {100 * found.tolerance:.3g} % (left out below half "
+        f"of it; probe: {found.probe}, {found.cpu_seconds:.2g} CPU s in all)"
     )
-    for heading in ("effect", "value", "p_max", "p_eff", "u", "decision", "by", "CPU s"):
-        table.add_column(heading)
+    heads = ("effect", "value", "p_max", "p_eff", "u", "decision", "by", "CPU s")
+    table = listing(title, *heads)
     for d in found.decisions:
         table.add_row(
             d.effect.replace("_", " "),

@@ -12,6 +12,7 @@ from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from validation.build.cell import check_cell
 from validation.effects.probe import Answer, Change, change, mesh_words, probe_scene
+from validation.output.console import listing
 from validation.run.deformable import DeformableRun
 from validation.run.static import run_static
 from validation.scene.deformable import Method
@@ -160,12 +161,8 @@ def offer_words(found: CellError) -> str:
 
 def cell_table(name: str, found: CellError) -> Table:
     """Cell, middle layers and tube, and the error."""
-    table = Table(
-        title=f"{name}: periodic cell beside {found.layers} layers, static, {found.mesh}",
-        title_justify="left",
-    )
-    for heading in ("", "p_max, MPa", "p_eff, MPa", "u, mm", "CPU s"):
-        table.add_column(heading)
+    title = f"{name}: periodic cell beside {found.layers} layers, static, {found.mesh}"
+    table = listing(title, "", "p_max, MPa", "p_eff, MPa", "u, mm", "CPU s")
     rows = (
         ("periodic cell", found.cell, found.cell_seconds),
         ("two middle layers of the tube", found.middle, None),

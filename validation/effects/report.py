@@ -14,7 +14,7 @@ from validation.effects.cell import offer_words, offered_cell
 from validation.effects.costs import EffectCost, EffectReport
 from validation.effects.proof import BareProof
 from validation.errors import InputError
-from validation.output.console import status
+from validation.output.console import listing, status
 from validation.scene.deformable import parse_share
 from validation.scene.read import DeformableScene
 
@@ -49,15 +49,9 @@ def decided(
 def proof_table(found: BareProof) -> Table:
     """Return one row for each kernel of the loop."""
     bits = "the same bits" if found.same_bits else "NOT the same bits"
-    table = Table(
-        title=(
-            "the loop with all effects off, beside one built without them: "
-            f"{bits} after {found.steps} steps"
-        ),
-        title_justify="left",
-    )
-    for heading in ("kernel", "instructions, off", "instructions, built without", ""):
-        table.add_column(heading)
+    title = "the loop with all effects off, beside one built without them: "
+    heads = ("kernel", "instructions, off", "instructions, built without", "")
+    table = listing(f"{title}{bits} after {found.steps} steps", *heads)
     for count in found.kernels:
         verdict = "the same" if count.same else "NOT the same"
         table.add_row(count.kernel, str(count.off), str(count.without), verdict)

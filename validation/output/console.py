@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
@@ -57,9 +57,16 @@ def error_console() -> Console:
 
 def two_columns(title: str) -> Table:
     """Table of words and values under a title."""
-    table = Table(title=title, show_header=False, title_justify="left")
-    table.add_column(justify="left")
-    table.add_column(justify="left")
+    return listing(title, "", "", show_header=False)
+
+
+def listing(title: str, *words: str, numbers: Iterable[str] = (), **options: Any) -> Table:
+    """Table under a title: heads of columns of words, then of numbers, which stand to the right."""
+    table = Table(title=title, title_justify="left", **options)
+    for head in words:
+        table.add_column(head)
+    for head in numbers:
+        table.add_column(head, justify="right")
     return table
 
 

@@ -16,6 +16,7 @@ from geometry.errors import RefusedError
 from geometry.families.sine_block import LayerTurn, SineBlockParameters, wave, waves_of_turn
 from geometry.loads import load_case
 from mbd import contact_jacobian, generalized_force, solve_linear_programs
+from validation.output.console import listing, two_columns
 from validation.paper.evidence import Evidence
 from validation.paper.naming import chosen_by_name
 from validation.paper.reading import Ingredient, ingredients, sensitivity
@@ -386,9 +387,7 @@ def errata_json(found: list[ShownErratum]) -> list[dict[str, Any]]:
 def print_errata(found: list[ShownErratum], console: Console) -> None:
     """Print each erratum with what shows it."""
     for item in found:
-        table = Table(title=item.erratum.name, show_header=False, title_justify="left")
-        table.add_column()
-        table.add_column()
+        table = two_columns(item.erratum.name)
         table.add_row("printed", item.erratum.printed)
         table.add_row("meant", item.erratum.meant)
         table.add_row("shown", item.shown.words)
@@ -402,11 +401,9 @@ def print_errata(found: list[ShownErratum], console: Console) -> None:
 def _sensitivity_table(found: list[ShownErratum]) -> Table:
     """One line a number: its error, and the error without each ingredient that moves it."""
     title = "Errors of the tables' numbers [%], and without an ingredient where that moves them"
-    table = Table(title=title, title_justify="left", padding=0)
-    table.add_column("number", no_wrap=True)
-    heads = ("printed", "error", *(item.erratum.name for item in found))
-    for head in heads:
-        table.add_column(head.replace("-", " "), justify="right")
+    heads = ("printed", "error", *(item.erratum.name.replace("-", " ") for item in found))
+    table = listing(title, "number", numbers=heads, padding=0)
+    table.columns[0].no_wrap = True
     whole = found[0].shown.values["with"]
     table.add_row("to the digit", "", *_counts(found))
     for place, error in whole["differences"].items():

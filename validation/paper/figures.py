@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from geometry.joints import between_layers
 from geometry.mesh import FloatArray, IntArray
+from validation.output.console import listing
 from validation.output.files import write_whole
 from validation.output.pictures.bodies import EYE, FROM_ABOVE, far_side, interface_facets
 from validation.output.pictures.canvas import Direction, View
@@ -284,9 +284,8 @@ def cost_rows(evidence: Evidence) -> list[CostRow]:
 
 def print_costs(rows: list[CostRow], console: Console) -> None:
     """Print the cost table."""
-    table = Table(title="Computational cost", title_justify="left")
-    for head in ("method", "tubes", "CPU hours", "CPU seconds per tube", "remark"):
-        table.add_column(head)
+    heads = ("method", "tubes", "CPU hours", "CPU seconds per tube", "remark")
+    table = listing("Computational cost", *heads)
     for row in rows:
         table.add_row(
             row.method,

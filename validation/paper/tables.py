@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from validation.output.console import listing
 from validation.paper.reading import DECIMALS, Solve, as_read, solve_row, to_the_digit
 from validation.paper.reference import reference
 from validation.run.rigid.assembly import RigidRun
@@ -151,11 +152,9 @@ def count_words(tables: Tables) -> str:
 def print_tables(tables: Tables, console: Console) -> None:
     """Print one table per block: every number on a line of its own, the count at the end."""
     for block in dict.fromkeys(row.block for row in tables.classes):
-        table = Table(title=f"{block}, read as the tables are", title_justify="left")
-        for head in ("load case", "quantity"):
-            table.add_column(head)
-        for head in ("paper", "ours", "difference", "to the digit", "as physics says"):
-            table.add_column(head, justify="right")
+        numbers = ("paper", "ours", "difference", "to the digit", "as physics says")
+        title = f"{block}, read as the tables are"
+        table = listing(title, "load case", "quantity", numbers=numbers)
         for found in tables.classes:
             if found.block == block:
                 same = "yes" if found.paper == found.ours else "no"

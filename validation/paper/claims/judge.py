@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
+from validation.output.console import listing
 from validation.paper.claims.claim import NOT_COMPUTED, Claim, Truth, Verdict
 from validation.paper.claims.deformable import FEM_CLAIMS
 from validation.paper.claims.rigid import RIGID_CLAIMS
@@ -85,9 +85,8 @@ def claims_json(found: list[JudgedClaim]) -> list[dict[str, Any]]:
 
 def print_claims(found: list[JudgedClaim], console: Console) -> None:
     """Print one row per claim and a count."""
-    table = Table(title="The paper's claims", title_justify="left", show_lines=True)
-    for head in ("claim", "the paper says", "verdict", "number"):
-        table.add_column(head)
+    heads = ("claim", "the paper says", "verdict", "number")
+    table = listing("The paper's claims", *heads, show_lines=True)
     for item in found:
         table.add_row(
             item.claim.name, item.claim.statement, str(item.verdict.truth), item.verdict.number
