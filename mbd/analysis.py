@@ -10,7 +10,7 @@ from geometry.loads.case import LoadCase
 from geometry.measures import BlockMeasures, Measures, block_measures, measures
 from geometry.mesh import FloatArray, IntArray
 from geometry.placed_blocks import AnyBlocks
-from mbd.contact_jacobian import contact_jacobian
+from mbd.contact_jacobian import Contacts, contact_jacobian
 from mbd.equilibrium import Equilibrium, Norm, Solver, column_weights, equilibrium
 from mbd.generalized_force import generalized_force
 from mbd.mechanism import Classification, MechanismClass, classify
@@ -110,26 +110,17 @@ def analyse(
     contacts = contact_jacobian(assembly, load.fixed)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     lap("jacobian")
-    supported = classify(contacts.jacobian, force)
-    framed = supported
+    supported = framed = classify(contacts.jacobian, force)
     if (load.fixed != assembly.fixed).any():
         held = contact_jacobian(assembly)
-        framed = classify(
-            held.jacobian, generalized_force(assembly, load, held.free_blocks, held.length)
-        )
+        pushed = generalized_force(assembly, load, held.free_blocks, held.length)
+        framed = classify(held.jacobian, pushed)
     lap("mechanism")
     weights = column_weights(norm, contacts.areas)
     balance = equilibrium(contacts.jacobian, force, solver=solver, weights=weights)
     pressures = balance.forces / contacts.areas
     lap("equilibrium")
-    measured = assembly.free_blocks
-    per_block = overall = None
-    if balance.holds:
-        per_block = block_measures(
-            measured, contacts.block_m, contacts.block_s, pressures, contacts.areas
-        )
-        eligible = assembly.eligible_facets()[measured]
-        overall = measures(per_block, eligible, assembly.eligible_areas()[measured])
+    per_block, overall = _measured(assembly, contacts, pressures) if balance.holds else (None, None)
     lap("measures")
     seconds["total"] = sum(seconds.values())
     return RigidResult(
@@ -138,10 +129,20 @@ def analyse(
         equilibrium=balance,
         measures=overall,
         per_block=per_block,
-        measured_blocks=measured,
+        measured_blocks=assembly.free_blocks,
         contact_index=contacts.index,
         contact_forces=balance.forces,
         contact_pressures=pressures,
         n_blocks=len(contacts.free_blocks),
         cpu_seconds=seconds,
     )
+
+
+def _measured(
+    assembly: AnyBlocks, contacts: Contacts, pressures: FloatArray
+) -> tuple[BlockMeasures, Measures]:
+    """Measures of every free block, and of the assembly."""
+    free = assembly.free_blocks
+    found = block_measures(free, contacts.block_m, contacts.block_s, pressures, contacts.areas)
+    eligible = assembly.eligible_facets()[free]
+    return found, measures(found, eligible, assembly.eligible_areas()[free])

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -186,21 +187,21 @@ def frictional_contacts(
     return FrictionalContacts(matrix, np.stack([first, second], axis=1), friction, law)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FrictionalEquilibrium:
     """Whether a load can be carried with friction, and the proof."""
 
-    holds: bool
+    holds: bool = False
     """Whether admissible forces balance the load to `EQUILIBRIUM_TOLERANCE`."""
     forces: FloatArray
     """(λ_n, λ_1, λ_2) of each contact, inside the cone; (n_contacts, 3) [N]."""
     residual: float
     """‖G λ + f‖ / ‖f‖ of those forces (0 for a zero load)."""
-    mechanism: FloatArray | None
+    mechanism: FloatArray | None = None
     """d with ‖d‖ = 1, fᵀd > 0, on which no admissible force does negative work; (n_rows,)."""
-    work: float
+    work: float = 0.0
     """fᵀd / ‖f‖ of the mechanism."""
-    smallest_contact_work: float
+    smallest_contact_work: float = 0.0
     """Least work of an admissible unit force on the mechanism; zero to round-off."""
     status: str
     """What happened and what that means."""
@@ -296,75 +297,67 @@ def frictional_equilibrium(contacts: FrictionalContacts, load: FloatArray) -> Fr
         Undecided (neither holds nor a mechanism) at the edge of what can be carried.
     """
     size = float(np.linalg.norm(load))
-    n = contacts.n_contacts
     if size == 0.0:
-        return FrictionalEquilibrium(
-            True, np.zeros((n, 3)), 0.0, None, 0.0, 0.0, "equilibrium: no load"
-        )
+        nothing = np.zeros((contacts.n_contacts, 3))
+        status = "equilibrium: no load"
+        return FrictionalEquilibrium(holds=True, forces=nothing, residual=0.0, status=status)
     unit = load / size
-    residual, forces = 1.0, np.zeros((n, 3))
-    direction = unit
-    if n:
-        rows, cones = _cones(contacts)
-        solution = _clarabel(
-            quadratic=sp.eye_array(3 * n, format="csc"),
-            cost=np.zeros(3 * n),
-            equal=contacts.matrix,
-            target=-unit,
-            rows=rows,
-            cones=cones,
-        )
-        forces = contacts.projected(_bounded(solution.x).reshape(-1, 3))
-        residual = float(np.linalg.norm(contacts.matrix @ forces.ravel() + unit))
-        direction = np.asarray(solution.z)[: len(load)]
+    forces, residual, direction = _least_forces(contacts, unit)
+    answer = partial(FrictionalEquilibrium, forces=size * forces, residual=residual)
     if residual <= EQUILIBRIUM_TOLERANCE:
-        return FrictionalEquilibrium(
-            True,
-            size * forces,
-            residual,
-            None,
-            0.0,
-            0.0,
-            f"can be carried, relative residual {residual:.1e}",
-        )
+        return answer(holds=True, status=f"can be carried, relative residual {residual:.1e}")
     for candidate in (direction, -direction):
         found = _checked_mechanism(contacts, candidate, unit)
         if found is not None:
-            return FrictionalEquilibrium(
-                False,
-                size * forces,
-                residual,
-                *found,
-                "cannot be carried: the load drives a mechanism that friction does not stop "
-                "(given as certificate)",
+            return answer(
+                mechanism=found[0],
+                work=found[1],
+                smallest_contact_work=found[2],
+                status="cannot be carried: the load drives a mechanism that friction does not "
+                "stop (given as certificate)",
             )
-    return FrictionalEquilibrium(
-        False,
-        size * forces,
-        residual,
-        None,
-        0.0,
-        0.0,
-        f"undecided: residual {residual:.1e} and no certified mechanism; the load lies at the edge "
-        "of what the contacts can carry: change it or the friction a little",
+    return answer(
+        status=f"undecided: residual {residual:.1e} and no certified mechanism; the load lies at "
+        "the edge of what the contacts can carry: change it or the friction a little"
     )
 
 
-@dataclass(frozen=True)
+def _least_forces(
+    contacts: FrictionalContacts, unit: FloatArray
+) -> tuple[FloatArray, float, FloatArray]:
+    """Smallest admissible forces that come nearest to balance, what is left, and its dual."""
+    n = contacts.n_contacts
+    if n == 0:
+        return np.zeros((0, 3)), 1.0, unit
+    rows, cones = _cones(contacts)
+    solution = _clarabel(
+        quadratic=sp.eye_array(3 * n, format="csc"),
+        cost=np.zeros(3 * n),
+        equal=contacts.matrix,
+        target=-unit,
+        rows=rows,
+        cones=cones,
+    )
+    forces = contacts.projected(_bounded(solution.x).reshape(-1, 3))
+    residual = float(np.linalg.norm(contacts.matrix @ forces.ravel() + unit))
+    return forces, residual, np.asarray(solution.z)[: len(unit)]
+
+
+@dataclass(frozen=True, kw_only=True)
 class CollapseLoad:
     """How far a live load can grow on top of a dead load until the first mechanism."""
 
     factor: float
     """Largest α for which dead + α live can be carried; infinity if it never collapses."""
-    upper_bound: float
+    upper_bound: float = np.inf
     """-f_deadᵀd / f_liveᵀd of the mechanism: no larger α can be carried."""
     forces: FloatArray
     """Contact forces at collapse (at an infinite factor: those of the live load alone); (n, 3)."""
     residual: float
     """Relative residual of those forces."""
-    mechanism: FloatArray | None
+    mechanism: FloatArray | None = None
     """Collapse mechanism d, f_liveᵀd > 0, ‖d‖ = 1; None if it never collapses."""
-    smallest_contact_work: float
+    smallest_contact_work: float = 0.0
     """Least work of an admissible unit force on the mechanism; zero to round-off."""
     status: str
     """What happened and what that means."""
@@ -396,69 +389,59 @@ def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArr
     FrictionError
         When the live load is zero, or the dead load alone cannot be carried.
     """
-    n, n_rows = contacts.n_contacts, len(live)
-    size = float(np.linalg.norm(live))
-    if size == 0.0:
+    if float(np.linalg.norm(live)) == 0.0:
         raise FrictionError("collapse: the live load is zero; name a load that is to grow")
-    scale = max(float(np.linalg.norm(dead)), size)
     base = frictional_equilibrium(contacts, dead)
     if not base.holds:
         raise FrictionError(f"collapse: the dead load alone {base.status}")
     alone = frictional_equilibrium(contacts, live)
     if alone.holds:
         return CollapseLoad(
-            np.inf,
-            np.inf,
-            alone.forces,
-            alone.residual,
-            None,
-            0.0,
-            "never collapses: the live load alone can be carried, however large",
+            factor=np.inf,
+            forces=alone.forces,
+            residual=alone.residual,
+            status="never collapses: the live load alone can be carried, however large",
         )
+    factor, forces, dual = _largest_factor(contacts, dead, live)
+    total = dead + factor * live
+    residual = float(np.linalg.norm(contacts.matrix @ forces.ravel() + total))
+    residual /= max(float(np.linalg.norm(total)), 1e-300)
+    answer = partial(CollapseLoad, factor=factor, forces=forces, residual=residual)
+    for direction in (dual, -dual):
+        if float(live @ direction) <= 0.0:
+            continue
+        unit = direction / np.linalg.norm(direction)
+        least = float(contacts.smallest_work(unit).min(initial=0.0))
+        if least >= -1e-5:
+            return answer(
+                upper_bound=-float(dead @ unit) / float(live @ unit),
+                mechanism=unit,
+                smallest_contact_work=least,
+                status=f"collapses at {factor:.6g} times the live load",
+            )
+    return answer(
+        status=f"carries at least {factor:.6g} times the live load; no mechanism was certified"
+    )
+
+
+def _largest_factor(
+    contacts: FrictionalContacts, dead: FloatArray, live: FloatArray
+) -> tuple[float, FloatArray, FloatArray]:
+    """Factor of the live load at collapse, contact forces there, and the mechanism's direction."""
+    n, size = contacts.n_contacts, float(np.linalg.norm(live))
+    scale = max(float(np.linalg.norm(dead)), size)
     rows, cones = _cones(contacts)
-    equal = sp.hstack([contacts.matrix, sp.csc_array((live / size)[:, None])])
-    widened = sp.hstack([rows, sp.csc_array((rows.shape[0], 1))])
     cost = np.zeros(3 * n + 1)
     cost[-1] = -1.0
     solution = _clarabel(
         quadratic=sp.csc_array((3 * n + 1, 3 * n + 1)),
         cost=cost,
-        equal=equal,
+        equal=sp.hstack([contacts.matrix, sp.csc_array((live / size)[:, None])]),
         target=-dead / scale,
-        rows=widened,
+        rows=sp.hstack([rows, sp.csc_array((rows.shape[0], 1))]),
         cones=cones,
     )
     x = _bounded(solution.x)
-    factor = float(x[-1]) * scale / size
     forces = scale * contacts.projected(x[:-1].reshape(-1, 3))
-    total = dead + factor * live
-    residual = float(np.linalg.norm(contacts.matrix @ forces.ravel() + total))
-    residual /= max(float(np.linalg.norm(total)), 1e-300)
-    z = np.asarray(solution.z)[:n_rows]
-    z = _unit_largest(z)
-    for direction in (z, -z):
-        work = float(live @ direction)
-        if work <= 0.0:
-            continue
-        unit = direction / np.linalg.norm(direction)
-        least = float(contacts.smallest_work(unit).min(initial=0.0))
-        bound = -float(dead @ unit) / float(live @ unit)
-        if least >= -1e-5:
-            return CollapseLoad(
-                factor,
-                bound,
-                forces,
-                residual,
-                unit,
-                least,
-                f"collapses at {factor:.6g} times the live load",
-            )
-    return CollapseLoad(
-        factor,
-        np.inf,
-        forces,
-        residual,
-        None,
-        0.0,
-        f"carries at least {factor:.6g} times the live load; no mechanism was certified",
-    )
+    dual = _unit_largest(np.asarray(solution.z)[: len(live)])
+    return float(x[-1]) * scale / size, forces, dual

@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw, ExponentialLaw
@@ -215,18 +217,11 @@ def _check_cell(assembly: Assembly, frames: Frames, *, finite_sliding: bool) -> 
 
 def _check_held(assembly: Assembly, load: LoadCase) -> None:
     """Refuse blocks that no chain of contacts connects to a held block."""
-    found = assembly.interfaces
-    reached = load.fixed.copy()
-    while True:
-        touch = reached[found.block_m] | reached[found.block_s]
-        grown = reached.copy()
-        grown[found.block_m[touch]] = True
-        grown[found.block_s[touch]] = True
-        if (grown == reached).all():
-            break
-        reached = grown
-    if not reached.all():
-        loose = np.flatnonzero(~reached)
+    found, n = assembly.interfaces, assembly.n_blocks
+    touch = coo_array((np.ones(found.n_contacts), (found.block_m, found.block_s)), shape=(n, n))
+    _, part = connected_components(touch, directed=False)
+    loose = np.flatnonzero(~np.isin(part, part[load.fixed]))
+    if len(loose):
         names = ", ".join(str(b) for b in loose[:8]) + (", …" if len(loose) > 8 else "")
         raise DeformableAssemblyError(
             f"{assembly.name}: nothing holds {len(loose)} blocks ({names}); expected every block "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy.ndimage
 
 from geometry.mesh import HexMesh, IntArray, boundary_quads
 from geometry.placed_blocks import AssemblyError
@@ -79,15 +80,9 @@ def read_drawing(layers: Sequence[Sequence[str]]) -> dict[str, IntArray]:
 
 def _connected(cells: IntArray) -> bool:
     """Whether cubes hang together face to face."""
-    todo, rest = [tuple(cells[0])], {tuple(cell) for cell in cells[1:]}
-    while todo:
-        x, y, z = todo.pop()
-        for dx, dy, dz in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)):
-            cell = (x + dx, y + dy, z + dz)
-            if cell in rest:
-                rest.remove(cell)
-                todo.append(cell)
-    return not rest
+    grid = np.zeros(cells.max(axis=0) + 1, dtype=np.bool_)
+    grid[tuple(cells.T)] = True
+    return int(scipy.ndimage.label(grid)[1]) == 1
 
 
 def voxel_assembly(
