@@ -54,9 +54,7 @@ def test_decisions_are_those_of_the_full_runs() -> None:
         EffectName.ELASTIC_FRAME,
         EffectName.FINITE_ROTATION,
     }
-    everything = scene.model_copy(
-        update={"effects": scene.effects.model_copy(update={"auto": None, "elastic_frame": True})}
-    )
+    everything = scene.changed({"effects": {"auto": None, "elastic_frame": True}})
     reference = answer_of_run(run_static("tube", everything))
     for decision in found.decisions:
         if decision.effect is EffectName.FINITE_ROTATION:
@@ -87,8 +85,8 @@ def test_finite_rotation_is_estimated_as_explicit_runs_find_it() -> None:
     _, estimated = of(found, EffectName.FINITE_ROTATION)
     answers = []
     for finite in (True, False):
-        effects = scene.effects.model_copy(update={"auto": None, "finite_rotation": finite})
-        run = run_explicit("tube", scene.model_copy(update={"effects": effects}))
+        probe = scene.changed({"effects": {"auto": None, "finite_rotation": finite}})
+        run = run_explicit("tube", probe)
         answers.append(answer_of_run(run))
     true = change(*answers)
     assert estimated is not None
@@ -199,7 +197,7 @@ def test_finite_rotation_that_matters_is_part_of_the_static_run() -> None:
     (decision,) = found.decisions
     assert decision.change is not None
     run, without = (
-        run_static("tube", scene.model_copy(update={"effects": effects}))
+        run_static("tube", scene.changed({"effects": effects}))
         for effects in (decided.effects, EffectsSection())
     )
     assert "finite rotation" in run.static.status

@@ -119,9 +119,8 @@ def warm_up(name: str, scene: AssemblyScene, base: BaseMesh, setting: CostSettin
         return  # its program is compiled
     solved = _timed(setting, with_setting(scene, base, setting), name)
     if setting.method == "explicit":
-        assert solved.fem is not None
         short = {"end_time": 1e-3, "ramp_time": 1e-4, "residual": 1e300}
-        solved = solved.model_copy(update={"fem": solved.fem.model_copy(update=short)})
+        solved = solved.changed({"fem": short})
     _run(name, solved, base, setting)
 
 
@@ -130,14 +129,13 @@ def _timed(setting: CostSetting, scene: AssemblyScene, name: str) -> AssemblySce
     usual = setting.ramp_factor == 1.0 and setting.hold_periods is None
     if setting.method != "explicit" or usual:
         return scene
-    assert scene.fem is not None
     times = scene_statement(scene, name, build_deformable(scene, name)).recommended
     assert times is not None  # blocks meet
     ramp = setting.ramp_factor * times.ramp_time
     changed: dict[str, Any] = {"ramp_time": ramp}
     if setting.hold_periods is not None:
         changed["end_time"] = ramp + setting.hold_periods / times.frequency
-    scene = scene.model_copy(update={"fem": scene.fem.model_copy(update=changed)})
+    scene = scene.changed({"fem": changed})
     if setting.damping_ratio is not None:
         critical = 4.0 * math.pi * times.frequency
         scene = damped_constantly(scene, setting.damping_ratio * critical)

@@ -14,9 +14,7 @@ from fem.element.hexahedron import ElementType
 from mbd import Norm
 from validation.errors import InputError
 from validation.run.curved.accuracy import LADDER
-from validation.scene.deformable import Damping, Method, RayleighSection
 from validation.scene.family import AssemblyScene
-from validation.scene.sections import Section
 
 #: Abaqus' names, as the field knows the elements.
 ELEMENT_NAMES = {
@@ -191,45 +189,15 @@ def variants(level: int) -> list[CostSetting]:
 
 def with_setting(scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> AssemblyScene:
     """Scene that a setting solves; times that depend on its frequency are left to the run."""
-    assert scene.fem is not None
-    rigid = dict(p for p in setting.changes if p[0].startswith("rigid."))
-    fem = dict(p for p in setting.changes if p[0].startswith("fem."))
-    mesh: Section = scene.mesh  # type: ignore[attr-defined]
-    changed: dict[str, Any] = {"mesh": mesh.model_copy(update=setting.mesh(base))}
-    if rigid:
-        update = {key.partition(".")[2]: value for key, value in rigid.items()}
-        changed["rigid"] = scene.rigid.model_copy(update={"norm": Norm(update["norm"])})
-    if fem:
-        changed["fem"] = scene.fem.model_copy(update=_fem_values(fem))
-    return scene.model_copy(update=changed)
-
-
-def _fem_values(changes: dict[str, str]) -> dict[str, Any]:
-    """Checked values; what the plan varies and a setting does not name is as by default."""
-    kinds: dict[str, Any] = {
-        "method": Method,
-        "element": ElementType,
-        "damping": Damping,
-        "residual": float,
-        "precision": str,
-        "mass_scaling": float,
-    }
-    values: dict[str, Any] = {"ramp_time": None, "end_time": None, "residual": 1.0e-4}
-    values["mass_scaling"] = None
-    for key, text in changes.items():
-        short = key.partition(".")[2]
-        values[short] = kinds[short](text)
-    return values
+    changes: dict[str, Any] = {"mesh": setting.mesh(base), **dict(setting.changes)}
+    if any(key.startswith("fem.") for key in changes):
+        # What the plan varies and a setting does not name is as by default.
+        usual = {"ramp_time": None, "end_time": None, "residual": 1.0e-4, "mass_scaling": None}
+        changes = {f"fem.{key}": value for key, value in usual.items()} | changes
+    return scene.changed(changes)
 
 
 def damped_constantly(scene: AssemblyScene, coefficient: float) -> AssemblyScene:
     """Scene with constant mass damping [1/s] in place of an adaptive one."""
-    assert scene.fem is not None
-    given = scene.effects.rayleigh or RayleighSection()
-    rayleigh = given.model_copy(update={"mass_proportional": coefficient})
-    return scene.model_copy(
-        update={
-            "effects": scene.effects.model_copy(update={"rayleigh": rayleigh}),
-            "fem": scene.fem.model_copy(update={"damping": None}),
-        }
-    )
+    damping = {"effects.rayleigh.mass_proportional": coefficient, "fem.damping": None}
+    return scene.changed(damping)
