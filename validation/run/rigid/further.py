@@ -26,7 +26,7 @@ from mbd.friction import (
 from mbd.margin import Margin, interlocking_margin
 from mbd.plane import PlaneProblem, plane_problem
 from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
-from validation.errors import InputError
+from validation.errors import named
 from validation.scene.sections import RigidSection
 
 
@@ -124,7 +124,7 @@ def further_answers(
     contacts = contact_jacobian(assembly, fixed)
     dead, live = (_generalized(w, contacts.free_blocks, contacts.length) for w in wrenches)
     friction = collapse = sliding = margin = forces = None
-    try:
+    with named("rigid"):
         frictional = frictional_contacts(
             assembly, contacts, section.friction or 0.0, section.friction_law
         )
@@ -137,19 +137,16 @@ def further_answers(
             collapse = collapse_load(frictional, dead, live)
         if section.sliding:
             sliding = _sliding(assembly, contacts, frictional, (dead, live))
-    except FrictionError as error:
-        raise InputError(f"rigid: {error}") from None
     if section.margin:
         margin = interlocking_margin(contacts.jacobian, contacts.areas)
     with_friction = None if friction is None else (frictional, friction)
     ranges = _ranges(assembly, contacts, with_friction, dead + live, section)
-    seconds = time.process_time() - start
     return Further(
         friction=friction,
         collapse=collapse,
         margin=margin,
         free_blocks=contacts.free_blocks,
-        cpu_seconds=seconds,
+        cpu_seconds=time.process_time() - start,
         sliding=sliding,
         ranges=ranges,
         friction_forces=forces,
