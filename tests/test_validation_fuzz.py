@@ -15,6 +15,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from geometry.errors import RefusedError
 from validation.build.blocks import build_blocks
 from validation.build.deformable import fem_section
 from validation.build.polyhedra import build_body_loads, build_polyhedra
@@ -66,7 +67,7 @@ def refusal(work: Callable[[], object]) -> str:
     """What is said where something is refused; nothing where it is done. No other error passes."""
     try:
         work()
-    except InputError as error:
+    except RefusedError as error:
         return str(error)
     return ""
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from geometry.errors import RefusedError
 from geometry.families.platonic_layers import tetrahedra_layer, tetrahedron
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.cli.app import app
@@ -120,7 +121,7 @@ def test_command_writes_contacts_and_pictures(tmp_path: Path) -> None:
 
 
 def _refusal(path: Path, settings: list[str] | None = None) -> str:
-    with pytest.raises(InputError) as error:
+    with pytest.raises(RefusedError) as error:
         _answer(load_scene(str(path), settings or []))
     return str(error.value)
 
@@ -170,7 +171,7 @@ def test_scales_that_look_wrong_are_refused(tmp_path: Path) -> None:
         )
     ]
     tube = load_scene("tsb1-pipe", [*metres, "mesh.around=12", "mesh.radial=2", "mesh.axial=2"])
-    with pytest.raises(InputError, match="in metres, multiply by 1000"):
+    with pytest.raises(RefusedError, match="in metres, multiply by 1000"):
         build_assembly(tube.scene)  # type: ignore[arg-type]
 
 
@@ -211,5 +212,5 @@ def test_blocks_beyond_the_digits_of_coordinates_are_refused(tmp_path: Path) -> 
     x, y, z = (float(word) for word in first.split(","))
     far = scene.read_text().replace(f"at = [{first}]", f"at = [{x + 1e12}, {y}, {z}]")
     scene.write_text(far)
-    with pytest.raises(InputError, match=r"1e\+12 mm from the origin.*move the assembly"):
+    with pytest.raises(RefusedError, match=r"1e\+12 mm from the origin.*move the assembly"):
         _answer(load_scene(str(scene)))

@@ -5,6 +5,7 @@ import tomllib
 import jsonschema
 import pytest
 
+from geometry.errors import RefusedError
 from validation.build.polyhedra import build_polyhedra
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
@@ -140,7 +141,7 @@ def test_a_size_that_no_block_has_can_be_meant_as_well() -> None:
     """The same key as for slips of units: a dust of blocks, and what the message names lets it."""
     small = ["block.edge=0.4", "assembly.rings=0"]
     file = load_scene("octahedra", small)
-    with pytest.raises(InputError, match=r"a block measures 0\.3.*accept = \[\"block\.size\"\]"):
+    with pytest.raises(RefusedError, match=r"a block measures 0\.3.*accept = \[\"block\.size\"\]"):
         build_polyhedra(file.scene, file.folder)  # type: ignore[arg-type]
     meant = load_scene("octahedra", [*small, 'plausibility.accept=["block.size"]'])
     assert build_polyhedra(meant.scene, meant.folder).n_blocks == 7  # type: ignore[arg-type]

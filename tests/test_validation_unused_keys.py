@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.build.deck import build_deck
@@ -139,7 +140,7 @@ def test_commands_name_unused_keys_in_words_and_data(tubelock, tmp_path: Path) -
 
 
 def test_a_layer_that_no_load_acts_on_is_refused() -> None:
-    with pytest.raises(InputError, match=r"load\.layer: got 1, but pipe loads no single layer"):
+    with pytest.raises(RefusedError, match=r"load\.layer: got 1, but pipe loads no single layer"):
         run_rigid(load_scene("tsb1-pipe", (*COARSE, "load.layer=1")))
     run_rigid(load_scene("tsb1-beam", (*COARSE, "load.layer=1")))
 
