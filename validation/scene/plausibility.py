@@ -48,25 +48,14 @@ _ACCELERATION = Range(
 )
 _FRICTION = Range(1e-4, 3.0, "", 0.6, "concrete on concrete", (("an angle in degrees", 0.0),))
 _CLEARANCE = Range(1e-4, 20.0, "mm", 0.01, "a fine joint", _LENGTHS)
+_SIZE = Range(0.5, 1e5, "mm", 200.0, "a block of the paper", _LENGTHS)
+_DENSITIES = (("kg/m³", 1e-12), ("g/cm³ or t/m³", 1e-9), ("kg/mm³", 1e-3))
+_DENSITY = Range(1e-11, 3e-8, "t/mm³", 2.4e-9, "concrete", _DENSITIES)
 
 #: By key; a star stands for any one name. Numbers in lists are judged one by one.
 TABLE: dict[str, Range] = {
-    "material.density": Range(
-        1e-11,
-        3e-8,
-        "t/mm³",
-        2.4e-9,
-        "concrete",
-        (("kg/m³", 1e-12), ("g/cm³ or t/m³", 1e-9), ("kg/mm³", 1e-3)),
-    ),
-    "load.density": Range(
-        1e-11,
-        3e-8,
-        "t/mm³",
-        2.4e-9,
-        "concrete",
-        (("kg/m³", 1e-12), ("g/cm³ or t/m³", 1e-9), ("kg/mm³", 1e-3)),
-    ),
+    "material.density": _DENSITY,
+    "load.density": _DENSITY,
     "material.young_modulus": Range(0.1, 1.3e6, "MPa", 33000.0, "concrete", _STRESSES),
     "contact.clearance_at_zero_pressure": Range(
         1e-5, 10.0, "mm", 1e-3, "the paper's law", _LENGTHS
@@ -77,7 +66,6 @@ TABLE: dict[str, Range] = {
     "load.pressure": Range(
         0.0, 1e3, "MPa", 0.01, "the paper's load", (("Pa", 1e-6), ("kPa", 1e-3)), only_slips=True
     ),
-    "contact.initial_clearance": _CLEARANCE,
     "contact.clearance": _CLEARANCE,
     "contact.spacing": _CLEARANCE,
     "effects.gravity": _ACCELERATION,
@@ -86,8 +74,8 @@ TABLE: dict[str, Range] = {
     "rigid.friction": _FRICTION,
     "effects.friction.coefficient": _FRICTION,
     # Other sizes of blocks are judged by their volumes, when the blocks are there.
-    "block.size": Range(0.5, 1e5, "mm", 200.0, "a block of the paper", _LENGTHS),
-    "block.boxes.size": Range(0.5, 1e5, "mm", 200.0, "a block of the paper", _LENGTHS),
+    "block.size": _SIZE,
+    "block.boxes.size": _SIZE,
     "fem.end_time": Range(1e-7, 1e3, "s", 0.05, "an explicit run", (("ms", 1e-3), ("µs", 1e-6))),
 }
 
