@@ -12,6 +12,7 @@ from skfem.helpers import ddot, div, dot, sym_grad
 from skfem.models.elasticity import linear_elasticity
 
 from fem.element.hexahedron import (
+    ELEMENTS,
     ElementType,
     block_hourglass_stiffness,
     block_lumped_mass,
@@ -24,7 +25,7 @@ from fem.element.hexahedron import (
     mean_gradients,
 )
 from fem.element.material import Material
-from fem.element.stress import element_strain_operator, integration_point_stress
+from fem.element.stress import integration_point_stress
 from geometry.block import box_block
 from geometry.mesh import (
     CORNERS,
@@ -90,7 +91,7 @@ def test_stiffness_is_the_work_of_the_recovered_strain(element: ElementType) -> 
     """
     mesh = distorted_box()
     coordinates = mesh.nodes[mesh.elements]
-    operator = element_strain_operator(coordinates, CONCRETE, element)
+    operator = ELEMENTS[element].strain(coordinates, CONCRETE)
     volume = gauss_gradients(coordinates)[1]
     work = np.einsum(
         "ep,epki,kl,eplj->eij",

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fem.element.hexahedron import VOIGT
 from fem.element.material import Material, MaterialError
-from fem.element.stress import VOIGT
 
 
 @pytest.mark.parametrize("nu", [-0.5, 0.0, 0.2, 0.4999])

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from fem.assembly.contact_state import ContactState
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.law import ContactLaw
-from fem.element.hexahedron import ElementType, chunks, gauss_gradients
+from fem.element.hexahedron import ELEMENTS, ElementType, chunks, gauss_gradients
 from fem.element.stress import (
     corner_extrapolation,
     integration_point_stress,
@@ -275,7 +275,7 @@ def point_volumes(mesh: HexMesh, element: ElementType) -> FloatArray:
     """Volume of each integration point, (n_elements · n_points,) [mm³]."""
     parts = [gauss_gradients(mesh.nodes[mesh.elements[p]])[1] for p in chunks(mesh.n_elements)]
     volumes = np.concatenate(parts)
-    if element is ElementType.REDUCED:
+    if ELEMENTS[element].points == 1:
         volumes = volumes.sum(axis=1)
     return volumes.ravel()
 

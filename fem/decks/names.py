@@ -6,15 +6,10 @@ from collections.abc import Mapping
 
 from fem.decks.keywords import DeckError
 from fem.decks.statement import BodyForceLoad, Deck, NodalForceLoad
-from fem.element.hexahedron import ElementType
+from fem.element.hexahedron import ELEMENTS, ElementType
 
-#: Element of each formulation. Abaqus' C3D8 averages the dilatation: plain full integration
-#: has no name there.
-ELEMENT_NAMES = {
-    ElementType.B_BAR: "C3D8",
-    ElementType.INCOMPATIBLE: "C3D8I",
-    ElementType.REDUCED: "C3D8R",
-}
+#: Abaqus' name of each element that has one.
+ELEMENT_NAMES = {kind: found.abaqus for kind, found in ELEMENTS.items() if found.abaqus}
 
 
 ALL = "ALL"

@@ -10,6 +10,7 @@ here is a combination of one tensor, T[ai, bj] = sum_p dv g[a, i] g[b, j]:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -60,6 +61,10 @@ HOURGLASS_VECTORS: FloatArray = np.column_stack(
         CORNERS[:, 0] * CORNERS[:, 1] * CORNERS[:, 2],
     ]
 )
+
+#: Rows and columns of the six components xx, yy, zz, xy, yz, xz.
+VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+
 
 #: Elements treated at once: bounds the temporary memory of an assembly to some 40 MB.
 _CHUNK = 2048
@@ -135,6 +140,27 @@ def incompatible_gradients(coordinates: FloatArray, volume: FloatArray) -> Float
     slopes = -2.0 * points[:, :, None] * np.eye(3)
     scale = np.linalg.det(centre)[:, None] / volume
     return scale[:, :, None, None] * (slopes @ np.linalg.inv(centre)[:, None])
+
+
+def strain_operator(gradients: FloatArray) -> FloatArray:
+    """Engineering strain from corner displacements.
+
+    Parameters
+    ----------
+    gradients
+        Shape function gradients, (..., n, 3) [1/mm].
+
+    Returns
+    -------
+    FloatArray
+        (..., 6, 3 n) [1/mm] for displacements numbered 3 · corner + component.
+    """
+    n = gradients.shape[-2]
+    operator = np.zeros((*gradients.shape[:-2], 6, n, 3))
+    for row, (i, j) in enumerate(VOIGT):
+        operator[..., row, :, i] = gradients[..., :, j]
+        operator[..., row, :, j] = gradients[..., :, i]
+    return operator.reshape(*gradients.shape[:-2], 6, 3 * n)
 
 
 def gradient_tensor(gradients: FloatArray, volume: FloatArray) -> FloatArray:
@@ -251,11 +277,55 @@ def _reduced(coordinates: FloatArray, material: Material, scale: float) -> Float
     return _uniform(coordinates, material) + hourglass_stiffness(coordinates, material, scale)
 
 
-_STIFFNESS = {
-    ElementType.FULL: _full,
-    ElementType.B_BAR: _b_bar,
-    ElementType.INCOMPATIBLE: _incompatible,
-    ElementType.REDUCED: _reduced,
+def _strain(coordinates: FloatArray, _: Material) -> FloatArray:
+    return strain_operator(gauss_gradients(coordinates)[0])
+
+
+def _b_bar_strain(coordinates: FloatArray, _: Material) -> FloatArray:
+    gradients, volume = gauss_gradients(coordinates)
+    operator, mean = strain_operator(gradients), mean_gradients(gradients, volume)[0]
+    shift = (mean[:, None] - gradients).reshape(*volume.shape, 24) / 3.0
+    operator[:, :, :3] += shift[:, :, None, :]
+    return operator
+
+
+def _incompatible_strain(coordinates: FloatArray, material: Material) -> FloatArray:
+    """Amplitudes of the modes follow from the corners by condensation, a = -K_aa⁻¹ K_au u."""
+    gradients, volume = gauss_gradients(coordinates)
+    _, k_au, k_aa = extended_stiffness(coordinates, material)
+    modes = strain_operator(incompatible_gradients(coordinates, volume))
+    return strain_operator(gradients) - modes @ np.linalg.solve(k_aa, k_au)[:, None]
+
+
+def _uniform_strain(coordinates: FloatArray, _: Material) -> FloatArray:
+    return strain_operator(mean_gradients(*gauss_gradients(coordinates))[0])[:, None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Element:
+    """One hexahedron: all that assembly, stresses and decks ask of it."""
+
+    stiffness: Callable[[FloatArray, Material, float], FloatArray]
+    """Of corners (n_elements, 8, 3) [mm], material and hourglass scale, (n_elements, 24, 24)."""
+    strain: Callable[[FloatArray, Material], FloatArray]
+    """Strain at the integration points from corner displacements, (n_elements, points, 6, 24)."""
+    points: int = 8
+    """Integration points: those of 2 × 2 × 2, or the centre."""
+    abaqus: str | None = None
+    """Its name in Abaqus, whose C3D8 averages the dilatation; None: it has none there."""
+    calculix: str | None = None
+    """Its name in CalculiX, whose C3D8 is plain full integration."""
+
+
+ELEMENTS = {
+    ElementType.FULL: Element(stiffness=_full, strain=_strain, calculix="C3D8"),
+    ElementType.B_BAR: Element(stiffness=_b_bar, strain=_b_bar_strain, abaqus="C3D8"),
+    ElementType.INCOMPATIBLE: Element(
+        stiffness=_incompatible, strain=_incompatible_strain, abaqus="C3D8I", calculix="C3D8I"
+    ),
+    ElementType.REDUCED: Element(
+        stiffness=_reduced, strain=_uniform_strain, points=1, abaqus="C3D8R", calculix="C3D8R"
+    ),
 }
 
 
@@ -291,7 +361,7 @@ def element_stiffness(
     """
     return np.concatenate(
         [
-            _STIFFNESS[element](coordinates[part], material, hourglass_scale)
+            ELEMENTS[element].stiffness(coordinates[part], material, hourglass_scale)
             for part in chunks(len(coordinates))
         ]
     )

@@ -15,9 +15,8 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.polynomial import legendre
 
-from fem.element.hexahedron import gradient_tensor, isotropic_stiffness
+from fem.element.hexahedron import gradient_tensor, isotropic_stiffness, strain_operator
 from fem.element.material import Material
-from fem.element.stress import strain_operator
 from geometry.mesh import FloatArray, MeshError
 
 

@@ -18,83 +18,25 @@ import numpy as np
 from scipy.sparse import bsr_array
 
 from fem.element.hexahedron import (
+    ELEMENTS,
+    VOIGT,
     ElementType,
     assemble_nodal_operator,
     chunks,
-    extended_stiffness,
     gauss_gradients,
-    incompatible_gradients,
-    mean_gradients,
 )
 from fem.element.material import Material
 from geometry.errors import RefusedError
 from geometry.mesh import CORNERS, FloatArray, HexMesh, gauss_points, shape_values
-
-#: Rows and columns of the six components xx, yy, zz, xy, yz, xz.
-VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 
 
 class DisplacementShapeError(RefusedError):
     """Displacements that do not belong to the mesh: got and expected shapes."""
 
 
-def strain_operator(gradients: FloatArray) -> FloatArray:
-    """Engineering strain from corner displacements.
-
-    Parameters
-    ----------
-    gradients
-        Shape function gradients, (..., n, 3) [1/mm].
-
-    Returns
-    -------
-    FloatArray
-        (..., 6, 3 n) [1/mm] for displacements numbered 3 · corner + component.
-    """
-    n = gradients.shape[-2]
-    operator = np.zeros((*gradients.shape[:-2], 6, n, 3))
-    for row, (i, j) in enumerate(VOIGT):
-        operator[..., row, :, i] = gradients[..., :, j]
-        operator[..., row, :, j] = gradients[..., :, i]
-    return operator.reshape(*gradients.shape[:-2], 6, 3 * n)
-
-
-def n_integration_points(element: ElementType) -> int:
-    """Integration points of one element: 1 for the reduced element, else 8."""
-    return 1 if element is ElementType.REDUCED else 8
-
-
-def element_strain_operator(
-    coordinates: FloatArray, material: Material, element: ElementType
-) -> FloatArray:
-    """Strain at the integration points from corner displacements.
-
-    Incompatible modes are included: their amplitudes follow from the corners by condensation,
-    a = -K_aa⁻¹ K_au u.
-
-    Returns
-    -------
-    FloatArray
-        (n_elements, n_points, 6, 24) [1/mm]; n_points is 1 for the reduced element, else 8.
-    """
-    gradients, volume = gauss_gradients(coordinates)
-    if element is ElementType.REDUCED:
-        return strain_operator(mean_gradients(gradients, volume)[0])[:, None]
-    operator = strain_operator(gradients)
-    if element is ElementType.B_BAR:
-        mean = mean_gradients(gradients, volume)[0]
-        shift = (mean[:, None] - gradients).reshape(*volume.shape, 24) / 3.0
-        operator[:, :, :3] += shift[:, :, None, :]
-    elif element is ElementType.INCOMPATIBLE:
-        _, k_au, k_aa = extended_stiffness(coordinates, material)
-        modes = strain_operator(incompatible_gradients(coordinates, volume))
-        operator -= modes @ np.linalg.solve(k_aa, k_au)[:, None]
-    return operator
-
-
 def corner_extrapolation(element: ElementType) -> FloatArray:
     """Weights that continue integration point values to the corners: (8 corners, n_points)."""
-    if element is ElementType.REDUCED:
+    if ELEMENTS[element].points == 1:
         return np.ones((8, 1))
     points = gauss_points(2)[0]
     # Trilinear Lagrange polynomials on the points ± 1/√3: the product of (1 + 3 x x_p) / 2.
@@ -103,7 +45,7 @@ def corner_extrapolation(element: ElementType) -> FloatArray:
 
 def integration_points(mesh: HexMesh, element: ElementType) -> FloatArray:
     """Positions of the integration points, (n_elements · n_points, 3) [mm], element by element."""
-    order = 1 if element is ElementType.REDUCED else 2
+    order = 1 if ELEMENTS[element].points == 1 else 2
     values = shape_values(gauss_points(order)[0])
     points: FloatArray = values @ mesh.nodes[mesh.elements]
     return points.reshape(-1, 3)
@@ -154,12 +96,12 @@ def integration_point_stress(
     """
     columns = _columns(mesh.n_nodes, displacement).reshape(mesh.n_nodes, 3, -1)
     n_copies = columns.shape[2]
-    rows = 6 * n_integration_points(element)
+    rows = 6 * ELEMENTS[element].points
     elasticity = material.elasticity_matrix()
     stress = np.empty((mesh.n_elements, rows, n_copies))
     for part in chunks(mesh.n_elements):
         corners = mesh.elements[part]
-        strain = element_strain_operator(mesh.nodes[corners], material, element)
+        strain = ELEMENTS[element].strain(mesh.nodes[corners], material)
         operator = (elasticity @ strain).reshape(len(corners), rows, 24)
         stress[part] = operator @ columns[corners].reshape(len(corners), 24, n_copies)
     return _rows(stress.reshape(-1, n_copies), displacement)
@@ -184,7 +126,7 @@ def nodal_stress_operator(mesh: HexMesh, material: Material, element: ElementTyp
     elasticity = material.elasticity_matrix()
 
     def weighted(coordinates: FloatArray) -> FloatArray:
-        strain = element_strain_operator(coordinates, material, element)
+        strain = ELEMENTS[element].strain(coordinates, material)
         corner: FloatArray = np.einsum(
             "cp,epij->ecij", extrapolation, elasticity @ strain, optimize=True
         )

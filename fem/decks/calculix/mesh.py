@@ -12,16 +12,12 @@ from fem.decks.keywords import element_lines, entry_lines, keyword, label, node_
 from fem.decks.model import block_nodes
 from fem.decks.names import block_label
 from fem.decks.statement import Deck, Hold
-from fem.element.hexahedron import ElementType
+from fem.element.hexahedron import ELEMENTS
 from geometry.loads.case import PressureLoad
 from geometry.mesh import BoolArray
 
-#: Element of each formulation: CalculiX' C3D8 is plain full integration, unlike Abaqus'.
-CALCULIX_ELEMENTS = {
-    ElementType.FULL: "C3D8",
-    ElementType.INCOMPATIBLE: "C3D8I",
-    ElementType.REDUCED: "C3D8R",
-}
+#: CalculiX' name of each element that has one.
+CALCULIX_ELEMENTS = {kind: found.calculix for kind, found in ELEMENTS.items() if found.calculix}
 
 
 EVERY_NODE = "NALL"
