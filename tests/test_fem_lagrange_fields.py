@@ -15,7 +15,6 @@ from geometry.files.mesh_io import write_lagrange_cells
 from tests.test_fem_lagrange import CONCRETE, lattice
 from tests.test_validation_accuracy import scene
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from validation.build.deformable import contact_law
 from validation.run.curved.accuracy import Rung
 from validation.run.curved.solve import Solved, solve_curved
 
@@ -64,7 +63,7 @@ def test_the_upper_half_is_the_lower_one_turned(halved: Solved) -> None:
     assert tube.contact is not None
     force = face_pressure(state.lattice, "inner", tube.load.pressure)
     layered = LayeredJoints(2, state.layered.turned)
-    full = solve_layered_tube(state.lattice, layered, force, contact_law(tube.contact))
+    full = solve_layered_tube(state.lattice, layered, force, tube.contact.built)
     size = np.abs(full.displacements).max()
     assert every_layer(state) == pytest.approx(full.displacements, abs=1e-6 * size)
 

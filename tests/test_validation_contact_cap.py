@@ -69,10 +69,8 @@ def test_decks_carry_a_cap_and_say_where_there_is_none() -> None:
 
 
 def run_law(scene: DeformableScene) -> object:
-    from validation.build.deformable import contact_law
-
     assert scene.contact is not None
-    return contact_law(scene.contact)
+    return scene.contact.built
 
 
 def test_a_run_that_outgrows_its_time_step_starts_again() -> None:

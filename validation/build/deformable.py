@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 from fem.assembly.deformable import (
     DeformableAssembly,
     Frames,
 )
 from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
-from fem.contact.law import ContactLaw, ExponentialLaw, LinearPenalty
 from fem.contact.surfaces import ContactNormals
 from fem.element.material import Material
 from fem.problem.model import Formulation
@@ -49,25 +46,6 @@ def build_material(section: MaterialSection) -> Material:
     """
     with uncounted((MaterialSection, "density")):
         return Material(**section.model_dump(exclude={"averaging_radius"}))
-
-
-def contact_law(section: ContactSection) -> ContactLaw:
-    """Contact law of a scene.
-
-    Raises
-    ------
-    ContactLawError
-        For constants that make no law.
-    """
-    if section.law == "linear":
-        assert section.stiffness is not None
-        return LinearPenalty(section.stiffness)
-    cap = section.maximum_stiffness
-    return ExponentialLaw(
-        section.clearance_at_zero_pressure,
-        section.pressure_at_zero_clearance,
-        math.inf if cap is None else cap,
-    )
 
 
 def gap_words(section: ContactSection | None) -> str:
@@ -192,7 +170,7 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
         blocks.load,
         build_material(scene.material),
         element=fem.element,
-        law=contact_law(contact),
+        law=contact.built,
         normals=ContactNormals.CURRENT,
         clearance=contact.clearance,
         spacing=contact.spacing,

@@ -16,7 +16,6 @@ import numpy as np
 from rich.console import Console
 
 from fem.assembly.measures import CapAction, cap_action_at
-from validation.build.deformable import contact_law
 from validation.cost.references import Reference, references
 from validation.output.console import listing
 from validation.run.curved.accuracy import LADDER, Rung
@@ -124,7 +123,7 @@ def cap_comparison(rungs: tuple[Rung, ...] = LADDER[:2]) -> CapComparison:
         before = solve_curved(NAME, scene, rung.mesh(3), state)
     assert before is not None
     found = solve_curved(NAME, capped, before.mesh, before.state)
-    action = cap_action_at(contact_law(capped.contact), found.state.pressures, found.state.weights)
+    action = cap_action_at(capped.contact.built, found.state.pressures, found.state.weights)
     assert action is not None
     return CapComparison(before.measures, found.measures, action)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -15,6 +16,7 @@ from validation.scene.sections import Finite, NoAngle, NonNegative, Positive, Se
 
 if TYPE_CHECKING:
     from fem.assembly.statement import Motion
+    from fem.contact.law import ContactLaw
 
 Vector = tuple[Finite, Finite, Finite]
 
@@ -52,6 +54,27 @@ class ContactSection(Section):
     spacing: NonNegative = 0.0
     """Distance by which neighbouring blocks are moved apart before the load acts, their size kept
     [mm], as the paper's group did: inclined joints open by less or more. Both add up."""
+
+    @property
+    def built(self) -> ContactLaw:
+        """The law itself.
+
+        Raises
+        ------
+        ContactLawError
+            For constants that make no law.
+        """
+        from fem.contact.law import ExponentialLaw, LinearPenalty  # it loads a compiler
+
+        if self.law == "linear":
+            assert self.stiffness is not None
+            return LinearPenalty(self.stiffness)
+        cap = self.maximum_stiffness
+        return ExponentialLaw(
+            self.clearance_at_zero_pressure,
+            self.pressure_at_zero_clearance,
+            math.inf if cap is None else cap,
+        )
 
     @property
     def opened(self) -> bool:

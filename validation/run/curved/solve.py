@@ -41,7 +41,7 @@ from geometry.families.sine_block import (
 from geometry.loads import CASES
 from geometry.measures import block_measures
 from geometry.mesh import FloatArray
-from validation.build.deformable import build_material, contact_law
+from validation.build.deformable import build_material
 from validation.errors import InputError, named
 from validation.run.measures import Measure
 from validation.scene.deformable import Method
@@ -189,7 +189,7 @@ def curved_run(
         measures={key: replace(m, error=errors.get(key)) for key, m in last.measures.items()},
         estimate=estimate,
         state=state,
-        cap=cap_action_at(contact_law(scene.contact), state.pressures, state.weights),
+        cap=cap_action_at(scene.contact.built, state.pressures, state.weights),
     )
 
 
@@ -265,7 +265,7 @@ def solve_curved(
     block = scene.shape
     element = LagrangeElement(mesh.degree, build_material(scene.material))
     lattice = sine_lattice(block, mesh.lines, element)
-    law, clearance = contact_law(scene.contact), scene.contact.clearance
+    law, clearance = scene.contact.built, scene.contact.clearance
     with named(name):
         waves = waves_of_turn(block, scene.assembly.turn)
         layered = _layered(scene, block, waves * (len(mesh.lines[1]) - 1) // block.waves_per_block)
