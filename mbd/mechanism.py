@@ -19,6 +19,7 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
+import scipy
 import scipy.linalg
 import scipy.sparse as sp
 

@@ -7,7 +7,8 @@ import pytest
 
 from fem.contact.friction import CoulombFriction
 from fem.static.load_path import LOAD_TOLERANCE, MOST_PARTS, load_factors, path_change, refined
-from fem.static.solve import StaticError, StaticOptions, solve_static
+from fem.static.result import StaticError
+from fem.static.solve import StaticOptions, solve_static
 from tests.test_fem_friction_laws import plate
 from tests.test_fem_static import pipe, sheared_column
 from validation.errors import InputError

@@ -10,8 +10,9 @@ from fem.explicit.setup.quasi_static import recommended_times
 from fem.explicit.solve import StopCriterion, solve
 from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.problem.loads import SmoothStepAmplitude
+from fem.static.result import StaticError
 from fem.static.rotation import solve_static_with_rotation
-from fem.static.solve import StaticError, solve_static
+from fem.static.solve import solve_static
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import hexagon_tube, sine_tube

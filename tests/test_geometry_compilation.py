@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from geometry.compilation import KernelCache, compiling, njit, source_digest
+from geometry.compilation import compiling, njit
+from geometry.compilation.cache import KernelCache, source_digest
 from validation.run.stages import stages, summed
 
 ROOT = Path(__file__).parents[1]
@@ -138,7 +139,7 @@ def test_an_edit_of_the_contact_law_changes_the_key_of_the_loop_that_calls_it(
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("*.kernel"))
     law = tmp_path / "fem" / "contact" / "law.py"
     law.write_text(law.read_text() + "\n# edited\n")
-    script = "import geometry.compilation as c, fem; print(c.source_digest({!r}))"
+    script = "import geometry.compilation.cache as c, fem; print(c.source_digest({!r}))"
     for module, changes in (
         ("fem.explicit.contact.sliding_kernel", True),
         ("geometry.polyhedra.triangle_kernels", False),

@@ -13,8 +13,8 @@ from fem.assembly.contact_state import corner_displacements
 from fem.assembly.symmetry import local_forces
 from fem.contact.surfaces import corner_forces, point_kinematics
 from fem.explicit.solve import Status
-from fem.static.result import pair_resultants
-from fem.static.solve import StaticError, StaticMethod, StaticOptions, solve_static
+from fem.static.result import StaticError, pair_resultants
+from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.mesh import FloatArray
 from validation.build.deformable import build_deformable
 from validation.cli.app import app

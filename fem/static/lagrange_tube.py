@@ -34,7 +34,7 @@ from fem.static.linear_step.block_tridiagonal import (
     UnresistedMotionError,
     factor_chain,
 )
-from fem.static.solve import StaticError
+from fem.static.result import StaticError
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Faces of a block that meet others.

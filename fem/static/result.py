@@ -17,11 +17,16 @@ from fem.assembly.deformable import DeformableAssembly
 from fem.contact.search import FacingPoints
 from fem.contact.searched import SearchedSurfaces
 from fem.contact.surfaces import ContactSurfaces, corner_forces, facet_pressures
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 
 #: Least stiffness of a block's contacts against a motion, relative to the greatest, that counts
 #: as holding the block.
 _HELD = 1e-9
+
+
+class StaticError(RefusedError):
+    """A static problem that has no solution, or none that was found: what to do."""
 
 
 @dataclass(frozen=True)

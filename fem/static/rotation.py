@@ -17,9 +17,9 @@ from fem.assembly.symmetry import local_forces
 from fem.problem.model import NodalLoad
 from fem.problem.recovery import block_displacements
 from fem.static.linear_step.condensed import FlexibilityStore
-from fem.static.result import StaticResult
+from fem.static.result import StaticError, StaticResult
 from fem.static.rotation_load import finite_rotation_loads
-from fem.static.solve import StaticError, StaticOptions, solve_static
+from fem.static.solve import StaticOptions, solve_static
 from geometry.mesh import FloatArray
 
 #: Each round is solved to this share of the tolerance: what is left of it turns blocks, and the

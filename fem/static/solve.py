@@ -59,8 +59,7 @@ from fem.static.linear_step.linearisation import (
 )
 from fem.static.linear_step.sparse import SparseSolver
 from fem.static.load_path import load_factors, refined
-from fem.static.result import StaticResult, loose_blocks
-from geometry.errors import RefusedError
+from fem.static.result import StaticError, StaticResult, loose_blocks
 from geometry.mesh import FloatArray, IntArray
 
 #: First holding springs relative to the tangent contact stiffness on a block at the start.
@@ -100,10 +99,6 @@ _HISTORY = 1e-2
 #: follow: what it changes is its square [skins].
 _MAX_SEARCHES = 12
 _FOLLOWED = 1e-4
-
-
-class StaticError(RefusedError):
-    """A static problem that has no solution, or none that was found: what to do."""
 
 
 class StaticMethod(StrEnum):

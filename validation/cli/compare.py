@@ -36,7 +36,7 @@ def compare(
     from validation.effects.report import decided
     from validation.output.console import explicit_progress
     from validation.output.outputs import Outputs
-    from validation.run.deformable import peak_memory_mb
+    from validation.run.stages import peak_memory_mb
     from validation.scene.read import load_scene, require_deformable, with_auto
     from validation.scene.usage import recording
 

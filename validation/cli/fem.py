@@ -208,8 +208,8 @@ def _write_curved(run: CurvedRun, outputs: Outputs, use: KeyUse) -> None:
     """Print a run with curved elements and write its files and data."""
     from validation.output.deformable.curved import print_curved, write_curved_files
     from validation.run.curved.fields import CurvedFields
-    from validation.run.deformable import peak_memory_mb
     from validation.run.joints import joints_json
+    from validation.run.stages import peak_memory_mb
 
     print_curved(run, outputs.console)
     outputs.tell_unused(use)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
 from functools import cached_property
@@ -27,7 +26,8 @@ from validation.build.deformable import gap_words
 from validation.run.friction.admissible import FrictionSet
 from validation.run.friction.slip import largest_slip
 from validation.run.joints import joints_json
-from validation.run.measures import Measure, run_measures
+from validation.run.measures import Measure, drawing_scale, run_measures
+from validation.run.stages import peak_memory_mb
 from validation.run.words import load_words
 from validation.scene.deformable import Method
 from validation.scene.family import RoundScene
@@ -254,13 +254,6 @@ class DeformableRun:
         return isinstance(self.scene, RoundScene)
 
 
-def drawing_scale(largest: float, size: float) -> float:
-    """Power of ten that makes a displacement visible against a size, both [mm]; at least one."""
-    if largest == 0.0:
-        return 1.0
-    return float(max(10.0 ** np.floor(np.log10(0.15 * size / largest)), 1.0))
-
-
 def contact_report(run: DeformableRun) -> dict[str, float]:
     """Contact numbers of a run, without the values of each block."""
     return {
@@ -268,11 +261,6 @@ def contact_report(run: DeformableRun) -> dict[str, float]:
         for number in fields(run.contact)
         if number.name != "per_block"
     }
-
-
-def peak_memory_mb() -> float:
-    """Peak resident memory of this process so far [MB]."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def run_json(run: DeformableRun) -> dict[str, Any]:

@@ -182,3 +182,10 @@ def value_words(measure: Measure) -> str:
         return f"{value:.5g} {measure.unit}"
     digits = max(0, 1 - int(np.floor(np.log10(error))))
     return f"{value:.{digits}f} ± {error:.{digits}f} {measure.unit}"
+
+
+def drawing_scale(largest: float, size: float) -> float:
+    """Power of ten that makes a displacement visible against a size, both [mm]; at least one."""
+    if largest == 0.0:
+        return 1.0
+    return float(max(10.0 ** np.floor(np.log10(0.15 * size / largest)), 1.0))

@@ -1,14 +1,15 @@
-"""CPU time of the stages of a run; what is compiled meanwhile, once a machine, counts apart."""
+"""CPU time of the stages of a run, without what is compiled, once a machine; and its memory."""
 
 from __future__ import annotations
 
+import resource
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from geometry.compilation import Compiling
+    from geometry.compilation.cache import Compiling
 
 
 class Stages:
@@ -48,3 +49,8 @@ def stages() -> Iterator[Stages]:
 def summed(spent: dict[str, float], before: dict[str, float]) -> dict[str, float]:
     """Return the times of a run with those of work that was done for it before."""
     return spent | {name: spent.get(name, 0.0) + seconds for name, seconds in before.items()}
+
+
+def peak_memory_mb() -> float:
+    """Peak resident memory of this process so far [MB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

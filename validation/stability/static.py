@@ -11,7 +11,8 @@ from fem.assembly.deformable import DeformableAssembly, deformable_assembly
 from fem.contact.law import ExponentialLaw
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
-from fem.static.solve import StaticError, StaticMethod, StaticOptions, solve_static
+from fem.static.result import StaticError
+from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.assembly import moved
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.families.sine_block import SineBlockDivisions

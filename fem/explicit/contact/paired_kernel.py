@@ -178,7 +178,9 @@ def exponential_minus_one(x):
 
 
 #: `fem.contact.law.law_pressure` in every entry, without branches.
-lanes_pressure = pressure_formula(larger, smaller, exponential_minus_one)
+lanes_pressure = njit(error_model="numpy", forceinline=True)(
+    pressure_formula(larger, smaller, exponential_minus_one)
+)
 
 
 @njit(**INLINED)

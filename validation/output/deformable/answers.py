@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from fem.assembly.measures import CapAction
-from fem.explicit.output.history import History
-from fem.explicit.solve import ExplicitResult
 from fem.problem.mass_scaling import added_mass_share
 from geometry.files.mesh_io import write_hex_mesh, write_surface
 from geometry.mesh import QuadSurface
@@ -28,12 +27,17 @@ from validation.output.files import write_whole
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
-from validation.output.pictures.drawn import DrawnState
 from validation.output.pictures.energies import draw_energies
-from validation.run.deformable import DeformableRun, peak_memory_mb
-from validation.run.friction.admissible import FrictionSet
 from validation.run.measures import Measure, place_words, value_words
+from validation.run.stages import peak_memory_mb
 from validation.scene.deformable import FemSection
+
+if TYPE_CHECKING:
+    from fem.explicit.output.history import History
+    from fem.explicit.solve import ExplicitResult
+    from validation.output.pictures.drawn import DrawnState
+    from validation.run.deformable import DeformableRun
+    from validation.run.friction.admissible import FrictionSet
 
 #: Files of a run.
 FILES = (

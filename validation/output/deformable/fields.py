@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
-from fem.explicit.solve import Frame
 from fem.problem.model import BlockGroup
 from fem.problem.recovery import Recovered, recover
 from geometry.assembly import Assembly
@@ -20,6 +19,8 @@ from validation.output.files import write_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from fem.explicit.solve import Frame
 
 
 def groups_mesh(groups: Sequence[BlockGroup]) -> HexMesh:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fem.explicit.output.history import History
 from validation.output.pictures.gallery import (
     BLUE,
     GREEN,
@@ -17,6 +17,9 @@ from validation.output.pictures.gallery import (
     save_figure,
     subplots,
 )
+
+if TYPE_CHECKING:
+    from fem.explicit.output.history import History
 
 
 def draw_energies(history: History, path: Path, *, title: str) -> None:

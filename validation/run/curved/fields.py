@@ -19,7 +19,7 @@ from geometry.joints import JointResultants
 from geometry.mesh import FloatArray
 from validation.build.deformable import build_deformable, gap_words
 from validation.run.curved.solve import CurvedRun, facet_lines
-from validation.run.deformable import drawing_scale
+from validation.run.measures import drawing_scale
 from validation.run.words import load_words
 
 

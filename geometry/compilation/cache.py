@@ -4,9 +4,10 @@ numba keys its cache by the file of the function that is called: an edit of a he
 file leaves the old machine code running, and the index that leads from a form of a function to
 its code can lead to the code of another form while two processes write it. Here the name of a
 file *is* what is in it: a digest of the sources the function reads (its module and all it imports
-from its own package and from `geometry`, as they were when it was loaded), of the types of its
-arguments, the processor, the options and the versions of the compiler. There is no index to swap,
-two processes that write one file write the same, and a damaged file is compiled anew.
+from its own package and from `geometry`), of the types of its arguments, the processor, the options
+and the versions of the compiler. There is no index to swap, two processes that write one file write
+the same, and a damaged file is compiled anew. Where a source was edited after the program had
+started, what runs is not what it says: such code is neither kept nor taken.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,26 +34,14 @@ from numba.core.caching import CompileResultCacheImpl, NullCache
 from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
 
+from geometry.compilation import STARTED
+
 _LOG = logging.getLogger(__name__)
 
 #: Switches of the compiler that change the code it makes.
 _SWITCHES = ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "DEBUGINFO_DEFAULT")
 
 _DIGEST_LENGTH = hashlib.sha256().digest_size
-
-
-def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """`numba.njit`; with ``cache=True`` the machine code is kept in a `KernelCache`."""
-    cached = options.pop("cache", False)
-
-    def compiled(function: Callable[..., Any]) -> Any:
-        dispatcher = numba.njit(**options)(function)
-        # Absent where compilation is disabled.
-        if cached and hasattr(dispatcher, "targetoptions"):
-            dispatcher._cache = KernelCache(function, dispatcher.targetoptions)
-        return dispatcher
-
-    return compiled
 
 
 class Compiling(event.Listener):  # type: ignore[misc]
@@ -78,20 +67,6 @@ class Compiling(event.Listener):  # type: ignore[misc]
         self._depth -= 1
         if self._depth == 0:
             self.cpu_seconds += time.process_time() - self._start
-
-
-@contextlib.contextmanager
-def compiling(tell: Callable[[], None] | None = None) -> Iterator[Compiling]:
-    """Watch over what is compiled inside: work is timed without it, and people are told once.
-
-    Parameters
-    ----------
-    tell
-        Called before the first function is compiled; never where all are loaded.
-    """
-    listener = Compiling(tell)
-    with event.install_listener("numba:compile", listener):
-        yield listener
 
 
 class KernelCache(NullCache):  # type: ignore[misc]
@@ -143,7 +118,8 @@ class KernelCache(NullCache):  # type: ignore[misc]
     def _file_name(self, sig: Any, codegen: Any) -> str | None:
         """Name of the file of a form; None for a form that has no lasting name."""
         types = str(sig)
-        if " at 0x" in types:  # a function as argument is named by its place in memory
+        # A function as argument is named by its place in memory.
+        if " at 0x" in types or not self._source:
             return None
         switches = [getattr(config, switch, None) for switch in _SWITCHES]
         versions = (numba.__version__, llvmlite.__version__, sys.version)
@@ -178,6 +154,7 @@ def source_digest(module: str) -> str:
     """Digest of the sources a module is made of: its own and those of what it imports.
 
     Imports are followed within the package of the module and `geometry`, inside functions too.
+    Empty where a source was edited since the program started.
     """
     packages = {module.partition(".")[0], "geometry"}
     digests: dict[str, str] = {}
@@ -186,6 +163,8 @@ def source_digest(module: str) -> str:
         name = waiting.pop()
         file = _source_file(name) if name.partition(".")[0] in packages else None
         if file is not None and name not in digests:
+            if file.stat().st_mtime > STARTED:
+                return ""
             digests[name], imported = _read_source(file, name)
             waiting += imported
     return _hex(repr(sorted(digests.items())))

@@ -1,0 +1,77 @@
+"""Compiled functions: made or loaded when the first one is called, kept by their content.
+
+The compiler takes a second to load; a program that calls no compiled function does not wait for it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from geometry.compilation.cache import Compiling
+
+#: When the first kernels were read.
+STARTED = time.time()
+
+
+class Kernel:
+    """A function that is compiled when it is called, or when a compiled function calls it."""
+
+    def __init__(
+        self, function: Callable[..., Any], options: dict[str, Any], *, cached: bool
+    ) -> None:
+        functools.update_wrapper(self, function)
+        self._function, self._options, self._cached = function, options, cached
+
+    @functools.cached_property
+    def dispatcher(self) -> Any:
+        """What numba makes of the function; in its place wherever numba meets it."""
+        import numba
+
+        from geometry.compilation.cache import KernelCache
+
+        found = numba.njit(**self._options)(self._function)
+        # Absent where compilation is disabled.
+        if self._cached and hasattr(found, "targetoptions"):
+            found._cache = KernelCache(self._function, found.targetoptions)
+        return found
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the compiled function."""
+        return self.dispatcher(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        """All else is the dispatcher's, the type that numba asks for too."""
+        return getattr(self.dispatcher, name)
+
+    def __reduce__(self) -> str:
+        """By name, as functions are."""
+        return str(self.__qualname__)
+
+
+def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """`numba.njit`; with ``cache=True`` the machine code is kept in a `KernelCache`."""
+    cached = options.pop("cache", False)
+    return lambda function: Kernel(function, options, cached=cached)
+
+
+@contextlib.contextmanager
+def compiling(tell: Callable[[], None] | None = None) -> Iterator[Compiling]:
+    """Watch over what is compiled inside: work is timed without it, and people are told once.
+
+    Parameters
+    ----------
+    tell
+        Called before the first function is compiled; never where all are loaded.
+    """
+    from numba.core import event
+
+    from geometry.compilation.cache import Compiling
+
+    listener = Compiling(tell)
+    with event.install_listener("numba:compile", listener):
+        yield listener
