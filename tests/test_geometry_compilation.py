@@ -193,17 +193,25 @@ def test_stages_of_a_run_leave_compilation_out() -> None:
     assert summed({"solve": 1.0}, {"build": 2.0, "solve": 0.5}) == {"solve": 1.5, "build": 2.0}
 
 
-def test_rigid_answers_of_matching_blocks_load_no_compiler() -> None:
+@pytest.mark.parametrize(
+    ("command", "module"),
+    [
+        (["mbd", "tsb1-pipe"], "validation.run.rigid.assembly"),
+        (["fem", "tsb1-pipe", "--accuracy", "u=50%"], "fem.static.lagrange_tube"),
+    ],
+)
+def test_rigid_and_curved_blocks_load_no_compiler(command: list[str], module: str) -> None:
     script = """
 import sys
 from validation.cli.app import main
-sys.argv = ["tubelock", "mbd", "tsb1-pipe", "--set", "assembly.layers=1", "--json", "-"]
+module, *sys.argv = sys.argv[1:]
 try:
     main()
 finally:
-    assert "validation.run.rigid.assembly" in sys.modules
+    assert module in sys.modules
     assert not {"numba", "llvmlite"} & set(sys.modules)
 """
-    command = [sys.executable, "-c", script]
-    done = subprocess.run(command, check=False, cwd=ROOT, capture_output=True, text=True)
+    given = ["tubelock", *command, "--set", "assembly.layers=1", "--json", "-"]
+    line = [sys.executable, "-c", script, module, *given]
+    done = subprocess.run(line, check=False, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
