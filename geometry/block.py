@@ -5,6 +5,7 @@ Congruent blocks share one `Block`; an `Assembly` places copies of it by rigid m
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -26,6 +27,16 @@ from geometry.mesh import (
 
 
 @dataclass(frozen=True)
+class Curve:
+    """The exact shape of a block, of which its mesh is a sample."""
+
+    parameters: FloatArray
+    """Of the corners of each element, (n_elements, 8, n): one node may have several."""
+    shape: Callable[[FloatArray], FloatArray]
+    """Points of parameters, (m, n) to (m, 3) [mm]."""
+
+
+@dataclass(frozen=True)
 class Block:
     """One block shape in its own reference position."""
 
@@ -37,6 +48,8 @@ class Block:
     """Named groups of boundary facets, each (n_facets, 4) node numbers, oriented outward."""
     contact_faces: tuple[str, ...] = field(default=())
     """Names of the groups that can meet another block."""
+    curve: Curve | None = None
+    """The exact shape; None: the mesh is the shape."""
 
     @cached_property
     def mass_properties(self) -> MassProperties:

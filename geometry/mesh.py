@@ -89,6 +89,15 @@ class HexMesh:
         """Number of hexahedra."""
         return len(self.elements)
 
+    @property
+    def connectivity(self) -> IntArray:
+        """All nodes of each hexahedron: here its corners."""
+        return self.elements
+
+    def facet_nodes(self, quads: IntArray) -> IntArray:
+        """All nodes of facets from their corners (n, 4): here the corners."""
+        return quads
+
 
 @dataclass(frozen=True)
 class QuadSurface:

@@ -257,8 +257,9 @@ def test_what_curved_elements_do_not_do_is_named(settings: tuple[str, ...], text
         curved(2, 2, *settings)
 
 
-def test_other_ways_refuse_a_degree() -> None:
-    with pytest.raises(InputError, match=r"fem\.degree: got 2"):
-        build_deformable(deformable("tsb1-pipe", "fem.degree=2"), "tube")
+def test_explicit_runs_refuse_a_degree() -> None:
+    explicit = deformable("tsb1-pipe", "fem.degree=2", "fem.method='explicit'")
+    with pytest.raises(InputError, match=r"fem\.degree: got 2 with fem\.method"):
+        build_deformable(explicit, "tube")
     with pytest.raises(InputError, match="tube of Sine Blocks"):
         run_curved("wall", deformable("thb0-tunnel", "fem.degree=2"))

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import pyvista as pv
 
+from fem.element.lagrange_stress import grid_places
 from fem.static.lagrange_block import face_pressure
-from fem.static.lagrange_fields import every_layer, fields_at, grid_places, lagrange_cells
+from fem.static.lagrange_fields import every_layer, fields_at, lagrange_cells
 from fem.static.lagrange_tube import LayeredJoints, TubeState, solve_layered_tube
 from geometry.files.mesh_io import write_lagrange_cells
 from tests.test_fem_lagrange import CONCRETE, lattice

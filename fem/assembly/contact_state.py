@@ -18,7 +18,7 @@ from fem.contact.surfaces import (
     point_kinematics,
     point_normals,
 )
-from fem.element.facet import FACET_VALUES, bilinear
+from fem.element.facet import bilinear
 from geometry.mesh import FloatArray, IntArray
 
 #: Least share of a facet that counts as facing a block.
@@ -53,7 +53,8 @@ class ContactState:
     point_overclosures: FloatArray
     """(n_points,) [mm]"""
     corner_overclosures: FloatArray | None = None
-    """At the corners of matched facets, (n_facets, 4) [mm]; None where a search found them."""
+    """Where matched facets are looked at for peaks, at corners of bilinear ones, (n_facets, n)
+    [mm]; None where a search found them."""
     position_s: IntArray | None = None
     """Where a search found them: position of each in the contact facets of block s, (n_facets,)."""
 
@@ -119,7 +120,7 @@ def corner_displacements(
     displacements: tuple[FloatArray, ...],
     surfaces: ContactSurfaces | SearchedSurfaces | None = None,
 ) -> FloatArray:
-    """World displacements of the eight corners of every facet pair, m's four first.
+    """World displacements of the nodes of every facet pair, m's first.
 
     Parameters
     ----------
@@ -133,14 +134,15 @@ def corner_displacements(
     Returns
     -------
     FloatArray
-        (n_facets, 8, 3) [mm].
+        (n_facets, nodes of both, 3) [mm].
     """
     surfaces = deformable.surfaces if surfaces is None else surfaces
-    moved = np.zeros((surfaces.n_facets, 8, 3))
+    per_side = surfaces.quads_m.shape[1]
+    moved = np.zeros((surfaces.n_facets, 2 * per_side, 3))
     for half, (block, quads) in enumerate(
         ((surfaces.block_m, surfaces.quads_m), (surfaces.block_s, surfaces.quads_s))
     ):
-        corners = slice(4 * half, 4 * half + 4)
+        corners = slice(per_side * half, per_side * (half + 1))
         for group, u in enumerate(displacements):
             rows: IntArray = np.flatnonzero(deformable.group_of[block] == group)
             copies = deformable.copy_of[block[rows]]
@@ -156,9 +158,9 @@ def matched_pressures(
     Returns
     -------
     FloatArray
-        Pressures at the points of `DeformableAssembly.surfaces`, (n_facets, 4) [MPa].
+        Pressures at the points of `DeformableAssembly.surfaces`, (n_facets, n_points) [MPa].
     FloatArray
-        Overclosures, (n_facets, 4) [mm].
+        Overclosures, alike [mm].
     """
     corners = corner_displacements(deformable, displacements)
     found = point_kinematics(deformable.surfaces, corners, deformable.contact.normals)
@@ -180,28 +182,29 @@ def matched_state(
     displacements
         Of each group, world axes, (n_copies, n_nodes, 3) [mm].
     pressures, overclosures
-        At the points of its surfaces, (n_facets, 4) [MPa] and [mm].
+        At the points of its surfaces, (n_facets, n_points) [MPa] and [mm].
     """
-    surfaces = deformable.surfaces
+    surfaces, basis = deformable.surfaces, deformable.surfaces.basis
     moved = corner_displacements(deformable, displacements)
+    on_m, on_s = np.split(moved, 2, axis=1)
     sides = (
-        (surfaces.block_m, surfaces.quads_m, moved[:, :4]),
-        (surfaces.block_s, surfaces.quads_s, moved[:, 4:]),
+        (surfaces.block_m, surfaces.quads_m, on_m),
+        (surfaces.block_s, surfaces.quads_s, on_s),
     )
-    corners, opposite = (
+    nodes, opposite = (
         facet_corners(deformable.assembly, block, quads)
         + deformable.offsets[block][:, None]
         + displacement
         for block, quads, displacement in sides
     )
-    middle = np.einsum("pa,fai->fpi", FACET_VALUES, 0.5 * (corners + opposite))
+    middle = np.einsum("pa,fai->fpi", basis.values, 0.5 * (nodes + opposite))
     normals = point_normals(surfaces, moved, deformable.contact.normals)
     return ContactState(
         block_m=surfaces.block_m,
         block_s=surfaces.block_s,
         interface=surfaces.facet,
-        corners=corners,
-        facet=np.repeat(np.arange(surfaces.n_facets), 4),
+        corners=nodes[:, basis.corners],
+        facet=np.repeat(np.arange(surfaces.n_facets), basis.n_points),
         positions=middle.reshape(-1, 3),
         normals=normals.reshape(-1, 3),
         point_areas=surfaces.weights.ravel(),

@@ -21,11 +21,20 @@ from fem.contact.surfaces import (
     check_initial_overlap,
     contact_surfaces,
 )
-from fem.element.hexahedron import ElementType, block_lumped_mass
+from fem.element.hexahedron import ElementType
+from fem.element.lagrange_mesh import with_degree
 from fem.element.material import Material
 from fem.problem.effects import Effects
 from fem.problem.loads import pressure_forces, traction_forces, wrench_forces
-from fem.problem.model import BlockGroup, Model, NodalLoad, Support, block_group, fixed_nodes
+from fem.problem.model import (
+    BlockGroup,
+    Model,
+    NodalLoad,
+    Support,
+    block_group,
+    fixed_nodes,
+    lumped_mass,
+)
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.loads.case import FaceLoad, HeldFace, LoadCase, PressureLoad
@@ -115,6 +124,7 @@ def deformable_assembly(
     material: Material,
     *,
     element: ElementType = ElementType.INCOMPATIBLE,
+    degree: int = 1,
     law: ContactLaw | None = None,
     normals: ContactNormals = ContactNormals.CURRENT,
     clearance: float = 0.0,
@@ -135,7 +145,10 @@ def deformable_assembly(
     material
         Of all blocks.
     element
-        Hexahedron.
+        Hexahedron of degree 1.
+    degree
+        Of the elements: above 1 they have nodes between the corners of the mesh, on the exact shape
+        of a block that has one (`fem.element.lagrange_mesh`).
     law
         Contact law; by default the exponential law with the paper's constants.
     normals
@@ -170,6 +183,8 @@ def deformable_assembly(
     deformable = np.ones(assembly.n_blocks, dtype=np.bool_)
     if assembly.image_of is not None:
         _check_cell(assembly, frames, finite_sliding=finite_sliding)
+    if degree > 1:
+        assembly = _curved(assembly, degree, finite_sliding=finite_sliding)
     if frames is Frames.RIGID:
         deformable &= ~load.fixed
     if not deformable.any():
@@ -200,6 +215,17 @@ def deformable_assembly(
         surfaces=surfaces,
         contact=Contact(law, normals, friction, finite_sliding),
     )
+
+
+def _curved(assembly: Assembly, degree: int, *, finite_sliding: bool) -> Assembly:
+    """Give all blocks elements of a degree."""
+    if finite_sliding:
+        raise DeformableAssemblyError(
+            f"{assembly.name}: elements of degree {degree} meet facet on facet; expected joints "
+            "that match and finite sliding off, or degree 1"
+        )
+    shapes = tuple(with_degree(shape, degree) for shape in assembly.shapes)
+    return replace(assembly, shapes=shapes)
 
 
 def _check_cell(assembly: Assembly, frames: Frames, *, finite_sliding: bool) -> None:
@@ -280,7 +306,7 @@ def block_load_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatAr
         return on_faces
     mesh, rotation = assembly.shape(block).mesh, assembly.rotations[block]
     wrench = load.body_wrenches[block]
-    share = block_lumped_mass(mesh, 1.0)
+    share = lumped_mass(mesh, 1.0)
     forces = wrench_forces(mesh.nodes, share, wrench[:3] @ rotation, wrench[3:] @ rotation)
     return forces if on_faces is None else on_faces + forces
 
@@ -293,11 +319,11 @@ def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray |
         mine = np.flatnonzero(found.block == block)
         if not len(mine):
             continue
+        quads = mesh.facet_nodes(found.quads[mine])
         if found.tractions is None:
-            part = pressure_forces(mesh.nodes, found.quads[mine], found.pressure)
+            part = pressure_forces(mesh.nodes, quads, found.pressure)
         else:
-            local = found.tractions[mine] @ rotation
-            part = traction_forces(mesh.nodes, found.quads[mine], local)
+            part = traction_forces(mesh.nodes, quads, found.tractions[mine] @ rotation)
         forces = part if forces is None else forces + part
     if load.without_couple and forces is not None:
         # Equal shares on all surface nodes: their resultant acts at the mean of these nodes.
@@ -414,6 +440,7 @@ def _supports(
     supports = []
     for (_, group, names), blocks in sorted(alike.items()):
         shape = assembly.shape(blocks[0])
-        nodes = np.unique(np.concatenate([shape.faces[name] for name in names]))
+        quads = np.concatenate([shape.faces[name] for name in names])
+        nodes = np.unique(shape.mesh.facet_nodes(quads))
         supports.append(fixed_nodes(group, nodes, copies=copy_of[np.sort(blocks)]))
     return tuple(supports)

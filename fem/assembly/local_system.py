@@ -57,7 +57,7 @@ class LocalSystem:
     surfaces: ContactSurfaces | SearchedSurfaces
     """Facets to integrate, one of each orbit, or points that a search found."""
     corner_nodes: IntArray
-    """Node of each of the eight corners, `n_nodes` for rigid blocks, (n_facets, 8)."""
+    """Nodes of both facets, m's first, `n_nodes` for rigid blocks, (n_facets, 2 m)."""
     external_force: FloatArray
     """Loads in block frames, (n_nodes, 3) [N]."""
     held: HeldNodes
@@ -89,19 +89,20 @@ class LocalSystem:
 
     @cached_property
     def moves(self) -> FloatArray:
-        """One at the corners of deformable blocks, zero at those of rigid ones, (n, 8)."""
+        """One at the nodes of deformable blocks, zero at those of rigid ones, (n, 2 m)."""
         return (self.corner_nodes < self.n_nodes).astype(np.float64)
 
     def corner_displacements(self, displacement: FloatArray) -> FloatArray:
-        """World displacements of the corners, (n_facets, 8, 3) [mm]."""
+        """World displacements of the nodes of facets, (n_facets, 2 m, 3) [mm]."""
         padded = np.concatenate([displacement, np.zeros((1, 3))])
-        local = padded[self.corner_nodes].reshape(-1, 2, 4, 3)
-        return np.einsum("fbij,fbaj->fbai", self.rotations, local).reshape(-1, 8, 3)
+        shape = (*self.corner_nodes.shape, 3)
+        local = padded[self.corner_nodes].reshape(-1, 2, shape[1] // 2, 3)
+        return np.einsum("fbij,fbaj->fbai", self.rotations, local).reshape(shape)
 
     def local_gradient(self, gradient: FloatArray) -> FloatArray:
-        """World gradients (n, n_points, 8, 3) in block frames, zero at rigid corners."""
+        """World gradients (n, n_points, 2 m, 3) in block frames, zero at rigid blocks."""
         shape = gradient.shape
-        split = gradient.reshape(*shape[:2], 2, 4, 3)
+        split = gradient.reshape(*shape[:2], 2, shape[2] // 2, 3)
         local = np.einsum("fbij,fpbai->fpbaj", self.rotations, split).reshape(shape)
         return local * self.moves[:, None, :, None]
 
@@ -120,13 +121,14 @@ class LocalSystem:
         return self._gathered(-np.einsum("fp,fpai->fai", point_forces, local_gradient))
 
     def scatter_corners(self, corner_forces: FloatArray) -> FloatArray:
-        """Nodal forces of forces on the corners in world axes, (n_nodes, 3) [N]."""
-        split = corner_forces.reshape(-1, 2, 4, 3)
+        """Nodal forces of forces on the nodes of facets in world axes, (n_nodes, 3) [N]."""
+        shape = (*self.corner_nodes.shape, 3)
+        split = corner_forces.reshape(-1, 2, shape[1] // 2, 3)
         local = np.einsum("fbij,fbai->fbaj", self.rotations, split)
-        return self._gathered(local.reshape(-1, 8, 3))
+        return self._gathered(local.reshape(shape))
 
     def _gathered(self, corner: FloatArray) -> FloatArray:
-        """Sum forces on corners in block frames at the nodes."""
+        """Sum forces on nodes of facets in block frames at the nodes."""
         forces = np.empty((self.n_nodes, 3))
         where = self.corner_nodes.ravel()
         for i in range(3):
@@ -233,7 +235,7 @@ def local_system(
 
 
 def _slot_nodes(quads: IntArray, slots: IntArray, node_start: IntArray) -> IntArray:
-    """Node numbers of facet corners; the total number of nodes for rigid blocks."""
+    """Numbers of nodes of facets; the total number of nodes for rigid blocks."""
     first = node_start[np.maximum(slots, 0)][:, None]
     return np.where(slots[:, None] >= 0, quads + first, node_start[-1])
 

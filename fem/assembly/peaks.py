@@ -22,6 +22,8 @@ from fem.assembly.contact_state import ContactState
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.law import ContactLaw
 from fem.element.hexahedron import ELEMENTS, ElementType, chunks, gauss_gradients
+from fem.element.lagrange_mesh import LagrangeMesh
+from fem.element.lagrange_stress import MovedBodies, PointValue, averaged_tension, everywhere
 from fem.element.stress import (
     corner_extrapolation,
     integration_point_stress,
@@ -29,7 +31,7 @@ from fem.element.stress import (
     principal_stress,
 )
 from fem.problem.model import BlockGroup
-from fem.problem.recovery import block_displacements
+from fem.problem.recovery import block_displacements, moved_bodies
 from geometry.joints import JointResultants, summed_by_joint
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray
 
@@ -56,7 +58,8 @@ def largest_pressure(
 ) -> Peak | None:
     """Largest contact pressure at a point; None without contact.
 
-    At corners of matched facets; where a search found facets, at their integration points.
+    At corners of matched facets, on a grid of those of higher degree; where a search found facets,
+    at their integration points.
     """
     if not state.n_facets:
         return None
@@ -65,11 +68,12 @@ def largest_pressure(
         facet, where = int(state.facet[point]), state.positions[point]
         value = float(state.point_pressures[point])
     else:
-        facet, corner = divmod(int(np.argmax(state.corner_overclosures)), 4)
-        value = float(law.pressure(state.corner_overclosures[facet, corner]))
-        surfaces = deformable.surfaces
-        block, node = int(surfaces.block_m[facet]), surfaces.quads_m[facet, corner]
-        where = deformable.assembly.nodes(block)[node] + deformable.offsets[block]
+        overclosures, surfaces = state.corner_overclosures, deformable.surfaces
+        facet, look = divmod(int(np.argmax(overclosures)), overclosures.shape[1])
+        value = float(law.pressure(overclosures[facet, look]))
+        block = int(surfaces.block_m[facet])
+        nodes = deformable.assembly.nodes(block)[surfaces.quads_m[facet]]
+        where = surfaces.basis.looks[look] @ nodes + deformable.offsets[block]
     pair = int(state.block_m[facet]), int(state.block_s[facet])
     return Peak(value, pair, where, _nearest_face(deformable, pair[0], where))
 
@@ -175,6 +179,8 @@ def _group_peaks(
 ) -> tuple[Peak, Peak, Peak, float, float]:
     group = deformable.model.groups[number]
     local, _ = block_displacements(group, displacement, finite_rotation=finite_rotation)
+    if isinstance(group.mesh, LagrangeMesh):
+        return _lagrange_peaks(deformable, number, moved_bodies(group, local), radius)
     stress = integration_point_stress(group.mesh, group.material, group.element, local)
     principal = principal_stress(stress)
     points = integration_points(group.mesh, group.element)
@@ -197,6 +203,25 @@ def _group_peaks(
     mean = peak(averaged, balls.centres, int(copy), int(row), None)
     at_corners = _corner_extremes(group, stress, principal)
     return largest, least, mean, *at_corners
+
+
+def _lagrange_peaks(
+    deformable: DeformableAssembly, number: int, bodies: MovedBodies, radius: float
+) -> tuple[Peak, Peak, Peak, float, float]:
+    """The same of elements of higher degree, which hide nothing towards their corners.
+
+    There their polynomials overshoot (`fem.element.lagrange_stress.everywhere`).
+    """
+
+    def peak(found: PointValue) -> Peak:
+        block = _block_of(deformable, number, found.layer - 1)
+        where = deformable.assembly.place(block, found.position[None])[0]
+        return Peak(found.value, (block,), where + deformable.offsets[block], None)
+
+    sampled = everywhere(bodies)
+    first, third = sampled.extreme(0), sampled.extreme(2)
+    averaged = averaged_tension(bodies, radius)
+    return peak(first), peak(third), peak(averaged), first.value, third.value
 
 
 def _corner_extremes(

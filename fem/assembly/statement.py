@@ -70,7 +70,9 @@ class Problem:
     """Of all blocks."""
     _: KW_ONLY
     element: ElementType = ElementType.INCOMPATIBLE
-    """Hexahedron."""
+    """Hexahedron of degree 1."""
+    degree: int = 1
+    """Of the elements; above 1 of static answers alone."""
     law: ContactLaw = field(default_factory=ExponentialLaw)
     """Contact pressure as a function of overclosure."""
     normals: ContactNormals = ContactNormals.CURRENT
@@ -206,6 +208,7 @@ class Problem:
             self.load_case,
             self.material,
             element=self.element,
+            degree=self.degree,
             law=self.law,
             normals=self.normals,
             clearance=self.clearance,

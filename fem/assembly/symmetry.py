@@ -37,15 +37,15 @@ class Orbits:
     facets: IntArray
     """Positions in the deformable assembly's surfaces of the facets to integrate, (n,)."""
     point_of: IntArray
-    """Which point of those facets (4 · position + point) stands for each point of the surfaces,
-    (n_facets, 4)."""
+    """Which point of those facets (n_points · position + point) stands for each point of the
+    surfaces, (n_facets, n_points)."""
 
 
 def no_symmetry(deformable: DeformableAssembly) -> Orbits:
     """Every block stands for itself (and for its periodic images)."""
-    n = deformable.surfaces.n_facets
+    n, per_facet = deformable.surfaces.weights.shape
     blocks = deformable.assembly.originals
-    return Orbits(1, blocks, np.arange(n), np.arange(4 * n).reshape(n, 4))
+    return Orbits(1, blocks, np.arange(n), np.arange(n * per_facet).reshape(n, per_facet))
 
 
 def cyclic_orbits(deformable: DeformableAssembly, order: int) -> Orbits:
@@ -172,7 +172,7 @@ def _facet_orbits(
     A facet of a block meets exactly one other facet, so the two (representative, facet number)
     of a contact, unordered, name its orbit.
     """
-    surfaces = deformable.surfaces
+    surfaces, basis = deformable.surfaces, deformable.surfaces.basis
     found = deformable.assembly.interfaces
     width = int(deformable.assembly.eligible_facets().max()) + 1
     end_m = representative[surfaces.block_m] * width + found.facet_m[surfaces.facet]
@@ -185,9 +185,10 @@ def _facet_orbits(
     # corners are those of the representative's opposing facet, in another order.
     same = end_m == end_m[facets[position]]
     stands = facets[position]
-    corners = np.where(same[:, None], surfaces.quads_m[stands], surfaces.quads_s[stands])
-    match = surfaces.quads_m[:, :, None] == corners[:, None, :]
+    quads_m, quads_s = (q[:, basis.corners] for q in (surfaces.quads_m, surfaces.quads_s))
+    corners = np.where(same[:, None], quads_m[stands], quads_s[stands])
+    match = quads_m[:, :, None] == corners[:, None, :]
     if not (match.sum(axis=2) == 1).all():
         raise SymmetryError("symmetry: facets of one orbit have different corners")
-    point_of: IntArray = 4 * position[:, None] + match.argmax(axis=2)
-    return facets, point_of
+    point_of: IntArray = basis.n_points * position[:, None]
+    return facets, point_of + basis.points_after(match.argmax(axis=2))

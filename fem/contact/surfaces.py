@@ -1,14 +1,16 @@
 """Face-to-face contact on conforming interfaces: gaps, pressures, nodal forces, tangent.
 
-Opposing facets are matched corner on corner. On each pair lie 2 × 2 Gauss points; at a point
+Opposing facets are matched corner on corner. On each pair lie Gauss points, 2 × 2 on bilinear
+facets (`fem.element.facet.FacetBasis`); at a point
 
     d = x_s - x_m                    from the master point to the opposing one
     n = a / |a|, a = t_1 × t_2       t the mean of the two facets' tangents: neither is favoured
     overclosure = -n · d - clearance minus the gap
 
 and the energy is the sum of w W(overclosure) with w the reference area of the point. Forces
-are its derivatives: on the nodes -w p ∂(overclosure)/∂u. Corners 0-3 of a pair are those of the
-master facet, 4-7 the coinciding ones of the opposing facet.
+are its derivatives: on the nodes -w p ∂(overclosure)/∂u. The first half of the nodes of a pair are
+those of the master facet, the second the coinciding ones of the opposing facet. Bilinear facets
+have their four corners for nodes.
 
 With *reference* normals n does not change: the overclosure is linear in the displacement. With
 *current* normals n follows both surfaces; its variation is part of the force, so forces and
@@ -24,7 +26,7 @@ from functools import cached_property
 import numpy as np
 
 from fem.contact.law import ContactLaw
-from fem.element.facet import FACET_SLOPES, FACET_VALUES
+from fem.element.facet import BILINEAR, FacetBasis, basis_of
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
@@ -55,19 +57,21 @@ class ContactSurfaces:
     block_s: IntArray
     """Opposing block, (n,)."""
     quads_m: IntArray
-    """Corner nodes in block m's mesh, (n, 4)."""
+    """Nodes in block m's mesh, (n, n_nodes of a facet)."""
     quads_s: IntArray
-    """Coinciding nodes of block s, corner by corner, (n, 4)."""
+    """Coinciding nodes of block s, one by one."""
     facet: IntArray
     """Position in the assembly's interfaces, (n,)."""
     pair_start: IntArray
     """First facet of each block pair, and the total; (n_pairs + 1,)."""
     tangents: FloatArray
-    """Mean reference tangents dx/dr, dx/ds of the two facets, (n, 4 points, 2, 3) [mm]."""
+    """Mean reference tangents dx/dr, dx/ds of the two facets, (n, n_points, 2, 3) [mm]."""
     offsets: FloatArray
-    """x_s - x_m in the reference position, spacing included, (n, 4 points, 3) [mm]."""
+    """x_s - x_m in the reference position, spacing included, (n, n_points, 3) [mm]."""
     clearance: float = 0.0
     """Added to every gap, as if the surfaces lay half of it inside their blocks [mm]."""
+    basis: FacetBasis = BILINEAR
+    """Functions of the nodes of a facet at its points."""
 
     @property
     def n_facets(self) -> int:
@@ -76,18 +80,18 @@ class ContactSurfaces:
 
     @cached_property
     def area_vectors(self) -> FloatArray:
-        """t_1 × t_2 of the reference position, (n, 4 points, 3) [mm²]."""
+        """t_1 × t_2 of the reference position, (n, n_points, 3) [mm²]."""
         return np.cross(self.tangents[:, :, 0], self.tangents[:, :, 1])
 
     @cached_property
     def weights(self) -> FloatArray:
-        """Reference area of each point, (n, 4 points) [mm²]."""
-        return np.linalg.norm(self.area_vectors, axis=2)
+        """Reference area of each point, (n, n_points) [mm²]."""
+        return np.linalg.norm(self.area_vectors, axis=2) * self.basis.weights
 
     @cached_property
     def normals(self) -> FloatArray:
-        """Reference normals from m to s, (n, 4 points, 3)."""
-        return self.area_vectors / self.weights[:, :, None]
+        """Reference normals from m to s, (n, n_points, 3)."""
+        return self.area_vectors / np.linalg.norm(self.area_vectors, axis=2, keepdims=True)
 
     @cached_property
     def areas(self) -> FloatArray:
@@ -96,19 +100,20 @@ class ContactSurfaces:
 
     @property
     def initial_gaps(self) -> FloatArray:
-        """Gap before any displacement, (n, 4 points) [mm]."""
+        """Gap before any displacement, (n, n_points) [mm]."""
         along = np.einsum("fpi,fpi->fp", self.normals, self.offsets)
         return along + self.clearance
 
     @property
     def difference(self) -> FloatArray:
-        """Corner weights of d = x_s - x_m, (n, 4 points, 8)."""
-        return np.broadcast_to(_DIFFERENCE, (self.n_facets, 4, 8))
+        """Weights of the nodes in d = x_s - x_m, (n, n_points, nodes of both)."""
+        difference = self.basis.difference
+        return np.broadcast_to(difference, (self.n_facets, *difference.shape))
 
     def kinematics(
         self, corner_displacements: FloatArray, normals: ContactNormals
     ) -> PointKinematics:
-        """Overclosures and their gradients at displaced corners (n, 8, 3) [mm], world axes."""
+        """Overclosures and gradients at displaced nodes (n, nodes of both, 3) [mm], world axes."""
         return point_kinematics(self, corner_displacements, normals)
 
     def subset(self, facets: IntArray) -> ContactSurfaces:
@@ -124,6 +129,7 @@ class ContactSurfaces:
             tangents=self.tangents[facets],
             offsets=self.offsets[facets],
             clearance=self.clearance,
+            basis=self.basis,
         )
 
 
@@ -157,32 +163,48 @@ def contact_surfaces(
         Facets of free blocks without partner where that is not allowed.
     """
     found = assembly.interfaces
-    corners_m = facet_corners(assembly, found.block_m, found.quads_m)
-    corners_s = facet_corners(assembly, found.block_s, found.quads_s)
-    offsets = np.einsum("pa,fai->fpi", FACET_VALUES, corners_s - corners_m)
+    quads_m = _facet_nodes(assembly, found.block_m, found.quads_m)
+    quads_s = _facet_nodes(assembly, found.block_s, found.quads_s)
+    nodes_m = facet_corners(assembly, found.block_m, quads_m)
+    nodes_s = facet_corners(assembly, found.block_s, quads_s)
+    basis = basis_of(quads_m)
+    offsets = np.einsum("pa,fai->fpi", basis.values, nodes_s - nodes_m)
     if moved is not None:
         offsets += (moved[found.block_s] - moved[found.block_m])[:, None]
     return ContactSurfaces(
         block_m=found.block_m,
         block_s=found.block_s,
-        quads_m=found.quads_m,
-        quads_s=found.quads_s,
+        quads_m=quads_m,
+        quads_s=quads_s,
         facet=np.arange(found.n_contacts),
         pair_start=found.pair_start,
-        tangents=np.einsum("pak,fai->fpki", FACET_SLOPES, 0.5 * (corners_m + corners_s)),
+        tangents=np.einsum("pak,fai->fpki", basis.slopes, 0.5 * (nodes_m + nodes_s)),
         offsets=offsets,
         clearance=clearance,
+        basis=basis,
     )
 
 
+def _facet_nodes(assembly: Assembly, blocks: IntArray, quads: IntArray) -> IntArray:
+    """All nodes of facets of blocks, from their corners (n, 4)."""
+    found: IntArray | None = None
+    for number, shape in enumerate(assembly.shapes):
+        mine = assembly.shape_of[blocks] == number
+        nodes = shape.mesh.facet_nodes(quads[mine])
+        found = np.empty((len(blocks), nodes.shape[1]), np.int64) if found is None else found
+        found[mine] = nodes
+    assert found is not None
+    return found
+
+
 def facet_corners(assembly: Assembly, blocks: IntArray, quads: IntArray) -> FloatArray:
-    """World positions of facet corners, (n, 4, 3) [mm]."""
-    corners = np.empty((len(blocks), 4, 3))
+    """World positions of nodes of facets (n, m), (n, m, 3) [mm]."""
+    corners = np.empty((*quads.shape, 3))
     for block in np.unique(blocks):
         mine = blocks == block
         corners[mine] = assembly.place(
             int(block), assembly.shape(int(block)).mesh.nodes[quads[mine]].reshape(-1, 3)
-        ).reshape(-1, 4, 3)
+        ).reshape(-1, quads.shape[1], 3)
     return corners
 
 
@@ -238,19 +260,14 @@ class PointKinematics:
     """Overclosure of every point and its derivative by the corner displacements."""
 
     overclosure: FloatArray
-    """(n, 4 points) [mm]"""
+    """(n, n_points) [mm]"""
     gradient: FloatArray
-    """∂(overclosure)/∂(corner displacement) in world axes, (n, 4 points, 8 corners, 3)."""
-
-
-#: Corners 0-3 (master) count against corners 4-7 in d, together in the tangents.
-_DIFFERENCE: FloatArray = np.concatenate([-FACET_VALUES, FACET_VALUES], axis=1)
-_MEAN_SLOPES: FloatArray = 0.5 * np.concatenate([FACET_SLOPES, FACET_SLOPES], axis=1)
+    """∂(overclosure)/∂(corner displacement) in world axes, (n, n_points, nodes of both, 3)."""
 
 
 def reference_gradient(surfaces: ContactSurfaces) -> FloatArray:
-    """Gradient of the overclosure with reference normals, (n, 4 points, 8 corners, 3)."""
-    return -np.einsum("pa,fpi->fpai", _DIFFERENCE, surfaces.normals)
+    """Gradient of the overclosure with reference normals, (n, n_points, nodes of both, 3)."""
+    return -np.einsum("pa,fpi->fpai", surfaces.basis.difference, surfaces.normals)
 
 
 def point_kinematics(
@@ -265,23 +282,24 @@ def point_kinematics(
     surfaces
         Matched facets.
     corner_displacements
-        World axes, (n, 8 corners, 3) [mm].
+        World axes, (n, nodes of both, 3) [mm].
     normals
         Which normals measure the gap.
     """
-    d = surfaces.offsets + np.einsum("pa,fai->fpi", _DIFFERENCE, corner_displacements)
+    d = surfaces.offsets + np.einsum("pa,fai->fpi", surfaces.basis.difference, corner_displacements)
     if normals is ContactNormals.REFERENCE:
         return PointKinematics(
             -np.einsum("fpi,fpi->fp", surfaces.normals, d) - surfaces.clearance,
             reference_gradient(surfaces),
         )
     frame = _current_frame(surfaces, corner_displacements, d)
-    by_normal = -np.einsum("pa,fpi->fpai", _DIFFERENCE, frame.normal)
+    basis = surfaces.basis
+    by_normal = -np.einsum("pa,fpi->fpai", basis.difference, frame.normal)
     # ∂(overclosure)/∂a = -e; a = t_1 × t_2 turns it into t_2 × (-e) and (-e) × t_1.
     by_first = np.cross(frame.slip, frame.tangents[:, :, 1])
     by_second = np.cross(frame.tangents[:, :, 0], frame.slip)
-    turning = np.einsum("pa,fpi->fpai", _MEAN_SLOPES[:, :, 0], by_first)
-    turning += np.einsum("pa,fpi->fpai", _MEAN_SLOPES[:, :, 1], by_second)
+    turning = np.einsum("pa,fpi->fpai", basis.mean_slopes[:, :, 0], by_first)
+    turning += np.einsum("pa,fpi->fpai", basis.mean_slopes[:, :, 1], by_second)
     return PointKinematics(-frame.gap - surfaces.clearance, by_normal + turning)
 
 
@@ -299,7 +317,9 @@ class _CurrentFrame:
 def _current_frame(
     surfaces: ContactSurfaces, corner_displacements: FloatArray, d: FloatArray
 ) -> _CurrentFrame:
-    tangents = surfaces.tangents + np.einsum("pak,fai->fpki", _MEAN_SLOPES, corner_displacements)
+    tangents = surfaces.tangents + np.einsum(
+        "pak,fai->fpki", surfaces.basis.mean_slopes, corner_displacements
+    )
     vector = np.cross(tangents[:, :, 0], tangents[:, :, 1])
     area = np.linalg.norm(vector, axis=2)
     normal = vector / area[:, :, None]
@@ -313,15 +333,11 @@ def point_normals(
     corner_displacements: FloatArray,
     normals: ContactNormals = ContactNormals.CURRENT,
 ) -> FloatArray:
-    """Normals from m to s that measure the gaps at displaced corners, (n, 4 points, 3)."""
+    """Normals from m to s that measure the gaps at displaced corners, (n, n_points, 3)."""
     if normals is ContactNormals.REFERENCE:
         return surfaces.normals
-    d = surfaces.offsets + np.einsum("pa,fai->fpi", _DIFFERENCE, corner_displacements)
+    d = surfaces.offsets + np.einsum("pa,fai->fpi", surfaces.basis.difference, corner_displacements)
     return _current_frame(surfaces, corner_displacements, d).normal
-
-
-#: Values at the corners of a facet of the bilinear function through its Gauss points.
-_TO_CORNERS: FloatArray = np.linalg.inv(FACET_VALUES).astype(np.float64)
 
 
 def corner_overclosures(
@@ -329,20 +345,22 @@ def corner_overclosures(
     corner_displacements: FloatArray,
     normals: ContactNormals = ContactNormals.CURRENT,
 ) -> FloatArray:
-    """Overclosures at the corners of facets, (n, 4) [mm].
+    """Overclosures where facets are looked at for peaks, (n, n_looks) [mm].
 
-    Between them a gap is bilinear but for the turning of the normal: its extremes are here.
-    Tangents and d are bilinear, so their values at the Gauss points say those at the corners.
+    Of bilinear facets these are the corners: between them a gap is bilinear but for the turning of
+    the normal, and its extremes are here. Tangents and d are polynomials, so their values at the
+    Gauss points say those everywhere.
     """
-    d = surfaces.offsets + np.einsum("pa,fai->fpi", _DIFFERENCE, corner_displacements)
+    basis = surfaces.basis
+    d = surfaces.offsets + np.einsum("pa,fai->fpi", surfaces.basis.difference, corner_displacements)
     tangents: FloatArray = surfaces.tangents
     if normals is ContactNormals.CURRENT:
-        turned: FloatArray = np.einsum("pak,fai->fpki", _MEAN_SLOPES, corner_displacements)
+        turned: FloatArray = np.einsum("pak,fai->fpki", basis.mean_slopes, corner_displacements)
         tangents = tangents + turned
-    first, second = np.einsum("cp,fpki->kfci", _TO_CORNERS, tangents)
+    first, second = np.einsum("cp,fpki->kfci", basis.to_looks, tangents)
     vector: FloatArray = np.cross(first, second)
     normal: FloatArray = vector / np.linalg.norm(vector, axis=2, keepdims=True)
-    distance = np.einsum("cp,fpi->fci", _TO_CORNERS, d)
+    distance = np.einsum("cp,fpi->fci", basis.to_looks, d)
     return -np.einsum("fci,fci->fc", normal, distance) - surfaces.clearance
 
 
@@ -360,9 +378,9 @@ def curvature(surfaces: ContactSurfaces, corner_displacements: FloatArray) -> Fl
     Returns
     -------
     FloatArray
-        (n, 4 points, 24, 24) [1/mm], degrees of freedom 3 · corner + component.
+        (n, n_points, m, m) [1/mm], degrees of freedom 3 · node + component.
     """
-    d = surfaces.offsets + np.einsum("pa,fai->fpi", _DIFFERENCE, corner_displacements)
+    d = surfaces.offsets + np.einsum("pa,fai->fpi", surfaces.basis.difference, corner_displacements)
     frame = _current_frame(surfaces, corner_displacements, d)
     n, e, area = frame.normal, frame.slip, frame.area[:, :, None, None]
     tangential = np.eye(3) - n[..., :, None] * n[..., None, :]
@@ -381,8 +399,10 @@ def curvature(surfaces: ContactSurfaces, corner_displacements: FloatArray) -> Fl
             hessian[..., rows, columns] = _transposed(turn[i]) @ by_a_a @ turn[j]
     hessian[..., 3:6, 6:] += _cross_matrix(e)
     hessian[..., 6:, 3:6] -= _cross_matrix(e)
-    factors = np.stack([_DIFFERENCE, _MEAN_SLOPES[:, :, 0], _MEAN_SLOPES[:, :, 1]], axis=1)
-    spread = np.einsum("pka,ij->pkiaj", factors, np.eye(3)).reshape(4, 9, 24)
+    basis = surfaces.basis
+    slopes = (basis.mean_slopes[:, :, 0], basis.mean_slopes[:, :, 1])
+    factors = np.stack([basis.difference, *slopes], axis=1)
+    spread = np.einsum("pka,ij->pkiaj", factors, np.eye(3)).reshape(basis.n_points, 9, -1)
     return _transposed(spread) @ hessian @ spread
 
 
@@ -395,14 +415,14 @@ def _transposed(matrix: FloatArray) -> FloatArray:
 
 
 def corner_forces(kinematics: PointKinematics, point_forces: FloatArray) -> FloatArray:
-    """Forces on the eight corners, world axes: (n, 8, 3) [N].
+    """Forces on the nodes of both facets, world axes: (n, nodes of both, 3) [N].
 
     Parameters
     ----------
     kinematics
         Gradients of the overclosures.
     point_forces
-        w p of each point, (n, 4 points) [N].
+        w p of each point, (n, n_points) [N].
     """
     return -np.einsum("fp,fpai->fai", point_forces, kinematics.gradient)
 
@@ -415,7 +435,7 @@ def curvature_tangent(
     Returns
     -------
     FloatArray
-        (n, 24, 24) [N/mm].
+        (n, m, m) [N/mm].
     """
     return np.einsum("fp,fpij->fij", point_forces, curvature(surfaces, corner_displacements))
 

@@ -1,4 +1,4 @@
-"""Bilinear quadrilateral facets: shape functions, the 2 × 2 Gauss rule, areas.
+"""Quadrilateral facets, bilinear and of higher degree: functions, Gauss rules, areas.
 
 Corners are counter-clockwise seen from outside.
 """
@@ -6,9 +6,13 @@ Corners are counter-clockwise seen from outside.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
+from numpy.polynomial import legendre
 
+from fem.element.lagrange import gauss_line, tensor_points
 from geometry.mesh import FloatArray, IntArray
 
 #: Natural coordinates of the four corners of a facet, (4, 2).
@@ -30,19 +34,110 @@ def bilinear(xi: FloatArray) -> tuple[FloatArray, FloatArray]:
 FACET_VALUES, FACET_SLOPES = bilinear(FACET_POINTS)
 
 
+@dataclass(frozen=True)
+class FacetBasis:
+    """Functions of the nodes of a facet at its points of integration, and where else to look."""
+
+    points: FloatArray
+    """Natural coordinates, (n_points, 2)."""
+    values: FloatArray
+    """(n_points, n_nodes)"""
+    slopes: FloatArray
+    """(n_points, n_nodes, 2)"""
+    weights: FloatArray
+    """Of the quadrature, (n_points,)."""
+    corners: IntArray
+    """Which nodes the corners are, (4,)."""
+    looks: FloatArray
+    """Functions where peaks are looked for, edges and corners included, (n_looks, n_nodes)."""
+    to_looks: FloatArray
+    """Values there of the polynomials through those at the points, (n_looks, n_points)."""
+
+    @property
+    def n_points(self) -> int:
+        """Points of integration."""
+        return len(self.points)
+
+    @cached_property
+    def difference(self) -> FloatArray:
+        """Weights of the nodes of two facets in what the second has more, (n_points, 2 n_nodes)."""
+        return np.concatenate([-self.values, self.values], axis=1)
+
+    @cached_property
+    def mean_slopes(self) -> FloatArray:
+        """Slopes of the mean of two facets, (n_points, 2 n_nodes, 2)."""
+        return 0.5 * np.concatenate([self.slopes, self.slopes], axis=1)
+
+    def points_after(self, corners: IntArray) -> IntArray:
+        """Point of a facet that lies at each point of another one, (n, n_points).
+
+        Parameters
+        ----------
+        corners
+            Which corner of the first lies at each corner of the second, (n, 4).
+        """
+        there = bilinear(self.points)[0] @ FACET_CORNERS[corners]
+        away = np.abs(there[:, :, None] - self.points).max(axis=3)
+        return np.asarray(away.argmin(axis=2), dtype=np.int64)
+
+
+#: Facets of eight-node hexahedra: 2 × 2 Gauss points, peaks at corners.
+BILINEAR = FacetBasis(
+    points=FACET_POINTS,
+    values=FACET_VALUES,
+    slopes=FACET_SLOPES,
+    weights=np.ones(4),
+    corners=np.arange(4),
+    looks=np.eye(4),
+    to_looks=np.linalg.inv(FACET_VALUES).astype(np.float64),
+)
+
+#: Points along an edge of a facet of higher degree at which its peak is looked for.
+_LOOKS = 9
+
+
+@cache
+def lagrange_basis(degree: int) -> FacetBasis:
+    """Facets of a degree: two Gauss points more than the degree in each direction.
+
+    A steep law of a polynomial is no polynomial.
+    """
+    line, weights = gauss_line(degree + 2)
+    at = tensor_points(degree, line, weights, dimension=2)
+    look = np.linspace(-1.0, 1.0, _LOOKS)
+    through = legendre.legvander(look, degree + 1) @ np.linalg.inv(
+        legendre.legvander(line, degree + 1)
+    )
+    return FacetBasis(
+        points=np.stack([x.ravel() for x in np.meshgrid(line, line, indexing="ij")], axis=1),
+        values=at.values,
+        slopes=at.slopes,
+        weights=at.weights,
+        corners=np.array([0, degree * (degree + 1), (degree + 1) ** 2 - 1, degree]),
+        looks=tensor_points(degree, look, dimension=2).values,
+        to_looks=np.asarray(np.kron(through, through), dtype=np.float64),
+    )
+
+
+def basis_of(quads: IntArray) -> FacetBasis:
+    """Functions of facets by their number of nodes, (n, 4) or (n, (degree + 1)²)."""
+    return BILINEAR if quads.shape[1] == 4 else lagrange_basis(math.isqrt(quads.shape[1]) - 1)
+
+
 def facet_area_vectors(nodes: FloatArray, quads: IntArray) -> FloatArray:
-    """Vector area per natural area, dx/dr × dx/ds, at the Gauss points of each facet.
+    """Vector area of the points of integration, dx/dr × dx/ds times their weights.
 
     Returns
     -------
     FloatArray
-        (..., n_facets, 4 points, 3) [mm²]; their sum over the points is the exact vector area
-        of the facet, whatever its warp.
+        (..., n_facets, n_points, 3) [mm²]; of bilinear facets their sum is the exact vector area,
+        whatever the warp.
     """
-    tangents = np.einsum("pak,...fai->...fpki", FACET_SLOPES, nodes[..., quads, :])
-    return np.cross(tangents[..., 0, :], tangents[..., 1, :])
+    basis = basis_of(quads)
+    tangents = np.einsum("pak,...fai->...fpki", basis.slopes, nodes[..., quads, :])
+    return np.cross(tangents[..., 0, :], tangents[..., 1, :]) * basis.weights[:, None]
 
 
 def facet_areas(nodes: FloatArray, quads: IntArray) -> FloatArray:
-    """Areas by the 2 × 2 rule, (..., n_facets) [mm²]."""
+    """Areas by the points of integration, (..., n_facets) [mm²]."""
     return np.linalg.norm(facet_area_vectors(nodes, quads), axis=-1).sum(axis=-1)

@@ -1,6 +1,7 @@
 """Consistent nodal forces of pressures, tractions and body forces, and their amplitudes.
 
-Facets are bilinear quadrilaterals, counter-clockwise seen from outside. Coordinates are
+Facets are quadrilaterals, counter-clockwise seen from outside, named by all their nodes
+(`geometry.mesh.HexMesh.facet_nodes`). Coordinates are
 (n_nodes, 3) or, for copies of one block, (n_copies, n_nodes, 3): pass the current ones for a
 load that follows the surface, the reference ones for a dead load.
 """
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from fem.element.facet import FACET_VALUES, facet_area_vectors
+from fem.element.facet import basis_of, facet_area_vectors
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 
@@ -23,7 +24,7 @@ class LoadError(RefusedError):
 
 
 def scatter_to_nodes(corner_forces: FloatArray, quads: IntArray, n_nodes: int) -> FloatArray:
-    """Sum facet corner forces (..., n_facets, 4, 3) at the nodes, (..., n_nodes, 3)."""
+    """Sum forces on nodes of facets (..., n_facets, m, 3) at the nodes, (..., n_nodes, 3)."""
     lead = corner_forces.shape[:-3]
     corners = np.arange(quads.size)
     gather = csr_array((np.ones(quads.size), (quads.ravel(), corners)), (n_nodes, quads.size))
@@ -35,15 +36,14 @@ def scatter_to_nodes(corner_forces: FloatArray, quads: IntArray, n_nodes: int) -
 def pressure_forces(nodes: FloatArray, quads: IntArray, pressure: float | FloatArray) -> FloatArray:
     """Consistent nodal forces of a pressure, f_a = -∫ p N_a n dA.
 
-    The integrand has degree two in each natural coordinate: the 2 × 2 rule is exact, so the
-    total is -p times the vector area, and zero on a closed surface.
+    The rule is exact, so the total is -p times the vector area, and zero on a closed surface.
 
     Parameters
     ----------
     nodes
         (n_nodes, 3) or (n_copies, n_nodes, 3) [mm].
     quads
-        Loaded facets, (n_facets, 4), counter-clockwise seen from outside.
+        Loaded facets, (n_facets, n_nodes of one), counter-clockwise seen from outside.
     pressure
         Positive pushes inward; one number or (n_facets,) [MPa].
 
@@ -59,7 +59,7 @@ def pressure_forces(nodes: FloatArray, quads: IntArray, pressure: float | FloatA
     """
     value = _per_facet(pressure, quads, "pressure", ())
     area = facet_area_vectors(nodes, quads)
-    corner = -np.einsum("f,pa,...fpi->...fai", value, FACET_VALUES, area)
+    corner = -np.einsum("f,pa,...fpi->...fai", value, basis_of(quads).values, area)
     return scatter_to_nodes(corner, quads, nodes.shape[-2])
 
 
@@ -74,7 +74,7 @@ def traction_forces(nodes: FloatArray, quads: IntArray, traction: FloatArray) ->
     nodes
         (n_nodes, 3) or (n_copies, n_nodes, 3) [mm].
     quads
-        Loaded facets, (n_facets, 4).
+        Loaded facets, (n_facets, n_nodes of one).
     traction
         One vector (3,) or one per facet (n_facets, 3) [MPa].
 
@@ -90,7 +90,7 @@ def traction_forces(nodes: FloatArray, quads: IntArray, traction: FloatArray) ->
     """
     value = _per_facet(traction, quads, "traction", (3,))
     area = np.linalg.norm(facet_area_vectors(nodes, quads), axis=-1)
-    corner = np.einsum("fi,pa,...fp->...fai", value, FACET_VALUES, area)
+    corner = np.einsum("fi,pa,...fp->...fai", value, basis_of(quads).values, area)
     return scatter_to_nodes(corner, quads, nodes.shape[-2])
 
 

@@ -13,12 +13,14 @@ from typing import Protocol
 import numpy as np
 from scipy.sparse import bsr_array
 
+from fem.element import lagrange_mesh
 from fem.element.hexahedron import (
     ElementType,
     block_hourglass_stiffness,
     block_lumped_mass,
     block_stiffness,
 )
+from fem.element.lagrange_mesh import LagrangeMesh
 from fem.element.material import Material
 from fem.problem.effects import Effects
 from geometry.errors import RefusedError
@@ -53,7 +55,7 @@ class BlockGroup:
     material: Material
     """Elastic constants and density."""
     element: ElementType
-    """Hexahedron."""
+    """Hexahedron; that of a `LagrangeMesh` is its own."""
     rotations: FloatArray
     """Rigid placement of each copy, (n_copies, 3, 3)."""
     translations: FloatArray
@@ -121,7 +123,11 @@ def block_group(
         rotations = np.tile(np.eye(3), (count, 1, 1))
     if translations is None:
         translations = np.zeros((len(rotations), 3))
-    reduced = element is ElementType.REDUCED
+    if isinstance(mesh, LagrangeMesh):
+        stiffness = lagrange_mesh.block_stiffness(mesh, material)
+    else:
+        stiffness = block_stiffness(mesh, material, element)
+    reduced = element is ElementType.REDUCED and not isinstance(mesh, LagrangeMesh)
     return BlockGroup(
         name=name,
         mesh=mesh,
@@ -129,10 +135,24 @@ def block_group(
         element=element,
         rotations=rotations,
         translations=translations,
-        stiffness=block_stiffness(mesh, material, element),
-        lumped_mass=block_lumped_mass(mesh, material.density),
+        stiffness=stiffness,
+        lumped_mass=lumped_mass(mesh, material.density),
         hourglass_stiffness=block_hourglass_stiffness(mesh, material) if reduced else None,
     )
+
+
+def element_words(group: BlockGroup) -> str:
+    """Name of the hexahedra of a group."""
+    if isinstance(group.mesh, LagrangeMesh):
+        return f"degree {group.mesh.degree}"
+    return str(group.element.value)
+
+
+def lumped_mass(mesh: HexMesh, density: float) -> FloatArray:
+    """Mass of the nodes of one block, whatever its elements, (n_nodes,) [t]."""
+    if isinstance(mesh, LagrangeMesh):
+        return lagrange_mesh.block_lumped_mass(mesh, density)
+    return block_lumped_mass(mesh, density)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fem.element.lagrange import LagrangeElement
+from fem.element.lagrange_mesh import LagrangeMesh
+from fem.element.lagrange_stress import MovedBodies, everywhere, nodal_stress_of
 from fem.element.stress import (
     integration_point_stress,
     nodal_stress,
@@ -89,6 +92,22 @@ def block_displacements(
     return (back - placed) @ frames, turn @ frames
 
 
+def moved_bodies(group: BlockGroup, local: FloatArray) -> MovedBodies:
+    """Copies of a group with elements of a higher degree.
+
+    Parameters
+    ----------
+    group
+        Its mesh is a `LagrangeMesh`.
+    local
+        Displacements in block frames, (n_copies, n_nodes, 3) [mm].
+    """
+    mesh = group.mesh
+    assert isinstance(mesh, LagrangeMesh)
+    element = LagrangeElement(mesh.degree, group.material)
+    return MovedBodies(element, mesh.nodes, mesh.members, local)
+
+
 def recover(
     group: BlockGroup, displacement: FloatArray, *, finite_rotation: bool = False
 ) -> Recovered:
@@ -104,9 +123,18 @@ def recover(
         Whether the rigid rotation of each block is removed first.
     """
     local, frames = block_displacements(group, displacement, finite_rotation=finite_rotation)
+    if isinstance(group.mesh, LagrangeMesh):
+        bodies = moved_bodies(group, local)
+        at_nodes, inside = nodal_stress_of(bodies), everywhere(bodies).stress
+        return _recovered(at_nodes, inside.reshape(len(local), -1, 6), frames)
     operator = nodal_stress_operator(group.mesh, group.material, group.element)
     at_nodes = nodal_stress(operator, local)
     at_points = integration_point_stress(group.mesh, group.material, group.element, local)
+    return _recovered(at_nodes, at_points, frames)
+
+
+def _recovered(at_nodes: FloatArray, at_points: FloatArray, frames: FloatArray) -> Recovered:
+    """Stresses in block frames, (n_copies, n, 6) [MPa], in world axes too."""
     return Recovered(
         stress=rotate_stress(at_nodes, frames),
         principal=principal_stress(at_nodes),

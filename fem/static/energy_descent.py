@@ -130,19 +130,21 @@ class _Energy:
             force = force - system.scatter(
                 found.gradient, stiffness * system.gather(found.gradient, change)
             )
-            corners = system.corner_displacements(change).reshape(-1, 24, 1)
-            force += system.scatter_corners((bending @ corners).reshape(-1, 8, 3))
+            corners = system.corner_displacements(change)
+            bent = bending @ corners.reshape(len(corners), -1, 1)
+            force += system.scatter_corners(bent.reshape(corners.shape))
             return system.free_part(force)
 
         return apply
 
     def _curvature(self, state: _State) -> FloatArray:
-        """Σ w p ∂²x/∂u² of each facet, world axes, (n_facets, 24, 24) [N/mm]."""
+        """Σ w p ∂²x/∂u² of each facet, world axes, (n_facets, m, m) [N/mm]."""
         surfaces = self.system.surfaces
         assert isinstance(surfaces, ContactSurfaces)  # points of a search have no such tangent
         corners = self.system.corner_displacements(state.displacement)
         forces = self.weights * self.law.pressure(state.kinematics.overclosure)
-        tangent = np.empty((surfaces.n_facets, 24, 24))
+        size = 3 * corners.shape[1]
+        tangent = np.empty((surfaces.n_facets, size, size))
         for first in range(0, surfaces.n_facets, _CHUNK):
             some = np.arange(first, min(first + _CHUNK, surfaces.n_facets))
             tangent[some] = curvature_tangent(surfaces.subset(some), corners[some], forces[some])

@@ -33,7 +33,7 @@ class FrictionRows:
     tangents: FloatArray
     """Orthonormal reference tangents, (n_facets, n_points, 2, 3), world axes."""
     gradient: FloatArray
-    """∂(slip)/∂u in block frames, (n_facets, 2 n_points, 8 corners, 3)."""
+    """∂(slip)/∂u in block frames, (n_facets, 2 n_points, nodes of both facets, 3)."""
 
     def slip(self, displacement: FloatArray) -> FloatArray:
         """Slip along the tangents, (n_facets, n_points, 2) [mm]."""
@@ -70,7 +70,7 @@ class FrictionRows:
         )
 
     def _by_tangent(self) -> FloatArray:
-        return self.gradient.reshape(*self.tangents.shape[:3], 8, 3)
+        return self.gradient.reshape(*self.tangents.shape[:3], *self.gradient.shape[2:])
 
     def forces(
         self, displacement: FloatArray, anchor: FloatArray, pressure: FloatArray
@@ -88,7 +88,7 @@ def friction_rows(system: LocalSystem, friction: CoulombFriction) -> FrictionRow
     first = first / np.linalg.norm(first, axis=2, keepdims=True)
     tangents = np.stack([first, np.cross(surfaces.normals, first)], axis=2)
     world = np.einsum("fpa,fpki->fpkai", surfaces.difference, tangents)
-    world = world.reshape(len(tangents), -1, 8, 3)
+    world = world.reshape(len(tangents), -1, *world.shape[3:])
     return FrictionRows(system, friction, tangents, system.local_gradient(world))
 
 

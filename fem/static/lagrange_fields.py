@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from fem.element.lagrange import tensor_points
+from fem.element.lagrange_stress import LagrangeCells, cells_of
 from fem.element.stress import principal_stress, stress_of_gradient
 from fem.static.lagrange_block import Lattice
-from fem.static.lagrange_peaks import Lines, sampled_stress
+from fem.static.lagrange_peaks import Lines
 from fem.static.lagrange_tube import LayeredJoints, TubeState
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray
 
 
 def every_layer(state: TubeState) -> FloatArray:
@@ -78,36 +76,6 @@ def _slopes(lattice: Lattice, values: FloatArray, places: Lines) -> FloatArray:
     return np.stack(found, axis=-1)
 
 
-@dataclass(frozen=True)
-class LagrangeCells:
-    """All elements of the block of every layer, each with equidistant nodes of its own."""
-
-    degree: int
-    positions: FloatArray
-    """In the block's own frame, (n_elements, n_points, 3) [mm]; last direction fastest."""
-    displacement: FloatArray
-    """The same, (n_layers, n_elements, n_points, 3) [mm]."""
-    stress: FloatArray
-    """xx, yy, zz, xy, yz, xz in that frame, (n_layers, n_elements, n_points, 6) [MPa]."""
-
-    @cached_property
-    def principal(self) -> FloatArray:
-        """σ₁ ≥ σ₂ ≥ σ₃, (n_layers, n_elements, n_points, 3) [MPa]."""
-        return principal_stress(self.stress)
-
-
 def lagrange_cells(state: TubeState) -> LagrangeCells:
     """Evaluate every element of a state at equidistant nodes: what was computed, jumps included."""
-    state = whole(state)
-    lattice, degree = state.lattice, state.lattice.element.degree
-    at = tensor_points(degree, np.linspace(-1.0, 1.0, degree + 1))
-    stress = sampled_stress(state, np.arange(len(lattice.elements)), at)
-    moved = np.einsum(
-        "pa,leai->lepi", at.values, state.displacements[:, lattice.elements], optimize=True
-    )
-    return LagrangeCells(degree, stress.positions, moved, stress.stress)
-
-
-def grid_places(degree: int) -> IntArray:
-    """Place in each direction of each point of `LagrangeCells`, (n_points, 3)."""
-    return np.array(list(itertools.product(range(degree + 1), repeat=3)), dtype=np.int64)
+    return cells_of(whole(state).bodies)

@@ -22,6 +22,7 @@ from itertools import pairwise
 import numpy as np
 
 from fem.contact.law import ContactLaw
+from fem.element.lagrange_stress import MovedBodies
 from fem.static.lagrange_block import (
     ContactPoints,
     FreeBlock,
@@ -159,6 +160,12 @@ class TubeState:
     """Linear problems solved."""
     residual: float
     """Norm of the contact forces that the law does not have, over that of all [-]."""
+
+    @property
+    def bodies(self) -> MovedBodies:
+        """Those blocks, to sample their stresses."""
+        lattice = self.lattice
+        return MovedBodies(lattice.element, lattice.positions, lattice.elements, self.displacements)
 
 
 @dataclass(frozen=True)

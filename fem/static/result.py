@@ -38,7 +38,7 @@ class StaticResult:
     displacements: tuple[FloatArray, ...]
     """Of each group in world axes, each (n_copies, n_nodes, 3) [mm]."""
     overclosures: FloatArray
-    """Of every contact point, (n_facets, 4), or (n_points, 1) of a search [mm]."""
+    """Of every contact point, (n_facets, n_points), or (n_points, 1) of a search [mm]."""
     pressures: FloatArray
     """Of every contact point, alike [MPa]."""
     residual: float
@@ -120,7 +120,7 @@ def pair_resultants(result: StaticResult) -> tuple[FloatArray, FloatArray]:
         moment takes forces at the reference positions of block s.
     """
     deformable, surfaces = result.deformable, result.surfaces
-    corners = contact_corner_forces(result)[:, 4:]
+    corners = np.split(contact_corner_forces(result), 2, axis=1)[1]
     where = np.empty_like(corners)
     for block in np.unique(surfaces.block_s):
         mine = surfaces.block_s == block
@@ -133,7 +133,7 @@ def pair_resultants(result: StaticResult) -> tuple[FloatArray, FloatArray]:
 
 
 def contact_corner_forces(result: StaticResult) -> FloatArray:
-    """Normal contact forces on the corners of every facet pair, (n_facets, 8, 3) [N].
+    """Normal contact forces on the nodes of every facet pair, (n_facets, nodes of both, 3) [N].
 
     World axes; friction is not in them.
     """
@@ -188,7 +188,7 @@ def loose_blocks(
         sides = ((surfaces.block_m, surfaces.quads_m), (surfaces.block_s, surfaces.quads_s))
         for side, (blocks, quads) in enumerate(sides):
             mine = np.flatnonzero(assembly.originals[blocks] == block)
-            force = gradient[mine, :, 4 * side : 4 * side + 4]
+            force = np.split(gradient[mine], 2, axis=2)[side]
             moment = np.cross(arms[quads[mine]][:, None], force).sum(axis=2)
             wrench = np.concatenate(
                 [force.sum(axis=2), moment / assembly.characteristic_length], axis=2

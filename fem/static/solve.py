@@ -509,7 +509,7 @@ def _advance_friction(problem: _Problem, state: _State, begin: FloatArray) -> _S
     orbits = problem.system.orbits
     times: IntArray | int = orbits.order
     if not isinstance(problem.system.surfaces, SearchedSurfaces):
-        times = np.bincount(orbits.point_of[:, 0] // 4, minlength=len(lost))
+        times = np.bincount(orbits.point_of[:, 0] // lost.shape[1], minlength=len(lost))
     lost = times * lost.sum(axis=1)
     return replace(state, anchor=moved, dissipation=state.dissipation + float(lost.sum()))
 

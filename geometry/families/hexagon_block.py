@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.block import Block
+from geometry.block import Block, Curve
 from geometry.families.sine_block import BlockParameterError
 from geometry.mesh import FloatArray, HexMesh, IntArray, check_mesh
 
@@ -104,37 +104,28 @@ def _vertex(k: int) -> FloatArray:
 
 
 def _edge_points(k: int, u: FloatArray, bulge: FloatArray) -> FloatArray:
-    """Points of edge k of the unit hexagon, u in [0, 1] along it; (n_bulge, n_u, 2).
+    """Points of edge k of the unit hexagon, u in [0, 1] along it; (..., 2).
 
     ``bulge`` 1 is the arc of the circumscribed circle on even edges, its mirror image on odd ones.
     """
     start, end = _vertex(k), _vertex(k + 1)
-    chord = start + u[:, None] * (end - start)
+    chord = start + u[..., None] * (end - start)
     normal = 0.5 * (start + end) / np.linalg.norm(0.5 * (start + end))
     half_chord = 2 * u - 1
     offset = np.sqrt(1.0 - 0.25 * half_chord**2) - np.sqrt(0.75)
     sign = 1.0 if k % 2 == 0 else -1.0
-    return chord + sign * bulge[:, None, None] * offset[:, None] * normal
+    return chord + sign * (bulge * offset)[..., None] * normal
 
 
-def _kite(k: int, bulge: FloatArray, m: int) -> FloatArray:
-    """Points of the kite at vertex k, (n_bulge, m + 1, m + 1, 2), by transfinite interpolation.
+def _kite(k: int, a: FloatArray, b: FloatArray, bulge: FloatArray) -> FloatArray:
+    """Points of the kite at vertex k, (..., 2), by transfinite interpolation.
 
-    First index from the centre along the middle of edge k, second along the middle of edge k - 1.
+    ``a`` runs from the centre along the middle of edge k, ``b`` along the middle of edge k - 1;
+    sides through the centre (the origin) are straight.
     """
-    s = np.linspace(0.0, 1.0, m + 1)
-    after = _edge_points(k, 0.5 * s[::-1], bulge)  # middle of edge k to vertex k
-    before = _edge_points(k - 1, 0.5 + 0.5 * s, bulge)  # middle of edge k - 1 to vertex k
-    middle_after, middle_before, corner = after[:, :1], before[:, :1], after[:, -1:]
-    a, b = s[None, :, None, None], s[None, None, :, None]
-    # Sides through the centre (the origin) are straight: (a, 0) -> a middle_after, and so on.
-    along_b = a * after[:, None, :, :]
-    along_a = b * before[:, :, None, :]
-    corners = a * b * corner[:, None]
-    straight = a * (1 - b) * middle_after[:, None] + b * (1 - a) * middle_before[:, None]
-    ruled_b = (1 - a) * b * middle_before[:, None] + along_b
-    ruled_a = (1 - b) * a * middle_after[:, None] + along_a
-    return ruled_a + ruled_b - straight - corners
+    after = _edge_points(k, 0.5 * (1.0 - b), bulge)  # middle of edge k to vertex k
+    before = _edge_points(k - 1, 0.5 + 0.5 * a, bulge)  # middle of edge k - 1 to vertex k
+    return b[..., None] * before + a[..., None] * after - (a * b)[..., None] * _vertex(k)
 
 
 def _wall(segments: IntArray, n_r: int, n_plane: int) -> IntArray:
@@ -180,20 +171,32 @@ def _build(
     """Mesh some kites; ``flat`` names the cut through the middle, if there is one."""
     check_hexagon(block, divisions)
     m, n_r = divisions.edge // 2, divisions.radial
+    s = np.linspace(0.0, 1.0, m + 1)
     y = np.linspace(0.0, 1.0, n_r + 1)
-    plane = np.stack([_kite(k, 2 * y - 1, m) for k in kites], axis=1).reshape(n_r + 1, -1, 2)
     # Kites share nodes: found on the straight middle section, whose nodes are 0.4/m apart or more
     # (the offset keeps round-off away from the edges of the rounding intervals).
-    straight = np.concatenate([_kite(k, np.zeros(1), m).reshape(-1, 2) for k in kites])
+    a, b = np.meshgrid(s, s, indexing="ij")
+    straight = np.concatenate([_kite(k, a, b, np.zeros_like(a)).reshape(-1, 2) for k in kites])
     key = np.round(straight * (100 * m) + 1 / np.pi).astype(np.int64)
     _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
     n_plane = len(first)
     number = dict(zip(kites, inverse.reshape(len(kites), m + 1, m + 1), strict=True))
 
-    x, z = np.moveaxis(block.circumradius * plane[:, first], -1, 0)
-    theta = x / block.inner_radius
-    r = (block.inner_radius + block.thickness * y)[:, None]
-    nodes = np.stack([r * np.cos(theta), r * np.sin(theta), z], axis=-1)
+    def shape(parameters: FloatArray) -> FloatArray:
+        kite, a, b, y = parameters.T
+        points = np.empty((len(y), 3))
+        for k in np.unique(np.rint(kite)).astype(np.int64).tolist():
+            mine = np.rint(kite) == k
+            plane = _kite(k, a[mine], b[mine], 2 * y[mine] - 1)
+            x, points[mine, 2] = (block.circumradius * plane).T
+            r = block.inner_radius + block.thickness * y[mine]
+            theta = x / block.inner_radius
+            points[mine, :2] = np.column_stack([r * np.cos(theta), r * np.sin(theta)])
+        return points
+
+    charts = np.meshgrid(np.array(kites, dtype=np.float64), s, s, indexing="ij")
+    in_plane = np.column_stack([line.ravel() for line in charts])
+    nodes = shape(np.column_stack([np.tile(in_plane[first], (n_r + 1, 1)), np.repeat(y, n_plane)]))
     # Seen from outside, a points to edge k and b to edge k - 1: (b, a, r) is right-handed.
     grid = np.stack(list(number.values()))
     quads = np.stack(
@@ -201,12 +204,36 @@ def _build(
     ).reshape(-1, 4)
     layers = n_plane * np.arange(n_r)[:, None, None]
     elements = np.concatenate([quads + layers, quads + layers + n_plane], axis=2).reshape(-1, 8)
-    mesh = HexMesh(nodes.reshape(-1, 3), elements)
+    mesh = HexMesh(nodes, elements)
     check_mesh(mesh, name)
     sides = _side_faces(number, n_r, n_plane, flat)
     faces = {"inner": quads[:, ::-1], "outer": quads + n_r * n_plane, **sides}
     contact_faces = tuple(edge for edge in EDGE_NAMES if edge in sides)
-    return Block(name, mesh, faces, contact_faces)
+    return Block(name, mesh, faces, contact_faces, Curve(_corner_parameters(in_plane, m, y), shape))
+
+
+def _corner_parameters(in_plane: FloatArray, m: int, y: FloatArray) -> FloatArray:
+    """Kite, a, b and y of the corners of every element, (n_elements, 8, 4).
+
+    Parameters
+    ----------
+    in_plane
+        Kite, a and b of the grid of each kite, (n_kites (m + 1)², 3).
+    m
+        Elements along a side of a kite.
+    y
+        Ends of the elements across the wall.
+    """
+    grid = in_plane.reshape(-1, m + 1, m + 1, 3)
+    quads = np.stack(
+        [grid[:, :-1, :-1], grid[:, :-1, 1:], grid[:, 1:, 1:], grid[:, 1:, :-1]], axis=3
+    ).reshape(-1, 4, 3)
+    n_r = len(y) - 1
+    found = np.empty((n_r, len(quads), 8, 4))
+    found[..., :3] = np.concatenate([quads, quads], axis=1)
+    found[:, :, :4, 3] = y[:-1, None, None]
+    found[:, :, 4:, 3] = y[1:, None, None]
+    return found.reshape(-1, 8, 4)
 
 
 def hexagon_block(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> Block:

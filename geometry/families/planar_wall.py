@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.assembly import Assembly
-from geometry.block import Block
+from geometry.block import Block, Curve
 from geometry.families.sine_block import LEAST_REACHED
 from geometry.mesh import FloatArray, HexMesh, check_mesh, grid_faces, structured_hexahedra
 from geometry.placed_blocks import AssemblyError
@@ -78,12 +78,19 @@ def _block(
     x1 = outline.width * np.linspace(-0.5, 0.5, divisions[0] + 1)
     y1 = outline.thickness * np.linspace(0.0, 1.0, divisions[1] + 1)
     w1 = np.linspace(0.0, 1.0, divisions[2] + 1)
-    x, y, w = (g.ravel() for g in np.meshgrid(x1, y1, w1, indexing="ij"))
-    z = (1 - w) * (bottom[0] + bottom[1](x, y)) + w * (top[0] + top[1](x, y))
-    mesh = HexMesh(np.column_stack([x, y, z]), structured_hexahedra(*divisions))
+
+    def shape(parameters: FloatArray) -> FloatArray:
+        x, y, w = parameters.T
+        z = (1 - w) * (bottom[0] + bottom[1](x, y)) + w * (top[0] + top[1](x, y))
+        return np.column_stack([x, y, z])
+
+    grid = np.meshgrid(x1, y1, w1, indexing="ij")
+    parameters = np.column_stack([line.ravel() for line in grid])
+    mesh = HexMesh(shape(parameters), structured_hexahedra(*divisions))
     check_mesh(mesh, name)
     faces = {_FACES[key]: quads for key, quads in grid_faces(*divisions).items()}
-    return Block(name, mesh, faces, ("bottom", "top", "left", "right"))
+    curve = Curve(parameters[mesh.elements], shape)
+    return Block(name, mesh, faces, ("bottom", "top", "left", "right"), curve)
 
 
 def _flat(x: FloatArray, y: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from geometry.block import Block
+from geometry.block import Block, Curve
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, HexMesh, check_mesh, grid_faces, structured_hexahedra
 
@@ -328,17 +328,20 @@ def _build(
     r1 = block.inner_radius + block.thickness * divisions.radial_positions
     u1 = np.linspace(0.0, 1.0, n_u + 1)
     w1 = np.linspace(0.0, 1.0, n_z + 1)
-    r, u, w = (grid.ravel() for grid in np.meshgrid(r1, u1, w1, indexing="ij"))
-    theta = block.block_angle * (u - 0.5)
-    weight = wavy[0] * (1 - w) + wavy[1] * w
-    z = bottom * (1 - w) + top * w + weight * wave(block, u, r)
-    mesh = HexMesh(
-        np.column_stack([r * np.cos(theta), r * np.sin(theta), z]),
-        structured_hexahedra(n_r, n_u, n_z),
-    )
+
+    def shape(parameters: FloatArray) -> FloatArray:
+        r, u, w = parameters.T
+        theta = block.block_angle * (u - 0.5)
+        weight = wavy[0] * (1 - w) + wavy[1] * w
+        z = bottom * (1 - w) + top * w + weight * wave(block, u, r)
+        return np.column_stack([r * np.cos(theta), r * np.sin(theta), z])
+
+    grid = np.meshgrid(r1, u1, w1, indexing="ij")
+    parameters = np.column_stack([line.ravel() for line in grid])
+    mesh = HexMesh(shape(parameters), structured_hexahedra(n_r, n_u, n_z))
     check_mesh(mesh, name)
     faces = {_FACE_NAMES[key]: quads for key, quads in grid_faces(n_r, n_u, n_z).items()}
-    return Block(name, mesh, faces, contact_faces)
+    return Block(name, mesh, faces, contact_faces, Curve(parameters[mesh.elements], shape))
 
 
 def sine_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Block:

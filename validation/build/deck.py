@@ -77,6 +77,10 @@ def build_deck(file: SceneFile, flavour: Flavour) -> Deck:
 def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     fem, effects = fem_section(scene, name), scene.effects
     refuse_cell(scene, name, "export")
+    if fem.degree > 1:
+        raise InputError(
+            f"{name}: fem.degree: got {fem.degree}; decks have elements of degree 1: expected 1"
+        )
     blocks = build_hexahedra(scene, name)
     assembly = canonical(blocks.assembly)
     case = scene_load(scene, name, assembly)

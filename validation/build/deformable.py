@@ -76,10 +76,10 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
             f"{name}: effects.auto is decided by `tubelock fem` and `compare`; here, write the "
             "effects that it names and remove effects.auto"
         )
-    if scene.fem.degree > 1:
+    if scene.fem.degree > 1 and scene.fem.method is not Method.STATIC:
         raise InputError(
-            f"{name}: fem.degree: got {scene.fem.degree}; curved elements are solved by `tubelock "
-            "fem` alone: expected 1"
+            f'{name}: fem.degree: got {scene.fem.degree} with fem.method = "{scene.fem.method}"; '
+            'explicit runs have elements of degree 1: expected 1, or fem.method = "static"'
         )
     if scene.fem.formulation is Formulation.RATE_FORM and scene.meets:
         raise InputError(
@@ -163,13 +163,14 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
     fem = fem_section(scene, name)
     assert scene.material is not None
     contact = scene.contact or ContactSection()  # single bodies have none
+    element = {"element": fem.element} if fem.degree == 1 else {"degree": fem.degree}
     if scene.effects.gravity is not None:
         count(scene.material, "density")
     return Problem(
         blocks.assembly,
         blocks.load,
         build_material(scene.material),
-        element=fem.element,
+        **element,
         law=contact.built,
         normals=ContactNormals.CURRENT,
         clearance=contact.clearance,

@@ -176,11 +176,10 @@ def _kept(
 def _answer(name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None) -> None:
     """Solve a scene and write what the command promises."""
     from validation.output.console import status
+    from validation.run.curved.solve import refused, run_curved
     from validation.scene.usage import recording
 
-    if scene.fem is not None and scene.fem.degree > 1:
-        from validation.run.curved.solve import run_curved
-
+    if scene.fem is not None and scene.fem.degree > 1 and refused(scene) is None:
         refuse_resume(resume)
         with recording(scene) as use, status(outputs.console, f"{name}: curved elements"):
             curved = run_curved(name, scene)

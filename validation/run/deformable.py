@@ -229,14 +229,15 @@ class DeformableRun:
     @property
     def title(self) -> str:
         """Scene, load, method and mesh, for pictures."""
-        gap = gap_words(self.scene.contact)
+        gap, fem = gap_words(self.scene.contact), self.scene.fem
+        degree = f" of degree {fem.degree}" if fem is not None and fem.degree > 1 else ""
         if not self.is_tube:
             blocks = len(self.deformable.deformable_blocks)
             plural = "s" if blocks > 1 else ""
             return (
                 f"{self.name}, {blocks} deformable block{plural}: {load_words(self.scene)}; "
                 f"{self.method} FEM, "
-                f"{self.deformable.model.n_elements} elements{gap}"
+                f"{self.deformable.model.n_elements} elements{degree}{gap}"
             )
         layers = self.deformable.assembly.n_layers
         elements = self.deformable.model.groups[0].mesh.n_elements
@@ -245,7 +246,7 @@ class DeformableRun:
             part = "periodic cell"
         return (
             f"{self.name}, {part}: {load_words(self.scene)}; {self.method} FEM, "
-            f"{elements} elements per block{gap}"
+            f"{elements} elements{degree} per block{gap}"
         )
 
     @property

@@ -46,6 +46,8 @@ def estimated_errors(
 ) -> dict[str, float]:
     """Estimate the error of each measure, in its unit; empty where no coarser mesh can be solved.
 
+    Of elements of degree two and more the change from one degree less counts as well.
+
     Parameters
     ----------
     run
@@ -54,7 +56,12 @@ def estimated_errors(
         Solves a scene; by default the method of the run.
     """
     solve = run_scene if solve is None else solve
+    steps = load_step_change(run)
     estimates: dict[str, list[float]] = {}
+    if run.scene.fem is not None and run.scene.fem.degree > 1:
+        less = solve(run.name, run.scene.changed({"fem.degree": run.scene.fem.degree - 1})).measures
+        for name, measure in run.measures.items():
+            estimates[name] = [SAFETY * abs(measure.value - less[name].value)]
     for scene in (coarser(run.scene, share) for share in SHARES):
         if scene is None:
             continue
@@ -69,7 +76,7 @@ def estimated_errors(
         for name, measure in run.measures.items():
             change = abs(measure.value - coarse.measures[name].value)
             estimates.setdefault(name, []).append(SAFETY * change / (refinement - 1.0))
-    sides, steps = bracketed(run), load_step_change(run)
+    sides = bracketed(run)
     return {
         name: steps.get(name, 0.0)
         + (max(found) + sides[name] if name in _INSIDE else max(*found, sides.get(name, 0.0)))

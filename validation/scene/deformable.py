@@ -267,8 +267,8 @@ class FemSection(Section):
 
     method: Method = Method.EXPLICIT
     element: ElementType = ElementType.INCOMPATIBLE
-    degree: Annotated[int, Field(ge=1, le=3)] = 1
-    """Of curved elements: 2 or 3 for static tubes of Sine Blocks under pipe or tunnel pressure."""
+    degree: Annotated[int, Field(ge=1, le=4)] = 1
+    """Of the elements: 2, 3 or 4 for static runs, on the exact shape of blocks that have one."""
     formulation: Formulation = Formulation.SHARED_STIFFNESS
     """Of an explicit run on boxes: "shared stiffness", or "rate form", the slow C3D8R reference."""
     end_time: Positive | None = None

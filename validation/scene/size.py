@@ -87,7 +87,8 @@ def machine_memory() -> int | None:
 
 def _counts(scene: Any) -> tuple[float, float, float]:
     """Blocks, elements and outer facets of a block; no facets for triangulated blocks."""
-    around = _divisions(scene)
+    fem: Any = getattr(scene, "fem", None)
+    around = [n * (1 if fem is None else fem.degree) for n in _divisions(scene)]
     elements = math.prod(around)
     facets = 2.0 * sum(elements / n for n in around) if around else 0.0
     return _blocks(scene), elements if around else 0.0, facets

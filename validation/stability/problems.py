@@ -105,7 +105,7 @@ def with_last_material(stated: DeformableAssembly, material: Material) -> Deform
 def scaled(assembly: Assembly, factor: float) -> Assembly:
     """Return the same assembly in another unit of length."""
     shapes = tuple(
-        replace(shape, mesh=replace(shape.mesh, nodes=shape.mesh.nodes * factor))
+        replace(shape, mesh=replace(shape.mesh, nodes=shape.mesh.nodes * factor), curve=None)
         for shape in assembly.shapes
     )
     return replace(

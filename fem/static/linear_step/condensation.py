@@ -20,6 +20,7 @@ import scipy.linalg
 import scipy.linalg.blas
 
 from fem.element.hexahedron import element_stiffness
+from fem.element.lagrange_mesh import LagrangeMesh, lagrange_stiffness
 from fem.problem.model import BlockGroup
 from geometry.compilation import njit
 from geometry.mesh import BoolArray, FloatArray, IntArray
@@ -117,10 +118,12 @@ def condense(group: BlockGroup, retained: IntArray) -> CondensedBlock:
     mesh = group.mesh
 
     def stiffness(some: IntArray) -> FloatArray:
+        if isinstance(mesh, LagrangeMesh):
+            return lagrange_stiffness(mesh, group.material, some)
         corners = mesh.nodes[mesh.elements[some]]
         return element_stiffness(corners, group.material, group.element)
 
-    return condense_elements(mesh.elements, mesh.nodes, stiffness, retained)
+    return condense_elements(mesh.connectivity, mesh.nodes, stiffness, retained)
 
 
 def condense_elements(

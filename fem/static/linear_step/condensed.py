@@ -122,7 +122,7 @@ class FlexibilityStore:
 def _content(group: BlockGroup) -> bytes:
     """Digest of all of a block that its flexibility depends on."""
     digest = hashlib.sha256()
-    for array in (group.mesh.nodes, group.mesh.elements):
+    for array in (group.mesh.nodes, group.mesh.connectivity):
         digest.update(np.ascontiguousarray(array).tobytes())
     material = group.material
     digest.update(repr((group.element, material.young_modulus, material.poisson_ratio)).encode())
@@ -181,7 +181,8 @@ class CondensedStep:
         group = system.group(slot)
         held = system.held.nodes[self._held_rows(slot)] - system.node_start[slot]
         quads = system.deformable.assembly.shape(int(system.blocks[slot])).contact_quads
-        retained = np.union1d(np.unique(quads), held).astype(np.int64)
+        met = np.unique(group.mesh.facet_nodes(quads))
+        retained = np.union1d(met, held).astype(np.int64)
         condensed = condense(group, retained)
         dofs = condensed.degrees_of_freedom + 3 * int(system.node_start[slot])
         stiffness = condensed.stiffness

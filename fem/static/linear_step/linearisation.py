@@ -28,13 +28,13 @@ class UnheldBlocksError(ValueError):
 class Linearisation:
     """The law's tangent at every point, about a displacement.
 
-    A facet has four points, or one when it is `coarsened`.
+    A facet has the points of its basis, or one when it is `coarsened`.
     """
 
     weights: FloatArray
     """Area of each point, (n_facets, n_points) [mm²]."""
     gradient: FloatArray
-    """∂x/∂u in block frames, (n_facets, n_points, 8, 3)."""
+    """∂x/∂u in block frames, (n_facets, n_points, nodes of both facets, 3)."""
     constant: FloatArray
     """x(u) = constant + gradient · u, (n_facets, n_points) [mm]."""
     at: FloatArray
@@ -47,7 +47,7 @@ class Linearisation:
     """Share of the loads that acts [-]."""
 
     def linear_pressure(self, system: LocalSystem, displacement: FloatArray) -> FloatArray:
-        """Pressure of the tangent at a displacement, (n_facets, 4) [MPa]."""
+        """Pressure of the tangent at a displacement, (n_facets, n_points) [MPa]."""
         overclosure = self.constant + system.gather(self.gradient, displacement)
         pressure: FloatArray = self.pressure + self.stiffness * (overclosure - self.at)
         return pressure
@@ -107,7 +107,7 @@ def gradient_matrix(
     system
         Numbers the corners.
     gradient
-        (n_facets, n_points, 8, 3).
+        (n_facets, n_points, nodes of both facets, 3).
     points
         Rows to keep, n_points · facet + point; None keeps all.
 
@@ -118,12 +118,13 @@ def gradient_matrix(
     """
     per_facet = gradient.shape[1]
     chosen = np.arange(per_facet * len(gradient)) if points is None else points
-    columns = (3 * system.corner_nodes[:, :, None] + np.arange(3)).reshape(-1, 24)
+    width = 3 * gradient.shape[2]
+    columns = (3 * system.corner_nodes[:, :, None] + np.arange(3)).reshape(-1, width)
     columns = np.where(columns < 3 * system.n_nodes, columns, 0)[chosen // per_facet]
-    values = gradient.reshape(-1, 24)[chosen]
+    values = gradient.reshape(-1, width)[chosen]
     n = len(chosen)
     matrix = csr_array(
-        (values.ravel(), columns.ravel(), 24 * np.arange(n + 1)), shape=(n, 3 * system.n_nodes)
+        (values.ravel(), columns.ravel(), width * np.arange(n + 1)), shape=(n, 3 * system.n_nodes)
     )
     matrix.sum_duplicates()
     matrix.eliminate_zeros()

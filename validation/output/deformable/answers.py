@@ -12,7 +12,9 @@ from rich.console import Console
 from rich.table import Table
 
 from fem.assembly.measures import CapAction
+from fem.element.lagrange_mesh import LagrangeMesh
 from fem.problem.mass_scaling import added_mass_share
+from fem.problem.model import element_words
 from geometry.files.mesh_io import write_hex_mesh, write_surface
 from geometry.mesh import QuadSurface
 from validation.output.console import two_columns
@@ -22,6 +24,7 @@ from validation.output.deformable.fields import (
     field_data,
     groups_mesh,
     point_data,
+    write_curved,
 )
 from validation.output.files import write_whole
 from validation.output.joints import JOINT_FILES, write_joints
@@ -69,12 +72,17 @@ def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
 
 
 def _write_fields(run: DeformableRun, path: Path) -> None:
-    groups, recovered = run.deformable.model.groups, run.answer.recovered
+    groups, owners = run.deformable.model.groups, element_owners(run.deformable)
+    if isinstance(groups[0].mesh, LagrangeMesh):
+        turning = run.answer.finite_rotation
+        write_curved(path, groups, run.displacements, owners, finite_rotation=turning)
+        return
+    recovered = run.answer.recovered
     write_hex_mesh(
         path,
         groups_mesh(groups),
         point_data=field_data(recovered, run.displacements),
-        cell_data=element_owners(run.deformable) | point_data(groups, recovered),
+        cell_data=owners | point_data(groups, recovered),
     )
 
 
@@ -146,7 +154,7 @@ def print_run(run: DeformableRun, console: Console) -> None:
     """Print the numbers of a run."""
     table = two_columns(run.title)
     model = run.deformable.model
-    table.add_row("method, element", f"{run.method}, {model.groups[0].element.value}")
+    table.add_row("method, element", f"{run.method}, {element_words(model.groups[0])}")
     table.add_row(
         "blocks, elements, nodes",
         f"{len(run.deformable.deformable_blocks)} deformable, {model.n_elements}, {model.n_nodes}",

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from fem.static.lagrange_fields import grid_places, lagrange_cells
+from fem.element.lagrange_stress import grid_places
+from fem.static.lagrange_fields import lagrange_cells
 from geometry.assembly import Assembly
 from geometry.files.mesh_io import write_lagrange_cells
 from validation.output.console import two_columns

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
+from fem.element.lagrange_mesh import LagrangeMesh
+from fem.element.lagrange_stress import cells_of, equidistant, grid_places
 from fem.problem.model import BlockGroup
-from fem.problem.recovery import Recovered, recover
+from fem.problem.recovery import Recovered, block_displacements, moved_bodies, recover
 from geometry.assembly import Assembly
-from geometry.files.mesh_io import write_hex_mesh
+from geometry.files.mesh_io import write_hex_mesh, write_lagrange_cells
 from geometry.mesh import FloatArray, HexMesh, IntArray
 from validation.output.files import write_whole
 
@@ -46,6 +48,45 @@ def field_data(
         "sigma_2": principal[:, 1],
         "sigma_3": principal[:, 2],
     }
+
+
+def write_curved(
+    path: Path,
+    groups: Sequence[BlockGroup],
+    displacements: Sequence[FloatArray],
+    owners: Mapping[str, NDArray[np.int32]],
+    *,
+    finite_rotation: bool,
+) -> None:
+    """Write elements of higher degree as Lagrange cells with nodes of their own.
+
+    Parameters
+    ----------
+    path
+        File to write, `.vtu`.
+    groups, displacements
+        Blocks, and their displacements in world axes, each (n_copies, n_nodes, 3) [mm].
+    owners
+        Of each element (`element_owners`).
+    finite_rotation
+        Whether the rigid rotation of each block is removed first.
+    """
+    positions, moved, principal = [], [], []
+    for group, u in zip(groups, displacements, strict=True):
+        local, _ = block_displacements(group, u, finite_rotation=finite_rotation)
+        cells = cells_of(moved_bodies(group, local))
+        world = equidistant(cells.degree).values @ u[:, group.mesh.connectivity]
+        turns = group.rotations[:, None, None]
+        placed = (turns @ cells.positions[..., None])[..., 0]
+        placed = placed + group.translations[:, None, None]
+        positions.append(placed.reshape(-1, *placed.shape[2:]))
+        moved.append(world.reshape(-1, 3))
+        principal.append(cells.principal.reshape(-1, 3))
+    stress = np.concatenate(principal)
+    fields = {f"sigma_{k + 1}": stress[:, k] for k in range(3)}
+    fields["displacement"] = np.concatenate(moved)
+    places = grid_places(cells.degree)
+    write_lagrange_cells(path, np.concatenate(positions), places, fields, owners)
 
 
 def point_data(
@@ -127,11 +168,7 @@ class FrameWriter:
             self.kept, self.stride = {}, 1
         if frame.number % self.stride and not frame.last:
             return
-        pairs = zip(self.groups, frame.displacements, strict=True)
-        found = [recover(g, u, finite_rotation=self.finite_rotation) for g, u in pairs]
-        fields = field_data(found, frame.displacements)
-        mesh = groups_mesh(self.groups)
-        write_hex_mesh(self.folder / _frame_name(frame.number), mesh, point_data=fields)
+        self._write(self.folder / _frame_name(frame.number), frame.displacements)
         self.kept[frame.number] = frame.time
         if frame.last:
             self._finish()
@@ -139,6 +176,15 @@ class FrameWriter:
             self.stride *= 2
             self._drop([number for number in self.kept if number % self.stride])
         self._write_collection()
+
+    def _write(self, path: Path, displacements: Sequence[FloatArray]) -> None:
+        """Write the fields of one state."""
+        if isinstance(self.groups[0].mesh, LagrangeMesh):
+            write_curved(path, self.groups, displacements, {}, finite_rotation=self.finite_rotation)
+            return
+        pairs = zip(self.groups, displacements, strict=True)
+        found = [recover(g, u, finite_rotation=self.finite_rotation) for g, u in pairs]
+        write_hex_mesh(path, groups_mesh(self.groups), point_data=field_data(found, displacements))
 
     def _finish(self) -> None:
         """Keep as many frames as were asked for, numbered one after the other."""

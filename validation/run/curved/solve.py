@@ -16,13 +16,11 @@ import numpy as np
 from fem.assembly.measures import CapAction, cap_action_at
 from fem.contact.law import ContactLaw
 from fem.element.lagrange import LagrangeElement
+from fem.element.lagrange_stress import PointValue, averaged_tension, everywhere
 from fem.static.lagrange_block import Lattice, body_force, face_pressure
 from fem.static.lagrange_peaks import (
     FacetMeans,
     Lines,
-    PointValue,
-    averaged_tension,
-    everywhere,
     facet_means,
     largest_point_pressure,
 )
@@ -339,12 +337,12 @@ def _measures(
     def at(found: PointValue, unit: str = "MPa") -> Measure:
         return Measure(found.value, unit, place=_place(found, block, angle))
 
-    stress = everywhere(state)
+    stress = everywhere(state.bodies)
     size = np.linalg.norm(state.displacements, axis=2)
     layer, node = divmod(int(size.argmax()), size.shape[1])
     where = state.lattice.positions[node]
     moved = PointValue(float(size[layer, node]), layer + 1, where, None)
-    averaged = at(averaged_tension(state, radius))
+    averaged = at(averaged_tension(state.bodies, radius))
     assert averaged.place is not None
     averaged.place["averaging_radius"] = radius
     means = facet_means(state, facet_lines(scene), law, clearance)

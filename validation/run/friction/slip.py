@@ -26,8 +26,8 @@ def largest_slip(
         Of each facet, (n_facets,) [MPa].
     """
     surfaces = deformable.surfaces
-    corners = corner_displacements(deformable, tuple(displacements))
-    jump: FloatArray = corners[:, 4:] - corners[:, :4]
+    on_m, on_s = np.split(corner_displacements(deformable, tuple(displacements)), 2, axis=1)
+    jump: FloatArray = on_s - on_m
     normal = surfaces.normals.mean(axis=1)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     along = np.einsum("fai,fi->fa", jump, normal)

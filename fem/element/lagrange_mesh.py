@@ -1,0 +1,198 @@
+"""Blocks of hexahedra of degree two and more, made of a mesh of eight-node ones.
+
+The corners keep their numbers and places; nodes on edges, on faces and inside come after them. A
+block that has a `geometry.block.Curve` has them on the exact shape, any other on the straight
+edges, ruled faces and trilinear insides of its mesh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import bsr_array, coo_array
+
+from fem.element.facet import bilinear
+from fem.element.lagrange import LagrangeElement, lobatto_points
+from fem.element.material import Material
+from geometry.block import Block
+from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, shape_values
+
+#: Shares of corners in a node are told apart to this, far above rounding.
+_SHARE = 1e-6
+#: What a mass does not depend on.
+_NO_MATTER = Material(density=1.0, young_modulus=1.0, poisson_ratio=0.0)
+_Keys = npt.NDArray[np.void]
+#: Eight whole numbers as one that can be sorted.
+_KEY = np.dtype((np.void, 64))
+
+
+def lattice(line: FloatArray, dimension: int) -> FloatArray:
+    """Tensor grid of the points of a line, last direction fastest, (n^dimension, dimension)."""
+    grid = np.meshgrid(*[line] * dimension, indexing="ij")
+    return np.stack([axis.ravel() for axis in grid], axis=1)
+
+
+@dataclass(frozen=True)
+class LagrangeMesh(HexMesh):
+    """Hexahedra of one degree; `elements` names their corners."""
+
+    degree: int
+    """Of the polynomials, at least two."""
+    members: IntArray
+    """Nodes of each hexahedron, last natural direction fastest, (n_elements, (degree + 1)³)."""
+
+    @property
+    def connectivity(self) -> IntArray:
+        """All nodes of each hexahedron."""
+        return self.members
+
+    def facet_nodes(self, quads: IntArray) -> IntArray:
+        """Nodes of facets from their corners, (n, 4) to (n, (degree + 1)²).
+
+        The first direction, slow, runs from corner 0 to 1, the second from corner 0 to 3.
+        """
+        shares = bilinear(lattice(lobatto_points(self.degree), 2))[0]
+        known, numbers = self._known
+        found = np.empty((len(quads), len(shares)), dtype=np.int64)
+        for node, share in enumerate(shares):
+            keys, corners = _keys(quads, share)
+            if len(corners) == 1:
+                found[:, node] = quads[:, corners[0]]
+            else:
+                found[:, node] = numbers[np.searchsorted(known, keys)]
+        return found
+
+    @cached_property
+    def _known(self) -> tuple[_Keys, IntArray]:
+        """Keys of the nodes on edges and faces, sorted, and their numbers."""
+        shares = shape_values(lattice(lobatto_points(self.degree), 3))
+        keys, numbers = [], []
+        for node, share in enumerate(shares):
+            if 1 < np.count_nonzero(share > _SHARE) < 8:
+                keys.append(_keys(self.elements, share)[0])
+                numbers.append(self.members[:, node])
+        known, first = np.unique(np.concatenate(keys), return_index=True)
+        return known, np.concatenate(numbers)[first]
+
+
+def _keys(corners: IntArray, share: FloatArray) -> tuple[_Keys, IntArray]:
+    """What names a node of an edge or a face whatever element it is seen from.
+
+    Its corners in ascending order with the share that each has in its place.
+
+    Parameters
+    ----------
+    corners
+        Of elements or facets, (n, m).
+    share
+        Of each corner in the place of the node, (m,).
+
+    Returns
+    -------
+    tuple[_Keys, IntArray]
+        A key for each element, (n,), and which corners have a share.
+    """
+    which = np.flatnonzero(share > _SHARE)
+    names = corners[:, which]
+    order = np.argsort(names, axis=1)
+    rows = np.full((len(corners), 8), -1, dtype=np.int64)
+    rows[:, : len(which)] = np.take_along_axis(names, order, axis=1)
+    rows[:, 4 : 4 + len(which)] = np.rint(share[which] / _SHARE).astype(np.int64)[order]
+    return rows.view(_KEY).ravel(), which
+
+
+def lagrange_mesh(block: Block, degree: int) -> LagrangeMesh:
+    """Give a block's hexahedra the nodes of a degree.
+
+    Parameters
+    ----------
+    block
+        Eight-node hexahedra, and the exact shape where the block has one.
+    degree
+        At least two.
+    """
+    mesh, curve = block.mesh, block.curve
+    shares = shape_values(lattice(lobatto_points(degree), 3))
+    of = (shares > _SHARE).sum(axis=1)
+    members = np.empty((mesh.n_elements, len(shares)), dtype=np.int64)
+    between = np.flatnonzero((of > 1) & (of < 8))
+    for node in np.flatnonzero(of == 1):
+        members[:, node] = mesh.elements[:, shares[node].argmax()]
+    keys = np.concatenate([_keys(mesh.elements, shares[node])[0] for node in between])
+    unique, number = np.unique(keys, return_inverse=True)
+    members[:, between] = mesh.n_nodes + number.reshape(len(between), -1).T
+    inside, first = np.flatnonzero(of == 8), mesh.n_nodes + len(unique)
+    own = np.arange(mesh.n_elements * len(inside)).reshape(mesh.n_elements, -1)
+    members[:, inside] = first + own
+    given = mesh.nodes[mesh.elements] if curve is None else curve.parameters
+    places: FloatArray = (shares @ given).reshape(members.size, -1)
+    nodes = np.empty((first + own.size, 3))
+    nodes[members.ravel()] = places if curve is None else curve.shape(places)
+    nodes[: mesh.n_nodes] = mesh.nodes
+    return LagrangeMesh(nodes, mesh.elements, degree, members)
+
+
+def with_degree(block: Block, degree: int) -> Block:
+    """Block with hexahedra of a degree; one that has them is returned as it is."""
+    if degree == 1 or isinstance(block.mesh, LagrangeMesh):
+        return block
+    return replace(block, mesh=lagrange_mesh(block, degree))
+
+
+def lagrange_stiffness(mesh: LagrangeMesh, material: Material, some: IntArray) -> FloatArray:
+    """Stiffness matrices of some elements, (m, 3 n, 3 n) [N/mm].
+
+    Raises
+    ------
+    MeshError
+        An element that folds.
+    """
+    element = LagrangeElement(mesh.degree, material)
+    return element.stiffness(mesh.nodes[mesh.members[some]])
+
+
+def block_stiffness(mesh: LagrangeMesh, material: Material) -> bsr_array:
+    """Assemble the stiffness of one block, (3 n_nodes, 3 n_nodes) [N/mm].
+
+    Raises
+    ------
+    MeshError
+        An element that folds.
+    """
+    size = 3 * mesh.n_nodes
+    total = coo_array((size, size)).tocsr()
+    for members in np.array_split(mesh.members, max(1, mesh.members.size // 4000)):
+        dofs = (3 * members[:, :, None] + np.arange(3)).reshape(len(members), -1)
+        element = LagrangeElement(mesh.degree, material)
+        values = element.stiffness(mesh.nodes[members])
+        rows = np.broadcast_to(dofs[:, :, None], values.shape)
+        columns = np.broadcast_to(dofs[:, None, :], values.shape)
+        total = (
+            total
+            + coo_array((values.ravel(), (rows.ravel(), columns.ravel())), (size, size)).tocsr()
+        )
+    return bsr_array(total, blocksize=(3, 3))
+
+
+def block_lumped_mass(mesh: LagrangeMesh, density: float) -> FloatArray:
+    """ρ ∫ N_a dV of every node, (n_nodes,) [t]: consistent shares of the weight.
+
+    Raises
+    ------
+    MeshError
+        Elements so distorted that a node has none.
+    """
+    element = LagrangeElement(mesh.degree, _NO_MATTER)
+    mass = np.zeros(mesh.n_nodes)
+    for members in mesh.members:
+        _, volume = element.gradients(mesh.nodes[members], element.quadrature)
+        mass[members] += density * volume @ element.quadrature.values
+    if not (mass > 0.0).all():
+        raise MeshError(
+            f"elements of degree {mesh.degree}: node {int(mass.argmin())} would have no mass; "
+            "expected elements that are less distorted"
+        )
+    return mass

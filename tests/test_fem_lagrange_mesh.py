@@ -1,0 +1,319 @@
+"""Elements of degree two to four on blocks of any family, by the general static solver."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fem.assembly.contact_state import corner_displacements
+from fem.assembly.peaks import largest_displacement, largest_pressure
+from fem.assembly.statement import Problem
+from fem.contact.friction import CoulombFriction
+from fem.contact.law import LinearPenalty
+from fem.contact.surfaces import ContactNormals
+from fem.element.lagrange_mesh import LagrangeMesh, with_degree
+from fem.element.material import Material
+from fem.problem.loads import pressure_forces
+from fem.problem.model import block_group, lumped_mass
+from fem.solvers import solve_static
+from fem.static.solve import StaticMethod, StaticOptions
+from geometry.block import Block
+from geometry.families.box_column import ColumnBox, box_column
+from geometry.families.hexagon_block import (
+    HexagonBlockDivisions,
+    HexagonBlockParameters,
+    bottom_hexagon_frame,
+    hexagon_block,
+)
+from geometry.families.planar_wall import WallBlock, osteomorphic_wall
+from geometry.families.sine_block import SineBlockDivisions, sine_block
+from geometry.loads.case import face_pressure
+from geometry.mesh import FloatArray, boundary_quads
+from tests.conftest import tsb
+from tests.fem_problems import CONCRETE, degrees_of_freedom, distorted_box, static_displacement
+from tests.test_validation_own_fem import deformable
+from validation.build.deformable import build_deformable, build_hexahedra, build_problem
+from validation.errors import InputError
+from validation.run.curved.solve import run_curved
+from validation.run.estimate import estimated_errors
+from validation.run.static import run_static
+
+HEXAGON = HexagonBlockParameters(blocks_per_layer=4, inner_radius=120.0, thickness=40.0)
+WALL = osteomorphic_wall(WallBlock(100.0, 40.0, 60.0, 8.0), (4, 2, 2), columns=1, layers=1)
+
+
+def sine(divisions: tuple[int, int, int] = (12, 1, 2)) -> Block:
+    return sine_block(tsb(), SineBlockDivisions(*divisions))
+
+
+def distorted() -> Block:
+    mesh = distorted_box()
+    return Block("box", mesh, {"all": boundary_quads(mesh)}, ("all",))
+
+
+CURVED = {
+    "sine": sine(),
+    "hexagon": hexagon_block(HEXAGON, HexagonBlockDivisions(2, 1)),
+    "half hexagon": bottom_hexagon_frame(HEXAGON, HexagonBlockDivisions(2, 1)),
+    "osteomorphic": WALL.shapes[0],
+}
+
+
+def hydrostatic_error(block: Block, degree: int) -> float:
+    """K u of a uniform contraction against the forces of the pressure that makes it, relative."""
+    mesh = with_degree(block, degree).mesh
+    bulk = CONCRETE.young_modulus / (3.0 * (1.0 - 2.0 * CONCRETE.poisson_ratio))
+    found = block_group(mesh, CONCRETE).stiffness @ (mesh.nodes / (-3.0 * bulk)).ravel()
+    quads = mesh.facet_nodes(boundary_quads(mesh))
+    pressed = pressure_forces(mesh.nodes, quads, 1.0)
+    return float(np.abs(found.reshape(-1, 3) - pressed).max() / np.abs(pressed).max())
+
+
+@pytest.mark.parametrize("degree", [2, 3, 4])
+def test_straight_elements_pass_the_patch_test(degree: int) -> None:
+    """A uniform pressure on the whole surface needs its own forces alone, none inside.
+
+    Of trilinear geometry the products have degree k + 2 at most, below 2 k + 2: Gauss points are
+    exact, and rounding is left: 1e-16 of terms K u that are some hundred times larger.
+    """
+    assert hydrostatic_error(distorted(), degree) < 1e-11
+
+
+@pytest.mark.parametrize("name", CURVED)
+def test_quadratic_curved_elements_pass_the_patch_test(name: str) -> None:
+    """Of a geometry of degree 2 products have degree 5: three Gauss points are exact."""
+    assert hydrostatic_error(CURVED[name], 2) < 1e-10
+
+
+def test_volumes_are_those_of_the_exact_shape() -> None:
+    """A Sine Block has that of the sector of a ring; a geometry of degree k errs by h^(k + 1)."""
+    block = tsb()
+    outer = block.inner_radius + block.thickness
+    exact = 0.5 * block.block_angle * (outer**2 - block.inner_radius**2) * block.height
+    errors = [
+        abs(lumped_mass(with_degree(sine(), degree).mesh, 1.0).sum() / exact - 1.0)
+        for degree in (1, 2, 3, 4)
+    ]
+    # A chord of an angle α loses α² / 6 of its sector; each degree gains a factor of that order.
+    angle = block.block_angle / 12.0
+    assert errors[0] == pytest.approx(angle**2 / 6.0, rel=0.05)
+    assert all(b < angle**2 * a for a, b in itertools.pairwise(errors))
+    hexagons = [
+        lumped_mass(with_degree(hexagon_block(HEXAGON, HexagonBlockDivisions(m, 1)), 4).mesh, 1.0)
+        for m in (2, 6)
+    ]
+    assert hexagons[0].sum() == pytest.approx(hexagons[1].sum(), rel=1e-6)
+
+
+@pytest.mark.parametrize("degree", [2, 3, 4])
+def test_an_element_is_that_of_another_library(degree: int) -> None:
+    """Eigenvalues of a stiffness do not depend on the basis: scikit-fem on the same hexahedron."""
+    skfem = pytest.importorskip("skfem")
+    from skfem.models.elasticity import lame_parameters, linear_elasticity
+
+    mesh = distorted_box((1, 1, 1))
+    theirs = skfem.MeshHex.init_tensor(*[np.array([0.0, 1.0])] * 3)
+    order = [int(np.abs(mesh.nodes - p).sum(axis=1).argmin()) for p in np.round(theirs.p.T)]
+    theirs = skfem.MeshHex(mesh.nodes[order].T, theirs.t)
+    element = {2: skfem.ElementHex2()}.get(degree)
+    if element is None:
+        pytest.skip("scikit-fem has Lagrange hexahedra up to degree 2")
+    basis = skfem.Basis(theirs, skfem.ElementVector(element), intorder=2 * degree + 1)
+    lame = lame_parameters(CONCRETE.young_modulus, CONCRETE.poisson_ratio)
+    expected = np.linalg.eigvalsh(linear_elasticity(*lame).assemble(basis).toarray())
+    block = Block("box", mesh, {})
+    ours = block_group(with_degree(block, degree).mesh, CONCRETE).stiffness.toarray()
+    np.testing.assert_allclose(np.linalg.eigvalsh(ours), expected, atol=1e-11 * expected[-1])
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+def test_displacements_converge_with_one_order_more_than_the_degree(degree: int) -> None:
+    """u = ∇φ with φ harmonic needs no force inside: given on the surface, it is found inside.
+
+    Halving of the elements of a Sine Block; a quarter of an order for meshes not yet in the limit.
+    """
+    errors = []
+    for divisions in ((12, 1, 2), (24, 2, 4)):
+        mesh = with_degree(sine(divisions), degree).mesh
+        x, y, _ = mesh.nodes.T / 60.0
+        exact = 1e-3 * np.column_stack(
+            [np.exp(x) * np.cos(y), -np.exp(x) * np.sin(y), np.zeros(len(x))]
+        )
+        held = degrees_of_freedom(np.unique(mesh.facet_nodes(boundary_quads(mesh))))
+        stiffness = block_group(mesh, CONCRETE).stiffness
+        u = static_displacement(stiffness, np.zeros(exact.size), held, exact.ravel()[held])
+        mass = lumped_mass(mesh, 1.0)
+        error = ((u.reshape(-1, 3) - exact) ** 2).sum(axis=1)
+        errors.append(float(np.sqrt(mass @ error)))
+    assert np.log2(errors[0] / errors[1]) > degree + 0.75
+
+
+# ---------------------------------------------------------------------------------------------
+# Contact
+
+
+BAR = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
+STIFFNESS = 500.0
+
+
+def column(degree: int, **more: object) -> Problem:
+    """Three equal boxes under a pressure of 2 MPa, their law linear."""
+    boxes = box_column([ColumnBox((100.0, 80.0, 50.0), (2, 2, 1))] * 3)
+    load = face_pressure(boxes, np.array([2]), "z+", 2.0)
+    law = LinearPenalty(STIFFNESS)
+    # Current normals would turn with what widens.
+    more |= {"normals": ContactNormals.REFERENCE}
+    return Problem(boxes, load, BAR, degree=degree, law=law, **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+def test_a_column_under_uniform_pressure_is_exact(degree: int) -> None:
+    """σ = -p; joints close their gap and give way by p / k; the top moves by all of it.
+
+    Forces that the iteration leaves are 1e-12 of the load, a node's share of it is a hundredth.
+    """
+    found = solve_static(column(degree, clearance=0.01), StaticOptions(tolerance=1e-12))
+    top = found.deformable.deformable_blocks[-1]
+    u = found.group_displacements[0][found.deformable.copy_of[top]]
+    height = found.deformable.group(int(top)).mesh.nodes[:, 2]
+    each = 0.01 + 2.0 / STIFFNESS + 2.0 * 50.0 / BAR.young_modulus
+    expected = -2.0 * each + 2.0 * (50.0 - height) / BAR.young_modulus
+    np.testing.assert_allclose(u[:, 2], expected, rtol=1e-9)
+    np.testing.assert_allclose(found.contact_pressures, 2.0, rtol=1e-9)
+    np.testing.assert_allclose(found.principal_stresses[:, 2], -2.0, rtol=1e-8)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_friction_carries_what_equilibrium_asks(degree: int) -> None:
+    """A column pulled aside by its weight sticks: a joint slips by force over area and stiffness.
+
+    Equilibrium of what lies above a joint: ∫ k s dA = m g whatever the deformation.
+    """
+    sideways = 2e5
+    stick = CoulombFriction(0.9, stick_stiffness=50.0)
+    problem = column(degree, friction=stick, gravity=[sideways, 0.0, 0.0])
+    found = solve_static(problem, StaticOptions(load_steps=1, tolerance=1e-10))
+    surfaces = found.deformable.surfaces
+    on_m, on_s = np.split(
+        corner_displacements(found.deformable, found.group_displacements), 2, axis=1
+    )
+    jump = np.einsum("pa,fai->fpi", surfaces.basis.values, on_s - on_m)
+    above = np.where(surfaces.block_m == 0, 2.0, 1.0)  # boxes on each joint
+    carried = np.array(
+        [
+            stick.stick_stiffness
+            * float((surfaces.weights * jump[:, :, 0])[surfaces.block_m == m].sum())
+            for m in (0, 1)
+        ]
+    )
+    assert set(above) == {1.0, 2.0}
+    mass = 100.0 * 80.0 * 50.0 * BAR.density
+    np.testing.assert_allclose(carried, np.array([2.0, 1.0]) * mass * sideways, rtol=1e-6)
+
+
+MESH = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2")
+
+
+def stated(name: str, *settings: str) -> Problem:
+    scene = deformable(name, "fem.method='static'", *settings)
+    return build_problem(scene, name, build_hexahedra(scene, name))
+
+
+def test_two_solvers_of_the_same_elements_agree() -> None:
+    """The general solver with reference normals beside the one of layered tubes.
+
+    Both stop at 1e-8 of the forces; stiff contact points move by some hundredfold less.
+    """
+    problem = stated("tsb1-pipe", *MESH)
+    found = solve_static(replace(problem, degree=2, normals=ContactNormals.REFERENCE))
+    other = run_curved("tube", deformable("tsb1-pipe", *MESH, "fem.degree=2")).measures
+    largest = largest_displacement(found.deformable, found.group_displacements)
+    assert largest.value == pytest.approx(other["max_displacement"].value, rel=1e-6)
+    peak = largest_pressure(found.deformable, problem.law, found.contact_state)
+    assert peak is not None
+    assert peak.value == pytest.approx(other["p_max_point"].value, rel=1e-5)
+
+
+@pytest.mark.parametrize("friction", [None, 0.3])
+def test_sector_and_sparse_oracle_agree(friction: float | None) -> None:
+    """One block of each layer stands for all, and one sparse matrix finds the same state."""
+    problem = replace(stated("tsb1-shaft", *MESH[:3], "assembly.layers=1"), degree=2)
+    problem = replace(problem, friction=friction)
+    steps = 2
+    found = solve_static(problem, StaticOptions(load_steps=steps))
+    assert found.static is not None
+    assert found.static.symmetry == 4
+    options = [StaticOptions(load_steps=steps, symmetry=1)]
+    if friction is None:
+        options.append(StaticOptions(load_steps=steps, method=StaticMethod.SPARSE))
+    for each in options:
+        other = solve_static(problem, each)
+        assert relative(other.displacements, found.displacements) < 1e-5
+        assert relative(other.contact_pressures, found.contact_pressures) < 1e-5
+
+
+def relative(value: FloatArray, expected: FloatArray) -> float:
+    return float(np.abs(value - expected).max() / np.abs(expected).max())
+
+
+FAMILIES = {
+    "thb0-tunnel": (("mesh.edge=2", "mesh.radial=1"), ("mesh.edge=4", "mesh.radial=2")),
+    "planar-sine": (("mesh.divisions=[12,1,2]",), ("mesh.divisions=[24,2,4]",)),
+    "osteomorphic": (("mesh.divisions=[4,2,2]",), ("mesh.divisions=[8,4,4]",)),
+}
+"""A coarse mesh and one twice as fine."""
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_few_quadratic_elements_beat_eight_times_as_many_trilinear_ones(name: str) -> None:
+    """Against degree 4: the coarse quadratic mesh has as many nodes as the fine trilinear one."""
+    less = ("assembly.layers=1", *(("assembly.columns=2",) if "thb" not in name else ()))
+    coarse, fine = FAMILIES[name]
+
+    def moved(degree: int, *settings: str) -> float:
+        found = solve_static(replace(stated(name, *settings, *less), degree=degree))
+        return largest_displacement(found.deformable, found.group_displacements).value
+
+    reference = moved(4, *fine) if name == "thb0-tunnel" else moved(3, *fine)
+    assert abs(moved(2, *coarse) - reference) < abs(moved(1, *fine) - reference)
+
+
+def test_error_bars_hold_the_next_degree() -> None:
+    """Bars of degree 2 hold the answers of degree 3, but for one peak on so few elements."""
+    settings = ("mesh.edge=2", "mesh.radial=2", "assembly.layers=1", "fem.method='static'")
+    run = run_static("hexagons", deformable("thb0-tunnel", *settings, "fem.degree=2"))
+    finer = run_static("hexagons", deformable("thb0-tunnel", *settings, "fem.degree=3"))
+    errors = estimated_errors(run)
+    assert errors.keys() == run.measures.keys()
+    missed = [
+        name
+        for name, measure in run.measures.items()
+        if abs(measure.value - finer.measures[name].value) > errors[name]
+    ]
+    assert len(missed) <= 1, missed
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        (("effects.finite_sliding=true",), "degree 2 meet facet on facet"),
+        (("fem.method='explicit'",), r"fem\.degree: got 2 with fem\.method"),
+    ],
+)
+def test_what_has_no_elements_of_higher_degree_is_named(
+    settings: tuple[str, ...], text: str
+) -> None:
+    with pytest.raises(InputError, match=text):
+        build_deformable(deformable("tsb1-pipe", *MESH, "fem.degree=2", *settings), "tube")
+
+
+def test_a_block_keeps_its_corners() -> None:
+    block = sine()
+    mesh = with_degree(block, 3).mesh
+    assert isinstance(mesh, LagrangeMesh)
+    np.testing.assert_array_equal(mesh.nodes[: block.mesh.n_nodes], block.mesh.nodes)
+    np.testing.assert_array_equal(np.unique(mesh.members), np.arange(mesh.n_nodes))
+    assert with_degree(with_degree(block, 3), 3).mesh is not None
