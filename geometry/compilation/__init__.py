@@ -7,15 +7,13 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+import geometry.compilation.started  # noqa: F401 - now, before any kernel
+
 if TYPE_CHECKING:
     from geometry.compilation.cache import Compiling
-
-#: When the first kernels were read.
-STARTED = time.time()
 
 
 class Kernel:

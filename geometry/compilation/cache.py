@@ -34,7 +34,7 @@ from numba.core.caching import CompileResultCacheImpl, NullCache
 from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
 
-from geometry.compilation import STARTED
+from geometry.compilation.started import STARTED
 
 _LOG = logging.getLogger(__name__)
 
