@@ -31,7 +31,7 @@ from validation.cost.analysis import (
     richardson,
 )
 from validation.cost.calculix import measured_answer
-from validation.cost.measure import measure
+from validation.cost.measure import Measurement, measure
 from validation.cost.partition import grid_of, overlap, partition_pressures
 from validation.cost.plan import CostPlan, full_plan, quick_plan
 from validation.cost.settings import (
@@ -166,10 +166,19 @@ def test_pareto_front_laws(seed: int) -> None:
 def test_a_small_error_by_luck_is_not_an_answer() -> None:
     # The first family passes through zero error at its second mesh.
     points = [Point(1, 0.3), Point(2, 0.001), Point(4, 0.05), Point(9, 0.004), Point(20, 0.005)]
-    families = [[0, 1, 2], [3, 4]]
-    assert cheapest(points, families, 0.01, reference_error=0.0) == 3
-    assert cheapest(points, families, 0.06, reference_error=0.0) == 1
-    assert cheapest(points, families, 0.01, reference_error=0.0055) is None
+    finer: list[list[int]] = [[1, 2], [2], [], [4], []]
+    assert cheapest(points, finer, 0.01, reference_error=0.0) == 3
+    assert cheapest(points, finer, 0.06, reference_error=0.0) == 1
+    assert cheapest(points, finer, 0.01, reference_error=0.0055) is None
+
+
+def test_a_lone_mesh_is_as_reliable_as_the_family_it_varies() -> None:
+    plain = [static_setting(ElementType.INCOMPATIBLE, k) for k in (2, 4)]
+    lone = replace(plain[0], family=f"{plain[0].family}, varied")
+    two = [graded(setting) for setting in plain]
+    nothing = Measurement({}, [], [], [1.0], {}, "", "")
+    rows = [cost.Row(setting, nothing, {}) for setting in (*plain, lone, *two)]
+    assert cost.finer_meshes(rows) == [[1], [], [1], [4], []]
 
 
 # ---------------------------------------------------------------------------------------------

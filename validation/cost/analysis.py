@@ -172,9 +172,8 @@ def pareto_front(points: Sequence[Point]) -> list[int]:
 
 def cheapest(
     points: Sequence[Point],
-    families: Sequence[Sequence[int]],
+    finer: Sequence[Sequence[int]],
     target: float,
-    *,
     reference_error: float,
 ) -> int | None:
     """Cheapest point that keeps the error within a target, the reference's own error added.
@@ -186,8 +185,8 @@ def cheapest(
     ----------
     points
         All settings.
-    families
-        Positions of settings that differ in the mesh only, coarse to fine; each position once.
+    finer
+        Positions of the settings on finer meshes that must keep the target too, for each.
     target
         Relative error [-].
     reference_error
@@ -198,10 +197,6 @@ def cheapest(
     int | None
         Position of the point; None if no setting is known to keep the target.
     """
-    reliable: list[int] = []
-    for family in families:
-        for i in reversed(family):
-            if not points[i].error + reference_error <= target:
-                break
-            reliable.append(i)
-    return min(reliable, key=lambda i: (points[i].cost, i), default=None)
+    keeps = [point.error + reference_error <= target for point in points]
+    known = [i for i, mine in enumerate(finer) if keeps[i] and all(keeps[j] for j in mine)]
+    return min(known, key=lambda i: (points[i].cost, i), default=None)

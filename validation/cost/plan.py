@@ -113,7 +113,7 @@ def full_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostP
     why = refused(scene)
     if why is not None:
         left_out.append(("curved elements", f"they do not do {why[0]}"))
-        return CostPlan(base, tuple(found), (4, 6, 7, 8), left_out=tuple(left_out))
+        return CostPlan(base, tuple(found), (4, 6, 8, 10), left_out=tuple(left_out))
     # The finest rung judges the others and all that is not curved.
     found += [curved_setting(k) for k in (1, 2, 3, 4)]
     return CostPlan(base, tuple(found), (3, 4, 5), curved=True, left_out=tuple(left_out))

@@ -259,7 +259,7 @@ def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom
     method = rows[0].setting.method
     graded = family.endswith(", graded")
     variant = "," in family and method != "rigid" and not graded
-    element = family.split(" ")[1].rstrip(",")
+    element = "C3D8I" if method == "calculix" else family.split(" ")[1].rstrip(",")
     marker, colour = _MARKERS.get(element, "v"), _COLOURS[method]
     if variant:
         marker, colour = _variant_style(family)
@@ -284,7 +284,7 @@ def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom
         capsize=2,
         label=family,
     )
-    if not (variant or graded) and element in ("C3D8I", "curved"):
+    if family in ("static C3D8I", "static curved") or method == "calculix":
         for row, a, b in zip(rows, x, y, strict=True):
             axes.annotate(
                 row.setting.mesh_words.removeprefix("mesh ").replace(" of degree ", ", "),

@@ -7,6 +7,7 @@ all that are measured, extrapolated to vanishing mesh size. Its own error is add
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -119,20 +120,25 @@ class CostStudy:
     def choose(self, quantity: str, target: float) -> Row | None:
         """Cheapest setting that reliably keeps an accuracy; None if none is known to."""
         rows, points = self.points(quantity)
-        names = [row.setting.family for row in rows]
-        families = [
-            sorted(
-                (i for i, n in enumerate(names) if n == name),
-                key=lambda i: rows[i].setting.level,
-            )
-            for name in dict.fromkeys(names)
-        ]
-        best = cheapest(points, families, target, reference_error=self.reference_errors[quantity])
+        best = cheapest(points, finer_meshes(rows), target, self.reference_errors[quantity])
         return None if best is None else rows[best]
 
     def best(self, quantity: str) -> Row:
         """Setting of least error."""
         return min(self.points(quantity)[0], key=lambda row: row.errors[quantity])
+
+
+def finer_meshes(rows: list[Row]) -> list[list[int]]:
+    """Positions of the finer meshes of each row's family; of a lone mesh, of what it varies."""
+    meshes = Counter(row.setting.family for row in rows)
+    found = []
+    for row in rows:
+        own = row.setting
+        lone = meshes[own.family] == 1
+        names = {own.family, own.family.partition(",")[0] if lone else own.family}
+        finer = (r.setting.family in names and r.setting.level > own.level for r in rows)
+        found.append([i for i, counts in enumerate(finer) if counts])
+    return found
 
 
 # ---------------------------------------------------------------------------------------------
