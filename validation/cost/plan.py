@@ -14,6 +14,7 @@ from mbd import Norm
 from validation.build.cell import refuse_cell
 from validation.build.deformable import fem_section
 from validation.compare.calculix import calculix_version
+from validation.cost.measure import SCALARS
 from validation.cost.settings import (
     ELEMENT_NAMES,
     BaseMesh,
@@ -31,6 +32,10 @@ from validation.errors import InputError
 from validation.run.curved.solve import refused
 from validation.scene.family import AssemblyScene
 
+#: What errors are measured in: the scalars, and the pressure field in L2.
+QUANTITIES = (*SCALARS, "pressure_l2")
+#: What sits at the outer edge of the wall.
+EDGE_QUANTITIES = ("p_max_point",)
 #: Effects that errors cannot be measured with, and why.
 _REFUSED = {
     "friction": "errors are measured against a static solution, which depends on no history",
@@ -41,31 +46,57 @@ _REFUSED = {
 
 
 @dataclass(frozen=True)
+class Judge:
+    """Meshes of one method, coarse to fine, that say what is right."""
+
+    settings: tuple[CostSetting, ...]
+    quantities: tuple[str, ...]
+    """That they judge."""
+    extrapolated: bool
+    """Whether their limit counts; else the finest, with the error bar of `fem --accuracy`."""
+
+    @property
+    def words(self) -> str:
+        """Which meshes, and how they judge."""
+        if not self.extrapolated:
+            return f"{self.settings[-1].name}, judged by the meshes before"
+        meshes = ", ".join(setting.mesh_words for setting in self.settings)
+        return f"{self.settings[0].family} on {meshes}, extrapolated"
+
+
+@dataclass(frozen=True)
 class CostPlan:
     """All that one call measures."""
 
     base: BaseMesh
     settings: tuple[CostSetting, ...]
-    reference_levels: tuple[int, ...]
-    """Levels of the static C3D8I solutions that are extrapolated, or rungs of curved elements."""
-    curved: bool = False
-    """Whether the finest of some rungs of curved elements is the reference."""
+    judges: tuple[Judge, ...]
+    """What errors are measured against; of two that judge a quantity the last one counts."""
     left_out: tuple[tuple[str, str], ...] = ()
     """Methods that are not measured, and why."""
 
     @property
     def references(self) -> tuple[CostSetting, ...]:
-        """Settings of the reference."""
-        if self.curved:
-            return tuple(curved_setting(k) for k in self.reference_levels)
-        return tuple(static_setting(ElementType.INCOMPATIBLE, k) for k in self.reference_levels)
+        """Settings of all judges, each once."""
+        return tuple(dict.fromkeys(s for judge in self.judges for s in judge.settings))
 
-    @property
-    def graded_references(self) -> tuple[CostSetting, ...]:
-        """Settings of the reference of what sits at the outer edge, on graded meshes."""
-        if self.curved or not self.base.grades:
-            return ()
-        return tuple(graded(setting) for setting in self.references)
+
+def extrapolated(base: BaseMesh, levels: tuple[int, ...]) -> tuple[Judge, ...]:
+    """Trilinear blocks in the limit of vanishing elements; graded for what sits at the outer edge.
+
+    The limit is the same on both, but for plain means over facets.
+    """
+    plain = tuple(static_setting(ElementType.INCOMPATIBLE, k) for k in levels)
+    judges = [Judge(plain, QUANTITIES, extrapolated=True)]
+    if base.grades:
+        short = tuple(graded(setting) for setting in plain)
+        judges.append(Judge(short, EDGE_QUANTITIES, extrapolated=True))
+    return tuple(judges)
+
+
+def curved_rungs(*rungs: int) -> tuple[Judge, ...]:
+    """Curved elements, the finest rung with its error bar."""
+    return (Judge(tuple(map(curved_setting, rungs)), QUANTITIES, extrapolated=False),)
 
 
 def require_cost_scene(scene: Any, name: str) -> AssemblyScene:
@@ -113,10 +144,11 @@ def full_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostP
     why = refused(scene)
     if why is not None:
         left_out.append(("curved elements", f"they do not do {why[0]}"))
-        return CostPlan(base, tuple(found), (4, 6, 8, 10), left_out=tuple(left_out))
+        judges = extrapolated(base, (4, 6, 8, 10))
+        return CostPlan(base, tuple(found), judges, tuple(left_out))
     # The finest rung judges the others and all that is not curved.
     found += [curved_setting(k) for k in (1, 2, 3, 4)]
-    return CostPlan(base, tuple(found), (3, 4, 5), curved=True, left_out=tuple(left_out))
+    return CostPlan(base, tuple(found), curved_rungs(3, 4, 5), tuple(left_out))
 
 
 def quick_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostPlan:
@@ -133,7 +165,7 @@ def quick_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> Cost
     if others:
         found += calculix_settings(left_out, (1, 2))
     base = base_mesh(scene, name)
-    return CostPlan(base, tuple(found), (2, 3, 4), left_out=tuple(left_out))
+    return CostPlan(base, tuple(found), extrapolated(base, (2, 3, 4)), tuple(left_out))
 
 
 def calculix_settings(

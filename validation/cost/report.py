@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from validation.cost.measure import SCALARS
+from validation.cost.plan import QUANTITIES
 from validation.cost.study import (
-    QUANTITIES,
     TARGETS,
     CostStudy,
     Row,
@@ -62,8 +62,7 @@ def study_json(study: CostStudy) -> dict[str, Any]:
         "measured": dict(zip(("processor", "date"), study.measured, strict=True)),
         "left_out": dict(study.plan.left_out),
         "reference": {
-            "curved": study.plan.curved,
-            "levels": list(study.plan.reference_levels),
+            "judges": [judge.words for judge in study.plan.judges],
             "cpu_seconds": study.reference_seconds,
             "values": {q: float(study.reference[q].value[0]) for q in SCALARS},
             "relative_errors": study.reference_errors,
@@ -112,19 +111,18 @@ def print_study(study: CostStudy, console: Console) -> None:
 
 
 def _print_reference(study: CostStudy, console: Console) -> None:
-    levels = ", ".join(f"×{k}" for k in study.plan.reference_levels)
     console.print(f"{study.name}: base mesh ×1 is {study.plan.base.words} elements per block")
     console.print(f"measured on {', '.join(study.measured)}")
     for method, why in study.plan.left_out:
         console.print(f"left out: {method}: {why}")
-    what = f"static C3D8I on {levels}, extrapolated"
-    if study.plan.curved:
-        what = f"{study.plan.references[-1].name}, judged by the meshes before"
-    console.print(f"reference: {what}; {study.reference_seconds:.3g} CPU s")
+    judges = {q: judge for judge in study.plan.judges for q in judge.quantities}
+    for judge in study.plan.judges:
+        console.print(f"reference: {judge.words}")
+    console.print(f"  {study.reference_seconds:.3g} CPU s")
     for q in QUANTITIES:
         order = study.reference[q].order
         how = "not extrapolated, follows no order" if order is None else f"order {order:.2g}"
-        if study.plan.curved:
+        if not judges[q].extrapolated:
             how = "as its error bar says"
         value = "" if q not in SCALARS else f"{float(study.reference[q].value[0]):.5g} {_UNITS[q]} "
         console.print(f"  {_TITLES[q]}: {value}± {percent(study.reference_errors[q])} ({how})")

@@ -8,7 +8,7 @@ all that are measured, extrapolated to vanishing mesh size. Its own error is add
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -25,19 +25,14 @@ from validation.cost.analysis import (
     pareto_front,
     richardson,
 )
-from validation.cost.measure import SCALARS, Measurement, measure, warm_up
-from validation.cost.plan import CostPlan
+from validation.cost.measure import Measurement, measure, warm_up
+from validation.cost.plan import QUANTITIES, CostPlan, Judge
 from validation.cost.settings import CostSetting
 from validation.cost.store import CostStore, measurement_key
 from validation.errors import InputError
 from validation.run.curved.accuracy import error_bar
 from validation.scene.family import AssemblyScene
 
-#: What errors are measured in: the scalars, and the pressure field in L2.
-QUANTITIES = (*SCALARS, "pressure_l2")
-#: What sits at the outer edge of the wall: an extrapolated reference is of graded meshes, which
-#: resolve it (the limit is the same). Plain means over facets have another limit there.
-EDGE_QUANTITIES = ("p_max_point",)
 #: Accuracies that are answered in words.
 TARGETS = (0.1, 0.01, 0.001)
 
@@ -171,7 +166,7 @@ def run_cost(
     InputError
         No setting or no reference has an answer, or the store cannot be used.
     """
-    references = (*plan.references, *plan.graded_references)
+    references = plan.references
     runs = list(dict.fromkeys((*plan.settings, *references)))
     missing = [s for s in runs if store.load(measurement_key(scene, plan.base, s)) is None]
     warm: set[tuple[str, ...]] = set()
@@ -204,43 +199,36 @@ def stored_study(
     name: str, scene: AssemblyScene, plan: CostPlan, store: CostStore
 ) -> CostStudy | None:
     """Compare what the store holds; None without the reference or without any setting."""
-    wanted = (*plan.references, *plan.graded_references)
-    references = [store.load(measurement_key(scene, plan.base, s)) for s in wanted]
-    complete = [found for found in references if found is not None]
-    rows = [(s, store.load(measurement_key(scene, plan.base, s))) for s in plan.settings]
-    known = [(s, found) for s, found in rows if found is not None]
-    if len(complete) < len(wanted) or not known:
+
+    def found(settings: Iterable[CostSetting]) -> dict[CostSetting, Measurement]:
+        rows = {s: store.load(measurement_key(scene, plan.base, s)) for s in settings}
+        return {setting: row for setting, row in rows.items() if row is not None}
+
+    references, known = found(plan.references), found(plan.settings)
+    if len(references) < len(plan.references) or not known:
         return None
-    count = len(plan.references)
-    return compare_settings(name, plan, known, complete[:count], complete[count:])
+    return compare_settings(name, plan, known, references)
 
 
 def compare_settings(
     name: str,
     plan: CostPlan,
-    known: list[tuple[CostSetting, Measurement]],
-    references: list[Measurement],
-    graded_references: list[Measurement],
+    known: dict[CostSetting, Measurement],
+    references: dict[CostSetting, Measurement],
 ) -> CostStudy:
-    """Extrapolate the reference and measure every error against it."""
-    levels = plan.reference_levels
-    finest = references[-1]
-    reference = {}
-    for q in QUANTITIES:
-        weights = _weights(finest, q)
-        edge = q in EDGE_QUANTITIES
-        judges = graded_references if edge and graded_references else references
-        values = [_value(m, q) for m in judges]
-        if plan.curved:
-            error = error_bar(values, partial(_norm, weights=weights))
-            reference[q] = Extrapolated(values[-1], error, None)
-        else:
-            reference[q] = richardson(levels, values, weights)
-    sizes = {q: _norm(reference[q].value, _weights(finest, q)) for q in QUANTITIES}
+    """Let the judges say what is right, and measure every error against it."""
+    finest = references[plan.references[-1]]
+    weights = {q: _weights(finest, q) for q in QUANTITIES}
+    reference = {
+        q: _judged(judge, [_value(references[s], q) for s in judge.settings], weights[q])
+        for judge in plan.judges
+        for q in judge.quantities
+    }
+    sizes = {q: _norm(reference[q].value, weights[q]) for q in QUANTITIES}
     rows = []
-    for setting, found in known:
+    for setting, found in known.items():
         errors = {
-            q: _norm(_value(found, q) - reference[q].value, _weights(finest, q)) / sizes[q]
+            q: _norm(_value(found, q) - reference[q].value, weights[q]) / sizes[q]
             for q in QUANTITIES
             if q == "pressure_l2" or q in found.scalars
         }
@@ -251,8 +239,14 @@ def compare_settings(
         rows=tuple(rows),
         reference=reference,
         reference_errors={q: reference[q].error / sizes[q] for q in QUANTITIES},
-        reference_seconds=sum(m.cost for m in (*references, *graded_references)),
+        reference_seconds=sum(found.cost for found in references.values()),
     )
+
+
+def _judged(judge: Judge, values: list[FloatArray], weights: FloatArray) -> Extrapolated:
+    if judge.extrapolated:
+        return richardson([setting.level for setting in judge.settings], values, weights)
+    return Extrapolated(values[-1], error_bar(values, partial(_norm, weights=weights)), None)
 
 
 def _value(found: Measurement, quantity: str) -> FloatArray:
