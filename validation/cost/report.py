@@ -47,7 +47,7 @@ _COLOURS = {
     "explicit": VERMILION,
     "calculix": "black",
 }
-_MARKERS = {"C3D8I": "o", "full": "^", "C3D8": "s", "C3D8R": "D", "curved": "h"}
+_MARKERS = {"C3D8I": "o", "full": "^", "C3D8": "s", "C3D8R": "D", "curved": "h", "degree": "h"}
 
 
 # ---------------------------------------------------------------------------------------------
@@ -259,13 +259,15 @@ def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom
     variant = "," in family and method != "rigid" and not graded
     element = "C3D8I" if method == "calculix" else family.split(" ")[1].rstrip(",")
     marker, colour = _MARKERS.get(element, "v"), _COLOURS[method]
-    if variant:
+    if element == "degree":
+        marker, colour = {"2": "<", "3": "h"}.get(family[-1], "*"), GREEN
+    elif variant:
         marker, colour = _variant_style(family)
     elif "pressure" in family:
         marker, colour = "P", GREEN
     elif graded:
         marker = "p"
-    filled = element in ("C3D8I", "force", "curved") and not variant
+    filled = element in ("C3D8I", "force", "curved", "degree") and not variant
     x = [row.found.cost for row in rows]
     y = [max(row.errors[quantity], bottom) for row in rows]
     more = [max(row.found.cpu_seconds) - row.found.cost for row in rows]
@@ -282,7 +284,7 @@ def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom
         capsize=2,
         label=family,
     )
-    if family in ("static C3D8I", "static curved") or method == "calculix":
+    if family == "static C3D8I" or element in ("curved", "degree") or method == "calculix":
         for row, a, b in zip(rows, x, y, strict=True):
             axes.annotate(
                 row.setting.mesh_words.removeprefix("mesh ").replace(" of degree ", ", "),

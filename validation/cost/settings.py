@@ -133,6 +133,12 @@ def static_setting(element: ElementType, level: int) -> CostSetting:
     return CostSetting(f"static {ELEMENT_NAMES[element]}", "static", level, changes)
 
 
+def degree_setting(degree: int, level: int) -> CostSetting:
+    """Elements of a degree on the exact shape, Newton's method."""
+    changes = (("fem.method", "static"), ("fem.degree", str(degree)))
+    return CostSetting(f"static degree {degree}", "static", level, changes)
+
+
 def curved_setting(rung: int) -> CostSetting:
     """Curved elements as `fem --accuracy` takes them, up to a rung from 1."""
     return CostSetting("static curved", "curved", rung, (("fem.method", "static"),))
@@ -189,10 +195,13 @@ def variants(level: int) -> list[CostSetting]:
 
 def with_setting(scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> AssemblyScene:
     """Scene that a setting solves; times that depend on its frequency are left to the run."""
-    changes: dict[str, Any] = {"mesh": setting.mesh(base), **dict(setting.changes)}
+    # The version of another program stands in no section.
+    changes: dict[str, Any] = {key: text for key, text in setting.changes if "." in key}
+    changes["mesh"] = setting.mesh(base)
     if any(key.startswith("fem.") for key in changes):
         # What the plan varies and a setting does not name is as by default.
         usual = {"ramp_time": None, "end_time": None, "residual": 1.0e-4, "mass_scaling": None}
+        usual |= {"degree": 1}
         changes = {f"fem.{key}": value for key, value in usual.items()} | changes
     return scene.changed(changes)
 
