@@ -36,6 +36,7 @@ from validation.cost.partition import grid_of, overlap, partition_pressures
 from validation.cost.plan import (
     QUANTITIES,
     CostPlan,
+    by_degree,
     curved_rungs,
     extrapolated,
     full_plan,
@@ -45,6 +46,7 @@ from validation.cost.settings import (
     base_mesh,
     calculix_setting,
     curved_setting,
+    degree_setting,
     graded,
     rigid_setting,
     static_setting,
@@ -345,7 +347,9 @@ def test_the_reference_is_curved_where_the_scene_has_curved_elements() -> None:
 def test_other_families_are_measured_and_say_what_is_left_out(name, tmp_path) -> None:
     """Without a grading the reference of every quantity is extrapolated from plain meshes."""
     scene, store = other(name), CostStore(tmp_path / "cost.sqlite")
-    assert {"graded meshes", "curved elements"} <= dict(full_plan("a", scene).left_out).keys()
+    assert {"graded meshes", "the ladder of `fem --accuracy`"} <= dict(
+        full_plan("a", scene).left_out
+    ).keys()
     plan = small_plan(scene)
     assert len(plan.judges) == 1
     found = cost.run_cost("a", scene, plan, store)
@@ -355,6 +359,28 @@ def test_other_families_are_measured_and_say_what_is_left_out(name, tmp_path) ->
     assert fine.errors["pressure_l2"] < coarse.errors["pressure_l2"]
     assert set(found.families()["rigid, pressure norm"][0].errors) == {"p_eff", "pressure_l2"}
     assert all(row.found.processor and row.found.date for row in found.rows)
+
+
+def test_degrees_judge_points_and_fields_where_there_is_no_ladder(tmp_path) -> None:
+    """Of two degrees the higher is right, to 1.5 times the change; means over facets are not its.
+
+    Trilinear blocks of the same mesh are further from it than it is uncertain.
+    """
+    scene, store = other("planar-sine"), CostStore(tmp_path / "cost.sqlite")
+    plan = small_plan(scene)
+    plan = replace(
+        plan,
+        settings=(*plan.settings, degree_setting(2, 1)),
+        judges=(*plan.judges, by_degree(1, (2, 3))),
+    )
+    found = cost.run_cost("a", scene, plan, store)
+    (second,) = found.families()["static degree 2"]
+    trilinear = found.families()["static C3D8I"][0]
+    for quantity in set(QUANTITIES) - {"p_eff"}:
+        assert found.reference[quantity].order is None
+        unsure = found.reference_errors[quantity]
+        assert unsure == pytest.approx(1.5 * second.errors[quantity], rel=1e-12)
+        assert trilinear.errors[quantity] > unsure
 
 
 def test_another_program_is_left_out_where_it_is_not_installed(monkeypatch) -> None:
