@@ -200,8 +200,8 @@ def with_setting(scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> 
     changes["mesh"] = setting.mesh(base)
     if any(key.startswith("fem.") for key in changes):
         # What the plan varies and a setting does not name is as by default.
-        usual = {"ramp_time": None, "end_time": None, "residual": 1.0e-4, "mass_scaling": None}
-        usual |= {"degree": 1}
+        unset = dict.fromkeys(("ramp_time", "end_time", "mass_scaling"))
+        usual = {**unset, "residual": 1.0e-4, "degree": 1}
         changes = {f"fem.{key}": value for key, value in usual.items()} | changes
     return scene.changed(changes)
 
