@@ -191,7 +191,7 @@ def draw_study(study: CostStudy, path: Path, *, title: str = "") -> None:
     for panel in (axes[0], axes[3]):
         panel.set_ylabel("relative error [%]")
     left_out = "\n".join(f"left out: {method}: {why}" for method, why in study.plan.left_out)
-    axes[-1].text(0.02, 0.0, left_out, transform=axes[-1].transAxes, fontsize=8, wrap=True)
+    figure.text(0.02, 0.01, left_out, fontsize=8, va="bottom")
     figure.suptitle(
         f"{title or study.name}: what accuracy costs (mesh ×1: {study.plan.base.words} elements "
         "per block; numbers at the points: mesh)",
