@@ -20,7 +20,11 @@ from validation.run.rigid.assembly import RigidRun
 from validation.scene.read import TubeScene
 
 _BLOCKS = ("TSB1", "TSB2")
+
+
 _CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
+
+
 #: Layer that the paper looks at.
 _LAYER = 7
 
@@ -179,6 +183,24 @@ def _areas_agree(evidence: Evidence) -> Verdict:
 # Stresses
 
 
+def _layers_repeat(evidence: Evidence) -> Verdict:
+    found = {}
+    for block in _BLOCKS:
+        for case in ("pipe", "tunnel", "pillar", "shaft"):
+            run = _run(evidence, block, case)
+            found[f"{block} {case}"] = max(
+                _apart(_sigma(run, k), _sigma(run, k + 2)) for k in range(4, 8)
+            )
+    worst = max(v for k, v in found.items() if "shaft" not in k)
+    shaft = min(v for k, v in found.items() if "shaft" in k)
+    return judged(
+        worst < 0.05 < shaft,
+        f"σ₁ of layers 4 to 7 differs from two layers above by at most {100 * worst:.1f} % in "
+        f"pipe, tunnel and pillar, by {100 * shaft:.0f} % or more in shaft",
+        difference=found,
+    )
+
+
 def _under_the_waves(evidence: Evidence) -> Verdict:
     shares = {}
     for block in _BLOCKS:
@@ -196,6 +218,100 @@ def _under_the_waves(evidence: Evidence) -> Verdict:
         f"face: {100 * np.mean(list(shares.values())):.0f} % (mean of ten runs), least "
         f"{100 * shares[least]:.0f} % ({least})",
         share=shares,
+    )
+
+
+def _favourable(_: Evidence) -> Verdict:
+    return Verdict(
+        Truth.UNDECIDABLE,
+        "the paper names no measure of a favourable stress state; mean σ₁, localisation and "
+        "compressed volume are judged one by one",
+        {},
+    )
+
+
+@dataclass(frozen=True)
+class _Monolith:
+    """A solid tube clamped at both ends, by beam theory."""
+
+    length: float
+    bending: float
+    """Second moment of area [mm⁴]."""
+    young: float
+    poisson: float
+    outer_radius: float
+
+
+def _monolith(run: DeformableRun) -> _Monolith:
+    scene = run.scene
+    assert isinstance(scene, TubeScene)
+    assert scene.material is not None
+    block = scene.shape
+    bending = np.pi / 4 * (block.outer_radius**4 - block.inner_radius**4)
+    return _Monolith(
+        scene.assembly.layers * block.height,
+        float(bending),
+        scene.material.young_modulus,
+        scene.material.poisson_ratio,
+        block.outer_radius,
+    )
+
+
+def _far_side(evidence: Evidence) -> Verdict:
+    found, words = {}, []
+    for name in _BLOCKS:
+        run = _run(evidence, name, "beam")
+        solid = _monolith(run)
+        force = _load(run)
+        expected = np.linalg.norm(force) * solid.length / 8 * solid.outer_radius / solid.bending
+        stress = _far_axial_stress(run, force)
+        found[name] = (stress, float(expected))
+        words.append(f"{name}: {stress:+.4f} MPa")
+    return judged(
+        all(stress < 0.05 * expected for stress, expected in found.values()),
+        "mean axial stress on the side away from the load, layers 5 to 9: "
+        + ", ".join(words)
+        + f"; a solid tube clamped at both ends: +{found['TSB1'][1]:.4f} MPa at mid-length",
+        far_side_and_solid=found,
+    )
+
+
+def _half_turn(evidence: Evidence) -> Verdict:
+    run = _run(evidence, "TSB1", "pipe")
+    here, above = _sigma(run, _LAYER), _sigma(run, _LAYER + 1)
+    turned, mirrored = _apart(here, above[:, ::-1, ::-1]), _apart(here, above[:, ::-1])
+    return judged(
+        turned < 0.05,
+        f"σ₁ of layer 8 turned by 180° differs from layer 7 by {100 * turned:.1f} % "
+        f"(mirrored: {100 * mirrored:.0f} %)",
+        turned=turned,
+        mirrored=mirrored,
+    )
+
+
+def _mirror(evidence: Evidence) -> Verdict:
+    run = _run(evidence, "TSB2", "pipe")
+    here, above = _sigma(run, _LAYER), _sigma(run, _LAYER + 1)
+    turned, mirrored = _apart(here, above[:, ::-1, ::-1]), _apart(here, above[:, ::-1])
+    return judged(
+        mirrored < 0.05,
+        f"σ₁ of layer 8 mirrored differs from layer 7 by {100 * mirrored:.1f} % "
+        f"(turned by 180°: {100 * turned:.0f} %)",
+        turned=turned,
+        mirrored=mirrored,
+    )
+
+
+def _four_alike(evidence: Evidence) -> Verdict:
+    """Solve a tube without using its symmetry: four layers are enough to see it."""
+    run = evidence.whole_tube("TSB1", "pipe", 4)
+    first = _sigma(run, 2)
+    worst = max(_apart(first, _sigma(run, 2, 0, place)) for place in range(1, 4))
+    return judged(
+        worst < 1e-3,
+        f"σ₁ of the four blocks of a layer differs by at most {worst:.0e} (solved without using "
+        "the symmetry, four layers)",
+        difference=worst,
     )
 
 
@@ -275,63 +391,6 @@ def _one_of_three(evidence: Evidence) -> Verdict:
     )
 
 
-def _half_turn(evidence: Evidence) -> Verdict:
-    run = _run(evidence, "TSB1", "pipe")
-    here, above = _sigma(run, _LAYER), _sigma(run, _LAYER + 1)
-    turned, mirrored = _apart(here, above[:, ::-1, ::-1]), _apart(here, above[:, ::-1])
-    return judged(
-        turned < 0.05,
-        f"σ₁ of layer 8 turned by 180° differs from layer 7 by {100 * turned:.1f} % "
-        f"(mirrored: {100 * mirrored:.0f} %)",
-        turned=turned,
-        mirrored=mirrored,
-    )
-
-
-def _mirror(evidence: Evidence) -> Verdict:
-    run = _run(evidence, "TSB2", "pipe")
-    here, above = _sigma(run, _LAYER), _sigma(run, _LAYER + 1)
-    turned, mirrored = _apart(here, above[:, ::-1, ::-1]), _apart(here, above[:, ::-1])
-    return judged(
-        mirrored < 0.05,
-        f"σ₁ of layer 8 mirrored differs from layer 7 by {100 * mirrored:.1f} % "
-        f"(turned by 180°: {100 * turned:.0f} %)",
-        turned=turned,
-        mirrored=mirrored,
-    )
-
-
-def _layers_repeat(evidence: Evidence) -> Verdict:
-    found = {}
-    for block in _BLOCKS:
-        for case in ("pipe", "tunnel", "pillar", "shaft"):
-            run = _run(evidence, block, case)
-            found[f"{block} {case}"] = max(
-                _apart(_sigma(run, k), _sigma(run, k + 2)) for k in range(4, 8)
-            )
-    worst = max(v for k, v in found.items() if "shaft" not in k)
-    shaft = min(v for k, v in found.items() if "shaft" in k)
-    return judged(
-        worst < 0.05 < shaft,
-        f"σ₁ of layers 4 to 7 differs from two layers above by at most {100 * worst:.1f} % in "
-        f"pipe, tunnel and pillar, by {100 * shaft:.0f} % or more in shaft",
-        difference=found,
-    )
-
-
-def _four_alike(evidence: Evidence) -> Verdict:
-    """Solve a tube without using its symmetry: four layers are enough to see it."""
-    run = evidence.whole_tube("TSB1", "pipe", 4)
-    first = _sigma(run, 2)
-    worst = max(_apart(first, _sigma(run, 2, 0, place)) for place in range(1, 4))
-    return judged(
-        worst < 1e-3,
-        f"σ₁ of the four blocks of a layer differs by at most {worst:.0e} (solved without using "
-        "the symmetry, four layers)",
-        difference=worst,
-    )
-
-
 def _lower_tension(evidence: Evidence) -> Verdict:
     means = {}
     for block in _BLOCKS:
@@ -378,63 +437,41 @@ def _compressed(evidence: Evidence) -> Verdict:
     )
 
 
-def _favourable(_: Evidence) -> Verdict:
-    return Verdict(
-        Truth.UNDECIDABLE,
-        "the paper names no measure of a favourable stress state; mean σ₁, localisation and "
-        "compressed volume are judged one by one",
-        {},
-    )
-
-
 # ---------------------------------------------------------------------------------------------
-# Beam, displacements
+# Displacements
 
 
-@dataclass(frozen=True)
-class _Monolith:
-    """A solid tube clamped at both ends, by beam theory."""
-
-    length: float
-    bending: float
-    """Second moment of area [mm⁴]."""
-    young: float
-    poisson: float
-    outer_radius: float
+def _tube(run: DeformableRun) -> TubeScene:
+    assert isinstance(run.scene, TubeScene)
+    return run.scene
 
 
-def _monolith(run: DeformableRun) -> _Monolith:
-    scene = run.scene
-    assert isinstance(scene, TubeScene)
-    assert scene.material is not None
-    block = scene.shape
-    bending = np.pi / 4 * (block.outer_radius**4 - block.inner_radius**4)
-    return _Monolith(
-        scene.assembly.layers * block.height,
-        float(bending),
-        scene.material.young_modulus,
-        scene.material.poisson_ratio,
-        block.outer_radius,
+def _mean_displacement(run: DeformableRun) -> float:
+    volumes = _volumes(run)
+    return float(
+        np.mean(
+            [
+                np.average(
+                    block_grid(run, np.linalg.norm(run.displacement(int(b)), axis=1)),
+                    weights=volumes,
+                )
+                for b in run.deformable.assembly.free_blocks
+            ]
+        )
     )
 
 
-def _far_side(evidence: Evidence) -> Verdict:
-    found, words = {}, []
-    for name in _BLOCKS:
-        run = _run(evidence, name, "beam")
-        solid = _monolith(run)
-        force = _load(run)
-        expected = np.linalg.norm(force) * solid.length / 8 * solid.outer_radius / solid.bending
-        stress = _far_axial_stress(run, force)
-        found[name] = (stress, float(expected))
-        words.append(f"{name}: {stress:+.4f} MPa")
-    return judged(
-        all(stress < 0.05 * expected for stress, expected in found.values()),
-        "mean axial stress on the side away from the load, layers 5 to 9: "
-        + ", ".join(words)
-        + f"; a solid tube clamped at both ends: +{found['TSB1'][1]:.4f} MPa at mid-length",
-        far_side_and_solid=found,
-    )
+def _smaller_displacement(case: str) -> Callable[[Evidence], Verdict]:
+    def judge(evidence: Evidence) -> Verdict:
+        one, two = (_mean_displacement(_run(evidence, b, case)) for b in _BLOCKS)
+        return judged(
+            one < two,
+            f"mean displacement {1e3 * one:.2f} µm (TSB1), {1e3 * two:.2f} µm (TSB2), no initial "
+            "gap",
+            mean_displacement=[one, two],
+        )
+
+    return judge
 
 
 def _load(run: DeformableRun) -> FloatArray:
@@ -484,39 +521,6 @@ def _monolithic(evidence: Evidence) -> Verdict:
         + ": the shape may follow, the size does not",
         ratio=ratios,
     )
-
-
-def _tube(run: DeformableRun) -> TubeScene:
-    assert isinstance(run.scene, TubeScene)
-    return run.scene
-
-
-def _mean_displacement(run: DeformableRun) -> float:
-    volumes = _volumes(run)
-    return float(
-        np.mean(
-            [
-                np.average(
-                    block_grid(run, np.linalg.norm(run.displacement(int(b)), axis=1)),
-                    weights=volumes,
-                )
-                for b in run.deformable.assembly.free_blocks
-            ]
-        )
-    )
-
-
-def _smaller_displacement(case: str) -> Callable[[Evidence], Verdict]:
-    def judge(evidence: Evidence) -> Verdict:
-        one, two = (_mean_displacement(_run(evidence, b, case)) for b in _BLOCKS)
-        return judged(
-            one < two,
-            f"mean displacement {1e3 * one:.2f} µm (TSB1), {1e3 * two:.2f} µm (TSB2), no initial "
-            "gap",
-            mean_displacement=[one, two],
-        )
-
-    return judge
 
 
 def _speed_up(evidence: Evidence) -> Verdict:

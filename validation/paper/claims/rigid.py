@@ -15,6 +15,8 @@ from validation.run.rigid.assembly import RigidRun
 
 #: What "approximately", "comparable", "minor" and "marginal" may mean here.
 _TENTH = 0.10
+
+
 _TSB2 = (0.5, 1.5, 4, 40.0, 20.0)
 
 
@@ -277,6 +279,34 @@ def _thickness_is_minor(evidence: Evidence) -> Verdict:
     )
 
 
+def _hundreds_in_hours(evidence: Evidence) -> Verdict:
+    seconds = evidence.study.cpu_seconds
+    return judged(
+        seconds < 3 * 3600,
+        f"{len(evidence.study.rows)} designs at {evidence.study.mesh} in {seconds:.0f} CPU seconds "
+        f"(printed: {reference()['cost']['mbd_cpu_hours']:g} CPU hours)",
+        cpu_seconds=seconds,
+    )
+
+
+def _printed_speed_up(_: Evidence) -> Verdict:
+    cost = reference()["cost"]
+    per_design = cost["mbd_cpu_hours"] / cost["mbd_configurations"]
+    ratio = cost["fem_cpu_hours"] / per_design
+    return judged(
+        4.5 < np.log10(ratio) < 5.5,
+        f"{cost['fem_cpu_hours']:g} h / {per_design:.4f} h = {ratio:.3g}: the paper's own numbers, "
+        "on two machines and of two codes",
+        ratio=ratio,
+    )
+
+
+def _length(_: Evidence) -> Verdict:
+    block = reference()["blocks"]["TSB1"]
+    length = block["layers"] * block["height"] + 2 * block["height"] / 2
+    return judged(length == 2600.0, f"12 · 200 + 2 · 100 = {length:g} mm", length=length)
+
+
 # ---------------------------------------------------------------------------------------------
 # Tables
 
@@ -479,34 +509,6 @@ def _hexagon_wider(evidence: Evidence) -> Verdict:
         p_eff_ratio=more,
         p_max_ratio=twice,
     )
-
-
-def _printed_speed_up(_: Evidence) -> Verdict:
-    cost = reference()["cost"]
-    per_design = cost["mbd_cpu_hours"] / cost["mbd_configurations"]
-    ratio = cost["fem_cpu_hours"] / per_design
-    return judged(
-        4.5 < np.log10(ratio) < 5.5,
-        f"{cost['fem_cpu_hours']:g} h / {per_design:.4f} h = {ratio:.3g}: the paper's own numbers, "
-        "on two machines and of two codes",
-        ratio=ratio,
-    )
-
-
-def _hundreds_in_hours(evidence: Evidence) -> Verdict:
-    seconds = evidence.study.cpu_seconds
-    return judged(
-        seconds < 3 * 3600,
-        f"{len(evidence.study.rows)} designs at {evidence.study.mesh} in {seconds:.0f} CPU seconds "
-        f"(printed: {reference()['cost']['mbd_cpu_hours']:g} CPU hours)",
-        cpu_seconds=seconds,
-    )
-
-
-def _length(_: Evidence) -> Verdict:
-    block = reference()["blocks"]["TSB1"]
-    length = block["layers"] * block["height"] + 2 * block["height"] / 2
-    return judged(length == 2600.0, f"12 · 200 + 2 · 100 = {length:g} mm", length=length)
 
 
 STUDY_CLAIMS = (
