@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, TypeAlias
 
 from validation.paper.evidence import Evidence
 
@@ -36,6 +36,9 @@ class Verdict:
     """The same as data."""
 
 
+Judge: TypeAlias = Callable[[Evidence], Verdict]
+
+
 @dataclass(frozen=True)
 class Claim:
     """A statement of the paper and how it is judged."""
@@ -46,12 +49,27 @@ class Claim:
     """What the paper says."""
     place: str
     """Label of the section, table or figure."""
-    judge: Callable[[Evidence], Verdict]
+    judge: Judge
     """Computes and judges."""
     deformable: bool = False
     """Whether the deformable runs are needed."""
     of_turn: bool = False
     """Whether the layers' turn may decide: judged with the half-block turn too."""
+
+
+class Claims(list[Claim]):
+    """Claims in the order in which their judges stand."""
+
+    def add(
+        self, name: str, statement: str, place: str, **options: bool
+    ) -> Callable[[Judge], Judge]:
+        """List a claim that a function judges."""
+
+        def listed(judge: Judge) -> Judge:
+            self.append(Claim(name, statement, place, judge, **options))
+            return judge
+
+        return listed
 
 
 NOT_COMPUTED = Verdict(Truth.NOT_COMPUTED, "needs the deformable run: add --fem", {})

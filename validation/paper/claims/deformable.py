@@ -13,11 +13,14 @@ import numpy as np
 from fem.problem.recovery import recover
 from geometry.joints import between_layers
 from geometry.mesh import FloatArray, IntArray
-from validation.paper.claims.claim import Claim, Truth, Verdict, judged
+from validation.paper.claims.claim import Claims, Truth, Verdict, judged
 from validation.paper.evidence import Evidence
 from validation.run.deformable import DeformableRun, contact_report
 from validation.run.rigid.assembly import RigidRun
 from validation.scene.read import TubeScene
+
+FEM_CLAIMS = Claims()
+
 
 _BLOCKS = ("TSB1", "TSB2")
 
@@ -144,6 +147,13 @@ def same_mesh(evidence: Evidence, run: DeformableRun) -> RigidRun:
     return evidence.rigid(run.name, *(f"mesh.{key}={value}" for key, value in mesh.items()))
 
 
+@FEM_CLAIMS.add(
+    "peaks-found",
+    "Rigid blocks find where the pressure peaks of deformable blocks are (layer 7, twelve "
+    "comparisons)",
+    "fig:pc_MBD_FEM",
+    deformable=True,
+)
 def _peaks_found(evidence: Evidence) -> Verdict:
     pairs = pressure_pairs(evidence)
     shares = np.array([p.peak_share for p in pairs])
@@ -160,6 +170,12 @@ def _peaks_found(evidence: Evidence) -> Verdict:
     )
 
 
+@FEM_CLAIMS.add(
+    "areas-fem",
+    "Deformable blocks show the same effective areas, about 30 % (pipe) and 50 % (tunnel)",
+    "fig:pc_MBD_FEM",
+    deformable=True,
+)
 def _areas_agree(evidence: Evidence) -> Verdict:
     values, words = {}, []
     for case, target in (("pipe", 30.0), ("tunnel", 50.0)):
@@ -183,6 +199,12 @@ def _areas_agree(evidence: Evidence) -> Verdict:
 # Stresses
 
 
+@FEM_CLAIMS.add(
+    "layers-repeat",
+    "In pipe, tunnel and pillar the stresses repeat across layers; in shaft they do not",
+    "fig:sigma1",
+    deformable=True,
+)
 def _layers_repeat(evidence: Evidence) -> Verdict:
     found = {}
     for block in _BLOCKS:
@@ -201,6 +223,12 @@ def _layers_repeat(evidence: Evidence) -> Verdict:
     )
 
 
+@FEM_CLAIMS.add(
+    "under-the-waves",
+    "In all cases the critical stress concentrations lie beneath the sinusoidal faces",
+    "fig:sigma1",
+    deformable=True,
+)
 def _under_the_waves(evidence: Evidence) -> Verdict:
     shares = {}
     for block in _BLOCKS:
@@ -221,6 +249,11 @@ def _under_the_waves(evidence: Evidence) -> Verdict:
     )
 
 
+@FEM_CLAIMS.add(
+    "favourable",
+    "Which block has the more favourable overall stress state cannot be concluded",
+    "fig:sigma1",
+)
 def _favourable(_: Evidence) -> Verdict:
     return Verdict(
         Truth.UNDECIDABLE,
@@ -257,6 +290,12 @@ def _monolith(run: DeformableRun) -> _Monolith:
     )
 
 
+@FEM_CLAIMS.add(
+    "far-side",
+    "The far side of the beam has practically no tension, unlike a clamped solid beam",
+    "fig:sigma1",
+    deformable=True,
+)
 def _far_side(evidence: Evidence) -> Verdict:
     found, words = {}, []
     for name in _BLOCKS:
@@ -276,6 +315,12 @@ def _far_side(evidence: Evidence) -> Verdict:
     )
 
 
+@FEM_CLAIMS.add(
+    "half-turn",
+    "TSB1, pipe: every second layer has the stresses of the layer before, turned by 180°",
+    "fig:pipe-sin_sigma",
+    deformable=True,
+)
 def _half_turn(evidence: Evidence) -> Verdict:
     run = _run(evidence, "TSB1", "pipe")
     here, above = _sigma(run, _LAYER), _sigma(run, _LAYER + 1)
@@ -289,6 +334,12 @@ def _half_turn(evidence: Evidence) -> Verdict:
     )
 
 
+@FEM_CLAIMS.add(
+    "mirror",
+    "TSB2, pipe: every second layer has mirrored stresses",
+    "fig:pipe-cos_sigma",
+    deformable=True,
+)
 def _mirror(evidence: Evidence) -> Verdict:
     run = _run(evidence, "TSB2", "pipe")
     here, above = _sigma(run, _LAYER), _sigma(run, _LAYER + 1)
@@ -302,6 +353,12 @@ def _mirror(evidence: Evidence) -> Verdict:
     )
 
 
+@FEM_CLAIMS.add(
+    "four-alike",
+    "The four blocks of a layer have identical principal stresses",
+    "fig:pipe-sin_sigma",
+    deformable=True,
+)
 def _four_alike(evidence: Evidence) -> Verdict:
     """Solve a tube without using its symmetry: four layers are enough to see it."""
     run = evidence.whole_tube("TSB1", "pipe", 4)
@@ -343,6 +400,12 @@ def _peaks(run: DeformableRun, side: str) -> tuple[FloatArray, FloatArray]:
     return np.array(peaks), np.array(distances)
 
 
+@FEM_CLAIMS.add(
+    "valleys-tsb1",
+    "TSB1, pipe: σ₁ peaks at the valleys of the sinusoidal faces, top and bottom",
+    "fig:pipe-sin_sigma",
+    deformable=True,
+)
 def _valleys_tsb1(evidence: Evidence) -> Verdict:
     run = _run(evidence, "TSB1", "pipe")
     (top, far_top), (bottom, far_bottom) = _peaks(run, "top"), _peaks(run, "bottom")
@@ -358,6 +421,12 @@ def _valleys_tsb1(evidence: Evidence) -> Verdict:
     )
 
 
+@FEM_CLAIMS.add(
+    "valleys-tsb2",
+    "TSB2, pipe: such peaks are only in the bottom part of the layer",
+    "fig:pipe-cos_sigma",
+    deformable=True,
+)
 def _valleys_tsb2(evidence: Evidence) -> Verdict:
     run = _run(evidence, "TSB2", "pipe")
     (top, _), (bottom, _) = _peaks(run, "top"), _peaks(run, "bottom")
@@ -377,6 +446,12 @@ def _list(values: FloatArray) -> str:
     return ", ".join(f"{v:.2f}" for v in values)
 
 
+@FEM_CLAIMS.add(
+    "one-of-three",
+    "Of the three valleys of a block one consistently has higher stresses",
+    "fig:pipe-sin_sigma",
+    deformable=True,
+)
 def _one_of_three(evidence: Evidence) -> Verdict:
     found = {}
     for block, side in (("TSB1", "top"), ("TSB1", "bottom"), ("TSB2", "top"), ("TSB2", "bottom")):
@@ -391,6 +466,12 @@ def _one_of_three(evidence: Evidence) -> Verdict:
     )
 
 
+@FEM_CLAIMS.add(
+    "lower-tension",
+    "TSB2 attains lower average maximum principal stresses than TSB1",
+    "fig:pipe-cos_sigma",
+    deformable=True,
+)
 def _lower_tension(evidence: Evidence) -> Verdict:
     means = {}
     for block in _BLOCKS:
@@ -412,6 +493,12 @@ def _share_above(run: DeformableRun, component: int) -> float:
     return float(volumes[high].sum() / volumes.sum())
 
 
+@FEM_CLAIMS.add(
+    "localized",
+    "The regions of peak tension are more localized in TSB2",
+    "fig:pipe-cos_sigma",
+    deformable=True,
+)
 def _localized(evidence: Evidence) -> Verdict:
     shares = {b: _share_above(_run(evidence, b, "pipe"), 0) for b in _BLOCKS}
     return judged(
@@ -422,6 +509,12 @@ def _localized(evidence: Evidence) -> Verdict:
     )
 
 
+@FEM_CLAIMS.add(
+    "compressed",
+    "TSB2 exhibits larger regions of compressive stress",
+    "fig:pipe-cos_sigma",
+    deformable=True,
+)
 def _compressed(evidence: Evidence) -> Verdict:
     limit = 0.1
     shares = {}
@@ -474,6 +567,20 @@ def _smaller_displacement(case: str) -> Callable[[Evidence], Verdict]:
     return judge
 
 
+FEM_CLAIMS.add(
+    "displacement-pipe",
+    "Under internal pressure TSB1 has the smaller average displacement",
+    "fig:disp",
+    deformable=True,
+)(_smaller_displacement("pipe"))
+FEM_CLAIMS.add(
+    "displacement-tunnel",
+    "Under external pressure TSB1 has the smaller average displacement",
+    "fig:disp",
+    deformable=True,
+)(_smaller_displacement("tunnel"))
+
+
 def _load(run: DeformableRun) -> FloatArray:
     """Resultant of the load [N]."""
     load = _tube(run).build_load(run.deformable.assembly)
@@ -500,6 +607,12 @@ def _far_axial_stress(run: DeformableRun, force: FloatArray) -> float:
     return float(np.concatenate(values).mean())
 
 
+@FEM_CLAIMS.add(
+    "monolithic",
+    "In beam and shaft the tubes closely follow the deformation of a monolithic tube",
+    "fig:disp",
+    deformable=True,
+)
 def _monolithic(evidence: Evidence) -> Verdict:
     ratios = {}
     for name in _BLOCKS:
@@ -523,6 +636,12 @@ def _monolithic(evidence: Evidence) -> Verdict:
     )
 
 
+@FEM_CLAIMS.add(
+    "speed-up",
+    "The speed-up of rigid blocks over finite elements is about 10⁵, with our own codes",
+    "tab:cpu-times",
+    deformable=True,
+)
 def _speed_up(evidence: Evidence) -> Verdict:
     run = _run(evidence, "TSB1", "pipe")
     rigid = same_mesh(evidence, run)
@@ -534,140 +653,3 @@ def _speed_up(evidence: Evidence) -> Verdict:
         "codes, not between the two models",
         ratio=ratio,
     )
-
-
-FEM_CLAIMS = (
-    Claim(
-        "peaks-found",
-        "Rigid blocks find where the pressure peaks of deformable blocks are (layer 7, twelve "
-        "comparisons)",
-        "fig:pc_MBD_FEM",
-        _peaks_found,
-        deformable=True,
-    ),
-    Claim(
-        "areas-fem",
-        "Deformable blocks show the same effective areas, about 30 % (pipe) and 50 % (tunnel)",
-        "fig:pc_MBD_FEM",
-        _areas_agree,
-        deformable=True,
-    ),
-    Claim(
-        "layers-repeat",
-        "In pipe, tunnel and pillar the stresses repeat across layers; in shaft they do not",
-        "fig:sigma1",
-        _layers_repeat,
-        deformable=True,
-    ),
-    Claim(
-        "under-the-waves",
-        "In all cases the critical stress concentrations lie beneath the sinusoidal faces",
-        "fig:sigma1",
-        _under_the_waves,
-        deformable=True,
-    ),
-    Claim(
-        "favourable",
-        "Which block has the more favourable overall stress state cannot be concluded",
-        "fig:sigma1",
-        _favourable,
-    ),
-    Claim(
-        "far-side",
-        "The far side of the beam has practically no tension, unlike a clamped solid beam",
-        "fig:sigma1",
-        _far_side,
-        deformable=True,
-    ),
-    Claim(
-        "half-turn",
-        "TSB1, pipe: every second layer has the stresses of the layer before, turned by 180°",
-        "fig:pipe-sin_sigma",
-        _half_turn,
-        deformable=True,
-    ),
-    Claim(
-        "mirror",
-        "TSB2, pipe: every second layer has mirrored stresses",
-        "fig:pipe-cos_sigma",
-        _mirror,
-        deformable=True,
-    ),
-    Claim(
-        "four-alike",
-        "The four blocks of a layer have identical principal stresses",
-        "fig:pipe-sin_sigma",
-        _four_alike,
-        deformable=True,
-    ),
-    Claim(
-        "valleys-tsb1",
-        "TSB1, pipe: σ₁ peaks at the valleys of the sinusoidal faces, top and bottom",
-        "fig:pipe-sin_sigma",
-        _valleys_tsb1,
-        deformable=True,
-    ),
-    Claim(
-        "valleys-tsb2",
-        "TSB2, pipe: such peaks are only in the bottom part of the layer",
-        "fig:pipe-cos_sigma",
-        _valleys_tsb2,
-        deformable=True,
-    ),
-    Claim(
-        "one-of-three",
-        "Of the three valleys of a block one consistently has higher stresses",
-        "fig:pipe-sin_sigma",
-        _one_of_three,
-        deformable=True,
-    ),
-    Claim(
-        "lower-tension",
-        "TSB2 attains lower average maximum principal stresses than TSB1",
-        "fig:pipe-cos_sigma",
-        _lower_tension,
-        deformable=True,
-    ),
-    Claim(
-        "localized",
-        "The regions of peak tension are more localized in TSB2",
-        "fig:pipe-cos_sigma",
-        _localized,
-        deformable=True,
-    ),
-    Claim(
-        "compressed",
-        "TSB2 exhibits larger regions of compressive stress",
-        "fig:pipe-cos_sigma",
-        _compressed,
-        deformable=True,
-    ),
-    Claim(
-        "displacement-pipe",
-        "Under internal pressure TSB1 has the smaller average displacement",
-        "fig:disp",
-        _smaller_displacement("pipe"),
-        deformable=True,
-    ),
-    Claim(
-        "displacement-tunnel",
-        "Under external pressure TSB1 has the smaller average displacement",
-        "fig:disp",
-        _smaller_displacement("tunnel"),
-        deformable=True,
-    ),
-    Claim(
-        "monolithic",
-        "In beam and shaft the tubes closely follow the deformation of a monolithic tube",
-        "fig:disp",
-        _monolithic,
-        deformable=True,
-    ),
-    Claim(
-        "speed-up",
-        "The speed-up of rigid blocks over finite elements is about 10⁵, with our own codes",
-        "tab:cpu-times",
-        _speed_up,
-        deformable=True,
-    ),
-)

@@ -8,10 +8,13 @@ import numpy as np
 
 from geometry.mesh import FloatArray, IntArray
 from mbd import contact_jacobian
-from validation.paper.claims.claim import Claim, Verdict, judged
+from validation.paper.claims.claim import Claims, Verdict, judged
 from validation.paper.evidence import Design, Evidence
 from validation.paper.reference import reference
 from validation.run.rigid.assembly import RigidRun
+
+RIGID_CLAIMS = Claims()
+
 
 #: What "approximately", "comparable", "minor" and "marginal" may mean here.
 _TENTH = 0.10
@@ -37,6 +40,12 @@ def _count_falling(evidence: Evidence, axis: int) -> tuple[int, int]:
 # Parameter study
 
 
+@RIGID_CLAIMS.add(
+    "locked",
+    "The Sine Block has no kinematic mechanism for all a > 0",
+    "tab:kinematic-mechanism",
+    of_turn=True,
+)
 def _locked(evidence: Evidence) -> Verdict:
     rows = evidence.study.rows.values()
     locked = sum(row["mechanism"] == "locked" for row in rows)
@@ -56,11 +65,23 @@ def _locked(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "falls-with-amplitude",
+    "For all configurations p_max decreases monotonically with increasing amplitude",
+    "subsec:MBD_results",
+    of_turn=True,
+)
 def _falls_with_amplitude(evidence: Evidence) -> Verdict:
     falling, total = _count_falling(evidence, 4)
     return judged(falling == total, f"{falling} of {total} steps", falling=falling, steps=total)
 
 
+@RIGID_CLAIMS.add(
+    "flattens",
+    "The reduction is most pronounced for small amplitudes; the curves progressively flatten",
+    "subsec:MBD_results",
+    of_turn=True,
+)
 def _flattens(evidence: Evidence) -> Verdict:
     p, amplitudes = evidence.study.p_max, evidence.study.axes[4]
     flatter = total = 0
@@ -78,6 +99,11 @@ def _flattens(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "saturates",
+    "Beyond a ≈ 30 mm a further increase leads to only marginal changes",
+    "subsec:MBD_results",
+)
 def _saturates(evidence: Evidence) -> Verdict:
     found = {}
     for shift in (0.0, 0.5):
@@ -97,6 +123,12 @@ def _saturates(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "falls-with-thickness",
+    "For all a, n and f, increasing the thickness systematically reduces p_max",
+    "subsec:MBD_results",
+    of_turn=True,
+)
 def _falls_with_thickness(evidence: Evidence) -> Verdict:
     falling, total = _count_falling(evidence, 3)
     p = evidence.study.p_max
@@ -118,6 +150,12 @@ def _falls_with_thickness(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "thick-depends-less",
+    "For large thicknesses p_max depends less on the other parameters",
+    "subsec:MBD_results",
+    of_turn=True,
+)
 def _thick_depends_less(evidence: Evidence) -> Verdict:
     p, thicknesses = evidence.study.p_max, evidence.study.axes[3]
     spread = {}
@@ -133,6 +171,13 @@ def _thick_depends_less(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "fine-is-worse",
+    "Higher frequency, larger n and larger amplitude together generally increase p_max, "
+    "particularly at a = 25, n = 6",
+    "subsec:MBD_results",
+    of_turn=True,
+)
 def _fine_is_worse(evidence: Evidence) -> Verdict:
     """Ask how p_max of the largest f compares with that of the smallest, and what that grows with.
 
@@ -164,6 +209,12 @@ def _fine_is_worse(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "wave-threshold",
+    "Above a threshold of n_w = 2 f n, amplitudes of about 10 mm or more raise p_max",
+    "subsec:MBD_results",
+    of_turn=True,
+)
 def _wave_threshold(evidence: Evidence) -> Verdict:
     """Ask of every (s, f, t, a) whether p_max rises again as n, hence n_w = 2 f n, grows."""
     p, (shifts, frequencies, numbers, thicknesses, amplitudes) = (
@@ -199,6 +250,12 @@ def _wave_threshold(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "fewer-larger",
+    "At the same n_w, fewer blocks consistently exhibit lower contact pressures",
+    "subsec:MBD_results",
+    of_turn=True,
+)
 def _fewer_larger(evidence: Evidence) -> Verdict:
     p = evidence.study.p_max
     lower = total = 0
@@ -215,6 +272,12 @@ def _fewer_larger(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "fewer-larger-example",
+    "f = 2, n = 2 yields lower pressures than f = 1, n = 4 (both n_w = 8, s = 0)",
+    "subsec:MBD_results",
+    of_turn=True,
+)
 def _example_of_fewer(evidence: Evidence) -> Verdict:
     few: Design = (0.0, 2.0, 2, 40.0, 20.0)
     many: Design = (0.0, 1.0, 4, 40.0, 20.0)
@@ -237,6 +300,12 @@ def _example_of_fewer(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "best",
+    "a = 25, f = 2, s = 0.5, n = 2, t = 60 performs best",
+    "subsec:MBD_results",
+    of_turn=True,
+)
 def _best(evidence: Evidence) -> Verdict:
     order = sorted(evidence.study.p_max, key=lambda key: evidence.study.p_max[key])
     fine = {key: _p_max(evidence.tsb("tsb1-pipe", key)) for key in order[:4]}
@@ -252,6 +321,12 @@ def _best(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "cosine-lower",
+    "s = 0.5 exhibits slightly lower p_max than s = 0",
+    "subsec:MBD_results",
+    of_turn=True,
+)
 def _cosine_is_lower(evidence: Evidence) -> Verdict:
     p = evidence.study.p_max
     ratio = np.array([p[(0.5, *key[1:])] / value for key, value in p.items() if key[0] == 0.0])
@@ -266,6 +341,11 @@ def _cosine_is_lower(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "thickness-minor",
+    "At a = 20, f = 1.5, s = 0.5, n = 4 the differences between t = 40, 50 and 60 are minor",
+    "subsec:MBD_results",
+)
 def _thickness_is_minor(evidence: Evidence) -> Verdict:
     found = {
         t: _p_max(evidence.tsb("tsb1-pipe", (0.5, 1.5, 4, t, 20.0))) for t in (40.0, 50.0, 60.0)
@@ -279,6 +359,11 @@ def _thickness_is_minor(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "480-in-hours",
+    "Hundreds of configurations are evaluated within a few CPU hours",
+    "tab:cpu-times",
+)
 def _hundreds_in_hours(evidence: Evidence) -> Verdict:
     seconds = evidence.study.cpu_seconds
     return judged(
@@ -289,6 +374,11 @@ def _hundreds_in_hours(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "speed-up-printed",
+    "Rigid blocks are about five orders of magnitude cheaper than finite elements",
+    "tab:cpu-times",
+)
 def _printed_speed_up(_: Evidence) -> Verdict:
     cost = reference()["cost"]
     per_design = cost["mbd_cpu_hours"] / cost["mbd_configurations"]
@@ -301,6 +391,9 @@ def _printed_speed_up(_: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "length", "With L = 12 the structure is 2.6 m long, frame included", "sec:analyse"
+)
 def _length(_: Evidence) -> Verdict:
     block = reference()["blocks"]["TSB1"]
     length = block["layers"] * block["height"] + 2 * block["height"] / 2
@@ -315,6 +408,11 @@ def _rows(evidence: Evidence, case: str) -> tuple[RigidRun, RigidRun]:
     return evidence.case("TSB1", case), evidence.case("TSB2", case)
 
 
+@RIGID_CLAIMS.add(
+    "tsb2-wider",
+    "Under internal pressure TSB2 activates a larger portion of the contact surface",
+    "tab:cosin-force-equilibrium",
+)
 def _tsb2_wider(evidence: Evidence) -> Verdict:
     one, two = (run.result.measures for run in _rows(evidence, "pipe"))
     assert one is not None
@@ -330,6 +428,11 @@ def _tsb2_wider(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "tsb2-preferable",
+    "Under internal pressure both have a comparable p_eff, TSB2 the lower p_max",
+    "tab:cosin-force-equilibrium",
+)
 def _comparable_p_eff(evidence: Evidence) -> Verdict:
     one, two = (run.result.measures for run in _rows(evidence, "pipe"))
     assert one is not None
@@ -364,6 +467,28 @@ def _near(target: float, case: str, *, count: bool) -> Callable[[Evidence], Verd
     return judge
 
 
+RIGID_CLAIMS.add(
+    "area-pipe",
+    "About 30 % of the surface is effective contact area under internal pressure",
+    "fig:pc_MBD_FEM",
+)(_near(30.0, "pipe", count=True))
+RIGID_CLAIMS.add(
+    "area-tunnel",
+    "About 50 % of the surface is effective contact area under external pressure",
+    "fig:pc_MBD_FEM",
+)(_near(50.0, "tunnel", count=True))
+RIGID_CLAIMS.add(
+    "area-pipe-true",
+    "The same of the true area instead of the count of elements: about 30 %, internal pressure",
+    "fig:pc_MBD_FEM",
+)(_near(30.0, "pipe", count=False))
+RIGID_CLAIMS.add(
+    "area-tunnel-true",
+    "The same of the true area instead of the count of elements: about 50 %, external pressure",
+    "fig:pc_MBD_FEM",
+)(_near(50.0, "tunnel", count=False))
+
+
 # ---------------------------------------------------------------------------------------------
 # Load transfer
 
@@ -378,6 +503,9 @@ def _by_layer(run: RigidRun, measure: str = "p_max") -> tuple[IntArray, FloatArr
     return layers, np.array([values[layer == k].mean() for k in layers])
 
 
+@RIGID_CLAIMS.add(
+    "blocks-alike", "The blocks of a layer carry the same contact pressures", "fig:pc_MBD_FEM"
+)
 def _blocks_alike(evidence: Evidence) -> Verdict:
     worst = 0.0
     for case in ("pipe", "tunnel", "pillar", "shaft"):
@@ -395,6 +523,11 @@ def _blocks_alike(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "layers-alike",
+    "Under internal and external pressure the contact pressures repeat identically across layers",
+    "fig:pc_MBD_FEM",
+)
 def _layers_alike(evidence: Evidence) -> Verdict:
     words, values, holds = [], {}, True
     for case in ("pipe", "tunnel"):
@@ -412,6 +545,11 @@ def _layers_alike(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "shaft-layer",
+    "Under torsion the highest contact forces are in layer 7, where the load acts",
+    "fig:pc_MBD_FEM",
+)
 def _shaft_layer(evidence: Evidence) -> Verdict:
     """Ask by the paper's two measures in which layer the contact is hardest, in both readings."""
     found: dict[str, dict[str, list[int]]] = {}
@@ -454,6 +592,11 @@ def _radial_gap_rate(run: RigidRun) -> float:
     return float(rates.min() / rates.max())
 
 
+@RIGID_CLAIMS.add(
+    "no-explosion",
+    "Tubes of Sine Blocks do not explode, tubes of the hexagon-based block do",
+    "sec:Hex",
+)
 def _explosion(evidence: Evidence) -> Verdict:
     found = {
         name: _radial_gap_rate(evidence.case(name, "tunnel")) for name in ("TSB1", "TSB2", "THB0")
@@ -467,6 +610,9 @@ def _explosion(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "axially-open", "TSB1 provides no interlocking in the axial direction", "fig:sigma1"
+)
 def _axially_open(evidence: Evidence) -> Verdict:
     classes = [
         str(run.result.supported_classification.mechanism) for run in _rows(evidence, "pillar")
@@ -483,6 +629,11 @@ def _axially_open(evidence: Evidence) -> Verdict:
 # Hexagon-based block
 
 
+@RIGID_CLAIMS.add(
+    "hexagon-classes",
+    "The hexagon-based block is suppressed in tunnel, neutral in pillar, activated in the others",
+    "tab:hexagon-force-equilibrium",
+)
 def _hexagon_classes(evidence: Evidence) -> Verdict:
     table = reference()["table"]["THB0"]
     found = {case: str(evidence.case("THB0", case).result.mechanism) for case in table}
@@ -494,6 +645,12 @@ def _hexagon_classes(evidence: Evidence) -> Verdict:
     )
 
 
+@RIGID_CLAIMS.add(
+    "hexagon-pressures",
+    "In tunnel the hexagon-based block has the larger effective area than TSB2, p_eff about "
+    "30 % higher, p_max nearly twice as large",
+    "tab:hexagon-force-equilibrium",
+)
 def _hexagon_wider(evidence: Evidence) -> Verdict:
     hexagon = evidence.case("THB0", "tunnel").result.measures
     cosine = evidence.case("TSB2", "tunnel").result.measures
@@ -509,197 +666,3 @@ def _hexagon_wider(evidence: Evidence) -> Verdict:
         p_eff_ratio=more,
         p_max_ratio=twice,
     )
-
-
-STUDY_CLAIMS = (
-    Claim(
-        "locked",
-        "The Sine Block has no kinematic mechanism for all a > 0",
-        "tab:kinematic-mechanism",
-        _locked,
-        of_turn=True,
-    ),
-    Claim(
-        "falls-with-amplitude",
-        "For all configurations p_max decreases monotonically with increasing amplitude",
-        "subsec:MBD_results",
-        _falls_with_amplitude,
-        of_turn=True,
-    ),
-    Claim(
-        "flattens",
-        "The reduction is most pronounced for small amplitudes; the curves progressively flatten",
-        "subsec:MBD_results",
-        _flattens,
-        of_turn=True,
-    ),
-    Claim(
-        "saturates",
-        "Beyond a ≈ 30 mm a further increase leads to only marginal changes",
-        "subsec:MBD_results",
-        _saturates,
-    ),
-    Claim(
-        "falls-with-thickness",
-        "For all a, n and f, increasing the thickness systematically reduces p_max",
-        "subsec:MBD_results",
-        _falls_with_thickness,
-        of_turn=True,
-    ),
-    Claim(
-        "thick-depends-less",
-        "For large thicknesses p_max depends less on the other parameters",
-        "subsec:MBD_results",
-        _thick_depends_less,
-        of_turn=True,
-    ),
-    Claim(
-        "fine-is-worse",
-        "Higher frequency, larger n and larger amplitude together generally increase p_max, "
-        "particularly at a = 25, n = 6",
-        "subsec:MBD_results",
-        _fine_is_worse,
-        of_turn=True,
-    ),
-    Claim(
-        "wave-threshold",
-        "Above a threshold of n_w = 2 f n, amplitudes of about 10 mm or more raise p_max",
-        "subsec:MBD_results",
-        _wave_threshold,
-        of_turn=True,
-    ),
-    Claim(
-        "fewer-larger",
-        "At the same n_w, fewer blocks consistently exhibit lower contact pressures",
-        "subsec:MBD_results",
-        _fewer_larger,
-        of_turn=True,
-    ),
-    Claim(
-        "fewer-larger-example",
-        "f = 2, n = 2 yields lower pressures than f = 1, n = 4 (both n_w = 8, s = 0)",
-        "subsec:MBD_results",
-        _example_of_fewer,
-        of_turn=True,
-    ),
-    Claim(
-        "best",
-        "a = 25, f = 2, s = 0.5, n = 2, t = 60 performs best",
-        "subsec:MBD_results",
-        _best,
-        of_turn=True,
-    ),
-    Claim(
-        "cosine-lower",
-        "s = 0.5 exhibits slightly lower p_max than s = 0",
-        "subsec:MBD_results",
-        _cosine_is_lower,
-        of_turn=True,
-    ),
-    Claim(
-        "thickness-minor",
-        "At a = 20, f = 1.5, s = 0.5, n = 4 the differences between t = 40, 50 and 60 are minor",
-        "subsec:MBD_results",
-        _thickness_is_minor,
-    ),
-    Claim(
-        "480-in-hours",
-        "Hundreds of configurations are evaluated within a few CPU hours",
-        "tab:cpu-times",
-        _hundreds_in_hours,
-    ),
-    Claim(
-        "speed-up-printed",
-        "Rigid blocks are about five orders of magnitude cheaper than finite elements",
-        "tab:cpu-times",
-        _printed_speed_up,
-    ),
-)
-
-RIGID_CLAIMS = (
-    *STUDY_CLAIMS,
-    Claim(
-        "length", "With L = 12 the structure is 2.6 m long, frame included", "sec:analyse", _length
-    ),
-    Claim(
-        "tsb2-wider",
-        "Under internal pressure TSB2 activates a larger portion of the contact surface",
-        "tab:cosin-force-equilibrium",
-        _tsb2_wider,
-    ),
-    Claim(
-        "tsb2-preferable",
-        "Under internal pressure both have a comparable p_eff, TSB2 the lower p_max",
-        "tab:cosin-force-equilibrium",
-        _comparable_p_eff,
-    ),
-    Claim(
-        "area-pipe",
-        "About 30 % of the surface is effective contact area under internal pressure",
-        "fig:pc_MBD_FEM",
-        _near(30.0, "pipe", count=True),
-    ),
-    Claim(
-        "area-tunnel",
-        "About 50 % of the surface is effective contact area under external pressure",
-        "fig:pc_MBD_FEM",
-        _near(50.0, "tunnel", count=True),
-    ),
-    Claim(
-        "area-pipe-true",
-        "The same of the true area instead of the count of elements: about 30 %, internal pressure",
-        "fig:pc_MBD_FEM",
-        _near(30.0, "pipe", count=False),
-    ),
-    Claim(
-        "area-tunnel-true",
-        "The same of the true area instead of the count of elements: about 50 %, external pressure",
-        "fig:pc_MBD_FEM",
-        _near(50.0, "tunnel", count=False),
-    ),
-    Claim(
-        "blocks-alike",
-        "The blocks of a layer carry the same contact pressures",
-        "fig:pc_MBD_FEM",
-        _blocks_alike,
-    ),
-    Claim(
-        "layers-alike",
-        "Under internal and external pressure the contact pressures repeat identically across "
-        "layers",
-        "fig:pc_MBD_FEM",
-        _layers_alike,
-    ),
-    Claim(
-        "shaft-layer",
-        "Under torsion the highest contact forces are in layer 7, where the load acts",
-        "fig:pc_MBD_FEM",
-        _shaft_layer,
-    ),
-    Claim(
-        "no-explosion",
-        "Tubes of Sine Blocks do not explode, tubes of the hexagon-based block do",
-        "sec:Hex",
-        _explosion,
-    ),
-    Claim(
-        "axially-open",
-        "TSB1 provides no interlocking in the axial direction",
-        "fig:sigma1",
-        _axially_open,
-    ),
-    Claim(
-        "hexagon-classes",
-        "The hexagon-based block is suppressed in tunnel, neutral in pillar, activated in the "
-        "others",
-        "tab:hexagon-force-equilibrium",
-        _hexagon_classes,
-    ),
-    Claim(
-        "hexagon-pressures",
-        "In tunnel the hexagon-based block has the larger effective area than TSB2, p_eff about "
-        "30 % higher, p_max nearly twice as large",
-        "tab:hexagon-force-equilibrium",
-        _hexagon_wider,
-    ),
-)
