@@ -30,6 +30,8 @@ from validation.paper.evidence import Evidence, StudyTable
 from validation.paper.reference import reference
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from validation.run.rigid.assembly import RigidRun
 
 #: Okabe–Ito, dark enough on white, and a mark each: readable without colour.
@@ -103,58 +105,29 @@ def draw_parameter_study(curves: list[Curve], mesh: str, path: Path) -> None:
     """
     frequencies = sorted({c.frequency for c in curves})
     thicknesses = sorted({c.thickness for c in curves})
-    numbers = sorted({c.blocks_per_layer for c in curves})
-    figure, axes = subplots(
-        len(frequencies),
-        len(thicknesses),
-        size=(12, 9.5),
-        sharex=True,
-        sharey=True,
-        squeeze=False,
-    )
-    best = min(curves, key=lambda c: min(c.p_max))
-    for c in curves:
-        panel = axes[frequencies.index(c.frequency), thicknesses.index(c.thickness)]
-        colour, mark = _LINES[numbers.index(c.blocks_per_layer) % len(_LINES)]
-        panel.plot(
-            c.amplitudes,
-            c.p_max,
-            color=colour,
-            marker=mark,
-            markersize=5,
-            linewidth=1.4,
-            label=f"n = {c.blocks_per_layer}",
-        )
-        if c is best:
-            at = int(np.argmin(c.p_max))
-            panel.annotate(
-                f"lowest: {c.p_max[at]:.3f} MPa",
-                (c.amplitudes[at], c.p_max[at]),
-                (-150, -3),
-                textcoords="offset points",
-                fontsize=9,
-                arrowprops={"arrowstyle": "->", "color": "black"},
-            )
-    for row, f in enumerate(frequencies):
-        axes[row, 0].set_ylabel("p_max [MPa]")
-        for column, t in enumerate(thicknesses):
-            panel = axes[row, column]
-            panel.set_yscale("log")
-            panel.set_yticks([0.1, 0.2, 0.5, 1.0, 2.0], ["0.1", "0.2", "0.5", "1", "2"])
-            panel.minorticks_off()
-            panel.set_xticks(curves[0].amplitudes)
-            panel.grid(color="#DDDDDD", linewidth=0.6)
-            panel.set_title(f"f = {f:g}, t = {t:g} mm", fontsize=10, loc="left")
-            if row == len(frequencies) - 1:
-                panel.set_xlabel("amplitude a [mm]")
+    shape = len(frequencies), len(thicknesses)
+    figure, axes = subplots(*shape, size=(12, 9.5), sharex=True, sharey=True, squeeze=False)
+    panels = {
+        (f, t): axes[row, column]
+        for row, f in enumerate(frequencies)
+        for column, t in enumerate(thicknesses)
+    }
+    _draw_curves(curves, panels)
+    for (f, t), panel in panels.items():
+        panel.set_yscale("log")
+        panel.set_yticks([0.1, 0.2, 0.5, 1.0, 2.0], ["0.1", "0.2", "0.5", "1", "2"])
+        panel.minorticks_off()
+        panel.set_xticks(curves[0].amplitudes)
+        panel.grid(color="#DDDDDD", linewidth=0.6)
+        panel.set_title(f"f = {f:g}, t = {t:g} mm", fontsize=10, loc="left")
+        if t == thicknesses[0]:
+            panel.set_ylabel("p_max [MPa]")
+        if f == frequencies[-1]:
+            panel.set_xlabel("amplitude a [mm]")
     name = "Sine Block, s = 0" if curves[0].shift == 0 else f"Cosine Block, s = {curves[0].shift:g}"
-    figure.suptitle(
-        f"{name}: max–mean contact pressure under internal pressure "
-        f"(rigid blocks, {mesh} elements per block)",
-        fontsize=13,
-        x=0.05,
-        ha="left",
-    )
+    title = f"{name}: max–mean contact pressure under internal pressure "
+    title += f"(rigid blocks, {mesh} elements per block)"
+    figure.suptitle(title, fontsize=13, x=0.05, ha="left")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(
         handles,
@@ -165,6 +138,32 @@ def draw_parameter_study(curves: list[Curve], mesh: str, path: Path) -> None:
         fontsize=10,
     )
     save_figure(figure, path)
+
+
+def _draw_curves(curves: list[Curve], panels: dict[tuple[float, float], Axes]) -> None:
+    """Draw every curve in the panel of its frequency and thickness; the lowest point is named."""
+    numbers = sorted({c.blocks_per_layer for c in curves})
+    for c in curves:
+        colour, mark = _LINES[numbers.index(c.blocks_per_layer) % len(_LINES)]
+        panels[c.frequency, c.thickness].plot(
+            c.amplitudes,
+            c.p_max,
+            color=colour,
+            marker=mark,
+            markersize=5,
+            linewidth=1.4,
+            label=f"n = {c.blocks_per_layer}",
+        )
+    best = min(curves, key=lambda c: min(c.p_max))
+    at = int(np.argmin(best.p_max))
+    panels[best.frequency, best.thickness].annotate(
+        f"lowest: {best.p_max[at]:.3f} MPa",
+        (best.amplitudes[at], best.p_max[at]),
+        (-150, -3),
+        textcoords="offset points",
+        fontsize=9,
+        arrowprops={"arrowstyle": "->", "color": "black"},
+    )
 
 
 # ---------------------------------------------------------------------------------------------
