@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse.linalg import spsolve
 
+from fem.assembly.contact_state import corner_displacements
+from fem.contact.surfaces import corner_forces
 from fem.element.hexahedron import ElementType, block_stiffness
 from fem.element.material import Material
+from fem.static.result import StaticResult
 from geometry.block import Block, box_block
-from geometry.mesh import HexMesh, boundary_quads
+from geometry.mesh import FloatArray, HexMesh, boundary_quads
 
 CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
 
@@ -54,3 +57,36 @@ def tip_deflection(
     clamped = degrees_of_freedom(np.unique(block.faces["x-"]))
     displacement = static_displacement(stiffness, load.ravel(), clamped)
     return float(weight @ displacement.reshape(-1, 3)[:, 2])
+
+
+def pair_resultants(result: StaticResult) -> tuple[FloatArray, FloatArray]:
+    """Normal force and its moment that each pair transmits, on block s, about the world origin.
+
+    Returns
+    -------
+    tuple[FloatArray, FloatArray]
+        (n_pairs, 3) [N] and (n_pairs, 3) [N mm], pairs as in the surfaces' `pair_start`. The
+        moment takes forces at the reference positions of block s.
+    """
+    deformable, surfaces = result.deformable, result.surfaces
+    corners = np.split(contact_corner_forces(result), 2, axis=1)[1]
+    where = np.empty_like(corners)
+    for block in np.unique(surfaces.block_s):
+        mine = surfaces.block_s == block
+        nodes = deformable.assembly.nodes(int(block)) + deformable.offsets[block]
+        where[mine] = nodes[surfaces.quads_s[mine]]
+    first = surfaces.pair_start[:-1]
+    force = np.add.reduceat(corners.sum(axis=1), first, axis=0)
+    moment = np.add.reduceat(np.cross(where, corners).sum(axis=1), first, axis=0)
+    return force, moment
+
+
+def contact_corner_forces(result: StaticResult) -> FloatArray:
+    """Normal contact forces on the nodes of every facet pair, (n_facets, nodes of both, 3) [N].
+
+    World axes; friction is not in them.
+    """
+    deformable, surfaces = result.deformable, result.surfaces
+    displacement = corner_displacements(deformable, result.displacements, surfaces)
+    kinematics = surfaces.kinematics(displacement, deformable.contact.normals)
+    return corner_forces(kinematics, surfaces.weights * result.pressures)

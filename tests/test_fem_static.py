@@ -18,7 +18,6 @@ from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.static.linear_step import condensed as flexibility
 from fem.static.linear_step.condensed import FlexibilityStore
-from fem.static.result import contact_corner_forces, pair_resultants
 from fem.static.solve import (
     StaticError,
     StaticMethod,
@@ -33,6 +32,7 @@ from geometry.loads import load_case
 from geometry.loads.case import LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import HexMesh
 from mbd import Norm, analyse
+from tests.fem_problems import contact_corner_forces, pair_resultants
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 #: Without lateral strain a column is one-dimensional.

@@ -15,8 +15,8 @@ from geometry.families.hexagon_block import (
 )
 from geometry.families.masonry import box
 from geometry.families.platonic_layers import cube, octahedron, tetrahedron
-from geometry.files.block_files import read_blocks, read_hexahedra
-from geometry.files.mesh_io import write_hex_mesh
+from geometry.files.block_files import read_blocks, step_hexahedra
+from geometry.files.mesh_io import read_hex_mesh, write_hex_mesh
 from geometry.mesh import FloatArray, IntArray, MeshError, boundary_quads
 from geometry.placed_blocks import AssemblyError
 from geometry.polyhedra.assembly import polyhedral_assembly
@@ -208,7 +208,7 @@ def test_hexahedra_and_tetrahedra_give_their_boundary(tmp_path: Path) -> None:
     write_hex_mesh(tmp_path / "block.vtu", mesh)
     (block,) = read_blocks(tmp_path / "block.vtu")
     assert len(block.triangles) == 2 * len(boundary_quads(mesh))
-    assert read_hexahedra(tmp_path / "block.vtu").n_elements == mesh.n_elements
+    assert read_hex_mesh(tmp_path / "block.vtu").n_elements == mesh.n_elements
     tetra = meshio.Mesh(tetrahedron(10.0).points, [("tetra", np.array([[0, 1, 2, 3]]))])
     meshio.write(tmp_path / "tetra.vtu", tetra)
     (solid,) = read_blocks(tmp_path / "tetra.vtu")
@@ -242,7 +242,7 @@ def test_step_solids_through_gmsh(tmp_path: Path) -> None:
     assert volumes[0] == pytest.approx(np.pi * 250, rel=0.01)
     assert volumes[1] == pytest.approx(6000.0, rel=1e-9)
     with pytest.raises(MeshError, match="gmsh finds no hexahedral mesh"):
-        read_hexahedra(tmp_path / "two.step")
+        step_hexahedra(tmp_path / "two.step")
 
 
 def test_a_step_box_becomes_hexahedra(tmp_path: Path) -> None:
@@ -253,5 +253,5 @@ def test_a_step_box_becomes_hexahedra(tmp_path: Path) -> None:
     gmsh.model.occ.synchronize()
     gmsh.write(str(tmp_path / "box.step"))
     gmsh.finalize()
-    mesh = read_hexahedra(tmp_path / "box.step", divisions=3)
+    (mesh,) = step_hexahedra(tmp_path / "box.step", divisions=3)
     assert mesh.n_elements == 27

@@ -8,7 +8,7 @@ import pytest
 
 from geometry.families.masonry import circular_arch
 from geometry.files import mesh_io
-from geometry.files.block_files import read_blocks, read_hexahedra
+from geometry.files.block_files import read_blocks
 from geometry.mesh import FloatArray, IntArray, MeshError
 from geometry.polyhedra.polygons import triangles_of_polygons
 from geometry.polyhedra.polyhedron import convex_polyhedron, polyhedron
@@ -234,7 +234,7 @@ def test_no_kind_of_cell_is_lost(tmp_path: Path, turned_round: bool) -> None:
     meshio.write(tmp_path / "all.vtu", mesh)
     assert volumes(tmp_path / "all.vtu") == pytest.approx([SIDE**3] * 5)
     with pytest.raises(MeshError, match="eight-node hexahedra only"):
-        read_hexahedra(tmp_path / "all.vtu")
+        mesh_io.read_hex_mesh(tmp_path / "all.vtu")
 
 
 def test_boundary_faces_named_beside_the_cells_count_once(tmp_path: Path) -> None:

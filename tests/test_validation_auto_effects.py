@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from fem.assembly.measures import contact_measures
-from fem.static.result import pair_resultants
 from fem.static.solve import StaticOptions, solve_static
+from tests.fem_problems import pair_resultants
 from validation.cli.app import app
 from validation.compare.answers import compare
 from validation.effects.auto import EffectsDecision, decide_effects, without_effect
-from validation.effects.probe import Answer, Change, answer_of_run, change
+from validation.effects.probe import Answer, Change, change
 from validation.errors import InputError
+from validation.run.deformable import DeformableRun
 from validation.run.explicit import run_explicit
 from validation.run.static import run_static
 from validation.scene.deformable import EffectName, EffectsSection
@@ -27,6 +28,10 @@ COARSE = ["assembly.layers=2", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"
 FRICTION, CLEARANCE = EffectName.FRICTION, EffectName.CLEARANCE
 #: A gap of ten nanometres is meant: it is an effect too small to matter.
 ACCEPTED = "plausibility.accept=['contact.clearance']"
+
+
+def answer_of_run(run: DeformableRun) -> Answer:
+    return Answer(run.contact.p_max_face, run.contact.p_eff, run.largest_displacement)
 
 
 def scene_of(*settings: str, case: str = "tsb1-pipe") -> DeformableScene:

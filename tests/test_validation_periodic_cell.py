@@ -13,9 +13,10 @@ from fem.assembly.contact_state import corner_displacements
 from fem.assembly.symmetry import local_forces
 from fem.contact.surfaces import corner_forces, point_kinematics
 from fem.explicit.solve import Status
-from fem.static.result import StaticError, pair_resultants
+from fem.static.result import StaticError
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.mesh import FloatArray
+from tests.fem_problems import pair_resultants
 from validation.build.deformable import build_deformable
 from validation.cli.app import app
 from validation.effects.cell import middle_answer, offered_cell

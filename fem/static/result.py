@@ -16,7 +16,7 @@ from fem.assembly.contact_state import (
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.search import FacingPoints
 from fem.contact.searched import SearchedSurfaces
-from fem.contact.surfaces import ContactSurfaces, corner_forces, facet_pressures
+from fem.contact.surfaces import ContactSurfaces, facet_pressures
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 
@@ -108,39 +108,6 @@ class StaticResult:
     def max_displacement(self) -> float:
         """Largest displacement of any node [mm]."""
         return max(float(np.linalg.norm(u, axis=2).max()) for u in self.displacements)
-
-
-def pair_resultants(result: StaticResult) -> tuple[FloatArray, FloatArray]:
-    """Normal force and its moment that each pair transmits, on block s, about the world origin.
-
-    Returns
-    -------
-    tuple[FloatArray, FloatArray]
-        (n_pairs, 3) [N] and (n_pairs, 3) [N mm], pairs as in the surfaces' `pair_start`. The
-        moment takes forces at the reference positions of block s.
-    """
-    deformable, surfaces = result.deformable, result.surfaces
-    corners = np.split(contact_corner_forces(result), 2, axis=1)[1]
-    where = np.empty_like(corners)
-    for block in np.unique(surfaces.block_s):
-        mine = surfaces.block_s == block
-        nodes = deformable.assembly.nodes(int(block)) + deformable.offsets[block]
-        where[mine] = nodes[surfaces.quads_s[mine]]
-    first = surfaces.pair_start[:-1]
-    force = np.add.reduceat(corners.sum(axis=1), first, axis=0)
-    moment = np.add.reduceat(np.cross(where, corners).sum(axis=1), first, axis=0)
-    return force, moment
-
-
-def contact_corner_forces(result: StaticResult) -> FloatArray:
-    """Normal contact forces on the nodes of every facet pair, (n_facets, nodes of both, 3) [N].
-
-    World axes; friction is not in them.
-    """
-    deformable, surfaces = result.deformable, result.surfaces
-    displacement = corner_displacements(deformable, result.displacements, surfaces)
-    kinematics = surfaces.kinematics(displacement, deformable.contact.normals)
-    return corner_forces(kinematics, surfaces.weights * result.pressures)
 
 
 def loose_blocks(

@@ -278,37 +278,6 @@ def _made_of_hexahedra(gmsh: Any, divisions: int) -> bool:
     return {int(kind) for kind in gmsh.model.mesh.getElements(3)[0]} == {_HEXAHEDRON}
 
 
-def read_hexahedra(path: Path, *, units: str = "mm", divisions: int = 4) -> HexMesh:
-    """Read or make a hexahedral mesh of one solid: from a mesh file, or by gmsh from STEP.
-
-    gmsh makes hexahedra where every face of the solid has three or four sides (transfinite
-    meshing); other solids are refused and stay rigid.
-
-    Parameters
-    ----------
-    path
-        Mesh file with hexahedra, or STEP file with one solid.
-    units
-        Unit of a mesh file.
-    divisions
-        Elements along each edge of a STEP solid.
-
-    Raises
-    ------
-    MeshError
-        When there are no hexahedra and none can be made.
-    """
-    from geometry.files.mesh_io import read_hex_mesh
-
-    if path.suffix.lower() not in STEP_SUFFIXES:
-        mesh = read_hex_mesh(path)
-        return HexMesh(mesh.nodes * UNITS[units], mesh.elements)
-    meshes = step_hexahedra(path, divisions=divisions)
-    if len(meshes) != 1:
-        raise MeshError(f"{path}: got {len(meshes)} solids, expected one")
-    return meshes[0]
-
-
 def step_hexahedra(path: Path, *, divisions: int = 4) -> list[HexMesh]:
     """Hexahedra of each solid of a STEP file, made by gmsh.
 

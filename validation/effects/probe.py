@@ -20,7 +20,6 @@ from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
-from validation.run.deformable import DeformableRun
 from validation.scene.deformable import Method
 from validation.scene.polyhedra import MeshScene
 from validation.scene.read import DeformableScene
@@ -232,8 +231,3 @@ def largest_rotation(solved: Solved) -> float:
         size = np.linalg.norm(turn - np.eye(3), axis=(1, 2)) / np.sqrt(8.0)
         largest = max(largest, float(2.0 * np.arcsin(np.minimum(size, 1.0)).max()))
     return largest
-
-
-def answer_of_run(run: DeformableRun) -> Answer:
-    """Quantities of a run."""
-    return Answer(run.contact.p_max_face, run.contact.p_eff, run.largest_displacement)
