@@ -214,6 +214,17 @@ def check_parameters(block: SineBlockParameters) -> None:
         )
 
 
+#: The block of the paper's tables.
+TSB1 = SineBlockParameters(
+    height=200.0,
+    amplitude=20.0,
+    frequency=1.5,
+    blocks_per_layer=4,
+    inner_radius=120.0,
+    thickness=40.0,
+)
+
+
 def check_conforming(
     block: SineBlockParameters, divisions: SineBlockDivisions, turned_waves: int
 ) -> None:

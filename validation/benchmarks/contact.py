@@ -21,7 +21,7 @@ from rich.console import Console
 from fem.assembly.contact_state import matched_pressures
 from fem.assembly.deformable import DeformableAssembly, deformable_assembly
 from fem.assembly.symmetry import cyclic_orbits
-from fem.element.material import Material
+from fem.element.material import concrete
 from fem.explicit.setup.assembly import ExplicitAssembly, explicit_assembly
 from fem.explicit.setup.quasi_static import RecommendedTimes, recommended_times
 from fem.explicit.solve import (
@@ -38,24 +38,13 @@ from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.time_step import critical_time_step
 from fem.static.solve import solve_static
-from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import load_case
 from geometry.mesh import FloatArray
 from validation.benchmarks.stopwatch import best_cpu_seconds
 from validation.output.console import listing
 from validation.output.files import prepare_json, write_json
-
-CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
-TSB1 = SineBlockParameters(
-    height=200.0,
-    amplitude=20.0,
-    frequency=1.5,
-    shift=0.0,
-    blocks_per_layer=4,
-    inner_radius=120.0,
-    thickness=40.0,
-)
 
 #: Elements round, through and along one block.
 MESHES = {960: (24, 4, 10), 3888: (36, 6, 18), 15360: (60, 8, 32)}
@@ -115,7 +104,7 @@ class RunRow:
 def pipe(layers: int, elements: int) -> DeformableAssembly:
     """TSB1 under the pipe load."""
     tube = sine_tube(TSB1, SineBlockDivisions(*MESHES[elements]), layers)
-    return deformable_assembly(tube, load_case(tube, "pipe", 0.01), CONCRETE)
+    return deformable_assembly(tube, load_case(tube, "pipe", 0.01), concrete)
 
 
 def statement(

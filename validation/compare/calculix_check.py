@@ -24,13 +24,13 @@ from fem.decks.placement import canonical
 from fem.decks.statement import Deck, DeckStep, Flavour, Hold, Joint, Procedure, loads_of_case
 from fem.decks.write import write_deck
 from fem.element.hexahedron import ElementType
-from fem.element.material import Material
+from fem.element.material import concrete
 from fem.explicit.solve import solve
 from fem.static.result import StaticResult
 from fem.static.solve import solve_static
 from geometry.assembly import Assembly
 from geometry.block import Block, box_block
-from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import load_case
 from geometry.loads.case import PressureLoad
@@ -38,8 +38,6 @@ from geometry.mesh import FloatArray
 from validation.compare.calculix import CalculixResult, calculix_available, run_calculix
 from validation.output.console import listing
 from validation.output.files import prepare_json, write_json
-
-CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,7 @@ def column_deck(flavour: Flavour = Flavour.CALCULIX) -> Deck:
         name="column",
         flavour=flavour,
         assembly=assembly,
-        material=CONCRETE,
+        material=concrete,
         element=ElementType.INCOMPATIBLE,
         step=DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=False),
         holds=(Hold(0, "z-", (2,)), *sides),
@@ -108,22 +106,13 @@ def tube_deck(divisions: SineBlockDivisions, flavour: Flavour = Flavour.CALCULIX
     One wave per block, and a tenth of the paper's c0: on coarse meshes CalculiX takes other
     normals than we do, and it loses nodes that slide over a rim by 1e-3 of a facet.
     """
-    block = SineBlockParameters(
-        height=200.0,
-        amplitude=20.0,
-        frequency=0.5,
-        shift=0.0,
-        blocks_per_layer=4,
-        inner_radius=120.0,
-        thickness=40.0,
-    )
-    assembly = canonical(sine_tube(block, divisions, 1))
+    assembly = canonical(sine_tube(replace(TSB1, frequency=0.5), divisions, 1))
     case = load_case(assembly, "pipe", 0.01)
     return Deck(
         name="tube",
         flavour=flavour,
         assembly=assembly,
-        material=CONCRETE,
+        material=concrete,
         element=ElementType.INCOMPATIBLE,
         step=DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=False),
         holds=tuple(Hold(block) for block in np.flatnonzero(case.fixed).tolist()),
@@ -148,7 +137,7 @@ def bar_deck(time_step: float = 2.0e-8) -> Deck:
         name="bar",
         flavour=Flavour.CALCULIX,
         assembly=assembly,
-        material=CONCRETE,
+        material=concrete,
         element=ElementType.FULL,
         step=DeckStep(Procedure.EXPLICIT, 1.0e-5, time_step=time_step, large_rotations=False),
         holds=(Hold(0, "x-"),),

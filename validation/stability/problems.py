@@ -14,7 +14,7 @@ from fem.element.material import Material
 from fem.problem.model import block_group
 from geometry.assembly import Assembly
 from geometry.families.brick_stack import brick_stack
-from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads.case import LoadCase, face_pressure
 from geometry.mesh import FloatArray
@@ -22,16 +22,6 @@ from geometry.mesh import FloatArray
 CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
 #: Without lateral contraction a pressed stack is one-dimensional: closed forms are exact.
 COLUMN = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.0)
-#: The paper's TSB1.
-TSB1 = SineBlockParameters(
-    height=200.0,
-    amplitude=20.0,
-    frequency=1.5,
-    shift=0.0,
-    blocks_per_layer=4,
-    inner_radius=120.0,
-    thickness=40.0,
-)
 COARSE = SineBlockDivisions(24, 3, 6)
 #: Brick of the stack [mm].
 BRICK = (40.0, 40.0, 20.0)

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from fem.assembly.statement import Problem
 from fem.contact.law import LinearPenalty
-from fem.element.material import Material
+from fem.element.material import concrete
 from fem.solvers import solve_static
 from geometry.assembly import Assembly
 from geometry.block import Block, box_block
@@ -23,7 +23,6 @@ from validation.stability.problems import relative
 CASES = Cases("degenerate")
 
 _EYE = np.eye(3)
-_CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 _GRAVITY = 9810.0
 #: Newton's residual, on one block's weight.
 _RESIDUAL = 1e-7
@@ -60,7 +59,7 @@ def _presses(*placed: Placed, joints: int) -> Finding:
     problem = Problem(
         assembly,
         LoadCase(assembly, "weight", (), assembly.fixed.copy()),
-        _CONCRETE,
+        concrete,
         law=LinearPenalty(100.0),
         finite_sliding=True,
         gravity=(0.0, 0.0, -_GRAVITY),
@@ -68,7 +67,7 @@ def _presses(*placed: Placed, joints: int) -> Finding:
     answer = solve_static(problem)
     state = answer.contact_state
     lift = abs(float(state.point_forces[:, 2].sum()))
-    weight = _GRAVITY * _CONCRETE.density * float(assembly.volumes[1:].sum())
+    weight = _GRAVITY * concrete.density * float(assembly.volumes[1:].sum())
     pressing = state.pressures > 0.0
     pairs = np.sort(np.column_stack([state.block_m, state.block_s])[pressing], axis=1)
     return Finding(
