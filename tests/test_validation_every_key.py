@@ -103,6 +103,15 @@ WALKS = {
         # What friction does to a static answer, `test_what_is_used_is_not_named` knows.
         (*TUBE, *STEPS, *(s for s in JOINTS if "effects.friction" not in s), *STATIC),
     ),
+    "static tube of degree 2": Walk(
+        ("fem",),
+        "thb0-shaft",
+        (
+            *("mesh.edge=2", "mesh.radial=1", "assembly.layers=1", "fem.degree=2", *STEPS),
+            *(s for s in JOINTS if "effects.friction" not in s),
+            *STATIC,
+        ),
+    ),
     "explicit tube": Walk(
         ("fem",),
         "tsb1-pipe",

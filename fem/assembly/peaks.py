@@ -23,7 +23,7 @@ from fem.assembly.deformable import DeformableAssembly
 from fem.contact.law import ContactLaw
 from fem.element.hexahedron import ELEMENTS, ElementType, chunks, gauss_gradients
 from fem.element.lagrange_mesh import LagrangeMesh
-from fem.element.lagrange_stress import MovedBodies, PointValue, averaged_tension, everywhere
+from fem.element.lagrange_stress import PointValue, averaged_tension, everywhere
 from fem.element.stress import (
     corner_extrapolation,
     integration_point_stress,
@@ -35,6 +35,8 @@ from fem.problem.recovery import block_displacements, moved_bodies
 from geometry.joints import JointResultants, summed_by_joint
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray
 
+#: Displacements in block frames are one where they differ by less of the largest.
+_ALIKE = 1e-9
 #: Centres of balls lie this part of the radius apart: the mean over a ball changes little there.
 _CENTRE_SPACING = 0.25
 
@@ -180,7 +182,7 @@ def _group_peaks(
     group = deformable.model.groups[number]
     local, _ = block_displacements(group, displacement, finite_rotation=finite_rotation)
     if isinstance(group.mesh, LagrangeMesh):
-        return _lagrange_peaks(deformable, number, moved_bodies(group, local), radius)
+        return _lagrange_peaks(deformable, number, local, radius)
     stress = integration_point_stress(group.mesh, group.material, group.element, local)
     principal = principal_stress(stress)
     points = integration_points(group.mesh, group.element)
@@ -206,15 +208,19 @@ def _group_peaks(
 
 
 def _lagrange_peaks(
-    deformable: DeformableAssembly, number: int, bodies: MovedBodies, radius: float
+    deformable: DeformableAssembly, number: int, local: FloatArray, radius: float
 ) -> tuple[Peak, Peak, Peak, float, float]:
     """The same of elements of higher degree, which hide nothing towards their corners.
 
-    There their polynomials overshoot (`fem.element.lagrange_stress.everywhere`).
+    There their polynomials overshoot (`fem.element.lagrange_stress.everywhere`). Copies that have
+    moved alike in their own frames are sampled once.
     """
+    rounded = np.rint(local / max(_ALIKE * np.abs(local).max(), 1e-300)).reshape(len(local), -1)
+    copies = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
+    bodies = moved_bodies(deformable.model.groups[number], local[copies])
 
     def peak(found: PointValue) -> Peak:
-        block = _block_of(deformable, number, found.layer - 1)
+        block = _block_of(deformable, number, int(copies[found.layer - 1]))
         where = deformable.assembly.place(block, found.position[None])[0]
         return Peak(found.value, (block,), where + deformable.offsets[block], None)
 
