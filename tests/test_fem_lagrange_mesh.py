@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
 
 from fem.assembly.contact_state import corner_displacements
 from fem.assembly.peaks import largest_displacement, largest_pressure
 from fem.assembly.statement import Problem
+from fem.assembly.symmetry import local_forces
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import LinearPenalty
 from fem.contact.surfaces import ContactNormals
-from fem.element.lagrange_mesh import LagrangeMesh, with_degree
+from fem.decks.statement import Flavour
+from fem.decks.write import write_deck
+from fem.element.lagrange_mesh import LagrangeMesh, serendipity_block, with_degree
 from fem.element.material import Material
 from fem.problem.loads import pressure_forces
 from fem.problem.model import block_group, lumped_mass
@@ -35,11 +41,14 @@ from geometry.mesh import FloatArray, boundary_quads
 from tests.conftest import tsb
 from tests.fem_problems import CONCRETE, degrees_of_freedom, distorted_box, static_displacement
 from tests.test_validation_own_fem import deformable
+from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable, build_hexahedra, build_problem
+from validation.compare.calculix import calculix_available, run_calculix
 from validation.errors import InputError
 from validation.run.curved.solve import run_curved
 from validation.run.estimate import estimated_errors
 from validation.run.static import run_static
+from validation.scene.read import load_scene
 
 HEXAGON = HexagonBlockParameters(blocks_per_layer=4, inner_radius=120.0, thickness=40.0)
 WALL = osteomorphic_wall(WallBlock(100.0, 40.0, 60.0, 8.0), (4, 2, 2), columns=1, layers=1)
@@ -317,3 +326,89 @@ def test_a_block_keeps_its_corners() -> None:
     np.testing.assert_array_equal(mesh.nodes[: block.mesh.n_nodes], block.mesh.nodes)
     np.testing.assert_array_equal(np.unique(mesh.members), np.arange(mesh.n_nodes))
     assert with_degree(with_degree(block, 3), 3).mesh is not None
+
+
+# ---------------------------------------------------------------------------------------------
+# Decks
+
+
+def from_twenty(block: Block) -> tuple[Block, FloatArray]:
+    """Block of 20-node hexahedra, and the displacements of 27 nodes that theirs make, (27n, 20n).
+
+    The middle of a face follows its corners by -1/4 and its middles by 1/2, that of an element its
+    corners by -1/4 and the middles of its edges by 1/4: the functions of the 20-node element.
+    """
+    twenty, mesh = serendipity_block(block), with_degree(block, 2).mesh
+    assert isinstance(mesh, LagrangeMesh)
+    tree = cKDTree(twenty.mesh.nodes)
+    follow = np.zeros((mesh.n_nodes, twenty.mesh.n_nodes))
+    for members, theirs in zip(mesh.members, twenty.mesh.connectivity, strict=True):
+        grid = members.reshape(3, 3, 3)
+        for place in np.ndindex(3, 3, 3):
+            inside = [axis for axis in range(3) if place[axis] == 1]
+            node = grid[place]
+            follow[node] = 0.0
+            if len(inside) <= 1:
+                follow[node, tree.query(mesh.nodes[node])[1]] = 1.0
+                continue
+            for shift in itertools.product((-1, 0, 1), repeat=len(inside)):
+                zeros = shift.count(0)
+                if zeros > 1:
+                    continue
+                near = np.array(place)
+                near[inside] += shift
+                share = -0.25 if zeros == 0 else 0.5 if len(inside) == 2 else 0.25
+                follow[node, tree.query(mesh.nodes[grid[tuple(near)]])[1]] += share
+        assert set(theirs) >= set(np.flatnonzero(follow[members].any(axis=0)))
+    return twenty, follow
+
+
+def test_twenty_nodes_have_the_forces_of_their_pressure() -> None:
+    """As the patch test of 27 nodes; on a box of straight edges both have the same geometry."""
+    block = distorted()
+    twenty, follow = from_twenty(block)
+    mesh = with_degree(block, 2).mesh
+    np.testing.assert_allclose(follow @ twenty.mesh.nodes, mesh.nodes, atol=1e-14 * 10.0)
+    quads = boundary_quads(mesh)
+    ours = pressure_forces(mesh.nodes, mesh.facet_nodes(quads), 1.0)
+    theirs = pressure_forces(twenty.mesh.nodes, twenty.mesh.facet_nodes(quads), 1.0)
+    np.testing.assert_allclose(theirs, follow.T @ ours, atol=1e-13)
+
+
+CANTILEVER = ("fem.method='static'", "mesh.divisions=[4,1,2]", "fem.degree=2")
+
+
+@pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")
+def test_calculix_solves_the_quadratic_deck_as_our_element_does(tmp_path: Path) -> None:
+    """The same 20 functions and 27 Gauss points: seven digits are printed."""
+    file = load_scene("cantilever", CANTILEVER)
+    write_deck(tmp_path / "bar.inp", build_deck(file, Flavour.CALCULIX))
+    found = run_calculix(tmp_path / "bar.inp").displacements
+    problem = stated("cantilever", *CANTILEVER)
+    deformable = problem.deformable
+    twenty, follow = from_twenty(problem.blocks.shape(0))
+    (group,) = deformable.model.groups
+    spread = np.kron(follow, np.eye(3))
+    stiffness = csr_array(spread.T @ (group.stiffness @ spread))
+    force = spread.T @ local_forces(deformable)[0][0].ravel()
+    held = np.unique(deformable.model.supports[0].nodes)
+    fixed = cKDTree(twenty.mesh.nodes).query(group.mesh.nodes[held])
+    middles = fixed[1][fixed[0] < 1e-9]
+    expected = static_displacement(stiffness, force, degrees_of_freedom(middles))
+    assert relative(found, expected.reshape(-1, 3)) < 2e-6
+
+
+@pytest.mark.parametrize(
+    ("scene", "flavour", "settings", "text"),
+    [
+        ("cantilever", Flavour.PAIRS, ("fem.degree=3",), "of degree 2: expected 1 or 2"),
+        ("cantilever", Flavour.GENERAL, (), "no C3D20"),
+        ("column", Flavour.CALCULIX, (), "no increment with C3D20"),
+    ],
+)
+def test_decks_refuse_degrees_by_name(
+    scene: str, flavour: Flavour, settings: tuple[str, ...], text: str
+) -> None:
+    file = load_scene(scene, ("fem.method='static'", "fem.degree=2", *settings))
+    with pytest.raises(InputError, match=text):
+        build_deck(file, flavour)

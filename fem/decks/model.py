@@ -40,11 +40,12 @@ def nodal_forces(deck: Deck, load: DeckLoad, block: int) -> FloatArray:
     if isinstance(load, BodyForceLoad):
         density = load.force_density[load.blocks == block][0]
         return np.outer(block_lumped_mass(shape.mesh, 1.0), density)
-    nodes, quads = block_nodes(deck, block), shape.faces[load.face]
+    nodes, corners = block_nodes(deck, block), shape.faces[load.face]
+    quads = shape.mesh.facet_nodes(corners)
     if isinstance(load, PressureLoad):
         return pressure_forces(nodes, quads, load.pressure)
     if isinstance(load, CircumferentialLoad):
-        around = np.cross(assembly.axis, nodes[quads].mean(axis=1) - assembly.origin)
+        around = np.cross(assembly.axis, nodes[corners].mean(axis=1) - assembly.origin)
         around *= load.traction / np.linalg.norm(around, axis=1, keepdims=True)
         return traction_forces(nodes, quads, around)
     return traction_forces(nodes, quads, load.traction)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from fem.decks.keywords import DeckError
 from fem.decks.statement import BodyForceLoad, Deck, NodalForceLoad
 from fem.element.hexahedron import ELEMENTS, ElementType
+from fem.element.lagrange_mesh import SerendipityMesh
 
 #: Abaqus' name of each element that has one.
 ELEMENT_NAMES = {kind: found.abaqus for kind, found in ELEMENTS.items() if found.abaqus}
@@ -31,6 +32,12 @@ CYLINDRICAL = "TUBE-AXIS"
 
 
 HOURGLASS = "HOURGLASS"
+
+
+def element_name(deck: Deck, elements: Mapping[ElementType, str]) -> str:
+    """Name of the hexahedra of a deck: by their nodes, those of eight by their kind."""
+    twenty = isinstance(deck.assembly.shapes[0].mesh, SerendipityMesh)
+    return "C3D20" if twenty else elements[deck.element]
 
 
 def block_label(deck: Deck, block: int) -> str:

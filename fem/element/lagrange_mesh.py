@@ -18,7 +18,7 @@ from fem.element.facet import bilinear
 from fem.element.lagrange import LagrangeElement, lobatto_points
 from fem.element.material import Material
 from geometry.block import Block
-from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, shape_values
+from geometry.mesh import CORNERS, FloatArray, HexMesh, IntArray, MeshError, shape_values
 
 #: Shares of corners in a node are told apart to this, far above rounding.
 _SHARE = 1e-6
@@ -196,3 +196,57 @@ def block_lumped_mass(mesh: LagrangeMesh, density: float) -> FloatArray:
             "expected elements that are less distorted"
         )
     return mass
+
+
+# ---------------------------------------------------------------------------------------------
+# Serendipity
+
+
+#: Edges of a hexahedron in the order in which C3D20 numbers their middles.
+_EDGES = np.array(
+    [[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]]
+)
+
+
+@dataclass(frozen=True)
+class SerendipityMesh(HexMesh):
+    """Hexahedra of 20 nodes, corners and middles of edges: what decks name C3D20."""
+
+    members: IntArray
+    """Nodes of each hexahedron in the order of C3D20, (n_elements, 20)."""
+
+    @property
+    def connectivity(self) -> IntArray:
+        """All nodes of each hexahedron."""
+        return self.members
+
+    def facet_nodes(self, quads: IntArray) -> IntArray:
+        """Nodes of facets from their corners, (n, 4) to (n, 8): middles after corners."""
+        ends = np.stack([quads, np.roll(quads, -1, axis=1)], axis=2).reshape(-1, 2)
+        known, numbers = self._middles
+        found = np.searchsorted(known, _edge_keys(ends, self.n_nodes))
+        return np.concatenate([quads, numbers[found].reshape(-1, 4)], axis=1)
+
+    @cached_property
+    def _middles(self) -> tuple[IntArray, IntArray]:
+        """Keys of the edges, sorted, and the numbers of their middles."""
+        keys = _edge_keys(self.elements[:, _EDGES].reshape(-1, 2), self.n_nodes)
+        known, first = np.unique(keys, return_index=True)
+        return known, self.members[:, 8:].ravel()[first]
+
+
+def _edge_keys(ends: IntArray, n: int) -> IntArray:
+    """One number for the two ends of edges in any order, (m, 2) to (m,)."""
+    return ends.min(axis=1) * n + ends.max(axis=1)
+
+
+def serendipity_block(block: Block) -> Block:
+    """Block with hexahedra of 20 nodes on its exact shape, where it has one."""
+    mesh = lagrange_mesh(block, 2)
+    natural = np.concatenate([CORNERS, CORNERS[_EDGES].mean(axis=1)])
+    grid = lattice(lobatto_points(2), 3)
+    columns = [int(np.abs(grid - place).sum(axis=1).argmin()) for place in natural]
+    # Middles of edges come before those of faces or after: numbers are given anew.
+    kept, members = np.unique(mesh.members[:, columns], return_inverse=True)
+    twenty = members.reshape(-1, 20).astype(np.int64)
+    return replace(block, mesh=SerendipityMesh(mesh.nodes[kept], mesh.elements, twenty))

@@ -27,8 +27,10 @@ from fem.decks.statement import (
     loads_of_case,
 )
 from fem.element.hexahedron import ElementType
+from fem.element.lagrange_mesh import serendipity_block
 from fem.problem.effects import Effects
 from fem.problem.time_step import critical_time_step
+from geometry.assembly import Assembly
 from geometry.loads.case import CircumferentialLoad
 from validation.build.blocks import HexahedralBlocks
 from validation.build.cell import refuse_cell
@@ -77,12 +79,10 @@ def build_deck(file: SceneFile, flavour: Flavour) -> Deck:
 def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     fem, effects = fem_section(scene, name), scene.effects
     refuse_cell(scene, name, "export")
-    if fem.degree > 1:
-        raise InputError(
-            f"{name}: fem.degree: got {fem.degree}; decks have elements of degree 1: expected 1"
-        )
     blocks = build_hexahedra(scene, name)
     assembly = canonical(blocks.assembly)
+    if fem.degree > 1:
+        assembly = _quadratic(name, scene, fem.degree, flavour, assembly)
     case = scene_load(scene, name, assembly)
     with uncounted((EffectsSection, "finite_sliding")):
         problem = build_problem(scene, name, HexahedralBlocks(assembly, case, blocks.unmatched))
@@ -122,6 +122,33 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     with uncounted((FemSection, "symmetry"), *_idle_keys(fem, static=static)):
         notes += _step_notes(fem, effects, flavour, static=static)
     return _with_notes(deck, notes)
+
+
+def _quadratic(
+    name: str, scene: DeformableScene, degree: int, flavour: Flavour, assembly: Assembly
+) -> Assembly:
+    """Give all blocks hexahedra of 20 nodes.
+
+    Raises
+    ------
+    InputError
+        What decks do not have with them.
+    """
+    if degree > 2:
+        raise InputError(
+            f"{name}: fem.degree: got {degree}; decks have C3D20, of degree 2: expected 1 or 2"
+        )
+    if flavour is Flavour.GENERAL:
+        raise InputError(
+            f"{name}: fem.degree: got 2 with --flavour general, an explicit step, which has no "
+            "C3D20; expected 1, or --flavour pairs or calculix"
+        )
+    if flavour is Flavour.CALCULIX and scene.meets:
+        raise InputError(
+            f"{name}: fem.degree: got 2 with --flavour calculix, whose contact presses at nodes "
+            "and finds no increment with C3D20; expected 1, or --flavour pairs"
+        )
+    return replace(assembly, shapes=tuple(serendipity_block(s) for s in assembly.shapes))
 
 
 def _idle_keys(fem: FemSection, *, static: bool) -> tuple[tuple[type, str], ...]:

@@ -264,20 +264,31 @@ def _answer_by_shares(
         When the scene's own mesh, or the time, is not enough, or it asks for no error bars.
     """
     from validation.build.coarser import coarser
-    from validation.run.curved.accuracy import SHARES, unmet, words_of
+    from validation.run.curved.accuracy import FACET_MEANS, share_rungs, unmet, words_of
     from validation.run.deformable import run_json
     from validation.scene.usage import recording
 
     if scene.fem is not None and not scene.fem.error_estimate:
         raise InputError(f"{name}: --accuracy: needs error bars; remove fem.error_estimate = false")
     asked = ", ".join(f"{key}={100 * share:g}%" for key, share in targets.items())
-    start, found, given = time.process_time(), "nothing yet", None
-    for share in SHARES:
-        given, before = (scene if share == 1.0 else coarser(scene, share)), given
+    start, found, before = time.process_time(), "nothing yet", None
+    for share, degree in share_rungs(scene, targets):
+        given = scene if share == 1.0 else coarser(scene, share)
+        if given is not None and scene.fem is not None:
+            given = given.changed({"fem.degree": degree})
         if given is None or given == before:
             continue
+        before = given
         with recording(given) as use:
-            run, added = _solved(name, given, outputs, None)
+            try:
+                run, added = _solved(name, given, outputs, None)
+            except InputError:
+                if degree == 1 or scene.fem is None or scene.fem.degree == degree:
+                    raise
+                continue  # what has trilinear elements alone
+            if degree > 1 and share < 1.0:
+                own = {k: v for k, v in run.errors.items() if k not in FACET_MEANS}
+                run = replace(run, errors=own)
             missing = [key for key in targets if key not in run.measures]
             if missing:
                 raise InputError(f"{name}: --accuracy: this run has no {missing[0]}")
@@ -286,8 +297,8 @@ def _answer_by_shares(
             _write(run, data, outputs, use)
             return
         found, spent = words_of(run.measures, list(targets)), time.process_time() - start
-        elements = run.deformable.model.n_elements
-        outputs.console.print(f"{elements} elements: {found}, {spent:.3g} CPU s so far")
+        elements = f"{run.deformable.model.n_elements} elements of degree {degree}"
+        outputs.console.print(f"{elements}: {found}, {spent:.3g} CPU s so far")
         if max_seconds is not None and spent > max_seconds:
             raise InputError(
                 f"{name}: --accuracy {asked}: reached {found} in {spent:.2g} CPU s, more than "

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from fem.decks.keywords import DeckError
+from fem.decks.names import element_name
 from fem.decks.read.cards import read_cards
 from fem.decks.read.deck import read_deck
 from fem.decks.statement import Deck, Flavour
@@ -200,7 +201,7 @@ def deck_json(deck: Deck) -> dict[str, Any]:
         "n_nodes": sum(assembly.shape(b).mesh.n_nodes for b in range(assembly.n_blocks)),
         "n_elements": sum(assembly.shape(b).mesh.n_elements for b in range(assembly.n_blocks)),
         "volume": float(assembly.volumes.sum()),
-        "element": deck.element.value,
+        "element": element_name(deck, {deck.element: str(deck.element.value)}),
         "material": {
             "density": deck.material.density,
             "young_modulus": deck.material.young_modulus,

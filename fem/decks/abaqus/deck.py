@@ -33,6 +33,7 @@ from fem.decks.names import (
     MATERIAL,
     block_label,
     check_deck,
+    element_name,
 )
 from fem.decks.placement import placement_rows
 from fem.decks.statement import Deck, Flavour, Procedure
@@ -137,8 +138,8 @@ def _part(deck: Deck, number: int, shape: Block, patches: Patches | None) -> Ite
     yield keyword("Part", name=label(shape.name))
     yield keyword("Node")
     yield from node_lines(mesh.nodes + 0.0)
-    yield keyword("Element", type=ELEMENT_NAMES[deck.element])
-    yield from element_lines(mesh.elements)
+    yield keyword("Element", type=element_name(deck, ELEMENT_NAMES))
+    yield from element_lines(mesh.connectivity)
     yield keyword("Nset", nset=ALL, generate=None)
     yield f"1, {mesh.n_nodes}, 1"
     yield keyword("Elset", elset=ALL, generate=None)
@@ -155,7 +156,7 @@ def _part(deck: Deck, number: int, shape: Block, patches: Patches | None) -> Ite
             yield from surface_lines(patch.label, faces[patch.face].select(patch.positions))
     for name in _held_faces(deck, number):
         yield keyword("Nset", nset=f"{label(name)}-NODES")
-        yield from entry_lines(np.unique(shape.faces[name]) + 1)
+        yield from entry_lines(np.unique(mesh.facet_nodes(shape.faces[name])) + 1)
     yield from _section(deck)
     yield keyword("End Part")
 

@@ -10,7 +10,7 @@ from fem.decks.abaqus.deck import surface_lines
 from fem.decks.faces import ElementFaces, Patches, element_faces
 from fem.decks.keywords import element_lines, entry_lines, keyword, label, node_lines
 from fem.decks.model import block_nodes
-from fem.decks.names import block_label
+from fem.decks.names import block_label, element_name
 from fem.decks.statement import Deck, Hold
 from fem.element.hexahedron import ELEMENTS
 from geometry.loads.case import PressureLoad
@@ -47,9 +47,9 @@ def mesh_lines(deck: Deck, starts: Starts) -> Iterator[str]:
         yield from node_lines(block_nodes(deck, block) + 0.0, starts.node[block] + 1)
     for block in range(assembly.n_blocks):
         name = block_label(deck, block)
-        yield keyword("Element", type=CALCULIX_ELEMENTS[deck.element], elset=name)
+        yield keyword("Element", type=element_name(deck, CALCULIX_ELEMENTS), elset=name)
         first = starts.element[block] + 1, starts.node[block] + 1
-        yield from element_lines(assembly.shape(block).mesh.elements, *first)
+        yield from element_lines(assembly.shape(block).mesh.connectivity, *first)
     yield keyword("Elset", elset=EVERY_ELEMENT, generate=None)
     yield f"1, {starts.element[-1]}, 1"
     for layer in np.unique(assembly.layer).tolist():
@@ -92,8 +92,9 @@ def held_set_lines(deck: Deck, starts: Starts) -> Iterator[str]:
             yield f"{first + 1}, {end}, 1"
         else:
             yield keyword("Nset", nset=name)
-            quads = deck.assembly.shape(hold.block).faces[hold.face]
-            yield from entry_lines(np.unique(quads) + first + 1)
+            shape = deck.assembly.shape(hold.block)
+            held = shape.mesh.facet_nodes(shape.faces[hold.face])
+            yield from entry_lines(np.unique(held) + first + 1)
 
 
 def flat_surface_lines(deck: Deck, starts: Starts, patches: Patches | None) -> Iterator[str]:

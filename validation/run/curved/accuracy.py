@@ -8,13 +8,14 @@ quarter of the change before the last one too, and the larger of both counts. Pr
 have their peaks at the upper and lower faces, so elements shorten towards these and
 towards the outer face; round a block they are equal, with lines at the joints of the neighbours.
 
-Other scenes take shares of their own mesh (`validation.run.estimate`).
+Other scenes take shares of their own mesh, static ones with cubic elements beside trilinear ones
+(`validation.run.estimate`).
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,8 +26,8 @@ from geometry.mesh import FloatArray
 from validation.errors import InputError
 from validation.run.curved.solve import CurvedMesh, CurvedRun, Solved, curved_run, solve_curved
 from validation.run.measures import Measure
-from validation.scene.deformable import parse_share
-from validation.scene.read import TubeScene
+from validation.scene.deformable import Method, parse_share
+from validation.scene.read import DeformableScene, TubeScene
 from validation.scene.size import machine_memory
 
 #: Quantities that an accuracy may be asked of, and other names of them.
@@ -45,8 +46,14 @@ _OTHER_NAMES = {"u": "max_displacement"}
 SAFETY = 1.5
 #: … or on this part of the change before that, where it is larger.
 _EARLIER = 0.25
-#: Shares of its own mesh that a scene without curved elements is solved on.
+#: Shares of its own mesh that a scene without a ladder is solved on.
 SHARES = (1.0 / 3.0, 0.5, 1.0)
+#: The same with degrees, of static scenes that name none: by their unknowns.
+_SHARES_AND_DEGREES = (
+    *((1.0 / 3.0, 1), (0.5, 1), (1.0 / 6.0, 3), (0.25, 3), (1.0 / 3.0, 3), (1.0, 1), (0.5, 3)),
+)
+#: Means over facets, which other facets do not estimate.
+FACET_MEANS = frozenset({"p_eff", "p_max"})
 
 #: CPU time grows with this power of the unknowns, memory with the next one, by measurement.
 _TIME_POWER = 1.7
@@ -95,6 +102,26 @@ def graded_to_both_ends(n: int, grading: float) -> FloatArray:
     """Ends of n elements on [0, 1], by a hyperbolic tangent; its slopes' ratio is the grading."""
     x = np.arccosh(np.sqrt(grading)) * np.linspace(-1.0, 1.0, n + 1)
     return 0.5 * (np.tanh(x) / np.tanh(x[-1]) + 1.0)
+
+
+def share_rungs(scene: DeformableScene, targets: Iterable[str]) -> list[tuple[float, int]]:
+    """Shares of the scene's own mesh and degrees there, from coarse to fine.
+
+    Parameters
+    ----------
+    scene
+        What is solved.
+    targets
+        Quantities asked for: means over facets ask elements of higher degree for the scene's own.
+    """
+    fem = scene.fem
+    if fem is None or fem.method is not Method.STATIC:
+        return [(share, 1) for share in SHARES]
+    named = [(share, fem.degree) for share in SHARES]
+    rungs = named if fem.degree > 1 else list(_SHARES_AND_DEGREES)
+    if FACET_MEANS.isdisjoint(targets):
+        return rungs
+    return [(share, degree) for share, degree in rungs if degree == 1 or share == 1.0]
 
 
 def parse_targets(texts: list[str]) -> dict[str, float]:
