@@ -18,13 +18,14 @@ import numpy as np
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import Orbits
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
+from fem.explicit.kernels.lanes import REGISTER_DOUBLES
 from geometry.mesh import FloatArray, IntArray
 
 #: Placements (in block sizes and as rotations) that differ by less are the same.
 _SAME_PLACEMENT = 1e-9
 
-#: Pairs of blocks that are worked on together: entries of a vector of float64.
-WIDTHS = (1, 4, 8)
+#: Pairs of blocks that are worked on together: entries of a register (a facet needs dozens).
+WIDTHS = tuple(sorted({1, 4, REGISTER_DOUBLES}))
 WIDEST = WIDTHS[-1]
 
 
@@ -186,7 +187,7 @@ def _join(deformable: DeformableAssembly, pairs: list[_Pair], copy_of: IntArray)
 
 
 def unit_widths(n_pairs: int) -> list[int]:
-    """Split pairs into vectors of eight, and one of one, four or eight for the rest."""
+    """Split pairs into the widest vectors, and one of the width that holds the rest."""
     full, rest = divmod(n_pairs, WIDEST)
     widths = [WIDEST] * full
     if rest:

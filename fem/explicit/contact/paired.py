@@ -17,7 +17,7 @@ from fem.contact.law import ContactLaw, LawConstants
 from fem.contact.surfaces import ContactNormals
 from fem.element.facet import FACET_VALUES
 from fem.explicit.body import Body
-from fem.explicit.contact.alike_pairs import AlikePairs, unit_widths
+from fem.explicit.contact.alike_pairs import WIDEST, AlikePairs, unit_widths
 from fem.explicit.contact.paired_kernel import (
     NEVER,
     UnitArrays,
@@ -263,7 +263,8 @@ class _BoundContact:
         """Arrays that evolve, by name: slip and dissipation; other forces follow positions."""
         if self._slip is None or self._sliding is None:
             return {}
-        return {"slip": self._slip, "dissipated": self._sliding[1]}
+        # The lanes of a unit are those of the processor: a checkpoint of another one does not fit.
+        return {f"slip of {WIDEST} lanes": self._slip, "dissipated": self._sliding[1]}
 
     def _stick_energy(self, unit: int) -> float:
         """Energy of the elastic slip of one unit [N mm]."""

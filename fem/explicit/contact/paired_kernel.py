@@ -1,6 +1,6 @@
 """The compiled loops of explicit contact: positions in, gaps, pressures and nodal forces out.
 
-Work is cut into *units*: up to eight alike pairs of blocks (`fem.explicit.contact.alike_pairs`),
+Work is cut into *units*: some alike pairs of blocks (`fem.explicit.contact.alike_pairs`),
 which are the lanes of the vector unit. A unit gathers the differences and means of the positions
 at its node pairs, works facet by facet on them, and leaves forces on differences and means in
 arrays of its own; then each group collects the forces on its rows. Units and rows belong to one
@@ -24,8 +24,10 @@ import numpy.typing as npt
 from numba import prange
 
 from fem.contact.law import pressure_formula
-from fem.explicit.kernels.forms import serial_and_parallel
+from fem.explicit.contact.alike_pairs import WIDEST
+from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
 from fem.explicit.kernels.lanes import (
+    REGISTER_DOUBLES,
     ROUNDING_SHIFT,
     add_to,
     any_below,
@@ -447,10 +449,10 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
     return gather, facets, part
 
 
-_load_8 = lane_operations(8)[0]
+_load_wide = lane_operations(WIDEST)[0]
 _load_4 = lane_operations(4)[0]
-_gather_8, _facets_8, _part_8 = _unit_loops(8)
-_gather_4, _facets_4, _part_4 = _unit_loops(4)
+_gather, _facets, _part = _unit_loops(WIDEST)
+_gather_4, _facets_4, _part_4 = (_gather, _facets, _part) if WIDEST == 4 else _unit_loops(4)
 _gather_1, _facets_1, _part_1 = _unit_loops(1)
 
 
@@ -463,10 +465,10 @@ def _unit(unit, thread, data, displacements, work, law, normals, slip, sliding):
     u_s = displacements[data.alike[kind, 3]]
     d, m = work.scratch[thread, 0], work.scratch[thread, 1]
     on_d, on_m = work.scratch[thread, 2], work.scratch[thread, 3]
-    if width == 8:
-        _gather_8(unit, data, u_m, u_s, d, m)
-        _facets_8(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
-        _part_8(unit, data, work, normals, on_d, on_m)
+    if width == WIDEST:
+        _gather(unit, data, u_m, u_s, d, m)
+        _facets(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
+        _part(unit, data, work, normals, on_d, on_m)
     elif width == 4:
         _gather_4(unit, data, u_m, u_s, d, m)
         _facets_4(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
@@ -530,10 +532,10 @@ def _collect_chunk(c, chunks, pointer, entries, data, work, lanes, applied):
 def _add_entry(unit, side, data, force, at, applied, base, lanes):
     """Add the forces on one node in all lanes of a unit."""
     width, first = data.units[unit, 1], data.units[unit, 6 + side]
-    if first >= 0 and width == 8:
-        add_to(applied, base + first, _load_8(force, at))
-        add_to(applied, base + first + lanes, _load_8(force, at + 8))
-        add_to(applied, base + first + 2 * lanes, _load_8(force, at + 16))
+    if first >= 0 and width == WIDEST:
+        add_to(applied, base + first, _load_wide(force, at))
+        add_to(applied, base + first + lanes, _load_wide(force, at + WIDEST))
+        add_to(applied, base + first + 2 * lanes, _load_wide(force, at + 2 * WIDEST))
         return
     if first >= 0 and width == 4:
         add_to(applied, base + first, _load_4(force, at))
@@ -569,6 +571,22 @@ def collect_forces(chunks, pointer, entries, data, work, lanes, applied):
         _collect_chunk(c, chunks, pointer, entries, data, work, lanes, applied)
 
 
+def _speed_lanes(width: int) -> Callable[..., Any]:
+    """Make the largest squared speed so far, with one more row, of ``width`` copies."""
+    load, _ = lane_operations(width)
+    load_triple = triple_operations(width).load
+
+    @njit(**OPTIONS)
+    def run(first, _, at, lanes, velocity, fastest):
+        v = load_triple(velocity, at + first, lanes)
+        store(fastest, first, larger(load(fastest, first), dot(v, v)))
+
+    return run
+
+
+_faster = over_lanes(_speed_lanes, 4 * REGISTER_DOUBLES)
+
+
 @njit(cache=True, **OPTIONS)
 def add_travel(rows, velocity, time_step, travel):
     """Add to the travel of every copy the way its fastest surface node goes in a step.
@@ -584,11 +602,9 @@ def add_travel(rows, velocity, time_step, travel):
     travel
         (n_copies,) [mm], updated.
     """
-    lanes = len(travel)
-    fastest = np.zeros(lanes)
+    lanes = velocity.shape[2]
+    flat, fastest = velocity.ravel(), np.zeros(len(travel), velocity.dtype)
     for row in rows:
-        for k in range(lanes):
-            x, y, z = velocity[row, 0, k], velocity[row, 1, k], velocity[row, 2, k]
-            fastest[k] = max(fastest[k], x * x + y * y + z * z)
-    for k in range(lanes):
+        _faster(0, len(travel), 3 * row * lanes, lanes, flat, fastest)
+    for k in range(len(travel)):
         travel[k] += time_step * math.sqrt(fastest[k])

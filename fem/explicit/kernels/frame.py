@@ -11,7 +11,7 @@ import numpy as np
 from numba import prange
 
 from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
-from fem.explicit.kernels.lanes import lane_operations, multiply_add, store
+from fem.explicit.kernels.lanes import REGISTER_DOUBLES, lane_operations, multiply_add, store
 from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.kernels.triples import (
     INLINED,
@@ -59,7 +59,7 @@ def _moment_lanes(width: int) -> Callable[..., Any]:
     return run
 
 
-_moments = over_lanes(_moment_lanes, 16)
+_moments = over_lanes(_moment_lanes, REGISTER_DOUBLES)
 
 
 @serial_and_parallel
@@ -223,7 +223,7 @@ def _frame_lanes(width: int) -> Callable[..., Any]:
     return run
 
 
-_frames = over_lanes(_frame_lanes, 8)
+_frames = over_lanes(_frame_lanes, REGISTER_DOUBLES)
 
 
 @serial_and_parallel
@@ -286,7 +286,7 @@ def _placement_lanes(width: int) -> Callable[..., Any]:
     return run
 
 
-_placements = over_lanes(_placement_lanes, 8)
+_placements = over_lanes(_placement_lanes, REGISTER_DOUBLES)
 
 
 @serial_and_parallel
