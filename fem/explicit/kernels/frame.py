@@ -42,24 +42,22 @@ def _moment_lanes(width: int) -> Callable[..., Any]:
     @njit(**OPTIONS)
     def run(first, lanes, c, begin, end, mass, reference, displacement, moment):
         none = zero(displacement)
-        of_x = of_y = of_z = (none, none, none, none)
-        for i in range(begin, end):
-            m = mass[i]
-            weights = m * reference[i, 0], m * reference[i, 1], m * reference[i, 2], m
-            base = i * 3 * lanes + first
-            of_x = _grown(of_x, weights, load(displacement, base))
-            of_y = _grown(of_y, weights, load(displacement, base + lanes))
-            of_z = _grown(of_z, weights, load(displacement, base + 2 * lanes))
-        at = c * 12 * lanes + first
-        for k in range(4):
-            store(moment, at + k * lanes, of_x[k])
-            store(moment, at + (k + 4) * lanes, of_y[k])
-            store(moment, at + (k + 8) * lanes, of_z[k])
+        for j in range(3):  # one component at a time: more sums than that no processor holds
+            sums = (none, none, none, none)
+            for i in range(begin, end):
+                m = mass[i]
+                weights = m * reference[i, 0], m * reference[i, 1], m * reference[i, 2], m
+                sums = _grown(sums, weights, load(displacement, (3 * i + j) * lanes + first))
+            at = (12 * c + 4 * j) * lanes + first
+            store(moment, at, sums[0])
+            store(moment, at + lanes, sums[1])
+            store(moment, at + 2 * lanes, sums[2])
+            store(moment, at + 3 * lanes, sums[3])
 
     return run
 
 
-_moments = over_lanes(_moment_lanes, REGISTER_DOUBLES)
+_moments = over_lanes(_moment_lanes, 2 * REGISTER_DOUBLES)
 
 
 @serial_and_parallel
@@ -223,7 +221,7 @@ def _frame_lanes(width: int) -> Callable[..., Any]:
     return run
 
 
-_frames = over_lanes(_frame_lanes, REGISTER_DOUBLES)
+_frames = over_lanes(_frame_lanes, 8)
 
 
 @serial_and_parallel
@@ -286,7 +284,7 @@ def _placement_lanes(width: int) -> Callable[..., Any]:
     return run
 
 
-_placements = over_lanes(_placement_lanes, REGISTER_DOUBLES)
+_placements = over_lanes(_placement_lanes, 8)
 
 
 @serial_and_parallel

@@ -25,7 +25,7 @@ from fem.explicit.kernels.lanes import (
     with_entry,
 )
 from fem.explicit.kernels.options import OPTIONS
-from fem.explicit.kernels.triples import INLINED, cross, store_triple, triple_operations
+from fem.explicit.kernels.triples import INLINED, cross, plus, store_triple, triple_operations
 from geometry.compilation import njit
 
 _load_1, _ = lane_operations(1)
@@ -70,18 +70,13 @@ def _sum_of(width: int) -> Callable[..., Any]:
 def _whole_lanes(width: int) -> Callable[..., Any]:
     """Make the product of one whole row with ``width`` copies from lane ``first`` on."""
     _, zero = lane_operations(width)
-    load_triple, add_triple = triple_operations(width)
     grown_by = _sum_of(width)
 
     @njit(**OPTIONS)
-    def run(first, lanes, row, start, stop, column, blocks, displacement, force, torque, chunk):
+    def run(first, lanes, row, start, stop, column, blocks, displacement, force):
         none = zero(displacement)
         f = grown_by((none, none, none), first, lanes, start, stop, column, blocks, displacement)
-        at = row * 3 * lanes + first
-        store_triple(force, at, lanes, f)
-        if torque is not None:
-            moment = cross(load_triple(displacement, at, lanes), f)
-            add_triple(torque, chunk * 3 * lanes + first, lanes, moment)
+        store_triple(force, row * 3 * lanes + first, lanes, f)
 
     return run
 
@@ -89,7 +84,7 @@ def _whole_lanes(width: int) -> Callable[..., Any]:
 def _half_lanes(width: int) -> Callable[..., Any]:
     """Make the product of a chunk of half rows with ``width`` copies from lane ``first`` on."""
     load, zero = lane_operations(width)
-    load_triple, add_triple = triple_operations(width)
+    load_triple = triple_operations(width).load
     grown_by = _sum_of(width)
 
     @njit(**INLINED)
@@ -102,9 +97,7 @@ def _half_lanes(width: int) -> Callable[..., Any]:
         return f
 
     @njit(**OPTIONS)
-    def run(
-        first, lanes, c, begin, end, pointer, shared, column, blocks, displacement, force, torque
-    ):
+    def run(first, lanes, begin, end, pointer, shared, column, blocks, displacement, force):
         none = zero(displacement)
         for row in range(begin, end):
             # Neighbours of earlier chunks come first, from their side alone.
@@ -130,8 +123,23 @@ def _half_lanes(width: int) -> Callable[..., Any]:
                 )
             f = grown_by(f, first, lanes, after, pointer[row + 1], column, blocks, displacement)
             store_triple(force, at, lanes, f)
-            if torque is not None:
-                add_triple(torque, c * 3 * lanes + first, lanes, cross(u, f))
+
+    return run
+
+
+def _torque_lanes(width: int) -> Callable[..., Any]:
+    """Make the growth of a sum of u × f by some rows, for ``width`` copies from ``first`` on."""
+    load_triple = triple_operations(width).load
+
+    @njit(**OPTIONS)
+    def run(first, lanes, c, begin, end, displacement, force, torque):
+        here = c * 3 * lanes + first
+        total = load_triple(torque, here, lanes)
+        for row in range(begin, end):
+            at = row * 3 * lanes + first
+            u, f = load_triple(displacement, at, lanes), load_triple(force, at, lanes)
+            total = plus(total, cross(u, f))
+        store_triple(torque, here, lanes, total)
 
     return run
 
@@ -140,6 +148,10 @@ def _half_lanes(width: int) -> Callable[..., Any]:
 # beside them: as much as the processor has.
 _whole_rows = over_lanes(_whole_lanes, 4 * REGISTER_DOUBLES)
 _half_rows = over_lanes(_half_lanes, 2 * REGISTER_DOUBLES)
+#: Rows whose displacements and forces are still in the nearest cache when their torque is taken.
+_STRIP = 8
+
+_torques = over_lanes(_torque_lanes, REGISTER_DOUBLES)
 _load_4, _zero_4 = lane_operations(4)
 
 
@@ -183,9 +195,7 @@ def _total(lanes):
 
 
 @njit(**OPTIONS)
-def _single_half(
-    c, begin, end, pointer, shared, reach, column, blocks, displacement, force, torque
-):
+def _single_half(begin, end, pointer, shared, reach, column, blocks, displacement, force):
     """Product of a chunk of half rows with one copy: lanes are components, not copies.
 
     What a row sends to later ones waits in a ring, as the products of each column's three
@@ -225,10 +235,6 @@ def _single_half(
             total = sums[0] + sums[1] + sums[2]
             for j in range(3):
                 force[3 * row + j] += entry(total, j)
-        if torque is not None:
-            moment = cross(_three(displacement, 3 * row), _three(force, 3 * row))
-            for j in range(3):
-                torque[3 * c + j] += moment[j]
 
 
 @njit(**OPTIONS)
@@ -239,17 +245,21 @@ def _product_chunk(
     if torque is not None:
         torque[3 * c * lanes : 3 * (c + 1) * lanes] = 0.0
     if shared is None:
-        for row in range(begin, end):
-            start, stop = pointer[row], pointer[row + 1]
-            _whole_rows(0, lanes, row, start, stop, column, blocks, displacement, force, torque, c)
-    elif lanes == 1:
-        _single_half(
-            c, begin, end, pointer, shared, reach, column, blocks, displacement, force, torque
-        )
+        # Torques of some rows while they are near, not row by row: registers are too few for both.
+        for first in range(begin, end, _STRIP):
+            after = min(first + _STRIP, end)
+            for row in range(first, after):
+                start, stop = pointer[row], pointer[row + 1]
+                _whole_rows(0, lanes, row, start, stop, column, blocks, displacement, force)
+            if torque is not None:
+                _torques(0, lanes, c, first, after, displacement, force, torque)
+        return
+    if lanes == 1:
+        _single_half(begin, end, pointer, shared, reach, column, blocks, displacement, force)
     else:
-        _half_rows(
-            0, lanes, c, begin, end, pointer, shared, column, blocks, displacement, force, torque
-        )
+        _half_rows(0, lanes, begin, end, pointer, shared, column, blocks, displacement, force)
+    if torque is not None:
+        _torques(0, lanes, c, begin, end, displacement, force, torque)
 
 
 @serial_and_parallel
