@@ -105,6 +105,9 @@ class BodyState:
     """Loads and contact of the last step, (n_applied, 3, lanes) [N]."""
     loads: LoadState | None
     """Where there are loads."""
+    momentum: LaneArray | None
+    """With a gravity that changes in time: of every copy at the velocity of the state, (3 lanes,)
+    [N s]; NaN: not yet."""
     kinetic: FloatArray
     """Partial sums of the kinetic energy at the last sample, (n_chunks, lanes) [N mm]."""
     strain_energy: FloatArray
@@ -179,6 +182,9 @@ def initial_body_state(
         if body.applied_row is None
         else aligned_zeros((body.n_applied, 3, body.lanes), body.dtype),
         loads=LoadState(*np.full((2, len(body.loads)), np.nan)) if body.loads else None,
+        momentum=None
+        if body.acceleration is None or effects.gravity_amplitude is None
+        else np.full(3 * body.lanes, np.nan, body.dtype),
         kinetic=np.zeros((n_chunks, body.lanes)),
         strain_energy=np.zeros(body.lanes),
         frame=block_frame(body, keep_increment=damped)

@@ -103,11 +103,11 @@ def step(system: System, state: State, *, sample: bool = False) -> None:
     for body, now in zip(system.bodies, state.bodies, strict=True):
         time = system.time(state)
         falling = gravity_at(system, body, time)
-        before = load_power(body, now, time) + ramped_gravity_power(system, body, now, falling)
+        before = load_power(body, now, time) + ramped_gravity_power(body, now, falling)
         advance(system, body, now, state.mass_damping, falling, sample=sample)
         enforce_support(system, body, now, state)
         after = load_power(body, now, time, moved=True)
-        after += ramped_gravity_power(system, body, now, falling)
+        after += ramped_gravity_power(body, now, falling, moved=True)
         half = 0.5 * system.time_step
         now.external_work.add(half * before, half * after)
     state.step += 1
@@ -307,13 +307,18 @@ def gravity_at(system: System, body: Body, time: float) -> LaneArray | None:
 
 
 def ramped_gravity_power(
-    system: System, body: Body, now: BodyState, falling: LaneArray | None
+    body: Body, now: BodyState, falling: LaneArray | None, *, moved: bool = False
 ) -> float:
-    """Power of a gravity that changes in time [N mm/s]; 0 where it does not and has a potential."""
-    if falling is None or system.model.effects.gravity_amplitude is None:
+    """Power of a gravity that changes in time [N mm/s]; 0 where it does not and has a potential.
+
+    The momentum is summed anew where the velocity has ``moved`` since the last call.
+    """
+    known = now.momentum
+    if falling is None or known is None:
         return 0.0
-    momentum = body.mass @ now.velocity.reshape(len(body.mass), -1)
-    return float(momentum @ falling.ravel())
+    if moved or np.isnan(known[0]):
+        np.matmul(body.mass, now.velocity.reshape(len(body.mass), -1), out=known)
+    return float(known @ falling.ravel())
 
 
 def advance(
