@@ -22,7 +22,7 @@ _INTERVAL = 32
 _LEAST_LOOKS = 4
 
 #: At least this share of the units must sleep, or watching costs more than they do (measured).
-_LEAST_SHARE = 0.25
+_LEAST_SHARE = 0.5
 
 
 class Sleepers:
