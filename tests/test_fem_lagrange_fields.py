@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from fem.element.lagrange_stress import grid_places
-from fem.static.lagrange_block import face_pressure
+from fem.element.lagrange import LagrangeElement
+from fem.element.lagrange_stress import MovedBodies, averaged_tension, grid_places
+from fem.static.lagrange_block import face_pressure, windows
 from fem.static.lagrange_fields import every_layer, fields_at, lagrange_cells
 from fem.static.lagrange_tube import LayeredJoints, TubeState, solve_layered_tube
 from geometry.files.mesh_io import write_lagrange_cells
@@ -55,6 +56,28 @@ def test_affine_fields_are_exact_at_any_place(degree: int) -> None:
         np.broadcast_to(expected, cells.principal.shape), abs=1e-9
     )
     assert cells.displacement[0] == pytest.approx(cells.positions @ GRADIENT.T, abs=1e-14)
+
+
+@pytest.mark.parametrize("counts", [(1, 1, 1), (3, 4, 2)])
+def test_tension_is_averaged_over_the_part_of_a_ball_in_the_body(counts: tuple[int, ...]) -> None:
+    """Stress that grows along x is largest at the face x = 1; half, quarter and eighth balls there
+    all have their centroid at 3/8 of the radius. Sums over cells of 0.3 and 0.15 of the radius are
+    extrapolated with the square of their size: what is left is of the fourth power, 1 %.
+    """
+    size, radius, growth = 60.0, 10.0, 1e-6
+    lines = tuple(np.linspace(0.0, size, n + 1) for n in counts)
+    nodes = [LagrangeElement(2, CONCRETE).nodes_between(line) for line in lines]
+    positions = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1)
+    numbers = np.arange(positions[..., 0].size).reshape(positions.shape[:3])
+    moved = np.zeros_like(positions)
+    moved[..., 0] = 0.5 * growth * positions[..., 0] ** 2
+    elements = windows(numbers, counts, 2)
+    flat = positions.reshape(-1, 3)
+    bodies = MovedBodies(LagrangeElement(2, CONCRETE), flat, elements, moved.reshape(1, -1, 3))
+    found = averaged_tension(bodies, radius)
+    slope = (CONCRETE.lame_modulus + 2.0 * CONCRETE.shear_modulus) * growth
+    assert found.value == pytest.approx(slope * (size - 0.375 * radius), abs=0.01 * slope * radius)
+    assert found.position[0] == pytest.approx(size)
 
 
 def test_the_upper_half_is_the_lower_one_turned(halved: Solved) -> None:
