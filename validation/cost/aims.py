@@ -1,4 +1,4 @@
-"""What an accuracy on demand costs: ``python -m validation.benchmarks.peaks [--json FILE|-]``.
+"""What an accuracy on demand costs: ``python -m validation.cost.aims [--json FILE|-]``.
 
 Each row is a command as people type it, ``tubelock fem tsb1-pipe --accuracy … --json``, in a
 process of its own: CPU time from the start of the program to the answer beside its aim, the error
