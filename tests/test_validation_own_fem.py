@@ -128,13 +128,16 @@ def test_one_sector_of_a_hexagon_tube_gives_the_whole() -> None:
         np.testing.assert_allclose(b, a, atol=1e-6 * np.abs(a).max())
 
 
+@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize(
     ("name", "divisions", "area"),
     [("planar-sine", "[12,2,2]", 190.0 * 200.0), ("osteomorphic", "[8,2,2]", 200.0 * 80.0)],
 )
-def test_the_frame_of_a_wall_carries_the_load(name: str, divisions: str, area: float) -> None:
+def test_the_frame_of_a_wall_carries_the_load(
+    name: str, divisions: str, area: float, degree: int
+) -> None:
     small = ("assembly.layers=1", "assembly.columns=1", f"mesh.divisions={divisions}")
-    run = run_static(name, deformable(name, *small))
+    run = run_static(name, deformable(name, *small, f"fem.degree={degree}"))
     found = run.contact_state
     # One free block: what its facets push the frame with, towards +y, is pressure times area.
     sign = np.where(run.deformable.group_of[found.block_m] >= 0, 1.0, -1.0)
@@ -189,7 +192,8 @@ def own_scene(folder: Path, parts: str) -> DeformableScene:
     return deformable(str(path))
 
 
-def test_a_stack_of_stl_bricks_weighs_on_its_joints(tmp_path: Path) -> None:
+@pytest.mark.parametrize("degree", [1, 3])
+def test_a_stack_of_stl_bricks_weighs_on_its_joints(tmp_path: Path, degree: int) -> None:
     write_stl(tmp_path / "brick.stl", polyhedron_from_quads("brick", brick_corners(), QUADS))
     # The file's own hexahedra, as many as edges of STL bricks are divided into by default.
     write_hex_mesh(tmp_path / "brick.inp", box_block((100.0, 80.0, 50.0), (4, 4, 4)).mesh)
@@ -201,7 +205,7 @@ places = [{at = [0, 0, 0], fixed = true}, {at = [0, 0, 50]}]
 file = "brick.inp"
 places = [{at = [0, 0, 100]}]
 """
-    run = run_static("own", own_scene(tmp_path, parts))
+    run = run_static("own", own_scene(tmp_path, parts).changed({"fem.degree": degree}))
     weight = 2.4e-9 * 400_000.0 * 9810.0
     # Two bricks on the lower joint, one on the upper; the residual is 1e-8 of the load.
     assert run.contact.force == pytest.approx(3 * weight, rel=1e-7)
