@@ -117,8 +117,7 @@ def test_volumes_are_those_of_the_exact_shape() -> None:
     assert hexagons[0].sum() == pytest.approx(hexagons[1].sum(), rel=1e-6)
 
 
-@pytest.mark.parametrize("degree", [2, 3, 4])
-def test_an_element_is_that_of_another_library(degree: int) -> None:
+def test_a_quadratic_element_is_that_of_another_library() -> None:
     """Eigenvalues of a stiffness do not depend on the basis: scikit-fem on the same hexahedron."""
     skfem = pytest.importorskip("skfem")
     from skfem.models.elasticity import lame_parameters, linear_elasticity
@@ -127,14 +126,12 @@ def test_an_element_is_that_of_another_library(degree: int) -> None:
     theirs = skfem.MeshHex.init_tensor(*[np.array([0.0, 1.0])] * 3)
     order = [int(np.abs(mesh.nodes - p).sum(axis=1).argmin()) for p in np.round(theirs.p.T)]
     theirs = skfem.MeshHex(mesh.nodes[order].T, theirs.t)
-    element = {2: skfem.ElementHex2()}.get(degree)
-    if element is None:
-        pytest.skip("scikit-fem has Lagrange hexahedra up to degree 2")
-    basis = skfem.Basis(theirs, skfem.ElementVector(element), intorder=2 * degree + 1)
+    # As many Gauss points as ours, three in each direction.
+    basis = skfem.Basis(theirs, skfem.ElementVector(skfem.ElementHex2()), intorder=5)
     lame = lame_parameters(CONCRETE.young_modulus, CONCRETE.poisson_ratio)
     expected = np.linalg.eigvalsh(linear_elasticity(*lame).assemble(basis).toarray())
     block = Block("box", mesh, {})
-    ours = block_group(with_degree(block, degree).mesh, CONCRETE).stiffness.toarray()
+    ours = block_group(with_degree(block, 2).mesh, CONCRETE).stiffness.toarray()
     np.testing.assert_allclose(np.linalg.eigvalsh(ours), expected, atol=1e-11 * expected[-1])
 
 

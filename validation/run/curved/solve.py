@@ -144,7 +144,7 @@ def run_curved(name: str, scene: DeformableScene) -> CurvedRun:
     Raises
     ------
     InputError
-        What curved elements cannot do yet, by name, or a state that was not found.
+        What the solver of layered tubes does not do, by name, or a state that was not found.
     """
     assert scene.fem is not None
     degree = scene.fem.degree
@@ -192,7 +192,10 @@ def curved_run(
 
 
 def refused(scene: DeformableScene) -> tuple[str, str] | None:
-    """What of a scene curved elements do not do, and what is expected; None where they do."""
+    """What of a scene the solver of layered tubes does not do, and what is expected; else None.
+
+    The general static solver has elements of higher degree for that.
+    """
     if not isinstance(scene, TubeScene):
         return "blocks of this family", "a tube of Sine Blocks"
     if scene.fem is None or scene.material is None or scene.contact is None:
@@ -223,7 +226,7 @@ def refused(scene: DeformableScene) -> tuple[str, str] | None:
 
 
 def curved_scene(name: str, scene: DeformableScene, asked: str) -> TubeScene:
-    """Refuse by name what curved elements do not do.
+    """Refuse by name what the solver of layered tubes does not do.
 
     Raises
     ------
@@ -234,8 +237,8 @@ def curved_scene(name: str, scene: DeformableScene, asked: str) -> TubeScene:
     if found is not None:
         what, expected = found
         raise InputError(
-            f"{name}: {asked} with {what}: curved elements do not do that; expected {expected}, or "
-            "fem.degree = 1"
+            f"{name}: {asked} with {what}: the solver of layered tubes does not do that; expected "
+            f"{expected}, or the general static solver"
         )
     assert isinstance(scene, TubeScene)
     return scene
