@@ -244,22 +244,22 @@ def _product_chunk(
     begin, end = chunks[c], chunks[c + 1]
     if torque is not None:
         torque[3 * c * lanes : 3 * (c + 1) * lanes] = 0.0
-    if shared is None:
-        # Torques of some rows while they are near, not row by row: registers are too few for both.
-        for first in range(begin, end, _STRIP):
-            after = min(first + _STRIP, end)
+    # Torques of some rows while they are near, not row by row: registers are too few for both.
+    strip = _STRIP if shared is None else end - begin
+    first = begin
+    while first < end:
+        after = min(first + strip, end)
+        if shared is None:
             for row in range(first, after):
                 start, stop = pointer[row], pointer[row + 1]
                 _whole_rows(0, lanes, row, start, stop, column, blocks, displacement, force)
-            if torque is not None:
-                _torques(0, lanes, c, first, after, displacement, force, torque)
-        return
-    if lanes == 1:
-        _single_half(begin, end, pointer, shared, reach, column, blocks, displacement, force)
-    else:
-        _half_rows(0, lanes, begin, end, pointer, shared, column, blocks, displacement, force)
-    if torque is not None:
-        _torques(0, lanes, c, begin, end, displacement, force, torque)
+        elif lanes == 1:
+            _single_half(first, after, pointer, shared, reach, column, blocks, displacement, force)
+        else:
+            _half_rows(0, lanes, first, after, pointer, shared, column, blocks, displacement, force)
+        if torque is not None:
+            _torques(0, lanes, c, first, after, displacement, force, torque)
+        first = after
 
 
 @serial_and_parallel
