@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -45,6 +46,30 @@ class ModelError(RefusedError):
 
 
 @dataclass(frozen=True)
+class ReferenceBlock:
+    """What a block resists, assembled when it is first asked for."""
+
+    mesh: HexMesh
+    """[mm]."""
+    material: Material
+    element: ElementType
+
+    @cached_property
+    def stiffness(self) -> bsr_array:
+        """(3 n_nodes, 3 n_nodes) [N/mm]."""
+        if isinstance(self.mesh, LagrangeMesh):
+            return lagrange_mesh.block_stiffness(self.mesh, self.material)
+        return block_stiffness(self.mesh, self.material, self.element)
+
+    @cached_property
+    def hourglass_stiffness(self) -> bsr_array | None:
+        """The part of `stiffness` that controls hourglass modes; None where there are none."""
+        if self.element is not ElementType.REDUCED or isinstance(self.mesh, LagrangeMesh):
+            return None
+        return block_hourglass_stiffness(self.mesh, self.material)
+
+
+@dataclass(frozen=True)
 class BlockGroup:
     """Congruent copies of one meshed block: x = rotation @ X + translation."""
 
@@ -60,17 +85,25 @@ class BlockGroup:
     """Rigid placement of each copy, (n_copies, 3, 3)."""
     translations: FloatArray
     """(n_copies, 3) [mm]."""
-    stiffness: bsr_array
-    """Of the reference block, (3 n_nodes, 3 n_nodes) [N/mm]."""
+    reference: ReferenceBlock
+    """What one copy resists, in its reference position."""
     lumped_mass: FloatArray
     """(n_nodes,) [t]."""
-    hourglass_stiffness: bsr_array | None = None
-    """The part of `stiffness` that controls hourglass modes, for their energy."""
     added_mass: float = 0.0
     """Part of the lumped mass of one copy that mass scaling added [t]."""
 
     def __post_init__(self) -> None:
         _check_group(self)
+
+    @property
+    def stiffness(self) -> bsr_array:
+        """Of the reference block, (3 n_nodes, 3 n_nodes) [N/mm]."""
+        return self.reference.stiffness
+
+    @property
+    def hourglass_stiffness(self) -> bsr_array | None:
+        """The part of `stiffness` that controls hourglass modes, for their energy."""
+        return self.reference.hourglass_stiffness
 
     @property
     def n_copies(self) -> int:
@@ -123,11 +156,6 @@ def block_group(
         rotations = np.tile(np.eye(3), (count, 1, 1))
     if translations is None:
         translations = np.zeros((len(rotations), 3))
-    if isinstance(mesh, LagrangeMesh):
-        stiffness = lagrange_mesh.block_stiffness(mesh, material)
-    else:
-        stiffness = block_stiffness(mesh, material, element)
-    reduced = element is ElementType.REDUCED and not isinstance(mesh, LagrangeMesh)
     return BlockGroup(
         name=name,
         mesh=mesh,
@@ -135,9 +163,8 @@ def block_group(
         element=element,
         rotations=rotations,
         translations=translations,
-        stiffness=stiffness,
+        reference=ReferenceBlock(mesh, material, element),
         lumped_mass=lumped_mass(mesh, material.density),
-        hourglass_stiffness=block_hourglass_stiffness(mesh, material) if reduced else None,
     )
 
 
@@ -336,11 +363,8 @@ def _check_group(group: BlockGroup) -> None:
     if not proper.all():
         bad = int(np.flatnonzero(~proper)[0])
         raise ModelError(f"{group.name}[{bad}]: placement is not a rotation (R Rᵀ = 1, det R = 1)")
-    if group.stiffness.shape != (3 * n, 3 * n) or group.lumped_mass.shape != (n,):
-        raise ModelError(
-            f"{group.name}: got stiffness {group.stiffness.shape} and mass "
-            f"{group.lumped_mass.shape} for {n} nodes"
-        )
+    if group.lumped_mass.shape != (n,):
+        raise ModelError(f"{group.name}: got mass {group.lumped_mass.shape} for {n} nodes")
     if not (group.lumped_mass > 0.0).all():
         bad = int(np.flatnonzero(~(group.lumped_mass > 0.0))[0])
         raise ModelError(

@@ -47,14 +47,8 @@ def stiffened(deformable: DeformableAssembly, factor: float) -> DeformableAssemb
     """Return the same blocks, ``factor`` times as stiff."""
 
     def group(g: BlockGroup) -> BlockGroup:
-        return replace(
-            g,
-            material=replace(g.material, young_modulus=factor * g.material.young_modulus),
-            stiffness=factor * g.stiffness,
-            hourglass_stiffness=None
-            if g.hourglass_stiffness is None
-            else factor * g.hourglass_stiffness,
-        )
+        material = replace(g.material, young_modulus=factor * g.material.young_modulus)
+        return replace(g, material=material, reference=replace(g.reference, material=material))
 
     model = replace(deformable.model, groups=tuple(group(g) for g in deformable.model.groups))
     return replace(deformable, model=model)
