@@ -124,8 +124,12 @@ def test_recovered_stress_is_second_order_inside_and_first_order_on_the_boundary
     assert order == pytest.approx([2.0, 1.0], abs=0.15)
 
 
+#: Squares of smaller numbers underflow in LAPACK, which then loses digits of the large ones.
+COMPONENTS = st.floats(-1e3, 1e3).map(lambda value: value if abs(value) > 1e-100 else 0.0)
+
+
 @settings(max_examples=50, deadline=None)
-@given(arrays(np.float64, (3, 6), elements=st.floats(-1e3, 1e3)), st.integers(0, 1000))
+@given(arrays(np.float64, (3, 6), elements=COMPONENTS), st.integers(0, 1000))
 def test_principal_stresses_are_sorted_roots_and_do_not_turn(stress, seed: int) -> None:
     """Invariants: trace, determinant, sum of squares; the same in any axes."""
     principal = principal_stress(stress)

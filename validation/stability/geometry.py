@@ -9,10 +9,10 @@ from fem.element.material import Material
 from fem.problem.model import Model, block_group, fixed_nodes, nodal_load
 from fem.static.linear import solve_linear_static
 from geometry.block import box_block
+from geometry.errors import RefusedError
 from geometry.families.sine_block import TSB1
 from geometry.mesh import HexMesh, MeshError, boundary_quads, check_mesh
 from geometry.placed_blocks import AssemblyError
-from validation.errors import InputError
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.problems import BRICK, CONCRETE, relative, stack, tube
 
@@ -128,7 +128,7 @@ def _metre_scene() -> Finding:
         file = load_scene("tsb1-pipe", [f"block.{value}" for value in values])
         build_assembly(file.scene)  # type: ignore[arg-type]
 
-    return refusal(build, InputError, "multiply by 1000")
+    return refusal(build, RefusedError, "multiply by 1000")
 
 
 @CASES.add("amplitude-too-large", "Waves that cut through the frame: refused, the limit named")
