@@ -112,10 +112,11 @@ def last_like(entries: Sequence[Entry], entry: Entry) -> Entry | None:
 def falls(before: Entry, now: Entry) -> list[str]:
     """One sentence for each rate whose share fell by more than a tenth."""
     shares = {rate.name: rate.share for rate in before.rates}
+    alike = before.processor == now.processor
+    then = before.date + ("" if alike else f" on another processor ({before.processor})")
     return [
         f"{rate.name}: {100 * (1 - rate.share / shares[rate.name]):.0f} % slower than on "
-        f"{before.date}, relative to the roofline ({rate.share:.3g} of it, {shares[rate.name]:.3g} "
-        "then)"
+        f"{then}, relative to the roofline ({rate.share:.3g} of it, {shares[rate.name]:.3g} then)"
         for rate in now.rates
         if rate.name in shares and rate.share < KEPT * shares[rate.name]
     ]
