@@ -208,8 +208,7 @@ def test_unstable_run_stops_before_anything_not_finite_is_passed_on():
     model = Model((group,), loads=(nodal_load(0, force),))
     frames = []
     dt = critical_time_step(model).critical_time_step
-    stiffer = block_group(MESH, CONCRETE)
-    object.__setattr__(stiffer, "stiffness", 4.0 * group.stiffness)
+    stiffer = block_group(MESH, replace(CONCRETE, young_modulus=4.0 * CONCRETE.young_modulus))
     wild = Model((stiffer,), loads=model.loads)
     output = Output(on_frame=frames.append, frame_interval=10 * dt, progress=frames.append)
     patched = pytest.MonkeyPatch()

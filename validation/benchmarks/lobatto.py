@@ -1,0 +1,107 @@
+"""What explicit steps of elements of degree 2 or 3 would cost.
+
+``python -m validation.benchmarks.lobatto [--json FILE|-]``
+
+Nodes at Gauss–Lobatto points have a diagonal mass, so that a central difference step needs no
+solution. Its work is the product with the stiffness, 18 operations a pair of neighbours and copy,
+and the number of steps that of critical steps in a given time. Both are measured on the block of
+two layers of TSB1, beside what the state says in which such a run ends, the static one.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict, dataclass
+
+from rich.console import Console
+
+from fem.problem.time_step import largest_mode, scaled
+from validation.output.console import listing
+from validation.output.files import prepare_json, write_json
+from validation.run.static import run_static
+from validation.scene.read import load_scene
+
+#: Elements around, across and along a block; and their degree.
+MESHES = (
+    ((24, 2, 4), 1),
+    ((36, 3, 6), 1),
+    ((48, 4, 8), 1),
+    ((72, 6, 12), 1),
+    ((12, 1, 2), 2),
+    ((24, 2, 4), 2),
+    ((36, 3, 6), 2),
+    ((12, 1, 2), 3),
+    ((24, 2, 4), 3),
+)
+#: Measures of the end state.
+QUANTITIES = ("max_displacement", "p_max_point", "sigma_1_averaged")
+
+
+@dataclass(frozen=True)
+class Work:
+    """One mesh."""
+
+    elements: tuple[int, int, int]
+    degree: int
+    nodes: int
+    """Of one block."""
+    neighbours: float
+    """Blocks of the stiffness in the row of a node, mean."""
+    time_step: float
+    """Critical, of a free block [s]."""
+    operations: float
+    """Of products with the stiffness of one block, for a millisecond of simulated time [Gflop]."""
+    measures: dict[str, float]
+    """Of the static state."""
+
+
+def work(elements: tuple[int, int, int], degree: int) -> Work:
+    """Measure one mesh."""
+    around, radial, axial = elements
+    settings = {
+        "mesh": [f"mesh.around={around}", f"mesh.radial={radial}", f"mesh.axial={axial}"],
+        "fem": ["fem.method='static'", f"fem.degree={degree}", "fem.error_estimate=false"],
+    }
+    file = load_scene("tsb1-pipe", ["assembly.layers=2", *settings["mesh"], *settings["fem"]])
+    run = run_static(file.name, file.scene)  # type: ignore[arg-type]
+    group = max(run.deformable.model.groups, key=lambda g: g.n_nodes)
+    largest, _ = largest_mode(scaled(group.stiffness, group.lumped_mass))
+    step, pairs = 2.0 / largest**0.5, len(group.stiffness.indices)
+    return Work(
+        elements=elements,
+        degree=degree,
+        nodes=group.n_nodes,
+        neighbours=pairs / group.n_nodes,
+        time_step=step,
+        operations=18.0 * pairs * 1e-3 / step / 1e9,
+        measures={key: run.measures[key].value for key in QUANTITIES},
+    )
+
+
+def main() -> None:
+    """Print every mesh."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", metavar="FILE", help="write the rows (- : to the screen)")
+    options = parser.parse_args()
+    prepare_json(options.json)
+    heads = ("nodes", "neighbours", "step [µs]", "Gflop a ms", "u [mm]", "p_max [MPa]", "σ₁ [MPa]")
+    table = listing("Explicit work of elements of higher degree", "elements, degree", numbers=heads)
+    rows = [work(*mesh) for mesh in MESHES]
+    for row in rows:
+        u, pressure, tension = (row.measures[key] for key in QUANTITIES)
+        table.add_row(
+            f"{' × '.join(map(str, row.elements))}, {row.degree}",
+            f"{row.nodes}",
+            f"{row.neighbours:.0f}",
+            f"{1e6 * row.time_step:.3f}",
+            f"{row.operations:.3g}",
+            f"{u:.5f}",
+            f"{pressure:.3f}",
+            f"{tension:.3f}",
+        )
+    Console(stderr=options.json == "-", width=110).print(table)
+    write_json(options.json, [asdict(row) for row in rows])
+
+
+if __name__ == "__main__":
+    main()
