@@ -11,7 +11,7 @@ from fem.static.linear_step import condensation
 from fem.static.linear_step import sparse as sparse_solver
 from fem.static.linear_step.block_tridiagonal import Level, UnresistedMotionError, factor_chain
 from fem.static.linear_step.condensation import condense
-from fem.static.linear_step.condensed import rigid_motions
+from fem.static.linear_step.condensed import block_motions
 from fem.static.linear_step.sparse import SparseSolver, SparseSolverError, factorize
 from geometry.block import box_block
 from geometry.mesh import HexMesh
@@ -42,7 +42,7 @@ def test_condensation_is_the_schur_complement(distorted, monkeypatch):
     )
     assert np.abs(block.stiffness - schur).max() < 1e-12 * np.abs(schur).max()
     # A rigid motion costs nothing.
-    motion = rigid_motions(group, retained)
+    motion = block_motions(group, retained)
     assert np.abs(block.stiffness @ motion).max() < 1e-11 * np.abs(schur).max()
 
 

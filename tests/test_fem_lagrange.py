@@ -22,7 +22,7 @@ from fem.static.lagrange_block import (
     contact_points,
     face_pressure,
     free_block,
-    rigid_motions_of,
+    lattice_motions,
 )
 from fem.static.lagrange_tube import CONTACT_FACES
 from fem.static.linear_step.columns import alike_lengths
@@ -141,7 +141,7 @@ def test_columns_answer_as_the_whole_block(counts: tuple[int, int, int]) -> None
     """
     block = lattice(2, counts)
     points = contact_points(block, CONTACT_FACES)
-    rigid = rigid_motions_of(block.positions)
+    rigid = lattice_motions(block.positions)
     # Conditions of the held stiffness of some 1e5.
     precision, n = 1e-9, rigid.shape[0]
     whole = np.zeros((n, n))

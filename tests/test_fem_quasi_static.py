@@ -11,7 +11,7 @@ from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.element.material import Material
 from fem.explicit.output.history import COLUMNS
 from fem.explicit.setup.assembly import explicit_assembly
-from fem.explicit.setup.block_frequency import block_frequencies, rigid_motions
+from fem.explicit.setup.block_frequency import block_frequencies, motions_about_centroid
 from fem.explicit.setup.quasi_static import quasi_static_report, recommended_times
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import Status, StopCriterion, solve
@@ -45,7 +45,7 @@ def test_rigid_motions_are_rigid():
     deformable = tube()
     group = deformable.model.groups[0]
     points = group.mesh.nodes[:4]
-    motions = rigid_motions(group, points)
+    motions = motions_about_centroid(group, points)
     for i in range(6):
         for a in range(4):
             for b in range(a):

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from fem.element.lagrange import LagrangeElement, TensorPoints, gauss_line, tensor_points
+from fem.problem.rigid_motions import rigid_motions
 from fem.static.linear_step.columns import ColumnBlock, FlexibleBlock, flexible_block
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
@@ -220,14 +221,10 @@ def contact_points(lattice: Lattice, contact_faces: tuple[str, ...]) -> ContactP
     return ContactPoints(lattice, faces, dict(zip(faces, starts, strict=True)), outward)
 
 
-def rigid_motions_of(positions: FloatArray) -> FloatArray:
+def lattice_motions(positions: FloatArray) -> FloatArray:
     """Translations, and rotations about the middle over the size, (3 n, 6)."""
     arm = (positions - positions.mean(axis=0)) / np.ptp(positions, axis=0).max()
-    motions = np.zeros((len(positions), 3, 6))
-    motions[:, [0, 1, 2], [0, 1, 2]] = 1.0
-    for k in range(3):
-        motions[:, :, 3 + k] = np.cross(np.eye(3)[k], arm)
-    return motions.reshape(-1, 6)
+    return rigid_motions(arm).reshape(-1, 6)
 
 
 @dataclass(frozen=True)
@@ -254,7 +251,7 @@ def free_block(points: ContactPoints, asked: BoolArray) -> FreeBlock:
     asked
         Points between which the flexibility is found, (n_points,).
     """
-    rigid = rigid_motions_of(points.lattice.positions)
+    rigid = lattice_motions(points.lattice.positions)
     flexible = flexible_block(columns_of(points), asked, rigid)
     return FreeBlock(points, flexible, rigid, points.outward @ rigid)
 

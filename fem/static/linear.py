@@ -11,6 +11,7 @@ from scipy.sparse.linalg import splu
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.problem.model import BlockGroup, Model, ModelError
+from fem.problem.rigid_motions import rigid_motions
 from fem.static.result import StaticResult
 from geometry.mesh import FloatArray, IntArray
 
@@ -37,11 +38,7 @@ def rigid_modes(positions: FloatArray) -> FloatArray:
     """Six rigid motions of points (n, 3) about their mean, unit length scale: (3 n, 6)."""
     arm = positions - positions.mean(axis=0)
     arm = arm / max(float(np.abs(arm).max()), 1e-300)
-    modes = np.zeros((len(positions), 3, 6))
-    for axis in range(3):
-        modes[:, axis, axis] = 1.0
-        modes[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arm)
-    return modes.reshape(-1, 6)
+    return rigid_motions(arm).reshape(-1, 6)
 
 
 def _constraints(model: Model, group: int, copy: int) -> tuple[FloatArray, FloatArray]:

@@ -23,6 +23,7 @@ from fem.explicit.contact.alike_pairs import AlikePairs
 from fem.explicit.contact.paired import FaceContact
 from fem.explicit.contact.sliding import SlidingContact
 from fem.problem.model import BlockGroup, Model
+from fem.problem.rigid_motions import rigid_motions
 from geometry.mesh import FloatArray, IntArray
 
 #: Modes below this share of the highest frequency are taken for motions nothing resists.
@@ -42,17 +43,13 @@ class BlockFrequencies:
     """Lowest of those that the loads excite [Hz]; `lowest` when nothing is loaded."""
 
 
-def rigid_motions(group: BlockGroup, points: FloatArray) -> FloatArray:
+def motions_about_centroid(group: BlockGroup, points: FloatArray) -> FloatArray:
     """Displacements of points by unit translations and turns about the mass centroid.
 
     Turns are scaled by the radius of inertia, so all six columns are lengths; (n, 3, 6).
     """
     centroid, radius = _centre(group)
-    arm = (points - centroid) / radius
-    motions = np.zeros((len(points), 3, 6))
-    motions[:, :, :3] = np.eye(3)
-    motions[:, :, 3:] = -np.cross(arm[:, None, :], np.eye(3)).transpose(0, 2, 1)
-    return motions
+    return rigid_motions((points - centroid) / radius)
 
 
 def _centre(group: BlockGroup) -> tuple[FloatArray, float]:
@@ -82,7 +79,7 @@ def block_frequencies(model: Model, pressure: float) -> BlockFrequencies:
     size = 6 * int(first[-1])
     stiffness, mass, load = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
     for number, group in enumerate(model.groups):
-        motions = rigid_motions(group, group.mesh.nodes)
+        motions = motions_about_centroid(group, group.mesh.nodes)
         one = np.einsum("n,nij,nik->jk", group.lumped_mass, motions, motions)
         for copy in range(group.n_copies):
             rows = slice(6 * (first[number] + copy), 6 * (first[number] + copy + 1))
@@ -136,7 +133,7 @@ def _add_contact(
             continue
         corners = model.groups[group].mesh.nodes[pairs.nodes[pairs.corners, side]]
         points = np.einsum("pa,fai->fpi", FACET_VALUES, corners).reshape(-1, 3)
-        motions = rigid_motions(model.groups[group], points)
+        motions = motions_about_centroid(model.groups[group], points)
         rows.append(sign * np.einsum("pi,pij->pj", normal @ turn, motions))
     gap = np.concatenate(rows, axis=1)
     block = gap.T @ (tangent * weights.reshape(-1, 1) * gap)
@@ -175,7 +172,7 @@ def _add_sliding(
             group = model.groups[surface.group]
             turn = surface.rotation
             shift = surface.reference[0] - turn @ group.mesh.nodes[surface.nodes[0]]
-            motions = rigid_motions(group, (state.positions[points] - shift) @ turn)
+            motions = motions_about_centroid(group, (state.positions[points] - shift) @ turn)
             gaps.append(sign * np.einsum("pi,pij->pj", state.normals[points] @ turn, motions))
             rows.append(6 * (first[surface.group] + surface.copy) + np.arange(6))
         gap, where = np.concatenate(gaps, axis=1), np.concatenate(rows)

@@ -32,6 +32,7 @@ from scipy.sparse import csc_array, csr_array
 from fem.assembly.free_motions import NodalInverse
 from fem.assembly.local_system import LocalSystem, constraint_transform
 from fem.problem.model import BlockGroup
+from fem.problem.rigid_motions import rigid_motions
 from fem.static.linear_step.block_tridiagonal import (
     ChainFactor,
     Level,
@@ -67,7 +68,7 @@ class Flexibility:
     """Rigid motions that the supports leave, rotations times ℓ; (n_free, 0 … 6)."""
 
 
-def rigid_motions(group: BlockGroup, nodes: IntArray) -> FloatArray:
+def block_motions(group: BlockGroup, nodes: IntArray) -> FloatArray:
     """Translations, and rotations about the mean of all nodes times ℓ, at nodes; (3 n, 6).
 
     That mean, not the mass centroid: no bit of a static answer shall hang on the density. ℓ is the
@@ -75,11 +76,7 @@ def rigid_motions(group: BlockGroup, nodes: IntArray) -> FloatArray:
     """
     points = group.mesh.nodes
     arm = (points[nodes] - points.mean(axis=0)) / np.cbrt(np.prod(np.ptp(points, axis=0)))
-    motions = np.zeros((len(nodes), 3, 6))
-    motions[:, [0, 1, 2], [0, 1, 2]] = 1.0
-    for k in range(3):
-        motions[:, :, 3 + k] = np.cross(np.eye(3)[k], arm)
-    return motions.reshape(-1, 6)
+    return rigid_motions(arm).reshape(-1, 6)
 
 
 def symmetric_pseudo_inverse(stiffness: FloatArray, rigid: FloatArray) -> FloatArray:
@@ -186,7 +183,7 @@ class CondensedStep:
         condensed = condense(group, retained)
         dofs = condensed.degrees_of_freedom + 3 * int(system.node_start[slot])
         stiffness = condensed.stiffness
-        rigid = rigid_motions(group, retained)
+        rigid = block_motions(group, retained)
         if len(held):
             axes = self._transform[dofs][:, dofs].toarray()
             stiffness = axes.T @ stiffness @ axes
