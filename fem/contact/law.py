@@ -122,29 +122,6 @@ def law_stored_energy(overclosure: float, law: LawConstants) -> float:
 
 
 @njit(cache=True)
-def law_overclosure(pressure: float, law: LawConstants) -> float:
-    """Overclosure [mm] at which the law has a pressure [MPa]; where contact begins for p <= 0.
-
-    In the exponential part ln X + ln(eˣ - 1) = ln(p / s) is solved by Newton in ln X, where the
-    left side is convex with a slope of at least two: it converges from anywhere.
-    """
-    if not pressure > 0.0:
-        return law.start
-    if pressure >= law.linear_pressure:
-        return law.linear_start + (pressure - law.linear_pressure) / law.linear_stiffness
-    target = math.log(pressure / law.scale)
-    log_x = 0.5 * target if target < 0.0 else math.log1p(target)
-    for _ in range(60):
-        x = math.exp(log_x)
-        growth = math.expm1(x)
-        step = (target - log_x - math.log(growth)) / (1.0 + x * (growth + 1.0) / growth)
-        log_x += step
-        if abs(step) < 1e-16:
-            break
-    return law.start + law.length * math.exp(log_x)
-
-
-@njit(cache=True)
 def _energy_integral(x: float) -> float:
     """∫ t (eᵗ - 1) dt from 0 to x = (x - 1) eˣ + 1 - x²/2 = Σ_{k>=3} (k - 1) xᵏ / k!."""
     if x > _SERIES_END:
@@ -196,8 +173,9 @@ class _Law:
     def overclosure(self, pressure: npt.ArrayLike) -> FloatArray:
         """Inverse of `pressure`: overclosures [mm] for pressures [MPa] of any shape.
 
-        Where the pressure is zero or less, the overclosure at which contact begins. As
-        `law_overclosure`, all at once.
+        Where the pressure is zero or less, the overclosure at which contact begins. In the
+        exponential part ln X + ln(eˣ - 1) = ln(p / s) is solved by Newton in ln X, where the left
+        side is convex with a slope of at least two: it converges from anywhere.
         """
         law, p = self.constants, np.asarray(pressure, dtype=np.float64)
         found = law.linear_start + (p - law.linear_pressure) / law.linear_stiffness

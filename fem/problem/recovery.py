@@ -33,10 +33,8 @@ class Recovered:
     """At nodes, Voigt order of `fem.element.material`, world axes, (n_copies, n_nodes, 6) [MPa]."""
     principal: FloatArray
     """σ₁ >= σ₂ >= σ₃ at nodes, (n_copies, n_nodes, 3) [MPa]."""
-    point_stress: FloatArray
-    """At integration points, world axes, (n_copies, n_points, 6) [MPa]."""
     point_principal: FloatArray
-    """(n_copies, n_points, 3) [MPa]."""
+    """At integration points, (n_copies, n_points, 3) [MPa]."""
 
 
 def best_rotations(group: BlockGroup, displacement: FloatArray) -> FloatArray:
@@ -134,10 +132,9 @@ def recover(
 
 
 def _recovered(at_nodes: FloatArray, at_points: FloatArray, frames: FloatArray) -> Recovered:
-    """Stresses in block frames, (n_copies, n, 6) [MPa], in world axes too."""
+    """Stresses from those in block frames, (n_copies, n, 6) [MPa]."""
     return Recovered(
         stress=rotate_stress(at_nodes, frames),
         principal=principal_stress(at_nodes),
-        point_stress=rotate_stress(at_points, frames),
         point_principal=principal_stress(at_points),
     )

@@ -11,7 +11,6 @@ mesh. ``--large`` adds 15 360 elements per block (many minutes).
 from __future__ import annotations
 
 import argparse
-import resource
 import time
 from dataclasses import asdict, dataclass
 
@@ -45,6 +44,7 @@ from geometry.mesh import FloatArray
 from validation.benchmarks.stopwatch import best_cpu_seconds
 from validation.output.console import listing
 from validation.output.files import prepare_json, write_json
+from validation.run.stages import peak_memory_mb
 
 #: Elements round, through and along one block.
 MESHES = {960: (24, 4, 10), 3888: (36, 6, 18), 15360: (60, 8, 32)}
@@ -165,7 +165,7 @@ def run(layers: int, elements: int, symmetry: int, target: float | None) -> RunR
     displacements = found.expand(result.displacements)
     pressures, _ = matched_pressures(deformable, displacements)
     seconds = time.process_time() - start
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    memory = peak_memory_mb()
     start = time.process_time()
     static = solve_static(deformable)
     static_seconds = time.process_time() - start

@@ -12,7 +12,6 @@ import argparse
 import dataclasses
 import functools
 import json
-import resource
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -36,6 +35,7 @@ from validation.benchmarks.kernels import KernelRow, kernel_rows
 from validation.benchmarks.kernels import table as kernel_table
 from validation.benchmarks.roofline import Roofline, roofline
 from validation.benchmarks.stopwatch import best_cpu_seconds, best_wall_seconds
+from validation.run.stages import peak_memory_mb
 
 CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
 
@@ -258,7 +258,7 @@ def benchmark() -> dict[str, Any]:
         "kernels": [dataclasses.asdict(r) for r in kernel_rows(small, limits, prepared)],
         "effects_added_percent": effect_costs(small, time_step),
         "peers": peers(small),
-        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+        "peak_memory_mb": peak_memory_mb(),
     }
 
 

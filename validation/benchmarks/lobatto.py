@@ -19,7 +19,7 @@ from fem.problem.time_step import largest_mode, scaled
 from validation.output.console import listing
 from validation.output.files import prepare_json, write_json
 from validation.run.static import run_static
-from validation.scene.read import load_scene
+from validation.scene.read import TubeScene, load_scene
 
 #: Elements around, across and along a block; and their degree.
 MESHES = (
@@ -58,12 +58,14 @@ class Work:
 def work(elements: tuple[int, int, int], degree: int) -> Work:
     """Measure one mesh."""
     around, radial, axial = elements
-    settings = {
-        "mesh": [f"mesh.around={around}", f"mesh.radial={radial}", f"mesh.axial={axial}"],
-        "fem": ["fem.method='static'", f"fem.degree={degree}", "fem.error_estimate=false"],
+    scene = load_scene("tsb1-pipe").scene
+    assert isinstance(scene, TubeScene)
+    changes = {
+        "assembly.layers": 2,
+        "mesh": {"around": around, "radial": radial, "axial": axial},
+        "fem": {"method": "static", "degree": degree, "error_estimate": False},
     }
-    file = load_scene("tsb1-pipe", ["assembly.layers=2", *settings["mesh"], *settings["fem"]])
-    run = run_static(file.name, file.scene)  # type: ignore[arg-type]
+    run = run_static("tsb1-pipe", scene.changed(changes))
     group = max(run.deformable.model.groups, key=lambda g: g.n_nodes)
     largest, _ = largest_mode(scaled(group.stiffness, group.lumped_mass))
     step, pairs = 2.0 / largest**0.5, len(group.stiffness.indices)

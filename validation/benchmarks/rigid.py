@@ -7,7 +7,6 @@ HiGHS linear program; a whole analysis of TSB1 pipe; with ``--full`` half a mill
 from __future__ import annotations
 
 import argparse
-import resource
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -28,6 +27,7 @@ from mbd import (
 from validation.output.console import listing
 from validation.output.files import prepare_json, write_json
 from validation.run.rigid.assembly import build_scene, run_rigid
+from validation.run.stages import peak_memory_mb
 from validation.scene.read import load_scene
 
 
@@ -52,10 +52,6 @@ def _cpu(call: Callable[[], Any]) -> tuple[float, Any]:
     return time.process_time() - start, result
 
 
-def _peak() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
 def _scene(around: int, radial: int, axial: int, layers: int) -> list[str]:
     return [
         f"mesh.around={around}",
@@ -76,7 +72,9 @@ def newton_against_clarabel(settings: list[str]) -> BenchmarkRow:
     assert a.holds
     assert b.holds
     n = len(contacts.index)
-    return BenchmarkRow("equilibrium, TSB1 pipe", n, ours, "clarabel", other, other / ours, _peak())
+    return BenchmarkRow(
+        "equilibrium, TSB1 pipe", n, ours, "clarabel", other, other / ours, peak_memory_mb()
+    )
 
 
 def self_stress_against_highs(settings: list[str]) -> BenchmarkRow:
@@ -90,14 +88,14 @@ def self_stress_against_highs(settings: list[str]) -> BenchmarkRow:
     assert a.mechanism is b.mechanism
     n = len(contacts.index)
     return BenchmarkRow(
-        "mechanism class", n, ours, "HiGHS, three LPs", other, other / ours, _peak()
+        "mechanism class", n, ours, "HiGHS, three LPs", other, other / ours, peak_memory_mb()
     )
 
 
 def whole_analysis(settings: list[str], name: str) -> BenchmarkRow:
     """Time everything from the scene to the measures."""
     seconds, run = _cpu(lambda: run_rigid(load_scene("tsb1-pipe", settings)))
-    return BenchmarkRow(name, run.result.n_contacts, seconds, "–", None, None, _peak())
+    return BenchmarkRow(name, run.result.n_contacts, seconds, "–", None, None, peak_memory_mb())
 
 
 def benchmark(*, full: bool) -> list[BenchmarkRow]:

@@ -5,7 +5,6 @@ Its exit status says nothing: it can be 0 after an error. The log is read for ``
 
 from __future__ import annotations
 
-import resource
 import shutil
 import subprocess
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry.mesh import FloatArray, IntArray
+from validation.run.stages import children_cpu_seconds
 
 PROGRAM = "ccx"
 
@@ -68,7 +68,7 @@ def run_calculix(deck: Path, *, timeout: float = 600.0) -> CalculixResult:
     """
     if not calculix_available():
         raise CalculixError(f"{PROGRAM} is not installed (Debian: calculix-ccx)")
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    before = children_cpu_seconds()
     try:
         run = subprocess.run(
             [PROGRAM, deck.stem],
@@ -80,14 +80,13 @@ def run_calculix(deck: Path, *, timeout: float = 600.0) -> CalculixResult:
         )
     except subprocess.TimeoutExpired:
         raise CalculixError(f"{deck.name}: no result within {timeout:g} s") from None
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = children_cpu_seconds() - before
     errors = [line.strip() for line in run.stdout.splitlines() if "*ERROR" in line]
     if errors:
         raise CalculixError(f"{deck.name}: {errors[0]}")
     output = deck.with_suffix(".dat")
     if not output.exists():
         raise CalculixError(f"{deck.name}: no printed output")
-    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     return _read(output, seconds)
 
 

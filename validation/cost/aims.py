@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -23,6 +22,7 @@ from validation.cost.references import references
 from validation.output.console import listing
 from validation.output.files import prepare_json, write_json
 from validation.run.curved.accuracy import parse_targets
+from validation.run.stages import children_cpu_seconds
 
 TWO, TWELVE = "assembly.layers = 2", "assembly.layers = 12"
 #: Layers, what is asked, and CPU seconds that it should take on one core.
@@ -62,16 +62,15 @@ def reached(layers: str, targets: tuple[str, ...], aim: float) -> list[Reached]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "answer.json"
         scene = ["tsb1-pipe", "--set", layers.replace(" ", "")]
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        before = children_cpu_seconds()
         subprocess.run(
             [sys.executable, "-m", "validation.cli", "fem", *scene, *options, "--json", str(file)],
             check=True,
             env=os.environ | {"OMP_NUM_THREADS": "1"},
             stdout=subprocess.DEVNULL,
         )
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        spent = children_cpu_seconds() - before
         answer = json.loads(file.read_text())
-    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     known = references().get(f"tsb1-pipe, {layers}", {})
     rows = []
     for name, asked in parse_targets(list(targets)).items():

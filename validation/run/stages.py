@@ -51,6 +51,12 @@ def summed(spent: dict[str, float], before: dict[str, float]) -> dict[str, float
     return spent | {name: spent.get(name, 0.0) + seconds for name, seconds in before.items()}
 
 
+def children_cpu_seconds() -> float:
+    """CPU time of the processes that this one has started and waited for [s]."""
+    found = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return found.ru_utime + found.ru_stime
+
+
 def peak_memory_mb() -> float:
     """Peak resident memory of this process so far [MB]."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

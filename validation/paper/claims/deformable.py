@@ -315,6 +315,12 @@ def _far_side(evidence: Evidence) -> Verdict:
     )
 
 
+def _next_layer(run: DeformableRun) -> tuple[float, float]:
+    """How far σ₁ of the layer above the middle one is from it, turned by 180° and mirrored [-]."""
+    here, above = _sigma(run, _LAYER), _sigma(run, _LAYER + 1)
+    return _apart(here, above[:, ::-1, ::-1]), _apart(here, above[:, ::-1])
+
+
 @FEM_CLAIMS.add(
     "half-turn",
     "TSB1, pipe: every second layer has the stresses of the layer before, turned by 180°",
@@ -322,9 +328,7 @@ def _far_side(evidence: Evidence) -> Verdict:
     deformable=True,
 )
 def _half_turn(evidence: Evidence) -> Verdict:
-    run = _run(evidence, "TSB1", "pipe")
-    here, above = _sigma(run, _LAYER), _sigma(run, _LAYER + 1)
-    turned, mirrored = _apart(here, above[:, ::-1, ::-1]), _apart(here, above[:, ::-1])
+    turned, mirrored = _next_layer(_run(evidence, "TSB1", "pipe"))
     return judged(
         turned < 0.05,
         f"σ₁ of layer 8 turned by 180° differs from layer 7 by {100 * turned:.1f} % "
@@ -341,9 +345,7 @@ def _half_turn(evidence: Evidence) -> Verdict:
     deformable=True,
 )
 def _mirror(evidence: Evidence) -> Verdict:
-    run = _run(evidence, "TSB2", "pipe")
-    here, above = _sigma(run, _LAYER), _sigma(run, _LAYER + 1)
-    turned, mirrored = _apart(here, above[:, ::-1, ::-1]), _apart(here, above[:, ::-1])
+    turned, mirrored = _next_layer(_run(evidence, "TSB2", "pipe"))
     return judged(
         mirrored < 0.05,
         f"σ₁ of layer 8 mirrored differs from layer 7 by {100 * mirrored:.1f} % "
