@@ -20,6 +20,7 @@ from fem.element.hexahedron import (
     block_hourglass_stiffness,
     block_lumped_mass,
     block_stiffness,
+    element_stiffness,
 )
 from fem.element.lagrange_mesh import LagrangeMesh
 from fem.element.material import Material
@@ -53,6 +54,14 @@ class ReferenceBlock:
     """[mm]."""
     material: Material
     element: ElementType
+
+    def of_elements(self, some: IntArray) -> FloatArray:
+        """Stiffness matrices of some elements, (m, 3 n, 3 n) [N/mm]."""
+        if isinstance(self.mesh, LagrangeMesh):
+            return lagrange_mesh.lagrange_stiffness(self.mesh, self.material, some)
+        return element_stiffness(
+            self.mesh.nodes[self.mesh.elements[some]], self.material, self.element
+        )
 
     @cached_property
     def stiffness(self) -> bsr_array:

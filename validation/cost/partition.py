@@ -82,31 +82,29 @@ def partition_pressures(
     block, facet = found.block_m[contacts], found.facet_m[contacts]
     areas = found.areas[contacts]
     all_pressures, all_areas = [], []
-    for number in np.unique(block):
-        mine = block == number
-        shape, first = assembly.shape(int(number)), 0
+    for number in np.unique(block).tolist():
+        shape, coarse, first = assembly.shape(number), cells.shape(number), 0
         for name in shape.contact_faces:
             size = len(shape.faces[name])
-            inside = mine & (facet >= first) & (facet < first + size)
-            if inside.any():
-                area, force = np.zeros(size), np.zeros(size)
-                np.add.at(area, facet[inside] - first, areas[inside])
-                np.add.at(force, facet[inside] - first, (areas * pressures)[inside])
-                coarse = grid_of(cells.shape(int(number)).faces[name])
-                rows, columns = _shares(coarse, level, across)
-                grid = (rows.shape[1], columns.shape[1])
-                if grid[0] * grid[1] != size:
-                    raise InputError(
-                        f"{assembly.name}: face {name}: {size} facets are no grid of {grid[0]} × "
-                        f"{grid[1]}; pressures of different meshes cannot be compared on it"
-                    )
-                area = (rows @ area.reshape(grid) @ columns.T).ravel()
-                force = (rows @ force.reshape(grid) @ columns.T).ravel()
-                # Part of a face may meet nothing.
-                touches = area > _TOUCHES * area.max()
-                all_areas.append(area[touches])
-                all_pressures.append(force[touches] / area[touches])
-            first += size
+            mine = np.flatnonzero((block == number) & (facet >= first) & (facet < first + size))
+            place, first = facet[mine] - first, first + size
+            if not len(mine):
+                continue
+            rows, columns = _shares(grid_of(coarse.faces[name]), level, across)
+            grid = (rows.shape[1], columns.shape[1])
+            if grid[0] * grid[1] != size:
+                raise InputError(
+                    f"{assembly.name}: face {name}: {size} facets are no grid of {grid[0]} × "
+                    f"{grid[1]}; pressures of different meshes cannot be compared on it"
+                )
+            area, force = (
+                (rows @ np.bincount(place, values, size).reshape(grid) @ columns.T).ravel()
+                for values in (areas[mine], areas[mine] * pressures[mine])
+            )
+            # Part of a face may meet nothing.
+            touches = area > _TOUCHES * area.max()
+            all_areas.append(area[touches])
+            all_pressures.append(force[touches] / area[touches])
     return np.concatenate(all_pressures), np.concatenate(all_areas)
 
 

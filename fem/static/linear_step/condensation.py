@@ -12,15 +12,12 @@ doi:10.1137/0710032, for nested dissection.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
 import scipy.linalg.blas
 
-from fem.element.hexahedron import element_stiffness
-from fem.element.lagrange_mesh import LagrangeMesh, lagrange_stiffness
 from fem.problem.model import BlockGroup
 from geometry.compilation import njit
 from geometry.mesh import BoolArray, FloatArray, IntArray
@@ -115,40 +112,10 @@ def condense(group: BlockGroup, retained: IntArray) -> CondensedBlock:
     retained
         Nodes to keep, (n_c,), sorted and unique.
     """
-    mesh = group.mesh
-
-    def stiffness(some: IntArray) -> FloatArray:
-        if isinstance(mesh, LagrangeMesh):
-            return lagrange_stiffness(mesh, group.material, some)
-        corners = mesh.nodes[mesh.elements[some]]
-        return element_stiffness(corners, group.material, group.element)
-
-    return condense_elements(mesh.connectivity, mesh.nodes, stiffness, retained)
-
-
-def condense_elements(
-    elements_of: IntArray,
-    positions: FloatArray,
-    stiffness_of: Callable[[IntArray], FloatArray],
-    retained: IntArray,
-) -> CondensedBlock:
-    """Eliminate all nodes of a mesh of any elements but the retained ones.
-
-    Parameters
-    ----------
-    elements_of
-        Nodes of each element, (n_elements, n).
-    positions
-        Of the nodes, (n_nodes, 3) [mm].
-    stiffness_of
-        Stiffness matrices of some elements, (m, 3 n, 3 n) [N/mm].
-    retained
-        Nodes to keep, (n_c,), sorted and unique.
-    """
-    n_nodes = len(positions)
+    elements_of, n_nodes = group.mesh.connectivity, group.n_nodes
     uses = np.bincount(elements_of.ravel(), minlength=n_nodes)
     uses[retained] += 1
-    centres = positions[elements_of].mean(axis=1)
+    centres = group.mesh.nodes[elements_of].mean(axis=1)
     # A brick of so many trilinear elements has about as many nodes as one of degree three.
     leaf = _LEAF_ELEMENTS if elements_of.shape[1] == 8 else 1
     parts: list[_Part] = []
@@ -156,7 +123,7 @@ def condense_elements(
     def visit(elements: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
         """Boundary nodes of a set of elements, their uses in it, condensed stiffness (lower)."""
         if len(elements) <= leaf:
-            pieces = _element_pieces(elements_of[elements], stiffness_of(elements))
+            pieces = _element_pieces(elements_of[elements], group.reference.of_elements(elements))
         else:
             pieces = [visit(half) for half in _halves(elements, elements_of, centres)]
         nodes = np.unique(np.concatenate([own for own, _, _ in pieces]))

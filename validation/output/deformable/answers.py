@@ -12,19 +12,15 @@ from rich.console import Console
 from rich.table import Table
 
 from fem.assembly.measures import CapAction
-from fem.element.lagrange_mesh import LagrangeMesh
 from fem.problem.mass_scaling import added_mass_share
 from fem.problem.model import element_words
-from geometry.files.mesh_io import write_hex_mesh, write_surface
+from geometry.files.mesh_io import write_surface
 from geometry.mesh import QuadSurface
 from validation.output.console import two_columns
 from validation.output.deformable.fields import (
     element_owners,
     facet_owners,
-    field_data,
-    groups_mesh,
-    point_data,
-    write_curved,
+    write_fields,
 )
 from validation.output.files import write_whole
 from validation.output.joints import JOINT_FILES, write_joints
@@ -72,17 +68,13 @@ def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
 
 
 def _write_fields(run: DeformableRun, path: Path) -> None:
-    groups, owners = run.deformable.model.groups, element_owners(run.deformable)
-    if isinstance(groups[0].mesh, LagrangeMesh):
-        turning = run.answer.finite_rotation
-        write_curved(path, groups, run.displacements, owners, finite_rotation=turning)
-        return
-    recovered = run.answer.recovered
-    write_hex_mesh(
+    write_fields(
         path,
-        groups_mesh(groups),
-        point_data=field_data(recovered, run.displacements),
-        cell_data=owners | point_data(groups, recovered),
+        run.deformable.model.groups,
+        run.displacements,
+        finite_rotation=run.answer.finite_rotation,
+        recovered=run.answer.recovered,
+        owners=element_owners(run.deformable),
     )
 
 

@@ -89,6 +89,40 @@ def write_curved(
     write_lagrange_cells(path, np.concatenate(positions), places, fields, owners)
 
 
+def write_fields(
+    path: Path,
+    groups: Sequence[BlockGroup],
+    displacements: Sequence[FloatArray],
+    *,
+    finite_rotation: bool,
+    recovered: Sequence[Recovered] | None = None,
+    owners: Mapping[str, NDArray[np.int32]] | None = None,
+) -> None:
+    """Write the fields of one state as cells of the degree of its elements.
+
+    Parameters
+    ----------
+    path, groups, displacements, finite_rotation
+        As in `write_curved`.
+    recovered
+        Stresses, where they are known: then those at integration points are written, too.
+    owners
+        Of each element (`element_owners`).
+    """
+    if isinstance(groups[0].mesh, LagrangeMesh):
+        given = {} if owners is None else owners
+        write_curved(path, groups, displacements, given, finite_rotation=finite_rotation)
+        return
+    pairs = zip(groups, displacements, strict=True)
+    found = recovered or [recover(g, u, finite_rotation=finite_rotation) for g, u in pairs]
+    write_hex_mesh(
+        path,
+        groups_mesh(groups),
+        point_data=field_data(found, displacements),
+        cell_data={**(owners or {}), **({} if recovered is None else point_data(groups, found))},
+    )
+
+
 def point_data(
     groups: Sequence[BlockGroup], recovered: Sequence[Recovered]
 ) -> dict[str, NDArray[Any]]:
@@ -179,12 +213,7 @@ class FrameWriter:
 
     def _write(self, path: Path, displacements: Sequence[FloatArray]) -> None:
         """Write the fields of one state."""
-        if isinstance(self.groups[0].mesh, LagrangeMesh):
-            write_curved(path, self.groups, displacements, {}, finite_rotation=self.finite_rotation)
-            return
-        pairs = zip(self.groups, displacements, strict=True)
-        found = [recover(g, u, finite_rotation=self.finite_rotation) for g, u in pairs]
-        write_hex_mesh(path, groups_mesh(self.groups), point_data=field_data(found, displacements))
+        write_fields(path, self.groups, displacements, finite_rotation=self.finite_rotation)
 
     def _finish(self) -> None:
         """Keep as many frames as were asked for, numbered one after the other."""
