@@ -98,18 +98,6 @@ def law_pressure(overclosure: float, law: LawConstants) -> float:
 
 
 @njit(cache=True)
-def law_stiffness(overclosure: float, law: LawConstants) -> float:
-    """Slope of the pressure, dp/dx [MPa/mm]."""
-    if overclosure <= law.start:
-        return 0.0
-    if overclosure < law.linear_start:
-        x = (overclosure - law.start) / law.length
-        growth = math.expm1(x)
-        return law.scale / law.length * (x * (growth + 1.0) + growth)
-    return law.linear_stiffness
-
-
-@njit(cache=True)
 def law_stored_energy(overclosure: float, law: LawConstants) -> float:
     """Integral of the pressure over the overclosure [N mm per mm²]."""
     if overclosure <= law.start:

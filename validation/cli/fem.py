@@ -263,29 +263,26 @@ def _answer_by_shares(
     InputError
         When the scene's own mesh, or the time, is not enough, or it asks for no error bars.
     """
-    from validation.build.coarser import coarser
-    from validation.run.curved.accuracy import FACET_MEANS, share_rungs, unmet, words_of
+    from validation.run.curved.accuracy import FACET_MEANS, share_scenes, unmet, words_of
     from validation.run.deformable import run_json
     from validation.scene.usage import recording
 
     if scene.fem is not None and not scene.fem.error_estimate:
         raise InputError(f"{name}: --accuracy: needs error bars; remove fem.error_estimate = false")
     asked = ", ".join(f"{key}={100 * share:g}%" for key, share in targets.items())
-    start, found, before = time.process_time(), "nothing yet", None
-    for share, degree in share_rungs(scene, targets):
-        given = scene if share == 1.0 else coarser(scene, share)
-        if given is not None and scene.fem is not None:
-            given = given.changed({"fem.degree": degree})
-        if given is None or given == before:
-            continue
-        before = given
+    start, found = time.process_time(), "nothing yet"
+    left_out: set[str] = set()
+    for share, degree, given in share_scenes(scene, targets):
         with recording(given) as use:
             try:
                 run, added = _solved(name, given, outputs, None)
-            except InputError:
+            except InputError as error:
                 if degree == 1 or scene.fem is None or scene.fem.degree == degree:
                     raise
-                continue  # what has trilinear elements alone
+                if str(error) not in left_out:
+                    outputs.console.print(f"without elements of degree {degree}: {error}")
+                left_out.add(str(error))
+                continue
             if degree > 1 and share < 1.0:
                 own = {k: v for k, v in run.errors.items() if k not in FACET_MEANS}
                 run = replace(run, errors=own)

@@ -12,6 +12,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeR
 from rich.table import Table
 from rich.text import Text
 
+from geometry.compilation import compiling
 from validation.output.forecast import Forecast
 
 if TYPE_CHECKING:
@@ -89,8 +90,6 @@ def progress(*columns: ProgressColumn) -> Iterator[Progress]:
 @contextmanager
 def told_of_compilation() -> Iterator[None]:
     """Say so, once, where loops must be compiled first: bars stand still meanwhile."""
-    from geometry.compilation import compiling
-
     console = error_console()
 
     def tell() -> None:

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from geometry.compilation import compiling
+
 if TYPE_CHECKING:
     from geometry.compilation.cache import Compiling
 
@@ -40,8 +42,6 @@ class Stages:
 @contextmanager
 def stages() -> Iterator[Stages]:
     """Time the stages of what runs inside."""
-    from geometry.compilation import compiling  # it loads a compiler
-
     with compiling() as compiled:
         yield Stages(compiled)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
 from pydantic.json_schema import JsonSchemaValue
 
+from fem.contact.law import ContactLaw, ExponentialLaw, LinearPenalty
 from fem.element.hexahedron import ElementType
 from fem.problem.model import Formulation
 from validation.scene.plausibility import WholeScene
@@ -16,7 +17,6 @@ from validation.scene.sections import Finite, NoAngle, NonNegative, Positive, Se
 
 if TYPE_CHECKING:
     from fem.assembly.statement import Motion
-    from fem.contact.law import ContactLaw
 
 Vector = tuple[Finite, Finite, Finite]
 
@@ -64,8 +64,6 @@ class ContactSection(Section):
         ContactLawError
             For constants that make no law.
         """
-        from fem.contact.law import ExponentialLaw, LinearPenalty  # it loads a compiler
-
         if self.law == "linear":
             assert self.stiffness is not None
             return LinearPenalty(self.stiffness)

@@ -16,7 +16,7 @@ Other scenes take shares of their own mesh, static ones with cubic elements besi
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +24,7 @@ import numpy as np
 
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.mesh import FloatArray
+from validation.build.coarser import coarser
 from validation.errors import InputError
 from validation.run.curved.solve import CurvedMesh, CurvedRun, Solved, curved_run, solve_curved
 from validation.run.measures import Measure
@@ -125,6 +126,20 @@ def share_rungs(scene: DeformableScene, targets: Iterable[str]) -> list[tuple[fl
     if FACET_MEANS.isdisjoint(targets):
         return rungs
     return [(share, degree) for share, degree in rungs if degree == 1 or share == 1.0]
+
+
+def share_scenes(
+    scene: DeformableScene, targets: Iterable[str]
+) -> Iterator[tuple[float, int, DeformableScene]]:
+    """Scenes of `share_rungs`, their shares and degrees, without those that are no other mesh."""
+    before = None
+    for share, degree in share_rungs(scene, targets):
+        given = scene if share == 1.0 else coarser(scene, share)
+        if given is not None and scene.fem is not None:
+            given = given.changed({"fem.degree": degree})
+        if given is not None and given != before:
+            before = given
+            yield share, degree, given
 
 
 def parse_targets(texts: list[str]) -> dict[str, float]:
