@@ -30,8 +30,9 @@ from geometry.mesh import (
 class Curve:
     """The exact shape of a block, of which its mesh is a sample."""
 
-    parameters: FloatArray
-    """Of the corners of each element, (n_elements, 8, n): one node may have several."""
+    parameters: Callable[[], FloatArray]
+    """Of the corners of each element, (n_elements, 8, n): one node may have several. Made when
+    asked for: trilinear and rigid blocks have no use for them."""
     shape: Callable[[FloatArray], FloatArray]
     """Points of parameters, (m, n) to (m, 3) [mm]."""
 

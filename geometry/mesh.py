@@ -310,6 +310,11 @@ def boundary_quads(mesh: HexMesh) -> IntArray:
     return quads[np.sort(order[alone])]
 
 
+def grid_points(*lines: FloatArray) -> FloatArray:
+    """Points of a grid of lines, the last one fastest, (n_points, n_lines)."""
+    return np.column_stack([line.ravel() for line in np.meshgrid(*lines, indexing="ij")])
+
+
 def structured_hexahedra(n_u: int, n_v: int, n_w: int) -> IntArray:
     """Connectivity of an n_u × n_v × n_w grid whose nodes are numbered u slowest, w fastest.
 

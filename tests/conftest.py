@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from geometry.assembly import Assembly
 from geometry.families.brick_stack import brick_stack
-from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.sine_block import TSB1, SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
 
 
 def tsb(shift: float = 0.0, **changes: float) -> SineBlockParameters:
     """TSB1 of the paper (TSB2 with shift 0.5), with changes."""
-    values: dict[str, float] = {
-        "height": 200.0,
-        "amplitude": 20.0,
-        "frequency": 1.5,
-        "shift": shift,
-        "blocks_per_layer": 4,
-        "inner_radius": 120.0,
-        "thickness": 40.0,
-    }
-    return SineBlockParameters(**(values | changes))  # type: ignore[arg-type]
+    return replace(TSB1, shift=shift, **changes)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="session")

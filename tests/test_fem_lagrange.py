@@ -26,7 +26,7 @@ from fem.static.lagrange_block import (
 )
 from fem.static.lagrange_tube import CONTACT_FACES
 from fem.static.linear_step.columns import alike_lengths
-from geometry.families.sine_block import SineBlockParameters
+from geometry.families.sine_block import TSB1
 from geometry.mesh import FloatArray, MeshError
 from tests.test_validation_own_fem import deformable
 from validation.build.deformable import build_deformable
@@ -35,14 +35,6 @@ from validation.run.curved.solve import CurvedRun, run_curved, sine_lattice
 from validation.run.static import run_static
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
-TSB1 = SineBlockParameters(
-    height=200.0,
-    amplitude=20.0,
-    frequency=1.5,
-    blocks_per_layer=4,
-    inner_radius=120.0,
-    thickness=40.0,
-)
 
 
 def lattice(degree: int, counts: tuple[int, int, int] = (1, 6, 2)) -> Lattice:

@@ -127,7 +127,7 @@ def lagrange_mesh(block: Block, degree: int) -> LagrangeMesh:
     inside, first = np.flatnonzero(of == 8), mesh.n_nodes + len(unique)
     own = np.arange(mesh.n_elements * len(inside)).reshape(mesh.n_elements, -1)
     members[:, inside] = first + own
-    given = mesh.nodes[mesh.elements] if curve is None else curve.parameters
+    given = mesh.nodes[mesh.elements] if curve is None else curve.parameters()
     places: FloatArray = (shares @ given).reshape(members.size, -1)
     nodes = np.empty((first + own.size, 3))
     nodes[members.ravel()] = places if curve is None else curve.shape(places)

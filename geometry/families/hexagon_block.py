@@ -22,7 +22,7 @@ import numpy as np
 
 from geometry.block import Block, Curve
 from geometry.families.sine_block import BlockParameterError
-from geometry.mesh import FloatArray, HexMesh, IntArray, check_mesh
+from geometry.mesh import FloatArray, HexMesh, IntArray, check_mesh, grid_points
 
 #: Names of the six sides, edge by edge.
 EDGE_NAMES = tuple(f"edge{k}" for k in range(6))
@@ -194,8 +194,7 @@ def _build(
             points[mine, :2] = np.column_stack([r * np.cos(theta), r * np.sin(theta)])
         return points
 
-    charts = np.meshgrid(np.array(kites, dtype=np.float64), s, s, indexing="ij")
-    in_plane = np.column_stack([line.ravel() for line in charts])
+    in_plane = grid_points(np.array(kites, dtype=np.float64), s, s)
     nodes = shape(np.column_stack([np.tile(in_plane[first], (n_r + 1, 1)), np.repeat(y, n_plane)]))
     # Seen from outside, a points to edge k and b to edge k - 1: (b, a, r) is right-handed.
     grid = np.stack(list(number.values()))
@@ -209,7 +208,8 @@ def _build(
     sides = _side_faces(number, n_r, n_plane, flat)
     faces = {"inner": quads[:, ::-1], "outer": quads + n_r * n_plane, **sides}
     contact_faces = tuple(edge for edge in EDGE_NAMES if edge in sides)
-    return Block(name, mesh, faces, contact_faces, Curve(_corner_parameters(in_plane, m, y), shape))
+    curve = Curve(lambda: _corner_parameters(in_plane, m, y), shape)
+    return Block(name, mesh, faces, contact_faces, curve)
 
 
 def _corner_parameters(in_plane: FloatArray, m: int, y: FloatArray) -> FloatArray:

@@ -18,7 +18,14 @@ import numpy as np
 from geometry.assembly import Assembly
 from geometry.block import Block, Curve
 from geometry.families.sine_block import LEAST_REACHED
-from geometry.mesh import FloatArray, HexMesh, check_mesh, grid_faces, structured_hexahedra
+from geometry.mesh import (
+    FloatArray,
+    HexMesh,
+    check_mesh,
+    grid_faces,
+    grid_points,
+    structured_hexahedra,
+)
 from geometry.placed_blocks import AssemblyError
 
 #: Height of a joint above its mean plane at (x from the block's middle, y from the inner face).
@@ -84,12 +91,10 @@ def _block(
         z = (1 - w) * (bottom[0] + bottom[1](x, y)) + w * (top[0] + top[1](x, y))
         return np.column_stack([x, y, z])
 
-    grid = np.meshgrid(x1, y1, w1, indexing="ij")
-    parameters = np.column_stack([line.ravel() for line in grid])
-    mesh = HexMesh(shape(parameters), structured_hexahedra(*divisions))
+    mesh = HexMesh(shape(grid_points(x1, y1, w1)), structured_hexahedra(*divisions))
     check_mesh(mesh, name)
     faces = {_FACES[key]: quads for key, quads in grid_faces(*divisions).items()}
-    curve = Curve(parameters[mesh.elements], shape)
+    curve = Curve(lambda: grid_points(x1, y1, w1)[mesh.elements], shape)
     return Block(name, mesh, faces, ("bottom", "top", "left", "right"), curve)
 
 

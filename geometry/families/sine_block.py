@@ -18,7 +18,14 @@ import numpy as np
 
 from geometry.block import Block, Curve
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, HexMesh, check_mesh, grid_faces, structured_hexahedra
+from geometry.mesh import (
+    FloatArray,
+    HexMesh,
+    check_mesh,
+    grid_faces,
+    grid_points,
+    structured_hexahedra,
+)
 
 #: Grid directions (radial, around, axial) are right-handed in this order.
 _FACE_NAMES = {
@@ -347,12 +354,11 @@ def _build(
         z = bottom * (1 - w) + top * w + weight * wave(block, u, r)
         return np.column_stack([r * np.cos(theta), r * np.sin(theta), z])
 
-    grid = np.meshgrid(r1, u1, w1, indexing="ij")
-    parameters = np.column_stack([line.ravel() for line in grid])
-    mesh = HexMesh(shape(parameters), structured_hexahedra(n_r, n_u, n_z))
+    mesh = HexMesh(shape(grid_points(r1, u1, w1)), structured_hexahedra(n_r, n_u, n_z))
     check_mesh(mesh, name)
     faces = {_FACE_NAMES[key]: quads for key, quads in grid_faces(n_r, n_u, n_z).items()}
-    return Block(name, mesh, faces, contact_faces, Curve(parameters[mesh.elements], shape))
+    curve = Curve(lambda: grid_points(r1, u1, w1)[mesh.elements], shape)
+    return Block(name, mesh, faces, contact_faces, curve)
 
 
 def sine_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Block:
