@@ -29,12 +29,12 @@ def test_at_least_thirty_distinct_cases() -> None:
 
 
 def test_verdicts_follow_from_the_numbers() -> None:
-    assert Finding((Check("a", 1.0, most=2.0),)).verdict is Verdict.GREEN
-    assert Finding((Check("a", 3.0, most=2.0),)).verdict is Verdict.RED
-    assert Finding((Check("a", float("nan"), most=2.0),)).verdict is Verdict.RED
-    assert Finding(()).verdict is Verdict.RED
-    assert Finding((Check("a", 3.0, most=2.0),), "no").verdict is Verdict.RED
-    assert Finding((), "no").verdict is Verdict.REFUSED
+    assert Finding(Check("a", 1.0, most=2.0)).verdict is Verdict.GREEN
+    assert Finding(Check("a", 3.0, most=2.0)).verdict is Verdict.RED
+    assert Finding(Check("a", float("nan"), most=2.0)).verdict is Verdict.RED
+    assert Finding().verdict is Verdict.RED
+    assert Finding(Check("a", 3.0, most=2.0), refusal="no").verdict is Verdict.RED
+    assert Finding(refusal="no").verdict is Verdict.REFUSED
 
 
 def test_a_failure_or_a_missing_refusal_is_red() -> None:

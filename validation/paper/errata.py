@@ -17,12 +17,12 @@ from geometry.families.sine_block import LayerTurn, SineBlockParameters, wave, w
 from geometry.loads import load_case
 from mbd import contact_jacobian, generalized_force, solve_linear_programs
 from validation.output.console import listing, two_columns
-from validation.paper.evidence import Evidence
+from validation.paper.evidence import Evidence, p_max
 from validation.paper.naming import chosen_by_name
 from validation.paper.reading import Ingredient, ingredients, sensitivity
 from validation.paper.reference import reference
 from validation.paper.tables import number
-from validation.run.rigid.assembly import RigidRun, build_scene
+from validation.run.rigid.assembly import build_scene
 from validation.scene.read import TubeScene, load_scene
 
 
@@ -72,10 +72,11 @@ _ERRATA: list[Erratum] = []
 _Show = Callable[[Evidence], Shown]
 
 
-def _erratum(name: str, printed: str, meant: str) -> Callable[[_Show], _Show]:
-    """List an erratum that a function demonstrates."""
+def _erratum(printed: str, meant: str) -> Callable[[_Show], _Show]:
+    """List an erratum that a function demonstrates, which names it: ``_one_wave``, one-wave."""
 
     def add(show: _Show) -> _Show:
+        name = show.__name__.strip("_").replace("_", "-")
         _ERRATA.append(Erratum(name, printed, meant, show))
         return show
 
@@ -120,7 +121,6 @@ def solve_printed_program(transpose: sp.csr_array) -> tuple[float, float]:
 
 
 @_erratum(
-    "degenerate-program",
     "eq. kinematic-feasibility-lp: max 1ᵀs decides whether a mechanism exists",
     "δq = 0, s = 1 is always optimal, z* = 6 N_b also for a locked tube. It means to ask "
     "whether Gᵀδq ≥ 0 has a nonzero solution; tubelock asks for rank and a positive "
@@ -174,11 +174,10 @@ def _tsb1() -> SineBlockParameters:
 
 
 @_erratum(
-    "density-unit",
     "ρ = 2400 · 10⁻¹² kg/mm³; α and β without units",
     "with N, mm and s the number is in t/mm³; α is in 1/s and β in s",
 )
-def _density(evidence: Evidence) -> Shown:
+def _density_unit(evidence: Evidence) -> Shown:
     fem = reference()["fem"]
     run = evidence.case("TSB1", "pipe")
     volume = float(run.assembly.volumes[run.assembly.free_blocks[0]])
@@ -196,7 +195,6 @@ def _density(evidence: Evidence) -> Shown:
 
 
 @_erratum(
-    "friction",
     "table FEM simulation parameters: friction coefficient 0.01; conclusions: “All "
     "investigations in this study were conducted under frictionless contact assumptions”",
     "one of the two; friction is off unless a scene names it",
@@ -219,7 +217,6 @@ def _friction(evidence: Evidence) -> Shown:
 
 
 @_erratum(
-    "half-block",
     "ℓ = r_i √(2 (1 - cos(π/n))) is the length of a block",
     "it is the chord of π/n, half a block: a block carries 2 f waves",
 )
@@ -244,7 +241,6 @@ def _half_block(_: Evidence) -> Shown:
 
 
 @_erratum(
-    "layer-shift",
     "shift each second layer by the half of the block",
     "faces meet only after whole waves: ⌊f⌋ waves, a third of a block at f = 1.5",
 )
@@ -266,16 +262,15 @@ def _layer_shift(_: Evidence) -> Shown:
 
 
 @_erratum(
-    "one-wave",
     "shift each second layer by the half of the block",
     "the parameter study was made with a turn of one wave at every f, a quarter of a block "
     "at f = 2: assembly.turn",
 )
 def _one_wave(evidence: Evidence) -> Shown:
     """Three designs of the study with either turn: what the paper says holds for one of them."""
-    found = {f: _p_max(evidence.tsb("tsb1-pipe", (0.0, f, 6, 30.0, 25.0))) for f in (1.0, 1.5, 2.0)}
+    found = {f: p_max(evidence.tsb("tsb1-pipe", (0.0, f, 6, 30.0, 25.0))) for f in (1.0, 1.5, 2.0)}
     other = replace(evidence, turn=LayerTurn.HALF_BLOCK)
-    half = _p_max(other.tsb("tsb1-pipe", (0.0, 2.0, 6, 30.0, 25.0)))
+    half = p_max(other.tsb("tsb1-pipe", (0.0, 2.0, 6, 30.0, 25.0)))
     return Shown(
         "n = 6, a = 25, t = 30: turned by one wave p_max is "
         + ", ".join(f"{p:.3f} (f = {f:g})" for f, p in found.items())
@@ -285,13 +280,7 @@ def _one_wave(evidence: Evidence) -> Shown:
     )
 
 
-def _p_max(run: RigidRun) -> float:
-    assert run.result.measures is not None
-    return run.result.measures.p_max
-
-
 @_erratum(
-    "pillar-frames",
     "pillar: axial load on the top frame; the frame is fixed when classes are computed",
     "classes hold with both frames fixed, equilibrium needs the top frame free; both "
     "classes are given",
@@ -307,7 +296,6 @@ def _pillar_frames(evidence: Evidence) -> Shown:
 
 
 @_erratum(
-    "rotation-variation",
     "eq. position-variation: δR = R [δθ]ₓ and R δθ = δθ",
     "the second holds only about the axis of R; with the spatial δθ the result δθ × p is right",
 )
@@ -331,7 +319,6 @@ def _rotation_variation(_: Evidence) -> Shown:
 
 
 @_erratum(
-    "captions",
     "“four layers L = 5”; “minimal principal stress σ₂”; “five equally spaced planes … "
     "z = 1210, 1220, 1380, and 1390”",
     "five layers; σ₃; two planes at each end",

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from geometry.families.sine_block import LayerTurn
+from geometry.measures import Measures
 from validation.errors import InputError
 from validation.output.console import status
 from validation.paper.reading import MESH_OF_TABLES, solve_row
-from validation.paper.reference import reference
 from validation.run.rigid.assembly import RigidRun
 from validation.run.rigid.shared import SharedTubes
 from validation.scene.read import load_scene
@@ -190,10 +190,8 @@ class Evidence:
         turn = f'assembly.turn="{self.turn}"'
         return self.rigid(scene, *MESH_OF_TABLES["TSB"], turn, *values, *settings)
 
-    def fem(self, block: str, case: str) -> DeformableRun | None:
-        """Deformable result of a load case; None where it may not be computed."""
-        if not self.deformable:
-            return None
+    def fem(self, block: str, case: str) -> DeformableRun:
+        """Deformable result of a load case, computed once; asked for where `deformable` allows."""
         key = (block, case)
         if key not in self._fem:
             self._fem[key] = self._run_fem(block, case)
@@ -246,6 +244,12 @@ class Evidence:
         return run
 
 
-def printed(block: str, case: str) -> dict[str, Any]:
-    """Row of the paper's tables."""
-    return reference()["table"][block][case]
+def measures_of(run: RigidRun) -> Measures:
+    """Return the paper's measures of a tube that its contacts hold in equilibrium."""
+    assert run.result.measures is not None
+    return run.result.measures
+
+
+def p_max(run: RigidRun) -> float:
+    """Max–mean contact pressure of such a tube [MPa]."""
+    return measures_of(run).p_max

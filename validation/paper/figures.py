@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -462,26 +463,24 @@ def _deformable_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
         "layer-7",
         "Contact pressures of rigid and of deformable blocks on the sinusoidal faces of layer 7, "
         "each in units of its own largest.",
-        lambda path: draw_layer_comparison(evidence, path),
+        partial(draw_layer_comparison, evidence),
     )
     for component, name, words in ((0, "sigma-1", "Maximum"), (2, "sigma-3", "Minimum")):
         add(
             name,
             f"{words} principal stress on the unrolled outer surface, five load cases.",
-            lambda path, component=component: draw_principal(evidence, component, path),  # type: ignore[misc]
+            partial(draw_principal, evidence, component),
         )
     for block in ("TSB1", "TSB2"):
-        run = evidence.fem(block, "pipe")
-        assert run is not None
         add(
             f"sections-{block.lower()}",
             f"Principal stresses of {block} under internal pressure in sections near the ends of "
             "layer 7.",
-            lambda path, run=run: draw_sections(run, path),  # type: ignore[misc]
+            partial(draw_sections, evidence.fem(block, "pipe")),
         )
     add(
         "displacements",
         "Displacements of the five load cases, exaggerated.",
-        lambda path: draw_displacements(evidence, path),
+        partial(draw_displacements, evidence),
     )
     return written

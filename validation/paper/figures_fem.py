@@ -38,9 +38,7 @@ def _runs(evidence: Evidence) -> Iterator[tuple[int, int, DeformableRun]]:
     """Row, column and run of the five cases of both blocks."""
     for row, block in enumerate(BLOCKS):
         for column, case in enumerate(CASES):
-            run = evidence.fem(block, case)
-            if run is not None:
-                yield row, column, run
+            yield row, column, evidence.fem(block, case)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -71,9 +69,7 @@ def draw_layer_comparison(evidence: Evidence, path: Path) -> list[PressurePair]:
     columns: list[list[Panel]] = [[] for _ in range(4)]
     for number, pair in enumerate(pairs):
         block, case, side = pair.name.split()
-        run = evidence.fem(block, case)
-        assert run is not None
-        corners = facet_outlines(run.deformable.assembly, pair)
+        corners = facet_outlines(evidence.fem(block, case).deformable.assembly, pair)
         for offset, (words, values) in enumerate(
             (("rigid", pair.rigid), ("deformable", pair.deformable))
         ):

@@ -212,9 +212,8 @@ def _views(evidence: Evidence) -> list[View3d]:
             "rigid-tunnel",
         ),
     ]
-    run = evidence.fem("TSB1", "pipe")
-    if run is not None:
-        found.append(_stress_view(run))
+    if evidence.deformable:
+        found.append(_stress_view(evidence.fem("TSB1", "pipe")))
     return found
 
 

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
+from typing import Any
 
 
 class Verdict(StrEnum):
@@ -52,14 +54,14 @@ class Check:
         return text if self.holds else f"VIOLATED: {text}"
 
 
-@dataclass(frozen=True)
 class Finding:
     """What a case found."""
 
-    checks: tuple[Check, ...] = ()
-    """Numbers that prove the law."""
-    refusal: str | None = None
-    """The message, where the honest answer is a refusal."""
+    def __init__(self, *checks: Check, refusal: str | None = None) -> None:
+        self.checks = checks
+        """Numbers that prove the law."""
+        self.refusal = refusal
+        """The message, where the honest answer is a refusal."""
 
     @property
     def verdict(self) -> Verdict:
@@ -127,8 +129,8 @@ def refusal(
     except error as refused:
         text = str(refused)
         missing = [word for word in words if word not in text]
-        return Finding((Check("words missing from the message", len(missing), most=0),), text)
-    return Finding((Check("refusals", 0, least=1),))
+        return Finding(Check("words missing from the message", len(missing), most=0), refusal=text)
+    return Finding(Check("refusals", 0, least=1))
 
 
 class Cases:
@@ -148,3 +150,7 @@ class Cases:
             return run
 
         return register
+
+    def case(self, name: str, law: str, run: Callable[..., Finding], *given: Any) -> None:
+        """Add a case that asks what others do, of other things."""
+        self.add(name, law)(partial(run, *given))

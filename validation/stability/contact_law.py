@@ -58,30 +58,25 @@ def column_checks(result: StaticResult, pressure: float, law: ContactLaw) -> tup
     )
 
 
-def _column(pressure: float, law: ContactLaw | None = None) -> Finding:
+def pressed_column(pressure: float, law: ContactLaw | None = None) -> Finding:
+    """What a pressed column shows of a law."""
     law = ExponentialLaw() if law is None else law
     result = solved_column(pressure, law)
-    return Finding(column_checks(result, pressure, law))
+    return Finding(*column_checks(result, pressure, law))
 
 
 COLUMN_LAW = "joint pressures and sinking of a pressed column are those of the closed form"
 
 
-@CASES.add("pressure-1e-8", f"Contact pressure of 1e-8 MPa: {COLUMN_LAW}")
-def _light() -> Finding:
-    return _column(1e-8)
-
-
-@CASES.add("pressure-1e3", f"Contact pressure of 1e3 MPa: {COLUMN_LAW}")
-def _heavy() -> Finding:
-    return _column(1e3)
-
-
-@CASES.add(
-    "law-100-times-stiffer", f"Law a hundred times stiffer (c0/100, cap × 100): {COLUMN_LAW}"
+CASES.case("pressure-1e-8", f"Contact pressure of 1e-8 MPa: {COLUMN_LAW}", pressed_column, 1e-8)
+CASES.case("pressure-1e3", f"Contact pressure of 1e3 MPa: {COLUMN_LAW}", pressed_column, 1e3)
+CASES.case(
+    "law-100-times-stiffer",
+    f"Law a hundred times stiffer (c0/100, cap × 100): {COLUMN_LAW}",
+    pressed_column,
+    0.01,
+    ExponentialLaw(1e-5, 1e-4, maximum_stiffness=1e5),
 )
-def _stiff() -> Finding:
-    return _column(0.01, ExponentialLaw(1e-5, 1e-4, maximum_stiffness=1e5))
 
 
 @CASES.add("law-inverse", "Law and inverse from 1e-8 to 1e3 MPa: round trip; slope is dp/dx")
@@ -95,7 +90,7 @@ def _inverse() -> Finding:
     # a hundred times that where the overclosure is 1e-2 of c0.
     back = float(np.abs(law.pressure(overclosure) / pressure - 1.0).max())
     off = float(np.abs(law.stiffness(overclosure) / slope - 1.0).max())
-    return Finding((Check("round trip", back, 1e-10), Check("slope", off, 1e-5)))
+    return Finding(Check("round trip", back, 1e-10), Check("slope", off, 1e-5))
 
 
 @CASES.add("overclosure-1-mm", "Blocks 1 mm inside each other at the start: refused, pair named")

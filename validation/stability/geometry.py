@@ -43,7 +43,7 @@ def distorted(size: tuple[float, float, float]) -> HexMesh:
 
 
 def _patches(mesh: HexMesh) -> Finding:
-    return Finding(tuple(affine_patch(mesh, kind, CONCRETE) for kind in ElementType))
+    return Finding(*(affine_patch(mesh, kind, CONCRETE) for kind in ElementType))
 
 
 @CASES.add("aspect-1-200", "Distorted elements of aspect 1:200: patch test, every element type")
@@ -86,7 +86,7 @@ def _incompressible() -> Finding:
         expected = pressure * 10.0 / rubber.constrained_modulus
         # Round-off times the ratio of bulk and shear modulus, 5 000.
         checks.append(Check(f"{kind}: sinking", relative(sunk, expected), 1e-9))
-    return Finding(tuple(checks))
+    return Finding(*checks)
 
 
 def _deflection(divisions: tuple[int, int, int], element: ElementType, ratio: float) -> float:
@@ -110,11 +110,9 @@ def _bending() -> Finding:
     full = _deflection((20, 2, 2), ElementType.FULL, 0.4999)
     # Two elements in the depth: shear and the clamped end take 1/n² of the order of 5 %.
     return Finding(
-        (
-            Check("2 elements over Euler's beam", coarse, 1.02, 0.94),
-            Check("distance of 4 elements over that of 2", (1 - fine) / (1 - coarse), 0.75),
-            Check("full integration, which locks", full, 0.5),
-        )
+        Check("2 elements over Euler's beam", coarse, 1.02, 0.94),
+        Check("distance of 4 elements over that of 2", (1 - fine) / (1 - coarse), 0.75),
+        Check("full integration, which locks", full, 0.5),
     )
 
 
@@ -158,4 +156,4 @@ def _scales() -> Finding:
         mesh = distorted((10.0, 10.0, 10.0))
         mesh = HexMesh(factor * mesh.nodes, mesh.elements)
         checks.append(affine_patch(mesh, ElementType.INCOMPATIBLE, CONCRETE))
-    return Finding(tuple(checks))
+    return Finding(*checks)

@@ -50,14 +50,19 @@ class _Answer:
     """Numbers by block, in their order in the original."""
 
 
+def _by_original(values: FloatArray, view: View) -> FloatArray:
+    """Values of blocks, (n_blocks, …), in the order of the original."""
+    old = np.empty_like(values)
+    old[view.order(len(values))] = values
+    return old
+
+
 def _by_block(assembly: AnyBlocks, index: IntArray, sizes: FloatArray, view: View) -> FloatArray:
     """Sum of forces on the contacts of each block of the original, (n_blocks,) [N]."""
     total, found = np.zeros(assembly.n_blocks), assembly.interfaces
     np.add.at(total, found.block_m[index], sizes)
     np.add.at(total, found.block_s[index], sizes)
-    old = np.empty_like(total)
-    old[view.order(assembly.n_blocks)] = total
-    return old
+    return _by_original(total, view)
 
 
 def _rigid_answer(subject: Subject, view: View) -> _Answer:
@@ -113,7 +118,7 @@ def _compared(answer: Callable[[View], _Answer]) -> Finding:
             apart = relative(found.numbers[name], expected) if name in found.numbers else np.nan
             largest = float(np.abs(expected).max())
             checks.append(Check(f"{name} apart", apart, _bound(name, view, largest)))
-    return Finding(tuple(checks))
+    return Finding(*checks)
 
 
 def _rigid(build: Callable[[], Subject]) -> Finding:
@@ -150,13 +155,16 @@ _LAW = "far away, turned, in metres, renumbered: same classes and verdicts, same
 
 for _name in builtin_names():
     if load_scene(_name).scene.block.type != "box":
-        CASES.add(f"view-{_name}", f"{_name}: {_LAW}")(partial(_rigid, partial(_scene, _name)))
+        CASES.case(f"view-{_name}", f"{_name}: {_LAW}", _rigid, partial(_scene, _name))
 
 for _name, _tube in TUBES.items():
     if _name == "layers-200":  # six CPU seconds for what two layers show
         continue
-    CASES.add(f"view-{_name}", f"{_tube.words}: {_LAW}")(
-        partial(_rigid, lambda t=_tube: (t.build(), piped(t.build()), None))  # type: ignore[misc]
+    CASES.case(
+        f"view-{_name}",
+        f"{_tube.words}: {_LAW}",
+        _rigid,
+        lambda t=_tube: (t.build(), piped(t.build()), None),
     )
 
 _FRICTION: dict[str, Callable[[], PolyhedralAssembly]] = {
@@ -168,9 +176,8 @@ _FRICTION: dict[str, Callable[[], PolyhedralAssembly]] = {
 }
 
 for _name, _build in _FRICTION.items():
-    CASES.add(f"view-{_name}", f"{_name.replace('-', ' ')}: {_LAW}")(
-        partial(_rigid, lambda b=_build: _weighed(b()))  # type: ignore[misc]
-    )
+    _words = _name.replace("-", " ")
+    CASES.case(f"view-{_name}", f"{_words}: {_LAW}", _rigid, lambda b=_build: _weighed(b()))
 
 
 def _static_answer(build: Callable[[], tuple[Assembly, LoadCase, Material]], view: View) -> _Answer:
@@ -200,16 +207,13 @@ def _static_answer(build: Callable[[], tuple[Assembly, LoadCase, Material]], vie
     for block in whole.deformable_blocks:
         found = result.displacements[int(whole.group_of[block])][int(whole.copy_of[block])]
         moved[block] = np.abs(found @ view.turn).max(axis=0) / scale
-    old = np.empty_like(moved)
-    old[view.order(len(moved))] = moved
     state = result.contact_state
     pressing = np.linalg.norm(state.forces.reshape(len(state.block_m), -1), axis=1)
     total = np.zeros(len(moved))
     np.add.at(total, state.block_m, pressing)
     np.add.at(total, state.block_s, pressing)
-    forces = np.empty_like(total)
-    forces[view.order(len(total))] = total
-    return _Answer((result.converged,), {"displacements": old, "pressing": forces})
+    numbers = {"displacements": _by_original(moved, view), "pressing": _by_original(total, view)}
+    return _Answer((result.converged,), numbers)
 
 
 def _static_scene(name: str) -> tuple[Assembly, LoadCase, Material]:
@@ -219,6 +223,10 @@ def _static_scene(name: str) -> tuple[Assembly, LoadCase, Material]:
 
 
 for _name in ("planar-sine", "tsb1-pipe", "tsb2-tunnel"):
-    CASES.add(f"view-static-{_name}", f"{_name}, deformable: {_LAW} and displacements")(
-        partial(_compared, partial(_static_answer, partial(_static_scene, _name)))
+    _words = f"{_name}, deformable: {_LAW} and displacements"
+    CASES.case(
+        f"view-static-{_name}",
+        _words,
+        _compared,
+        partial(_static_answer, partial(_static_scene, _name)),
     )

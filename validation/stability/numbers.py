@@ -23,13 +23,11 @@ def _wall(name: str) -> Finding:
     found, (associated, sliding) = others.wall_factors(name), others.PRINTED[name]
     assert found.check is not None
     return Finding(
-        (
-            Check("with dilation, off", abs(found.associated - associated), _THIRD_DIGIT),
-            # A certified state below the printed factor is a better minimum of the same program.
-            Check("without, above printed", found.factor - sliding, _THIRD_DIGIT),
-            Check("certified", found.certified, least=1),
-            Check("laws broken by", found.check.largest, 1e-6),
-        )
+        Check("with dilation, off", abs(found.associated - associated), _THIRD_DIGIT),
+        # A certified state below the printed factor is a better minimum of the same program.
+        Check("without, above printed", found.factor - sliding, _THIRD_DIGIT),
+        Check("certified", found.certified, least=1),
+        Check("laws broken by", found.check.largest, 1e-6),
     )
 
 
@@ -45,12 +43,12 @@ for _name in others.WALLS:
 def _arch() -> Finding:
     thick = others.straight_arch_stands(others.ARCH_OF_27 + _ARCH_DIGIT)
     thin = others.straight_arch_stands(others.ARCH_OF_27 - _ARCH_DIGIT)
-    return Finding((Check("stands above", thick, least=1), Check("stands below", thin, most=0)))
+    return Finding(Check("stands above", thick, least=1), Check("stands below", thin, most=0))
 
 
 @CASES.add("incline-of-a-half", "Incline of slope 0.5: a block stays with μ = 0.50, not with 0.49")
 def _incline() -> Finding:
     slopes = {mu: others.incline_slope(mu) for mu in (0.50, 0.49)}
     return Finding(
-        tuple(Check(f"slope for μ = {mu}, off", abs(s - mu), 1e-7) for mu, s in slopes.items())
+        *(Check(f"slope for μ = {mu}, off", abs(s - mu), 1e-7) for mu, s in slopes.items())
     )

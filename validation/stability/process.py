@@ -62,11 +62,9 @@ def _killed() -> Finding:
     same = np.array_equal(continued.displacements[0], unbroken.displacements[0])
     same &= np.array_equal(continued.history.table(), unbroken.history.table(), equal_nan=True)
     return Finding(
-        (
-            Check("exit status of the victim", killed.returncode, -9, -9),
-            Check("same bits", same, 1, 1),
-            Check("files left over", len(left), 0),
-        )
+        Check("exit status of the victim", killed.returncode, -9, -9),
+        Check("same bits", same, 1, 1),
+        Check("files left over", len(left), 0),
     )
 
 
@@ -88,7 +86,7 @@ def _anywhere() -> Finding:
                 continued = whole_run(resume=file)
                 same = np.array_equal(continued.displacements[0], unbroken.displacements[0])
                 different += not same
-    return Finding((Check("runs with other bits, of 4", different, 0),))
+    return Finding(Check("runs with other bits, of 4", different, 0))
 
 
 class _StoppedError(Exception):

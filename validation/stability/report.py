@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,8 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from validation.output.console import progress
-from validation.stability.case import Case, Outcome, Verdict
-from validation.stability.suite import run_suite
+from validation.stability.case import Case, Outcome, Verdict, run_case
 
 _STYLES = {Verdict.GREEN: "green", Verdict.REFUSED: "cyan", Verdict.RED: "bold red"}
 
@@ -29,9 +27,9 @@ def run_cases(cases: Sequence[Case]) -> list[Outcome]:
     found: list[Outcome] = []
     with progress(*Progress.get_default_columns()) as bar:
         task = bar.add_task("hard cases", total=len(cases))
-        for outcome in run_suite(cases):
-            found.append(outcome)
-            bar.update(task, advance=1, description=outcome.case.name)
+        for case in cases:
+            found.append(run_case(case))
+            bar.update(task, advance=1, description=case.name)
     return found
 
 
@@ -42,11 +40,6 @@ def any_red(found: Sequence[Outcome]) -> bool:
 
 def print_cases(found: Sequence[Outcome], console: Console) -> None:
     """Print the outcomes as a table, and how many of each kind there are."""
-    console.print(_table(found))
-    console.print(_summary(found))
-
-
-def _table(found: Sequence[Outcome]) -> Table:
     table = Table(title="hard cases", title_justify="left", show_lines=True)
     table.add_column("verdict", no_wrap=True)
     table.add_column("case", no_wrap=True)
@@ -62,14 +55,10 @@ def _table(found: Sequence[Outcome]) -> Table:
             outcome.proof,
             f"{outcome.cpu_seconds:.2f}",
         )
-    return table
-
-
-def _summary(found: Sequence[Outcome]) -> str:
-    count = Counter(outcome.verdict for outcome in found)
-    seconds = sum(outcome.cpu_seconds for outcome in found)
-    parts = ", ".join(f"{count[verdict]} {verdict}" for verdict in Verdict)
-    return f"{len(found)} cases: {parts}; {seconds:.1f} CPU s"
+    console.print(table)
+    data = stability_json(found)
+    parts = ", ".join(f"{count} {verdict}" for verdict, count in data["counts"].items())
+    console.print(f"{len(found)} cases: {parts}; {data['cpu_seconds']:.1f} CPU s")
 
 
 def stability_json(found: Sequence[Outcome]) -> dict[str, Any]:

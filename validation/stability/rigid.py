@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -120,18 +119,18 @@ TUBES = {
 
 def _piped(build: Callable[[], Assembly]) -> Finding:
     assembly = build()
-    return Finding(certified(assembly, piped(assembly)))
+    return Finding(*certified(assembly, piped(assembly)))
 
 
 for _name, _subject in TUBES.items():
-    CASES.add(_name, f"{_subject.words}: {CERTIFIED}")(partial(_piped, _subject.build))
+    CASES.case(_name, f"{_subject.words}: {CERTIFIED}", _piped, _subject.build)
 
 
 @CASES.add("mechanism-driven", "A column pushed sideways: no equilibrium, and the ray proves it")
 def _driven_column() -> Finding:
     assembly = stack(2)
     load = pressed(assembly, PRESSURE, face="inner")
-    return Finding(certified(assembly, load), analyse(assembly, load).equilibrium.status)
+    return Finding(*certified(assembly, load), refusal=analyse(assembly, load).equilibrium.status)
 
 
 @CASES.add("zero-load-rigid", "No load: equilibrium with λ = 0 exactly")
@@ -139,7 +138,7 @@ def _no_load() -> Finding:
     assembly = tube()
     result = analyse(assembly, load_case(assembly, "pipe", 0.0))
     largest = float(np.abs(result.contact_forces).max())
-    return Finding((Check("holds", result.equilibrium.holds, 1, 1), Check("largest λ", largest, 0)))
+    return Finding(Check("holds", result.equilibrium.holds, 1, 1), Check("largest λ", largest, 0))
 
 
 def _scale_law(pressure: float) -> Finding:
@@ -149,21 +148,13 @@ def _scale_law(pressure: float) -> Finding:
     difference = relative(other.contact_forces / pressure, unit.contact_forces)
     # λ is determined to the residual target 1e-12 times the condition of the pressing columns.
     return Finding(
-        (
-            Check("‖Gλ+f‖/‖f‖", other.equilibrium.residual, 1e-9),
-            Check("λ/p against p = 1 MPa", difference, 1e-9),
-        )
+        Check("‖Gλ+f‖/‖f‖", other.equilibrium.residual, 1e-9),
+        Check("λ/p against p = 1 MPa", difference, 1e-9),
     )
 
 
-@CASES.add("load-1e-12-rigid", "Load of 1e-12 MPa: forces scale with the load")
-def _tiny_load() -> Finding:
-    return _scale_law(1e-12)
-
-
-@CASES.add("load-1e9-rigid", "Load of 1e9 MPa: forces scale with the load")
-def _huge_load() -> Finding:
-    return _scale_law(1e9)
+CASES.case("load-1e-12-rigid", "Load of 1e-12 MPa: forces scale with the load", _scale_law, 1e-12)
+CASES.case("load-1e9-rigid", "Load of 1e9 MPa: forces scale with the load", _scale_law, 1e9)
 
 
 def _unit_law(factor: float) -> Finding:
@@ -174,21 +165,15 @@ def _unit_law(factor: float) -> Finding:
     load = load_case(other_assembly, "pipe", PRESSURE / factor**2)
     other = analyse(other_assembly, load)
     return Finding(
-        (
-            Check(f"class as in mm ({mine.mechanism})", mine.mechanism == other.mechanism, 1, 1),
-            Check("λ against λ in mm", relative(other.contact_forces, mine.contact_forces), 1e-9),
-        )
+        Check(f"class as in mm ({mine.mechanism})", mine.mechanism == other.mechanism, 1, 1),
+        Check("λ against λ in mm", relative(other.contact_forces, mine.contact_forces), 1e-9),
     )
 
 
-@CASES.add("units-metre-rigid", "The same tube in metres: same class, same forces")
-def _metre() -> Finding:
-    return _unit_law(1e-3)
-
-
-@CASES.add("units-inch-rigid", "The same tube in inches: same class, same forces")
-def _inch() -> Finding:
-    return _unit_law(1.0 / 25.4)
+CASES.case("units-metre-rigid", "The same tube in metres: same class, same forces", _unit_law, 1e-3)
+CASES.case(
+    "units-inch-rigid", "The same tube in inches: same class, same forces", _unit_law, 1.0 / 25.4
+)
 
 
 @CASES.add("offset-1e6-mm-rigid", "The tube 1e6 mm from the origin: same class, same forces")
@@ -199,14 +184,12 @@ def _offset() -> Finding:
     other = analyse(away, load_case(away, "pipe", PRESSURE))
     # Coordinates lose eps · 1e6 mm = 2e-10 mm of facets of 10 mm: 2e-11, times the condition.
     return Finding(
-        (
-            Check(f"class unchanged ({mine.mechanism})", mine.mechanism == other.mechanism, 1, 1),
-            Check(
-                "λ against λ at the origin",
-                relative(other.contact_forces, mine.contact_forces),
-                1e-6,
-            ),
-        )
+        Check(f"class unchanged ({mine.mechanism})", mine.mechanism == other.mechanism, 1, 1),
+        Check(
+            "λ against λ at the origin",
+            relative(other.contact_forces, mine.contact_forces),
+            1e-6,
+        ),
     )
 
 
@@ -226,22 +209,20 @@ def _repetition_law(times: int, least: int = 0) -> Finding:
     # Minimum norm spreads a force evenly over copies of a contact.
     expected = np.repeat(once.forces, times) / times
     return Finding(
-        (
-            Check("contacts", len(many.forces), least=least),
-            Check("‖Gλ+f‖/‖f‖", many.residual, 1e-9),
-            Check("λ against λ₁/k", relative(many.forces, expected), 1e-9),
-        )
+        Check("contacts", len(many.forces), least=least),
+        Check("‖Gλ+f‖/‖f‖", many.residual, 1e-9),
+        Check("λ against λ₁/k", relative(many.forces, expected), 1e-9),
     )
 
 
-@CASES.add("duplicated-contacts", "Every contact twice: each copy carries half")
-def _duplicated() -> Finding:
-    return _repetition_law(2)
-
-
-@CASES.add("contacts-5e5", "Every contact many times, 5e5 in all: copies share evenly")
-def _redundant() -> Finding:
-    return _repetition_law(500, 500_000)
+CASES.case("duplicated-contacts", "Every contact twice: each copy carries half", _repetition_law, 2)
+CASES.case(
+    "contacts-5e5",
+    "Every contact many times, 5e5 in all: copies share evenly",
+    _repetition_law,
+    500,
+    500_000,
+)
 
 
 @CASES.add("zero-area-contacts", "Contacts of zero area carry nothing; the rest balance, finite")
@@ -256,7 +237,7 @@ def _zero_area() -> Finding:
         contacts.jacobian, force, weights=column_weights(Norm.PRESSURE, areas)
     )
     carried = float(np.abs(found.forces[::7]).max())
-    return Finding((Check("‖Gλ+f‖/‖f‖", found.residual, 1e-9), Check("λ there", carried, 0.0)))
+    return Finding(Check("‖Gλ+f‖/‖f‖", found.residual, 1e-9), Check("λ there", carried, 0.0))
 
 
 @CASES.add("parallel-normals", "Normals 2e-7 rad apart: the two forces of the closed form")
@@ -267,10 +248,8 @@ def _parallel() -> Finding:
     found = newton_equilibrium(MatrixJacobian(sp.csc_array(columns)), -columns @ expected)
     # Forces are the residual (1e-12) over the smallest singular value (1.4e-7).
     return Finding(
-        (
-            Check("‖Gλ+f‖/‖f‖", found.residual, 1e-9),
-            Check("λ against (¾, ¼)", relative(found.forces, expected), 1e-5),
-        )
+        Check("‖Gλ+f‖/‖f‖", found.residual, 1e-9),
+        Check("λ against (¾, ¼)", relative(found.forces, expected), 1e-5),
     )
 
 
@@ -285,7 +264,7 @@ def _rank_deficient() -> Finding:
         Check("‖Gλ+f‖/‖f‖", held.residual, 1e-9),
         Check("λ against ½", relative(held.forces[:12], np.full(12, 0.5)), 1e-9),
     )
-    return Finding(checks + _driven(jacobian.to_matrix(), across, free.mechanism))
+    return Finding(*checks, *_driven(jacobian.to_matrix(), across, free.mechanism))
 
 
 def _cone() -> tuple[FloatArray, FloatArray]:
@@ -302,10 +281,8 @@ def _inside() -> Finding:
     found = newton_equilibrium(MatrixJacobian(sp.csc_array(matrix)), load)
     exact = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1e-9])
     return Finding(
-        (
-            Check("‖Gλ+f‖/‖f‖", found.residual, 1e-11),
-            Check("λ against the exact forces", relative(found.forces, exact), 1e-10),
-        )
+        Check("‖Gλ+f‖/‖f‖", found.residual, 1e-11),
+        Check("λ against the exact forces", relative(found.forces, exact), 1e-10),
     )
 
 
@@ -322,10 +299,8 @@ def _just_outside() -> Finding:
     rest = matrix[:, 5] - basis @ (basis.T @ matrix[:, 5])
     distance = 1e-9 * float(np.linalg.norm(rest)) / float(np.linalg.norm(load))
     return Finding(
-        (
-            Check("holds", found.holds, 1, 1),
-            Check("residual over distance", found.residual / distance, 1.01, 0.99),
-        )
+        Check("holds", found.holds, 1, 1),
+        Check("residual over distance", found.residual / distance, 1.01, 0.99),
     )
 
 
@@ -335,7 +310,7 @@ def _outside() -> Finding:
     load = load + 1e-5 * matrix[:, 5]
     sparse = sp.csc_array(matrix)
     found = newton_equilibrium(MatrixJacobian(sparse), load)
-    return Finding(_driven(sparse, load, found.mechanism), found.status)
+    return Finding(*_driven(sparse, load, found.mechanism), refusal=found.status)
 
 
 def _without_top_block(assembly: Assembly, *, unmatched_allowed: bool) -> Assembly:
@@ -357,6 +332,9 @@ def _incomplete_frame() -> Finding:
     return refusal(lambda: broken.interfaces, AssemblyError, "meet no partner", "expected")
 
 
-@CASES.add("frame-open", "The same with open faces allowed: its class and forces multiply out")
-def _open_frame() -> Finding:
-    return _piped(lambda: _without_top_block(tube(), unmatched_allowed=True))
+CASES.case(
+    "frame-open",
+    "The same with open faces allowed: its class and forces multiply out",
+    _piped,
+    lambda: _without_top_block(tube(), unmatched_allowed=True),
+)

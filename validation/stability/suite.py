@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from validation.errors import InputError
 from validation.stability import (
@@ -15,7 +15,7 @@ from validation.stability import (
     rigid,
     static,
 )
-from validation.stability.case import Case, Outcome, run_case
+from validation.stability.case import Case
 from validation.stability.degenerate import deformable as degenerate_deformable
 from validation.stability.degenerate import rigid as degenerate_rigid
 
@@ -55,9 +55,3 @@ def chosen(names: Sequence[str]) -> tuple[Case, ...]:
                 "(`tubelock stability --list` shows all)"
             )
     return tuple(c for c in every if not names or c.name in names or c.subject in names)
-
-
-def run_suite(selected: Sequence[Case]) -> Iterator[Outcome]:
-    """Run cases one by one."""
-    for case in selected:
-        yield run_case(case)

@@ -58,15 +58,19 @@ class Claim:
 
 
 class Claims(list[Claim]):
-    """Claims in the order in which their judges stand."""
+    """Claims in the order in which their judges stand; ``usual`` options are those of most."""
+
+    def __init__(self, **usual: bool) -> None:
+        self._usual = usual
 
     def add(
-        self, name: str, statement: str, place: str, **options: bool
+        self, statement: str, place: str, *, name: str | None = None, **options: bool
     ) -> Callable[[Judge], Judge]:
-        """List a claim that a function judges."""
+        """List a claim that a function judges, which names it: ``_half_turn``, half-turn."""
 
         def listed(judge: Judge) -> Judge:
-            self.append(Claim(name, statement, place, judge, **options))
+            named = name or judge.__name__.strip("_").replace("_", "-")
+            self.append(Claim(named, statement, place, judge, **self._usual | options))
             return judge
 
         return listed

@@ -19,7 +19,7 @@ from validation.run.deformable import DeformableRun, contact_report
 from validation.run.rigid.assembly import RigidRun
 from validation.scene.read import TubeScene
 
-FEM_CLAIMS = Claims()
+FEM_CLAIMS = Claims(deformable=True)
 
 
 _BLOCKS = ("TSB1", "TSB2")
@@ -30,12 +30,6 @@ _CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
 
 #: Layer that the paper looks at.
 _LAYER = 7
-
-
-def _run(evidence: Evidence, block: str, case: str) -> DeformableRun:
-    run = evidence.fem(block, case)
-    assert run is not None  # claims are judged only where deformable runs are allowed
-    return run
 
 
 # ---------------------------------------------------------------------------------------------
@@ -119,7 +113,7 @@ def pressure_pairs(evidence: Evidence) -> list[PressurePair]:
     found = []
     for case in ("pipe", "tunnel", "shaft"):
         for block in _BLOCKS:
-            run = _run(evidence, block, case)
+            run = evidence.fem(block, case)
             rigid = same_mesh(evidence, run)
             for lower, side in ((_LAYER, "top"), (_LAYER - 1, "bottom")):
                 found.append(_pair(f"{block} {case} {side}", run, rigid, lower))
@@ -148,11 +142,9 @@ def same_mesh(evidence: Evidence, run: DeformableRun) -> RigidRun:
 
 
 @FEM_CLAIMS.add(
-    "peaks-found",
     "Rigid blocks find where the pressure peaks of deformable blocks are (layer 7, twelve "
     "comparisons)",
     "fig:pc_MBD_FEM",
-    deformable=True,
 )
 def _peaks_found(evidence: Evidence) -> Verdict:
     pairs = pressure_pairs(evidence)
@@ -171,15 +163,13 @@ def _peaks_found(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add(
-    "areas-fem",
     "Deformable blocks show the same effective areas, about 30 % (pipe) and 50 % (tunnel)",
     "fig:pc_MBD_FEM",
-    deformable=True,
 )
-def _areas_agree(evidence: Evidence) -> Verdict:
+def _areas_fem(evidence: Evidence) -> Verdict:
     values, words = {}, []
     for case, target in (("pipe", 30.0), ("tunnel", 50.0)):
-        found = [contact_report(_run(evidence, b, case)) for b in _BLOCKS]
+        found = [contact_report(evidence.fem(b, case)) for b in _BLOCKS]
         counts = [c["effective_count_percent"] for c in found]
         values[case] = counts
         words.append(
@@ -200,16 +190,14 @@ def _areas_agree(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add(
-    "layers-repeat",
     "In pipe, tunnel and pillar the stresses repeat across layers; in shaft they do not",
     "fig:sigma1",
-    deformable=True,
 )
 def _layers_repeat(evidence: Evidence) -> Verdict:
     found = {}
     for block in _BLOCKS:
         for case in ("pipe", "tunnel", "pillar", "shaft"):
-            run = _run(evidence, block, case)
+            run = evidence.fem(block, case)
             found[f"{block} {case}"] = max(
                 _apart(_sigma(run, k), _sigma(run, k + 2)) for k in range(4, 8)
             )
@@ -224,16 +212,13 @@ def _layers_repeat(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add(
-    "under-the-waves",
-    "In all cases the critical stress concentrations lie beneath the sinusoidal faces",
-    "fig:sigma1",
-    deformable=True,
+    "In all cases the critical stress concentrations lie beneath the sinusoidal faces", "fig:sigma1"
 )
 def _under_the_waves(evidence: Evidence) -> Verdict:
     shares = {}
     for block in _BLOCKS:
         for case in _CASES:
-            run = _run(evidence, block, case)
+            run = evidence.fem(block, case)
             free = run.deformable.assembly.free_blocks
             values = np.array([block_grid(run, run.principal(int(b))[:, 0]) for b in free])
             height = np.linspace(0.0, 1.0, values.shape[3])
@@ -250,9 +235,9 @@ def _under_the_waves(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add(
-    "favourable",
     "Which block has the more favourable overall stress state cannot be concluded",
     "fig:sigma1",
+    deformable=False,
 )
 def _favourable(_: Evidence) -> Verdict:
     return Verdict(
@@ -291,15 +276,12 @@ def _monolith(run: DeformableRun) -> _Monolith:
 
 
 @FEM_CLAIMS.add(
-    "far-side",
-    "The far side of the beam has practically no tension, unlike a clamped solid beam",
-    "fig:sigma1",
-    deformable=True,
+    "The far side of the beam has practically no tension, unlike a clamped solid beam", "fig:sigma1"
 )
 def _far_side(evidence: Evidence) -> Verdict:
     found, words = {}, []
     for name in _BLOCKS:
-        run = _run(evidence, name, "beam")
+        run = evidence.fem(name, "beam")
         solid = _monolith(run)
         force = _load(run)
         expected = np.linalg.norm(force) * solid.length / 8 * solid.outer_radius / solid.bending
@@ -322,13 +304,11 @@ def _next_layer(run: DeformableRun) -> tuple[float, float]:
 
 
 @FEM_CLAIMS.add(
-    "half-turn",
     "TSB1, pipe: every second layer has the stresses of the layer before, turned by 180°",
     "fig:pipe-sin_sigma",
-    deformable=True,
 )
 def _half_turn(evidence: Evidence) -> Verdict:
-    turned, mirrored = _next_layer(_run(evidence, "TSB1", "pipe"))
+    turned, mirrored = _next_layer(evidence.fem("TSB1", "pipe"))
     return judged(
         turned < 0.05,
         f"σ₁ of layer 8 turned by 180° differs from layer 7 by {100 * turned:.1f} % "
@@ -338,14 +318,9 @@ def _half_turn(evidence: Evidence) -> Verdict:
     )
 
 
-@FEM_CLAIMS.add(
-    "mirror",
-    "TSB2, pipe: every second layer has mirrored stresses",
-    "fig:pipe-cos_sigma",
-    deformable=True,
-)
+@FEM_CLAIMS.add("TSB2, pipe: every second layer has mirrored stresses", "fig:pipe-cos_sigma")
 def _mirror(evidence: Evidence) -> Verdict:
-    turned, mirrored = _next_layer(_run(evidence, "TSB2", "pipe"))
+    turned, mirrored = _next_layer(evidence.fem("TSB2", "pipe"))
     return judged(
         mirrored < 0.05,
         f"σ₁ of layer 8 mirrored differs from layer 7 by {100 * mirrored:.1f} % "
@@ -356,10 +331,7 @@ def _mirror(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add(
-    "four-alike",
-    "The four blocks of a layer have identical principal stresses",
-    "fig:pipe-sin_sigma",
-    deformable=True,
+    "The four blocks of a layer have identical principal stresses", "fig:pipe-sin_sigma"
 )
 def _four_alike(evidence: Evidence) -> Verdict:
     """Solve a tube without using its symmetry: four layers are enough to see it."""
@@ -403,13 +375,11 @@ def _peaks(run: DeformableRun, side: str) -> tuple[FloatArray, FloatArray]:
 
 
 @FEM_CLAIMS.add(
-    "valleys-tsb1",
     "TSB1, pipe: σ₁ peaks at the valleys of the sinusoidal faces, top and bottom",
     "fig:pipe-sin_sigma",
-    deformable=True,
 )
 def _valleys_tsb1(evidence: Evidence) -> Verdict:
-    run = _run(evidence, "TSB1", "pipe")
+    run = evidence.fem("TSB1", "pipe")
     (top, far_top), (bottom, far_bottom) = _peaks(run, "top"), _peaks(run, "bottom")
     apart = max(float(far_top.max()), float(far_bottom.max()))
     ratio = float(top.max() / bottom.max())
@@ -424,13 +394,10 @@ def _valleys_tsb1(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add(
-    "valleys-tsb2",
-    "TSB2, pipe: such peaks are only in the bottom part of the layer",
-    "fig:pipe-cos_sigma",
-    deformable=True,
+    "TSB2, pipe: such peaks are only in the bottom part of the layer", "fig:pipe-cos_sigma"
 )
 def _valleys_tsb2(evidence: Evidence) -> Verdict:
-    run = _run(evidence, "TSB2", "pipe")
+    run = evidence.fem("TSB2", "pipe")
     (top, _), (bottom, _) = _peaks(run, "top"), _peaks(run, "bottom")
     ratio = float(bottom.max() / top.max())
     return judged(
@@ -449,15 +416,12 @@ def _list(values: FloatArray) -> str:
 
 
 @FEM_CLAIMS.add(
-    "one-of-three",
-    "Of the three valleys of a block one consistently has higher stresses",
-    "fig:pipe-sin_sigma",
-    deformable=True,
+    "Of the three valleys of a block one consistently has higher stresses", "fig:pipe-sin_sigma"
 )
 def _one_of_three(evidence: Evidence) -> Verdict:
     found = {}
     for block, side in (("TSB1", "top"), ("TSB1", "bottom"), ("TSB2", "top"), ("TSB2", "bottom")):
-        peaks = np.sort(_peaks(_run(evidence, block, "pipe"), side)[0])
+        peaks = np.sort(_peaks(evidence.fem(block, "pipe"), side)[0])
         found[f"{block} {side}"] = float(peaks[-1] / peaks[-2])
     return judged(
         all(ratio > 1.1 for ratio in found.values()),
@@ -469,15 +433,12 @@ def _one_of_three(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add(
-    "lower-tension",
-    "TSB2 attains lower average maximum principal stresses than TSB1",
-    "fig:pipe-cos_sigma",
-    deformable=True,
+    "TSB2 attains lower average maximum principal stresses than TSB1", "fig:pipe-cos_sigma"
 )
 def _lower_tension(evidence: Evidence) -> Verdict:
     means = {}
     for block in _BLOCKS:
-        run = _run(evidence, block, "pipe")
+        run = evidence.fem(block, "pipe")
         means[block] = float(np.average(_sigma(run, _LAYER), weights=_volumes(run)))
     return judged(
         means["TSB2"] < means["TSB1"],
@@ -495,14 +456,9 @@ def _share_above(run: DeformableRun, component: int) -> float:
     return float(volumes[high].sum() / volumes.sum())
 
 
-@FEM_CLAIMS.add(
-    "localized",
-    "The regions of peak tension are more localized in TSB2",
-    "fig:pipe-cos_sigma",
-    deformable=True,
-)
+@FEM_CLAIMS.add("The regions of peak tension are more localized in TSB2", "fig:pipe-cos_sigma")
 def _localized(evidence: Evidence) -> Verdict:
-    shares = {b: _share_above(_run(evidence, b, "pipe"), 0) for b in _BLOCKS}
+    shares = {b: _share_above(evidence.fem(b, "pipe"), 0) for b in _BLOCKS}
     return judged(
         shares["TSB2"] < shares["TSB1"],
         "volume with σ₁ above a third of its peak: "
@@ -511,17 +467,12 @@ def _localized(evidence: Evidence) -> Verdict:
     )
 
 
-@FEM_CLAIMS.add(
-    "compressed",
-    "TSB2 exhibits larger regions of compressive stress",
-    "fig:pipe-cos_sigma",
-    deformable=True,
-)
+@FEM_CLAIMS.add("TSB2 exhibits larger regions of compressive stress", "fig:pipe-cos_sigma")
 def _compressed(evidence: Evidence) -> Verdict:
     limit = 0.1
     shares = {}
     for block in _BLOCKS:
-        run = _run(evidence, block, "pipe")
+        run = evidence.fem(block, "pipe")
         volumes = _volumes(run)
         shares[block] = float(volumes[_sigma(run, _LAYER, 2) < -limit].sum() / volumes.sum())
     return judged(
@@ -558,7 +509,7 @@ def _mean_displacement(run: DeformableRun) -> float:
 
 def _smaller_displacement(case: str) -> Callable[[Evidence], Verdict]:
     def judge(evidence: Evidence) -> Verdict:
-        one, two = (_mean_displacement(_run(evidence, b, case)) for b in _BLOCKS)
+        one, two = (_mean_displacement(evidence.fem(b, case)) for b in _BLOCKS)
         return judged(
             one < two,
             f"mean displacement {1e3 * one:.2f} µm (TSB1), {1e3 * two:.2f} µm (TSB2), no initial "
@@ -570,16 +521,14 @@ def _smaller_displacement(case: str) -> Callable[[Evidence], Verdict]:
 
 
 FEM_CLAIMS.add(
-    "displacement-pipe",
     "Under internal pressure TSB1 has the smaller average displacement",
     "fig:disp",
-    deformable=True,
+    name="displacement-pipe",
 )(_smaller_displacement("pipe"))
 FEM_CLAIMS.add(
-    "displacement-tunnel",
     "Under external pressure TSB1 has the smaller average displacement",
     "fig:disp",
-    deformable=True,
+    name="displacement-tunnel",
 )(_smaller_displacement("tunnel"))
 
 
@@ -610,20 +559,17 @@ def _far_axial_stress(run: DeformableRun, force: FloatArray) -> float:
 
 
 @FEM_CLAIMS.add(
-    "monolithic",
-    "In beam and shaft the tubes closely follow the deformation of a monolithic tube",
-    "fig:disp",
-    deformable=True,
+    "In beam and shaft the tubes closely follow the deformation of a monolithic tube", "fig:disp"
 )
 def _monolithic(evidence: Evidence) -> Verdict:
     ratios = {}
     for name in _BLOCKS:
-        run = _run(evidence, name, "beam")
+        run = evidence.fem(name, "beam")
         solid = _monolith(run)
         force = float(np.linalg.norm(_load(run)))
         sag = force * solid.length**3 / (192 * solid.young * solid.bending)
         ratios[f"{name} beam"] = run.largest_displacement / sag
-        run = _run(evidence, name, "shaft")
+        run = evidence.fem(name, "shaft")
         block = _tube(run).shape
         torque = _tube(run).load.pressure * 2 * np.pi * block.outer_radius**2 * block.height
         shear = solid.young / (2 * (1 + solid.poisson))
@@ -639,13 +585,11 @@ def _monolithic(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add(
-    "speed-up",
     "The speed-up of rigid blocks over finite elements is about 10⁵, with our own codes",
     "tab:cpu-times",
-    deformable=True,
 )
 def _speed_up(evidence: Evidence) -> Verdict:
-    run = _run(evidence, "TSB1", "pipe")
+    run = evidence.fem("TSB1", "pipe")
     rigid = same_mesh(evidence, run)
     ratio = run.cpu_seconds["total"] / rigid.cpu_seconds["total"]
     return judged(

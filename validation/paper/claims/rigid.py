@@ -9,7 +9,7 @@ import numpy as np
 from geometry.mesh import FloatArray, IntArray
 from mbd import contact_jacobian
 from validation.paper.claims.claim import Claims, Verdict, judged
-from validation.paper.evidence import Design, Evidence
+from validation.paper.evidence import Design, Evidence, measures_of, p_max
 from validation.paper.reference import reference
 from validation.run.rigid.assembly import RigidRun
 
@@ -18,15 +18,6 @@ RIGID_CLAIMS = Claims()
 
 #: What "approximately", "comparable", "minor" and "marginal" may mean here.
 _TENTH = 0.10
-
-
-_TSB2 = (0.5, 1.5, 4, 40.0, 20.0)
-
-
-def _p_max(run: RigidRun) -> float:
-    measures = run.result.measures
-    assert measures is not None
-    return measures.p_max
 
 
 def _count_falling(evidence: Evidence, axis: int) -> tuple[int, int]:
@@ -41,7 +32,6 @@ def _count_falling(evidence: Evidence, axis: int) -> tuple[int, int]:
 
 
 @RIGID_CLAIMS.add(
-    "locked",
     "The Sine Block has no kinematic mechanism for all a > 0",
     "tab:kinematic-mechanism",
     of_turn=True,
@@ -66,7 +56,6 @@ def _locked(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "falls-with-amplitude",
     "For all configurations p_max decreases monotonically with increasing amplitude",
     "subsec:MBD_results",
     of_turn=True,
@@ -77,7 +66,6 @@ def _falls_with_amplitude(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "flattens",
     "The reduction is most pronounced for small amplitudes; the curves progressively flatten",
     "subsec:MBD_results",
     of_turn=True,
@@ -100,15 +88,13 @@ def _flattens(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "saturates",
-    "Beyond a ≈ 30 mm a further increase leads to only marginal changes",
-    "subsec:MBD_results",
+    "Beyond a ≈ 30 mm a further increase leads to only marginal changes", "subsec:MBD_results"
 )
 def _saturates(evidence: Evidence) -> Verdict:
     found = {}
     for shift in (0.0, 0.5):
         curve = [
-            _p_max(evidence.tsb("tsb1-pipe", (shift, 1.5, 4, 40.0, a))) for a in (25.0, 30.0, 40.0)
+            p_max(evidence.tsb("tsb1-pipe", (shift, 1.5, 4, 40.0, a))) for a in (25.0, 30.0, 40.0)
         ]
         found[f"s={shift:g}"] = curve
     drops = {name: 1 - c[2] / c[1] for name, c in found.items()}
@@ -124,7 +110,6 @@ def _saturates(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "falls-with-thickness",
     "For all a, n and f, increasing the thickness systematically reduces p_max",
     "subsec:MBD_results",
     of_turn=True,
@@ -151,7 +136,6 @@ def _falls_with_thickness(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "thick-depends-less",
     "For large thicknesses p_max depends less on the other parameters",
     "subsec:MBD_results",
     of_turn=True,
@@ -172,7 +156,6 @@ def _thick_depends_less(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "fine-is-worse",
     "Higher frequency, larger n and larger amplitude together generally increase p_max, "
     "particularly at a = 25, n = 6",
     "subsec:MBD_results",
@@ -210,7 +193,6 @@ def _fine_is_worse(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "wave-threshold",
     "Above a threshold of n_w = 2 f n, amplitudes of about 10 mm or more raise p_max",
     "subsec:MBD_results",
     of_turn=True,
@@ -251,7 +233,6 @@ def _wave_threshold(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "fewer-larger",
     "At the same n_w, fewer blocks consistently exhibit lower contact pressures",
     "subsec:MBD_results",
     of_turn=True,
@@ -273,12 +254,11 @@ def _fewer_larger(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "fewer-larger-example",
     "f = 2, n = 2 yields lower pressures than f = 1, n = 4 (both n_w = 8, s = 0)",
     "subsec:MBD_results",
     of_turn=True,
 )
-def _example_of_fewer(evidence: Evidence) -> Verdict:
+def _fewer_larger_example(evidence: Evidence) -> Verdict:
     few: Design = (0.0, 2.0, 2, 40.0, 20.0)
     many: Design = (0.0, 1.0, 4, 40.0, 20.0)
     p = evidence.study.p_max
@@ -301,14 +281,11 @@ def _example_of_fewer(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "best",
-    "a = 25, f = 2, s = 0.5, n = 2, t = 60 performs best",
-    "subsec:MBD_results",
-    of_turn=True,
+    "a = 25, f = 2, s = 0.5, n = 2, t = 60 performs best", "subsec:MBD_results", of_turn=True
 )
 def _best(evidence: Evidence) -> Verdict:
     order = sorted(evidence.study.p_max, key=lambda key: evidence.study.p_max[key])
-    fine = {key: _p_max(evidence.tsb("tsb1-pipe", key)) for key in order[:4]}
+    fine = {key: p_max(evidence.tsb("tsb1-pipe", key)) for key in order[:4]}
     best = min(fine, key=lambda key: fine[key])
     words = "; ".join(
         f"s = {s:g}, f = {f:g}, n = {n}, t = {t:g}, a = {a:g}: {fine[s, f, n, t, a]:.4f} MPa"
@@ -322,12 +299,9 @@ def _best(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "cosine-lower",
-    "s = 0.5 exhibits slightly lower p_max than s = 0",
-    "subsec:MBD_results",
-    of_turn=True,
+    "s = 0.5 exhibits slightly lower p_max than s = 0", "subsec:MBD_results", of_turn=True
 )
-def _cosine_is_lower(evidence: Evidence) -> Verdict:
+def _cosine_lower(evidence: Evidence) -> Verdict:
     p = evidence.study.p_max
     ratio = np.array([p[(0.5, *key[1:])] / value for key, value in p.items() if key[0] == 0.0])
     lower = int((ratio < 1).sum())
@@ -342,13 +316,12 @@ def _cosine_is_lower(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "thickness-minor",
     "At a = 20, f = 1.5, s = 0.5, n = 4 the differences between t = 40, 50 and 60 are minor",
     "subsec:MBD_results",
 )
-def _thickness_is_minor(evidence: Evidence) -> Verdict:
+def _thickness_minor(evidence: Evidence) -> Verdict:
     found = {
-        t: _p_max(evidence.tsb("tsb1-pipe", (0.5, 1.5, 4, t, 20.0))) for t in (40.0, 50.0, 60.0)
+        t: p_max(evidence.tsb("tsb1-pipe", (0.5, 1.5, 4, t, 20.0))) for t in (40.0, 50.0, 60.0)
     }
     spread = max(found.values()) / min(found.values()) - 1
     return judged(
@@ -360,9 +333,9 @@ def _thickness_is_minor(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "480-in-hours",
     "Hundreds of configurations are evaluated within a few CPU hours",
     "tab:cpu-times",
+    name="480-in-hours",
 )
 def _hundreds_in_hours(evidence: Evidence) -> Verdict:
     seconds = evidence.study.cpu_seconds
@@ -375,11 +348,9 @@ def _hundreds_in_hours(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "speed-up-printed",
-    "Rigid blocks are about five orders of magnitude cheaper than finite elements",
-    "tab:cpu-times",
+    "Rigid blocks are about five orders of magnitude cheaper than finite elements", "tab:cpu-times"
 )
-def _printed_speed_up(_: Evidence) -> Verdict:
+def _speed_up_printed(_: Evidence) -> Verdict:
     cost = reference()["cost"]
     per_design = cost["mbd_cpu_hours"] / cost["mbd_configurations"]
     ratio = cost["fem_cpu_hours"] / per_design
@@ -391,9 +362,7 @@ def _printed_speed_up(_: Evidence) -> Verdict:
     )
 
 
-@RIGID_CLAIMS.add(
-    "length", "With L = 12 the structure is 2.6 m long, frame included", "sec:analyse"
-)
+@RIGID_CLAIMS.add("With L = 12 the structure is 2.6 m long, frame included", "sec:analyse")
 def _length(_: Evidence) -> Verdict:
     block = reference()["blocks"]["TSB1"]
     length = block["layers"] * block["height"] + 2 * block["height"] / 2
@@ -409,14 +378,11 @@ def _rows(evidence: Evidence, case: str) -> tuple[RigidRun, RigidRun]:
 
 
 @RIGID_CLAIMS.add(
-    "tsb2-wider",
     "Under internal pressure TSB2 activates a larger portion of the contact surface",
     "tab:cosin-force-equilibrium",
 )
 def _tsb2_wider(evidence: Evidence) -> Verdict:
-    one, two = (run.result.measures for run in _rows(evidence, "pipe"))
-    assert one is not None
-    assert two is not None
+    one, two = (measures_of(run) for run in _rows(evidence, "pipe"))
     return judged(
         two.effective_count_percent > one.effective_count_percent
         and two.effective_area_percent > one.effective_area_percent,
@@ -429,14 +395,11 @@ def _tsb2_wider(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "tsb2-preferable",
     "Under internal pressure both have a comparable p_eff, TSB2 the lower p_max",
     "tab:cosin-force-equilibrium",
 )
-def _comparable_p_eff(evidence: Evidence) -> Verdict:
-    one, two = (run.result.measures for run in _rows(evidence, "pipe"))
-    assert one is not None
-    assert two is not None
+def _tsb2_preferable(evidence: Evidence) -> Verdict:
+    one, two = (measures_of(run) for run in _rows(evidence, "pipe"))
     apart = abs(two.p_eff_pooled / one.p_eff_pooled - 1)
     return judged(
         apart < _TENTH and two.p_max < one.p_max,
@@ -450,11 +413,8 @@ def _comparable_p_eff(evidence: Evidence) -> Verdict:
 
 def _near(target: float, case: str, *, count: bool) -> Callable[[Evidence], Verdict]:
     def judge(evidence: Evidence) -> Verdict:
-        found = []
-        for run in _rows(evidence, case):
-            measures = run.result.measures
-            assert measures is not None
-            found.append((measures.effective_count_percent, measures.effective_area_percent))
+        both = [measures_of(run) for run in _rows(evidence, case)]
+        found = [(m.effective_count_percent, m.effective_area_percent) for m in both]
         chosen = [pair[0 if count else 1] for pair in found]
         return judged(
             all(abs(value - target) <= 5.0 for value in chosen),
@@ -468,24 +428,24 @@ def _near(target: float, case: str, *, count: bool) -> Callable[[Evidence], Verd
 
 
 RIGID_CLAIMS.add(
-    "area-pipe",
     "About 30 % of the surface is effective contact area under internal pressure",
     "fig:pc_MBD_FEM",
+    name="area-pipe",
 )(_near(30.0, "pipe", count=True))
 RIGID_CLAIMS.add(
-    "area-tunnel",
     "About 50 % of the surface is effective contact area under external pressure",
     "fig:pc_MBD_FEM",
+    name="area-tunnel",
 )(_near(50.0, "tunnel", count=True))
 RIGID_CLAIMS.add(
-    "area-pipe-true",
     "The same of the true area instead of the count of elements: about 30 %, internal pressure",
     "fig:pc_MBD_FEM",
+    name="area-pipe-true",
 )(_near(30.0, "pipe", count=False))
 RIGID_CLAIMS.add(
-    "area-tunnel-true",
     "The same of the true area instead of the count of elements: about 50 %, external pressure",
     "fig:pc_MBD_FEM",
+    name="area-tunnel-true",
 )(_near(50.0, "tunnel", count=False))
 
 
@@ -503,9 +463,7 @@ def _by_layer(run: RigidRun, measure: str = "p_max") -> tuple[IntArray, FloatArr
     return layers, np.array([values[layer == k].mean() for k in layers])
 
 
-@RIGID_CLAIMS.add(
-    "blocks-alike", "The blocks of a layer carry the same contact pressures", "fig:pc_MBD_FEM"
-)
+@RIGID_CLAIMS.add("The blocks of a layer carry the same contact pressures", "fig:pc_MBD_FEM")
 def _blocks_alike(evidence: Evidence) -> Verdict:
     worst = 0.0
     for case in ("pipe", "tunnel", "pillar", "shaft"):
@@ -524,7 +482,6 @@ def _blocks_alike(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "layers-alike",
     "Under internal and external pressure the contact pressures repeat identically across layers",
     "fig:pc_MBD_FEM",
 )
@@ -546,9 +503,7 @@ def _layers_alike(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "shaft-layer",
-    "Under torsion the highest contact forces are in layer 7, where the load acts",
-    "fig:pc_MBD_FEM",
+    "Under torsion the highest contact forces are in layer 7, where the load acts", "fig:pc_MBD_FEM"
 )
 def _shaft_layer(evidence: Evidence) -> Verdict:
     """Ask by the paper's two measures in which layer the contact is hardest, in both readings."""
@@ -593,11 +548,9 @@ def _radial_gap_rate(run: RigidRun) -> float:
 
 
 @RIGID_CLAIMS.add(
-    "no-explosion",
-    "Tubes of Sine Blocks do not explode, tubes of the hexagon-based block do",
-    "sec:Hex",
+    "Tubes of Sine Blocks do not explode, tubes of the hexagon-based block do", "sec:Hex"
 )
-def _explosion(evidence: Evidence) -> Verdict:
+def _no_explosion(evidence: Evidence) -> Verdict:
     found = {
         name: _radial_gap_rate(evidence.case(name, "tunnel")) for name in ("TSB1", "TSB2", "THB0")
     }
@@ -610,9 +563,7 @@ def _explosion(evidence: Evidence) -> Verdict:
     )
 
 
-@RIGID_CLAIMS.add(
-    "axially-open", "TSB1 provides no interlocking in the axial direction", "fig:sigma1"
-)
+@RIGID_CLAIMS.add("TSB1 provides no interlocking in the axial direction", "fig:sigma1")
 def _axially_open(evidence: Evidence) -> Verdict:
     classes = [
         str(run.result.supported_classification.mechanism) for run in _rows(evidence, "pillar")
@@ -630,7 +581,6 @@ def _axially_open(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "hexagon-classes",
     "The hexagon-based block is suppressed in tunnel, neutral in pillar, activated in the others",
     "tab:hexagon-force-equilibrium",
 )
@@ -646,16 +596,12 @@ def _hexagon_classes(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add(
-    "hexagon-pressures",
     "In tunnel the hexagon-based block has the larger effective area than TSB2, p_eff about "
     "30 % higher, p_max nearly twice as large",
     "tab:hexagon-force-equilibrium",
 )
-def _hexagon_wider(evidence: Evidence) -> Verdict:
-    hexagon = evidence.case("THB0", "tunnel").result.measures
-    cosine = evidence.case("TSB2", "tunnel").result.measures
-    assert hexagon is not None
-    assert cosine is not None
+def _hexagon_pressures(evidence: Evidence) -> Verdict:
+    hexagon, cosine = (measures_of(evidence.case(b, "tunnel")) for b in ("THB0", "TSB2"))
     more, twice = hexagon.p_eff_pooled / cosine.p_eff_pooled, hexagon.p_max / cosine.p_max
     return judged(
         hexagon.effective_count_percent > cosine.effective_count_percent

@@ -62,12 +62,10 @@ def _stands_and_falls(
     _, falls = _pressed(placed, _DOWN, outside)
     total = float(stands.contact_forces.sum())
     return Finding(
-        (
-            Check("carried", stands.equilibrium.holds, least=1),
-            Check("forces against the push", relative(total, 1.0), _ROUND_OFF),
-            Check("carried beside it", falls.equilibrium.holds, most=0),
-            Check("contacts", stands.n_contacts, contacts or np.inf, contacts or 1),
-        )
+        Check("carried", stands.equilibrium.holds, least=1),
+        Check("forces against the push", relative(total, 1.0), _ROUND_OFF),
+        Check("carried beside it", falls.equilibrium.holds, most=0),
+        Check("contacts", stands.n_contacts, contacts or np.inf, contacts or 1),
     )
 
 
@@ -150,21 +148,20 @@ def _groove(degrees: float) -> Finding:
     np.add.at(on, found.block_m[result.contact_index], result.contact_forces)
     expected = 1.0 / (2.0 * np.sin(np.radians(degrees)))
     return Finding(
-        (
-            Check("carried", result.equilibrium.holds, least=1),
-            Check("flank forces against W / (2 sin α)", relative(on[:2], expected), _ROUND_OFF),
-        )
+        Check("carried", result.equilibrium.holds, least=1),
+        Check("flank forces against W / (2 sin α)", relative(on[:2], expected), _ROUND_OFF),
     )
 
 
-@CASES.add("spike-in-a-crack", "A wedge of half angle 1° in its crack: 28.6 loads per flank")
-def _spike() -> Finding:
-    return _groove(1.0)
-
-
-@CASES.add("nearly-flat-groove", "A groove of 89.9°, normals 0.2° apart: half the load per flank")
-def _flat_groove() -> Finding:
-    return _groove(89.9)
+CASES.case(
+    "spike-in-a-crack", "A wedge of half angle 1° in its crack: 28.6 loads per flank", _groove, 1.0
+)
+CASES.case(
+    "nearly-flat-groove",
+    "A groove of 89.9°, normals 0.2° apart: half the load per flank",
+    _groove,
+    89.9,
+)
 
 
 @CASES.add("small-on-large", "A cube of 1 mm on a plate of 10 m: carried over its face, no more")
@@ -188,9 +185,7 @@ def _one_edge() -> Finding:
     found = assembly.interfaces
     between = int(((found.block_m == 1) & (found.block_s == 2)).sum())
     return Finding(
-        (
-            Check("contacts between them", between, most=0),
-            Check("carried by the floor", weighs.equilibrium.holds, least=1),
-            Check("held by the other's edge", leans.equilibrium.holds, most=0),
-        )
+        Check("contacts between them", between, most=0),
+        Check("carried by the floor", weighs.equilibrium.holds, least=1),
+        Check("held by the other's edge", leans.equilibrium.holds, most=0),
     )
