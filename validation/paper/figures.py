@@ -250,6 +250,13 @@ class CostRow:
     cpu_hours: float
     remark: str
 
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """The row in words: method, tubes, CPU hours, CPU seconds of a tube, remark."""
+        seconds = 3600 * self.cpu_hours / self.configurations
+        numbers = (str(self.configurations), f"{self.cpu_hours:.3g}", f"{seconds:,.3g}")
+        return (self.method, *numbers, self.remark)
+
 
 def cost_rows(evidence: Evidence) -> list[CostRow]:
     """Return the printed rows, and ours as far as computed."""
@@ -287,13 +294,7 @@ def print_costs(rows: list[CostRow], console: Console) -> None:
     heads = ("method", "tubes", "CPU hours", "CPU seconds per tube", "remark")
     table = listing("Computational cost", *heads)
     for row in rows:
-        table.add_row(
-            row.method,
-            str(row.configurations),
-            f"{row.cpu_hours:.3g}",
-            f"{3600 * row.cpu_hours / row.configurations:,.3g}",
-            row.remark,
-        )
+        table.add_row(*row.cells)
     console.print(table)
 
 

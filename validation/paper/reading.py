@@ -231,6 +231,16 @@ class Sensitivity:
     differences: dict[str, float]
     """(ours - printed) / printed, the error vector; not a number without equilibrium."""
 
+    @property
+    def count(self) -> str:
+        """How many numbers round to what is printed, of how many."""
+        return f"{self.to_the_digit} of {self.of}"
+
+    @property
+    def without(self) -> str:
+        """What is left out, in words."""
+        return f"without {self.ingredient}"
+
     def moved(self, whole: Sensitivity) -> dict[str, float]:
         """Return the errors of the numbers that are not those of another reading."""
         return {

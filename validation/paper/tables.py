@@ -10,7 +10,6 @@ from typing import Any
 
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from validation.output.console import listing
 from validation.paper.reading import DECIMALS, Solve, as_read, solve_row, to_the_digit
@@ -149,34 +148,53 @@ def count_words(tables: Tables) -> str:
     )
 
 
+@dataclass(frozen=True)
+class TableLine:
+    """One number or class in words."""
+
+    case: str
+    quantity: str
+    paper: str
+    ours: str
+    difference: str
+    same: bool
+    physics: str
+
+
+def lines_by_block(tables: Tables) -> dict[str, list[TableLine]]:
+    """All numbers and classes of each block, load case by load case."""
+    found: dict[str, list[TableLine]] = {}
+    for c in tables.classes:
+        lines = found.setdefault(c.block, [])
+        same = c.paper == c.ours
+        lines.append(TableLine(c.case, HEADS["mechanism"], c.paper, c.ours, "", same, ""))
+        for row in tables.rows:
+            if (row.block, row.case) == (c.block, c.case):
+                off, q = row.relative_difference, row.quantity
+                lines.append(
+                    TableLine(
+                        row.case,
+                        HEADS[q],
+                        number(q, row.paper),
+                        number(q, row.ours, 2),
+                        "" if off is None else f"{100 * off:+.1f} %",
+                        row.to_the_digit,
+                        number(q, row.physical, 2),
+                    )
+                )
+    return found
+
+
 def print_tables(tables: Tables, console: Console) -> None:
     """Print one table per block: every number on a line of its own, the count at the end."""
-    for block in dict.fromkeys(row.block for row in tables.classes):
-        numbers = ("paper", "ours", "difference", "to the digit", "as physics says")
+    numbers = ("paper", "ours", "difference", "to the digit", "as physics says")
+    for block, lines in lines_by_block(tables).items():
         title = f"{block}, read as the tables are"
         table = listing(title, "load case", "quantity", numbers=numbers)
-        for found in tables.classes:
-            if found.block == block:
-                same = "yes" if found.paper == found.ours else "no"
-                table.add_row(found.case, "mechanism", found.paper, found.ours, "", same, "")
-                _add_numbers(table, [r for r in tables.rows if _of(r, found)])
+        for line in lines:
+            case = line.case if line.quantity == HEADS["mechanism"] else ""
+            same = "yes" if line.same else "no"
+            cells = (line.quantity, line.paper, line.ours, line.difference, same, line.physics)
+            table.add_row(case, *cells)
         console.print(table)
     console.print(count_words(tables))
-
-
-def _of(row: TableRow, found: ClassRow) -> bool:
-    return (row.block, row.case) == (found.block, found.case)
-
-
-def _add_numbers(table: Table, rows: list[TableRow]) -> None:
-    for row in rows:
-        off = row.relative_difference
-        table.add_row(
-            "",
-            HEADS[row.quantity],
-            number(row.quantity, row.paper),
-            number(row.quantity, row.ours, 2),
-            "" if off is None else f"{100 * off:+.1f} %",
-            "yes" if row.to_the_digit else "no",
-            number(row.quantity, row.physical, 2),
-        )
