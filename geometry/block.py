@@ -22,7 +22,6 @@ from geometry.mesh import (
     grid_faces,
     mass_properties,
     structured_hexahedra,
-    volume_and_centroid,
 )
 
 
@@ -59,7 +58,7 @@ class Block:
 
     @cached_property
     def _extent(self) -> tuple[float, FloatArray]:
-        return volume_and_centroid(self.mesh)
+        return self.mesh.extent()
 
     @property
     def volume(self) -> float:

@@ -203,10 +203,16 @@ class UnmatchedJoint:
 
 
 def matched_area(assembly: Assembly, block_m: int, block_s: int) -> float:
-    """Area of the facets of two blocks that coincide corner on corner [mm²]."""
+    """Area of the facets of two blocks that coincide corner on corner [mm²].
+
+    Of four triangles round the middle of each, as `polyhedron_from_block` cuts them.
+    """
     found = assembly.interfaces
     meets = (found.block_m == block_m) & (found.block_s == block_s)
-    return float(found.areas[meets].sum())
+    corners = assembly.shape(block_m).mesh.nodes[found.quads_m[meets]]
+    arms = corners - corners.mean(axis=1, keepdims=True)
+    doubled = np.linalg.norm(np.cross(arms, np.roll(arms, -1, axis=1)), axis=2)
+    return 0.5 * float(doubled.sum())
 
 
 def between_layers(assembly: Assembly, contacts: IntArray, lower: int) -> IntArray:

@@ -48,6 +48,12 @@ HEX_FACES: IntArray = np.array(
     dtype=np.int64,
 )
 
+#: Local corner numbers of the twelve edges, in the order in which C3D20 and VTK number their
+#: middles; (12, 2).
+HEX_EDGES: IntArray = np.array(
+    [[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]]
+)
+
 
 #: Corners joined to each corner by an edge, right-handed: their triple product is positive.
 _NEIGHBOURS = (
@@ -97,6 +103,10 @@ class HexMesh:
     def facet_nodes(self, quads: IntArray) -> IntArray:
         """All nodes of facets from their corners (n, 4): here the corners."""
         return quads
+
+    def extent(self) -> tuple[float, FloatArray]:
+        """Volume [mm³] and centroid (3,) [mm]."""
+        return volume_and_centroid(self)
 
 
 @dataclass(frozen=True)

@@ -184,11 +184,11 @@ def write_stl(path: Path, solid: Polyhedron) -> None:
     meshio.write(path, meshio.Mesh(solid.points, [("triangle", solid.triangles)]))
 
 
-def own_scene(folder: Path, parts: str) -> DeformableScene:
+def own_scene(
+    folder: Path, parts: str, *, load: str = "[load]\ngravity = [0, 0, -9810]\n"
+) -> DeformableScene:
     path = folder / "own.toml"
-    path.write_text(
-        f'[block]\ntype = "mesh"\n{parts}\n[load]\ngravity = [0, 0, -9810]\n{SECTIONS}', "utf-8"
-    )
+    path.write_text(f'[block]\ntype = "mesh"\n{parts}\n{load}{SECTIONS}', "utf-8")
     return deformable(str(path))
 
 
@@ -262,9 +262,9 @@ def test_solids_of_one_file_are_told_apart() -> None:
         np.concatenate([box.nodes, box.nodes + np.array([0.0, 0.0, 5.0])]),
         np.concatenate([box.elements, box.elements + box.n_nodes]),
     )
-    first, second = connected_solids(both)
-    np.testing.assert_array_equal(first.nodes, box.nodes)
-    np.testing.assert_array_equal(second.elements, box.elements)
+    first, second = connected_solids(Path("both.vtu"), both, both.elements)
+    np.testing.assert_array_equal(first.mesh.nodes, box.nodes)
+    np.testing.assert_array_equal(second.mesh.elements, box.elements)
 
 
 def test_step_solids_are_meshed_each(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from fem.element.facet import bilinear
 from fem.element.lagrange import LagrangeElement, lobatto_points
 from fem.element.material import Material
 from geometry.block import Block
-from geometry.mesh import CORNERS, FloatArray, HexMesh, IntArray, MeshError, shape_values
+from geometry.mesh import CORNERS, HEX_EDGES, FloatArray, HexMesh, IntArray, MeshError, shape_values
 
 #: Shares of corners in a node are told apart to this, far above rounding.
 _SHARE = 1e-6
@@ -48,6 +48,11 @@ class LagrangeMesh(HexMesh):
     def connectivity(self) -> IntArray:
         """All nodes of each hexahedron."""
         return self.members
+
+    def extent(self) -> tuple[float, FloatArray]:
+        """Volume [mm³] and centroid (3,) [mm] of the curved body."""
+        shares = block_lumped_mass(self, 1.0)
+        return float(shares.sum()), shares @ self.nodes / shares.sum()
 
     def facet_nodes(self, quads: IntArray) -> IntArray:
         """Nodes of facets from their corners, (n, 4) to (n, (degree + 1)²).
@@ -202,12 +207,6 @@ def block_lumped_mass(mesh: LagrangeMesh, density: float) -> FloatArray:
 # Serendipity
 
 
-#: Edges of a hexahedron in the order in which C3D20 numbers their middles.
-_EDGES = np.array(
-    [[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]]
-)
-
-
 @dataclass(frozen=True)
 class SerendipityMesh(HexMesh):
     """Hexahedra of 20 nodes, corners and middles of edges: what decks name C3D20."""
@@ -230,7 +229,7 @@ class SerendipityMesh(HexMesh):
     @cached_property
     def _middles(self) -> tuple[IntArray, IntArray]:
         """Keys of the edges, sorted, and the numbers of their middles."""
-        keys = _edge_keys(self.elements[:, _EDGES].reshape(-1, 2), self.n_nodes)
+        keys = _edge_keys(self.elements[:, HEX_EDGES].reshape(-1, 2), self.n_nodes)
         known, first = np.unique(keys, return_index=True)
         return known, self.members[:, 8:].ravel()[first]
 
@@ -243,7 +242,7 @@ def _edge_keys(ends: IntArray, n: int) -> IntArray:
 def serendipity_block(block: Block) -> Block:
     """Block with hexahedra of 20 nodes on its exact shape, where it has one."""
     mesh = lagrange_mesh(block, 2)
-    natural = np.concatenate([CORNERS, CORNERS[_EDGES].mean(axis=1)])
+    natural = np.concatenate([CORNERS, CORNERS[HEX_EDGES].mean(axis=1)])
     grid = lattice(lobatto_points(2), 3)
     columns = [int(np.abs(grid - place).sum(axis=1).argmin()) for place in natural]
     # Middles of edges come before those of faces or after: numbers are given anew.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,22 +35,29 @@ _FACES = {
 }
 #: Cells that bound no solid, which a mesh file may hold beside those that do.
 _BESIDE = {"vertex", "line", "line3"}
+#: Cells with nodes between their corners: those that they are with straight edges.
+_CORNERS = {
+    "hexahedron20": ("hexahedron", 8),
+    "hexahedron27": ("hexahedron", 8),
+    "quad8": ("quad", 4),
+    "quad9": ("quad", 4),
+}
 
 
 def _cells(mesh: Any, path: Path) -> dict[str, IntArray]:
-    """Cells of each kind; faces of any number of corners under "polygon" and the number."""
+    """Corners of the cells of each kind; polygons under the number of their corners as well."""
     parts: dict[str, list[IntArray]] = {}
     for group in mesh.cells:
         data = np.asarray(group.data, dtype=np.int64)
-        kind = f"polygon {data.shape[1]}" if group.type == "polygon" else group.type
-        parts.setdefault(kind, []).append(data)
-    cells = {kind: np.concatenate(groups) for kind, groups in parts.items()}
-    for kind, data in cells.items():
         if data.size and not 0 <= data.min() <= data.max() < len(mesh.points):
             raise MeshError(
-                f"{path}: a {kind.partition(' ')[0]} names point {data.max()} or {data.min()}, "
+                f"{path}: a {group.type} names point {data.max()} or {data.min()}, "
                 f"counted from 0, but there are {len(mesh.points)} points"
             )
+        kind, corners = _CORNERS.get(group.type, (group.type, data.shape[1]))
+        kind = f"polygon {corners}" if kind == "polygon" else kind
+        parts.setdefault(kind, []).append(data[:, :corners])
+    cells = {kind: np.concatenate(groups) for kind, groups in parts.items()}
     for kind in cells.keys() & {"hexahedron", *_FACES}:
         extra = len(cells[kind]) - len(distinct_rows(np.sort(cells[kind], axis=1))[0])
         if extra:
@@ -62,8 +70,8 @@ def _cells(mesh: Any, path: Path) -> dict[str, IntArray]:
     if strange or not set(cells) - _BESIDE:
         raise MeshError(
             f"{path}: got {', '.join(strange or sorted(cells)) or 'no cells'}; expected triangles, "
-            "quadrilaterals or polygons, or tetrahedra, pyramids, wedges or hexahedra without "
-            "nodes on their edges"
+            "quadrilaterals or polygons, or tetrahedra, pyramids or wedges without nodes on their "
+            "edges, or hexahedra of 8, 20 or 27 nodes"
         )
     return cells
 
@@ -121,13 +129,13 @@ def _others(shell: IntArray, outside: list[IntArray]) -> IntArray:
     return shell[~np.isin(same.ravel()[n_known:], same.ravel()[:n_known])]
 
 
-def _read_meshio(path: Path) -> tuple[FloatArray, IntArray]:
+def _read_meshio(path: Path) -> tuple[FloatArray, IntArray, bool]:
+    """Points, triangles, and whether nodes between corners were left out."""
     if path.suffix.lower() == ".obj":
         points, faces = read_obj(path)
         _check_finite(path, points)
-        return points, np.concatenate(
-            [triangles_of_polygons(str(path), points, group) for group in faces]
-        )
+        groups = [triangles_of_polygons(str(path), points, group) for group in faces]
+        return points, np.concatenate(groups), False
     mesh = read_any_mesh(path)
     points = np.asarray(mesh.points, dtype=np.float64)
     if not points.size:
@@ -135,7 +143,7 @@ def _read_meshio(path: Path) -> tuple[FloatArray, IntArray]:
     if points.ndim != 2 or points.shape[1] != 3:
         raise MeshError(f"{path}: expected points in space, got an array {points.shape}")
     _check_finite(path, points)
-    return points, _surface(mesh, path)
+    return points, _surface(mesh, path), any(cells.type in _CORNERS for cells in mesh.cells)
 
 
 def _check_finite(path: Path, points: FloatArray) -> None:
@@ -251,18 +259,20 @@ def read_blocks(
     """
     if units not in UNITS:
         raise MeshError(f"block.units: got {units!r}, expected one of {', '.join(UNITS)}")
+    straightened = False
     if path.suffix.lower() in STEP_SUFFIXES:
         raw = _read_step(path, element_size)
     else:
-        points, triangles = _read_meshio(path)
+        points, triangles, straightened = _read_meshio(path)
         points, triangles = merge_points(points, triangles)
         raw = [(points, part) for part in closed_solids(str(path), points, triangles)]
     scale = UNITS[units] if path.suffix.lower() not in STEP_SUFFIXES else 1.0
     several = len(raw) > 1
-    return [
+    found = [
         polyhedron(f"{path.name}{f' part {k}' if several else ''}", scale * points, triangles)
         for k, (points, triangles) in enumerate(raw)
     ]
+    return [replace(solid, straightened=True) for solid in found] if straightened else found
 
 
 def _made_of_hexahedra(gmsh: Any, divisions: int) -> bool:

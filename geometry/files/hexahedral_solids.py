@@ -8,15 +8,17 @@ nodes there.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from geometry.block import Block
+from geometry.block import Block, Curve
 from geometry.files.block_files import STEP_SUFFIXES, UNITS, step_hexahedra
-from geometry.files.mesh_io import read_any_mesh, read_hex_mesh
+from geometry.files.mesh_io import HEXAHEDRA, hexahedra_of, read_any_mesh
+from geometry.files.quadratic import quadratic_curve
 from geometry.mesh import (
     FloatArray,
     HexMesh,
@@ -30,13 +32,14 @@ from geometry.polyhedra.polyhedron import Polyhedron
 
 #: Face of a block made of hexahedra without names: its whole surface.
 SURFACE = "surface"
-#: Largest distance of a solid's centroid from that of its hexahedra, in block sizes.
-_SAME_PLACE = 1e-2
+#: Largest distance of a solid's centroid from that of its hexahedra, in block sizes: warped facets
+#: are cut along one diagonal there.
+_SAME_PLACE = 0.1
 #: Largest sine of the angle at a corner that still counts as a straight side.
 _STRAIGHT = 1e-6
 
 
-def hexahedral_block(name: str, mesh: HexMesh) -> Block:
+def hexahedral_block(name: str, mesh: HexMesh, curve: Curve | None = None) -> Block:
     """Block whose whole surface can meet other blocks.
 
     Raises
@@ -45,13 +48,11 @@ def hexahedral_block(name: str, mesh: HexMesh) -> Block:
         Bad hexahedra.
     """
     check_mesh(mesh, name)
-    return Block(name, mesh, {SURFACE: boundary_quads(mesh)}, (SURFACE,))
+    return Block(name, mesh, {SURFACE: boundary_quads(mesh)}, (SURFACE,), curve)
 
 
-def file_hexahedra(
-    path: Path, solids: list[Polyhedron], *, units: str, divisions: int
-) -> list[HexMesh]:
-    """Hexahedra of each solid of a file.
+def file_blocks(path: Path, solids: list[Polyhedron], *, units: str, divisions: int) -> list[Block]:
+    """Hexahedra of each solid of a file, curved where the file gives 20 or 27 nodes.
 
     Parameters
     ----------
@@ -66,7 +67,7 @@ def file_hexahedra(
 
     Returns
     -------
-    list[HexMesh]
+    list[Block]
         In the order of the solids [mm].
 
     Raises
@@ -74,22 +75,30 @@ def file_hexahedra(
     MeshError
         Naming the solid for which there are no hexahedra, and why.
     """
-    suffix = path.suffix.lower()
-    if suffix in STEP_SUFFIXES:
-        return _of_solids(step_hexahedra(path, divisions=divisions), solids)
-    if _has_hexahedra(path):
-        mesh = read_hex_mesh(path)
-        scaled = HexMesh(UNITS[units] * mesh.nodes, mesh.elements)
-        return _of_solids(connected_solids(scaled), solids)
-    return [six_sided_hexahedra(solid, divisions) for solid in solids]
+    if path.suffix.lower() in STEP_SUFFIXES:
+        meshes = step_hexahedra(path, divisions=divisions)
+        return _of_solids([hexahedral_block("part", mesh) for mesh in meshes], solids)
+    read = read_any_mesh(path)
+    if not any(cells.type in HEXAHEDRA for cells in read.cells):
+        return [hexahedral_block(s.name, six_sided_hexahedra(s, divisions)) for s in solids]
+    mesh, members = hexahedra_of(read, path)
+    scaled = HexMesh(UNITS[units] * mesh.nodes, mesh.elements)
+    return _of_solids(connected_solids(path, scaled, members), solids)
 
 
-def _has_hexahedra(path: Path) -> bool:
-    return any(cells.type == "hexahedron" for cells in read_any_mesh(path).cells)
+def connected_solids(path: Path, mesh: HexMesh, members: IntArray) -> list[Block]:
+    """Parts of a mesh that share no corner, in the order of their first elements.
 
-
-def connected_solids(mesh: HexMesh) -> list[HexMesh]:
-    """Parts of a mesh that share no node, in the order of their first elements."""
+    Parameters
+    ----------
+    path
+        File that it is from, for messages.
+    mesh
+        Corners.
+    members
+        All nodes of each element, (n_elements, 8, 20 or 27).
+    """
+    check_mesh(mesh, str(path))
     rows = np.repeat(np.arange(mesh.n_elements), 8)
     graph = coo_array(
         (np.ones(8 * mesh.n_elements), (rows, mesh.elements.ravel())),
@@ -98,14 +107,19 @@ def connected_solids(mesh: HexMesh) -> list[HexMesh]:
     _, label = connected_components(graph @ graph.T, directed=False)
     parts = []
     for number in range(int(label.max()) + 1):
-        nodes, renumbered = np.unique(mesh.elements[label == number], return_inverse=True)
-        parts.append(HexMesh(mesh.nodes[nodes], renumbered.reshape(-1, 8).astype(np.int64)))
+        mine = label == number
+        nodes, renumbered = np.unique(mesh.elements[mine], return_inverse=True)
+        part = HexMesh(mesh.nodes[nodes], renumbered.reshape(-1, 8).astype(np.int64))
+        curve = None
+        if members.shape[1] > 8:
+            curve = quadratic_curve(path, part.elements, mesh.nodes[members[mine]])
+        parts.append(hexahedral_block("part", part, curve))
     return parts
 
 
-def _of_solids(meshes: list[HexMesh], solids: list[Polyhedron]) -> list[HexMesh]:
+def _of_solids(blocks: list[Block], solids: list[Polyhedron]) -> list[Block]:
     """Assign to each solid the hexahedra that fill it."""
-    centres = np.array([Block("part", m, {}).mass_properties.centroid for m in meshes])
+    centres = np.array([block.centroid for block in blocks])
     found = []
     for solid in solids:
         mass = solid.mass_properties
@@ -113,7 +127,7 @@ def _of_solids(meshes: list[HexMesh], solids: list[Polyhedron]) -> list[HexMesh]
         nearest = int(np.argmin(away))
         if away[nearest] > _SAME_PLACE * float(np.cbrt(mass.volume)):
             raise MeshError(f"{solid.name}: no hexahedra of the file fill this solid")
-        found.append(meshes[nearest])
+        found.append(replace(blocks[nearest], name=solid.name))
     return found
 
 

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 _INSTANCE = re.compile(rb"^\s*\*instance\b", re.IGNORECASE | re.MULTILINE)
 
 
+#: Hexahedra that files hold, by meshio's names.
+HEXAHEDRA = {"hexahedron", "hexahedron20", "hexahedron27"}
 #: CPU time that reading a mesh may take [s], and beyond it the slowest that files are read [B/s].
 _READ_SECONDS, _READ_SPEED = 5.0, 2e5
 
@@ -213,25 +215,37 @@ def read_any_mesh(path: Path) -> Any:
         raise MeshError(f"{path}: cannot be read as a mesh ({words})") from None
 
 
-def read_hex_mesh(path: Path) -> HexMesh:
-    """Read the hexahedra of a mesh file.
+def hexahedra_of(mesh: Any, path: Path) -> tuple[HexMesh, IntArray]:
+    """Hexahedra of what meshio read: corners as a mesh, and all nodes, (n, 8, 20 or 27).
 
     Raises
     ------
     MeshError
-        When the file cannot be read, holds no eight-node hexahedra, or holds bad ones.
+        Other solid cells, or hexahedra of two kinds.
     """
-    mesh = read_any_mesh(path)
-    blocks = [cells.data for cells in mesh.cells if cells.type == "hexahedron"]
-    if not blocks or any(cells.dim == 3 and cells.type != "hexahedron" for cells in mesh.cells):
-        found = ", ".join(sorted({cells.type for cells in mesh.cells})) or "no cells"
-        raise MeshError(f"{path}: got {found}; expected eight-node hexahedra only")
-    result = HexMesh(
-        np.ascontiguousarray(mesh.points, dtype=np.float64),
-        np.concatenate(blocks).astype(np.int64),
-    )
-    check_mesh(result, str(path))
-    return result
+    cells = [group for group in mesh.cells if group.dim == 3]
+    kinds = {group.type for group in cells}
+    if len(kinds) != 1 or not kinds <= HEXAHEDRA:
+        found = ", ".join(sorted({group.type for group in mesh.cells})) or "no cells"
+        raise MeshError(f"{path}: got {found}; expected hexahedra of one kind: 8, 20 or 27 nodes")
+    members = np.concatenate([group.data for group in cells]).astype(np.int64)
+    nodes = np.ascontiguousarray(mesh.points, dtype=np.float64)
+    return HexMesh(nodes, np.ascontiguousarray(members[:, :8])), members
+
+
+def read_hex_mesh(path: Path) -> HexMesh:
+    """Read the eight-node hexahedra of a mesh file.
+
+    Raises
+    ------
+    MeshError
+        When the file cannot be read, holds other cells, or bad ones.
+    """
+    mesh, members = hexahedra_of(read_any_mesh(path), path)
+    if members.shape[1] != 8:
+        raise MeshError(f"{path}: got {members.shape[1]} nodes in each; expected eight")
+    check_mesh(mesh, str(path))
+    return mesh
 
 
 def assembly_mesh(assembly: Assembly) -> tuple[HexMesh, IntArray]:

@@ -38,6 +38,8 @@ class Polyhedron:
     """Vertices, (n_points, 3) [mm]."""
     triangles: IntArray
     """Corners counter-clockwise seen from outside, (n_triangles, 3)."""
+    straightened: bool = False
+    """Whether its file has nodes between corners, which a polyhedron has no use for."""
 
     @cached_property
     def corners(self) -> FloatArray:

@@ -38,6 +38,7 @@ from validation.build.deformable import build_hexahedra, build_problem, fem_sect
 from validation.build.effects import build_effects
 from validation.errors import InputError, named
 from validation.scene.deformable import Damping, EffectsSection, FemSection, Method
+from validation.scene.polyhedra import STRAIGHT_EDGES, straightened
 from validation.scene.read import DeformableScene, SceneFile
 from validation.scene.usage import count, uncounted
 
@@ -112,6 +113,8 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     notes = (
         _contact_notes(scene, flavour, static=static, searched=deck.searched) if scene.meets else []
     )
+    if straightened(scene, assembly):
+        notes.append(f"edges: {STRAIGHT_EDGES}")
     around = [load for load in deck.loads if isinstance(load, CircumferentialLoad)]
     if flavour is Flavour.PAIRS and around:
         deck = replace(deck, loads=(as_nodal_forces(deck, around[0]),))

@@ -10,11 +10,12 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from fem.element.lagrange_mesh import with_degree
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.files.block_files import read_blocks
-from geometry.files.hexahedral_solids import file_hexahedra, hexahedral_block
+from geometry.files.hexahedral_solids import file_blocks
 from geometry.joints import UnmatchedJoint, matched_area
 from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray, IntArray, MeshError
@@ -99,12 +100,9 @@ def _assembly(scene: MeshScene, name: str) -> Assembly:
 def _part_blocks(path: Path, scene: MeshScene) -> Sequence[Block]:
     solids = read_blocks(path, units=scene.block.units, element_size=scene.block.element_size)
     try:
-        meshes = file_hexahedra(
-            path, solids, units=scene.block.units, divisions=scene.mesh.divisions
-        )
+        return file_blocks(path, solids, units=scene.block.units, divisions=scene.mesh.divisions)
     except MeshError as error:
         raise MeshError(f"stays rigid, `tubelock mbd` gives the answer: {error}") from None
-    return [hexahedral_block(s.name, m) for s, m in zip(solids, meshes, strict=True)]
 
 
 def refuse_bare_joints(name: str, surfaces: PolyhedralAssembly) -> None:
@@ -204,4 +202,9 @@ def own_load(scene: MeshScene, name: str, assembly: Assembly) -> LoadCase:
             f"{name}: load.density is {given:g} and material.density {density:g} t/mm³; expected "
             "one density: remove load.density"
         )
-    return build_body_loads(scene.load.changed({"density": density}), assembly).load_case(assembly)
+    bodies = assembly
+    if scene.fem is not None and scene.fem.degree > 1:
+        # Blocks of curved elements weigh what is within their curved faces.
+        shapes = tuple(with_degree(shape, scene.fem.degree) for shape in assembly.shapes)
+        bodies = replace(assembly, shapes=shapes)
+    return build_body_loads(scene.load.changed({"density": density}), bodies).load_case(assembly)

@@ -31,6 +31,7 @@ from validation.run.stages import peak_memory_mb
 from validation.run.words import load_words
 from validation.scene.deformable import Method
 from validation.scene.family import RoundScene
+from validation.scene.polyhedra import STRAIGHT_EDGES, straightened
 from validation.scene.read import DeformableScene
 
 
@@ -250,6 +251,11 @@ class DeformableRun:
         )
 
     @property
+    def straightened(self) -> bool:
+        """Whether files have nodes between corners, which elements of degree 1 have no use for."""
+        return straightened(self.scene, self.deformable.assembly)
+
+    @property
     def is_tube(self) -> bool:
         """Whether the blocks stand round an axis, with inner and outer faces."""
         return isinstance(self.scene, RoundScene)
@@ -274,6 +280,7 @@ def run_json(run: DeformableRun) -> dict[str, Any]:
         "n_blocks": len(run.deformable.deformable_blocks),
         "n_elements": model.n_elements,
         "n_nodes": model.n_nodes,
+        **({"edges": STRAIGHT_EDGES} if run.straightened else {}),
         "max_displacement": run.largest_displacement,
         "principal_stress": {
             "max": max(float(p[:, 0].max()) for p in principal),

@@ -7,11 +7,14 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field
 
+from geometry.assembly import Assembly
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement
 from validation.scene.deformable import DeformableSections
 from validation.scene.plausibility import WholeScene
 from validation.scene.sections import Finite, Positive, RigidSection, Section
 
+#: Of blocks whose file has nodes between corners, in answers that have no use for them.
+STRAIGHT_EDGES = "straight between corners; the file's other nodes count with fem.degree = 2"
 Vector = tuple[Finite, Finite, Finite]
 Count = Annotated[int, Field(ge=1)]
 
@@ -260,3 +263,11 @@ POLYHEDRAL_TYPES: dict[str, type[PolyhedralScene]] = {
     "voxels": VoxelScene,
     "mesh": MeshScene,
 }
+
+
+def straightened(scene: object, assembly: Assembly) -> bool:
+    """Whether files of a scene have nodes between corners that elements of degree 1 leave out."""
+    return isinstance(scene, MeshScene) and any(
+        shape.curve is not None and shape.mesh.connectivity.shape[1] == 8
+        for shape in assembly.shapes
+    )

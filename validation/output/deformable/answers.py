@@ -30,6 +30,7 @@ from validation.output.pictures.energies import draw_energies
 from validation.run.measures import Measure, place_words, value_words
 from validation.run.stages import peak_memory_mb
 from validation.scene.deformable import FemSection
+from validation.scene.polyhedra import STRAIGHT_EDGES
 
 if TYPE_CHECKING:
     from fem.explicit.output.history import History
@@ -151,6 +152,8 @@ def print_run(run: DeformableRun, console: Console) -> None:
         "blocks, elements, nodes",
         f"{len(run.deformable.deformable_blocks)} deformable, {model.n_elements}, {model.n_nodes}",
     )
+    if run.straightened:
+        table.add_row("edges", STRAIGHT_EDGES)
     if run.explicit is not None:
         _add_explicit(table, run, run.explicit)
     if run.static is not None and run.meets:

@@ -17,7 +17,7 @@ from validation.output.outputs import Outputs
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
 from validation.output.text import add_further_rows, certificate_words, held_words
 from validation.run.rigid.polyhedra import PolyhedralRun, contact_triangles, mechanism_motion
-from validation.scene.polyhedra import MeshScene
+from validation.scene.polyhedra import STRAIGHT_EDGES, MeshScene
 
 #: Resultants below this part of the largest normal force are round-off.
 _NOTHING = 1e-9
@@ -72,6 +72,8 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
         f"{run.assembly.tolerance:.3g} mm count as contact",
     )
     table.add_row("volume mesh", volume_words(run))
+    if run.straightened:
+        table.add_row("edges", STRAIGHT_EDGES)
     seconds = ", ".join(f"{stage} {value:.3f}" for stage, value in run.cpu_seconds.items())
     table.add_row("CPU seconds", seconds)
     console.print(table)

@@ -20,7 +20,7 @@ from validation.run.rigid.further import (
     further_answers,
 )
 from validation.run.stages import stages
-from validation.scene.polyhedra import BodyLoadSection, MeshScene, PolyhedralScene
+from validation.scene.polyhedra import STRAIGHT_EDGES, BodyLoadSection, MeshScene, PolyhedralScene
 from validation.scene.read import SceneFile
 
 
@@ -62,7 +62,13 @@ class PolyhedralRun(RigidAnswer):
             "n_points_without_area": int((interfaces.patch < 0).sum()),
             "contact_area": float(interfaces.patches.areas.sum()),
             "tolerance": self.assembly.tolerance,
+            **({"edges": STRAIGHT_EDGES} if self.straightened else {}),
         }
+
+    @property
+    def straightened(self) -> bool:
+        """Whether files have nodes between corners, which rigid blocks have no use for."""
+        return any(shape.straightened for shape in self.assembly.shapes)
 
     def _largest(self, values: FloatArray) -> float | None:
         """Largest of some values, where forces hold the load; else there is none."""
