@@ -222,7 +222,5 @@ def test_hexahedra_of_two_kinds_are_refused(tmp_path: Path) -> None:
     nodes, members = ring_nodes(27)
     cells = [("hexahedron20", members[:3, :20]), ("hexahedron27", members[3:])]
     meshio.write(tmp_path / "a.vtu", meshio.Mesh(nodes, cells))
-    with pytest.raises(
-        MeshError, match="got hexahedron20, hexahedron27; expected"
-    ):
+    with pytest.raises(MeshError, match="got hexahedron20, hexahedron27; expected"):
         read(tmp_path / "a.vtu")
