@@ -22,12 +22,7 @@ if TYPE_CHECKING:
     from geometry.families.sine_block import SineBlockParameters as SineBlock
     from geometry.families.tube import tube
     from geometry.files.mesh_io import contact_mesh
-    from geometry.loads.beam import beam
-    from geometry.loads.named import Load
-    from geometry.loads.pillar import pillar
-    from geometry.loads.pipe import pipe
-    from geometry.loads.shaft import shaft
-    from geometry.loads.tunnel import tunnel
+    from geometry.loads.named import Load, beam, pillar, pipe, shaft, tunnel
 
 __all__ = [
     "Assembly",
@@ -49,13 +44,13 @@ _PLACES = {
     "HexagonBlock": ("geometry.families.hexagon_block", "HexagonBlockParameters"),
     "Load": ("geometry.loads.named", "Load"),
     "SineBlock": ("geometry.families.sine_block", "SineBlockParameters"),
-    "beam": ("geometry.loads.beam", "beam"),
+    "beam": ("geometry.loads.named", "beam"),
     "contact_mesh": ("geometry.files.mesh_io", "contact_mesh"),
-    "pillar": ("geometry.loads.pillar", "pillar"),
-    "pipe": ("geometry.loads.pipe", "pipe"),
-    "shaft": ("geometry.loads.shaft", "shaft"),
+    "pillar": ("geometry.loads.named", "pillar"),
+    "pipe": ("geometry.loads.named", "pipe"),
+    "shaft": ("geometry.loads.named", "shaft"),
     "tube": ("geometry.families.tube", "tube"),
-    "tunnel": ("geometry.loads.tunnel", "tunnel"),
+    "tunnel": ("geometry.loads.named", "tunnel"),
 }
 
 

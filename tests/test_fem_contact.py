@@ -27,7 +27,7 @@ from geometry.assembly import moved
 from geometry.families.brick_stack import brick_stack
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
-from geometry.loads import load_case
+from geometry.loads.named import load_case
 from geometry.spacing import spacing_offsets
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)

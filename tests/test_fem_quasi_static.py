@@ -21,8 +21,8 @@ from fem.static.solve import solve_static
 from geometry.families.brick_stack import brick_stack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads import load_case
 from geometry.loads.case import LoadCase
+from geometry.loads.named import load_case
 from tests.conftest import tsb
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)

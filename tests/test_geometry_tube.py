@@ -18,8 +18,8 @@ from geometry.families.sine_block import (
     waves_of_turn,
 )
 from geometry.families.tube import hexagon_tube, sine_tube
-from geometry.loads import load_case
 from geometry.loads.case import LoadCaseError
+from geometry.loads.named import load_case
 from geometry.placed_blocks import AssemblyError
 from mbd import analyse
 from tests.conftest import random_rotation, tsb

@@ -20,8 +20,8 @@ from geometry.families.platonic_layers import (
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.families.voxels import voxel_assembly
-from geometry.loads import load_case
 from geometry.loads.case import LoadCase
+from geometry.loads.named import load_case
 from geometry.mesh import FloatArray
 from geometry.placed_blocks import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral, polyhedral_assembly

@@ -1,6 +1,6 @@
-"""What a load case with a name is: one record that says which faces it loads and what it is called.
+"""Load cases with names: one record each, which says what it loads and what it is called.
 
-A load case is one file in `geometry.loads` with one record ``CASE``. Nothing else lists load cases.
+Nothing else lists load cases: a new one is one record here, found by its name.
 
 Every case exists twice: as physics says (default) and ``as_printed``, the reading that reproduces
 the paper's tables. They differ in one case, *shaft*.
@@ -14,7 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.assembly import Assembly
-from geometry.loads.case import FaceLoad, LoadCase, LoadCaseError, PressureLoad, check_finite
+from geometry.loads.case import (
+    CircumferentialLoad,
+    FaceLoad,
+    LoadCase,
+    LoadCaseError,
+    PressureLoad,
+    check_finite,
+)
 from geometry.mesh import IntArray
 
 
@@ -114,3 +121,115 @@ class Load:
             As `NamedLoad.on`.
         """
         return self.case.on(assembly, self.pressure, as_printed=self.as_printed, layer=self.layer)
+
+
+#: Load cases by their names.
+CASES: dict[str, NamedLoad] = {
+    case.name: case
+    for case in (
+        NamedLoad(
+            name="beam",
+            words="pressure on one block",
+            face="outer",
+            blocks=lambda assembly, layer: layer_blocks(assembly, layer)[:1],
+            one_layer=True,
+        ),
+        NamedLoad(
+            name="pillar",
+            words="axial pressure",
+            face="top",
+            blocks=lambda assembly, _: np.flatnonzero(assembly.layer == assembly.n_layers + 1),
+            releases=True,
+        ),
+        NamedLoad(
+            name="pipe",
+            words="internal pressure",
+            face="inner",
+            blocks=lambda assembly, _: assembly.free_blocks,
+            every_layer=True,
+        ),
+        NamedLoad(
+            name="shaft",
+            words="tangential traction",
+            face="outer",
+            blocks=layer_blocks,
+            acts=CircumferentialLoad,
+            one_layer=True,
+            force_as_printed=True,
+        ),
+        NamedLoad(
+            name="tunnel",
+            words="external pressure",
+            face="outer",
+            blocks=lambda assembly, _: assembly.free_blocks,
+            every_layer=True,
+        ),
+    )
+}
+
+
+def beam(pressure: float, layer: int | None = None) -> Load:
+    """Pressure on the outer face of one block of a layer, by default of the middle one [MPa]."""
+    return Load(case=CASES["beam"], pressure=pressure, layer=layer)
+
+
+def pillar(pressure: float) -> Load:
+    """Pressure on the flat top of the top frame, which is released [MPa]."""
+    return Load(case=CASES["pillar"], pressure=pressure)
+
+
+def pipe(pressure: float) -> Load:
+    """Pressure on the inner faces of all free blocks [MPa]."""
+    return Load(case=CASES["pipe"], pressure=pressure)
+
+
+def shaft(pressure: float, layer: int | None = None) -> Load:
+    """Tangential traction on the outer faces of a layer, by default of the middle one [MPa].
+
+    Towards larger θ. The paper's tables have its resultant force alone, at the mean of each block's
+    surface nodes.
+    """
+    return Load(case=CASES["shaft"], pressure=pressure, layer=layer)
+
+
+def tunnel(pressure: float) -> Load:
+    """Pressure on the outer faces of all free blocks [MPa]."""
+    return Load(case=CASES["tunnel"], pressure=pressure)
+
+
+def named_load(name: str) -> NamedLoad:
+    """Find a load case.
+
+    Raises
+    ------
+    LoadCaseError
+        For an unknown name.
+    """
+    if name not in CASES:
+        raise LoadCaseError(f"load.case: got {name!r}, expected one of {', '.join(CASES)}")
+    return CASES[name]
+
+
+def load_case(
+    assembly: Assembly,
+    name: str,
+    pressure: float,
+    *,
+    as_printed: bool = False,
+    layer: int | None = None,
+) -> LoadCase:
+    """Put a load case on an assembly by its name: see `NamedLoad.on`.
+
+    Raises
+    ------
+    LoadCaseError
+        For an unknown case, a layer of a case that loads all, and as `NamedLoad.on`.
+    """
+    case = named_load(name)
+    if layer is not None and not case.one_layer:
+        known = " or ".join(other.name for other in CASES.values() if other.one_layer)
+        raise LoadCaseError(
+            f"load.layer: got {layer}, but {case.name} loads no single layer; remove it, or choose "
+            f"load.case = {known}"
+        )
+    return case.on(assembly, pressure, as_printed=as_printed, layer=layer)

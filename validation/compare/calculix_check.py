@@ -32,8 +32,8 @@ from geometry.assembly import Assembly
 from geometry.block import Block, box_block
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads import load_case
 from geometry.loads.case import PressureLoad
+from geometry.loads.named import load_case
 from geometry.mesh import FloatArray
 from validation.compare.calculix import CalculixResult, calculix_available, run_calculix
 from validation.output.console import listing

@@ -60,7 +60,7 @@ class AssemblyScene(DeformableSections):
         RefusedError
             When they cannot take it.
         """
-        from geometry.loads import load_case, named_load
+        from geometry.loads.named import load_case, named_load
 
         load = self.load
         assert isinstance(load, TubeLoadSection)

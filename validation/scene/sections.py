@@ -16,7 +16,7 @@ from pydantic import (
     field_validator,
 )
 
-from geometry.loads import CASES
+from geometry.loads.named import CASES
 from mbd import Norm, Solver
 from mbd.friction import FrictionLaw
 from validation.errors import InputError, one_line
@@ -52,7 +52,7 @@ def _known_load(name: str) -> str:
     return name
 
 
-#: Name of a load case, one of the files of `geometry.loads`.
+#: Name of a load case, one of the records of `geometry.loads.named`.
 LoadName = Annotated[str, AfterValidator(_known_load), Field(json_schema_extra={"enum": [*CASES]})]
 
 

@@ -10,8 +10,8 @@ import scipy.sparse as sp
 
 from geometry.assembly import Assembly, moved
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.loads import load_case
 from geometry.loads.case import LoadCase
+from geometry.loads.named import load_case
 from geometry.mesh import FloatArray
 from geometry.placed_blocks import AssemblyError
 from mbd import (
