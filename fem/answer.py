@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fem.assembly.contact_state import ContactState
+from fem.assembly.contact_state import ContactMeasures, ContactState, contact_measures
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.measures import ContactMeasures, contact_measures
 from fem.explicit.setup.statement import ExplicitStatement
 from fem.explicit.solve import ExplicitResult
 from fem.problem.recovery import Recovered, recover

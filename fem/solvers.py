@@ -25,8 +25,7 @@ from fem.explicit.solve import (
 )
 from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.static.linear_step.condensed import FlexibilityStore
-from fem.static.load_path import LOAD_TOLERANCE
-from fem.static.result import StaticError
+from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.rotation import solve_static_with_rotation
 from fem.static.solve import StaticOptions
 from fem.static.solve import solve_static as solve_blocks

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, ContactSet
 from geometry.mesh import FloatArray, IntArray
-from geometry.placed_blocks import ContactSet
 
 #: Normal forces below this part of the largest force have no place where they act.
 _ROUND_OFF = 1e-9

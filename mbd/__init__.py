@@ -6,7 +6,9 @@ from mbd.contact_jacobian import (
     Contacts,
     MatrixJacobian,
     PairJacobian,
+    block_wrenches,
     contact_jacobian,
+    generalized_force,
 )
 from mbd.equilibrium import (
     EQUILIBRIUM_TOLERANCE,
@@ -18,7 +20,6 @@ from mbd.equilibrium import (
     equilibrium,
     newton_equilibrium,
 )
-from mbd.generalized_force import block_wrenches, generalized_force
 from mbd.mechanism import (
     Classification,
     LinearPrograms,

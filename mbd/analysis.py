@@ -6,13 +6,12 @@ import time
 from dataclasses import dataclass
 from typing import Protocol, cast
 
+from geometry.assembly import AnyBlocks
 from geometry.loads.case import LoadCase
 from geometry.measures import BlockMeasures, Measures, block_measures, measures
 from geometry.mesh import FloatArray, IntArray
-from geometry.placed_blocks import AnyBlocks
-from mbd.contact_jacobian import Contacts, contact_jacobian
+from mbd.contact_jacobian import Contacts, contact_jacobian, generalized_force
 from mbd.equilibrium import Equilibrium, Norm, Solver, column_weights, equilibrium
-from mbd.generalized_force import generalized_force
 from mbd.mechanism import Classification, MechanismClass, classify
 
 

@@ -7,7 +7,7 @@ a virtual displacement is (δt, ℓ δθ), a wrench is (F, M/ℓ).
 Two forms of the same operator live here. `MatrixJacobian` holds any matrix. `PairJacobian` uses
 that all contacts between two blocks act through one six-dimensional wrench, and that congruent
 pairs of blocks have the same contacts, so products and normal matrices cost little even with
-500 000 contacts.
+500 000 contacts. The wrenches of a load, on the same rows, stand beside them.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from geometry.assembly import AnyBlocks
 from geometry.interface import Interfaces
+from geometry.loads.case import LoadCase
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.placed_blocks import AnyBlocks
 from mbd.pair_wrenches import CongruentWrenches, PairKind, PairWrenches, SeparateWrenches
 
 #: A normal matrix, or the inverse of one, which also takes several vectors as columns.
@@ -386,3 +387,40 @@ def contact_jacobian(assembly: AnyBlocks, fixed: BoolArray | None = None) -> Con
         free_blocks=np.flatnonzero(~held),
         length=length,
     )
+
+
+def block_wrenches(assembly: AnyBlocks, load: LoadCase) -> FloatArray:
+    """Force and moment of a load about each block's mass centroid.
+
+    Facet forces act at facet centroids, as in Algorithm 1 of the paper, or where the load case
+    says.
+
+    Returns
+    -------
+    FloatArray
+        (F, M) per block, (n_blocks, 6) [N, N mm].
+    """
+    force = load.facet_forces
+    arm = load.centroids - assembly.centroids[load.block]
+    wrench = np.zeros((assembly.n_blocks, 6))
+    # Column by column: several times faster than `np.add.at`.
+    for k, column in enumerate(np.hstack([force, np.cross(arm, force)]).T):
+        wrench[:, k] = np.bincount(load.block, column, assembly.n_blocks)
+    if load.body_wrenches is not None:
+        wrench += load.body_wrenches
+    return wrench
+
+
+def generalized_force(
+    assembly: AnyBlocks, load: LoadCase, free_blocks: IntArray, length: float
+) -> FloatArray:
+    """Stack (F, M/ℓ) of the free blocks, the order and scale of the contact Jacobian's rows.
+
+    Returns
+    -------
+    FloatArray
+        (6 n_free,) [N].
+    """
+    wrench = block_wrenches(assembly, load)[free_blocks]
+    wrench[:, 3:] /= length
+    return wrench.ravel()

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.assembly import AnyBlocks
 from geometry.mesh import FloatArray
-from geometry.placed_blocks import AnyBlocks
 from mbd.contact_jacobian import contact_jacobian
 from mbd.equilibrium import Equilibrium, newton_equilibrium
 

@@ -9,6 +9,8 @@ worst of them measures the margin.
 A unit load carried with Σ λ²/A = 1/S needs the contact energy of a piston of area S under uniform
 pressure: S is its *bearing area* [mm²]. The effort sqrt(1/S) is convex and homogeneous in the
 load, so a load with components f_i on those axes needs at most Σ |f_i| / sqrt(S_i).
+
+Blocks that carry a load are held one way and not another: a small push along each axis tells.
 """
 
 from __future__ import annotations
@@ -17,8 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.assembly import AnyBlocks
+from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray
-from mbd.contact_jacobian import ContactJacobian
+from mbd.contact_jacobian import ContactJacobian, contact_jacobian, generalized_force
 from mbd.equilibrium import Norm, column_weights, newton_equilibrium
 
 _AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
@@ -80,3 +84,42 @@ def interlocking_margin(jacobian: ContactJacobian, areas: FloatArray) -> Margin:
         areas=bearing.reshape(-1, 6, 2),
         mechanism=mechanism,
     )
+
+
+#: Push over load: far above the tolerance of an equilibrium, too small to lift what weighs.
+_PUSH = 1e-3
+
+_AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
+
+
+def held_against(assembly: AnyBlocks, load: LoadCase) -> dict[str, bool]:
+    """Whether blocks without friction stay where a small push acts beside their load.
+
+    All free blocks are pushed at once, each by its volume. By duality a push that is not carried
+    drives a motion that the load does not hinder: along it the blocks are free, however well the
+    load is carried.
+
+    Parameters
+    ----------
+    assembly
+        Blocks and contacts.
+    load
+        What they carry.
+
+    Returns
+    -------
+    dict[str, bool]
+        For +x, -x and so on; a direction that is neither proved held nor free is left out.
+    """
+    contacts = contact_jacobian(assembly, load.fixed)
+    force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
+    size = float(np.linalg.norm(force)) or 1.0
+    held = {}
+    for k, name in enumerate(_AXES):
+        push = np.zeros((len(contacts.free_blocks), 6))
+        push[:, k // 2] = (-1.0) ** k * assembly.volumes[contacts.free_blocks]
+        push *= _PUSH * size / np.linalg.norm(push)
+        found = newton_equilibrium(contacts.jacobian, force + push.ravel())
+        if found.holds or found.mechanism is not None:
+            held[name] = found.holds
+    return held

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fem.assembly.statement import Motion
 from fem.contact.law import ExponentialLaw, LinearPenalty
-from fem.decks.abaqus.deck import abaqus_lines
+from fem.decks.abaqus import abaqus_lines
 from fem.decks.keywords import NUMBER_LENGTH, DeckError, label, name_of, real
 from fem.decks.model import as_nodal_forces, deck_assembly, deck_model, nodal_forces
 from fem.decks.placement import canonical, canonical_axis_angle, rotation_matrix

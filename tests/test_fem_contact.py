@@ -23,12 +23,11 @@ from fem.contact.surfaces import (
     point_kinematics,
 )
 from fem.element.material import Material
-from geometry.assembly import moved
+from geometry.assembly import moved, spacing_offsets
 from geometry.families.brick_stack import brick_stack
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
 from geometry.loads.named import load_case
-from geometry.spacing import spacing_offsets
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 TSB1 = SineBlockParameters(

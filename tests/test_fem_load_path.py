@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from fem.contact.friction import CoulombFriction
-from fem.static.load_path import LOAD_TOLERANCE, MOST_PARTS, load_factors, path_change, refined
-from fem.static.result import StaticError
+from fem.static.result import (
+    LOAD_TOLERANCE,
+    MOST_PARTS,
+    StaticError,
+    load_factors,
+    path_change,
+    refined,
+)
 from fem.static.solve import StaticOptions, solve_static
 from tests.test_fem_friction_laws import plate
 from tests.test_fem_static import pipe, sheared_column

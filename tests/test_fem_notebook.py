@@ -12,8 +12,8 @@ from fem.assembly.statement import ProblemError
 from fem.element.material import Material
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from geometry import HexagonBlock, SineBlock, beam, contact_mesh, pillar, pipe, shaft, tube, tunnel
+from geometry.assembly import AssemblyError
 from geometry.families.sine_block import BlockParameterError
-from geometry.placed_blocks import AssemblyError
 from mbd import analyse
 from validation.run.static import run_static
 from validation.scene.read import load_scene

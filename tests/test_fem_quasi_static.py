@@ -11,8 +11,12 @@ from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.element.material import Material
 from fem.explicit.output.history import COLUMNS
 from fem.explicit.setup.assembly import explicit_assembly
-from fem.explicit.setup.block_frequency import block_frequencies, motions_about_centroid
-from fem.explicit.setup.quasi_static import quasi_static_report, recommended_times
+from fem.explicit.setup.quasi_static import (
+    block_frequencies,
+    motions_about_centroid,
+    quasi_static_report,
+    recommended_times,
+)
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import Status, StopCriterion, solve
 from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from fem.assembly.contact_state import contact_measures
 from fem.assembly.deformable import (
     Frames,
     deformable_assembly,
 )
-from fem.assembly.measures import contact_measures
 from fem.assembly.symmetry import SymmetryError
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ExponentialLaw, LinearPenalty

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from geometry.assembly import AssemblyError
 from geometry.families.hexagon_block import (
     HexagonBlockDivisions,
     HexagonBlockParameters,
@@ -14,7 +15,6 @@ from geometry.families.hexagon_block import (
 )
 from geometry.families.sine_block import BlockParameterError
 from geometry.families.tube import hexagon_tube
-from geometry.placed_blocks import AssemblyError
 
 THB0 = HexagonBlockParameters(blocks_per_layer=4, inner_radius=120.0, thickness=40.0)
 

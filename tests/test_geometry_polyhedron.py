@@ -8,6 +8,7 @@ import meshio
 import numpy as np
 import pytest
 
+from geometry.assembly import AssemblyError
 from geometry.families.hexagon_block import (
     HexagonBlockDivisions,
     HexagonBlockParameters,
@@ -18,7 +19,6 @@ from geometry.families.platonic_layers import cube, octahedron, tetrahedron
 from geometry.files.block_files import read_blocks, step_hexahedra
 from geometry.files.mesh_io import read_hex_mesh, write_hex_mesh
 from geometry.mesh import FloatArray, IntArray, MeshError, boundary_quads
-from geometry.placed_blocks import AssemblyError
 from geometry.polyhedra.assembly import polyhedral_assembly
 from geometry.polyhedra.checks import check_assembly
 from geometry.polyhedra.options import DetectionOptions

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geometry.assembly import Assembly, moved, renumbered
+from geometry.assembly import Assembly, AssemblyError, moved, renumbered
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.families.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
 from geometry.families.sine_block import (
@@ -20,7 +20,6 @@ from geometry.families.sine_block import (
 from geometry.families.tube import hexagon_tube, sine_tube
 from geometry.loads.case import LoadCaseError
 from geometry.loads.named import load_case
-from geometry.placed_blocks import AssemblyError
 from mbd import analyse
 from tests.conftest import random_rotation, tsb
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geometry.assembly import Assembly
+from geometry.assembly import AnyBlocks, Assembly
 from geometry.families.masonry import box, circular_arch, running_bond_wall
 from geometry.families.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
 from geometry.families.platonic_layers import (
@@ -23,7 +23,6 @@ from geometry.families.voxels import voxel_assembly
 from geometry.loads.case import LoadCase
 from geometry.loads.named import load_case
 from geometry.mesh import FloatArray
-from geometry.placed_blocks import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral, polyhedral_assembly
 from geometry.polyhedra.facet_contact import _at_vertices
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement, DetectionOptions
@@ -51,8 +50,7 @@ from mbd.friction import (
     frictional_contacts,
     frictional_equilibrium,
 )
-from mbd.margin import interlocking_margin
-from mbd.pushes import held_against
+from mbd.margin import held_against, interlocking_margin
 from tests.conftest import random_rotation, tsb
 from validation.scene.read import load_scene
 

@@ -13,9 +13,8 @@ from geometry.families.platonic_layers import tetrahedra_layer
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from mbd import contact_jacobian, newton_equilibrium
-from mbd.force_range import ForceRanges, force_ranges
+from mbd.force_range import ForceRanges, force_ranges, plane_problem
 from mbd.friction import FrictionLaw, frictional_contacts, frictional_equilibrium
-from mbd.plane import plane_problem
 from validation.cli.app import app
 from validation.compare.closed_forms import body_force
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from geometry.assembly import AssemblyError
 from geometry.families.masonry import running_bond_wall, wall_of_rows
-from geometry.placed_blocks import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import contact_jacobian
+from mbd.force_range import plane_problem
 from mbd.friction import FrictionalContacts, FrictionError, collapse_load, frictional_contacts
-from mbd.plane import plane_problem
 from mbd.sliding_collapse import check_sliding, sliding_collapse
 from validation.compare.closed_forms import body_force, incline
 from validation.compare.others import (

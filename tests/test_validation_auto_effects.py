@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.assembly.measures import contact_measures
+from fem.assembly.contact_state import contact_measures
 from fem.static.solve import StaticOptions, solve_static
 from tests.fem_problems import pair_resultants
 from validation.cli.app import app

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from geometry.assembly import AssemblyError
 from geometry.families.brick_stack import brick_stack
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import hexagon_tube, sine_tube
-from geometry.placed_blocks import AssemblyError
 from geometry.polyhedra.assembly import as_polyhedral
 from geometry.polyhedra.explosion import follow_explosion, outward_directions
 from mbd.explosion import first_order_explosion

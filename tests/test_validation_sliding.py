@@ -13,7 +13,7 @@ import pytest
 from fem.assembly.deformable import Frames, deformable_assembly
 from fem.element.material import Material
 from fem.explicit.setup.assembly import explicit_assembly
-from fem.explicit.setup.block_frequency import block_frequencies
+from fem.explicit.setup.quasi_static import block_frequencies
 from fem.explicit.solve import StopCriterion, initial_state, prepare, solve
 from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.problem.loads import SmoothStepAmplitude

@@ -35,11 +35,10 @@ from fem.problem.model import (
     fixed_nodes,
     lumped_mass,
 )
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, spacing_offsets
 from geometry.errors import RefusedError
 from geometry.loads.case import FaceLoad, HeldFace, LoadCase, PressureLoad
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.spacing import spacing_offsets
 
 
 class DeformableAssemblyError(RefusedError):
@@ -88,7 +87,7 @@ class DeformableAssembly:
     """Copy of that group, -1 for rigid ones, (n_blocks,)."""
     offsets: FloatArray
     """Translation of each block from its conforming place, (n_blocks, 3) [mm]: zero, or what
-    moves the blocks apart (`geometry.spacing`)."""
+    moves the blocks apart (`geometry.assembly`)."""
     surfaces: ContactSurfaces
     """Facet pairs of which at least one block deforms."""
     contact: Contact
@@ -158,7 +157,7 @@ def deformable_assembly(
         half of it; negative: an interference fit.
     spacing
         Distance by which neighbours are moved apart, their size kept [mm]
-        (`geometry.spacing.spacing_offsets`): inclined faces open by less or more. Both may be
+        (`geometry.assembly.spacing_offsets`): inclined faces open by less or more. Both may be
         given: gaps add up.
     frames
         How held blocks are modelled.

@@ -153,7 +153,7 @@ def contact_surfaces(
         Conforming blocks.
     moved
         Translation of each block from its conforming place, (n_blocks, 3) [mm]
-        (`geometry.spacing.spacing_offsets`); None: the blocks touch.
+        (`geometry.assembly.spacing_offsets`); None: the blocks touch.
     clearance
         Added to every gap [mm].
 

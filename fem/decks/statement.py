@@ -1,12 +1,13 @@
 """What an input deck says: blocks, material, joints, supports, loads and one step.
 
 The statement of a problem for another program, independent of how that program spells it:
-`fem.decks.abaqus.deck` and `fem.decks.calculix.deck` turn it into text, `fem.decks.read.deck`
+`fem.decks.abaqus` and `fem.decks.calculix` turn it into text, `fem.decks.read.deck`
 reads it back, `fem.decks.model` makes a model for the solvers of this package of it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
@@ -17,13 +18,13 @@ import numpy as np
 from fem.assembly.statement import Motion
 from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
-from fem.element.hexahedron import ElementType
+from fem.element.hexahedron import ELEMENTS, ElementType
+from fem.element.lagrange_mesh import SerendipityMesh
 from fem.element.material import Material
 from fem.problem.effects import Effects
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, spacing_offsets
 from geometry.loads.case import FaceLoad, LoadCase
 from geometry.mesh import FloatArray, IntArray
-from geometry.spacing import spacing_offsets
 
 
 class Flavour(StrEnum):
@@ -150,7 +151,7 @@ class Deck:
     searched: bool = False
     """Whether joints do not match corner on corner: whole faces meet, wherever they are."""
     spacing: float = 0.0
-    """Distance by which neighbours are moved apart [mm] (`geometry.spacing`)."""
+    """Distance by which neighbours are moved apart [mm] (`geometry.assembly`)."""
     notes: tuple[str, ...] = ()
     """Where the deck differs from the scene, one line each."""
 
@@ -192,3 +193,74 @@ def _surface_node_forces(case: LoadCase) -> NodalForceLoad:
     shares = [np.tile(total[b] / len(n), (len(n), 1)) for b, n in zip(blocks, nodes, strict=True)]
     count = [len(n) for n in nodes]
     return NodalForceLoad(np.repeat(blocks, count), np.concatenate(nodes), np.concatenate(shares))
+
+
+#: Abaqus' name of each element that has one.
+ELEMENT_NAMES = {kind: found.abaqus for kind, found in ELEMENTS.items() if found.abaqus}
+
+
+# Names that the parts of a deck refer to each other by.
+ALL = "ALL"
+CONTACT = "CONTACT"
+MATERIAL = "BLOCK-MATERIAL"
+JOINT = "JOINT"
+LOADING = "LOADING"
+CYLINDRICAL = "TUBE-AXIS"
+HOURGLASS = "HOURGLASS"
+
+
+def element_name(deck: Deck, elements: Mapping[ElementType, str]) -> str:
+    """Name of the hexahedra of a deck: by their nodes, those of eight by their kind."""
+    twenty = isinstance(deck.assembly.shapes[0].mesh, SerendipityMesh)
+    return "C3D20" if twenty else elements[deck.element]
+
+
+def block_label(deck: Deck, block: int) -> str:
+    """Name of the instance of a block."""
+    digits = max(3, len(str(deck.assembly.n_blocks - 1)))
+    return f"BLOCK-{block:0{digits}d}"
+
+
+def check_deck(deck: Deck, elements: Mapping[ElementType, str] = ELEMENT_NAMES) -> None:
+    """Refuse what no deck can express, and elements that the program does not have.
+
+    Raises
+    ------
+    DeckError
+        By name.
+    """
+    if deck.element not in elements:
+        raise DeckError(
+            f"fem.element: got {deck.element.value!r}, which a deck of flavour {deck.flavour} has "
+            "no name for (C3D8 averages the dilatation in Abaqus, not in CalculiX); expected one "
+            f"of {', '.join(repr(e.value) for e in elements)}"
+        )
+    _check_references(deck)
+    for hold in deck.holds:
+        first, last = hold.components[0], hold.components[-1]
+        if hold.components != tuple(range(first, last + 1)):
+            raise DeckError(f"support of block {hold.block}: components are not consecutive")
+    if deck.effects.adaptive_mass_damping is not None:
+        raise DeckError(
+            "fem.damping: adaptive mass damping is a device of this program; expected "
+            "constant Rayleigh damping in a deck"
+        )
+
+
+def _check_references(deck: Deck) -> None:
+    """Refuse supports and loads on faces or nodes that a block does not have."""
+    shape = deck.assembly.shape
+    named = [(hold.block, hold.face) for hold in deck.holds if hold.face is not None]
+    for load in deck.loads:
+        if isinstance(load, NodalForceLoad):
+            for block, node in zip(load.blocks.tolist(), load.nodes.tolist(), strict=True):
+                if not 0 <= node < shape(block).mesh.n_nodes:
+                    raise DeckError(f"load: block {block} has no node {node + 1}")
+        elif not isinstance(load, BodyForceLoad):
+            named += [(block, load.face) for block in load.blocks.tolist()]
+    for block, face in named:
+        if face not in shape(block).faces:
+            raise DeckError(
+                f"block {block} ({shape(block).name}) has no face {face!r}; expected one of "
+                f"{', '.join(shape(block).faces)}"
+            )

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from fem.decks.abaqus.deck import abaqus_lines
-from fem.decks.calculix.deck import calculix_lines
+from fem.decks.abaqus import abaqus_lines
+from fem.decks.calculix import calculix_lines
 from fem.decks.statement import Deck, Flavour
 
 

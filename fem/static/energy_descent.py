@@ -21,8 +21,7 @@ from typing import Protocol
 
 import numpy as np
 
-from fem.assembly.free_motions import NodalInverse
-from fem.assembly.local_system import LocalSystem
+from fem.assembly.local_system import LocalSystem, NodalInverse
 from fem.contact.law import ContactLaw
 from fem.contact.surfaces import (
     ContactNormals,

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from fem.element.lagrange import LagrangeElement, TensorPoints, gauss_line, tensor_points
-from fem.problem.rigid_motions import rigid_motions
+from fem.problem.model import rigid_motions
 from fem.static.linear_step.columns import ColumnBlock, FlexibleBlock, flexible_block
 from geometry.mesh import BoolArray, FloatArray, IntArray
 

@@ -10,8 +10,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from fem.assembly.deformable import DeformableAssembly
-from fem.problem.model import BlockGroup, Model, ModelError
-from fem.problem.rigid_motions import rigid_motions
+from fem.problem.model import BlockGroup, Model, ModelError, rigid_motions
 from fem.static.result import StaticResult
 from geometry.mesh import FloatArray, IntArray
 

@@ -1,7 +1,7 @@
 """Static states with finite rotation of the blocks: rounds of small-rotation solutions.
 
 Equilibrium with finite rotation is K u = f + Δf(u), with Δf what a turned block takes for strain
-(`fem.static.rotation_load`). Each round solves with the Δf of the last solution; what Δf still
+(`fem.static.rotation`). Each round solves with the Δf of the last solution; what Δf still
 changes is the residual that is left. It contracts while blocks turn by some thousandths of a
 radian.
 """
@@ -14,11 +14,13 @@ import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import local_forces
-from fem.problem.model import NodalLoad
+from fem.explicit.solve import initial_state, prepare
+from fem.explicit.state import world_vectors
+from fem.problem.effects import Effects
+from fem.problem.model import Model, NodalLoad, nodal_load
 from fem.problem.recovery import block_displacements
 from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.result import StaticError, StaticResult
-from fem.static.rotation_load import finite_rotation_loads
 from fem.static.solve import StaticOptions, solve_static
 from geometry.mesh import FloatArray
 
@@ -118,3 +120,41 @@ def _work(loads: tuple[NodalLoad, ...], displacements: tuple[FloatArray, ...]) -
         float(np.vdot(load.forces, displacements[load.group][load.copies, load.nodes]))
         for load in loads
     )
+
+
+def finite_rotation_loads(
+    model: Model, displacements: tuple[FloatArray, ...]
+) -> tuple[NodalLoad, ...]:
+    """Δf = K u - f_frame(u) of every block: what finite rotations change.
+
+    A stiffness that does not turn with its block takes a rotation for strain: K u differs from the
+    force in the block's best-fitting frame (`fem.explicit.block_frame`) by Δf, of second order in
+    the rotation. Equilibrium with finite rotation, f_frame(u) = f, is K u = f + Δf(u): with Δf of a
+    solution u as further loads, the next solution has finite rotation to first order in the change.
+
+    Parameters
+    ----------
+    model
+        Groups of blocks.
+    displacements
+        Of each group in world axes, each (n_copies, n_nodes, 3) [mm].
+    """
+    turned = _internal_forces(model, displacements, finite_rotation=True)
+    straight = _internal_forces(model, displacements, finite_rotation=False)
+    return tuple(
+        nodal_load(k, b - a, copies=range(len(a)))
+        for k, (a, b) in enumerate(zip(turned, straight, strict=True))
+    )
+
+
+def _internal_forces(
+    model: Model, displacements: tuple[FloatArray, ...], *, finite_rotation: bool
+) -> list[FloatArray]:
+    """Internal forces of the explicit solver, world axes, each (n_copies, n_nodes, 3) [N]."""
+    plain = Model(groups=model.groups, effects=Effects(finite_rotation=finite_rotation))
+    system = prepare(plain, time_step=1.0)
+    state = initial_state(system, displacements=displacements)
+    return [
+        world_vectors(body, now.internal_force)
+        for body, now in zip(system.bodies, state.bodies, strict=True)
+    ]

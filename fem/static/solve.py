@@ -39,12 +39,10 @@ import numpy as np
 from fem.assembly.block_surfaces import facing_points
 from fem.assembly.contact_state import corner_displacements
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.free_motions import FreeMotions, free_motions
-from fem.assembly.local_system import LocalSystem, local_system
+from fem.assembly.local_system import FreeMotions, LocalSystem, free_motions, local_system
 from fem.assembly.symmetry import Orbits, cyclic_orbits, largest_cyclic_orbits, no_symmetry
 from fem.contact.friction import friction_tractions
-from fem.contact.search import FacingPoints
-from fem.contact.searched import SearchedSurfaces, searched_surfaces
+from fem.contact.search import FacingPoints, SearchedSurfaces, searched_surfaces
 from fem.contact.surfaces import ContactNormals, ContactSurfaces, PointKinematics
 from fem.static.energy_descent import minimise_energy
 from fem.static.friction import FrictionRows, friction_rows, joined
@@ -58,8 +56,7 @@ from fem.static.linear_step.linearisation import (
     coarsened,
 )
 from fem.static.linear_step.sparse import SparseSolver
-from fem.static.load_path import load_factors, refined
-from fem.static.result import StaticError, StaticResult, loose_blocks
+from fem.static.result import StaticError, StaticResult, load_factors, loose_blocks, refined
 from geometry.mesh import FloatArray, IntArray
 
 #: First holding springs relative to the tangent contact stiffness on a block at the start.

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block, box_block
 from geometry.joints import UnmatchedJoint, matched_area
-from geometry.placed_blocks import AssemblyError
 
 #: Part of a joint's area that may be missing from its matched facets: rounding.
 _AREA_TOLERANCE = 1e-9

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block, box_block
-from geometry.placed_blocks import AssemblyError
 
 _FACES = {"y-": "inner", "y+": "outer", "x-": "left", "x+": "right", "z-": "bottom", "z+": "top"}
 

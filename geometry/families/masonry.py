@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from geometry.assembly import AssemblyError
 from geometry.mesh import HexMesh, boundary_quads, structured_hexahedra
-from geometry.placed_blocks import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads

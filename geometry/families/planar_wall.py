@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block, Curve
 from geometry.families.sine_block import LEAST_REACHED
 from geometry.mesh import (
@@ -26,7 +26,6 @@ from geometry.mesh import (
     grid_points,
     structured_hexahedra,
 )
-from geometry.placed_blocks import AssemblyError
 
 #: Height of a joint above its mean plane at (x from the block's middle, y from the inner face).
 Profile = Callable[[FloatArray, FloatArray], FloatArray]

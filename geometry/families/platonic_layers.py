@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from geometry.assembly import AssemblyError
 from geometry.mesh import FloatArray
-from geometry.placed_blocks import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import CubeArrangement, DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron

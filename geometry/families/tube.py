@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, AssemblyError, check_size
 from geometry.block import Block
 from geometry.families.hexagon_block import (
     HexagonBlockDivisions,
@@ -28,7 +28,6 @@ from geometry.families.sine_block import (
     waves_of_turn,
 )
 from geometry.mesh import FloatArray
-from geometry.placed_blocks import AssemblyError, check_size
 
 
 def axial_rotations(angles: FloatArray) -> FloatArray:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.ndimage
 
+from geometry.assembly import AssemblyError
 from geometry.mesh import HexMesh, IntArray, boundary_quads
-from geometry.placed_blocks import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads

@@ -12,10 +12,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from geometry.assembly import Assembly
+from geometry.assembly import AnyBlocks, Assembly
 from geometry.errors import RefusedError
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.placed_blocks import AnyBlocks
 
 
 class LoadCaseError(RefusedError):

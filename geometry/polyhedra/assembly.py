@@ -7,9 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, AssemblyError, PlacedBlocks
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.placed_blocks import AssemblyError, PlacedBlocks
 from geometry.polyhedra.facet_contact import ContactPoints, find_contacts
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_block

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.placed_blocks import AssemblyError
+from geometry.assembly import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.overlap import find_overlaps
 

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, AssemblyError
 from geometry.mesh import FloatArray
-from geometry.placed_blocks import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.overlap import Overlap, find_overlaps
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from fem.assembly.deformable import Frames, held_faces
 from fem.assembly.statement import Problem
-from fem.decks.abaqus.deck import check_abaqus
-from fem.decks.calculix.deck import check_calculix
+from fem.decks.abaqus import check_abaqus
+from fem.decks.calculix import check_calculix
 from fem.decks.model import as_nodal_forces, deck_model
 from fem.decks.placement import canonical
 from fem.decks.statement import (

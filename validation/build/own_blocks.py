@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from fem.element.lagrange_mesh import with_degree
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.files.block_files import read_blocks
@@ -19,7 +19,6 @@ from geometry.files.hexahedral_solids import file_blocks
 from geometry.joints import UnmatchedJoint, matched_area
 from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray, IntArray, MeshError
-from geometry.placed_blocks import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from geometry.polyhedra.checks import check_assembly
 from geometry.polyhedra.options import DetectionOptions

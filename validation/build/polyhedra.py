@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from geometry.assembly import AnyBlocks, AssemblyError
 from geometry.families.masonry import circular_arch, running_bond_wall
 from geometry.families.platonic_layers import cubes_layer, octahedra_layer, tetrahedra_layer
 from geometry.families.voxels import voxel_assembly
 from geometry.files.block_files import read_blocks
 from geometry.loads.case import LoadCase
 from geometry.mesh import BoolArray, FloatArray
-from geometry.placed_blocks import AnyBlocks, AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.checks import check_assembly
 from geometry.polyhedra.options import DetectionOptions

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fem.assembly.contact_state import contact_measures
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.measures import contact_measures
 from fem.contact.law import LinearPenalty
 from fem.problem.model import BlockGroup
 from fem.static.linear_step.condensed import FlexibilityStore

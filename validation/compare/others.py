@@ -20,8 +20,8 @@ from rich.console import Console
 from geometry.families.masonry import circular_arch, wall_of_rows
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import contact_jacobian
+from mbd.force_range import PlaneProblem, plane_problem
 from mbd.friction import collapse_load, frictional_contacts, frictional_equilibrium
-from mbd.plane import PlaneProblem, plane_problem
 from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
 from validation.compare.closed_forms import bisect, body_force, incline
 from validation.errors import run_command

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from fem.assembly.measures import CapAction, cap_action_at
+from fem.assembly.contact_state import CapAction, cap_action_at
 from validation.cost.references import Reference, references
 from validation.output.console import listing
 from validation.run.curved.accuracy import LADDER, Rung

@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from fem.assembly.contact_state import contact_measures
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.measures import contact_measures
 from fem.problem.recovery import best_rotations
 from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.result import StaticResult
-from fem.static.rotation import solve_static_with_rotation
-from fem.static.rotation_load import finite_rotation_loads
+from fem.static.rotation import finite_rotation_loads, solve_static_with_rotation
 from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
 from validation.build.deformable import build_deformable
@@ -202,7 +201,7 @@ def without_finite_rotation(
 
     The probe itself treats rotations as small; it is solved again with them. Where they are too
     large for a static solver, the forces that they add to the first solution tell that the change
-    is large (`fem.static.rotation_load`).
+    is large (`fem.static.rotation`).
 
     Raises
     ------

@@ -13,10 +13,9 @@ from rich.console import Console
 from rich.table import Table
 
 from fem.decks.keywords import DeckError
-from fem.decks.names import element_name
 from fem.decks.read.cards import read_cards
 from fem.decks.read.deck import read_deck
-from fem.decks.statement import Deck, Flavour
+from fem.decks.statement import Deck, Flavour, element_name
 from fem.decks.write import write_deck
 from geometry.errors import RefusedError
 from geometry.files.mesh_io import assembly_mesh, read_hex_mesh, write_hex_mesh

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from fem.answer import Answer
-from fem.assembly.contact_state import ContactState
+from fem.assembly.contact_state import CapAction, ContactMeasures, ContactState, cap_action
 from fem.assembly.deformable import (
     DeformableAssembly,
 )
-from fem.assembly.measures import CapAction, ContactMeasures, cap_action
 from fem.assembly.peaks import StressPeaks, joint_forces, stress_peaks
 from fem.explicit.setup.quasi_static import QuasiStaticReport, quasi_static_report
 from fem.explicit.solve import ExplicitResult

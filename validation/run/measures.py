@@ -7,9 +7,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fem.assembly.contact_state import ContactState
+from fem.assembly.contact_state import ContactMeasures, ContactState
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.measures import ContactMeasures
 from fem.assembly.peaks import (
     Peak,
     StressPeaks,

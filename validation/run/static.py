@@ -10,7 +10,7 @@ from fem.contact.law import LinearPenalty
 from fem.explicit.solve import Frame
 from fem.solvers import static_answer
 from fem.static.linear_step.condensed import FlexibilityStore
-from fem.static.load_path import LOAD_TOLERANCE
+from fem.static.result import LOAD_TOLERANCE
 from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
 from validation.build.deformable import NO_SECTOR, build_deformable, fem_section, gap_words

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 from pydantic import BaseModel
 
 from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND
-from geometry.placed_blocks import AnyBlocks, AssemblyError, check_size
+from geometry.assembly import AnyBlocks, AssemblyError, check_size
 from validation.scene.pictures import PicturesSection
 from validation.scene.sections import Section
 

@@ -8,11 +8,11 @@ from fem.element.hexahedron import ElementType, block_stiffness
 from fem.element.material import Material
 from fem.problem.model import Model, block_group, fixed_nodes, nodal_load
 from fem.static.linear import solve_linear_static
+from geometry.assembly import AssemblyError
 from geometry.block import box_block
 from geometry.errors import RefusedError
 from geometry.families.sine_block import TSB1
 from geometry.mesh import HexMesh, MeshError, boundary_quads, check_mesh
-from geometry.placed_blocks import AssemblyError
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.problems import BRICK, CONCRETE, relative, stack, tube
 

@@ -12,12 +12,11 @@ import numpy as np
 from fem.contact.law import ExponentialLaw
 from fem.element.material import Material
 from fem.static.solve import StaticOptions, solve_static
-from geometry.assembly import Assembly
+from geometry.assembly import AnyBlocks, Assembly
 from geometry.families.masonry import circular_arch, running_bond_wall
 from geometry.families.platonic_layers import octahedra_layer, tetrahedra_layer
 from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray, IntArray
-from geometry.placed_blocks import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import analyse, contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.assembly import Assembly, moved
+from geometry.assembly import Assembly, AssemblyError, moved
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.loads.case import LoadCase
 from geometry.loads.named import load_case
 from geometry.mesh import FloatArray
-from geometry.placed_blocks import AssemblyError
 from mbd import (
     Classification,
     MatrixJacobian,

@@ -8,10 +8,9 @@ from typing import TypeVar, cast
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from geometry.assembly import Assembly, moved, renumbered
+from geometry.assembly import AnyBlocks, Assembly, moved, renumbered
 from geometry.loads.case import FaceLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray
-from geometry.placed_blocks import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.stability.problems import scaled

@@ -1,4 +1,4 @@
-"""Read back what `fem.decks.abaqus.deck` writes.
+"""Read back what `fem.decks.abaqus` writes.
 
 The reader takes from the cards what a `Deck` holds, then writes the deck anew and compares: a
 card that would not come out again is refused by its line, so nothing is dropped silently.
@@ -10,24 +10,31 @@ from collections.abc import Iterable
 from itertools import zip_longest
 
 from fem.contact.law import ContactLawError
-from fem.decks.abaqus.deck import abaqus_lines
+from fem.decks.abaqus import abaqus_lines
 from fem.decks.keywords import DeckError
-from fem.decks.read.cards import Card, read_cards
+from fem.decks.read.cards import (
+    Card,
+    Heading,
+    heading_value,
+    read_cards,
+    read_heading,
+    split_sections,
+)
 from fem.decks.read.model import (
     read_effects,
     read_holds,
     read_joint,
+    read_loads,
     read_material,
     read_motion,
+    read_step,
 )
 from fem.decks.read.parts import read_assembly, read_part
-from fem.decks.read.sections import Heading, heading_value, read_heading, split_sections
-from fem.decks.read.step import read_loads, read_step
 from fem.decks.statement import Deck, Flavour
 from fem.element.material import MaterialError
 from fem.problem.effects import EffectError
+from geometry.assembly import AssemblyError
 from geometry.mesh import MeshError
-from geometry.placed_blocks import AssemblyError
 
 #: Keywords that are read; everything else is refused by name.
 SUPPORTED = (

@@ -7,10 +7,9 @@ import re
 import numpy as np
 
 from fem.decks.keywords import DeckError, name_of
-from fem.decks.names import CONTACT, ELEMENT_NAMES
 from fem.decks.placement import placement
-from fem.decks.read.cards import Card, floats
-from fem.decks.read.sections import Heading, block_entry, heading_value
+from fem.decks.read.cards import Card, Heading, block_entry, floats, heading_value
+from fem.decks.statement import CONTACT, ELEMENT_NAMES
 from fem.element.hexahedron import ElementType
 from geometry.assembly import Assembly
 from geometry.block import Block

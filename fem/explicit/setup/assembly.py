@@ -15,8 +15,7 @@ from fem.assembly.contact_state import (
     searched_state,
 )
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.free_motions import FreeMotions, free_motions
-from fem.assembly.local_system import LocalSystem, local_system
+from fem.assembly.local_system import FreeMotions, LocalSystem, free_motions, local_system
 from fem.assembly.symmetry import Orbits, no_symmetry
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw

@@ -1,7 +1,7 @@
 """What keeps a periodic cell from moving as a whole in an explicit run.
 
 Nothing resists a shift of the cell or a turn about its axis, and forces of second order in the
-displacements push along them for ever (`fem.assembly.free_motions`). Here the same constraint as
+displacements push along them for ever (`fem.assembly.local_system`). Here the same constraint as
 in the static solver is one more term of the step: forces at the nodes of the contacts, the motions
 themselves, so large that loads, contact and internal forces leave the cell as a whole at rest.
 """
@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.free_motions import free_motions
-from fem.assembly.local_system import local_system
+from fem.assembly.local_system import free_motions, local_system
 from fem.assembly.symmetry import Orbits
 from fem.explicit.body import Body
 from fem.explicit.kernels.layout import LaneArray, to_lanes

@@ -29,10 +29,8 @@ import numpy.typing as npt
 import scipy.linalg
 from scipy.sparse import csc_array, csr_array
 
-from fem.assembly.free_motions import NodalInverse
-from fem.assembly.local_system import LocalSystem, constraint_transform
-from fem.problem.model import BlockGroup
-from fem.problem.rigid_motions import rigid_motions
+from fem.assembly.local_system import LocalSystem, NodalInverse, constraint_transform
+from fem.problem.model import BlockGroup, rigid_motions
 from fem.static.linear_step.block_tridiagonal import (
     ChainFactor,
     Level,

@@ -9,8 +9,7 @@ from typing import Protocol
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from fem.assembly.free_motions import NodalInverse
-from fem.assembly.local_system import LocalSystem, constraint_transform
+from fem.assembly.local_system import LocalSystem, NodalInverse, constraint_transform
 from fem.static.linear_step.sparse import SparseSolver, SparseSolverError, factorize
 from geometry.mesh import FloatArray, IntArray
 

@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from fem.assembly.measures import CapAction
+from fem.assembly.contact_state import CapAction
 from fem.problem.mass_scaling import added_mass_share
 from fem.problem.model import element_words
 from geometry.files.mesh_io import write_surface

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fem.assembly.measures import CapAction, cap_action_at
+from fem.assembly.contact_state import CapAction, cap_action_at
 from fem.contact.law import ContactLaw
 from fem.element.lagrange import LagrangeElement
 from fem.element.lagrange_stress import PointValue, averaged_tension, everywhere

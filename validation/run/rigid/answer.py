@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from geometry.assembly import AnyBlocks
 from geometry.joints import JointResultants, joint_resultants
 from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray
-from geometry.placed_blocks import AnyBlocks
 from mbd import Mechanism, RigidResult, SelfStress
-from mbd.pushes import held_against
+from mbd.margin import held_against
 from validation.run.joints import joints_json
 from validation.run.rigid.further import Carried, Further, carried, further_json
 from validation.run.stages import summed

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from geometry.assembly import AnyBlocks
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.placed_blocks import AnyBlocks
 from mbd import RigidResult, contact_jacobian
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import column_weights, equilibrium
-from mbd.force_range import ForceRanges, force_ranges
+from mbd.force_range import ForceRanges, PlaneProblem, force_ranges, plane_problem
 from mbd.friction import (
     CollapseLoad,
     FrictionalContacts,
@@ -24,7 +24,6 @@ from mbd.friction import (
     frictional_equilibrium,
 )
 from mbd.margin import Margin, interlocking_margin
-from mbd.plane import PlaneProblem, plane_problem
 from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
 from validation.errors import named
 from validation.scene.sections import RigidSection

@@ -1,0 +1,472 @@
+"""Write a deck for Abaqus: heading, parts and instances, model data, step.
+
+References: Abaqus Keywords Reference Guide; Abaqus Analysis User's Guide, "Contact
+pressure-overclosure relationships" and "Distributed loads" (surface tractions).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
+
+import numpy as np
+
+from fem.decks.faces import ElementFaces, Patches, contact_patches, element_faces
+from fem.decks.keywords import (
+    DeckError,
+    element_lines,
+    entry_lines,
+    keyword,
+    label,
+    node_lines,
+    real,
+    reals,
+)
+from fem.decks.laws import law_heading, law_lines
+from fem.decks.placement import placement_rows, rounded
+from fem.decks.statement import (
+    ALL,
+    CONTACT,
+    CYLINDRICAL,
+    ELEMENT_NAMES,
+    HOURGLASS,
+    JOINT,
+    LOADING,
+    MATERIAL,
+    BodyForceLoad,
+    Deck,
+    DeckLoad,
+    Flavour,
+    NodalForceLoad,
+    Procedure,
+    block_label,
+    check_deck,
+    element_name,
+)
+from fem.element.hexahedron import ElementType
+from geometry.block import Block
+from geometry.loads.case import CircumferentialLoad, PressureLoad, TractionLoad
+from geometry.mesh import FloatArray, IntArray
+
+
+def abaqus_lines(deck: Deck) -> Iterator[str]:
+    """Lines of a deck with parts and instances (flavours general and pairs).
+
+    Parameters
+    ----------
+    deck
+        The problem; its assembly must be canonical (`fem.decks.placement.canonical`).
+
+    Raises
+    ------
+    DeckError
+        What Abaqus has no words for, by name.
+    """
+    check_abaqus(deck)
+    patches = contact_patches(deck) if _has_pairs(deck) else None
+    yield from heading_lines(deck)
+    for number, shape in enumerate(deck.assembly.shapes):
+        yield from _part(deck, number, shape, patches)
+    yield from _assembly(deck)
+    yield from model_lines(deck)
+    yield from boundary_lines(deck)
+    yield from step_lines(deck, patches)
+
+
+def check_abaqus(deck: Deck) -> None:
+    """Refuse what Abaqus cannot express.
+
+    Raises
+    ------
+    DeckError
+        By name.
+    """
+    check_deck(deck)
+    static = deck.step.procedure is Procedure.STATIC
+    small = deck.joint is not None and not (deck.joint.finite_sliding or deck.searched)
+    if deck.clearance != 0.0 and not (deck.flavour is Flavour.PAIRS and static and small):
+        raise DeckError(
+            f"contact.clearance: got {deck.clearance:g} mm, a gap along every normal, which Abaqus "
+            "prescribes for pairs of small sliding in a static step alone (*Clearance); expected "
+            "contact.spacing, flavour pairs with fem.method=static, or flavour calculix"
+        )
+
+
+def _has_pairs(deck: Deck) -> bool:
+    return deck.joint is not None and deck.flavour is Flavour.PAIRS
+
+
+# ---------------------------------------------------------------------------------------------
+# Heading
+
+
+def program_version() -> str:
+    """Return the version that is written into headings."""
+    try:
+        return version("tubelock")
+    except PackageNotFoundError:
+        return "0"
+
+
+def heading_lines(deck: Deck) -> Iterator[str]:
+    """Heading with provenance and what no keyword says; `fem.decks.read.deck` reads it."""
+    assembly = deck.assembly
+    name = deck.name.encode("ascii", "replace").decode().replace("\n", " ")[:80]
+    yield "*Heading"
+    yield f"tubelock {program_version()}, scene {name}"
+    yield f"flavour: {deck.flavour}"
+    yield "units: mm, N, MPa, s, t (density in t/mm3)"
+    yield f"axis: {reals(assembly.axis)} through {reals(assembly.origin)}"
+    yield f"open faces: {'allowed' if assembly.unmatched_allowed else 'none'}"
+    if deck.searched:
+        yield "joints: faces that do not match"
+    told = None if deck.joint is None else law_heading(deck.joint.law)
+    if told is not None:
+        yield told
+    yield f"clearance along every normal: {real(deck.clearance)}"
+    yield f"spacing of the blocks: {real(deck.spacing)}"
+    if deck.spacing != 0.0:
+        for block in range(assembly.n_blocks):
+            place = reals(assembly.translations[block])
+            yield f"place without spacing: {block_label(deck, block)} {place}"
+    for note in deck.notes:
+        yield f"note: {note}"
+
+
+# ---------------------------------------------------------------------------------------------
+# Parts and instances
+
+
+def _part(deck: Deck, number: int, shape: Block, patches: Patches | None) -> Iterator[str]:
+    mesh = shape.mesh
+    yield "**"
+    yield f"** {shape.name}: {np.count_nonzero(deck.assembly.shape_of == number)} instances"
+    yield keyword("Part", name=label(shape.name))
+    yield keyword("Node")
+    yield from node_lines(mesh.nodes + 0.0)
+    yield keyword("Element", type=element_name(deck, ELEMENT_NAMES))
+    yield from element_lines(mesh.connectivity)
+    yield keyword("Nset", nset=ALL, generate=None)
+    yield f"1, {mesh.n_nodes}, 1"
+    yield keyword("Elset", elset=ALL, generate=None)
+    yield f"1, {mesh.n_elements}, 1"
+    faces = {name: element_faces(shape, quads) for name, quads in shape.faces.items()}
+    for name, facets in faces.items():
+        yield from surface_lines(label(name), facets)
+    if shape.contact_faces:
+        yield keyword("Surface", type="ELEMENT", name=CONTACT)
+        for name in shape.contact_faces:
+            yield from _surface_members(label(name), faces[name])
+    if patches is not None:
+        for patch in patches.of_shape[number]:
+            yield from surface_lines(patch.label, faces[patch.face].select(patch.positions))
+    for name in _held_faces(deck, number):
+        yield keyword("Nset", nset=f"{label(name)}-NODES")
+        yield from entry_lines(np.unique(mesh.facet_nodes(shape.faces[name])) + 1)
+    yield from _section(deck)
+    yield keyword("End Part")
+
+
+def surface_lines(
+    name: str, faces: ElementFaces, *, prefix: str = "", first_element: int = 1
+) -> Iterator[str]:
+    """Element sets of a surface, one for each side, and the surface itself."""
+    for side in np.unique(faces.sides).tolist():
+        yield keyword("Elset", elset=f"{prefix}{name}-S{side + 1}")
+        yield from entry_lines((faces.elements[faces.sides == side] + first_element).tolist())
+    yield keyword("Surface", type="ELEMENT", name=f"{prefix}{name}")
+    yield from _surface_members(name, faces, prefix=prefix)
+
+
+def _surface_members(name: str, faces: ElementFaces, *, prefix: str = "") -> Iterator[str]:
+    for side in np.unique(faces.sides).tolist():
+        yield f"{prefix}{name}-S{side + 1}, S{side + 1}"
+
+
+def _held_faces(deck: Deck, number: int) -> list[str]:
+    """Faces of a shape whose nodes are held on some block, in the order of the shape's faces."""
+    held = {h.face for h in deck.holds if int(deck.assembly.shape_of[h.block]) == number}
+    return [name for name in deck.assembly.shapes[number].faces if name in held]
+
+
+def _section(deck: Deck) -> Iterator[str]:
+    controls = {"controls": HOURGLASS} if deck.element is ElementType.REDUCED else {}
+    yield keyword("Solid Section", elset=ALL, material=MATERIAL, **controls)
+    yield ","
+
+
+def _assembly(deck: Deck) -> Iterator[str]:
+    assembly = deck.assembly
+    places = assembly.translations + deck.offsets
+    yield "**"
+    yield keyword("Assembly", name=label(assembly.name))
+    for block in range(assembly.n_blocks):
+        part = label(assembly.shape(block).name)
+        yield keyword("Instance", name=block_label(deck, block), part=part)
+        for row in placement_rows(assembly.rotations[block], places[block]):
+            yield reals(row)
+        yield keyword("End Instance")
+    for layer in np.unique(assembly.layer).tolist():
+        yield keyword("Elset", elset=f"LAYER-{layer:02d}")
+        yield from _members(deck, np.flatnonzero(assembly.layer == layer))
+    if assembly.fixed.any():
+        yield keyword("Elset", elset="FRAME")
+        yield from _members(deck, np.flatnonzero(assembly.fixed))
+    if any(isinstance(load, CircumferentialLoad) for load in deck.loads):
+        yield keyword("Orientation", name=CYLINDRICAL, system="CYLINDRICAL")
+        yield reals([*assembly.origin, *(assembly.origin + assembly.axis)])
+    yield keyword("End Assembly")
+
+
+def _members(deck: Deck, blocks: IntArray) -> Iterator[str]:
+    """All elements (or nodes) of some blocks."""
+    return entry_lines(f"{block_label(deck, block)}.{ALL}" for block in blocks.tolist())
+
+
+#: Distance of the two points of an axis of rotation: far, so that its direction keeps its digits.
+_AXIS_LENGTH = 1000.0
+
+
+def model_lines(deck: Deck) -> Iterator[str]:
+    """Material, surface interaction, amplitude, initial motion and general contact."""
+    yield "**"
+    if deck.element is ElementType.REDUCED:
+        yield "** Stiffness control, as the reduced element of tubelock has."
+        yield keyword("Section Controls", name=HOURGLASS, hourglass="STIFFNESS")
+        yield "1.0, 1.0, 1.0"
+    yield from material_lines(deck)
+    if deck.joint is not None:
+        yield from _interaction(deck)
+    if deck.step.ramp_time > 0.0:
+        yield keyword("Amplitude", name=LOADING, definition="SMOOTH STEP")
+        yield reals([0.0, 0.0, deck.step.ramp_time, 1.0])
+    if deck.motion is not None:
+        yield from _initial_motion(deck)
+    if deck.joint is not None and deck.flavour is Flavour.GENERAL:
+        yield "** All outer faces of all blocks may meet."
+        yield keyword("Contact")
+        yield keyword("Contact Inclusions", ALL_EXTERIOR=None)
+        yield keyword("Contact Property Assignment")
+        yield f", , {JOINT}"
+
+
+def material_lines(deck: Deck) -> Iterator[str]:
+    """Material with density, elasticity and Rayleigh damping."""
+    material, rayleigh = deck.material, deck.effects.rayleigh
+    yield keyword("Material", name=MATERIAL)
+    yield keyword("Density")
+    yield f"{real(material.density)},"
+    yield keyword("Elastic")
+    yield reals([material.young_modulus, material.poisson_ratio])
+    if rayleigh is not None:
+        values = {
+            "alpha": rayleigh.mass_proportional,
+            "beta": rayleigh.stiffness_proportional,
+        }
+        given = {name: real(value) for name, value in values.items() if value is not None}
+        if given:
+            yield keyword("Damping", **given)
+
+
+def _interaction(deck: Deck) -> Iterator[str]:
+    joint = deck.joint
+    assert joint is not None
+    yield keyword("Surface Interaction", name=JOINT)
+    yield from law_lines(joint.law, explicit=deck.step.procedure is Procedure.EXPLICIT)
+    if joint.friction is not None:
+        slope = {}
+        if joint.stick_stiffness is not None:
+            slope = {"shear_traction_slope": real(joint.stick_stiffness)}
+        yield keyword("Friction", **slope)
+        yield f"{real(joint.friction)},"
+
+
+def _initial_motion(deck: Deck) -> Iterator[str]:
+    motion, assembly = deck.motion, deck.assembly
+    assert motion is not None
+    angular = rounded(motion.angular_velocity)
+    spin = float(np.linalg.norm(angular))
+    if spin == 0.0:
+        yield keyword("Initial Conditions", type="VELOCITY")
+        for block in range(assembly.n_blocks):
+            for component, value in enumerate(motion.velocity.tolist(), start=1):
+                if value != 0.0:
+                    yield f"{block_label(deck, block)}.{ALL}, {component}, {real(value)}"
+        return
+    yield keyword("Initial Conditions", type="ROTATING VELOCITY")
+    for block in range(assembly.n_blocks):
+        centre = (assembly.nodes(block) + deck.offsets[block]).mean(axis=0)
+        target = f"{block_label(deck, block)}.{ALL}"
+        yield f"{target}, {reals([spin, *motion.velocity])}"
+        yield reals([*centre, *(centre + _AXIS_LENGTH * angular / spin)])
+
+
+def boundary_lines(deck: Deck) -> Iterator[str]:
+    """Supports."""
+    if not deck.holds:
+        return
+    yield keyword("Boundary")
+    for hold in deck.holds:
+        nodes = ALL if hold.face is None else f"{label(hold.face)}-NODES"
+        first, last = hold.components[0] + 1, hold.components[-1] + 1
+        yield f"{block_label(deck, hold.block)}.{nodes}, {first}, {last}"
+
+
+ENERGIES = ("ALLAE", "ALLFD", "ALLIE", "ALLKE", "ALLSE", "ALLVD", "ALLWK", "ETOTAL")
+
+
+def step_lines(deck: Deck, patches: Patches | None) -> Iterator[str]:
+    """Write the step, and before a static one the contact pairs, which are model data there."""
+    step = deck.step
+    static = step.procedure is Procedure.STATIC
+    if patches is not None and static:
+        yield from _contact_pairs(deck, patches)
+    yield "**"
+    yield keyword("Step", name="LOAD", nlgeom="YES" if step.large_rotations else "NO")
+    if static:
+        yield keyword("Static")
+        yield reals([0.1 * step.end_time, step.end_time, 1e-6 * step.end_time, step.end_time])
+    else:
+        yield from _explicit(deck)
+    if patches is not None and not static:
+        yield from _contact_pairs(deck, patches)
+    for load in deck.loads:
+        yield from _load(deck, load)
+    if deck.effects.gravity is not None:
+        yield from gravity_lines(
+            deck.effects.gravity,
+            [f"{block_label(deck, b)}.{ALL}" for b in range(deck.assembly.n_blocks)],
+        )
+    yield from _output(deck)
+    yield keyword("End Step")
+
+
+def _explicit(deck: Deck) -> Iterator[str]:
+    step, viscosity = deck.step, deck.effects.bulk_viscosity
+    if step.time_step is not None:
+        yield "*Dynamic, Explicit, direct user control"
+        yield reals([step.time_step, step.end_time])
+    elif step.safety_factor is not None:
+        yield f"*Dynamic, Explicit, scale factor={real(step.safety_factor)}"
+        yield f", {real(step.end_time)}"
+    else:
+        yield "*Dynamic, Explicit"
+        yield f", {real(step.end_time)}"
+    yield keyword("Bulk Viscosity")
+    if viscosity is None:
+        yield "0.0, 0.0"
+    else:
+        yield reals([viscosity.linear_bulk_viscosity, viscosity.quadratic_bulk_viscosity])
+
+
+def _contact_pairs(deck: Deck, patches: Patches) -> Iterator[str]:
+    """Contact pairs: slave, then master. Typed in a static step; Abaqus/Explicit has no types."""
+    for pair in patches.pairs:
+        yield pair_keyword(deck)
+        yield (
+            f"{block_label(deck, pair.block_s)}.{pair.patch_s}, "
+            f"{block_label(deck, pair.block_m)}.{pair.patch_m}"
+        )
+    if deck.clearance == 0.0:
+        return
+    yield "** Gaps along the normals, whatever the coordinates say."
+    for pair in patches.pairs:
+        yield (
+            f"*Clearance, master={block_label(deck, pair.block_m)}.{pair.patch_m}, "
+            f"slave={block_label(deck, pair.block_s)}.{pair.patch_s}, value={real(deck.clearance)}"
+        )
+
+
+def pair_keyword(deck: Deck) -> str:
+    """Keyword line of a contact pair."""
+    if deck.step.procedure is Procedure.EXPLICIT:
+        return f"*Contact Pair, interaction={JOINT}, mechanical constraint=PENALTY"
+    if deck.searched and deck.flavour is Flavour.PAIRS:
+        # Nodes on facets of another mesh pass no uniform pressure; surface on surface does.
+        return f"*Contact Pair, interaction={JOINT}, type=SURFACE TO SURFACE"
+    line = f"*Contact Pair, interaction={JOINT}, type=NODE TO SURFACE"
+    finite = deck.joint is not None and deck.joint.finite_sliding
+    return line if finite else f"{line}, small sliding"
+
+
+def amplitude_parameter(deck: Deck) -> dict[str, str | None]:
+    """Parameter that names the amplitude of the loads, if there is one."""
+    return {"amplitude": LOADING} if deck.step.ramp_time > 0.0 else {}
+
+
+def _load(deck: Deck, load: DeckLoad) -> Iterator[str]:
+    amplitude = amplitude_parameter(deck)
+    if isinstance(load, NodalForceLoad):
+        yield keyword("Cload", **amplitude)
+        yield from _nodal_forces(deck, load)
+    elif isinstance(load, BodyForceLoad):
+        yield keyword("Dload", **amplitude)
+        yield from _body_forces(deck, load)
+    elif isinstance(load, PressureLoad):
+        yield keyword("Dsload", **amplitude)
+        for surface in _surfaces(deck, load):
+            yield f"{surface}, P, {real(load.pressure)}"
+    elif isinstance(load, CircumferentialLoad):
+        yield keyword("Dsload", **amplitude, orientation=CYLINDRICAL, follower="NO")
+        for surface in _surfaces(deck, load):
+            yield f"{surface}, TRVEC, {real(load.traction)}, 0.0, 1.0, 0.0"
+    else:
+        yield keyword("Dsload", **amplitude, follower="NO")
+        for surface in _surfaces(deck, load):
+            yield from _components(f"{surface}, TRVEC", load.traction)
+
+
+def _surfaces(deck: Deck, load: PressureLoad | CircumferentialLoad | TractionLoad) -> list[str]:
+    """Loaded surfaces by name."""
+    return [f"{block_label(deck, block)}.{label(load.face)}" for block in load.blocks.tolist()]
+
+
+def _components(start: str, vector: FloatArray) -> Iterator[str]:
+    """Magnitude and direction of each component of a vector: exact, unlike those of the whole."""
+    for direction, value in zip(np.eye(3), vector.tolist(), strict=True):
+        if value != 0.0:
+            yield f"{start}, {real(value)}, {reals(direction)}"
+
+
+def _nodal_forces(deck: Deck, load: NodalForceLoad) -> Iterator[str]:
+    for block, node, force in zip(load.blocks, load.nodes, load.forces.tolist(), strict=True):
+        for component, value in enumerate(force, start=1):
+            if value != 0.0:
+                yield f"{block_label(deck, int(block))}.{node + 1}, {component}, {real(value)}"
+
+
+def _body_forces(deck: Deck, load: BodyForceLoad) -> Iterator[str]:
+    for block, force in zip(load.blocks.tolist(), load.force_density.tolist(), strict=True):
+        for axis, value in zip("XYZ", force, strict=True):
+            if value != 0.0:
+                yield f"{block_label(deck, block)}.{ALL}, B{axis}, {real(value)}"
+
+
+def gravity_lines(gravity: FloatArray, targets: list[str]) -> Iterator[str]:
+    """Gravity by components, constant in time, on element sets."""
+    yield keyword("Dload")
+    for target in targets:
+        yield from _components(f"{target}, GRAV", gravity)
+
+
+def _output(deck: Deck) -> Iterator[str]:
+    step = deck.step
+    contact = deck.joint is not None
+    if step.procedure is Procedure.EXPLICIT:
+        yield f"*Output, field, number interval={step.field_intervals}"
+    else:
+        yield "*Output, field"
+    yield keyword("Node Output")
+    yield "U"
+    yield keyword("Element Output")
+    yield "S"
+    if contact:
+        yield "** CSTRESS: CPRESS and the frictional shear stresses."
+        yield keyword("Contact Output")
+        yield "CSTRESS"
+    if step.procedure is Procedure.EXPLICIT:
+        yield f"*Output, history, time interval={real(step.end_time / step.history_intervals)}"
+    else:
+        yield "*Output, history"
+    yield keyword("Energy Output")
+    yield ", ".join(ENERGIES)
