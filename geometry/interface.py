@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from geometry.block import Block
 from geometry.mesh import FloatArray, IntArray
@@ -69,7 +69,7 @@ class _Facets:
     quads: IntArray
     corners: FloatArray
     centroids: FloatArray
-    tree: cKDTree
+    tree: scipy.spatial.cKDTree
     """Of the centroids."""
     centre: FloatArray
     radius: float
@@ -88,7 +88,7 @@ def _facets(shape: Block) -> _Facets:
     ends = corners.reshape(-1, 3) if len(quads) else np.zeros((1, 3))
     centre = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
     radius = float(np.linalg.norm(ends - centre, axis=1).max())
-    return _Facets(quads, corners, centroids, cKDTree(centroids), centre, radius)
+    return _Facets(quads, corners, centroids, scipy.spatial.cKDTree(centroids), centre, radius)
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,8 @@ def _near_pairs(facets: Sequence[_Facets], blocks: _Blocks) -> IntArray:
     radius = np.array([f.radius for f in facets])[blocks.shape_of]
     centre = np.einsum("bij,bj->bi", blocks.rotations, local) + blocks.translations
     reach = 2.0 * float(radius.max(initial=0.0)) * (1 + 1e-9)
-    pairs: IntArray = cKDTree(centre).query_pairs(reach, output_type="ndarray").astype(np.int64)
+    tree = scipy.spatial.cKDTree(centre)
+    pairs: IntArray = tree.query_pairs(reach, output_type="ndarray").astype(np.int64)
     pairs.sort(axis=1)
     apart = np.linalg.norm(centre[pairs[:, 0]] - centre[pairs[:, 1]], axis=1)
     pairs = pairs[apart <= (radius[pairs[:, 0]] + radius[pairs[:, 1]]) * (1 + 1e-9)]

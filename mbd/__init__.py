@@ -13,8 +13,6 @@ from mbd.contact_jacobian import (
 from mbd.equilibrium import (
     EQUILIBRIUM_TOLERANCE,
     Equilibrium,
-    Norm,
-    Solver,
     clarabel_equilibrium,
     column_weights,
     equilibrium,
@@ -29,6 +27,7 @@ from mbd.mechanism import (
     classify,
     solve_linear_programs,
 )
+from mbd.options import Norm, Solver
 
 __all__ = [
     "EQUILIBRIUM_TOLERANCE",

@@ -11,8 +11,9 @@ from geometry.loads.case import LoadCase
 from geometry.measures import BlockMeasures, Measures, block_measures, measures
 from geometry.mesh import FloatArray, IntArray
 from mbd.contact_jacobian import Contacts, contact_jacobian, generalized_force
-from mbd.equilibrium import Equilibrium, Norm, Solver, column_weights, equilibrium
+from mbd.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.mechanism import Classification, MechanismClass, classify
+from mbd.options import Norm, Solver
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-import scipy.linalg
-import scipy.sparse as sp
-from scipy.sparse.csgraph import reverse_cuthill_mckee
+import scipy
 
 from geometry.assembly import AnyBlocks
 from geometry.interface import Interfaces
@@ -51,7 +49,7 @@ class ContactJacobian(Protocol):
     def normal_solver(self, weights: FloatArray, shift: float) -> NormalMap:
         """Factor G diag(weights) Gᵀ + shift I."""
 
-    def to_matrix(self) -> sp.csc_array:
+    def to_matrix(self) -> scipy.sparse.csc_array:
         """G as a sparse matrix, (n_rows, n_contacts)."""
 
 
@@ -59,7 +57,7 @@ class ContactJacobian(Protocol):
 class MatrixJacobian:
     """Any G given as a matrix; its normal matrices are factored densely."""
 
-    matrix: sp.csc_array
+    matrix: scipy.sparse.csc_array
     """(n_rows, n_contacts)."""
 
     @property
@@ -92,7 +90,7 @@ class MatrixJacobian:
 
         return solve
 
-    def to_matrix(self) -> sp.csc_array:
+    def to_matrix(self) -> scipy.sparse.csc_array:
         """G as a sparse matrix, (n_rows, n_contacts)."""
         return self.matrix
 
@@ -138,15 +136,15 @@ class PairJacobian:
         return 6 * self.n_free, self.contacts.n_contacts
 
     @cached_property
-    def _transfer(self) -> sp.csr_array:
+    def _transfer(self) -> scipy.sparse.csr_array:
         """Both transfers as one matrix, (6 n_free, 6 n_pairs)."""
         n_pairs = len(self.row_m)
         rows = np.concatenate([self.row_m, self.row_s])
         columns = np.tile(np.arange(n_pairs), 2)
         i, j = _block_places(rows, columns)
         values = np.concatenate([-self.transfer_m, self.transfer_s])
-        matrix = sp.csr_array(
-            sp.coo_array(
+        matrix = scipy.sparse.csr_array(
+            scipy.sparse.coo_array(
                 (values.ravel(), (i.ravel(), j.ravel())), shape=(self.shape[0], 6 * n_pairs)
             )
         )
@@ -154,9 +152,9 @@ class PairJacobian:
         return matrix
 
     @cached_property
-    def _relative(self) -> sp.csr_array:
+    def _relative(self) -> scipy.sparse.csr_array:
         """Motion of s against m of each pair from those of the blocks, (6 n_pairs, 6 n_free)."""
-        return sp.csr_array(self._transfer.T)
+        return scipy.sparse.csr_array(self._transfer.T)
 
     def gap_rates(self, virtual_displacement: FloatArray) -> FloatArray:
         """Gᵀ δq, (n_contacts,)."""
@@ -169,10 +167,11 @@ class PairJacobian:
     @cached_property
     def _band(self) -> tuple[IntArray, int]:
         """Bandwidth-reducing order of the free blocks, and the half bandwidth in rows."""
-        graph = sp.coo_array(
+        graph = scipy.sparse.coo_array(
             (np.ones(len(self.row_m)), (self.row_m, self.row_s)), shape=(self.n_free,) * 2
         ).tocsr()
-        order = reverse_cuthill_mckee(sp.csr_array(graph + graph.T), symmetric_mode=True)
+        together = scipy.sparse.csr_array(graph + graph.T)
+        order = scipy.sparse.csgraph.reverse_cuthill_mckee(together, symmetric_mode=True)
         position = np.empty(self.n_free, dtype=np.int64)
         position[order] = np.arange(self.n_free)
         reach = np.abs(position[self.row_m] - position[self.row_s]).max(initial=0)
@@ -231,7 +230,7 @@ class PairJacobian:
 
         return solve
 
-    def to_matrix(self) -> sp.csc_array:
+    def to_matrix(self) -> scipy.sparse.csc_array:
         """G as a sparse matrix, (6 n_free, n_contacts)."""
         contacts = self.contacts.separate()
         pair = contacts.pair_of
@@ -240,7 +239,7 @@ class PairJacobian:
         columns = np.repeat(np.arange(contacts.n_contacts), 6)
         rows_m = (6 * self.row_m[pair][:, None] + np.arange(6)).ravel()
         rows_s = (6 * self.row_s[pair][:, None] + np.arange(6)).ravel()
-        matrix = sp.coo_array(
+        matrix = scipy.sparse.coo_array(
             (
                 np.concatenate([values_m.ravel(), values_s.ravel()]),
                 (np.concatenate([rows_m, rows_s]), np.concatenate([columns, columns])),

@@ -19,15 +19,14 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
-import scipy.linalg
-import scipy.sparse as sp
+import scipy
 
 from geometry.mesh import BoolArray, FloatArray
 from mbd.contact_jacobian import ContactJacobian
+from mbd.options import Norm, Solver
 
 #: Relative residual above which nothing is called equilibrium (the paper's tolerance).
 EQUILIBRIUM_TOLERANCE = 1e-6
@@ -44,24 +43,6 @@ _SMALLEST_WORK = 1e-7
 #: … and admissible where no gap closes faster than this fraction of fᵀd: forces that balanced
 #: the load all the same would have to sum up to 1e10 times the load.
 _RAY_TOLERANCE = 1e-10
-
-
-class Solver(StrEnum):
-    """Names of the equilibrium solvers."""
-
-    NEWTON = "newton"
-    CLARABEL = "clarabel"
-
-
-class Norm(StrEnum):
-    """What the force distribution minimises.
-
-    ``force``: Σ λ², as the paper prints it; depends on the mesh. ``pressure``: Σ λ²/A, the rigid
-    limit of a uniform elastic foundation; does not.
-    """
-
-    FORCE = "force"
-    PRESSURE = "pressure"
 
 
 @dataclass(frozen=True)
@@ -363,12 +344,12 @@ def clarabel_equilibrium(
     if n_contacts == 0:
         return _uncontacted(jacobian, load)
     column = np.ones(n_contacts) if weights is None else weights
-    matrix = sp.csc_matrix(jacobian.to_matrix() * column[None, :])
+    matrix = scipy.sparse.csc_matrix(jacobian.to_matrix() * column[None, :])
     unit_load = load / size
     tight = {"tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12, "tol_feas": 1e-12}
     solution = _solve_by_clarabel(
         qpsolvers.Problem(
-            P=sp.eye(n_contacts, format="csc"),
+            P=scipy.sparse.eye(n_contacts, format="csc"),
             q=np.zeros(n_contacts),
             A=matrix,
             b=-unit_load,
@@ -407,7 +388,7 @@ def _solve_by_clarabel(problem: Any, **options: float) -> Any:
 def _clarabel_projection(
     load: FloatArray,
     column: FloatArray,
-    matrix: sp.csc_matrix,
+    matrix: scipy.sparse.csc_matrix,
     size: float,
 ) -> Equilibrium:
     """Project the load on the cone of contact wrenches; the rest is the mechanism."""
@@ -416,6 +397,7 @@ def _clarabel_projection(
     n_rows, n_contacts = matrix.shape
     unit_load = load / size
     # Variables (μ, r) with r = G μ + f keep the problem as sparse as G.
+    sp = scipy.sparse
     cost = sp.block_diag([sp.csc_matrix((n_contacts, n_contacts)), sp.eye(n_rows)], format="csc")
     problem = qpsolvers.Problem(
         P=cost,

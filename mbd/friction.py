@@ -16,7 +16,6 @@ analysis of structures formed from rigid blocks", Int. J. Numer. Methods Eng. 12
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import partial
 from typing import Any
 
@@ -28,6 +27,7 @@ from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
+from mbd.options import FrictionLaw
 
 #: A mechanism certifies only if no admissible unit force does more negative work than this
 #: fraction of the load's work.
@@ -36,15 +36,6 @@ CERTIFICATE_TOLERANCE = 1e-6
 
 #: Coefficients of dry materials stay below 2; beyond this a number is something else.
 MOST_FRICTION = 10.0
-
-
-class FrictionLaw(StrEnum):
-    """How the Coulomb cone is represented."""
-
-    CONE = "cone"
-    """Second-order cone, exact."""
-    PYRAMID = "pyramid"
-    """Four-sided pyramid inside the cone: linear, a little weaker."""
 
 
 class FrictionError(RefusedError):

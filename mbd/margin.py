@@ -23,7 +23,8 @@ from geometry.assembly import AnyBlocks
 from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray
 from mbd.contact_jacobian import ContactJacobian, contact_jacobian, generalized_force
-from mbd.equilibrium import Norm, column_weights, newton_equilibrium
+from mbd.equilibrium import column_weights, newton_equilibrium
+from mbd.options import Norm
 
 _AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 

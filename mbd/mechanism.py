@@ -20,8 +20,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-import scipy.linalg
-import scipy.sparse as sp
 
 from geometry.mesh import FloatArray
 from mbd.contact_jacobian import ContactJacobian
@@ -225,6 +223,7 @@ def solve_linear_programs(
 
     Slow (seconds where the dual Newton method takes hundredths); meant for cross-checks.
     """
+    sp = scipy.sparse
     transpose = sp.csr_array(jacobian.to_matrix().T)
     n_contacts, n_rows = transpose.shape
     size = load_size(load)
@@ -258,17 +257,17 @@ def _highs(
     *,
     cost: FloatArray,
     bounds: list[tuple[float | None, float | None]],
-    equal: tuple[sp.sparray, FloatArray] | None = None,
-    above: tuple[sp.sparray, FloatArray] | None = None,
+    equal: tuple[scipy.sparse.sparray, FloatArray] | None = None,
+    above: tuple[scipy.sparse.sparray, FloatArray] | None = None,
 ) -> float:
     # Loaded here: most answers need no linear program.
     from scipy.optimize import linprog
 
     constraints: dict[str, Any] = {}
     if equal is not None:
-        constraints |= {"A_eq": sp.csc_array(equal[0]), "b_eq": equal[1]}
+        constraints |= {"A_eq": scipy.sparse.csc_array(equal[0]), "b_eq": equal[1]}
     if above is not None:
-        constraints |= {"A_ub": sp.csc_array(above[0]), "b_ub": above[1]}
+        constraints |= {"A_ub": scipy.sparse.csc_array(above[0]), "b_ub": above[1]}
     result = linprog(cost, bounds=bounds, method="highs", **constraints)
     if not result.success:
         raise RuntimeError(f"HiGHS could not solve a linear program: {result.message}")

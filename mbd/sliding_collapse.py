@@ -35,7 +35,8 @@ import scipy.sparse as sp
 
 from geometry.mesh import FloatArray
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
-from mbd.friction import FrictionalContacts, FrictionLaw, collapse_load
+from mbd.friction import FrictionalContacts, collapse_load
+from mbd.options import FrictionLaw
 
 #: Largest violation of any law in a certified state; see `SlidingCheck` for what it is relative to.
 SLIDING_TOLERANCE = EQUILIBRIUM_TOLERANCE

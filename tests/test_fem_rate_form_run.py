@@ -7,8 +7,9 @@ from fem.element.hexahedron import ElementType
 from fem.explicit.solve import solve
 from fem.explicit.state import StateError
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
+from fem.problem.formulation import Formulation
 from fem.problem.loads import SmoothStepAmplitude
-from fem.problem.model import Formulation, Model, ModelError, block_group, fixed_nodes, nodal_load
+from fem.problem.model import Model, ModelError, block_group, fixed_nodes, nodal_load
 from geometry.block import box_block
 from tests.fem_problems import CONCRETE
 

@@ -20,6 +20,7 @@ from geometry.block import box_block
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import column
 from tests.test_validation_tubes import tube
+from validation.build.blocks import build_scene
 from validation.compare.answers import compare
 from validation.compare.report import draw_comparison
 from validation.errors import InputError
@@ -39,7 +40,7 @@ from validation.output.pictures.gallery import (
 from validation.output.pictures.look import Look
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
 from validation.output.pictures.sections import section
-from validation.run.rigid.assembly import build_scene, run_rigid
+from validation.run.rigid.assembly import run_rigid
 from validation.run.rigid.polyhedra import mechanism_motion, run_polyhedra
 from validation.run.static import run_static
 from validation.scene.read import load_scene

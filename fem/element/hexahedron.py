@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from scipy.sparse import bsr_array
+import scipy
 
 from fem.element.material import Material
 from geometry.mesh import (
@@ -399,7 +399,7 @@ def block_stiffness(
     element: ElementType,
     *,
     hourglass_scale: float = HOURGLASS_SCALE,
-) -> bsr_array:
+) -> scipy.sparse.bsr_array:
     """Assemble the stiffness of one block.
 
     Parameters
@@ -434,7 +434,7 @@ def block_stiffness(
 
 def block_hourglass_stiffness(
     mesh: HexMesh, material: Material, *, hourglass_scale: float = HOURGLASS_SCALE
-) -> bsr_array:
+) -> scipy.sparse.bsr_array:
     """Assemble the hourglass part of the stiffness of the reduced element.
 
     ½ uᵀ K u is the hourglass energy of a block; (3 n_nodes, 3 n_nodes) [N/mm].
@@ -447,7 +447,7 @@ def block_hourglass_stiffness(
 
 def assemble_nodal_operator(
     mesh: HexMesh, element_operator: Callable[[FloatArray], FloatArray], *, rows: int
-) -> bsr_array:
+) -> scipy.sparse.bsr_array:
     """Sum element matrices chunk by chunk into (rows × 3) node blocks.
 
     Parameters
@@ -475,7 +475,7 @@ def assemble_nodal_operator(
     shape = (rows * mesh.n_nodes, 3 * mesh.n_nodes)
     # 32-bit indices: half the index traffic in every product.
     indices, indptr = column.astype(np.int32), pointer.astype(np.int32)
-    return bsr_array((data.reshape(-1, rows, 3), indices, indptr), shape=shape)
+    return scipy.sparse.bsr_array((data.reshape(-1, rows, 3), indices, indptr), shape=shape)
 
 
 def block_lumped_mass(mesh: HexMesh, density: float) -> FloatArray:

@@ -24,10 +24,10 @@ from fem.explicit.kernels.layout import (
 )
 from fem.explicit.rate_form import RateFormModel, rate_form_model
 from fem.explicit.viscosity import ElementViscosity, element_viscosity
+from fem.problem.formulation import Formulation
 from fem.problem.model import (
     Amplitude,
     BlockGroup,
-    Formulation,
     Model,
     ModelError,
     NodalLoad,

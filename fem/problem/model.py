@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from enum import Enum
 from functools import cached_property
 from typing import Protocol
 
@@ -25,21 +24,12 @@ from fem.element.hexahedron import (
 from fem.element.lagrange_mesh import LagrangeMesh
 from fem.element.material import Material
 from fem.problem.effects import Effects
+from fem.problem.formulation import Formulation
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, HexMesh, IntArray
 
 Amplitude = Callable[[float], float]
 """Factor of a load or a displacement as a function of time [s]."""
-
-
-class Formulation(Enum):
-    """Where the internal force of the explicit solver comes from."""
-
-    SHARED_STIFFNESS = "shared stiffness"
-    """One sparse stiffness per block shape, in the frame of the block."""
-    RATE_FORM = "rate form"
-    """Every element by itself, as Abaqus/Explicit's C3D8R does (`fem.explicit.rate_form`): the slow
-    like-for-like; reduced elements, finite rotations of elements, double precision."""
 
 
 class ModelError(RefusedError):

@@ -24,9 +24,10 @@ from mbd import (
     newton_equilibrium,
     solve_linear_programs,
 )
+from validation.build.blocks import build_scene
 from validation.output.console import listing
 from validation.output.files import prepare_json, write_json
-from validation.run.rigid.assembly import build_scene, run_rigid
+from validation.run.rigid.assembly import run_rigid
 from validation.run.stages import peak_memory_mb
 from validation.scene.read import load_scene
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from validation.errors import InputError
 from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import DeformableScene, Scene
+from validation.scene.read import DeformableScene, Scene, SceneFile
 
 
 @dataclass(frozen=True)
@@ -98,3 +99,34 @@ def build_blocks(scene: AssemblyScene) -> HexahedralBlocks:
     """
     assembly = build_assembly(scene)
     return HexahedralBlocks(assembly, scene.build_load(assembly), scene.unmatched(assembly))
+
+
+@dataclass(frozen=True)
+class BuiltScene:
+    """A scene and what was built from it: bad input has been refused by now."""
+
+    name: str
+    scene: DeformableScene
+    assembly: Assembly
+    load: LoadCase
+    cpu_seconds: float
+
+
+def build_scene(file: SceneFile, *, command: str = "mbd") -> BuiltScene:
+    """Build what a scene describes; ``command`` is named where that is not enough for it.
+
+    Raises
+    ------
+    InputError
+        When it describes nothing that can be built.
+    """
+    start = time.process_time()
+    scene = require_assembly(file.scene, file.name, command)
+    blocks = build_blocks(scene)
+    assembly = blocks.assembly
+    if blocks.unmatched:
+        from validation.build.facing import facing_blocks  # it loads a compiler
+
+        assembly = facing_blocks(assembly)
+    seconds = time.process_time() - start
+    return BuiltScene(file.name, scene, assembly, blocks.load, seconds)

@@ -10,7 +10,7 @@ from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
 from fem.contact.surfaces import ContactNormals
 from fem.element.material import Material
-from fem.problem.model import Formulation
+from fem.problem.formulation import Formulation
 from geometry.assembly import Assembly
 from geometry.loads.case import LoadCase
 from validation.build.blocks import HexahedralBlocks, build_blocks

@@ -63,7 +63,7 @@ def show(
     """Draw a scene: blocks, frame, load and supports."""
     from validation.output.files import picture_file
     from validation.output.outputs import Outputs
-    from validation.output.rigid.answers import rigid_output
+    from validation.output.rigid.answers import draw_scene
     from validation.scene.read import load_scene
 
     file = load_scene(scene, settings or ())
@@ -72,15 +72,15 @@ def show(
         if block:
             _draw_one_block(file, picture)
         else:
-            rigid_output(file).draw(file, picture)
+            draw_scene(file, picture)
         outputs.say("picture", picture)
 
 
 def _draw_one_block(file: SceneFile, output: Path) -> None:
     """Draw one block of a tube of Sine Blocks with the measures of its scene."""
+    from validation.build.blocks import build_scene
     from validation.errors import InputError
     from validation.output.pictures.block import draw_block
-    from validation.run.rigid.assembly import build_scene
     from validation.scene.read import TubeScene
 
     if not isinstance(file.scene, TubeScene):

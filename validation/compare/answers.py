@@ -16,14 +16,15 @@ from fem.assembly.deformable import DeformableAssembly
 from geometry.assembly import Assembly
 from geometry.joints import between_layers
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from mbd import Norm
+from mbd.options import Norm
+from validation.build.blocks import BuiltScene
 from validation.build.deformable import build_deformable, fem_section, scene_load
 from validation.build.facing import FacingBlocks, facing_blocks
 from validation.compare.decomposition import Step, decompose
 from validation.errors import InputError
 from validation.run.deformable import DeformableRun
 from validation.run.explicit import run_explicit
-from validation.run.rigid.assembly import BuiltScene, RigidRun, analyse_rigid
+from validation.run.rigid.assembly import RigidRun, analyse_rigid
 from validation.run.static import run_static
 from validation.scene.deformable import Damping, Method
 from validation.scene.read import DeformableScene

@@ -14,7 +14,7 @@ from fem.explicit.solve import Status
 from geometry.assembly import Assembly
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.mesh import FloatArray, IntArray
-from validation.build.blocks import build_assembly
+from validation.build.blocks import build_assembly, build_scene
 from validation.build.deformable import build_deformable
 from validation.cost.calculix import solve_by_calculix
 from validation.cost.curved import solve_rungs
@@ -29,7 +29,7 @@ from validation.errors import InputError
 from validation.output.provenance import processor
 from validation.run.deformable import DeformableRun
 from validation.run.explicit import run_explicit, scene_statement
-from validation.run.rigid.assembly import analyse_rigid, build_scene
+from validation.run.rigid.assembly import analyse_rigid
 from validation.run.static import run_static
 from validation.scene.family import AssemblyScene
 from validation.scene.read import SceneFile, TubeScene

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fem.element.hexahedron import ElementType
-from mbd import Norm
+from mbd.options import Norm
 from validation.build.cell import refuse_cell
 from validation.build.deformable import fem_section
 from validation.compare.calculix import calculix_version

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from fem.element.hexahedron import ElementType
-from mbd import Norm
+from mbd.options import Norm
 from validation.errors import InputError
 from validation.run.curved.accuracy import LADDER
 from validation.scene.family import AssemblyScene

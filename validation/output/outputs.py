@@ -79,7 +79,8 @@ class Outputs:
                 made.enter_context(output_folder(path.parent))
                 prepare_file(path)
             made.enter_context(output_folder(self.folder))
-            made.enter_context(looking(self._look))
+            if self._draws:
+                made.enter_context(looking(self._look))
             self._open = made.pop_all()
         return self
 

@@ -16,13 +16,13 @@ from geometry.errors import RefusedError
 from geometry.families.sine_block import LayerTurn, SineBlockParameters, wave, waves_of_turn
 from geometry.loads.named import load_case
 from mbd import contact_jacobian, generalized_force, solve_linear_programs
+from validation.build.blocks import build_scene
 from validation.output.console import listing, two_columns
 from validation.paper.evidence import Evidence, p_max
 from validation.paper.naming import chosen_by_name
 from validation.paper.reading import Ingredient, ingredients, sensitivity
 from validation.paper.reference import reference
 from validation.paper.tables import number
-from validation.run.rigid.assembly import build_scene
 from validation.scene.read import TubeScene, load_scene
 
 

@@ -11,7 +11,7 @@ from pydantic.json_schema import JsonSchemaValue
 
 from fem.contact.law import ContactLaw, ExponentialLaw, LinearPenalty
 from fem.element.hexahedron import ElementType
-from fem.problem.model import Formulation
+from fem.problem.formulation import Formulation
 from validation.scene.plausibility import WholeScene
 from validation.scene.sections import Finite, NoAngle, NonNegative, Positive, Section, fewer
 

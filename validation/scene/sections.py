@@ -17,8 +17,7 @@ from pydantic import (
 )
 
 from geometry.loads.named import CASES
-from mbd import Norm, Solver
-from mbd.friction import FrictionLaw
+from mbd.options import FrictionLaw, Norm, Solver
 from validation.errors import InputError, one_line
 from validation.scene.docstrings import field_docstrings
 from validation.scene.quantities import Unit, converted, parse_unit, unit_of
@@ -70,7 +69,7 @@ def _as_number(value: Any, unit: Unit) -> Any:
 class Section(Recorded):
     """Base of all sections: frozen, and unknown keys are errors."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     @field_validator("*", mode="before")
     @classmethod

@@ -41,7 +41,7 @@ from validation.scene.usage import recording, uncounted
 from validation.study.builtin import builtin_study_text, nearest
 
 if TYPE_CHECKING:
-    from validation.run.rigid.assembly import BuiltScene
+    from validation.build.blocks import BuiltScene
 
 Quantity = Literal["rigid", "fem"]
 Value = Any
@@ -503,7 +503,8 @@ def _of_the_columns(built: BuiltScene) -> BuiltScene:
 
 
 def _rigid_results(file: SceneFile) -> dict[str, Any]:
-    from validation.run.rigid.assembly import analyse_rigid, build_scene
+    from validation.build.blocks import build_scene
+    from validation.run.rigid.assembly import analyse_rigid
 
     built = build_scene(file, command="sweep")
     with uncounted(*((RigidSection, key) for key in _NO_COLUMN)):

@@ -25,10 +25,10 @@ from fem.explicit.contact.paired import FaceContact
 from fem.explicit.contact.sliding import SlidingContact
 from fem.explicit.setup.cell_hold import cell_hold
 from fem.problem.effects import EffectError, Effects
+from fem.problem.formulation import Formulation
 from fem.problem.model import (
     Amplitude,
     BlockGroup,
-    Formulation,
     InteractionModel,
     Model,
     NodalLoad,

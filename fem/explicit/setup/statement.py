@@ -25,9 +25,9 @@ from fem.explicit.setup.quasi_static import (
     recommended_times,
 )
 from fem.problem.effects import Effects
+from fem.problem.formulation import Formulation
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.mass_scaling import scale_masses
-from fem.problem.model import Formulation
 from fem.problem.time_step import TimeStepError
 from geometry.mesh import FloatArray
 

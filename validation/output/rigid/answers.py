@@ -6,15 +6,17 @@ import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
-from validation.output.outputs import Outputs
-from validation.run.rigid.answer import RigidAnswer
 from validation.run.words import load_words
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import SceneFile
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from validation.output.outputs import Outputs
+    from validation.run.rigid.answer import RigidAnswer
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,6 @@ class RigidOutput:
     """Print the answer."""
     write: Callable[[Any, Outputs], None]
     """Write its files."""
-    draw: Callable[[SceneFile, Path], None]
-    """Draw the blocks before any answer, with load and supports where they are of the scene."""
 
 
 def rigid_output(file: SceneFile) -> RigidOutput:
@@ -38,20 +38,10 @@ def rigid_output(file: SceneFile) -> RigidOutput:
     if isinstance(file.scene, PolyhedralScene):
         return _of_triangles(file.scene)
     from validation.output.rigid import assembly
-    from validation.run.rigid.assembly import build_scene, run_rigid
-
-    def draw(file: SceneFile, path: Path) -> None:
-        from validation.output.pictures.assemblies import draw_assembly
-
-        built = build_scene(file, command="show")
-        draw_assembly(built.assembly, built.load, path, title=_title(file))
+    from validation.run.rigid.assembly import run_rigid
 
     return RigidOutput(
-        assembly.FILES,
-        lambda file, _: run_rigid(file),
-        assembly.print_rigid,
-        assembly.write_rigid,
-        draw,
+        assembly.FILES, lambda file, _: run_rigid(file), assembly.print_rigid, assembly.write_rigid
     )
 
 
@@ -67,16 +57,20 @@ def _of_triangles(scene: PolyhedralScene) -> RigidOutput:
             stack.enter_context(told_of_compilation())
             return run_polyhedra(file, scene)
 
-    def draw(file: SceneFile, path: Path) -> None:
+    return RigidOutput(polyhedra.FILES, run, polyhedra.print_polyhedra, polyhedra.write_polyhedra)
+
+
+def draw_scene(file: SceneFile, path: Path) -> None:
+    """Draw the blocks before any answer, with load and supports where they are of the scene."""
+    title = f"{file.name}: {load_words(file.scene)}"
+    if isinstance(file.scene, PolyhedralScene):
         from validation.build.polyhedra import build_polyhedra
         from validation.output.pictures.polyhedra import draw_blocks
 
-        draw_blocks(build_polyhedra(scene, file.folder), path, title=_title(file))
+        draw_blocks(build_polyhedra(file.scene, file.folder), path, title=title)
+        return
+    from validation.build.blocks import build_scene
+    from validation.output.pictures.assemblies import draw_assembly
 
-    return RigidOutput(
-        polyhedra.FILES, run, polyhedra.print_polyhedra, polyhedra.write_polyhedra, draw
-    )
-
-
-def _title(file: SceneFile) -> str:
-    return f"{file.name}: {load_words(file.scene)}"
+    built = build_scene(file, command="show")
+    draw_assembly(built.assembly, built.load, path, title=title)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 
 from geometry.assembly import Assembly
 from geometry.files.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
-from geometry.loads.case import LoadCase, with_body_wrenches
+from geometry.loads.case import with_body_wrenches
 from geometry.mesh import FloatArray
 from mbd import (
     Measures,
@@ -22,7 +21,7 @@ from mbd import (
     block_wrenches,
     measures,
 )
-from validation.build.blocks import build_blocks, build_weight, require_assembly
+from validation.build.blocks import BuiltScene, build_scene, build_weight
 from validation.run.rigid.answer import RigidAnswer, spent
 from validation.run.rigid.further import (
     further_answers,
@@ -66,37 +65,6 @@ class RigidRun(RigidAnswer):
         found = None if self.measures is None else dataclasses.asdict(self.measures)
         supported = self.result.supported_classification.mechanism
         return super().json() | {"mechanism_as_supported": str(supported), "measures": found}
-
-
-@dataclass(frozen=True)
-class BuiltScene:
-    """A scene and what was built from it: bad input has been refused by now."""
-
-    name: str
-    scene: DeformableScene
-    assembly: Assembly
-    load: LoadCase
-    cpu_seconds: float
-
-
-def build_scene(file: SceneFile, *, command: str = "mbd") -> BuiltScene:
-    """Build what a scene describes; ``command`` is named where that is not enough for it.
-
-    Raises
-    ------
-    InputError
-        When it describes nothing that can be built.
-    """
-    start = time.process_time()
-    scene = require_assembly(file.scene, file.name, command)
-    blocks = build_blocks(scene)
-    assembly = blocks.assembly
-    if blocks.unmatched:
-        from validation.build.facing import facing_blocks  # it loads a compiler
-
-        assembly = facing_blocks(assembly)
-    seconds = time.process_time() - start
-    return BuiltScene(file.name, scene, assembly, blocks.load, seconds)
 
 
 def run_rigid(file: SceneFile) -> RigidRun:

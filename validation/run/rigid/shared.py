@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 
-from validation.run.rigid.assembly import BuiltScene, RigidRun, analyse_rigid, build_scene
+from validation.build.blocks import BuiltScene, build_scene
+from validation.run.rigid.assembly import RigidRun, analyse_rigid
 from validation.scene.family import RoundScene
 from validation.scene.read import SceneFile
 
