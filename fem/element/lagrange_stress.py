@@ -1,8 +1,8 @@
 """Stresses of bodies of curved elements: sampled inside elements, and averaged over balls.
 
-Stresses are sampled first everywhere, then closely where they are largest. Averages over balls are
-taken where averages over coarse samples are largest, from cells small against the ball, those on
-its edge in part, and extrapolated to vanishing cells.
+Averages over balls are taken from cells, those on the edge of a ball in part, first everywhere, then
+where they are largest at closer and closer places, surfaces included, and with smaller and smaller
+cells; the last ones are extrapolated to vanishing cells.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from fem.element.lagrange import (
     TensorPoints,
     gauss_line,
     line_basis,
-    line_points,
     lobatto_points,
     tensor_points,
 )
@@ -31,12 +30,13 @@ from geometry.mesh import FloatArray, IntArray
 _CELL = 0.3
 #: The same of the cells of the first look, whose centres are a radius apart.
 _ROUGH = 0.5
-#: Distance of the centres of balls over their radius.
-_CENTRES = 0.25
-#: Averages of the first look that are this part of the largest are made again, …
-_NEAR_AVERAGE = 0.85
-#: … and of the second with cells of half the size: their errors go like the square of it.
-_BEST_AVERAGE = 0.99
+#: Distances of the centres of balls after that over their radius: looked at with the same cells,
+#: with small ones, and with cells of half of that size as well, …
+_CENTRES = (0.5, 0.25, 0.12)
+#: … where averages before are these parts of the largest one.
+_FAIR, _GOOD, _BETTER, _BEST = 0.6, 0.9, 0.96, 0.995
+#: Places are first looked for this many times as far apart.
+_STEPS = 4
 
 
 @dataclass(frozen=True)
@@ -144,44 +144,80 @@ def averaged_tension(bodies: MovedBodies, radius: float) -> PointValue:
     nodes = bodies.positions[bodies.elements]
     middles = nodes.mean(axis=1)
     reach = np.linalg.norm(nodes - middles[:, None], axis=2).max(axis=1)
-    rough = _cells(bodies, np.arange(len(nodes)), _ROUGH * radius)
-    centres = rough.positions[_apart(rough.positions, radius)]
-    tension = _tension(rough, centres, radius, _ROUGH).max(axis=0)
-    centres = centres[tension >= _NEAR_AVERAGE * tension.max()]
 
     def near(distance: float) -> IntArray:
         apart = np.linalg.norm(middles[:, None] - centres[None], axis=2).min(axis=1)
         return np.flatnonzero(apart <= reach + distance * radius)
 
-    cells = _cells(bodies, near(2.0 + _CELL), _CELL * radius, (centres, (2.0 + _CELL) * radius))
-    candidates = _points_between(bodies, near(1.0), _CENTRES * radius)
-    candidates = candidates[cKDTree(centres).query(candidates)[0] <= radius]
-    found = _tension(cells, candidates, radius, _CELL)
-    best = found.max(axis=0) >= _BEST_AVERAGE * found.max()
-    centres, found = candidates[best], found[:, best]
-    within = 1.0 + 0.5 * _CELL
-    fine = _cells(bodies, near(within), 0.5 * _CELL * radius, (centres, within * radius))
-    finer = _tension(fine, centres, radius, 0.5 * _CELL)
-    found = finer + (finer - found) / 3.0
+    def cells(size: float, spread: float) -> _Cells:
+        """Of balls whose centres lie a part of the radius from the centres at most."""
+        within = 1.0 + spread + 0.5 * size
+        return _cells(bodies, near(within), size * radius, (centres, within * radius))
+
+    def between(spread: float, spacing: float) -> FloatArray:
+        within = spread * radius
+        return _points_between(bodies, near(spread), spacing * radius, (centres, within))
+
+    rough = _cells(bodies, np.arange(len(nodes)), _ROUGH * radius)
+    centres = rough.positions[_apart(rough.positions, radius)]
+    centres = _largest(centres, _tension(rough, centres, radius, _ROUGH), _FAIR)
+    centres = between(1.0, _CENTRES[0])
+    centres = _largest(centres, _tension(rough, centres, radius, _ROUGH), _GOOD)
+    coarse = cells(_CELL, sum(_CENTRES))
+    centres = between(_CENTRES[0], _CENTRES[1])
+    centres = _largest(centres, _tension(coarse, centres, radius, _CELL), _BETTER)
+    fine = cells(0.5 * _CELL, _CENTRES[1])
+
+    def extrapolated() -> FloatArray:
+        """With errors that go like the square of the size of cells."""
+        finer = _tension(fine, centres, radius, 0.5 * _CELL)
+        return finer + (finer - _tension(coarse, centres, radius, _CELL)) / 3.0
+
+    centres = _largest(centres, extrapolated(), _BEST)
+    centres = between(_CENTRES[1], _CENTRES[2])
+    found = extrapolated()
     layer, which = np.unravel_index(int(found.argmax()), found.shape)
     return PointValue(float(found[layer, which]), int(layer) + 1, centres[which], None)
 
 
-def _points_between(bodies: MovedBodies, elements: IntArray, size: float) -> FloatArray:
-    """Points of elements, their surfaces included, a distance at most apart, (n, 3) [mm].
+def _largest(places: FloatArray, tension: FloatArray, share: float) -> FloatArray:
+    """Places (n, 3) at which a body has this share of the largest tension (n_bodies, n) or more."""
+    of_all = tension.max(axis=0)
+    most = float(of_all.max())
+    return places[of_all >= most - (1.0 - share) * abs(most)]
+
+
+def _points_between(
+    bodies: MovedBodies, elements: IntArray, size: float, near: tuple[FloatArray, float]
+) -> FloatArray:
+    """Points of elements, their surfaces included, a distance at most apart near some places.
 
     A ball reaches its largest mean on the surface of a block, where half of it lies outside.
+
+    Returns
+    -------
+    FloatArray
+        (n, 3) [mm]
     """
-    degree = bodies.element.degree
-    counts = _counts(bodies, elements, size)
+    places, within = near
+    steps = _counts(bodies, elements, _STEPS * size)
     found = []
-    for alike in np.unique(counts, axis=0):
-        lines = [np.linspace(-1.0, 1.0, n + 1) for n in alike.tolist()]
-        values = line_points(degree, lines, [np.zeros(len(x)) for x in lines]).values
-        members = bodies.elements[elements[(counts == alike).all(axis=1)]]
-        points = np.einsum("pa,eai->epi", values, bodies.positions[members], optimize=True)
-        found.append(points.reshape(-1, 3))
-    return np.unique(np.round(np.concatenate(found), 6), axis=0)
+    for element, counts in zip(elements[:, None], steps, strict=True):
+        lines = [np.linspace(-1.0, 1.0, n + 1) for n in counts]
+        box = _box(bodies, element, lines, places, within + _STEPS * size)
+        if box is not None:
+            lines = [_finer(line, 2.0 / n) for line, n in zip(box, counts, strict=True)]
+            nodes = bodies.positions[bodies.elements[element]]
+            found.append(_contracted(bodies, lines, nodes)[0])
+    points = np.concatenate(found)
+    points = points[np.isfinite(cKDTree(places).query(points, distance_upper_bound=within)[0])]
+    return np.unique(np.round(points, 6), axis=0)
+
+
+def _finer(line: FloatArray, step: float) -> FloatArray:
+    """Points of a line that goes on for a step at both ends, each step in parts."""
+    start, end = max(line[0] - step, -1.0), min(line[-1] + step, 1.0)
+    return np.linspace(start, end, 1 + int(np.ceil((end - start) * _STEPS / step - 1e-9)))
 
 
 def _counts(bodies: MovedBodies, elements: IntArray, size: float) -> IntArray:
@@ -294,16 +330,12 @@ def _contracted(
 def _tension(cells: _Cells, centres: FloatArray, radius: float, size: float) -> FloatArray:
     """σ₁ of means over balls, (n_bodies, n_centres); cells on the edge of a ball count in part."""
     ramp = size * radius
-    near = cKDTree(cells.positions).query_ball_point(centres, radius + 0.5 * ramp)
-    inside = [np.asarray(n, dtype=np.int64) for n in near]
-    sizes = [len(n) for n in inside]
-    rows = np.repeat(np.arange(len(centres)), sizes)
-    members = np.concatenate(inside)
-    distance = np.linalg.norm(cells.positions[members] - centres[rows], axis=1)
-    share = cells.volumes[members] * np.clip((radius - distance) / ramp + 0.5, 0.0, 1.0)
-    weights = csr_array(
-        (share, members, np.cumsum([0, *sizes])), (len(centres), len(cells.positions))
+    near = cKDTree(centres).sparse_distance_matrix(
+        cKDTree(cells.positions), radius + 0.5 * ramp, output_type="ndarray"
     )
+    members = near["j"]
+    share = cells.volumes[members] * np.clip((radius - near["v"]) / ramp + 0.5, 0.0, 1.0)
+    weights = csr_array((share, (near["i"], members)), (len(centres), len(cells.positions)))
     total = np.asarray(weights.sum(axis=1)).ravel()[:, None]
     means = np.stack([(weights @ layer) / total for layer in cells.stress])
     return principal_stress(means)[..., 0]
@@ -312,8 +344,8 @@ def _tension(cells: _Cells, centres: FloatArray, radius: float, size: float) -> 
 def _apart(points: FloatArray, spacing: float) -> IntArray:
     """One point of each cube of that size, (n,)."""
     cells = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
-    _, first = np.unique(cells, axis=0, return_index=True)
-    return np.sort(first)
+    numbers = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
+    return np.sort(np.unique(numbers, return_index=True)[1])
 
 
 @dataclass(frozen=True)
