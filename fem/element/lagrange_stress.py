@@ -1,8 +1,8 @@
 """Stresses of bodies of curved elements: sampled inside elements, and averaged over balls.
 
-Averages over balls are taken from cells, those on the edge of a ball in part, first everywhere, then
-where they are largest at closer and closer places, surfaces included, and with smaller and smaller
-cells; the last ones are extrapolated to vanishing cells.
+Averages over balls are taken from cells, those on the edge of a ball in part: first everywhere,
+then where they are largest at closer and closer places, surfaces included, and with smaller and
+smaller cells; the last ones are extrapolated to vanishing cells.
 """
 
 from __future__ import annotations
