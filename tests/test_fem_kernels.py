@@ -147,23 +147,24 @@ def test_update_is_one_central_difference_step(dtype):
     kinetic, dissipated, work = np.zeros((3, lanes)), np.ones((3, 2, lanes)), np.ones((3, 2, lanes))
     new_u, new_v = u.copy(), v.copy()
     SERIAL.update(
+        lanes,
         chunks,
+        kinetic.ravel(),
+        work.ravel(),
+        dissipated.ravel(),
         dtype(dt),
         dtype(dt / (1 + half)),
         dtype((1 - half) / (1 + half)),
         mass,
-        internal,
+        internal.ravel(),
         ratio,
-        old,
-        work,
+        old.ravel(),
         applied_row,
-        applied,
-        gravity,
-        new_u,
-        new_v,
-        kinetic,
+        applied.ravel(),
+        gravity.ravel(),
+        new_u.ravel(),
+        new_v.ravel(),
         half,
-        dissipated,
     )
     # A handful of roundings of numbers below 10.
     tolerance = 20 * 10 * EPS[dtype]

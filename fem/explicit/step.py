@@ -333,25 +333,32 @@ def advance(
     """v_{n+½} = v_{n-½} + Δt a_n and u_{n+1} = u_n + Δt v_{n+½}."""
     real = body.dtype.type
     half = 0.0 if mass_damping is None else 0.5 * mass_damping * system.time_step
+    before = now.elastic_before
+    damped = mass_damping is not None
     system.kernels.update(
+        body.lanes,
         body.rows.chunks,
+        _flat(now.kinetic if sample else None),
+        _flat(None if before is None else before.work),
+        _flat(now.mass_damping_work if damped else None),
         real(system.time_step),
         real(system.time_step / (1.0 + half)),
-        None if mass_damping is None else real((1.0 - half) / (1.0 + half)),
+        real((1.0 - half) / (1.0 + half)) if damped else None,
         body.mass,
-        now.internal_force,
+        now.internal_force.ravel(),
         damping_ratio(system, now),
-        None if now.elastic_before is None else now.elastic_before.force,
-        None if now.elastic_before is None else now.elastic_before.work,
+        _flat(None if before is None else before.force),
         body.applied_row,
-        now.applied_force,
-        falling,
-        now.displacement,
-        now.velocity,
-        now.kinetic if sample else None,
-        None if mass_damping is None else half,
-        None if mass_damping is None else now.mass_damping_work,
+        _flat(now.applied_force),
+        _flat(falling),
+        now.displacement.ravel(),
+        now.velocity.ravel(),
+        half if damped else None,
     )
+
+
+def _flat(array: LaneArray | None) -> LaneArray | None:
+    return None if array is None else array.ravel()
 
 
 def enforce_support(system: System, body: Body, now: BodyState, state: State) -> None:

@@ -185,22 +185,17 @@ def bare_seconds(system: System, state: State) -> float:
             body.lanes,
         )
         system.kernels.update(
+            body.lanes,
             rows.chunks,
+            *(None, None, None),
             real(system.time_step),
             real(system.time_step),
             None,
             body.mass,
-            now.internal_force,
-            None,
-            None,
-            None,
-            None,
-            None,
-            None,
-            now.displacement,
-            now.velocity,
-            None,
-            None,
+            now.internal_force.ravel(),
+            *(None, None, None, None, None),
+            now.displacement.ravel(),
+            now.velocity.ravel(),
             None,
         )
 

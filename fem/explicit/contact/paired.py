@@ -167,7 +167,7 @@ class _BoundContact:
             given = np.array([statement.friction.coefficient, statement.friction.stick_stiffness])
             self._slip = _no_slip(self._data, self._work)
             self._sliding = given, aligned_zeros((8 * len(self._data.units),), np.float64)
-        self._collections = _collections(self._data, bodies)
+        self._collections = _collections(self._data, len(self._work.force) // 2, bodies)
 
     def add_force(self, system: System, state: State) -> None:
         """Add contact forces at the current positions to the applied forces."""
@@ -389,10 +389,8 @@ def _unit_work(data: UnitArrays) -> UnitWork:
     kinds, width = data.units[:, 0], data.units[:, 1]
     nodes = 3 * width * np.diff(data.alike[:, 0])[kinds]
     points = 4 * width * np.diff(data.alike[:, 1])[kinds]
-    total = (int(nodes.sum()),)
     return UnitWork(
-        force_m=aligned_zeros(total, np.float64),
-        force_s=aligned_zeros(total, np.float64),
+        force=aligned_zeros((2 * int(nodes.sum()),), np.float64),
         gap=aligned_zeros((int(points.sum()),), np.float64),
         awake=np.ones(len(data.units), dtype=np.int8),
         scratch=aligned_zeros(
@@ -406,21 +404,22 @@ def _reference_normals(pairs: tuple[AlikePairs, ...]) -> FloatArray:
     return vectors / np.linalg.norm(vectors, axis=2, keepdims=True)
 
 
-def _collections(data: UnitArrays, bodies: tuple[Body, ...]) -> tuple[_Collection | None, ...]:
-    """List for each applied row of each group what acts on it."""
+def _collections(
+    data: UnitArrays, one_side: int, bodies: tuple[Body, ...]
+) -> tuple[_Collection | None, ...]:
+    """List for each applied row of each group what acts on it; ``one_side`` counts its forces."""
     rows, entries, groups = [], [], []
-    for unit, (kind, width, _, _, start, *_) in enumerate(data.units):
+    for unit, (kind, width, _, lane, start, _, *copies) in enumerate(data.units):
         first, last = data.alike[kind, 0], data.alike[kind + 1, 0]
         at = start + 3 * width * np.arange(last - first)
         for side in (0, 1):
             row = data.rows[first:last, side]
             moves = row >= 0
             rows.append(row[moves])
-            entries.append(
-                np.stack([np.full(len(at), unit), at, np.full(len(at), side)], axis=1)[moves]
-            )
+            entry = [unit, side * one_side, copies[side], lane + side * data.copies.shape[1]]
+            entries.append((np.array(entry) + np.outer(at, [0, 1, 0, 0]))[moves])
             groups.append(np.full(int(moves.sum()), data.alike[kind, 2 + side]))
-    row, entry, group = np.concatenate(rows), np.concatenate(entries), np.concatenate(groups)
+    row, every, group = np.concatenate(rows), np.concatenate(entries), np.concatenate(groups)
     result: list[_Collection | None] = []
     for number, body in enumerate(bodies):
         mine = group == number
@@ -431,6 +430,6 @@ def _collections(data: UnitArrays, bodies: tuple[Body, ...]) -> tuple[_Collectio
         order = np.argsort(applied, kind="stable")
         pointer = np.searchsorted(applied[order], np.arange(body.n_applied + 1))
         result.append(
-            _Collection(equal_work(pointer), pointer.astype(np.int64), entry[mine][order])
+            _Collection(equal_work(pointer), pointer.astype(np.int64), every[mine][order])
         )
     return tuple(result)

@@ -101,10 +101,9 @@ class UnitArrays(NamedTuple):
 class UnitWork(NamedTuple):
     """Work arrays of all units, flat; rewritten in every step."""
 
-    force_m: FloatArray
-    """Forces on the master blocks, their frames, [node pair][component][lane] [N]."""
-    force_s: FloatArray
-    """Forces on the opposing blocks, their frames [N]."""
+    force: FloatArray
+    """Forces on the master blocks and on the opposing ones, their frames,
+    [side][node pair][component][lane] [N]."""
     gap: FloatArray
     """Gap at the points, [facet][point][lane] [mm]."""
     awake: npt.NDArray[np.int8]
@@ -433,6 +432,7 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
     def part(unit, data, work, normals, on_difference, on_middle):
         """Turn forces on differences and means into forces on the two blocks."""
         kind, start = data.units[unit, 0], data.units[unit, 4]
+        other = start + len(work.force) // 2
         turn = data.rotation[kind]
         real = load(data.real, data.units[unit, 3])
         for node in range(data.alike[kind + 1, 0] - data.alike[kind, 0]):
@@ -443,8 +443,8 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
                 on_m, on_s = minus(shared, apart), plus(shared, apart)
             else:
                 on_m, on_s = times(-1.0, apart), apart
-            store_triple(work.force_m, start + local, width, on_m)
-            store_triple(work.force_s, start + local, width, turned_back(turn, on_s))
+            store_triple(work.force, start + local, width, on_m)
+            store_triple(work.force, other + local, width, turned_back(turn, on_s))
 
     return gather, facets, part
 
@@ -516,38 +516,32 @@ def contact_forces(data, displacements, work, law, normals, slip, sliding):
 
 @njit(**OPTIONS)
 def _collect_chunk(c, chunks, pointer, entries, data, work, lanes, applied):
+    # Slices and flat views of arrays would count references: not in the loops.
+    copies, force = data.copies.ravel(), work.force
     for row in range(chunks[c], chunks[c + 1]):
         base = 3 * row * lanes
         for e in range(pointer[row], pointer[row + 1]):
-            unit, at = entries[e, 0], entries[e, 1]
+            unit, at, first = entries[e, 0], entries[e, 1], entries[e, 2]
             if work.awake[unit] == 0:
                 continue
-            if entries[e, 2] == 1:
-                _add_entry(unit, 1, data, work.force_s, at, applied, base, lanes)
+            width = data.units[unit, 1]
+            if first >= 0 and width == WIDEST:
+                to = base + first
+                add_to(applied, to, _load_wide(force, at))
+                add_to(applied, to + lanes, _load_wide(force, at + WIDEST))
+                add_to(applied, to + 2 * lanes, _load_wide(force, at + 2 * WIDEST))
+            elif first >= 0 and width == 4:
+                to = base + first
+                add_to(applied, to, _load_4(force, at))
+                add_to(applied, to + lanes, _load_4(force, at + 4))
+                add_to(applied, to + 2 * lanes, _load_4(force, at + 8))
             else:
-                _add_entry(unit, 0, data, work.force_m, at, applied, base, lanes)
-
-
-@njit(**OPTIONS)
-def _add_entry(unit, side, data, force, at, applied, base, lanes):
-    """Add the forces on one node in all lanes of a unit."""
-    width, first = data.units[unit, 1], data.units[unit, 6 + side]
-    if first >= 0 and width == WIDEST:
-        add_to(applied, base + first, _load_wide(force, at))
-        add_to(applied, base + first + lanes, _load_wide(force, at + WIDEST))
-        add_to(applied, base + first + 2 * lanes, _load_wide(force, at + 2 * WIDEST))
-        return
-    if first >= 0 and width == 4:
-        add_to(applied, base + first, _load_4(force, at))
-        add_to(applied, base + first + lanes, _load_4(force, at + 4))
-        add_to(applied, base + first + 2 * lanes, _load_4(force, at + 8))
-        return
-    lane = data.units[unit, 3]
-    for k in range(data.units[unit, 2]):
-        where = base + data.copies[side, lane + k]
-        applied[where] += force[at + k]
-        applied[where + lanes] += force[at + width + k]
-        applied[where + 2 * lanes] += force[at + 2 * width + k]
+                lane = entries[e, 3]
+                for k in range(data.units[unit, 2]):
+                    to = base + copies[lane + k]
+                    applied[to] += force[at + k]
+                    applied[to + lanes] += force[at + width + k]
+                    applied[to + 2 * lanes] += force[at + 2 * width + k]
 
 
 @serial_and_parallel
@@ -559,7 +553,8 @@ def collect_forces(chunks, pointer, entries, data, work, lanes, applied):
     chunks
         Boundaries of pieces of applied rows, (n_chunks + 1,).
     pointer, entries
-        For each applied row, the (unit, first scalar of its node, side) that act on it.
+        For each applied row, the (unit, first scalar of its node, first copy or -1, first of its
+        lanes in both sides' copies) that act on it.
     data, work
         Constant and work arrays.
     lanes

@@ -268,7 +268,7 @@ def two_to_rounded(typing_context: Any, shifted: Any) -> Any:
 
 @intrinsic
 def add_to(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
-    """Add a vector of float64 to an array of either precision, from scalar ``index`` on."""
+    """Add a vector of float64 to an array of either precision, rounded once."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         array_type, (array, index, value) = signature.args[0], args
@@ -276,9 +276,12 @@ def add_to(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
         vector = ir.VectorType(scalar, value.type.count)
         align = array_type.dtype.bitwidth // 8
         pointer = _pointer(context, builder, array_type, array, index, vector)
-        if vector != value.type:
-            value = builder.fptrunc(value, vector)
-        builder.store(builder.fadd(builder.load(pointer, align=align), value), pointer, align=align)
+        old = builder.load(pointer, align=align)
+        if vector == value.type:
+            total = builder.fadd(old, value)
+        else:
+            total = builder.fptrunc(builder.fadd(builder.fpext(old, value.type), value), vector)
+        builder.store(total, pointer, align=align)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, value), code

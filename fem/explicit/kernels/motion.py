@@ -4,97 +4,126 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numba import prange
 
 from fem.explicit.kernels.forms import serial_and_parallel
+from fem.explicit.kernels.lanes import add_to, lane_operations, load_like
 from fem.explicit.kernels.options import OPTIONS
+from fem.explicit.kernels.triples import (
+    INLINED,
+    dot,
+    minus,
+    plus,
+    store_triple,
+    times,
+    triple_operations,
+)
 from geometry.compilation import njit
 
 
-@njit(**OPTIONS)
-def _update_chunk(
-    c,
-    chunks,
-    time_step,
-    gain,
-    keep,
-    mass,
-    internal_force,
-    ratio,
-    elastic_before,
-    viscous_work,
-    applied_row,
-    applied_force,
-    acceleration,
-    displacement,
-    velocity,
-    kinetic,
-    loss,
-    dissipated,
-):
-    lanes = velocity.shape[2]
-    if kinetic is not None:
-        kinetic[c] = 0.0
-    if dissipated is not None:
-        dissipated[c, 1] = 0.0
-    if viscous_work is not None:
-        viscous_work[c, 1] = 0.0
-    for i in range(chunks[c], chunks[c + 1]):
-        impulse = gain / mass[i]
-        applied = -1
-        if applied_force is not None:
-            applied = applied_row[i]
-        for j in range(3):
-            for k in range(lanes):
-                before = velocity[i, j, k]
-                force = internal_force[i, j, k]
+def _update_lanes(width: int) -> Callable[..., None]:
+    """Make the motion of a chunk of rows, ``width`` copies at a time."""
+    _, zero = lane_operations(width)
+    load_triple = triple_operations(width).load
+
+    @njit(**INLINED)
+    def doubles(sums, array, at, lanes):
+        """Three components in the precision of the sums."""
+        like = zero(sums)
+        x = load_like(like, array, at)
+        return x, load_like(like, array, at + lanes), load_like(like, array, at + 2 * lanes)
+
+    @njit(**INLINED)
+    def add_work(sums, at, lanes, half, before, after):
+        """Work of an impulse, of which half is given, and the later half of the work."""
+        add_to(sums, at, dot(half, plus(before, after)))
+        add_to(sums, at + lanes, dot(half, after))
+
+    @njit(**OPTIONS)
+    def run(
+        c,
+        lanes,
+        chunks,
+        kinetic,
+        viscous_work,
+        dissipated,
+        time_step,
+        gain,
+        keep,
+        mass,
+        internal_force,
+        ratio,
+        elastic_before,
+        applied_row,
+        applied_force,
+        acceleration,
+        displacement,
+        velocity,
+        loss,
+    ):
+        if kinetic is not None:
+            kinetic[c * lanes : (c + 1) * lanes] = 0.0
+        if dissipated is not None:
+            dissipated[(2 * c + 1) * lanes : (2 * c + 2) * lanes] = 0.0
+        if viscous_work is not None:
+            viscous_work[(2 * c + 1) * lanes : (2 * c + 2) * lanes] = 0.0
+        for i in range(chunks[c], chunks[c + 1]):
+            impulse = gain / mass[i]
+            applied = np.int64(-1)
+            if applied_force is not None:
+                applied = np.int64(applied_row[i])
+            for first in range(0, lanes, width):
+                at = 3 * i * lanes + first
+                before = load_triple(velocity, at, lanes)
+                force = load_triple(internal_force, at, lanes)
                 if ratio is not None:
-                    viscous = ratio * (force - elastic_before[i, j, k])
-                    force += viscous
-                force = -force
+                    change = minus(force, load_triple(elastic_before, at, lanes))
+                    force = plus(force, times(ratio, change))
+                after = before
+                if keep is not None:
+                    after = times(keep, before)
                 if applied_force is not None:
                     if applied >= 0:
-                        force += applied_force[applied, j, k]
-                if keep is not None:
-                    after = keep * before + impulse * force
-                else:
-                    after = before + impulse * force
+                        push = load_triple(applied_force, 3 * applied * lanes + first, lanes)
+                        force = minus(force, push)
+                after = minus(after, times(impulse, force))
                 if acceleration is not None:
-                    after += gain * acceleration[j, k]
-                velocity[i, j, k] = after
-                displacement[i, j, k] += time_step * after
+                    after = plus(after, times(gain, load_triple(acceleration, first, lanes)))
                 if kinetic is not None:
-                    kinetic[c, k] += 0.5 * np.float64(mass[i]) * before * after
+                    old = doubles(kinetic, velocity, at, lanes)
                 if viscous_work is not None:
-                    viscous_work[c, 0, k] += 0.5 * np.float64(viscous) * (before + after)
-                    viscous_work[c, 1, k] += 0.5 * np.float64(viscous) * after
+                    earlier = doubles(viscous_work, velocity, at, lanes)
                 if dissipated is not None:
-                    mean = 0.5 * loss * mass[i] * (before + after)
-                    dissipated[c, 0, k] += mean * (before + after)
-                    dissipated[c, 1, k] += mean * after
+                    slower = doubles(dissipated, velocity, at, lanes)
+                store_triple(velocity, at, lanes, after)
+                moved = plus(load_triple(displacement, at, lanes), times(time_step, after))
+                store_triple(displacement, at, lanes, moved)
+                here = c * lanes + first
+                if kinetic is not None:
+                    twice = dot(old, doubles(kinetic, velocity, at, lanes))
+                    add_to(kinetic, here, 0.5 * np.float64(mass[i]) * twice)
+                if viscous_work is not None:
+                    elastic = doubles(viscous_work, internal_force, at, lanes)
+                    change = minus(elastic, doubles(viscous_work, elastic_before, at, lanes))
+                    half = times(0.5 * np.float64(ratio), change)
+                    later = doubles(viscous_work, velocity, at, lanes)
+                    add_work(viscous_work, here + c * lanes, lanes, half, earlier, later)
+                if dissipated is not None:
+                    later = doubles(dissipated, velocity, at, lanes)
+                    half = times(0.5 * loss * mass[i], plus(slower, later))
+                    add_work(dissipated, here + c * lanes, lanes, half, slower, later)
+
+    return run
+
+
+_update_4, _update_1 = _update_lanes(4), _update_lanes(1)
 
 
 @serial_and_parallel
-def update(
-    chunks,
-    time_step,
-    gain,
-    keep,
-    mass,
-    internal_force,
-    ratio,
-    elastic_before,
-    viscous_work,
-    applied_row,
-    applied_force,
-    acceleration,
-    displacement,
-    velocity,
-    kinetic,
-    loss,
-    dissipated,
-):
+def update(lanes, chunks, *motion):
     """Advance velocity to the next half step and displacement to the next step, in place.
 
     v ← keep · v + gain (f_applied - f_internal) / m + gain · g,   u ← u + Δt v,
@@ -104,53 +133,38 @@ def update(
 
     Parameters
     ----------
+    lanes
+        Padded number of copies.
     chunks
         Row boundaries.
-    time_step, gain, keep
-        Scalars of the precision of the arrays; keep may be None.
-    mass
-        Lumped mass of the rows, (n_rows,) [t].
-    internal_force, displacement, velocity
-        (n_rows, 3, lanes).
-    ratio, elastic_before, viscous_work
-        None, or β/Δt of the stiffness-proportional damping in the precision of the arrays, the
-        internal force of the step before and (n_chunks, 2, lanes). With v = (u - u_old)/Δt the
-        damping force is β K v = (β/Δt) (K u - K u_old): no second product, and no pass of its own.
-        [:, 0] grows by half its product with v₋ + v₊, [:, 1] is overwritten with the half of
-        that which comes after the time of the force.
-    applied_row, applied_force
-        None, or the row of ``applied_force`` (n_applied, 3, lanes) that acts on each row of
-        the block (n_rows,), -1 where nothing is applied.
-    acceleration
-        None, or a uniform acceleration (3, lanes).
-    kinetic
-        None, or (n_chunks, lanes): partial sums of ½ m v₋ · v₊, overwritten.
-    loss, dissipated
-        None, or α Δt / 2 in float64 and (n_chunks, 2, lanes). With the damping impulse
-        p = α Δt m (v₋ + v₊)/4: [:, 0] grows by p · (v₋ + v₊), the dissipation of the step;
-        [:, 1] is overwritten with p · v₊, the half of it that comes after the time of the force.
+    motion
+        Flat arrays and scalars:
+
+        - kinetic: None, or (n_chunks, lanes): partial sums of ½ m v₋ · v₊, overwritten.
+        - viscous_work: None, or (n_chunks, 2, lanes): [:, 0] grows by half the product of the
+          stiffness-proportional damping force with v₋ + v₊, [:, 1] is overwritten with the half
+          of that which comes after the time of the force.
+        - dissipated: None, or (n_chunks, 2, lanes). With the impulse of the mass-proportional
+          damping p = α Δt m (v₋ + v₊)/4: [:, 0] grows by p · (v₋ + v₊), the dissipation of the
+          step; [:, 1] is overwritten with p · v₊, the half of it after the time of the force.
+        - time_step, gain, keep: of the precision of the arrays; keep may be None.
+        - mass: lumped mass of the rows, (n_rows,) [t].
+        - internal_force: (n_rows, 3, lanes).
+        - ratio, elastic_before: None, or β/Δt of the stiffness-proportional damping in the
+          precision of the arrays and the internal force of the step before. With
+          v = (u - u_old)/Δt the damping force is β K v = (β/Δt) (K u - K u_old): no second
+          product, and no pass of its own.
+        - applied_row, applied_force: None, or the row of ``applied_force`` (n_applied, 3, lanes)
+          that acts on each row of the block (n_rows,), -1 where nothing is applied.
+        - acceleration: None, or a uniform acceleration (3, lanes).
+        - displacement, velocity: (n_rows, 3, lanes).
+        - loss: α Δt / 2 in float64 where there is ``dissipated``.
     """
     for c in prange(len(chunks) - 1):
-        _update_chunk(
-            c,
-            chunks,
-            time_step,
-            gain,
-            keep,
-            mass,
-            internal_force,
-            ratio,
-            elastic_before,
-            viscous_work,
-            applied_row,
-            applied_force,
-            acceleration,
-            displacement,
-            velocity,
-            kinetic,
-            loss,
-            dissipated,
-        )
+        if lanes % 4 == 0:
+            _update_4(np.int64(c), lanes, chunks, *motion)
+        else:
+            _update_1(np.int64(c), lanes, chunks, *motion)
 
 
 @njit(cache=True, **OPTIONS)

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from fem.explicit.kernels.lanes import entry, lane_operations, load_like, multiply_add
+from fem.explicit.kernels.lanes import add_to, entry, lane_operations, load_like, multiply_add
 from fem.explicit.kernels.options import OPTIONS
 from geometry.compilation import njit
 
-#: Partial sums of `dot_at`: a fixed number, whatever the vectors of the processor hold.
+#: Entries that are worked together: a fixed number, whatever the vectors of the processor hold,
+#: since `dot_at` has as many partial sums.
 _WIDTH = 8
 
 _load, _zero = lane_operations(_WIDTH)
@@ -37,8 +38,12 @@ def add_at(target, start, pointer, values, factor):
         Scalar.
     """
     for r in range(len(start)):
-        at, first = start[r], pointer[r]
-        for k in range(pointer[r + 1] - first):
+        at, first, stop = start[r], pointer[r], pointer[r + 1]
+        while first + _WIDTH <= stop:
+            add_to(target, at, factor * _load(values, first))
+            first += _WIDTH
+            at += _WIDTH
+        for k in range(stop - first):
             target[at + k] += factor * values[first + k]
 
 
