@@ -1,4 +1,4 @@
-"""Meshes in and out through meshio: `.vtu` for ParaView, `.inp` as a plain Abaqus mesh, others."""
+"""Meshes in and out: `.vtu` for ParaView; others, such as `.inp`, through meshio."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from geometry.assembly import Assembly
 from geometry.files.ordinary import unreadable
+from geometry.files.vtu import write_vtu
 from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, QuadSurface, check_mesh
 
 if TYPE_CHECKING:
@@ -53,10 +54,30 @@ def _at_most(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGVTALRM, kept)
 
 
-def _write(path: Path, mesh: Any) -> None:
+#: VTK's numbers of the cells that meshio names so.
+_VTK_KINDS = {"vertex": 1, "triangle": 5, "quad": 9, "hexahedron": 12, "lagrange hexahedron": 72}
+_Data = Mapping[str, npt.NDArray[Any]]
+
+
+def _write(
+    path: Path,
+    points: FloatArray,
+    kind: str,
+    cells: IntArray,
+    *,
+    point_data: _Data | None = None,
+    cell_data: _Data | None = None,
+) -> None:
     """Write whole or not at all: a killed run never leaves half a file under the final name."""
+    given: dict[str, Any] = {"point_data": point_data or {}, "cell_data": cell_data or {}}
+    if path.suffix.lower() == ".vtu":
+        number = _VTK_KINDS[kind]
+        _whole(path, lambda partial: write_vtu(partial, points, number, cells, **given))
+        return
     import meshio
 
+    given["cell_data"] = {name: [values] for name, values in given["cell_data"].items()}
+    mesh = meshio.Mesh(points, [(kind, cells)], **given)
     _whole(path, lambda partial: meshio.write(partial, mesh))
 
 
@@ -74,8 +95,8 @@ def write_hex_mesh(
     path: Path,
     mesh: HexMesh,
     *,
-    point_data: Mapping[str, npt.NDArray[Any]] | None = None,
-    cell_data: Mapping[str, npt.NDArray[Any]] | None = None,
+    point_data: _Data | None = None,
+    cell_data: _Data | None = None,
 ) -> None:
     """Write hexahedra; the format follows the suffix (`.vtu`, `.inp`, …).
 
@@ -88,19 +109,16 @@ def write_hex_mesh(
     point_data, cell_data
         Arrays with one row per node, per element.
     """
-    import meshio
-
-    cells = [("hexahedron", mesh.elements)]
-    data = {name: [values] for name, values in (cell_data or {}).items()}
-    _write(path, meshio.Mesh(mesh.nodes, cells, point_data=dict(point_data or {}), cell_data=data))
+    kind, cells = "hexahedron", mesh.elements
+    _write(path, mesh.nodes, kind, cells, point_data=point_data, cell_data=cell_data)
 
 
 def write_lagrange_cells(
     path: Path,
     positions: FloatArray,
     places: IntArray,
-    point_data: Mapping[str, npt.NDArray[Any]],
-    cell_data: Mapping[str, npt.NDArray[Any]],
+    point_data: _Data,
+    cell_data: _Data,
 ) -> None:
     """Write curved hexahedra of any degree as Lagrange cells, each with nodes of its own.
 
@@ -115,7 +133,6 @@ def write_lagrange_cells(
     point_data, cell_data
         Arrays with one row per node, cell after cell, and per cell.
     """
-    import pyvista as pv
     from vtkmodules.vtkCommonDataModel import vtkHigherOrderHexahedron
 
     n_cells, n_points, _ = positions.shape
@@ -125,41 +142,23 @@ def write_lagrange_cells(
     number = [numbered(int(i), int(j), int(k), order) for i, j, k in places]
     cells = np.empty((n_cells, n_points), dtype=np.int64)
     cells[:, number] = np.arange(n_cells * n_points).reshape(n_cells, n_points)
-    # VTK's own writer: files of another version are read with the edges of older cells.
-    grid = pv.UnstructuredGrid({pv.CellType.LAGRANGE_HEXAHEDRON: cells}, positions.reshape(-1, 3))
-    grid.point_data.update(dict(point_data))
-    grid.cell_data.update(dict(cell_data))
-    _whole(path, grid.save)
+    kind, nodes = "lagrange hexahedron", positions.reshape(-1, 3)
+    _write(path, nodes, kind, cells, point_data=point_data, cell_data=cell_data)
 
 
-def write_surface(
-    path: Path, surface: QuadSurface, cell_data: Mapping[str, npt.NDArray[Any]]
-) -> None:
+def write_surface(path: Path, surface: QuadSurface, cell_data: _Data) -> None:
     """Write quadrilateral facets with one row of data per facet."""
-    import meshio
-
-    data = {name: [values] for name, values in cell_data.items()}
-    _write(path, meshio.Mesh(surface.nodes, [("quad", surface.quads)], cell_data=data))
+    _write(path, surface.nodes, "quad", surface.quads, cell_data=cell_data)
 
 
-def write_points(
-    path: Path, points: FloatArray, point_data: Mapping[str, npt.NDArray[Any]]
-) -> None:
+def write_points(path: Path, points: FloatArray, point_data: _Data) -> None:
     """Write points, each a vertex of its own, with one row of data per point."""
-    import meshio
-
-    vertices = np.arange(len(points))[:, None]
-    _write(path, meshio.Mesh(points, [("vertex", vertices)], point_data=dict(point_data)))
+    _write(path, points, "vertex", np.arange(len(points))[:, None], point_data=point_data)
 
 
-def write_triangles(
-    path: Path, points: FloatArray, triangles: IntArray, cell_data: Mapping[str, npt.NDArray[Any]]
-) -> None:
+def write_triangles(path: Path, points: FloatArray, triangles: IntArray, cell_data: _Data) -> None:
     """Write triangles with one row of data per triangle."""
-    import meshio
-
-    data = {name: [values] for name, values in cell_data.items()}
-    _write(path, meshio.Mesh(points, [("triangle", triangles)], cell_data=data))
+    _write(path, points, "triangle", triangles, cell_data=cell_data)
 
 
 @contextmanager

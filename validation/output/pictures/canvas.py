@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from geometry.files.vtu import as_array, as_cells
 from geometry.mesh import FloatArray, IntArray
 
 Pixels = npt.NDArray[np.uint8]
@@ -246,28 +247,6 @@ def _colour_surface(part: Surface, data: Any, mapper: Any, look: Any) -> None:
     (data.GetPointData() if of_points else data.GetCellData()).SetScalars(shades)
     mapper.SetScalarModeToUsePointData() if of_points else mapper.SetScalarModeToUseCellData()
     mapper.SetColorModeToDirectScalars()
-
-
-def as_array(values: npt.NDArray[Any]) -> Any:
-    """Numbers as VTK takes them."""
-    from vtkmodules.util.numpy_support import numpy_to_vtk
-
-    return numpy_to_vtk(np.ascontiguousarray(values), deep=1)
-
-
-def as_cells(corners: IntArray) -> Any:
-    """Cells by their points, (n, n_corners), as VTK takes them."""
-    from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray
-    from vtkmodules.vtkCommonDataModel import vtkCellArray
-
-    count, size = corners.shape
-    starts = np.arange(0, count * size + 1, size)
-    cells = vtkCellArray()
-    cells.SetData(
-        numpy_to_vtkIdTypeArray(starts, deep=1),
-        numpy_to_vtkIdTypeArray(np.ascontiguousarray(corners, dtype=np.int64).ravel(), deep=1),
-    )
-    return cells
 
 
 def _rgb(colour: str) -> tuple[float, float, float]:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from geometry.files.vtu import as_array, as_cells
 from geometry.mesh import FloatArray, IntArray
-from validation.output.pictures.canvas import as_array, as_cells
 
 if TYPE_CHECKING:
     from validation.output.pictures.drawn import DrawnState
