@@ -20,6 +20,7 @@ from geometry.mesh import (
     boundary_quads,
     check_mesh,
     grid_faces,
+    grid_points,
     mass_properties,
     structured_hexahedra,
 )
@@ -108,10 +109,38 @@ def box_block(
         Faces that can meet another block.
     """
     x, y, z = (np.linspace(0.0, s, n + 1) for s, n in zip(size, divisions, strict=True))
-    grid = np.meshgrid(x, y, z, indexing="ij")
-    nodes = np.column_stack([g.ravel() for g in grid])
-    mesh = HexMesh(nodes, structured_hexahedra(*divisions))
+    mesh = HexMesh(grid_points(x, y, z), structured_hexahedra(*divisions))
     check_mesh(mesh, name)
     axis = {"u": "x", "v": "y", "w": "z"}
     faces = {axis[key[0]] + key[1]: quads for key, quads in grid_faces(*divisions).items()}
     return Block(name, mesh, faces, contact_faces)
+
+
+def mapped_block(
+    name: str,
+    lines: tuple[FloatArray, FloatArray, FloatArray],
+    shape: Callable[[FloatArray], FloatArray],
+    faces: dict[str, str],
+    contact_faces: tuple[str, ...],
+) -> Block:
+    """Block of an exact shape: the image of a grid of three parameters, right-handed.
+
+    Parameters
+    ----------
+    name
+        Name of the block shape.
+    lines
+        Values of each parameter at the nodes.
+    shape
+        Points of parameters, (m, 3) to (m, 3) [mm].
+    faces
+        Name of each side of the grid, ``u-`` to ``w+``.
+    contact_faces
+        Faces that can meet another block.
+    """
+    counts = [len(line) - 1 for line in lines]
+    mesh = HexMesh(shape(grid_points(*lines)), structured_hexahedra(*counts))
+    check_mesh(mesh, name)
+    named = {faces[side]: quads for side, quads in grid_faces(*counts).items()}
+    curve = Curve(lambda: grid_points(*lines)[mesh.elements], shape)
+    return Block(name, mesh, named, contact_faces, curve)

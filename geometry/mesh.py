@@ -35,6 +35,9 @@ CORNERS: FloatArray = np.array(
     dtype=np.float64,
 )
 
+#: The same corners in [0, 1]³, whole numbers.
+CUBE: IntArray = ((CORNERS + 1) / 2).astype(np.int64)
+
 #: Local corner numbers of the six faces, counter-clockwise seen from outside; (6, 4).
 HEX_FACES: IntArray = np.array(
     [
@@ -335,18 +338,7 @@ def structured_hexahedra(n_u: int, n_v: int, n_w: int) -> IntArray:
     def node(du: int, dv: int, dw: int) -> IntArray:
         return ((i + du) * (n_v + 1) + (j + dv)) * (n_w + 1) + (k + dw)
 
-    return np.column_stack(
-        [
-            node(0, 0, 0),
-            node(1, 0, 0),
-            node(1, 1, 0),
-            node(0, 1, 0),
-            node(0, 0, 1),
-            node(1, 0, 1),
-            node(1, 1, 1),
-            node(0, 1, 1),
-        ]
-    )
+    return np.column_stack([node(*corner) for corner in CUBE.tolist()])
 
 
 def grid_faces(n_u: int, n_v: int, n_w: int) -> dict[str, IntArray]:

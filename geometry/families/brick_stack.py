@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import Assembly, require_counts, require_divisions, require_size
 from geometry.block import Block, box_block
 
 _FACES = {"y-": "inner", "y+": "outer", "x-": "left", "x+": "right", "z-": "bottom", "z+": "top"}
@@ -44,14 +44,9 @@ def brick_stack(
     AssemblyError
         For non-positive sizes or counts.
     """
-    if not (all(np.isfinite(size)) and min(size) > 0):
-        raise AssemblyError(f"block.size: got {list(size)}, expected three positive lengths in mm")
-    if min(divisions) < 1:
-        raise AssemblyError(f"mesh.divisions: got {list(divisions)}, expected at least 1 each")
-    if columns < 1 or layers < 1:
-        raise AssemblyError(
-            f"assembly: got {columns} columns and {layers} layers, expected at least 1 of each"
-        )
+    require_size(size)
+    require_divisions(divisions)
+    require_counts(columns=columns, layers=layers)
     column, layer = (i.ravel() for i in np.meshgrid(np.arange(columns), np.arange(layers + 2)))
     origin = np.column_stack([column * size[0], np.zeros(len(column)), (layer - 1.0) * size[2]])
     return Assembly(

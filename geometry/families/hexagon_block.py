@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.assembly import require_length
 from geometry.block import Block, Curve
 from geometry.families.sine_block import BlockParameterError
 from geometry.mesh import FloatArray, HexMesh, IntArray, check_mesh, grid_points
@@ -75,11 +76,7 @@ def check_hexagon(block: HexagonBlockParameters, divisions: HexagonBlockDivision
         Naming the parameter, the value and what to do.
     """
     for name in ("inner_radius", "thickness"):
-        value = getattr(block, name)
-        if not (np.isfinite(value) and value > 0):
-            raise BlockParameterError(
-                f"block.{name}: got {value}, expected a positive length in mm"
-            )
+        require_length(name, getattr(block, name), BlockParameterError)
     if block.blocks_per_layer < 2:
         raise BlockParameterError(
             f"block.blocks_per_layer: got {block.blocks_per_layer}, expected at least 2: "

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from geometry.assembly import AssemblyError
+from geometry.assembly import AssemblyError, require_counts, require_length, require_size
 from geometry.mesh import HexMesh, boundary_quads, structured_hexahedra
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
@@ -50,12 +50,8 @@ def running_bond_wall(
     AssemblyError
         For sizes or counts that are not positive.
     """
-    if not (np.isfinite(size).all() and min(size) > 0):
-        raise AssemblyError(f"block.size: got {list(size)}, expected three positive lengths in mm")
-    if columns < 1 or rows < 1:
-        raise AssemblyError(
-            f"assembly: got {columns} columns and {rows} rows, expected at least 1 of each"
-        )
+    require_size(size)
+    require_counts(columns=columns, rows=rows)
     length, depth, height = size
     whole, half = box(size, "brick"), box((length / 2, depth, height), "half-brick")
     base = box((columns * length, depth, height), "foundation")
@@ -92,8 +88,7 @@ def wall_of_rows(
     AssemblyError
         For sizes that are not positive, widths of zero, rows of different lengths.
     """
-    if not (np.isfinite(size).all() and min(size) > 0):
-        raise AssemblyError(f"block.size: got {list(size)}, expected three positive lengths in mm")
+    require_size(size)
     lengths = [sum(abs(width) for width in row) for row in rows]
     if not lengths or not np.allclose(lengths, lengths[0]) or any(0 in row for row in rows):
         raise AssemblyError(
@@ -168,8 +163,7 @@ def circular_arch(
         For sizes that describe no arch.
     """
     for name, value in (("radius", radius), ("thickness", thickness), ("depth", depth)):
-        if not (np.isfinite(value) and value > 0):
-            raise AssemblyError(f"block.{name}: got {value}, expected a positive length in mm")
+        require_length(name, value)
     if thickness >= 2 * radius:
         raise AssemblyError(
             f"block.thickness: got {thickness:g} mm, more than twice the radius {radius:g} mm"

@@ -15,17 +15,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.assembly import Assembly, AssemblyError
-from geometry.block import Block, Curve
-from geometry.families.sine_block import LEAST_REACHED
-from geometry.mesh import (
-    FloatArray,
-    HexMesh,
-    check_mesh,
-    grid_faces,
-    grid_points,
-    structured_hexahedra,
+from geometry.assembly import (
+    Assembly,
+    AssemblyError,
+    require_counts,
+    require_divisions,
+    require_length,
 )
+from geometry.block import Block, mapped_block
+from geometry.families.sine_block import LEAST_REACHED
+from geometry.mesh import FloatArray
 
 #: Height of a joint above its mean plane at (x from the block's middle, y from the inner face).
 Profile = Callable[[FloatArray, FloatArray], FloatArray]
@@ -58,20 +57,14 @@ def check_wall(
         Naming the value and what to do.
     """
     for name in ("width", "thickness", "height"):
-        value = getattr(block, name)
-        if not (np.isfinite(value) and value > 0):
-            raise AssemblyError(f"block.{name}: got {value}, expected a positive length in mm")
+        require_length(name, getattr(block, name))
     if not 0 <= block.amplitude < block.height / 2:
         raise AssemblyError(
             f"block.amplitude: got {block.amplitude:g} mm, expected 0 or more and less than half "
             f"of block.height ({block.height / 2:g} mm): the frame blocks are cut there"
         )
-    if min(divisions) < 1:
-        raise AssemblyError(f"mesh.divisions: got {list(divisions)}, expected at least 1 each")
-    if columns < 1 or layers < 1:
-        raise AssemblyError(
-            f"assembly: got {columns} columns and {layers} layers, expected at least 1 of each"
-        )
+    require_divisions(divisions)
+    require_counts(columns=columns, layers=layers)
 
 
 def _block(
@@ -90,11 +83,7 @@ def _block(
         z = (1 - w) * (bottom[0] + bottom[1](x, y)) + w * (top[0] + top[1](x, y))
         return np.column_stack([x, y, z])
 
-    mesh = HexMesh(shape(grid_points(x1, y1, w1)), structured_hexahedra(*divisions))
-    check_mesh(mesh, name)
-    faces = {_FACES[key]: quads for key, quads in grid_faces(*divisions).items()}
-    curve = Curve(lambda: grid_points(x1, y1, w1)[mesh.elements], shape)
-    return Block(name, mesh, faces, ("bottom", "top", "left", "right"), curve)
+    return mapped_block(name, (x1, y1, w1), shape, _FACES, ("bottom", "top", "left", "right"))
 
 
 def _flat(x: FloatArray, y: FloatArray) -> FloatArray:

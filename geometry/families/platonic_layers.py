@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.assembly import AssemblyError
+from geometry.assembly import AssemblyError, require_length
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import CubeArrangement, DetectionOptions
@@ -18,8 +18,7 @@ from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
 
 
 def _check(edge: float, counts: tuple[int, ...]) -> None:
-    if not (np.isfinite(edge) and edge > 0):
-        raise AssemblyError(f"block.edge: got {edge}, expected a positive length in mm")
+    require_length("edge", edge)
     if min(counts) < 1:
         raise AssemblyError(
             f"assembly: got {' × '.join(map(str, counts))} free blocks, expected at least 1"

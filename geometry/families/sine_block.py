@@ -16,16 +16,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from geometry.block import Block, Curve
+from geometry.assembly import require_length
+from geometry.block import Block, mapped_block
 from geometry.errors import RefusedError
-from geometry.mesh import (
-    FloatArray,
-    HexMesh,
-    check_mesh,
-    grid_faces,
-    grid_points,
-    structured_hexahedra,
-)
+from geometry.mesh import FloatArray
 
 #: Grid directions (radial, around, axial) are right-handed in this order.
 _FACE_NAMES = {
@@ -184,11 +178,7 @@ def check_parameters(block: SineBlockParameters) -> None:
         Naming the parameter, the value and what to do.
     """
     for name in ("height", "inner_radius", "thickness"):
-        value = getattr(block, name)
-        if not (np.isfinite(value) and value > 0):
-            raise BlockParameterError(
-                f"block.{name}: got {value}, expected a positive length in mm"
-            )
+        require_length(name, getattr(block, name), BlockParameterError)
     if not (np.isfinite(block.amplitude) and block.amplitude >= 0):
         raise BlockParameterError(
             f"block.amplitude: got {block.amplitude}, expected 0 or a positive length in mm "
@@ -342,10 +332,9 @@ def _build(
     contact_faces: tuple[str, ...],
 ) -> Block:
     """Mesh between z = bottom and z = top; ``wavy`` scales the wave at the two ends."""
-    n_r, n_u, n_z = divisions.radial, divisions.around, divisions.axial
     r1 = block.inner_radius + block.thickness * divisions.radial_positions
-    u1 = np.linspace(0.0, 1.0, n_u + 1)
-    w1 = np.linspace(0.0, 1.0, n_z + 1)
+    u1 = np.linspace(0.0, 1.0, divisions.around + 1)
+    w1 = np.linspace(0.0, 1.0, divisions.axial + 1)
 
     def shape(parameters: FloatArray) -> FloatArray:
         r, u, w = parameters.T
@@ -354,11 +343,7 @@ def _build(
         z = bottom * (1 - w) + top * w + weight * wave(block, u, r)
         return np.column_stack([r * np.cos(theta), r * np.sin(theta), z])
 
-    mesh = HexMesh(shape(grid_points(r1, u1, w1)), structured_hexahedra(n_r, n_u, n_z))
-    check_mesh(mesh, name)
-    faces = {_FACE_NAMES[key]: quads for key, quads in grid_faces(n_r, n_u, n_z).items()}
-    curve = Curve(lambda: grid_points(r1, u1, w1)[mesh.elements], shape)
-    return Block(name, mesh, faces, contact_faces, curve)
+    return mapped_block(name, (r1, u1, w1), shape, _FACE_NAMES, contact_faces)
 
 
 def sine_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Block:

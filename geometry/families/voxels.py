@@ -7,25 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.ndimage
 
-from geometry.assembly import AssemblyError
-from geometry.mesh import HexMesh, IntArray, boundary_quads
+from geometry.assembly import AssemblyError, require_length
+from geometry.mesh import CUBE, HexMesh, IntArray, boundary_quads
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads
-
-#: Corners of a unit cube in VTK order.
-_CUBE = np.array(
-    [
-        [0, 0, 0],
-        [1, 0, 0],
-        [1, 1, 0],
-        [0, 1, 0],
-        [0, 0, 1],
-        [1, 0, 1],
-        [1, 1, 1],
-        [0, 1, 1],
-    ]
-)
 
 
 def voxel_piece(name: str, cells: IntArray, size: float) -> Polyhedron:
@@ -40,7 +26,7 @@ def voxel_piece(name: str, cells: IntArray, size: float) -> Polyhedron:
     size
         Edge of a cube [mm].
     """
-    corners = cells[:, None, :] + _CUBE
+    corners = cells[:, None, :] + CUBE
     nodes, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     mesh = HexMesh(nodes * size, index.reshape(-1, 8).astype(np.int64))
     return polyhedron_from_quads(name, mesh.nodes, boundary_quads(mesh))
@@ -109,8 +95,7 @@ def voxel_assembly(
     AssemblyError
         For a bad drawing, or letters to fix that are not in it.
     """
-    if not (np.isfinite(size) and size > 0):
-        raise AssemblyError(f"block.size: got {size}, expected a positive length in mm")
+    require_length("size", size)
     pieces = read_drawing(layers)
     unknown = sorted(set(fixed) - set(pieces))
     if unknown:
