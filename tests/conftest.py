@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geometry.assembly import Assembly
-from geometry.families.brick_stack import brick_stack
+from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import TSB1, SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
 

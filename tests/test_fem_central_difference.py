@@ -11,8 +11,7 @@ from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.explicit.kernels import SERIAL
 from fem.explicit.kernels.layout import aligned_zeros, to_lanes
-from fem.explicit.output.energy import energies
-from fem.explicit.output.history import History
+from fem.explicit.output.energy import History, energies
 from fem.explicit.solve import Frame, Output, UnstableRun, initial_state, prepare, solve, watch
 from fem.explicit.state import State
 from fem.explicit.step import System, step

@@ -24,7 +24,7 @@ from fem.contact.surfaces import (
 )
 from fem.element.material import Material
 from geometry.assembly import moved, spacing_offsets
-from geometry.families.brick_stack import brick_stack
+from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
 from geometry.loads.named import load_case

@@ -5,7 +5,7 @@ import pytest
 
 from fem.element.hexahedron import ElementType, block_lumped_mass, block_stiffness
 from fem.element.material import Material
-from fem.element.time_step import (
+from fem.problem.time_step import (
     characteristic_length,
     characteristic_time_step,
     damped_factor,

@@ -19,7 +19,7 @@ from fem.explicit.step import step
 from fem.problem.effects import AdaptiveMassDamping, Effects, RayleighDamping
 from fem.problem.time_step import critical_time_step
 from geometry.assembly import Assembly
-from geometry.families.brick_stack import brick
+from geometry.families.boxes import brick
 from geometry.loads.case import LoadCase
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)

@@ -5,6 +5,7 @@ from scipy.spatial.transform import Rotation
 from fem.element.hexahedron import ElementType, block_stiffness
 from fem.element.material import Material
 from fem.explicit import kernels
+from fem.explicit.body import element_viscosity
 from fem.explicit.kernels import PARALLEL, SERIAL, reference
 from fem.explicit.kernels.layout import (
     BlockRows,
@@ -15,7 +16,6 @@ from fem.explicit.kernels.layout import (
     runs,
     to_lanes,
 )
-from fem.explicit.viscosity import element_viscosity
 from fem.problem.effects import BulkViscosity
 from fem.problem.model import block_group
 from tests.fem_problems import CONCRETE, distorted_box

@@ -27,7 +27,7 @@ from fem.problem.model import block_group, lumped_mass
 from fem.solvers import solve_static
 from fem.static.solve import StaticMethod, StaticOptions
 from geometry.block import Block
-from geometry.families.box_column import ColumnBox, box_column
+from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.hexagon_block import (
     HexagonBlockDivisions,
     HexagonBlockParameters,

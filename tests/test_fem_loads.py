@@ -18,7 +18,7 @@ from fem.problem.loads import (
     traction_forces,
 )
 from geometry.block import box_block
-from geometry.families.brick_stack import brick_stack
+from geometry.families.boxes import brick_stack
 from geometry.loads.case import CircumferentialLoad
 from geometry.mesh import QuadSurface, boundary_quads, mass_properties
 from tests.fem_problems import distorted_box

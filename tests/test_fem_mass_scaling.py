@@ -5,11 +5,14 @@ import pytest
 
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
-from fem.element.time_step import element_frequencies
 from fem.problem.effects import Effects
-from fem.problem.mass_scaling import added_mass_share, scale_masses
 from fem.problem.model import Model, ModelError, block_group
-from fem.problem.time_step import critical_time_step
+from fem.problem.time_step import (
+    added_mass_share,
+    critical_time_step,
+    element_frequencies,
+    scale_masses,
+)
 from geometry.block import box_block
 from geometry.mesh import HexMesh
 

@@ -9,7 +9,7 @@ from fem.assembly.deformable import Frames, deformable_assembly
 from fem.assembly.symmetry import cyclic_orbits
 from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.element.material import Material
-from fem.explicit.output.history import COLUMNS
+from fem.explicit.output.energy import COLUMNS
 from fem.explicit.setup.assembly import explicit_assembly
 from fem.explicit.setup.quasi_static import (
     block_frequencies,
@@ -22,7 +22,7 @@ from fem.explicit.solve import Status, StopCriterion, solve
 from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from fem.problem.loads import SmoothStepAmplitude
 from fem.static.solve import solve_static
-from geometry.families.brick_stack import brick_stack
+from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads.case import LoadCase

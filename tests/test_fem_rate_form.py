@@ -13,7 +13,6 @@ from fem.element.hexahedron import (
     mean_gradients,
 )
 from fem.element.material import Material
-from fem.element.time_step import uniform_strain_time_step
 from fem.explicit.kernels.rate_form import mean_gradient
 from fem.explicit.rate_form import (
     RateFormError,
@@ -22,6 +21,7 @@ from fem.explicit.rate_form import (
     internal_force_reference,
     rate_form_model,
 )
+from fem.problem.time_step import uniform_strain_time_step
 from geometry.block import box_block
 from geometry.mesh import HexMesh
 from tests.fem_problems import CONCRETE, boundary_nodes, distorted_box

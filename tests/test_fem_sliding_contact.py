@@ -27,7 +27,7 @@ from fem.problem.model import Model, block_group, fixed_nodes, nodal_load
 from fem.static.solve import solve_static
 from geometry.assembly import Assembly
 from geometry.block import box_block
-from geometry.families.brick_stack import brick
+from geometry.families.boxes import brick
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads.case import LoadCase

@@ -13,7 +13,7 @@ from fem.element.material import Material
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.model import fixed_nodes
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
-from geometry.families.box_column import ColumnBox, box_column
+from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads.case import face_pressure
 from tests.test_fem_sliding_contact import tube
 

@@ -5,12 +5,12 @@ import pytest
 from scipy.linalg import eigh
 
 from fem.element.hexahedron import ElementType
-from fem.element.time_step import element_eigenvalue_time_step
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from fem.problem.model import Model, block_group
 from fem.problem.time_step import (
     critical_time_step,
     damping_matrix,
+    element_eigenvalue_time_step,
     group_critical_time_step,
     stable_step_of_mode,
 )

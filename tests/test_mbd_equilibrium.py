@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from geometry.assembly import Assembly, moved
 from geometry.block import Block
-from geometry.families.brick_stack import brick_stack
+from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads.named import load_case

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from geometry.families.masonry import circular_arch
-from geometry.joints import JointResultants, chain, joint_resultants
+from geometry.measures import JointResultants, chain, joint_resultants
 from mbd import contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from tests.test_validation_own_fem import column

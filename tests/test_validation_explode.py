@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from geometry.assembly import AssemblyError
-from geometry.families.brick_stack import brick_stack
+from geometry.families.boxes import brick_stack
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import hexagon_tube, sine_tube
 from geometry.polyhedra.assembly import as_polyhedral
 from geometry.polyhedra.explosion import follow_explosion, outward_directions
-from mbd.explosion import first_order_explosion
+from mbd.margin import first_order_explosion
 from tests.conftest import tsb
 from validation.errors import InputError
 from validation.run.rigid.explosion import explosion_json, run_explosion

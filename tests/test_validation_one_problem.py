@@ -19,7 +19,7 @@ from fem.explicit.solve import StopCriterion, solve
 from fem.problem.effects import AdaptiveMassDamping, EffectError, Effects
 from fem.problem.loads import SmoothStepAmplitude
 from fem.static.solve import solve_static
-from geometry.families.box_column import ColumnBox, box_column
+from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads.case import face_pressure
 from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from fem.decks.statement import Flavour
 from fem.problem.loads import wrench_forces
 from geometry.block import box_block
-from geometry.families.box_column import ColumnBox, box_column, unmatched_joints
+from geometry.families.boxes import ColumnBox, box_column, unmatched_joints
 from geometry.families.masonry import box
 from geometry.files.block_files import step_hexahedra
 from geometry.files.hexahedral_solids import connected_solids, six_sided_hexahedra

@@ -19,7 +19,7 @@ from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.model import Model
 from geometry.block import box_block
-from geometry.families.box_column import ColumnBox, box_column
+from geometry.families.boxes import ColumnBox, box_column
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads.case import face_pressure
 from geometry.mesh import FloatArray

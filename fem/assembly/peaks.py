@@ -32,7 +32,7 @@ from fem.element.stress import (
 )
 from fem.problem.model import BlockGroup
 from fem.problem.recovery import block_displacements, moved_bodies
-from geometry.joints import JointResultants, summed_by_joint
+from geometry.measures import JointResultants, summed_by_joint
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray
 
 #: Displacements in block frames are one where they differ by less of the largest.

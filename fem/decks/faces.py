@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem.assembly.block_surfaces import block_surface
+from fem.assembly.contact_state import block_surface
 from fem.contact.search import FacingPoints
 from fem.decks.keywords import DeckError, label
 from fem.decks.statement import Deck

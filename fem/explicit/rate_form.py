@@ -35,8 +35,8 @@ from fem.element.hexahedron import (
     mean_gradients,
 )
 from fem.element.material import Material
-from fem.element.time_step import characteristic_length
 from fem.explicit.kernels.rate_form import rate_form_step
+from fem.problem.time_step import characteristic_length
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, HexMesh, IntArray, check_mesh
 

@@ -17,8 +17,7 @@ from fem.explicit.damping import adapt, residual, round_off, settling
 from fem.explicit.kernels import PARALLEL, SERIAL
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.output.checkpoint import read_checkpoint, state_arrays, write_checkpoint
-from fem.explicit.output.energy import Energies, copy_energies, energies
-from fem.explicit.output.history import History
+from fem.explicit.output.energy import Energies, History, copy_energies, energies
 from fem.explicit.output.interrupt import StopRequest, stop_requests
 from fem.explicit.state import BodyState, State, initial_body_state, world_vectors
 from fem.explicit.step import (

@@ -211,7 +211,7 @@ def damped_internal_force(system: System, now: BodyState) -> LaneArray:
 def add_bulk_viscosity(
     system: System, body: Body, now: BodyState, displacement: LaneArray, torque: LaneArray | None
 ) -> None:
-    """F += Bᵀ q (see `fem.explicit.viscosity`)."""
+    """F += Bᵀ q (see `fem.explicit.body`)."""
     data, viscous = body.viscosity, now.viscous
     assert data is not None
     assert viscous is not None

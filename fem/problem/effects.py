@@ -40,7 +40,7 @@ class RayleighDamping:
 
 @dataclass(frozen=True)
 class BulkViscosity:
-    """Bulk viscosity pressure of Abaqus/Explicit (see `fem.explicit.viscosity`)."""
+    """Bulk viscosity pressure of Abaqus/Explicit (see `fem.explicit.body`)."""
 
     linear_bulk_viscosity: float = 0.06
     """Fraction of critical damping of the dilatational mode of an element [-]."""

@@ -36,8 +36,7 @@ from functools import partial
 
 import numpy as np
 
-from fem.assembly.block_surfaces import facing_points
-from fem.assembly.contact_state import corner_displacements
+from fem.assembly.contact_state import corner_displacements, facing_points
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.local_system import FreeMotions, LocalSystem, free_motions, local_system
 from fem.assembly.symmetry import Orbits, cyclic_orbits, largest_cyclic_orbits, no_symmetry
@@ -51,11 +50,11 @@ from fem.static.linear_step.condensed import CondensedStep, FlexibilityStore
 from fem.static.linear_step.linearisation import (
     Linearisation,
     LinearStep,
+    SparseSolver,
     SparseStep,
     UnheldBlocksError,
     coarsened,
 )
-from fem.static.linear_step.sparse import SparseSolver
 from fem.static.result import StaticError, StaticResult, load_factors, loose_blocks, refined
 from geometry.mesh import FloatArray, IntArray
 

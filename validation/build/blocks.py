@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.assembly import Assembly
-from geometry.joints import UnmatchedJoint
 from geometry.loads.case import LoadCase
+from geometry.measures import UnmatchedJoint
 from geometry.mesh import FloatArray
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene

@@ -11,8 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.assembly.block_surfaces import block_surface
-from fem.assembly.contact_state import ContactState, facets_that_fit, searched_state
+from fem.assembly.contact_state import ContactState, block_surface, facets_that_fit, searched_state
 from fem.contact.law import LinearPenalty
 from fem.contact.search import FacingPoints
 from geometry.assembly import Assembly

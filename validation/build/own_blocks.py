@@ -16,12 +16,12 @@ from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.files.block_files import read_blocks
 from geometry.files.hexahedral_solids import file_blocks
-from geometry.joints import UnmatchedJoint, matched_area
 from geometry.loads.case import LoadCase
+from geometry.measures import UnmatchedJoint, matched_area
 from geometry.mesh import FloatArray, IntArray, MeshError
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
-from geometry.polyhedra.checks import check_assembly
 from geometry.polyhedra.options import DetectionOptions
+from geometry.polyhedra.overlap import check_assembly
 from validation.build.blocks import HexahedralBlocks
 from validation.build.polyhedra import build_body_loads, held_blocks, motion
 from validation.errors import InputError

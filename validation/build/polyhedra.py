@@ -16,8 +16,8 @@ from geometry.files.block_files import read_blocks
 from geometry.loads.case import LoadCase
 from geometry.mesh import BoolArray, FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
-from geometry.polyhedra.checks import check_assembly
 from geometry.polyhedra.options import DetectionOptions
+from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.errors import InputError
 from validation.scene.plausibility import check_block_size

@@ -14,7 +14,7 @@ import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
 from geometry.assembly import Assembly
-from geometry.joints import between_layers
+from geometry.measures import between_layers
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from mbd.options import Norm
 from validation.build.blocks import BuiltScene

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry.files.mesh_io import write_points
-from geometry.joints import JointResultants
+from geometry.measures import JointResultants
 from geometry.mesh import FloatArray
 from validation.output.files import write_whole
 from validation.output.outputs import Outputs

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Console
 
-from geometry.joints import between_layers
+from geometry.measures import between_layers
 from geometry.mesh import FloatArray, IntArray
 from validation.output.console import listing
 from validation.output.files import write_whole

@@ -17,9 +17,9 @@ from fem.assembly.deformable import (
 from fem.assembly.peaks import StressPeaks, joint_forces, stress_peaks
 from fem.explicit.setup.quasi_static import QuasiStaticReport, quasi_static_report
 from fem.explicit.solve import ExplicitResult
-from fem.problem.mass_scaling import added_mass_share
+from fem.problem.time_step import added_mass_share
 from fem.static.result import StaticResult
-from geometry.joints import JointResultants
+from geometry.measures import JointResultants
 from geometry.mesh import FloatArray, IntArray
 from validation.build.deformable import gap_words
 from validation.run.friction.admissible import FrictionSet

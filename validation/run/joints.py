@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from geometry.joints import JointResultants
+from geometry.measures import JointResultants
 
 
 def joints_json(joints: JointResultants) -> list[dict[str, Any]]:

@@ -13,8 +13,8 @@ from validation.scene.sections import RigidSection, Section, TubeAssemblySection
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
-    from geometry.joints import UnmatchedJoint
     from geometry.loads.case import LoadCase
+    from geometry.measures import UnmatchedJoint
 
 
 class BlockSection(Section):

@@ -9,8 +9,7 @@ import numpy as np
 from fem.assembly.contact_state import matched_pressures
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.law import ExponentialLaw, LinearPenalty
-from fem.explicit.output.energy import energies
-from fem.explicit.output.history import History
+from fem.explicit.output.energy import History, energies
 from fem.explicit.setup.assembly import explicit_assembly
 from fem.explicit.setup.quasi_static import quasi_static_report
 from fem.explicit.solve import (

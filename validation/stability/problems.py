@@ -13,7 +13,7 @@ from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.problem.model import block_group
 from geometry.assembly import Assembly
-from geometry.families.brick_stack import brick_stack
+from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads.case import LoadCase, face_pressure

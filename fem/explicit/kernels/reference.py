@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import bsr_array
 
+from fem.explicit.body import ElementViscosity
 from fem.explicit.kernels.layout import BlockRows, LaneArray
-from fem.explicit.viscosity import ElementViscosity
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -79,7 +79,7 @@ def viscous_pressure(
     strain: LaneArray,
     stress: LaneArray,
 ) -> tuple[LaneArray, LaneArray, FloatArray]:
-    """Volumetric strain, V q of every element (`fem.explicit.viscosity`), and the work done.
+    """Volumetric strain, V q of every element (`fem.explicit.body`), and the work done.
 
     Returns
     -------

@@ -81,14 +81,14 @@ def viscous_pressure(
     dissipated,
     lanes,
 ):
-    """Bulk viscosity stress of every element and copy (formula in `fem.explicit.viscosity`).
+    """Bulk viscosity stress of every element and copy (formula in `fem.explicit.body`).
 
     Parameters
     ----------
     chunks
         Element boundaries.
     element_rows, gradient, linear, quadratic
-        See `fem.explicit.viscosity.ElementViscosity`; flat.
+        See `fem.explicit.body.ElementViscosity`; flat.
     per_step
         1/Δt [1/s], in the precision of the arrays.
     displacement
@@ -161,7 +161,7 @@ def add_viscous_force(
     chunks
         Row boundaries.
     pointer, corner, gradient
-        See `fem.explicit.viscosity.ElementViscosity`; flat.
+        See `fem.explicit.body.ElementViscosity`; flat.
     stress
         Volume times viscous stress, flat (n_elements, lanes).
     displacement

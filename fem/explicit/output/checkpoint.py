@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import bsr_array
 
-from fem.explicit.output.history import COLUMNS, History
+from fem.explicit.output.energy import COLUMNS, History
 from fem.explicit.state import State
 from fem.explicit.step import System
 from geometry.errors import RefusedError

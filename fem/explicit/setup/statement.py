@@ -27,8 +27,7 @@ from fem.explicit.setup.quasi_static import (
 from fem.problem.effects import Effects
 from fem.problem.formulation import Formulation
 from fem.problem.loads import SmoothStepAmplitude
-from fem.problem.mass_scaling import scale_masses
-from fem.problem.time_step import TimeStepError
+from fem.problem.time_step import TimeStepError, scale_masses
 from geometry.mesh import FloatArray
 
 #: Contact pressures that the critical time step counts in, one after the other [MPa].

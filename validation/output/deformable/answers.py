@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 from fem.assembly.contact_state import CapAction
-from fem.problem.mass_scaling import added_mass_share
 from fem.problem.model import element_words
+from fem.problem.time_step import added_mass_share
 from geometry.files.mesh_io import write_surface
 from geometry.mesh import QuadSurface
 from validation.output.console import two_columns
@@ -33,7 +33,7 @@ from validation.scene.deformable import FemSection
 from validation.scene.polyhedra import STRAIGHT_EDGES
 
 if TYPE_CHECKING:
-    from fem.explicit.output.history import History
+    from fem.explicit.output.energy import History
     from fem.explicit.solve import ExplicitResult
     from validation.output.pictures.drawn import DrawnState
     from validation.run.deformable import DeformableRun

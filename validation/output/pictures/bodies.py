@@ -11,8 +11,8 @@ import numpy.typing as npt
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.files.mesh_io import interface_surface
-from geometry.joints import facets_between
 from geometry.loads.case import LoadCase
+from geometry.measures import facets_between
 from geometry.mesh import FloatArray, IntArray
 from validation.output.pictures.canvas import INK, Direction, Lines, Pixels, Surface
 from validation.output.pictures.gallery import BLUE, GREY, SKY, VERMILION, Scale

@@ -19,7 +19,7 @@ from validation.output.pictures.gallery import (
 )
 
 if TYPE_CHECKING:
-    from fem.explicit.output.history import History
+    from fem.explicit.output.energy import History
 
 
 def draw_energies(history: History, path: Path, *, title: str) -> None:

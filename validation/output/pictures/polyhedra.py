@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from geometry.joints import chain
+from geometry.measures import chain
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from validation.output.pictures.bodies import sharp_edges

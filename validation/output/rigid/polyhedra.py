@@ -9,7 +9,7 @@ from rich.console import Console
 
 from geometry.files.hexahedral_solids import six_sided_hexahedra
 from geometry.files.mesh_io import write_triangles
-from geometry.joints import JointResultants
+from geometry.measures import JointResultants
 from geometry.mesh import MeshError
 from validation.output.console import two_columns
 from validation.output.joints import JOINT_FILES, write_joints

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem.problem.recovery import recover
-from geometry.joints import between_layers
+from geometry.measures import between_layers
 from geometry.mesh import FloatArray, IntArray
 from validation.paper.claims.claim import Claims, Truth, Verdict, judged
 from validation.paper.evidence import Evidence

@@ -15,7 +15,7 @@ from fem.assembly.contact_state import ContactState, matched_pressures, matched_
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.peaks import joint_forces
 from fem.static.lagrange_fields import GridFields, fields_at
-from geometry.joints import JointResultants
+from geometry.measures import JointResultants
 from geometry.mesh import FloatArray
 from validation.build.deformable import build_deformable, gap_words
 from validation.run.curved.solve import CurvedRun, facet_lines

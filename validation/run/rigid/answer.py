@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from geometry.assembly import AnyBlocks
-from geometry.joints import JointResultants, joint_resultants
 from geometry.loads.case import LoadCase
+from geometry.measures import JointResultants, joint_resultants
 from geometry.mesh import FloatArray
 from mbd import Mechanism, RigidResult, SelfStress
 from mbd.margin import held_against

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.joints import JointResultants, joint_resultants
+from geometry.measures import JointResultants, joint_resultants
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import ContactPolygons

@@ -11,8 +11,8 @@ from validation.scene.sections import Finite, Positive, Section, fewer
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
-    from geometry.joints import UnmatchedJoint
     from geometry.loads.case import LoadCase
+    from geometry.measures import UnmatchedJoint
 
 
 class StackedBoxSection(Section):
@@ -51,7 +51,7 @@ class BoxesScene(AssemblyScene):
 
     def build(self) -> Assembly:
         """Build the column."""
-        from geometry.families.box_column import ColumnBox, box_column
+        from geometry.families.boxes import ColumnBox, box_column
 
         return box_column([ColumnBox(box.size, box.divisions) for box in self.block.boxes])
 
@@ -65,7 +65,7 @@ class BoxesScene(AssemblyScene):
 
     def unmatched(self, assembly: Assembly) -> tuple[UnmatchedJoint, ...]:
         """Joints of boxes with different meshes."""
-        from geometry.families.box_column import unmatched_joints
+        from geometry.families.boxes import unmatched_joints
 
         return unmatched_joints(assembly)
 

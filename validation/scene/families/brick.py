@@ -39,7 +39,7 @@ class BrickScene(AssemblyScene):
 
     def build(self) -> Assembly:
         """Build the stack."""
-        from geometry.families.brick_stack import brick_stack
+        from geometry.families.boxes import brick_stack
 
         counts = self.assembly
         return brick_stack(

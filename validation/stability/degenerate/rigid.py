@@ -9,7 +9,7 @@ from geometry.families.masonry import box
 from geometry.loads.case import LoadCase
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
-from geometry.polyhedra.checks import check_assembly
+from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
 from mbd import RigidResult, analyse
 from validation.stability.case import Cases, Check, Finding
