@@ -8,7 +8,7 @@ from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.problem.model import block_group
 from fem.static.linear_step import condensation
-from fem.static.linear_step import sparse as sparse_solver
+from fem.static.linear_step import linearisation as sparse_solver
 from fem.static.linear_step.block_tridiagonal import Level, UnresistedMotionError, factor_chain
 from fem.static.linear_step.condensation import condense
 from fem.static.linear_step.condensed import block_motions

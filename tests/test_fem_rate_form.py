@@ -16,10 +16,10 @@ from fem.element.material import Material
 from fem.explicit.kernels.rate_form import mean_gradient
 from fem.explicit.rate_form import (
     RateFormError,
+    RateFormModel,
     initial_state,
     internal_force,
     internal_force_reference,
-    rate_form_model,
 )
 from fem.problem.time_step import uniform_strain_time_step
 from geometry.block import box_block
@@ -57,7 +57,7 @@ def test_closed_form_gradients_are_the_integrated_ones() -> None:
 def test_kernel_is_the_plain_reference_on_random_motions(effects: dict) -> None:
     """Five steps with strains of some 5 % each: every array equal to round-off."""
     mesh = distorted_box(amount=0.15)
-    model = rate_form_model(mesh, CONCRETE, **effects)
+    model = RateFormModel(mesh, CONCRETE, **effects)
     fast, plain = initial_state(model, 3), initial_state(model, 3)
     rng = np.random.default_rng(1)
     position = np.repeat(mesh.nodes[:, :, None], 3, axis=2)
@@ -80,7 +80,7 @@ def test_rigid_rotation_in_one_step_gives_no_stress(angle: float) -> None:
     Round-off only: E eps times the few sums of eight products.
     """
     mesh = distorted_box()
-    model = rate_form_model(mesh, CONCRETE)
+    model = RateFormModel(mesh, CONCRETE)
     state = initial_state(model)
     turn = Rotation.from_rotvec(np.deg2rad(angle) * np.array([0.6, 0.0, 0.8])).as_matrix()
     force = move(model, state, mesh.nodes, mesh.nodes @ turn.T + 5.0)
@@ -96,7 +96,7 @@ def test_stress_turns_with_the_body_through_a_full_revolution() -> None:
     in every step some ten eps of strain, hence 90 · 10 · eps · E = 2e-13 E.
     """
     mesh = distorted_box()
-    model = rate_form_model(mesh, CONCRETE)
+    model = RateFormModel(mesh, CONCRETE)
     state = initial_state(model)
     rng = np.random.default_rng(3)
     place = mesh.nodes + 1e-3 * rng.normal(size=mesh.nodes.shape)
@@ -121,7 +121,7 @@ def test_stress_turns_with_the_body_through_a_full_revolution() -> None:
 def test_small_motions_give_the_stiffness_of_the_reduced_element() -> None:
     """f = K u + O(u²): strains of 1e-7 leave a relative difference of that order."""
     mesh = distorted_box()
-    model = rate_form_model(mesh, CONCRETE)
+    model = RateFormModel(mesh, CONCRETE)
     state = initial_state(model)
     u = 1e-7 * np.random.default_rng(6).normal(size=mesh.nodes.shape)
     force = move(model, state, mesh.nodes, mesh.nodes + u)
@@ -140,7 +140,7 @@ def test_explicit_patch_test_on_a_distorted_mesh() -> None:
     squared.
     """
     mesh = distorted_box((4, 3, 3))
-    model = rate_form_model(mesh, CONCRETE, **ALL_EFFECTS)
+    model = RateFormModel(mesh, CONCRETE, **ALL_EFFECTS)
     state = initial_state(model)
     gradient = 0.02 * np.random.default_rng(7).normal(size=(3, 3))
     place = mesh.nodes @ (np.eye(3) + gradient).T
@@ -172,7 +172,7 @@ def test_bulk_viscosity_of_one_dilating_element(rate: float) -> None:
     end = mesh.nodes + time_step * velocity
 
     def force(**effects: float) -> np.ndarray:
-        model = rate_form_model(mesh, CONCRETE, **effects)
+        model = RateFormModel(mesh, CONCRETE, **effects)
         return internal_force(model, initial_state(model), lane(end), lane(velocity), time_step)
 
     speed = CONCRETE.dilatational_wave_speed
@@ -194,7 +194,7 @@ def test_linear_bulk_viscosity_is_the_damping_ratio_of_the_dilatational_mode() -
     """
     size, ratio = 5.0, 0.06
     mesh = box_block((size,) * 3, (1, 1, 1)).mesh
-    model = rate_form_model(mesh, CONCRETE, linear_bulk_viscosity=ratio)
+    model = RateFormModel(mesh, CONCRETE, linear_bulk_viscosity=ratio)
     state = initial_state(model)
     mass = block_lumped_mass(mesh, CONCRETE.density)[:, None, None]
     omega = 2.0 * CONCRETE.dilatational_wave_speed / size
@@ -225,7 +225,7 @@ def test_stiffness_damping_is_beta_times_the_stiffness_on_velocity() -> None:
     end = mesh.nodes + time_step * velocity
 
     def force(**effects: float) -> np.ndarray:
-        model = rate_form_model(mesh, CONCRETE, hourglass_scale=0.0, **effects)
+        model = RateFormModel(mesh, CONCRETE, hourglass_scale=0.0, **effects)
         return internal_force(model, initial_state(model), lane(end), lane(velocity), time_step)
 
     difference = (force(stiffness_damping=beta) - force())[:, :, 0]
@@ -256,7 +256,7 @@ def test_hourglass_patterns_stay_bounded_in_a_free_block() -> None:
     v(-) v(+) is negative by (omega dt)² / 4 = 0.4 % of the energy.
     """
     mesh = box_block((4.0, 4.0, 4.0), (4, 4, 4)).mesh
-    model = rate_form_model(mesh, CONCRETE)
+    model = RateFormModel(mesh, CONCRETE)
     time_step = 0.5 * uniform_strain_time_step(mesh, CONCRETE)
     velocity = np.zeros((mesh.n_nodes, 3, 1))
     velocity[:, 0, 0] = (-1.0) ** np.rint(mesh.nodes).sum(axis=1)
@@ -275,7 +275,7 @@ def test_spinning_block_keeps_its_momenta() -> None:
     """Free flight: linear momentum to round-off, angular momentum too, for internal forces in
     the end configuration have no moment about any point when the stress is symmetric."""
     mesh = distorted_box()
-    model = rate_form_model(mesh, CONCRETE)
+    model = RateFormModel(mesh, CONCRETE)
     time_step = 0.5 * uniform_strain_time_step(mesh, CONCRETE)
     spin = np.array([300.0, -500.0, 800.0])
     velocity = lane(np.cross(spin, mesh.nodes) + np.array([1e3, 0.0, -2e3]))
@@ -298,9 +298,9 @@ def test_bad_input_is_refused_by_name() -> None:
     mesh = distorted_box()
     for name in ("linear_bulk_viscosity", "stiffness_damping", "hourglass_scale"):
         with pytest.raises(RateFormError, match=name):
-            rate_form_model(mesh, CONCRETE, **{name: -1.0})
+            RateFormModel(mesh, CONCRETE, **{name: -1.0})
     with pytest.raises(RateFormError, match="quadratic"):
-        rate_form_model(mesh, CONCRETE, quadratic_bulk_viscosity=float("nan"))
-    model = rate_form_model(mesh, Material(density=1.0, young_modulus=1.0, poisson_ratio=0.0))
+        RateFormModel(mesh, CONCRETE, quadratic_bulk_viscosity=float("nan"))
+    model = RateFormModel(mesh, Material(density=1.0, young_modulus=1.0, poisson_ratio=0.0))
     with pytest.raises(RateFormError, match="expected both"):
         internal_force(model, initial_state(model, 2), lane(mesh.nodes), lane(mesh.nodes), 1.0)

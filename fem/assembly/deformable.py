@@ -137,37 +137,11 @@ def deformable_assembly(
 
     Parameters
     ----------
-    assembly
-        Blocks and conforming interfaces.
-    load
-        Tractions, and which blocks are held.
-    material
-        Of all blocks.
-    element
-        Hexahedron of degree 1.
-    degree
-        Of the elements: above 1 they have nodes between the corners of the mesh, on the exact shape
-        of a block that has one (`fem.element.lagrange_mesh`).
-    law
-        Contact law; by default the exponential law with the paper's constants.
-    normals
-        Which normals measure gaps.
-    clearance
-        Gap along the normal of every facet before the load acts [mm]: blocks made too small by
-        half of it; negative: an interference fit.
-    spacing
-        Distance by which neighbours are moved apart, their size kept [mm]
-        (`geometry.assembly.spacing_offsets`): inclined faces open by less or more. Both may be
-        given: gaps add up.
-    frames
-        How held blocks are modelled.
-    friction
-        Friction between the blocks; None: absent.
-    finite_sliding
-        Whether a search finds the facets that face each other. Surfaces then need not
-        conform, so blocks that nothing holds are not looked for.
-    gravity
-        Uniform acceleration, (3,) [mm/s²], of static and explicit runs alike; None: absent.
+    assembly, load, material
+        Blocks and conforming interfaces; tractions, and which blocks are held; of all blocks.
+    element, degree, law, normals, clearance, spacing, frames, friction, finite_sliding, gravity
+        Fields of `fem.assembly.statement.Problem`, with the same defaults. Surfaces that slide need
+        not conform, so blocks that nothing holds are then not looked for.
 
     Raises
     ------

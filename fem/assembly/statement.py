@@ -72,15 +72,19 @@ class Problem:
     element: ElementType = ElementType.INCOMPATIBLE
     """Hexahedron of degree 1."""
     degree: int = 1
-    """Of the elements; above 1 of static answers alone."""
+    """Of the elements; above 1, of static answers alone, they have nodes between the corners of the
+    mesh, on the exact shape of a block that has one (`fem.element.lagrange_mesh`)."""
     law: ContactLaw = field(default_factory=ExponentialLaw)
     """Contact pressure as a function of overclosure."""
     normals: ContactNormals = ContactNormals.CURRENT
     """Which normals measure gaps."""
     clearance: float = 0.0
-    """Gap along the normal of every facet before the load acts [mm]."""
+    """Gap along the normal of every facet before the load acts [mm]: blocks made too small by half
+    of it; negative: an interference fit."""
     spacing: float = 0.0
-    """Distance by which neighbours are moved apart, their size kept [mm]."""
+    """Distance by which neighbours are moved apart, their size kept [mm]
+    (`geometry.assembly.spacing_offsets`): inclined faces open by less or more. Both may be given:
+    gaps add up."""
     frames: Frames = Frames.RIGID
     """How held blocks are modelled."""
     friction: CoulombFriction | float | None = None

@@ -19,7 +19,7 @@ moments about the current positions balance to round-off.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from functools import cached_property
 
@@ -30,6 +30,9 @@ from fem.element.facet import BILINEAR, FacetBasis, basis_of
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
+
+#: Fields of surfaces that have no entry for each facet.
+_OF_ALL = ("pair_start", "clearance", "basis")
 
 
 class ContactError(RefusedError):
@@ -118,19 +121,9 @@ class ContactSurfaces:
 
     def subset(self, facets: IntArray) -> ContactSurfaces:
         """Keep some facets, in the order given; block pairs are found anew."""
-        m, s = self.block_m[facets], self.block_s[facets]
-        return ContactSurfaces(
-            block_m=m,
-            block_s=s,
-            quads_m=self.quads_m[facets],
-            quads_s=self.quads_s[facets],
-            facet=self.facet[facets],
-            pair_start=pair_start(m, s),
-            tangents=self.tangents[facets],
-            offsets=self.offsets[facets],
-            clearance=self.clearance,
-            basis=self.basis,
-        )
+        each = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _OF_ALL}
+        some = {name: values[facets] for name, values in each.items()}
+        return replace(self, pair_start=pair_start(some["block_m"], some["block_s"]), **some)
 
 
 def pair_start(block_m: IntArray, block_s: IntArray) -> IntArray:

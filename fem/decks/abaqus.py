@@ -50,18 +50,7 @@ from geometry.mesh import FloatArray, IntArray
 
 
 def abaqus_lines(deck: Deck) -> Iterator[str]:
-    """Lines of a deck with parts and instances (flavours general and pairs).
-
-    Parameters
-    ----------
-    deck
-        The problem; its assembly must be canonical (`fem.decks.placement.canonical`).
-
-    Raises
-    ------
-    DeckError
-        What Abaqus has no words for, by name.
-    """
+    """Lines of a deck with parts and instances (flavours general and pairs): see `deck_lines`."""
     check_abaqus(deck)
     patches = contact_patches(deck) if _has_pairs(deck) else None
     yield from heading_lines(deck)

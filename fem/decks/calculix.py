@@ -10,6 +10,7 @@ takes no stiffness-proportional damping and gets C3D8I wrong.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import accumulate
 
 import numpy as np
 
@@ -60,18 +61,7 @@ _CONVERGENCE = (1.0e-6, 1.0e-4)
 
 
 def calculix_lines(deck: Deck) -> Iterator[str]:
-    """Lines of a flat deck for CalculiX.
-
-    Parameters
-    ----------
-    deck
-        The problem; its assembly must be canonical (`fem.decks.placement.canonical`).
-
-    Raises
-    ------
-    DeckError
-        What CalculiX has no words for, by name.
-    """
+    """Lines of a flat deck for CalculiX: see `fem.decks.write.deck_lines`."""
     check_calculix(deck)
     starts = Starts(deck)
     patches = None if deck.joint is None else contact_patches(deck)
@@ -251,8 +241,6 @@ CALCULIX_ELEMENTS = {kind: found.calculix for kind, found in ELEMENTS.items() if
 
 
 EVERY_NODE = "NALL"
-
-
 EVERY_ELEMENT = "EALL"
 
 
@@ -261,12 +249,8 @@ class Starts:
 
     def __init__(self, deck: Deck) -> None:
         shapes = [deck.assembly.shape(b).mesh for b in range(deck.assembly.n_blocks)]
-        self.node = _running([mesh.n_nodes for mesh in shapes])
-        self.element = _running([mesh.n_elements for mesh in shapes])
-
-
-def _running(counts: list[int]) -> list[int]:
-    return [0, *np.cumsum(counts).tolist()]
+        self.node = [0, *accumulate(mesh.n_nodes for mesh in shapes)]
+        self.element = [0, *accumulate(mesh.n_elements for mesh in shapes)]
 
 
 def mesh_lines(deck: Deck, starts: Starts) -> Iterator[str]:

@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fem.explicit.body import Body
 from fem.explicit.kernels import KernelSet, fit_frames
@@ -123,21 +124,5 @@ def start_frames(frame: BlockFrame, displacement: LaneArray, body: Body) -> None
     sign = np.ones((len(left), 3))
     sign[:, 2] = np.linalg.det(left @ right)
     rotation = left * sign[:, None, :] @ right
-    frame.quaternion[:] = _quaternions(rotation)
-
-
-def _quaternions(rotation: FloatArray) -> FloatArray:
-    """Unit quaternions (w, x, y, z) of proper rotations (n, 3, 3): (n, 4)."""
-    r = rotation
-    # The symmetric matrix 4 q qᵀ: take its row with the largest diagonal.
-    diagonal = np.einsum("nii->ni", r)
-    outer = np.empty((len(r), 4, 4))
-    outer[:, 0, 0] = 1.0 + diagonal.sum(axis=1)
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        outer[:, i + 1, i + 1] = 1.0 + r[:, i, i] - r[:, j, j] - r[:, k, k]
-        outer[:, 0, i + 1] = outer[:, i + 1, 0] = r[:, k, j] - r[:, j, k]
-        outer[:, i + 1, j + 1] = outer[:, j + 1, i + 1] = r[:, i, j] + r[:, j, i]
-    best = np.argmax(np.einsum("nii->ni", outer), axis=1)
-    row = outer[np.arange(len(r)), best]
-    return row / np.linalg.norm(row, axis=1, keepdims=True)
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat().T
+    frame.quaternion[:] = np.stack([w, x, y, z], axis=1)

@@ -25,7 +25,7 @@ from fem.explicit.kernels.layout import (
     padded_lanes,
     runs,
 )
-from fem.explicit.rate_form import RateFormModel, rate_form_model
+from fem.explicit.rate_form import RateFormModel
 from fem.problem.effects import BulkViscosity
 from fem.problem.formulation import Formulation
 from fem.problem.model import (
@@ -310,7 +310,7 @@ def _rate_form(model: Model, group: BlockGroup, rows: BlockRows) -> RateFormMode
         return None
     viscosity = model.effects.bulk_viscosity
     mesh = HexMesh(group.mesh.nodes[rows.order], rows.row[group.mesh.elements])
-    return rate_form_model(
+    return RateFormModel(
         mesh,
         group.material,
         linear_bulk_viscosity=None if viscosity is None else viscosity.linear_bulk_viscosity,

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -47,21 +48,50 @@ class RateFormError(RefusedError):
 
 @dataclass(frozen=True)
 class RateFormModel:
-    """What is constant; build it with `rate_form_model`."""
+    """What is constant.
 
-    elements: IntArray
-    """(n_elements, 8)"""
+    Raises
+    ------
+    RateFormError
+        A coefficient that is negative or not finite.
+    MeshError
+        See `geometry.mesh.check_mesh`.
+    """
+
+    mesh: HexMesh
+    """Reference configuration, stress-free."""
     material: Material
-    length: FloatArray
-    """Characteristic length of each element in the reference configuration, (n_elements,) [mm]."""
-    linear_bulk_viscosity: float | None
-    """b1; None: off."""
-    quadratic_bulk_viscosity: float | None
-    """b2; None: off."""
-    stiffness_damping: float | None
+    """Elastic constants and density."""
+    linear_bulk_viscosity: float | None = None
+    """Abaqus' b1, there 0.06 by default; None: off."""
+    quadratic_bulk_viscosity: float | None = None
+    """Abaqus' b2, there 1.2 by default; None: off."""
+    stiffness_damping: float | None = None
     """beta of Rayleigh damping [s]; None: off."""
-    hourglass_scale: float
+    hourglass_scale: float = HOURGLASS_SCALE
     """See `fem.element.hexahedron.HOURGLASS_SCALE`."""
+
+    def __post_init__(self) -> None:
+        check_mesh(self.mesh)
+        for name in (
+            "linear_bulk_viscosity",
+            "quadratic_bulk_viscosity",
+            "stiffness_damping",
+            "hourglass_scale",
+        ):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value >= 0.0):
+                raise RateFormError(f"{name}: got {value}; expected a finite number >= 0")
+
+    @property
+    def elements(self) -> IntArray:
+        """(n_elements, 8)."""
+        return self.mesh.elements
+
+    @cached_property
+    def length(self) -> FloatArray:
+        """Characteristic length of each element in the reference configuration, (n_elements,)."""
+        return characteristic_length(self.mesh.nodes[self.mesh.elements])
 
 
 @dataclass(frozen=True)
@@ -75,57 +105,6 @@ class RateFormState:
     work: FloatArray
     """Work done so far on stress, hourglass control, bulk viscosity and stiffness damping,
     (4, n_copies) [mJ]: strain energy, hourglass energy and two dissipations."""
-
-
-def rate_form_model(
-    mesh: HexMesh,
-    material: Material,
-    *,
-    linear_bulk_viscosity: float | None = None,
-    quadratic_bulk_viscosity: float | None = None,
-    stiffness_damping: float | None = None,
-    hourglass_scale: float = HOURGLASS_SCALE,
-) -> RateFormModel:
-    """Prepare the rate form of one mesh.
-
-    Parameters
-    ----------
-    mesh
-        Reference configuration, stress-free.
-    material
-        Elastic constants and density.
-    linear_bulk_viscosity, quadratic_bulk_viscosity
-        Abaqus' b1 and b2, there 0.06 and 1.2 by default; here None: off.
-    stiffness_damping
-        beta of Rayleigh damping [s]; None: off.
-    hourglass_scale
-        See `fem.element.hexahedron.HOURGLASS_SCALE`.
-
-    Raises
-    ------
-    RateFormError
-        A coefficient that is negative or not finite.
-    MeshError
-        See `geometry.mesh.check_mesh`.
-    """
-    check_mesh(mesh)
-    for name, value in (
-        ("linear_bulk_viscosity", linear_bulk_viscosity),
-        ("quadratic_bulk_viscosity", quadratic_bulk_viscosity),
-        ("stiffness_damping", stiffness_damping),
-        ("hourglass_scale", hourglass_scale),
-    ):
-        if value is not None and not (math.isfinite(value) and value >= 0.0):
-            raise RateFormError(f"{name}: got {value}; expected a finite number >= 0")
-    return RateFormModel(
-        elements=mesh.elements,
-        material=material,
-        length=characteristic_length(mesh.nodes[mesh.elements]),
-        linear_bulk_viscosity=linear_bulk_viscosity,
-        quadratic_bulk_viscosity=quadratic_bulk_viscosity,
-        stiffness_damping=stiffness_damping,
-        hourglass_scale=hourglass_scale,
-    )
 
 
 def initial_state(model: RateFormModel, n_copies: int = 1) -> RateFormState:
@@ -150,7 +129,7 @@ def internal_force(
     Parameters
     ----------
     model
-        From `rate_form_model`.
+        What is constant.
     state
         At the start of the step; its arrays are advanced to the end.
     position

@@ -12,6 +12,8 @@ from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads
 
+#: Names of bricks by their widths.
+_NAMES = {1.0: "brick", 0.5: "half-brick"}
 #: Straight pieces that approximate the curved faces of a voussoir.
 _PIECES = 4
 
@@ -52,19 +54,8 @@ def running_bond_wall(
     """
     require_size(size)
     require_counts(columns=columns, rows=rows)
-    length, depth, height = size
-    whole, half = box(size, "brick"), box((length / 2, depth, height), "half-brick")
-    base = box((columns * length, depth, height), "foundation")
-    blocks = [(base, np.eye(3), np.array([0.0, 0.0, -height]))]
-    for row in range(rows):
-        shapes = [whole] * columns if row % 2 == 0 else [half, *[whole] * (columns - 1), half]
-        x = 0.0
-        for shape in shapes:
-            blocks.append((shape, np.eye(3), np.array([x, 0.0, row * height])))
-            x += length if shape is whole else length / 2
-    fixed = np.zeros(len(blocks), dtype=bool)
-    fixed[0] = True
-    return polyhedral_assembly("wall", blocks, fixed, detection)
+    even, odd = [1.0] * columns, [0.5, *[1.0] * (columns - 1), 0.5]
+    return wall_of_rows(size, [odd if row % 2 else even for row in range(rows)], detection)
 
 
 def wall_of_rows(
@@ -96,7 +87,7 @@ def wall_of_rows(
         )
     length, depth, height = size
     shapes = {
-        width: box((width * length, depth, height), f"brick of {width:g}")
+        width: box((width * length, depth, height), _NAMES.get(width, f"brick of {width:g}"))
         for width in sorted({width for row in rows for width in row if width > 0})
     }
     base = box((lengths[0] * length, depth, height), "foundation")

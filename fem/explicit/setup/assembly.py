@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -280,13 +281,10 @@ def explicit_assembly(
     friction = deformable.contact.friction if friction is None else friction
     sliding = deformable.contact.finite_sliding if finite_sliding is None else finite_sliding
     counted = counted_stiffness(deformable.contact.law, counted_pressure)
-    searched = None
-    if sliding:
-        searched = _sliding_contact(deformable, orbits, copy_of, friction, counted)
-    interactions: list[InteractionModel] = []
-    if deformable.meets:
-        matched = (deformable, orbits, copy_of, friction, counted)
-        interactions.append(searched or _face_contact(*matched))
+    contact = None
+    if sliding or deformable.meets:
+        contact = _contact(deformable, orbits, copy_of, friction, counted, sliding=sliding)
+    interactions: list[InteractionModel] = [contact] if contact and deformable.meets else []
     hold = cell_hold(deformable, orbits, chosen)
     if hold is not None:
         interactions.append(hold)
@@ -302,7 +300,7 @@ def explicit_assembly(
             interactions=tuple(interactions),
             formulation=formulation,
         ),
-        sliding=searched,
+        sliding=contact if isinstance(contact, SlidingContact) else None,
     )
 
 
@@ -323,45 +321,34 @@ def _with_gravity(
     return replace(effects, gravity=gravity, gravity_amplitude=amplitude)
 
 
-def _face_contact(
+def _contact(
     deformable: DeformableAssembly,
     orbits: Orbits,
     copy_of: IntArray,
     friction: CoulombFriction | None,
     counted: float,
-) -> FaceContact:
-    return FaceContact(
-        pairs=alike_pairs(deformable, orbits, copy_of),
-        n_nodes=tuple(group.n_nodes for group in deformable.model.groups),
-        law=deformable.contact.law,
-        normals=deformable.contact.normals,
-        clearance=deformable.surfaces.clearance,
-        counted_stiffness=counted,
-        friction=friction,
-    )
-
-
-def _sliding_contact(
-    deformable: DeformableAssembly,
-    orbits: Orbits,
-    copy_of: IntArray,
-    friction: CoulombFriction | None,
-    counted: float,
-) -> SlidingContact:
-    if deformable.contact.normals is ContactNormals.REFERENCE:
+    *,
+    sliding: bool,
+) -> FaceContact | SlidingContact:
+    """Contact of the representatives: on matched facets, or where a search finds them."""
+    contact = deformable.contact
+    if sliding and contact.normals is ContactNormals.REFERENCE:
         raise ContactError(
             "normals: got reference normals with finite sliding, which an explicit run measures "
             "along current ones; expected ContactNormals.CURRENT, or a static run"
         )
-    return SlidingContact(
-        surfaces=block_surfaces(deformable, orbits, copy_of),
-        n_nodes=tuple(group.n_nodes for group in deformable.model.groups),
-        law=deformable.contact.law,
-        clearance=deformable.surfaces.clearance,
-        counted_stiffness=counted,
-        friction=friction,
-        symmetry=orbits.order,
-    )
+    common: dict[str, Any] = {
+        "n_nodes": tuple(group.n_nodes for group in deformable.model.groups),
+        "law": contact.law,
+        "clearance": deformable.surfaces.clearance,
+        "counted_stiffness": counted,
+        "friction": friction,
+    }
+    if sliding:
+        surfaces = block_surfaces(deformable, orbits, copy_of)
+        return SlidingContact(surfaces=surfaces, symmetry=orbits.order, **common)
+    pairs = alike_pairs(deformable, orbits, copy_of)
+    return FaceContact(pairs=pairs, normals=contact.normals, **common)
 
 
 def counted_stiffness(law: ContactLaw, pressure: float = COUNTED_PRESSURE) -> float:
