@@ -356,3 +356,14 @@ def grid_faces(n_u: int, n_v: int, n_w: int) -> dict[str, IntArray]:
         "w+": (elements[:, :, -1], 1),
     }
     return {name: cells.reshape(-1, 8)[:, HEX_FACES[face]] for name, (cells, face) in side.items()}
+
+
+def run_starts(*keys: IntArray) -> IntArray:
+    """First position of each run of equal keys, and the total."""
+    n = len(keys[0])
+    if not n:
+        return np.zeros(1, dtype=np.int64)
+    change = np.zeros(n - 1, dtype=bool)
+    for key in keys:
+        change |= np.diff(key) != 0
+    return np.concatenate([[0], np.flatnonzero(change) + 1, [n]])

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 import scipy
@@ -23,34 +23,11 @@ import scipy
 from geometry.assembly import AnyBlocks
 from geometry.interface import Interfaces
 from geometry.loads.case import LoadCase
-from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray, run_starts
 from mbd.pair_wrenches import CongruentWrenches, PairKind, PairWrenches, SeparateWrenches
 
 #: A normal matrix, or the inverse of one, which also takes several vectors as columns.
 NormalMap = Callable[[FloatArray], FloatArray]
-
-
-class ContactJacobian(Protocol):
-    """What the solvers need of G."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(n_rows, n_contacts)."""
-
-    def gap_rates(self, virtual_displacement: FloatArray) -> FloatArray:
-        """Gᵀ δq, (n_contacts,)."""
-
-    def resultant(self, forces: FloatArray) -> FloatArray:
-        """G λ, (n_rows,)."""
-
-    def normal_product(self) -> NormalMap:
-        """Product with G Gᵀ."""
-
-    def normal_solver(self, weights: FloatArray, shift: float) -> NormalMap:
-        """Factor G diag(weights) Gᵀ + shift I."""
-
-    def to_matrix(self) -> scipy.sparse.csc_array:
-        """G as a sparse matrix, (n_rows, n_contacts)."""
 
 
 @dataclass(frozen=True)
@@ -250,6 +227,10 @@ class PairJacobian:
         return matrix
 
 
+#: What the solvers need of G.
+ContactJacobian: TypeAlias = MatrixJacobian | PairJacobian
+
+
 @dataclass(frozen=True)
 class Contacts:
     """The contacts that touch at least one free block, and what belongs to them."""
@@ -353,8 +334,7 @@ def contact_jacobian(assembly: AnyBlocks, fixed: BoolArray | None = None) -> Con
     interfaces = assembly.interfaces
     index = np.flatnonzero(~(held[interfaces.block_m] & held[interfaces.block_s]))
     block_m, block_s = interfaces.block_m[index], interfaces.block_s[index]
-    change = np.flatnonzero((np.diff(block_m) != 0) | (np.diff(block_s) != 0)) + 1
-    start = np.concatenate([[0], change, [len(index)]]) if len(index) else np.zeros(1, dtype=int)
+    start = run_starts(block_m, block_s)
     length = assembly.characteristic_length
     pairs = _Pairs(index, start, interfaces.centroids[index], interfaces.normals[index], length)
     contacts: PairWrenches

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,30 +17,6 @@ from geometry.mesh import FloatArray, IntArray
 
 #: The 21 pairs (i, j) with i <= j of a symmetric 6 × 6 matrix.
 _UPPER = np.triu_indices(6)
-
-
-class PairWrenches(Protocol):
-    """Unit wrench (n, (x - x_pair) × n / ℓ) of each contact about its pair's point."""
-
-    @property
-    def n_contacts(self) -> int:
-        """Number of contacts."""
-
-    @property
-    def pair_of(self) -> IntArray:
-        """Pair of each contact, (n_contacts,)."""
-
-    def rates(self, motion: FloatArray) -> FloatArray:
-        """Gap rates (n_contacts,) of relative motions of the pairs (n_pairs, 6)."""
-
-    def sums(self, forces: FloatArray) -> FloatArray:
-        """Wrenches of the pairs (n_pairs, 6) from contact forces (n_contacts,)."""
-
-    def squares(self, weights: FloatArray) -> FloatArray:
-        """Sums Σ w g gᵀ over the contacts of each pair, (n_pairs, 6, 6)."""
-
-    def separate(self) -> SeparateWrenches:
-        """Return the same contacts one by one."""
 
 
 def _symmetric(upper: FloatArray) -> FloatArray:
@@ -164,3 +140,7 @@ class CongruentWrenches:
         for kind in self.kinds:
             wrenches[kind.contacts] = kind.wrenches
         return SeparateWrenches(wrenches, self.pair_start)
+
+
+#: Unit wrench (n, (x - x_pair) × n / ℓ) of each contact about its pair's point.
+PairWrenches: TypeAlias = SeparateWrenches | CongruentWrenches

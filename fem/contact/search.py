@@ -15,9 +15,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fem.contact.cuts import OPPOSITE, carry_over, closest_on_facets, cut_facets
-from fem.contact.surfaces import ContactNormals, PointKinematics, pair_start
+from fem.contact.surfaces import ContactNormals, PointKinematics
 from fem.element.facet import bilinear, facet_areas
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray, run_starts
 
 #: Skin of the search over the shortest mean edge of a facet.
 _SKIN = 0.1
@@ -367,7 +367,7 @@ class SearchedSurfaces:
     @cached_property
     def pair_start(self) -> IntArray:
         """First point of each block pair, and the total; (n_pairs + 1,)."""
-        return pair_start(self.block_m, self.block_s)
+        return run_starts(self.block_m, self.block_s)
 
     @cached_property
     def difference(self) -> FloatArray:

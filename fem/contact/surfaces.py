@@ -29,10 +29,7 @@ from fem.contact.law import ContactLaw
 from fem.element.facet import BILINEAR, FacetBasis, basis_of
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, IntArray
-
-#: Fields of surfaces that have no entry for each facet.
-_OF_ALL = ("pair_start", "clearance", "basis")
+from geometry.mesh import FloatArray, IntArray, run_starts
 
 
 class ContactError(RefusedError):
@@ -65,8 +62,6 @@ class ContactSurfaces:
     """Coinciding nodes of block s, one by one."""
     facet: IntArray
     """Position in the assembly's interfaces, (n,)."""
-    pair_start: IntArray
-    """First facet of each block pair, and the total; (n_pairs + 1,)."""
     tangents: FloatArray
     """Mean reference tangents dx/dr, dx/ds of the two facets, (n, n_points, 2, 3) [mm]."""
     offsets: FloatArray
@@ -80,6 +75,11 @@ class ContactSurfaces:
     def n_facets(self) -> int:
         """Number of matched facet pairs."""
         return len(self.block_m)
+
+    @cached_property
+    def pair_start(self) -> IntArray:
+        """First facet of each block pair, and the total; (n_pairs + 1,)."""
+        return run_starts(self.block_m, self.block_s)
 
     @cached_property
     def area_vectors(self) -> FloatArray:
@@ -121,16 +121,8 @@ class ContactSurfaces:
 
     def subset(self, facets: IntArray) -> ContactSurfaces:
         """Keep some facets, in the order given; block pairs are found anew."""
-        each = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _OF_ALL}
-        some = {name: values[facets] for name, values in each.items()}
-        return replace(self, pair_start=pair_start(some["block_m"], some["block_s"]), **some)
-
-
-def pair_start(block_m: IntArray, block_s: IntArray) -> IntArray:
-    """First facet of each block pair of sorted facets, and the total; (n_pairs + 1,)."""
-    change = np.flatnonzero((np.diff(block_m) != 0) | (np.diff(block_s) != 0)) + 1
-    ends = [0, len(block_m)] if len(block_m) else [0]
-    return np.unique(np.concatenate([change, ends])).astype(np.int64)
+        names = (f.name for f in fields(self) if f.name not in ("clearance", "basis"))
+        return replace(self, **{name: getattr(self, name)[facets] for name in names})
 
 
 def contact_surfaces(
@@ -170,7 +162,6 @@ def contact_surfaces(
         quads_m=quads_m,
         quads_s=quads_s,
         facet=np.arange(found.n_contacts),
-        pair_start=found.pair_start,
         tangents=np.einsum("pak,fai->fpki", basis.slopes, 0.5 * (nodes_m + nodes_s)),
         offsets=offsets,
         clearance=clearance,

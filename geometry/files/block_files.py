@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -166,47 +167,53 @@ def _gmsh() -> Any:
     return gmsh
 
 
-def _open_step(gmsh: Any, path: Path) -> list[int]:
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, list[int]]]:
+    """A STEP file in gmsh, and its solids."""
+    gmsh = _gmsh()
     why = unreadable(path)
     if why is not None:
         raise MeshError(f"{path}: {why}; expected a STEP file")
     gmsh.initialize(interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
     try:
-        gmsh.model.occ.importShapes(str(path))
-        gmsh.model.occ.synchronize()
-    except Exception as error:  # gmsh raises bare exceptions
-        raise MeshError(f"{path}: cannot be read as STEP ({error})") from None
-    volumes = [tag for _, tag in gmsh.model.getEntities(3)]
-    if not volumes:
-        raise MeshError(f"{path}: holds no solid; expected at least one closed volume")
-    return volumes
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
+        try:
+            gmsh.model.occ.importShapes(str(path))
+            gmsh.model.occ.synchronize()
+        except Exception as error:  # gmsh raises bare exceptions
+            raise MeshError(f"{path}: cannot be read as STEP ({error})") from None
+        volumes = [tag for _, tag in gmsh.model.getEntities(3)]
+        if not volumes:
+            raise MeshError(f"{path}: holds no solid; expected at least one closed volume")
+        yield gmsh, volumes
+    finally:
+        gmsh.finalize()
+
+
+def _nodes(gmsh: Any) -> tuple[FloatArray, IntArray]:
+    """Nodes of the mesh, (n, 3) [mm], and the place of each by gmsh's number."""
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    place = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    place[tags.astype(np.int64)] = np.arange(len(tags))
+    return np.asarray(coordinates, dtype=np.float64).reshape(-1, 3), place
 
 
 def _read_step(path: Path, element_size: float | None) -> list[tuple[FloatArray, IntArray]]:
     """Triangulate the boundary of each solid of a STEP file."""
-    gmsh = _gmsh()
-    try:
-        volumes = _open_step(gmsh, path)
+    with _opened(path) as (gmsh, volumes):
         if element_size is not None:
             gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)
         gmsh.model.mesh.generate(2)
-        tags, coordinates, _ = gmsh.model.mesh.getNodes()
-        number = np.zeros(int(tags.max()) + 1, dtype=np.int64)
-        number[tags.astype(np.int64)] = np.arange(len(tags))
-        points = np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)
+        points, place = _nodes(gmsh)
         solids = []
         for volume in volumes:
             parts = []
             for _, face in gmsh.model.getBoundary([(3, volume)], oriented=False):
                 _, nodes = gmsh.model.mesh.getElementsByType(2, face)
-                parts.append(number[nodes.astype(np.int64)].reshape(-1, 3))
+                parts.append(place[nodes.astype(np.int64)].reshape(-1, 3))
             solids.append((points, one_solid(points, _oriented(np.concatenate(parts)))))
         return solids
-    finally:
-        if gmsh.isInitialized():
-            gmsh.finalize()
 
 
 def _oriented(triangles: IntArray) -> IntArray:
@@ -306,26 +313,18 @@ def step_hexahedra(path: Path, *, divisions: int = 4) -> list[HexMesh]:
     MeshError
         When no hexahedra can be made.
     """
-    gmsh = _gmsh()
-    try:
-        volumes = _open_step(gmsh, path)
+    with _opened(path) as (gmsh, volumes):
         if not _made_of_hexahedra(gmsh, divisions):
             raise MeshError(
                 f"{path}: gmsh finds no hexahedral mesh of {_without_hexahedra(gmsh, volumes)}; "
                 "for finite elements give a mesh of hexahedra, .vtu or .inp"
             )
-        tags, coordinates, _ = gmsh.model.mesh.getNodes()
-        number = np.zeros(int(tags.max()) + 1, dtype=np.int64)
-        number[tags.astype(np.int64)] = np.arange(len(tags))
-        points = np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)
+        points, place = _nodes(gmsh)
         meshes = []
         for volume in volumes:
             _, nodes = gmsh.model.mesh.getElementsByType(_HEXAHEDRON, volume)
-            used, corner = np.unique(number[nodes.astype(np.int64)], return_inverse=True)
+            used, corner = np.unique(place[nodes.astype(np.int64)], return_inverse=True)
             meshes.append(HexMesh(points[used], corner.reshape(-1, 8).astype(np.int64)))
-    finally:
-        if gmsh.isInitialized():
-            gmsh.finalize()
     for mesh in meshes:
         check_mesh(mesh, path.name)
     return meshes

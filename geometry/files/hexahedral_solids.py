@@ -20,12 +20,14 @@ from geometry.files.block_files import STEP_SUFFIXES, UNITS, step_hexahedra
 from geometry.files.mesh_io import HEXAHEDRA, hexahedra_of, read_any_mesh
 from geometry.files.quadratic import quadratic_curve
 from geometry.mesh import (
+    CUBE,
     FloatArray,
     HexMesh,
     IntArray,
     MeshError,
     boundary_quads,
     check_mesh,
+    grid_points,
     structured_hexahedra,
 )
 from geometry.polyhedra.polyhedron import Polyhedron
@@ -213,12 +215,7 @@ def _cube_corners(sides: list[list[int]]) -> list[int] | None:
 def _trilinear(corners: FloatArray, divisions: int) -> HexMesh:
     """Grid of a cube mapped on eight corners in VTK order."""
     s = np.linspace(0.0, 1.0, divisions + 1)
-    u, v, w = (g.ravel() for g in np.meshgrid(s, s, s, indexing="ij"))
-    where = np.array(
-        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
-    )
-    weights = np.ones((len(u), 8))
-    for axis, value in enumerate((u, v, w)):
-        weights *= np.where(where[:, axis] == 1, value[:, None], 1.0 - value[:, None])
+    places = grid_points(s, s, s)
+    weights = np.where(CUBE == 1, places[:, None], 1.0 - places[:, None]).prod(axis=2)
     elements: IntArray = structured_hexahedra(divisions, divisions, divisions)
     return HexMesh(weights @ corners, elements)

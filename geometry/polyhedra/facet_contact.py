@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray, run_starts
 from geometry.polyhedra.options import ContactPlacement
 from geometry.polyhedra.point_contact import PointContacts, crossing_edges, standing_corners
 from geometry.polyhedra.polyhedron import Polyhedron
@@ -93,17 +93,6 @@ class ContactPoints:
         return len(self.pair_start) - 1
 
 
-def _starts(*keys: IntArray) -> IntArray:
-    """First position of each run of equal keys, and the total."""
-    n = len(keys[0])
-    if not n:
-        return np.zeros(1, dtype=np.int64)
-    change = np.zeros(n - 1, dtype=bool)
-    for key in keys:
-        change |= np.diff(key) != 0
-    return np.concatenate([[0], np.flatnonzero(change) + 1, [n]])
-
-
 @dataclass(frozen=True)
 class _World:
     """All triangles of all blocks in world coordinates."""
@@ -173,7 +162,7 @@ def find_contacts(
     keys = (world.plane[s], world.plane[m], world.block[s], world.block[m])
     order = np.lexsort((s, m, *keys))
     kept, m, s = kept[order], m[order], s[order]
-    patch_start = _starts(*(key[order] for key in keys))
+    patch_start = run_starts(*(key[order] for key in keys))
     patch = np.repeat(np.arange(len(patch_start) - 1), np.diff(patch_start))
     direction = world.normals[m] - world.normals[s]
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -236,7 +225,7 @@ def _with_points(contacts: ContactPoints, extra: PointContacts, tolerance: float
         centroids=points[kept][order],
         normals=normals[kept][order],
         areas=np.concatenate([contacts.areas, np.full(n, nominal)])[order],
-        pair_start=_starts(block_m[order], block_s[order]),
+        pair_start=run_starts(block_m[order], block_s[order]),
         patch=np.concatenate([contacts.patch, np.full(n, -1)])[order],
         patches=contacts.patches,
         polygons=contacts.polygons,
@@ -266,7 +255,7 @@ def _at_centroids(
         centroids=polygons.corners[start[:-1]] + middle,
         normals=normals,
         areas=polygons.areas,
-        pair_start=_starts(block_m, block_s),
+        pair_start=run_starts(block_m, block_s),
         patch=polygons.patch,
         patches=patches,
         polygons=polygons,
@@ -304,7 +293,7 @@ def _at_vertices(patches: ContactPatches, polygons: ContactPolygons) -> ContactP
         centroids=polygons.corners[corner],
         normals=patches.normals[patch],
         areas=(patches.areas / np.maximum(count, 1))[patch],
-        pair_start=_starts(block_m, block_s),
+        pair_start=run_starts(block_m, block_s),
         patch=patch,
         patches=patches,
         polygons=polygons,

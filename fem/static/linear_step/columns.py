@@ -28,6 +28,7 @@ import scipy.linalg
 import scipy.linalg.blas
 from scipy.sparse import csr_array
 
+from fem.static.linear_step.condensation import Elimination
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Columns are congruent where nodes map onto each other to this part of their size.
@@ -77,29 +78,6 @@ class ColumnBlock:
 
 
 @dataclass(frozen=True)
-class _Step:
-    """Unknowns eliminated together, and how they follow from those around them."""
-
-    inside: IntArray
-    around: IntArray
-    factor: FloatArray
-    """Lower Cholesky factor L of A_ii, Fortran order."""
-    coupling: FloatArray
-    """L⁻¹ A_ib of nodes, (n_i, n_b)."""
-
-    def forward(self, forces: FloatArray) -> None:
-        """Move forces (n, n_cases) from inside to around; inside remains what `backward` needs."""
-        inner = scipy.linalg.blas.dtrsm(1.0, self.factor, forces[self.inside], lower=1)
-        forces[self.inside] = inner
-        forces[self.around] -= self.coupling.T @ inner
-
-    def backward(self, found: FloatArray) -> None:
-        """Turn what `forward` left inside into displacements, from those around."""
-        right = found[self.inside] - self.coupling @ found[self.around]
-        found[self.inside] = scipy.linalg.blas.dtrsm(1.0, self.factor, right, lower=1, trans_a=1)
-
-
-@dataclass(frozen=True)
 class _Copy:
     """A shorter column within a longer one."""
 
@@ -139,7 +117,7 @@ class _Column:
     copies: tuple[_Copy, ...]
     """Shorter columns that it is made of; none where it is made of elements."""
     shorter: _Column | None
-    steps: tuple[_Step, ...]
+    steps: tuple[Elimination, ...]
     """Eliminations of its own, in their order."""
 
     @cached_property
@@ -359,7 +337,7 @@ def _turned(matrix: FloatArray, turn: FloatArray, n: int) -> FloatArray:
     return found
 
 
-def _joined(fronts: list[_Front], inside: int, steps: list[_Step]) -> _Front:
+def _joined(fronts: list[_Front], inside: int, steps: list[Elimination]) -> _Front:
     """Sum of fronts without one of their planes; its step is added to those before."""
     planes = {key: plane for front in fronts for key, plane in front.planes.items()}
     eliminated = planes.pop(inside)
@@ -387,7 +365,7 @@ def _joined(fronts: list[_Front], inside: int, steps: list[_Step]) -> _Front:
     coupling = scipy.linalg.blas.dtrsm(1.0, factor, coupling, lower=1, overwrite_b=1)
     _subtract_square(rest, coupling)
     nodes = np.ascontiguousarray(coupling[:, : len(around)])
-    steps.append(_Step(eliminated, around, factor, nodes))
+    steps.append(Elimination(eliminated, around, factor, nodes))
     return _Front(planes, points, rest)
 
 
@@ -415,7 +393,7 @@ class _Dissection:
         self.block, self.counts, p = block, (n_1, length, n_3), block.degree
         self.numbers = block.node_grid(length)
         self.points, self.wanted = block.point_grid(length), wanted
-        self.steps: list[_Step] = []
+        self.steps: list[Elimination] = []
         # First and last element of each node in each direction; those of planes lie outside.
         self.first, self.last = [], []
         for axis, count in enumerate(self.counts):
@@ -429,7 +407,7 @@ class _Dissection:
             self.first.append(np.broadcast_to(first.reshape(shape), grid).ravel())
             self.last.append(np.broadcast_to(last.reshape(shape), grid).ravel())
 
-    def condensed(self, planes: IntArray) -> tuple[tuple[_Step, ...], _Front]:
+    def condensed(self, planes: IntArray) -> tuple[tuple[Elimination, ...], _Front]:
         """Eliminations, and what remains on both planes of nodes and the points."""
         unknowns, matrix = self._visit(((0, 0, 0), self.counts))
         numbers = np.flatnonzero(self.wanted)
@@ -509,5 +487,5 @@ class _Dissection:
             _subtract_square(rest, coupling)
             k = int((around < 3 * self.numbers.size).sum())
             kept = np.ascontiguousarray(coupling[:, :k])
-            self.steps.append(_Step(unknowns[inside], around[:k], factor, kept))
+            self.steps.append(Elimination(unknowns[inside], around[:k], factor, kept))
         return around, rest

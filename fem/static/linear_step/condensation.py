@@ -27,17 +27,28 @@ _LEAF_ELEMENTS = 48
 
 
 @dataclass(frozen=True)
-class _Part:
-    """Nodes eliminated together, and how they follow from the nodes around them."""
+class Elimination:
+    """Unknowns eliminated together, and how they follow from those around them."""
 
     inside: IntArray
     """Degrees of freedom eliminated here, (n_i,)."""
     around: IntArray
     """Degrees of freedom they are connected to, (n_b,)."""
     factor: FloatArray
-    """Lower Cholesky factor L of A_ii, (n_i, n_i)."""
+    """Lower Cholesky factor L of A_ii, Fortran order."""
     coupling: FloatArray
     """L⁻¹ A_ib, (n_i, n_b)."""
+
+    def forward(self, forces: FloatArray) -> None:
+        """Move forces (n, n_cases) from inside to around; inside remains what `backward` needs."""
+        inner = scipy.linalg.blas.dtrsm(1.0, self.factor, forces[self.inside], lower=1)
+        forces[self.inside] = inner
+        forces[self.around] -= self.coupling.T @ inner
+
+    def backward(self, found: FloatArray) -> None:
+        """Turn what `forward` left inside into displacements, from those around."""
+        right = found[self.inside] - self.coupling @ found[self.around]
+        found[self.inside] = scipy.linalg.blas.dtrsm(1.0, self.factor, right, lower=1, trans_a=1)
 
 
 @dataclass(frozen=True)
@@ -50,7 +61,7 @@ class CondensedBlock:
     """Schur complement on 3 · position + component, (3 n_c, 3 n_c) [N/mm]."""
     n_nodes: int
     """Nodes of the block."""
-    parts: tuple[_Part, ...]
+    parts: tuple[Elimination, ...]
     """Eliminations in their order."""
 
     @property
@@ -74,9 +85,7 @@ class CondensedBlock:
         """
         work = np.array(forces.reshape(len(forces), -1).T, order="C")
         for part in self.parts:
-            inner = scipy.linalg.blas.dtrsm(1.0, part.factor, work[part.inside], lower=1)
-            work[part.inside] = inner
-            work[part.around] -= part.coupling.T @ inner
+            part.forward(work)
         return np.ascontiguousarray(work[self.degrees_of_freedom].T), work
 
     def recover(self, displacement: FloatArray, reduced: FloatArray) -> FloatArray:
@@ -94,11 +103,10 @@ class CondensedBlock:
         FloatArray
             (n_copies, n_nodes, 3) [mm].
         """
-        full = np.empty((3 * self.n_nodes, len(displacement)))
+        full = reduced.copy()
         full[self.degrees_of_freedom] = displacement.T
         for part in reversed(self.parts):
-            right = reduced[part.inside] - part.coupling @ full[part.around]
-            full[part.inside] = scipy.linalg.blas.dtrsm(1.0, part.factor, right, lower=1, trans_a=1)
+            part.backward(full)
         return np.ascontiguousarray(full.T).reshape(len(displacement), self.n_nodes, 3)
 
 
@@ -118,7 +126,7 @@ def condense(group: BlockGroup, retained: IntArray) -> CondensedBlock:
     centres = group.mesh.nodes[elements_of].mean(axis=1)
     # A brick of so many trilinear elements has about as many nodes as one of degree three.
     leaf = _LEAF_ELEMENTS if elements_of.shape[1] == 8 else 1
-    parts: list[_Part] = []
+    parts: list[Elimination] = []
 
     def visit(elements: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
         """Boundary nodes of a set of elements, their uses in it, condensed stiffness (lower)."""
@@ -229,7 +237,7 @@ def _add_lower(parts, places, runs, matrix):  # type: ignore[no-untyped-def]
                     target[i, j + k] += matrix[first + k, column]
 
 
-def _eliminate(split: _Split, nodes: IntArray, inside: BoolArray) -> tuple[_Part, FloatArray]:
+def _eliminate(split: _Split, nodes: IntArray, inside: BoolArray) -> tuple[Elimination, FloatArray]:
     """Schur complement (lower) on the nodes around; the parts are overwritten."""
     factor = scipy.linalg.cholesky(split.inner, lower=True, overwrite_a=True, check_finite=False)
     outward, rest = split.coupling, split.rest
@@ -242,4 +250,4 @@ def _eliminate(split: _Split, nodes: IntArray, inside: BoolArray) -> tuple[_Part
     inner, outer = (
         (3 * some[:, None] + np.arange(3)).ravel() for some in (nodes[inside], nodes[~inside])
     )
-    return _Part(inner, outer, factor, outward.T), rest
+    return Elimination(inner, outer, factor, outward.T), rest

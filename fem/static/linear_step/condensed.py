@@ -28,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.linalg
 from scipy.sparse import csc_array, csr_array
+from scipy.sparse.csgraph import dijkstra
 
 from fem.assembly.local_system import LocalSystem, NodalInverse, constraint_transform
 from fem.problem.model import BlockGroup, rigid_motions
@@ -555,16 +556,10 @@ def _levels(system: LocalSystem) -> IntArray:
 
 def _distances(start: int, m: IntArray, s: IntArray, n: int) -> IntArray:
     """Steps from a slot to every other; parts that are not connected begin anew at zero."""
-    distance = np.full(n, -1, dtype=np.int64)
-    seeds = [start, *range(n)]
-    for seed in seeds:
-        if distance[seed] >= 0:
-            continue
-        distance[seed] = 0
-        front = np.array([seed])
-        while len(front):
-            near = np.concatenate([s[np.isin(m, front)], m[np.isin(s, front)]])
-            near = np.unique(near[distance[near] < 0])
-            distance[near] = distance[front[0]] + 1
-            front = near
-    return distance
+    graph = csr_array((np.ones(len(m)), (m, s)), shape=(n, n))
+    distance = np.full(n, np.inf)
+    for seed in [start, *range(n)]:
+        if np.isinf(distance[seed]):
+            near = dijkstra(graph, directed=False, indices=seed, unweighted=True)
+            distance = np.minimum(distance, near)
+    return distance.astype(np.int64)
