@@ -341,6 +341,15 @@ def structured_hexahedra(n_u: int, n_v: int, n_w: int) -> IntArray:
     return np.column_stack([node(*corner) for corner in CUBE.tolist()])
 
 
+def structured_quads(n: int) -> IntArray:
+    """Quadrilaterals of an n × n grid whose points are numbered second direction fastest, (n², 4).
+
+    Corners turn from the first direction towards the second.
+    """
+    corner = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).reshape(-1, 1)
+    return corner + np.array([0, n + 1, n + 2, 1])
+
+
 def grid_faces(n_u: int, n_v: int, n_w: int) -> dict[str, IntArray]:
     """Boundary facets of the structured grid by name: u-, u+, v-, v+, w-, w+; each (n, 4).
 

@@ -20,7 +20,7 @@ from fem.contact.law import LinearPenalty
 from fem.contact.surfaces import ContactNormals
 from fem.decks.statement import Flavour
 from fem.decks.write import write_deck
-from fem.element.lagrange_mesh import LagrangeMesh, serendipity_block, with_degree
+from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, serendipity_block, with_degree
 from fem.element.material import Material
 from fem.problem.loads import pressure_forces
 from fem.problem.model import block_group, lumped_mass
@@ -37,7 +37,7 @@ from geometry.families.hexagon_block import (
 from geometry.families.planar_wall import WallBlock, osteomorphic_wall
 from geometry.families.sine_block import SineBlockDivisions, sine_block
 from geometry.loads.case import face_pressure
-from geometry.mesh import FloatArray, boundary_quads
+from geometry.mesh import FloatArray, QuadSurface, boundary_quads, check_mesh
 from tests.conftest import tsb
 from tests.fem_problems import CONCRETE, degrees_of_freedom, distorted_box, static_displacement
 from tests.test_validation_own_fem import deformable
@@ -323,6 +323,30 @@ def test_a_block_keeps_its_corners() -> None:
     np.testing.assert_array_equal(mesh.nodes[: block.mesh.n_nodes], block.mesh.nodes)
     np.testing.assert_array_equal(np.unique(mesh.members), np.arange(mesh.n_nodes))
     assert with_degree(with_degree(block, 3), 3).mesh is not None
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+@pytest.mark.parametrize("name", CURVED)
+def test_pieces_fill_the_block_and_its_faces_close_it(name: str, degree: int) -> None:
+    """What pictures show: degree³ hexahedra an element, faces outward, as straight as chords are.
+
+    Vector areas of a closed surface sum to zero; a chord of an angle α loses α² / 6 of a sector.
+    """
+    block = with_degree(CURVED[name], degree)
+    pieces = in_pieces(block)
+    check_mesh(pieces.mesh)
+    assert pieces.mesh.n_elements == degree**3 * block.mesh.n_elements
+    shown = np.concatenate(list(pieces.faces.values()))
+    assert {frozenset(q) for q in shown.tolist()} == {
+        frozenset(q) for q in boundary_quads(pieces.mesh).tolist()
+    }
+    surface = QuadSurface(pieces.mesh.nodes, shown)
+    largest = surface.areas.max()
+    np.testing.assert_allclose(surface.area_vectors.sum(axis=0), 0.0, atol=1e-10 * largest)
+    outward = np.einsum("fi,fi->", surface.centroids - pieces.centroid, surface.area_vectors) / 3.0
+    assert outward == pytest.approx(pieces.volume, rel=0.01)
+    angle = np.pi / 2 / degree  # of an element at most, of these
+    assert pieces.volume == pytest.approx(block.volume, rel=angle**2 / 6.0)
 
 
 # ---------------------------------------------------------------------------------------------

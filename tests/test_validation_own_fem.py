@@ -17,13 +17,14 @@ from geometry.families.masonry import box
 from geometry.files.block_files import step_hexahedra
 from geometry.files.hexahedral_solids import connected_solids, six_sided_hexahedra
 from geometry.files.mesh_io import write_hex_mesh
-from geometry.mesh import FloatArray, HexMesh, MeshError, mass_properties
+from geometry.mesh import FloatArray, HexMesh, MeshError, QuadSurface, mass_properties
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable
 from validation.compare.answers import compare
 from validation.errors import InputError
+from validation.output.pictures.tubes import run_facets
 from validation.run.explicit import run_explicit
 from validation.run.static import run_static
 from validation.scene.read import DeformableScene, SceneFile, check_scene, load_scene
@@ -89,6 +90,16 @@ def test_a_column_of_boxes_under_pressure() -> None:
     # The static residual is 1e-8 of the load; a joint is as stiff as the boxes within tenfold.
     assert static.largest_displacement == pytest.approx(top, rel=1e-7)
     np.testing.assert_allclose(static.contact_state.point_pressures, pressure, rtol=1e-7)
+    quadratic = run_static("column", column(pressure).changed({"fem.degree": 2}))
+    for run in (static, quadratic):
+        # What is drawn: joints of 100 × 80 mm² in pieces of a uniform pressure.
+        drawn = run_facets(run)
+        np.testing.assert_allclose(drawn.pressures, pressure, rtol=1e-7)
+        quads = np.arange(4 * len(drawn.corners)).reshape(-1, 4)
+        faces = QuadSurface(drawn.corners.reshape(-1, 3), quads)
+        assert faces.areas.sum() == pytest.approx(2 * 8000.0, rel=1e-4)
+        assert not drawn.scale.note
+    assert len(quadratic.contact_state.pressures) < len(run_facets(quadratic).pressures)
     explicit = run_explicit("column", column(pressure))
     # Damped until the residual is 1e-4 of the load.
     assert explicit.largest_displacement == pytest.approx(top, rel=1e-3)

@@ -18,7 +18,17 @@ from fem.element.facet import bilinear
 from fem.element.lagrange import LagrangeElement, lobatto_points
 from fem.element.material import Material
 from geometry.block import Block
-from geometry.mesh import CORNERS, HEX_EDGES, FloatArray, HexMesh, IntArray, MeshError, shape_values
+from geometry.mesh import (
+    CORNERS,
+    HEX_EDGES,
+    FloatArray,
+    HexMesh,
+    IntArray,
+    MeshError,
+    shape_values,
+    structured_hexahedra,
+    structured_quads,
+)
 
 #: Shares of corners in a node are told apart to this, far above rounding.
 _SHARE = 1e-6
@@ -145,6 +155,20 @@ def with_degree(block: Block, degree: int) -> Block:
     if degree == 1 or isinstance(block.mesh, LagrangeMesh):
         return block
     return replace(block, mesh=lagrange_mesh(block, degree))
+
+
+def in_pieces(block: Block) -> Block:
+    """Block of eight-node hexahedra between the nodes of its elements: what pictures show."""
+    mesh = block.mesh
+    if not isinstance(mesh, LagrangeMesh):
+        return block
+    k = mesh.degree
+    cells = mesh.members[:, structured_hexahedra(k, k, k)].reshape(-1, 8)
+    faces = {
+        name: mesh.facet_nodes(quads)[:, structured_quads(k)].reshape(-1, 4)
+        for name, quads in block.faces.items()
+    }
+    return replace(block, mesh=HexMesh(mesh.nodes, cells), faces=faces, curve=None)
 
 
 def lagrange_stiffness(mesh: LagrangeMesh, material: Material, some: IntArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import Any
@@ -15,10 +15,12 @@ from fem.assembly.deformable import (
     DeformableAssembly,
 )
 from fem.assembly.peaks import StressPeaks, joint_forces, stress_peaks
+from fem.element.lagrange_mesh import in_pieces
 from fem.explicit.setup.quasi_static import QuasiStaticReport, quasi_static_report
 from fem.explicit.solve import ExplicitResult
 from fem.problem.time_step import added_mass_share
 from fem.static.result import StaticResult
+from geometry.assembly import Assembly
 from geometry.measures import JointResultants
 from geometry.mesh import FloatArray, IntArray
 from validation.build.deformable import gap_words
@@ -93,6 +95,14 @@ class DeformableRun:
     def meets(self) -> bool:
         """Whether blocks meet; else they are single bodies."""
         return self.deformable.meets
+
+    @cached_property
+    def drawn(self) -> Assembly:
+        """Blocks of straight pieces between the nodes of their elements, for pictures."""
+        assembly = self.deformable.assembly
+        if self.scene.fem is None or self.scene.fem.degree == 1:
+            return assembly
+        return replace(assembly, shapes=tuple(in_pieces(shape) for shape in assembly.shapes))
 
     def displacement(self, block: int) -> FloatArray:
         """Nodal displacements of a deformable block, (n_nodes, 3) [mm]."""

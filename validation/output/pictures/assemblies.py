@@ -36,7 +36,6 @@ from validation.output.pictures.gallery import (
     Scale,
     fill_axes,
     gallery,
-    scale_from_zero,
 )
 from validation.run.words import load_words
 
@@ -44,8 +43,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from validation.run.rigid.assembly import RigidRun
-
-PRESSURE = "contact pressure [MPa]"
 
 
 def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str) -> None:
@@ -142,7 +139,7 @@ def draw_pressed_facets(facets: PressedFacets, path: Path, *, title: str) -> Non
         At the top.
     """
     assembly = facets.assembly
-    scale = scale_from_zero(PRESSURE, PRESSURE_MAP, [facets.pressures])
+    scale = facets.scale
     far = np.flatnonzero(far_side(assembly, facets.corners.mean(axis=1)))
     behind = np.flatnonzero(far_side(assembly, assembly.centroids))
     whole = View([facets.surface(far, scale), facets.outlines(behind.tolist())], EYE)

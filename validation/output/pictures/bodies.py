@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,13 +15,23 @@ from geometry.loads.case import LoadCase
 from geometry.measures import facets_between
 from geometry.mesh import FloatArray, IntArray
 from validation.output.pictures.canvas import INK, Direction, Lines, Pixels, Surface
-from validation.output.pictures.gallery import BLUE, GREY, SKY, VERMILION, Scale
+from validation.output.pictures.gallery import (
+    BLUE,
+    GREY,
+    PRESSURE_MAP,
+    SKY,
+    VERMILION,
+    Scale,
+    scale_from_zero,
+)
 
 #: The eye is outside, a little above the horizontal.
 EYE: Direction = (2.4, -1.6, 0.9)
 FROM_ABOVE: Direction = (1.2, -0.8, 1.6)
 FROM_BELOW: Direction = (1.2, -0.8, -1.6)
 
+#: A value by less above those that are drawn is not said: three digits are.
+_SHOWN = 1.005
 #: Sides of an arrow.
 _SIDES = 10
 
@@ -241,6 +251,16 @@ class PressedFacets:
     """(n,) [MPa]"""
     nodes: Places
     """Nodes of a block where these facets are, (n_nodes, 3) [mm]."""
+    largest: float | None = None
+    """Largest pressure at a point, which means over facets miss [MPa]; None: not known."""
+
+    @property
+    def scale(self) -> Scale:
+        """Colours of the pressures, with what they reach at a point."""
+        scale = scale_from_zero("contact pressure [MPa]", PRESSURE_MAP, [self.pressures])
+        if self.largest is None or self.largest <= scale.high * _SHOWN:
+            return scale
+        return replace(scale, note=f"at a point up to {self.largest:.3g}")
 
     def between(self, lower: int) -> IntArray:
         """Facets between a layer and the next one, (n,)."""

@@ -6,7 +6,9 @@ from typing import Protocol
 
 from fem.assembly.contact_state import ContactState
 from fem.assembly.deformable import DeformableAssembly
+from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
+from validation.run.measures import Measure
 
 
 class DrawnState(Protocol):
@@ -15,6 +17,14 @@ class DrawnState(Protocol):
     @property
     def deformable(self) -> DeformableAssembly:
         """Blocks and their meshes."""
+
+    @property
+    def drawn(self) -> Assembly:
+        """The same blocks of straight pieces between the nodes at which fields are given."""
+
+    @property
+    def measures(self) -> dict[str, Measure]:
+        """What the run answers: largest values at any point, which nodes and facets may miss."""
 
     @property
     def meets(self) -> bool:

@@ -35,7 +35,7 @@ def section(run: DrawnState, z: float) -> Section:
         nodes = run.positions(block)
         if not nodes[:, 2].min() < z < nodes[:, 2].max():
             continue
-        shape = run.deformable.assembly.shape(block)
+        shape = run.drawn.shape(block)
         cut = _cut(_grid(nodes, shape.mesh.elements, run.principal(block)), z)
         corners = cut.GetPoints()
         if corners is None or not cut.GetNumberOfPolys():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -9,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fem.element.lagrange import lobatto_points
 from geometry.assembly import Assembly
 from geometry.families.hexagon_block import EDGE_NAMES
-from geometry.mesh import FloatArray
-from validation.output.pictures.assemblies import PRESSURE, draw_pressed_facets
+from geometry.mesh import FloatArray, structured_quads
+from validation.output.pictures.assemblies import draw_pressed_facets
 from validation.output.pictures.bodies import (
     EYE,
     FROM_ABOVE,
@@ -25,7 +27,6 @@ from validation.output.pictures.bodies import (
 from validation.output.pictures.canvas import Direction, Part, View
 from validation.output.pictures.gallery import (
     MOTION_MAP,
-    PRESSURE_MAP,
     STRESS_MAP,
     Panel,
     Scale,
@@ -69,7 +70,7 @@ def blocks_view(
     factor: float = 0.0,
 ) -> View:
     """Named faces of all deformable blocks, moved by a factor of their displacement."""
-    assembly, deformable = run.deformable.assembly, run.deformable.deformable_blocks.tolist()
+    assembly, deformable = run.drawn, run.deformable.deformable_blocks.tolist()
 
     def nodes(block: int) -> FloatArray:
         return run.positions(block) + factor * run.displacement(block)
@@ -98,7 +99,7 @@ def _moved(run: DrawnState, block: int) -> FloatArray:
 
 def all_faces(run: DrawnState) -> tuple[str, ...]:
     """Names of all faces of the deformable blocks."""
-    assembly = run.deformable.assembly
+    assembly = run.drawn
     shapes = (assembly.shape(b) for b in run.deformable.deformable_blocks.tolist())
     return tuple(dict.fromkeys(face for shape in shapes for face in shape.faces))
 
@@ -123,12 +124,15 @@ def extreme(run: DrawnState, component: int) -> tuple[FloatArray, str]:
             kind = "largest" if component == 0 else "smallest"
             value = f"{sign * best:.3g}".replace("-", "−")
             words = f"○ {kind}: {value} in block {block}{_joint(run, block, node)}"
+    inside = run.measures["sigma_1_max" if component == 0 else "sigma_3_min"].value
+    if sign * inside > best:
+        words += f"; {inside:.3g} inside".replace("-", "−")
     return place, words
 
 
 def _joint(run: DrawnState, block: int, node: int) -> str:
     """Say that a node lies in a joint, which no look from outside shows."""
-    shape = run.deformable.assembly.shape(block)
+    shape = run.drawn.shape(block)
     return ", in a joint" if np.isin(node, shape.contact_quads) else ""
 
 
@@ -137,7 +141,7 @@ def draw_stresses(run: DrawnState, path: Path) -> None:
 
     Of a tube the outer surface, and the joints of the middle layer; of other blocks all surfaces.
     """
-    assembly, tube = run.deformable.assembly, run.is_tube
+    assembly, tube = run.drawn, run.is_tube
     direction, faces = eye(assembly), ("outer",) if tube else all_faces(run)
     columns = []
     for component in (0, 2):
@@ -157,7 +161,7 @@ def draw_stresses(run: DrawnState, path: Path) -> None:
 
 def _joint_panels(run: DrawnState) -> list[Panel]:
     """σ₁ on the faces that meet other blocks, from above and from below."""
-    assembly, scale = run.deformable.assembly, stress_scale(run, 0)
+    assembly, scale = run.drawn, stress_scale(run, 0)
     blocks = run.deformable.deformable_blocks
     where = "joints"
     if run.is_tube:
@@ -224,7 +228,7 @@ def draw_displacement(run: DrawnState, path: Path, *, printed_factor: float | No
 
 def section_heights(run: DrawnState) -> tuple[float, ...]:
     """Heights of the paper's sections through the middle layer: 10 and 20 mm from its ends."""
-    assembly = run.deformable.assembly
+    assembly = run.drawn
     layer = assembly.n_layers // 2 + 1
     # Where a layer begins depends on the tube: layers of hexagons reach into each other.
     centres = (assembly.centroids @ assembly.axis)[assembly.layer == layer]
@@ -293,7 +297,7 @@ def draw_sections(run: DrawnState, path: Path) -> None:
         ]
         for number, z in enumerate(heights)
     ]
-    layer = run.deformable.assembly.n_layers // 2 + 1
+    layer = run.drawn.n_layers // 2 + 1
     gallery(columns, f"{run.title}: sections through layer {layer}", path, height=8.5)
 
 
@@ -302,7 +306,7 @@ def draw_sections(run: DrawnState, path: Path) -> None:
 
 
 def run_facets(run: DrawnState) -> PressedFacets:
-    """Contact facets of a run where they ended."""
+    """Contact facets of a run where they ended, those of higher degree in pieces."""
     group_of = run.deformable.group_of
 
     def nodes(block: int) -> FloatArray:
@@ -310,14 +314,50 @@ def run_facets(run: DrawnState) -> PressedFacets:
         return placed + run.displacement(block) if group_of[block] >= 0 else placed
 
     found = run.contact_state
+    owner, corners, pressures = np.arange(found.n_facets), found.corners, found.pressures
+    if found.corner_overclosures is not None and found.corner_overclosures.shape[1] > 4:
+        corners, pressures = _pieces(run, nodes, found.corner_overclosures)
+        owner = np.repeat(owner, len(pressures) // found.n_facets)
     return PressedFacets(
-        assembly=run.deformable.assembly,
-        block_m=found.block_m,
-        block_s=found.block_s,
-        corners=found.corners,
-        pressures=found.pressures,
+        assembly=run.drawn,
+        block_m=found.block_m[owner],
+        block_s=found.block_s[owner],
+        corners=corners,
+        pressures=pressures,
         nodes=nodes,
+        largest=run.measures["p_max_point"].value,
     )
+
+
+def _pieces(
+    run: DrawnState, nodes: Callable[[int], FloatArray], overclosures: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Cut facets of higher degree where they are drawn: between nodes, and at equal parts of that.
+
+    Returns
+    -------
+    tuple[FloatArray, FloatArray]
+        Corners, (n, 4, 3) [mm], and mean pressures, (n,) [MPa]; facet after facet.
+    """
+    surfaces = run.deformable.surfaces
+    places = np.empty((*surfaces.quads_m.shape, 3))
+    for block in np.unique(surfaces.block_m).tolist():
+        mine = surfaces.block_m == block
+        places[mine] = nodes(block)[surfaces.quads_m[mine]]
+    ends = lobatto_points(math.isqrt(places.shape[1]) - 1)
+    looks = np.linspace(-1.0, 1.0, math.isqrt(overclosures.shape[1]))
+    parts = math.ceil(len(looks) / len(ends))
+    line = np.interp(np.arange(parts * (len(ends) - 1) + 1) / parts, np.arange(len(ends)), ends)
+    quads = structured_quads(len(line) - 1)
+    corners = (_linear(line, ends) @ places)[:, quads].reshape(-1, 4, 3)
+    pressures = run.deformable.contact.law.pressure(overclosures @ _linear(line, looks).T)
+    return corners, pressures[:, quads].mean(axis=2).ravel()
+
+
+def _linear(line: FloatArray, ends: FloatArray) -> FloatArray:
+    """Values on the grid of a line from those on a coarser one, linear between; (n², m²)."""
+    weights = np.stack([np.interp(line, ends, one) for one in np.eye(len(ends))], axis=1)
+    return np.asarray(np.kron(weights, weights), dtype=np.float64)
 
 
 def draw_contact(run: DrawnState, path: Path) -> None:
@@ -326,8 +366,8 @@ def draw_contact(run: DrawnState, path: Path) -> None:
     if run.is_tube:
         draw_pressed_facets(facets, path, title=title)
         return
-    assembly = run.deformable.assembly
-    scale = scale_from_zero(PRESSURE, PRESSURE_MAP, [facets.pressures])
+    assembly = run.drawn
+    scale = facets.scale
     parts: list[Part] = [
         facets.surface(np.arange(len(facets.pressures)), scale),
         facets.outlines(range(assembly.n_blocks)),

@@ -15,11 +15,12 @@ from fem.assembly.contact_state import ContactState, matched_pressures, matched_
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.peaks import joint_forces
 from fem.static.lagrange_fields import GridFields, fields_at
+from geometry.assembly import Assembly
 from geometry.measures import JointResultants
 from geometry.mesh import FloatArray
 from validation.build.deformable import build_deformable, gap_words
 from validation.run.curved.solve import CurvedRun, facet_lines
-from validation.run.measures import drawing_scale
+from validation.run.measures import Measure, drawing_scale
 from validation.run.words import load_words
 
 
@@ -33,6 +34,16 @@ class CurvedFields:
     def deformable(self) -> DeformableAssembly:
         """All blocks with the mesh of ``[mesh]``."""
         return build_deformable(self.run.scene.changed({"fem.degree": 1}), self.run.name)
+
+    @property
+    def drawn(self) -> Assembly:
+        """The same, for pictures."""
+        return self.deformable.assembly
+
+    @property
+    def measures(self) -> dict[str, Measure]:
+        """What the run answers."""
+        return self.run.measures
 
     @cached_property
     def fields(self) -> GridFields:
