@@ -140,7 +140,7 @@ def measures(
 
 
 #: Normal forces below this part of the largest force have no place where they act.
-_ROUND_OFF = 1e-9
+_NO_PLACE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ class JointResultants:
     def eccentricity(self) -> FloatArray:
         """e, from the centroid to where N acts; zero where there is no N; (n_joints, 3) [mm]."""
         normal = self.normal_force
-        pressed = normal > _ROUND_OFF * np.abs(self.forces).max(initial=0.0)
+        pressed = normal > _NO_PLACE * np.abs(self.forces).max(initial=0.0)
         arm = np.cross(self.normals, self.moments) / np.where(pressed, normal, 1.0)[:, None]
         return np.where(pressed[:, None], arm, 0.0)
 

@@ -90,7 +90,7 @@ def interlocking_margin(jacobian: ContactJacobian, areas: FloatArray) -> Margin:
 #: Push over load: far above the tolerance of an equilibrium, too small to lift what weighs.
 _PUSH = 1e-3
 
-_AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
+_WAYS = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 
 def held_against(assembly: AnyBlocks, load: LoadCase) -> dict[str, bool]:
@@ -116,7 +116,7 @@ def held_against(assembly: AnyBlocks, load: LoadCase) -> dict[str, bool]:
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     size = float(np.linalg.norm(force)) or 1.0
     held = {}
-    for k, name in enumerate(_AXES):
+    for k, name in enumerate(_WAYS):
         push = np.zeros((len(contacts.free_blocks), 6))
         push[:, k // 2] = (-1.0) ** k * assembly.volumes[contacts.free_blocks]
         push *= _PUSH * size / np.linalg.norm(push)

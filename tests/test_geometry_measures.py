@@ -42,6 +42,13 @@ def test_unpressed_block_has_no_effective_area() -> None:
     assert found.p_eff[0] == 0.0
 
 
+def test_a_small_pressure_is_one_and_round_off_is_none() -> None:
+    # Of a solver that balances to 1e-12: 1e-10 of the largest is a pressure, 1e-13 is nothing.
+    m, s = np.array([0, 2, 4]), np.array([1, 3, 5])
+    found = block_measures(np.arange(6), m, s, np.array([1.0, 1e-10, 1e-13]), np.ones(3))
+    np.testing.assert_array_equal(found.p_max, [1.0, 1.0, 1e-10, 1e-10, 0.0, 0.0])
+
+
 def test_contact_counts_for_both_blocks_and_averages_are_plain_means() -> None:
     # Blocks 0-1 share pressure 1, blocks 1-2 share pressure 3.
     m, s = np.array([0, 1]), np.array([1, 2])

@@ -1,5 +1,6 @@
 """The wheel: everything the command needs is in it, and it runs where there is no checkout."""
 
+import ast
 import json
 import os
 import subprocess
@@ -21,6 +22,15 @@ def _run(*command: str | Path, folder: Path) -> None:
         [str(word) for word in command], cwd=folder, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_a_module_gives_a_name_once() -> None:
+    """A constant that a second one of its name replaces is another constant to all before it."""
+    for path in (path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
+        body = ast.parse(path.read_text("utf-8")).body
+        targets = [node.targets if isinstance(node, ast.Assign) else () for node in body]
+        names = [name.id for each in targets for name in each if isinstance(name, ast.Name)]
+        assert len(names) == len(set(names)), path
 
 
 @pytest.fixture(scope="module")
