@@ -162,8 +162,8 @@ def test_margin_is_positive_exactly_when_locked_and_turns_with_the_assembly() ->
     assert margin.interlocked
     assert margin.mechanism is None
     worst = margin.areas[margin.block]
-    row, way = "Fx Fy Fz Mx My Mz".split().index(margin.load[1:]), "+-".index(margin.load[0])
-    assert worst[row, way] == margin.bearing_area == margin.areas.min()
+    row = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"].index(margin.load[1:])
+    assert worst[row, "+-".index(margin.load[0])] == margin.bearing_area == margin.areas.min()
     # The bearing area of +Fz: only the three faces that lean over the block press, with normals
     # of height 1/3 and equal areas A: 1 N needs 3 · λ/3 = 1 at uniform pressure: Σλ²/A = 3/A.
     area = assembly.interfaces.patches.areas[0]
