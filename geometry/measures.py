@@ -255,13 +255,14 @@ def summed_by_joint(
         Centroid of the contact area of each pair, in the order of the sorted pairs, (n_joints, 3)
         [mm]; by default the mean of the points, weighted by their areas.
     """
-    pairs, joint = np.unique(blocks, axis=0, return_inverse=True)
-    joint, n = joint.ravel(), len(pairs)
+    many = int(blocks.max(initial=0)) + 1
+    numbers, joint = np.unique(blocks[:, 0] * many + blocks[:, 1], return_inverse=True)
+    pairs = np.column_stack(np.divmod(numbers, many))
 
     def total(values: FloatArray) -> FloatArray:
-        out = np.zeros((n, *values.shape[1:]))
-        np.add.at(out, joint, values)
-        return out
+        columns = values.reshape(len(joint), -1).T
+        summed = np.stack([np.bincount(joint, column, len(pairs)) for column in columns], axis=-1)
+        return np.asarray(summed.reshape(-1, *values.shape[1:]), dtype=np.float64)
 
     area = total(areas)
     middle = total(areas[:, None] * points) / area[:, None] if centroids is None else centroids

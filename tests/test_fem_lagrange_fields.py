@@ -11,7 +11,7 @@ import pyvista as pv
 from fem.element.lagrange import LagrangeElement
 from fem.element.lagrange_stress import MovedBodies, averaged_tension, grid_places
 from fem.static.lagrange_block import face_pressure, windows
-from fem.static.lagrange_fields import every_layer, fields_at, lagrange_cells
+from fem.static.lagrange_fields import GridFields, every_layer, lagrange_cells
 from fem.static.lagrange_tube import LayeredJoints, TubeState, solve_layered_tube
 from geometry.files.mesh_io import write_lagrange_cells
 from tests.test_fem_lagrange import CONCRETE, lattice
@@ -47,7 +47,7 @@ def test_affine_fields_are_exact_at_any_place(degree: int) -> None:
     expected = np.linalg.eigvalsh(stress)[::-1]
     state = affine(degree)
     places = (np.array([0.0, 0.3, 1.0]), np.linspace(0.0, 1.0, 9), np.array([0.5, 0.9]))
-    found = fields_at(state, places)
+    found = GridFields(state, places)
     positions = state.lattice.at(state.lattice.positions, places).reshape(-1, 3)
     assert found.displacement[0] == pytest.approx(positions @ GRADIENT.T, abs=1e-14)
     assert found.principal == pytest.approx(np.tile(expected, (1, 54, 1)), abs=1e-9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -50,24 +51,27 @@ def whole(state: TubeState) -> TubeState:
 
 @dataclass(frozen=True)
 class GridFields:
-    """Fields on a grid of parameters of the block of each layer, last direction fastest."""
+    """A state on a grid of parameters of the block of each layer, last direction fastest."""
 
-    displacement: FloatArray
-    """In the block's own frame, (n_layers, n_points, 3) [mm]."""
-    principal: FloatArray
-    """σ₁ ≥ σ₂ ≥ σ₃, (n_layers, n_points, 3) [MPa]."""
+    state: TubeState
+    places: Lines
+    """Parameters in each direction."""
 
+    @cached_property
+    def displacement(self) -> FloatArray:
+        """In the block's own frame, (n_layers, n_points, 3) [mm]."""
+        lattice = self.state.lattice
+        moved = every_layer(self.state)
+        return np.stack([lattice.at(u, self.places).reshape(-1, 3) for u in moved])
 
-def fields_at(state: TubeState, places: Lines) -> GridFields:
-    """Evaluate a state at a grid of parameters; where elements meet, in the second of them."""
-    lattice = state.lattice
-    moved = every_layer(state)
-    jacobian = _slopes(lattice, lattice.positions, places)
-    gradient = np.stack([_slopes(lattice, u, places) for u in moved]) @ np.linalg.inv(jacobian)
-    return GridFields(
-        np.stack([lattice.at(u, places).reshape(-1, 3) for u in moved]),
-        principal_stress(stress_of_gradient(gradient, lattice.element.material)),
-    )
+    @cached_property
+    def principal(self) -> FloatArray:
+        """σ₁ ≥ σ₂ ≥ σ₃, (n_layers, n_points, 3) [MPa]; where elements meet, in the second one."""
+        lattice, places = self.state.lattice, self.places
+        inverse = np.linalg.inv(_slopes(lattice, lattice.positions, places))
+        moved = every_layer(self.state)
+        gradient = np.stack([_slopes(lattice, u, places) for u in moved]) @ inverse
+        return principal_stress(stress_of_gradient(gradient, lattice.element.material))
 
 
 def _slopes(lattice: Lattice, values: FloatArray, places: Lines) -> FloatArray:

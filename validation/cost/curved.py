@@ -33,7 +33,7 @@ def solve_rungs(
     start = time.process_time()
     waves = round(2 * scene.block.frequency)
     before: Solved | None = None
-    for rung in LADDER[: setting.level]:
+    for rung in LADDER.rungs[: setting.level]:
         state = None if before is None else before.state
         before = solve_curved(where, scene, rung.mesh(waves), state)
     assert before is not None

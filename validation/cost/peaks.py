@@ -113,7 +113,7 @@ class CapComparison:
         return self.capped[quantity].value / self.without[quantity].value - 1.0
 
 
-def cap_comparison(rungs: tuple[Rung, ...] = LADDER[:2]) -> CapComparison:
+def cap_comparison(rungs: tuple[Rung, ...] = LADDER.rungs[:2]) -> CapComparison:
     """Solve with both laws on the last of some meshes, one after the other."""
     scene, capped = tube(), tube(f"contact.maximum_stiffness={CAP}")
     assert capped.contact is not None

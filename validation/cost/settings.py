@@ -118,7 +118,7 @@ class CostSetting:
         """Level, or the elements of a rung."""
         if self.method != "curved":
             return f"mesh ×{self.level}"
-        rung = LADDER[self.level - 1]
+        rung = LADDER.rungs[self.level - 1]
         return f"{rung.around} × {rung.radial} × {rung.axial} of degree {rung.degree}"
 
 

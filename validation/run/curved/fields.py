@@ -14,7 +14,7 @@ import numpy as np
 from fem.assembly.contact_state import ContactState, matched_pressures, matched_state
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.peaks import joint_forces
-from fem.static.lagrange_fields import GridFields, fields_at
+from fem.static.lagrange_fields import GridFields
 from geometry.assembly import Assembly
 from geometry.measures import JointResultants
 from geometry.mesh import FloatArray
@@ -48,7 +48,7 @@ class CurvedFields:
     @cached_property
     def fields(self) -> GridFields:
         """At the nodes of the block of each layer."""
-        return fields_at(self.run.state, facet_lines(self.run.scene))
+        return GridFields(self.run.state, facet_lines(self.run.scene))
 
     @property
     def meets(self) -> bool:
