@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from validation.run.curved.accuracy import (
     LADDER,
     QUANTITIES,
     SAFETY,
+    closer,
     error_bar,
     graded_to_both_ends,
     parse_targets,
@@ -119,6 +121,37 @@ def test_command(tubelock) -> None:  # type: ignore[no-untyped-def] # noqa: F811
     assert 0.0 < bar["error"] <= 0.2 * bar["value"]
     assert [mesh["degree"] for mesh in data["meshes"]] == [r.degree for r in DEGREES.rungs[:2]]
     assert "times the change from the mesh before" in out
+
+
+def test_a_wide_bar_names_a_command_that_gives_a_narrower_one(tubelock) -> None:  # type: ignore[no-untyped-def] # noqa: F811
+    coarse = ("--set", "mesh.around=6", "--set", "mesh.radial=1", "--set", "mesh.axial=2")
+    short = ("--set", "assembly.layers=1")
+    _, out, _ = tubelock("fem", "tsb2-tunnel", *short, *coarse)
+    (told,) = (line for line in out.splitlines() if line.startswith("closer"))
+    program, *words = shlex.split(told)[1:]
+    assert program == "tubelock"
+    assert words[:-2] == ["fem", "tsb2-tunnel", *short, *coarse]
+    name, share = next(iter(parse_targets([words[-1]]).items()))
+    status, out, _ = tubelock(*words, "--json", "closer.json")
+    assert status == 0
+    assert "closer " not in out
+    bar = json.loads(Path("closer.json").read_text())["measures"][name]
+    assert bar["error"] <= share * abs(bar["value"])
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "told"),
+    [
+        ("tsb1-pipe", 0.2, "p_max_point=5%"),
+        ("tsb1-pipe", 0.05, None),
+        # A shaft is no load of the ladder, explicit runs have none, no bar is no wide bar.
+        ("tsb1-shaft", 0.2, None),
+        ("tsb1-pipe", None, None),
+    ],
+)
+def test_only_wide_bars_of_tubes_name_one(name: str, error: float | None, told: str | None) -> None:
+    measures = {"p_max_point": Measure(1.0, "MPa", error), "p_eff": Measure(1.0, "MPa", 0.01)}
+    assert closer(deformable(name), measures) == told
 
 
 def test_other_scenes_take_shares_of_their_own_mesh(tubelock) -> None:  # type: ignore[no-untyped-def] # noqa: F811

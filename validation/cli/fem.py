@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from validation.output.outputs import Outputs
     from validation.run.curved.solve import CurvedRun
     from validation.run.deformable import DeformableRun
+    from validation.run.measures import Measure
     from validation.scene.read import DeformableScene
     from validation.scene.usage import KeyUse
 
@@ -78,7 +80,9 @@ def fem(
         if targets:
             _answer_accurately(file.name, file.scene, outputs, targets, max_seconds)
         else:
-            _answer(file.name, file.scene, outputs, resume)
+            measures = _answer(file.name, file.scene, outputs, resume)
+            if auto is None:
+                _tell_closer([scene, *_options("--set", settings)], file.scene, measures, outputs)
         if folder is not None:
             (folder / CHECKPOINT).unlink(missing_ok=True)
 
@@ -173,8 +177,27 @@ def _kept(
     return {"checkpoint": outputs.path(CHECKPOINT), "on_frame": writer}
 
 
-def _answer(name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None) -> None:
-    """Solve a scene and write what the command promises."""
+def _options(name: str, values: list[str] | None) -> list[str]:
+    """A repeated option as it is typed."""
+    return [part for value in values or () for part in (name, value)]
+
+
+def _tell_closer(
+    given: list[str], scene: DeformableScene, measures: dict[str, Measure], outputs: Outputs
+) -> None:
+    """Name the command that gives narrower error bars, where they are wide and there is one."""
+    from validation.run.curved.accuracy import closer
+
+    asked = closer(scene, measures)
+    if asked is not None:
+        words = shlex.join(["tubelock", "fem", *given, "--accuracy", asked])
+        outputs.console.print(f"{'closer':9} {words}", soft_wrap=True)
+
+
+def _answer(
+    name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None
+) -> dict[str, Measure]:
+    """Solve a scene, write what the command promises, and return its measures."""
     from validation.output.console import status
     from validation.run.curved.solve import refused, run_curved
     from validation.scene.usage import recording
@@ -184,13 +207,14 @@ def _answer(name: str, scene: DeformableScene, outputs: Outputs, resume: Path | 
         with recording(scene) as use, status(outputs.console, f"{name}: curved elements"):
             curved = run_curved(name, scene)
         _write_curved(curved, outputs, use)
-        return
+        return curved.measures
     from validation.run.deformable import run_json
 
     with recording(scene) as use:
         run, added = _solved(name, scene, outputs, resume)
         data = run_json(run) | added
     _write(run, data, outputs, use)
+    return run.measures
 
 
 def _write(run: DeformableRun, data: dict[str, Any], outputs: Outputs, use: KeyUse) -> None:
