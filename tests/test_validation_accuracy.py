@@ -15,6 +15,7 @@ from validation.cost.references import references
 from validation.errors import InputError
 from validation.run.curved.accuracy import (
     DEGREES,
+    FACET_MEANS,
     LADDER,
     QUANTITIES,
     SAFETY,
@@ -162,6 +163,9 @@ def test_other_scenes_take_shares_of_their_own_mesh(tubelock) -> None:  # type: 
     # The coarsest mesh has no bar; cubic elements on it have one, and it is enough.
     assert "24 elements of degree 1: max_displacement without an error bar" in out
     assert "6 elements of degree 3 per block" in out
+    # Means over the facets of another mesh are another number: they have no bar and are not told.
+    assert not FACET_MEANS & json.loads(Path("f.json").read_text())["measures"].keys()
+    assert "p_eff, p_max " in out
     status, _, err = tubelock("fem", *short, "u=0.001%")
     assert status == 2
     assert "[mesh] of the scene reaches max_displacement ±" in err

@@ -308,8 +308,7 @@ def _answer_by_shares(
                 left_out.add(str(error))
                 continue
             if degree > 1 and share < 1.0:
-                own = {k: v for k, v in run.errors.items() if k not in FACET_MEANS}
-                run = replace(run, errors=own)
+                run = replace(run, left_out=FACET_MEANS)
             missing = [key for key in targets if key not in run.measures]
             if missing:
                 raise InputError(f"{name}: --accuracy: this run has no {missing[0]}")

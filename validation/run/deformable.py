@@ -57,6 +57,8 @@ class DeformableRun:
     errors: dict[str, float] = field(default_factory=dict)
     """Estimated error of each measure, in its unit: of the mesh, with friction also of the load
     steps; empty where none was asked for."""
+    left_out: frozenset[str] = frozenset()
+    """Measures that are another number on this mesh than on the scene's, and not told."""
     friction: FrictionSet | None = None
     """Which member of the set of answers with friction this is; None without friction, or where
     that was not asked for."""
@@ -181,7 +183,8 @@ class DeformableRun:
     @cached_property
     def measures(self) -> dict[str, Measure]:
         """What the run answers: each number with its error, unit and place."""
-        return run_measures(self)
+        found = run_measures(self)
+        return {name: measure for name, measure in found.items() if name not in self.left_out}
 
     @cached_property
     def cap(self) -> CapAction | None:
@@ -312,7 +315,7 @@ def _contact_json(run: DeformableRun) -> dict[str, Any]:
         "slip": run.slip,
         "n_contacts": run.contact_state.n_facets,
         "joints": joints_json(run.joints),
-        "contact": contact_report(run),
+        **({} if run.left_out else {"contact": contact_report(run)}),
         "contact_cap": None if run.cap is None else asdict(run.cap),
     }
 

@@ -214,10 +214,14 @@ def _add_contact(table: Table, run: DeformableRun) -> None:
     if run.friction is not None:
         table.add_row("friction", _friction_words(run.friction))
     _add_slip(table, run.slip)
-    table.add_row("p_eff, pooled", f"{contact.p_eff_pooled:.5g} MPa as the paper's tables")
+    if run.left_out:
+        words = "means over the facets of the scene's [mesh], not of this one: ask for them by name"
+        table.add_row(", ".join(sorted(run.left_out)), words)
+    else:
+        table.add_row("p_eff, pooled", f"{contact.p_eff_pooled:.5g} MPa as the paper's tables")
+        table.add_row("effective contact elements", f"{contact.effective_count_percent:.2f} %")
     if run.cap is not None:
         table.add_row("cap of the contact law", cap_words(run.cap))
-    table.add_row("effective contact elements", f"{contact.effective_count_percent:.2f} %")
     table.add_row("mean overclosure", f"{contact.mean_overclosure:.4g} mm where surfaces press")
 
 
