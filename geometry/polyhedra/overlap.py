@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from geometry.assembly import AssemblyError
+from geometry.files.vtu import as_array, as_cells
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.polyhedron import Polyhedron
@@ -45,23 +46,27 @@ class SignedDistance:
     """Distance to one closed surface, negative inside."""
 
     def __init__(self, shape: Polyhedron) -> None:
-        import pyvista
+        from vtkmodules.vtkCommonCore import vtkPoints
+        from vtkmodules.vtkCommonDataModel import vtkPolyData
         from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance
 
-        faces = np.insert(shape.triangles, 0, 3, axis=1).ravel()
+        surface, points = vtkPolyData(), vtkPoints()
+        points.SetData(as_array(shape.points))
+        surface.SetPoints(points)
+        surface.SetPolys(as_cells(shape.triangles))
         # Kept: its search tree takes as long as the distances of some hundred points.
         self._function: Any = vtkImplicitPolyDataDistance()
-        self._function.SetInput(pyvista.PolyData(shape.points, faces))
+        self._function.SetInput(surface)
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Signed distances of points (n, 3): (n,) [mm]."""
-        from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+        from vtkmodules.util.numpy_support import vtk_to_numpy
         from vtkmodules.vtkCommonCore import vtkDoubleArray
 
         if not len(points):
             return np.zeros(0)
         found = vtkDoubleArray()
-        self._function.FunctionValue(numpy_to_vtk(np.ascontiguousarray(points), deep=1), found)
+        self._function.FunctionValue(as_array(points), found)
         return np.array(vtk_to_numpy(found), dtype=np.float64)
 
 
@@ -135,8 +140,12 @@ def penetration(
     if len(a.triangles) <= _FINE:
         of_a.append(a.corners.mean(axis=1))
     lattice = low + (high - low) * (np.indices((_LATTICE,) * 3).reshape(3, -1).T + 0.5) / _LATTICE
-    shared = -np.maximum(distances[0](lattice), distances[1]((lattice - translation) @ rotation))
-    depth, where = max(float(shared.max()), 0.0), lattice[int(np.argmax(shared))]
+    inside = distances[0](lattice)
+    lattice, inside = lattice[inside < 0.0], inside[inside < 0.0]
+    shared = np.minimum(-inside, -distances[1]((lattice - translation) @ rotation))
+    depth, where = 0.0, np.zeros(3)
+    if len(shared) and float(shared.max()) > 0.0:
+        depth, where = float(shared.max()), lattice[int(np.argmax(shared))]
     candidates = within(np.concatenate(of_b))
     in_b_frame = within(np.concatenate(of_a))
     for points, distance in (
