@@ -6,7 +6,6 @@ import pytest
 from rich.console import Console
 
 from tests.test_validation_own_fem import column, deformable
-from validation.build.coarser import coarser
 from validation.build.deformable import build_deformable
 from validation.output.deformable.answers import print_run
 from validation.run.deformable import DeformableRun, run_json
@@ -73,12 +72,12 @@ def test_an_exact_answer_has_no_error() -> None:
 def test_coarser_meshes_can_be_built(scene) -> None:  # type: ignore[no-untyped-def]
     fine = build_deformable(scene, "fine").model.n_elements
     for share in (2.0 / 3.0, 0.5):
-        coarse = coarser(scene, share)
+        coarse = scene.coarser(share)
         assert coarse is not None
         assert 0.5 * share**3 * fine < build_deformable(coarse, "coarse").model.n_elements < fine
-    coarsest = coarser(scene, 1e-9)
+    coarsest = scene.coarser(1e-9)
     assert coarsest is not None
-    assert coarser(coarsest, 0.5) is None
+    assert coarsest.coarser(0.5) is None
 
 
 def test_errors_are_printed_and_in_the_data(capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,7 +20,6 @@ from geometry.errors import RefusedError
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
 from validation.scene.deformable import Method
-from validation.scene.polyhedra import MeshScene
 from validation.scene.read import DeformableScene
 
 #: Residual at which a probe stops: three digits beyond what it has to tell.
@@ -161,8 +160,6 @@ def without_motion(scene: DeformableScene) -> DeformableScene:
 
 def _coarse_mesh(scene: DeformableScene, fineness: int) -> dict[str, Any]:
     """Values of ``[mesh]`` that are lower in the probe; none where the mesh is given."""
-    if isinstance(scene, MeshScene):
-        return {}
     found = scene.coarse_mesh(fineness * _PER_WAVE, fineness * _THROUGH, fineness * _OTHER)
     own = scene.element_counts
     return {key: value for key, value in found.items() if value != own[key]}
@@ -170,7 +167,7 @@ def _coarse_mesh(scene: DeformableScene, fineness: int) -> dict[str, Any]:
 
 def refinement(scene: DeformableScene, probe: DeformableScene) -> float:
     """How many times as many elements the scene has along an edge of a block, at most."""
-    fine, coarse = _element_counts(scene), _element_counts(probe)
+    fine, coarse = scene.element_counts, probe.element_counts
     if not fine:
         return 1.0
     return max(float(np.max(np.divide(fine[key], coarse[key]))) for key in fine)
@@ -178,16 +175,11 @@ def refinement(scene: DeformableScene, probe: DeformableScene) -> float:
 
 def mesh_words(scene: DeformableScene) -> str:
     """Elements of a block."""
-    counts = _element_counts(scene)
+    counts = scene.element_counts
     if not counts:
         return "its own mesh"
     flat = np.concatenate([np.atleast_1d(v) for v in counts.values()]).tolist()
     return " × ".join(str(v) for v in flat) + f" elements per block ({', '.join(counts)})"
-
-
-def _element_counts(scene: DeformableScene) -> dict[str, Any]:
-    """Values of ``[mesh]`` that count elements; none where meshes are given."""
-    return {} if isinstance(scene, MeshScene) else scene.element_counts
 
 
 # ---------------------------------------------------------------------------------------------

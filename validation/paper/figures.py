@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -303,34 +303,30 @@ def draw_cost(evidence: Evidence, path: Path) -> None:
     printed = reference()["cost"]
     rows = list(evidence.study.rows.values())
     figure, panel = subplots(1, 1, size=(8.5, 5.5))
-    panel.loglog(
-        [row["n_contacts"] for row in rows],
-        [row["cpu_seconds"] for row in rows],
-        "o",
-        markersize=3,
-        color="#0072B2",
-        label="rigid blocks, tubelock: the 480 designs",
-    )
     fine = [run for run in evidence.rigid_runs() if run.result.n_contacts > 20_000]
-    if fine:
-        panel.loglog(
-            [run.result.n_contacts for run in fine],
-            [run.cpu_seconds["total"] for run in fine],
-            "s",
-            markersize=4,
-            color="#009E73",
-            label="rigid blocks, tubelock: more than 20 000 contacts",
-        )
-    deformable = evidence.fem_runs()
-    if deformable:
-        panel.loglog(
-            [run.deformable.surfaces.n_facets for run in deformable],
-            [run.cpu_seconds["total"] for run in deformable],
-            "^",
-            markersize=6,
-            color="#D55E00",
-            label="deformable blocks, tubelock: static state, one sector or (beam) whole",
-        )
+    series = (
+        (
+            [(row["n_contacts"], row["cpu_seconds"]) for row in rows],
+            {"marker": "o", "markersize": 3, "color": "#0072B2"},
+            "rigid blocks, tubelock: the 480 designs",
+        ),
+        (
+            [(run.result.n_contacts, run.cpu_seconds["total"]) for run in fine],
+            {"marker": "s", "markersize": 4, "color": "#009E73"},
+            "rigid blocks, tubelock: more than 20 000 contacts",
+        ),
+        (
+            [
+                (run.deformable.surfaces.n_facets, run.cpu_seconds["total"])
+                for run in evidence.fem_runs()
+            ],
+            {"marker": "^", "markersize": 6, "color": "#D55E00"},
+            "deformable blocks, tubelock: static state, one sector or (beam) whole",
+        ),
+    )
+    for points, style, label in series:
+        if points:
+            panel.loglog(*zip(*points, strict=True), linestyle="", label=label, **style)
     for hours, name, colour in (
         (printed["mbd_cpu_hours"] / printed["mbd_configurations"], "rigid blocks", "#0072B2"),
         (printed["fem_cpu_hours"] / printed["fem_configurations"], "finite elements", "#D55E00"),
@@ -380,29 +376,36 @@ def draw_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
     folder
         Existing.
     """
-    found = [*_parameter_figures(evidence, folder), *_pressure_figures(evidence, folder)]
-    if evidence.deformable:
-        found += _deformable_figures(evidence, folder)
-    return [*found, _cost_figure(evidence, folder)]
-
-
-def _parameter_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
     found = []
+    for figures in (_parameter_figures, _pressure_figures, _deformable_figures, _cost_figure):
+        fem = figures is _deformable_figures
+        if fem and not evidence.deformable:
+            continue
+        command = f"tubelock reproduce figures{' --fem' if fem else ''}"
+        for name, caption, draw in figures(evidence):
+            path = folder / f"{name}.png"
+            draw(path)
+            found.append(FigureFile(name, caption, path, command))
+    return found
+
+
+#: Stem of the file, caption, and what draws it.
+_Drawn = tuple[str, str, Callable[[Path], object]]
+
+
+def _parameter_figures(evidence: Evidence) -> Iterator[_Drawn]:
     for shift, name, words in ((0.0, "sine", "Sine Block"), (0.5, "cosine", "Cosine Block")):
         curves = parameter_curves(evidence.study, shift)
-        path = folder / f"parameter-study-{name}.png"
-        draw_parameter_study(curves, evidence.study.mesh, path)
-        write_curves(curves, path.with_suffix(".csv"))
-        found.append(
-            FigureFile(
-                path.stem,
-                f"{words}: max–mean contact pressure over the amplitude for every f, n and t, "
-                "internal pressure 0.01 MPa.",
-                path,
-                "tubelock reproduce figures",
-            )
+
+        def draw(path: Path, curves: list[Curve] = curves) -> None:
+            draw_parameter_study(curves, evidence.study.mesh, path)
+            write_curves(curves, path.with_suffix(".csv"))
+
+        caption = (
+            f"{words}: max–mean contact pressure over the amplitude for every f, n and t, "
+            "internal pressure 0.01 MPa."
         )
-    return found
+        yield f"parameter-study-{name}", caption, draw
 
 
 _COMPARISONS = (
@@ -412,39 +415,26 @@ _COMPARISONS = (
 )
 
 
-def _pressure_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
-    found = []
+def _pressure_figures(evidence: Evidence) -> Iterator[_Drawn]:
     for case, left, right, load in _COMPARISONS:
-        path = folder / f"pressures-{case}.png"
+        runs = evidence.case(left, case), evidence.case(right, case)
         title = f"{left} against {right}, {load} 0.01 MPa: contact pressures of rigid blocks"
-        draw_pressure_comparison(
-            evidence.case(left, case), evidence.case(right, case), path, title=title
+        caption = (
+            f"Contact pressures of {left} (left) and {right} (right) under {load}: how the "
+            "load reaches the frames (top, bottom) and passes between the middle layers."
         )
-        found.append(
-            FigureFile(
-                path.stem,
-                f"Contact pressures of {left} (left) and {right} (right) under {load}: how the "
-                "load reaches the frames (top, bottom) and passes between the middle layers.",
-                path,
-                "tubelock reproduce figures",
-            )
-        )
-    return found
+        yield f"pressures-{case}", caption, partial(draw_pressure_comparison, *runs, title=title)
 
 
-def _cost_figure(evidence: Evidence, folder: Path) -> FigureFile:
-    path = folder / "cost.png"
-    draw_cost(evidence, path)
-    return FigureFile(
-        path.stem,
+def _cost_figure(evidence: Evidence) -> Iterator[_Drawn]:
+    caption = (
         "CPU seconds of one tube over its number of contact facets; dashed, what the paper prints "
-        "for its own machines.",
-        path,
-        "tubelock reproduce figures",
+        "for its own machines."
     )
+    yield "cost", caption, partial(draw_cost, evidence)
 
 
-def _deformable_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
+def _deformable_figures(evidence: Evidence) -> Iterator[_Drawn]:
     from validation.output.pictures.tubes import draw_sections
     from validation.paper.figures_fem import (
         draw_displacements,
@@ -452,36 +442,20 @@ def _deformable_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
         draw_principal,
     )
 
-    command = "tubelock reproduce figures --fem"
-    written = []
-
-    def add(name: str, caption: str, draw: Callable[[Path], object]) -> None:
-        path = folder / f"{name}.png"
-        draw(path)
-        written.append(FigureFile(name, caption, path, command))
-
-    add(
-        "layer-7",
+    caption = (
         "Contact pressures of rigid and of deformable blocks on the sinusoidal faces of layer 7, "
-        "each in units of its own largest.",
-        partial(draw_layer_comparison, evidence),
+        "each in units of its own largest."
     )
+    yield "layer-7", caption, partial(draw_layer_comparison, evidence)
     for component, name, words in ((0, "sigma-1", "Maximum"), (2, "sigma-3", "Minimum")):
-        add(
-            name,
-            f"{words} principal stress on the unrolled outer surface, five load cases.",
-            partial(draw_principal, evidence, component),
-        )
+        caption = f"{words} principal stress on the unrolled outer surface, five load cases."
+        yield name, caption, partial(draw_principal, evidence, component)
     for block in ("TSB1", "TSB2"):
-        add(
-            f"sections-{block.lower()}",
+        caption = (
             f"Principal stresses of {block} under internal pressure in sections near the ends of "
-            "layer 7.",
-            partial(draw_sections, evidence.fem(block, "pipe")),
+            "layer 7."
         )
-    add(
-        "displacements",
-        "Displacements of the five load cases, exaggerated.",
-        partial(draw_displacements, evidence),
-    )
-    return written
+        run = evidence.fem(block, "pipe")
+        yield f"sections-{block.lower()}", caption, partial(draw_sections, run)
+    caption = "Displacements of the five load cases, exaggerated."
+    yield "displacements", caption, partial(draw_displacements, evidence)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -71,6 +71,10 @@ def to_the_digit(quantity: str, printed: float, value: float | None) -> bool:
     return value is not None and f"{value:.{decimals}f}" == f"{printed:.{decimals}f}"
 
 
+#: Numbers of a row (block, case) without an ingredient; None: the row does not depend on it.
+Without: TypeAlias = Callable[[Solve, str, str], Values | None]
+
+
 @dataclass(frozen=True)
 class Ingredient:
     """One choice of the reading, and what becomes of a row without it."""
@@ -81,39 +85,37 @@ class Ingredient:
     """What the paper says."""
     tables: str
     """What its tables do."""
-    without: Callable[[Solve, str, str], Values | None]
-    """Numbers of a row (block, case) without it; None: this row does not depend on it."""
+    without: Without
+    """Asked of every row."""
     more: Callable[[Solve], str] | None = None
     """Says what else shows it."""
 
 
-def _per_block(solve: Solve, block: str, case: str) -> Values | None:
-    measures = solve_row(solve, block, case).result.measures
-    return None if measures is None else as_read(measures) | {"p_eff": measures.p_eff}
+def _measured_by(quantity: str, measure: str) -> Without:
+    """Rows in which a quantity is another of the measures."""
+
+    def without(solve: Solve, block: str, case: str) -> Values | None:
+        measures = solve_row(solve, block, case).result.measures
+        if measures is None:
+            return None
+        return as_read(measures) | {quantity: getattr(measures, measure)}
+
+    return without
 
 
-def _whole_elements(solve: Solve, block: str, case: str) -> Values | None:
-    measures = solve_row(solve, block, case).result.measures
-    if measures is None:
-        return None
-    return as_read(measures) | {"effective": measures.effective_count_percent}
+def _with_setting(setting: str, only: str) -> Without:
+    """Rows of one block or load case with a setting changed."""
 
+    def without(solve: Solve, block: str, case: str) -> Values | None:
+        if only not in (block, case):
+            return None
+        return as_read(solve_row(solve, block, case, setting).result.measures)
 
-def _true_area(solve: Solve, block: str, case: str) -> Values | None:
-    measures = solve_row(solve, block, case).result.measures
-    if measures is None:
-        return None
-    return as_read(measures) | {"effective": measures.effective_area_percent}
+    return without
 
 
 def _other_mesh(solve: Solve, block: str, case: str) -> Values | None:
     return as_read(solve_row(solve, block, case, *_SCENE_MESH[block[:3]]).result.measures)
-
-
-def _other_wave(solve: Solve, block: str, case: str) -> Values | None:
-    if block != "TSB2":
-        return None
-    return as_read(solve_row(solve, block, case, "block.shift=0.5").result.measures)
 
 
 def _one_direction(load: LoadCase) -> LoadCase:
@@ -128,7 +130,7 @@ def _one_direction(load: LoadCase) -> LoadCase:
     return replace(load, faces=acts)
 
 
-def _with_load(change: Callable[[RigidRun], LoadCase], only: str) -> Callable[..., Values | None]:
+def _with_load(change: Callable[[RigidRun], LoadCase], only: str) -> Without:
     """Rows of one load case with another load on the same blocks."""
 
     def without(solve: Solve, block: str, case: str) -> Values | None:
@@ -155,12 +157,6 @@ def _radii(solve: Solve) -> str:
     return f"in TSB1 they are {mean:.1f} and {mass:.1f} mm from the axis"
 
 
-def _full_traction(solve: Solve, block: str, case: str) -> Values | None:
-    if case != "shaft":
-        return None
-    return as_read(solve_row(solve, block, case, "load.as_printed=false").result.measures)
-
-
 def ingredients() -> tuple[Ingredient, ...]:
     """Return the ingredients of the reading."""
     return (
@@ -168,19 +164,19 @@ def ingredients() -> tuple[Ingredient, ...]:
             "pooled-p-eff",
             "p_eff is the mean over the blocks of the mean of the K_j largest pressures",
             "the mean of all effective elements of all blocks together, Σ Σ p_ij / Σ K_j",
-            _per_block,
+            _measured_by("p_eff", "p_eff"),
         ),
         Ingredient(
             "counted-elements",
             "effective contact area [%], from the areas of the surface elements",
             "100 N_eff,j / k_b: elements are counted",
-            _true_area,
+            _measured_by("effective", "effective_area_percent"),
         ),
         Ingredient(
             "not-rounded-down",
             "K_j = ⌊N_eff,j⌋, the participation ratio rounded down",
             "the percentages take N_eff,j as it is",
-            _whole_elements,
+            _measured_by("effective", "effective_count_percent"),
         ),
         Ingredient(
             "mesh-of-the-tables",
@@ -192,7 +188,7 @@ def ingredients() -> tuple[Ingredient, ...]:
             "tsb2-wave",
             "s = 0.5; from which edge the wave runs is in no formula",
             "TSB2 has a valley at its left edge: block.shift = 1.5, not 0.5",
-            _other_wave,
+            _with_setting("block.shift=0.5", "TSB2"),
         ),
         Ingredient(
             "beam-pressure",
@@ -204,7 +200,7 @@ def ingredients() -> tuple[Ingredient, ...]:
             "shaft-force",
             "shaft: tangential surface loads on the outer faces of layer 7",
             "only the resultant force of each block; with the full traction comes its couple",
-            _full_traction,
+            _with_setting("load.as_printed=false", "shaft"),
         ),
         Ingredient(
             "shaft-point",

@@ -28,7 +28,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from geometry.errors import RefusedError
-from validation.build.coarser import coarser
 from validation.run.deformable import DeformableRun
 from validation.run.friction.width import load_step_change
 from validation.run.measures import bracketed
@@ -62,7 +61,7 @@ def estimated_errors(
     steps = load_step_change(run)
     curved = run.scene.fem is not None and run.scene.fem.degree > 1
     estimates = _degree_changes(run, solve) if curved else {}
-    for scene in (coarser(run.scene, share) for share in SHARES):
+    for scene in (run.scene.coarser(share) for share in SHARES):
         if scene is None:
             continue
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
 from pydantic.json_schema import JsonSchemaValue
@@ -316,6 +316,42 @@ class DeformableSections(WholeScene):
     def motion(self) -> Motion | None:
         """Motion at time 0; None: at rest."""
         return None
+
+    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:  # noqa: ARG002
+        """Values of ``[mesh]`` with at most so many elements; none where meshes are given.
+
+        Parameters
+        ----------
+        wave
+            Along a wave of the joints, or along an edge.
+        through
+            Through the thickness.
+        other
+            In the direction that is left.
+        """
+        return {}
+
+    def fewer_elements(self, share: float) -> dict[str, Any]:  # noqa: ARG002
+        """Values of ``[mesh]`` with about that share of the elements along every edge.
+
+        Waves keep whole numbers of elements.
+        """
+        return {}
+
+    def coarser(self, share: float) -> Self | None:
+        """Return the scene with about that share of the elements along every edge.
+
+        None where it has no fewer: meshes that are given node by node have no coarser one.
+        """
+        mesh, found = getattr(self, "mesh", None), self.fewer_elements(share)
+        if mesh is None or all(getattr(mesh, key) == value for key, value in found.items()):
+            return None
+        return self.changed({"mesh": found})
+
+    @property
+    def element_counts(self) -> dict[str, Any]:
+        """Values of ``[mesh]`` that count elements; none where meshes are given."""
+        return {}
 
 
 class DivisionsSection(Section):

@@ -6,7 +6,7 @@ of its ``[block]`` names it. Nothing else lists families.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, get_args
 
 from validation.scene.deformable import DeformableSections
 from validation.scene.sections import RigidSection, Section, TubeAssemblySection, TubeLoadSection
@@ -76,40 +76,9 @@ class AssemblyScene(DeformableSections):
         """Joints where facets do not match; most families match by construction or refuse."""
         return ()
 
-    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:  # noqa: ARG002
-        """Values of ``[mesh]`` with at most so many elements; none where meshes are given.
-
-        Parameters
-        ----------
-        wave
-            Along a wave of the joints, or along an edge.
-        through
-            Through the thickness.
-        other
-            In the direction that is left.
-        """
-        return {}
-
-    def fewer_elements(self, share: float) -> dict[str, Any]:  # noqa: ARG002
-        """Values of ``[mesh]`` with about that share of the elements along every edge.
-
-        Waves keep whole numbers of elements.
-        """
-        return {}
-
-    def coarser(self, share: float) -> Self | None:
-        """Return the scene with about that share of the elements along every edge.
-
-        None where it has no fewer.
-        """
-        mesh, found = getattr(self, "mesh", None), self.fewer_elements(share)
-        if mesh is None or all(getattr(mesh, key) == value for key, value in found.items()):
-            return None
-        return self.changed({"mesh": found})
-
     @property
     def element_counts(self) -> dict[str, Any]:
-        """Values of ``[mesh]`` that count elements; none where meshes are given."""
+        """Values of ``[mesh]`` that count elements; none where meshes are given block by block."""
         mesh = getattr(self, "mesh", None)
         if mesh is None:
             return {}

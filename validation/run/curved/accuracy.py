@@ -29,7 +29,6 @@ import numpy as np
 
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.mesh import FloatArray
-from validation.build.coarser import coarser
 from validation.errors import InputError
 from validation.run.curved.solve import (
     CurvedMesh,
@@ -190,7 +189,7 @@ def share_scenes(
     """Scenes of `share_rungs`, their shares and degrees, without those that are no other mesh."""
     before = None
     for share, degree in share_rungs(scene, targets):
-        given = scene if share == 1.0 else coarser(scene, share)
+        given = scene if share == 1.0 else scene.coarser(share)
         if given is not None and scene.fem is not None:
             given = given.changed({"fem.degree": degree})
         if given is not None and given != before:

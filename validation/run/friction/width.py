@@ -18,7 +18,6 @@ from typing import Any
 
 from fem.static.linear_step.condensed import FlexibilityStore
 from geometry.errors import RefusedError
-from validation.build.coarser import coarser
 from validation.run.deformable import DeformableRun
 from validation.run.friction.admissible import FrictionSet
 from validation.run.static import run_static
@@ -100,7 +99,7 @@ def _meshes(scene: DeformableScene) -> Iterator[DeformableScene]:
     static: dict[str, Any] = {"method": Method.STATIC, "frames": 0}
     if scene.fem.symmetry == "sector":
         static["symmetry"] = "auto"
-    for given in (*(coarser(scene, share) for share in _SHARES), scene):
+    for given in (*(scene.coarser(share) for share in _SHARES), scene):
         if given is not None:
             yield given.changed({"fem": static})
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from validation.build.coarser import coarser
 from validation.errors import InputError
 from validation.run.rigid.answer import RigidAnswer
 from validation.run.rigid.assembly import RigidRun, run_rigid
@@ -68,7 +67,7 @@ def require_mesh(file: SceneFile) -> AssemblyScene:
     InputError
         Those, by name.
     """
-    if not isinstance(file.scene, AssemblyScene) or coarser(file.scene, FACTOR) is None:
+    if not isinstance(file.scene, AssemblyScene) or file.scene.coarser(FACTOR) is None:
         raise InputError(
             f"{file.name}: --refine: its blocks have no mesh that could be refined; expected a "
             "scene that states how many elements a block has"
@@ -84,7 +83,7 @@ def refined(file: SceneFile, run: RigidAnswer) -> Refinement:
     InputError
         A scene without a mesh.
     """
-    finer = coarser(require_mesh(file), FACTOR)
+    finer = require_mesh(file).coarser(FACTOR)
     assert finer is not None
     assert isinstance(run, RigidRun)
     found = run_rigid(replace(file, scene=finer))
