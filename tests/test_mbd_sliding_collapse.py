@@ -10,14 +10,19 @@ from geometry.families.masonry import running_bond_wall, wall_of_rows
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import contact_jacobian
 from mbd.force_range import plane_problem
-from mbd.friction import FrictionalContacts, FrictionError, collapse_load, frictional_contacts
+from mbd.friction import (
+    FrictionalContacts,
+    FrictionError,
+    collapse_load,
+    frictional_contacts,
+    frictional_equilibrium,
+)
 from mbd.sliding_collapse import check_sliding, sliding_collapse
 from validation.compare.closed_forms import body_force, incline
 from validation.compare.others import (
     ARCH_OF_27,
     PRINTED,
     incline_slope,
-    incline_stays,
     straight_arch_stands,
     wall,
     wall_factors,
@@ -132,8 +137,10 @@ def test_arch_of_27_straight_voussoirs() -> None:
 def test_incline_at_its_limit() -> None:
     assert incline_slope(0.50) == pytest.approx(0.50, abs=1e-7)
     assert incline_slope(0.49) == pytest.approx(0.49, abs=1e-7)
-    assert not incline_stays(0.49)
-    assert incline_stays(0.51)
+    down_the_slope = body_force(incline(), np.array([0.5, 0.0, -1.0]))
+    for friction, stays in ((0.49, False), (0.51, True)):
+        found = frictional_equilibrium(_contacts(incline(), friction), down_the_slope)
+        assert found.holds is stays
 
 
 def test_rows_of_a_wall_are_checked() -> None:

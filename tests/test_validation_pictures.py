@@ -256,7 +256,6 @@ def tube_pictures(path: Path) -> None:
     run = run_static("a tube with a name that is long", tube("tsb1-pipe"))
     for draw in (tubes.draw_stresses, tubes.draw_contact, tubes.draw_sections):
         draw(run, path)
-    tubes.draw_displacement(run, path, printed_factor=80.0)
     tubes.draw_displacement(run, path)
 
 

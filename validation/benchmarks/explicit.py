@@ -11,11 +11,9 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
-import json
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +33,7 @@ from validation.benchmarks.kernels import KernelRow, kernel_rows
 from validation.benchmarks.kernels import table as kernel_table
 from validation.benchmarks.roofline import Roofline, roofline
 from validation.benchmarks.stopwatch import best_cpu_seconds, best_wall_seconds
+from validation.output.files import prepare_json, write_json
 from validation.run.stages import peak_memory_mb
 
 CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
@@ -81,7 +80,7 @@ def benchmark_group(divisions: tuple[int, int, int], copies: int) -> BlockGroup:
     return block_group(mesh, CONCRETE, translations=np.zeros((copies, 3)))
 
 
-def loaded_model(group: BlockGroup, effects: Effects | None = None) -> Model:
+def loaded_model(group: BlockGroup) -> Model:
     """Every copy held at one face and pushed on the opposite one."""
     nodes = group.mesh.nodes
     force = np.zeros_like(nodes)
@@ -91,7 +90,6 @@ def loaded_model(group: BlockGroup, effects: Effects | None = None) -> Model:
         (group,),
         supports=(fixed_nodes(0, np.flatnonzero(nodes[:, 2] == 0.0), copies=copies),),
         loads=(nodal_load(0, force, copies=copies),),
-        effects=effects or Effects(),
     )
 
 
@@ -300,14 +298,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", metavar="FILE|-", help="write JSON to a file, or to the screen")
     target = parser.parse_args(arguments).json
+    prepare_json(target)
     result = benchmark()
-    text = json.dumps(result, indent=1)
-    if target == "-":
-        sys.stdout.write(text + "\n")
-        return 0
-    if target is not None:
-        Path(target).write_text(text + "\n", encoding="utf-8")
-    sys.stdout.write(table(result) + "\n")
+    write_json(target, result)
+    if target != "-":
+        sys.stdout.write(table(result) + "\n")
     return 0
 
 

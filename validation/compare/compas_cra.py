@@ -26,6 +26,7 @@ from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import classify, contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
+from validation.compare.closed_forms import body_force
 from validation.errors import run_command
 from validation.output.console import listing
 from validation.output.files import prepare_picture
@@ -74,20 +75,13 @@ def problems() -> list[Problem]:
     return rows
 
 
-def weights(assembly: PolyhedralAssembly) -> FloatArray:
-    """Weight of the free blocks for unit specific weight, (6 n_free,)."""
-    force = np.zeros((len(assembly.free_blocks), 6))
-    force[:, 2] = -assembly.volumes[assembly.free_blocks]
-    return force.ravel()
-
-
 def ours(problem: Problem) -> list[Answer]:
     """Frictionless mechanism class and equilibrium with friction, certified."""
     assembly = problem.build()
     start = time.process_time()
     contacts = contact_jacobian(assembly)
     detected = time.process_time()
-    load = weights(assembly)
+    load = body_force(assembly, np.array([0.0, 0.0, -1.0]))
     found = frictional_equilibrium(frictional_contacts(assembly, contacts, problem.friction), load)
     solved = time.process_time()
     mechanism = classify(contacts.jacobian, load).mechanism

@@ -50,6 +50,8 @@ _ON_THE_WAY = 1e-3
 _RESIDUAL = 1e-6
 
 POISSON = 0.3
+#: Of the balls and of the roller [mm].
+RADIUS = 50.0
 
 
 @dataclass(frozen=True)
@@ -176,10 +178,9 @@ def _bodies(
 def balls(
     cell: float,
     *,
-    radius: float = 50.0,
-    young: float = 20_000.0,
-    approach: float = 4.0,
-    stiffness: float = 1e5,
+    approach: float,
+    young: float,
+    stiffness: float,
 ) -> Bodies:
     """A quarter of two equal balls that come nearer, trimmed to cylinders of 0.8 of their radius.
 
@@ -187,24 +188,22 @@ def balls(
     ----------
     cell
         Edge of elements in the contact [mm].
-    radius
-        Of each ball [mm].
-    young
-        Young's modulus [MPa].
     approach
         Of the planes through their centres [mm].
+    young
+        Young's modulus [MPa].
     stiffness
         Of the linear contact law [MPa/mm].
     """
-    contact = math.sqrt(0.5 * radius * approach)
+    contact = math.sqrt(0.5 * RADIUS * approach)
     lower, upper = (
         round_ended(
             name,
-            quarter_disc(edge, contact, _TRIMMED * radius),
+            quarter_disc(edge, contact, _TRIMMED * RADIUS),
             cell=edge,
             contact=contact,
-            depth=radius,
-            radius=radius,
+            depth=RADIUS,
+            radius=RADIUS,
         )
         for name, edge in (("lower", cell * _UNLIKE), ("upper", cell))
     )
@@ -216,9 +215,8 @@ def roller(
     *,
     contact: float,
     apart: float,
-    radius: float = 50.0,
-    young: tuple[float, float] = (70e3, 210e3),
-    stiffness: float = 1e6,
+    young: tuple[float, float],
+    stiffness: float,
 ) -> Bodies:
     """Half of a roller on a block of 200 mm × 200 mm, plane strain, one element thick.
 
@@ -230,17 +228,15 @@ def roller(
         Half width of the contact that is meant [mm].
     apart
         Way of the plane through the centre of the roller [mm].
-    radius
-        Of the roller [mm].
     young
         Young's moduli of block and roller [MPa].
     stiffness
         Of the linear contact law [MPa/mm].
     """
     block = strip(cell * _UNLIKE, contact, 100.0, thickness=cell)
-    half = strip(cell, contact, _TRIMMED * radius, thickness=cell)
+    half = strip(cell, contact, _TRIMMED * RADIUS, thickness=cell)
     lower = round_ended("block", block, cell=cell * _UNLIKE, contact=contact, depth=200.0)
-    upper = round_ended("roller", half, cell=cell, contact=contact, depth=radius, radius=radius)
+    upper = round_ended("roller", half, cell=cell, contact=contact, depth=RADIUS, radius=RADIUS)
     return _bodies(lower, upper, young, stiffness, apart=apart, edge=cell, thickness=cell)
 
 
@@ -323,9 +319,9 @@ def _effective(bodies: Bodies) -> float:
     return 1.0 / sum((1.0 - POISSON**2) / g.material.young_modulus for g in groups)
 
 
-def pressed_balls(bodies: Bodies, state: StaticResult, radius: float = 50.0) -> Pressed:
+def pressed_balls(bodies: Bodies, state: StaticResult) -> Pressed:
     """Pressures of two equal balls beside Hertz at the same force."""
-    contact, half = state.contact_state, 0.5 * radius
+    contact, half = state.contact_state, 0.5 * RADIUS
     r = np.linalg.norm(contact.positions[:, :2], axis=1)
     p, area = contact.point_pressures, 4.0 * contact.point_areas
     force, modulus = float(area @ p), _effective(bodies)
@@ -333,7 +329,7 @@ def pressed_balls(bodies: Bodies, state: StaticResult, radius: float = 50.0) -> 
     return _pressed((r, area, p), (a, 1.5 * force / (math.pi * a**2)), 2.5)
 
 
-def pressed_roller(bodies: Bodies, state: StaticResult, radius: float = 50.0) -> Pressed:
+def pressed_roller(bodies: Bodies, state: StaticResult) -> Pressed:
     """Pressures of a roller on a plane beside Hertz at the same force."""
     contact = state.contact_state
     # Elements are as thick as the edge.
@@ -341,7 +337,7 @@ def pressed_roller(bodies: Bodies, state: StaticResult, radius: float = 50.0) ->
     x = contact.positions[:, 0]
     force = float(area @ p)
     x = x - float(area @ (p * x)) / force
-    a = math.sqrt(4.0 * force * radius / (math.pi * _effective(bodies)))
+    a = math.sqrt(4.0 * force * RADIUS / (math.pi * _effective(bodies)))
     return _pressed((np.abs(x), area, p), (a, 2.0 * force / (math.pi * a)), 4.0)
 
 

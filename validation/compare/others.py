@@ -89,13 +89,6 @@ def straight_arch_limit(steps: int = 15) -> float:
     return bisect(straight_arch_stands, 0.10, 0.11, steps)
 
 
-def incline_stays(friction: float) -> bool:
-    """Whether a block stays on an incline of slope 0.5."""
-    assembly = incline()
-    contacts = frictional_contacts(assembly, contact_jacobian(assembly), friction)
-    return frictional_equilibrium(contacts, body_force(assembly, _DOWN + 0.5 * _ASIDE)).holds
-
-
 def incline_slope(friction: float) -> float:
     """Steepest slope on which a block stays."""
     assembly = incline()

@@ -268,9 +268,9 @@ def _layer_shift(_: Evidence) -> Shown:
 )
 def _one_wave(evidence: Evidence) -> Shown:
     """Three designs of the study with either turn: what the paper says holds for one of them."""
-    found = {f: p_max(evidence.tsb("tsb1-pipe", (0.0, f, 6, 30.0, 25.0))) for f in (1.0, 1.5, 2.0)}
+    found = {f: p_max(evidence.tsb((0.0, f, 6, 30.0, 25.0))) for f in (1.0, 1.5, 2.0)}
     other = replace(evidence, turn=LayerTurn.HALF_BLOCK)
-    half = p_max(other.tsb("tsb1-pipe", (0.0, 2.0, 6, 30.0, 25.0)))
+    half = p_max(other.tsb((0.0, 2.0, 6, 30.0, 25.0)))
     return Shown(
         "n = 6, a = 25, t = 30: turned by one wave p_max is "
         + ", ".join(f"{p:.3f} (f = {f:g})" for f, p in found.items())

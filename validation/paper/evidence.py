@@ -184,11 +184,11 @@ class Evidence:
         """A row of the paper's tables, on their mesh and read as they are."""
         return solve_row(self.rigid, block, case)
 
-    def tsb(self, scene: str, design: Design, *settings: str) -> RigidRun:
+    def tsb(self, design: Design) -> RigidRun:
         """Rigid-block result of a design of the study at the resolution of the tables."""
         values = [f"{path}={value}" for path, value in zip(_PATHS, design, strict=True)]
         turn = f'assembly.turn="{self.turn}"'
-        return self.rigid(scene, *MESH_OF_TABLES["TSB"], turn, *values, *settings)
+        return self.rigid("tsb1-pipe", *MESH_OF_TABLES["TSB"], turn, *values)
 
     def fem(self, block: str, case: str) -> DeformableRun:
         """Deformable result of a load case, computed once; asked for where `deformable` allows."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +14,7 @@ from rich.console import Console
 from geometry.measures import between_layers
 from geometry.mesh import FloatArray, IntArray
 from validation.output.console import listing
-from validation.output.files import write_whole
+from validation.output.files import write_csv
 from validation.output.pictures.bodies import EYE, FROM_ABOVE, far_side, interface_facets
 from validation.output.pictures.canvas import Direction, View
 from validation.output.pictures.gallery import (
@@ -80,16 +79,12 @@ def parameter_curves(table: StudyTable, shift: float) -> list[Curve]:
 
 def write_curves(curves: list[Curve], path: Path) -> None:
     """Write the points of curves as CSV."""
-
-    def write(partial: Path) -> None:
-        with partial.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(["s", "f", "n", "t_mm", "a_mm", "p_max_MPa"])
-            for c in curves:
-                for a, p in zip(c.amplitudes, c.p_max, strict=True):
-                    writer.writerow([c.shift, c.frequency, c.blocks_per_layer, c.thickness, a, p])
-
-    write_whole(path, write)
+    rows = (
+        (c.shift, c.frequency, c.blocks_per_layer, c.thickness, a, p)
+        for c in curves
+        for a, p in zip(c.amplitudes, c.p_max, strict=True)
+    )
+    write_csv(path, ("s", "f", "n", "t_mm", "a_mm", "p_max_MPa"), rows)
 
 
 def draw_parameter_study(curves: list[Curve], mesh: str, path: Path) -> None:

@@ -25,14 +25,11 @@ J. Fluids Eng. 116 (1994) 405-413.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from geometry.errors import RefusedError
 from validation.run.deformable import DeformableRun
 from validation.run.friction.width import load_step_change
 from validation.run.measures import bracketed
 from validation.run.solve import run_scene
-from validation.scene.read import DeformableScene
 
 #: Elements along an edge of the coarser meshes over those of the run.
 SHARES = (2.0 / 3.0, 0.5)
@@ -45,27 +42,19 @@ _INSIDE = ("sigma_1_max", "sigma_3_min")
 _PEAKS = (*_INSIDE, "sigma_1_averaged", "p_max_point")
 
 
-def estimated_errors(
-    run: DeformableRun, solve: Callable[[str, DeformableScene], DeformableRun] | None = None
-) -> dict[str, float]:
+def estimated_errors(run: DeformableRun) -> dict[str, float]:
     """Estimate the error of each measure, in its unit; empty where no coarser mesh can be solved.
 
-    Parameters
-    ----------
-    run
-        The run whose measures are judged.
-    solve
-        Solves a scene; by default the method of the run.
+    Coarser meshes are solved by the method of the run.
     """
-    solve = run_scene if solve is None else solve
     steps = load_step_change(run)
     curved = run.scene.fem is not None and run.scene.fem.degree > 1
-    estimates = _degree_changes(run, solve) if curved else {}
+    estimates = _degree_changes(run) if curved else {}
     for scene in (run.scene.coarser(share) for share in SHARES):
         if scene is None:
             continue
         try:
-            coarse = solve(run.name, scene)
+            coarse = run_scene(run.name, scene)
         except RefusedError:
             continue
         ratio = run.deformable.model.n_elements / coarse.deformable.model.n_elements
@@ -85,10 +74,9 @@ def estimated_errors(
     }
 
 
-def _degree_changes(
-    run: DeformableRun, solve: Callable[[str, DeformableScene], DeformableRun]
-) -> dict[str, list[float]]:
+def _degree_changes(run: DeformableRun) -> dict[str, list[float]]:
     """Estimates from the same elements of one degree less."""
     assert run.scene.fem is not None
-    less = solve(run.name, run.scene.changed({"fem.degree": run.scene.fem.degree - 1})).measures
+    scene = run.scene.changed({"fem.degree": run.scene.fem.degree - 1})
+    less = run_scene(run.name, scene).measures
     return {n: [SAFETY * abs(m.value - less[n].value)] for n, m in run.measures.items()}

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Iterator, Mapping
 from enum import StrEnum
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from validation.errors import InputError
-from validation.output.files import write_whole
+from validation.output import files
 from validation.output.program import version
 from validation.output.store import Layout, Store, content_key
 from validation.study.study import COLUMNS, Row, Study, Value
@@ -178,16 +178,8 @@ def _short(value: Any) -> str:
 
 
 def write_csv(results: ResultFile, path: Path) -> None:
-    """Write all rows as CSV (RFC 4180, header line, numbers in full precision)."""
-
-    def write(partial: Path) -> None:
-        with partial.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(results.columns)
-            for batch in results.batches("number"):
-                writer.writerows(batch)
-
-    write_whole(path, write)
+    """Write all rows as CSV."""
+    files.write_csv(path, results.columns, chain.from_iterable(results.batches("number")))
 
 
 def require_parquet() -> None:
@@ -234,4 +226,4 @@ def write_parquet(results: ResultFile, path: Path) -> None:
                 ]
                 writer.write_table(pyarrow.Table.from_arrays(arrays, schema=schema))
 
-    write_whole(path, write)
+    files.write_whole(path, write)

@@ -105,12 +105,8 @@ def _pictures(run: DeformableRun) -> dict[str, Callable[[DeformableRun, Path], N
     pictures["stresses.png"] = tubes.draw_stresses
     if run.is_tube:
         pictures["sections.png"] = tubes.draw_sections
-        pictures["displacement.png"] = _draw_displacement
+        pictures["displacement.png"] = tubes.draw_displacement
     return pictures
-
-
-def _draw_displacement(run: DeformableRun, path: Path) -> None:
-    tubes.draw_displacement(run, path)
 
 
 def _write_history(history: History, name: str, outputs: Outputs) -> None:

@@ -14,7 +14,7 @@ from geometry.files.mesh_io import interface_surface
 from geometry.loads.case import LoadCase
 from geometry.measures import facets_between
 from geometry.mesh import FloatArray, IntArray
-from validation.output.pictures.canvas import INK, Direction, Lines, Pixels, Surface
+from validation.output.pictures.canvas import INK, Direction, Lines, Pixels, Surface, merged
 from validation.output.pictures.gallery import (
     BLUE,
     GREY,
@@ -115,11 +115,11 @@ def colours_of_blocks(assembly: Assembly, fixed: npt.NDArray[np.bool_]) -> list[
     return colours
 
 
-def _surface_of(shape_faces: Iterable[IntArray]) -> tuple[IntArray, IntArray]:
-    """Nodes that some faces use, and the faces by their places among those."""
-    quads = np.concatenate(list(shape_faces))
-    used, places = np.unique(quads, return_inverse=True)
-    return used, places.reshape(quads.shape)
+def _used(parts: Iterable[IntArray]) -> tuple[IntArray, IntArray]:
+    """Nodes that some faces or edges use, and these by their places among those."""
+    cells = np.concatenate(list(parts))
+    used, places = np.unique(cells, return_inverse=True)
+    return used, places.reshape(cells.shape)
 
 
 def block_surfaces(
@@ -138,22 +138,18 @@ def block_surfaces(
     seen
         Names of the faces of a block that anything is seen of; by default all.
     """
-    points, quads, shades, offset = [], [], [], 0
+    bodies, shades = [], [np.zeros((0, 3), dtype=np.uint8)]
     known: dict[tuple[int, tuple[str, ...]], tuple[IntArray, IntArray]] = {}
     for block in blocks:
         shape = assembly.shape(block)
         names = tuple(shape.faces if seen is None else (n for n in seen(block) if n in shape.faces))
         key = (int(assembly.shape_of[block]), names)
         if key not in known:
-            known[key] = _surface_of(shape.faces[name] for name in names)
+            known[key] = _used(shape.faces[name] for name in names)
         used, corners = known[key]
-        points.append(assembly.place(block, assembly.shape(block).mesh.nodes[used]))
-        quads.append(corners + offset)
+        bodies.append((assembly.place(block, shape.mesh.nodes[used]), corners))
         shades.append(np.tile(_rgb(colours[block]), (len(corners), 1)))
-        offset += len(used)
-    if not points:
-        return Surface(np.zeros((0, 3)), np.zeros((0, 4), dtype=np.int64), GREY)
-    return Surface(np.concatenate(points), np.concatenate(quads), np.concatenate(shades))
+    return Surface(*merged(bodies, 4), np.concatenate(shades))
 
 
 def _rgb(colour: str) -> Pixels:
@@ -174,17 +170,12 @@ def outlines(
         for number, shape in enumerate(assembly.shapes)
         if number in set(assembly.shape_of[list(blocks)].tolist())
     }
-    points, segments, offset = [], [], 0
+    bodies = []
     for block in blocks:
-        found = edges[int(assembly.shape_of[block])]
-        used, ends = np.unique(found, return_inverse=True)
+        used, ends = _used([edges[int(assembly.shape_of[block])]])
         placed = assembly.nodes(block) if nodes is None else nodes(block)
-        points.append(placed[used])
-        segments.append(ends.reshape(found.shape) + offset)
-        offset += len(used)
-    if not points:
-        return Lines(np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64))
-    return Lines(np.concatenate(points), np.concatenate(segments), INK, width, opacity)
+        bodies.append((placed[used], ends))
+    return Lines(*merged(bodies, 2), INK, width, opacity)
 
 
 def coloured_blocks(
@@ -209,26 +200,16 @@ def coloured_blocks(
     faces
         Names; those that a shape does not have are left out.
     """
-    points, quads, shades, offset = [], [], [], 0
+    bodies, shades = [], [np.zeros((0, 3), dtype=np.uint8)]
     for block in blocks:
         shape = assembly.shape(block)
         shown = [shape.faces[face] for face in faces if face in shape.faces]
         if not shown:
             continue
-        used, corners = _surface_of(shown)
-        points.append(nodes(block)[used])
-        quads.append(corners + offset)
+        used, corners = _used(shown)
+        bodies.append((nodes(block)[used], corners))
         shades.append(scale.of(values(block)[used]))
-        offset += len(used)
-    if not points:
-        return Surface(np.zeros((0, 3)), np.zeros((0, 4), dtype=np.int64), GREY)
-    return Surface(
-        np.concatenate(points),
-        np.concatenate(quads),
-        np.concatenate(shades),
-        lit,
-        two_sided=two_sided,
-    )
+    return Surface(*merged(bodies, 4), np.concatenate(shades), lit, two_sided=two_sided)
 
 
 # ---------------------------------------------------------------------------------------------

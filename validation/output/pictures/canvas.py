@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -72,6 +72,18 @@ class Dots:
 
 
 Part = Surface | Lines | Dots
+
+
+def merged(
+    bodies: Iterable[tuple[FloatArray, IntArray]], n_corners: int
+) -> tuple[FloatArray, IntArray]:
+    """Points (n, 3) and cells (n, n_corners) of several bodies as those of one part."""
+    points, cells, count = [np.zeros((0, 3))], [np.zeros((0, n_corners), dtype=np.int64)], 0
+    for own, corners in bodies:
+        points.append(own)
+        cells.append(corners + count)
+        count += len(own)
+    return np.concatenate(points), np.concatenate(cells)
 
 
 @dataclass(frozen=True)

@@ -336,7 +336,6 @@ def gallery(
     widest: float = 16.0,
     scale: Scale | None = None,
     legend: Sequence[Any] = (),
-    about: str = "",
 ) -> None:
     """Draw panels and write them as PNG, SVG or PDF by the ending of the path.
 
@@ -356,8 +355,6 @@ def gallery(
         Colours that all panels share: one bar at the side.
     legend
         Handles of matplotlib.
-    about
-        What the line at the foot says besides program and day.
     """
     from matplotlib.figure import Figure
 
@@ -391,7 +388,7 @@ def gallery(
             frameon=False,
             fontsize=10,
         )
-    save_figure(figure, path, about=about)
+    save_figure(figure, path)
 
 
 def _draw_panel(figure: Figure, box: _Box) -> None:

@@ -11,7 +11,7 @@ from geometry.measures import chain
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from validation.output.pictures.bodies import sharp_edges
-from validation.output.pictures.canvas import Direction, Dots, Lines, Part, Surface, View
+from validation.output.pictures.canvas import Direction, Dots, Lines, Part, Surface, View, merged
 from validation.output.pictures.gallery import (
     BLUE,
     GREY,
@@ -50,27 +50,14 @@ def polyhedra_parts(
     parts: list[Part] = []
     for colour in (GREY, BLUE, SKY):
         chosen = [b for b in range(assembly.n_blocks) if _colour(assembly, b) == colour]
+        bodies = merged(((points[b], assembly.shape(b).triangles) for b in chosen), 3)
         if chosen:
-            parts.append(_merged(assembly, points, chosen, colour, opacity))
+            parts.append(Surface(*bodies, colour, opacity=opacity))
     return [*parts, _edges(assembly, points)]
 
 
 def _colour(assembly: PolyhedralAssembly, block: int) -> str:
     return GREY if assembly.fixed[block] else (BLUE, SKY)[block % 2]
-
-
-def _merged(
-    assembly: PolyhedralAssembly,
-    points: list[FloatArray],
-    blocks: list[int],
-    colour: str,
-    opacity: float,
-) -> Surface:
-    """Some blocks as one part."""
-    start = np.concatenate([[0], np.cumsum([len(points[b]) for b in blocks])])
-    triangles = [assembly.shape(b).triangles + start[k] for k, b in enumerate(blocks)]
-    every = np.concatenate([points[b] for b in blocks])
-    return Surface(every, np.concatenate(triangles), colour, opacity=opacity)
 
 
 def _edges(
@@ -82,13 +69,10 @@ def _edges(
 ) -> Lines:
     """Sharp edges of all blocks."""
     own = [sharp_edges(shape.points, shape.triangles, angle=25.0) for shape in assembly.shapes]
-    start = np.concatenate([[0], np.cumsum([len(p) for p in points])])
-    ends = [own[int(k)] + start[b] for b, k in enumerate(assembly.shape_of)]
-    segments = np.concatenate(ends) if ends else np.zeros((0, 2), dtype=np.int64)
+    of_blocks = (own[int(k)] for k in assembly.shape_of)
+    every, segments = merged(zip(points, of_blocks, strict=True), 2)
     used, places = np.unique(segments, return_inverse=True)
-    return Lines(
-        np.concatenate(points)[used], places.reshape(segments.shape), width=width, opacity=opacity
-    )
+    return Lines(every[used], places.reshape(segments.shape), width=width, opacity=opacity)
 
 
 def _block_legend() -> list[Any]:

@@ -186,40 +186,14 @@ def _joint_panels(run: DrawnState) -> list[Panel]:
     ]
 
 
-def draw_displacement(run: DrawnState, path: Path, *, printed_factor: float | None = None) -> None:
-    """Draw the displacement in the zy-plane.
-
-    Parameters
-    ----------
-    run
-        A tube.
-    path
-        Picture to write.
-    printed_factor
-        Factor of the paper's figure of this tube; None: this is none of the paper's tubes.
-    """
+def draw_displacement(run: DrawnState, path: Path) -> None:
+    """Draw the displacement of a tube in the zy-plane."""
     blocks = run.deformable.deformable_blocks.tolist()
     scale = scale_from_zero("|u| [mm]", MOTION_MAP, [_moved(run, b) for b in blocks])
-    factors = {}
-    if printed_factor is not None:
-        factors[f"drawn × {printed_factor:g}, as in the paper"] = printed_factor
-    # Ours only where the paper's factor shows too little or too much of this tube.
-    if printed_factor is None or not 0.5 < printed_factor / run.drawing_scale < 2.0:
-        factors[f"drawn × {run.drawing_scale:g}"] = run.drawing_scale
-    faces = (*_SHELL, "top", "bottom")
-    columns = [
-        [
-            Panel(
-                title,
-                blocks_view(
-                    run, partial(_moved, run), scale, faces, (1.0, 0.0, 0.0), factor=factor
-                ),
-            )
-        ]
-        for title, factor in factors.items()
-    ]
+    faces, factor = (*_SHELL, "top", "bottom"), run.drawing_scale
+    view = blocks_view(run, partial(_moved, run), scale, faces, (1.0, 0.0, 0.0), factor=factor)
     title = f"{run.title}\ndisplacement in the zy-plane"
-    gallery(columns, title, path, height=8.5, scale=scale)
+    gallery([[Panel(f"drawn × {factor:g}", view)]], title, path, height=8.5, scale=scale)
 
 
 # ---------------------------------------------------------------------------------------------

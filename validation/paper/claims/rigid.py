@@ -93,9 +93,7 @@ def _flattens(evidence: Evidence) -> Verdict:
 def _saturates(evidence: Evidence) -> Verdict:
     found = {}
     for shift in (0.0, 0.5):
-        curve = [
-            p_max(evidence.tsb("tsb1-pipe", (shift, 1.5, 4, 40.0, a))) for a in (25.0, 30.0, 40.0)
-        ]
+        curve = [p_max(evidence.tsb((shift, 1.5, 4, 40.0, a))) for a in (25.0, 30.0, 40.0)]
         found[f"s={shift:g}"] = curve
     drops = {name: 1 - c[2] / c[1] for name, c in found.items()}
     return judged(
@@ -285,7 +283,7 @@ def _fewer_larger_example(evidence: Evidence) -> Verdict:
 )
 def _best(evidence: Evidence) -> Verdict:
     order = sorted(evidence.study.p_max, key=lambda key: evidence.study.p_max[key])
-    fine = {key: p_max(evidence.tsb("tsb1-pipe", key)) for key in order[:4]}
+    fine = {key: p_max(evidence.tsb(key)) for key in order[:4]}
     best = min(fine, key=lambda key: fine[key])
     words = "; ".join(
         f"s = {s:g}, f = {f:g}, n = {n}, t = {t:g}, a = {a:g}: {fine[s, f, n, t, a]:.4f} MPa"
@@ -320,9 +318,7 @@ def _cosine_lower(evidence: Evidence) -> Verdict:
     "subsec:MBD_results",
 )
 def _thickness_minor(evidence: Evidence) -> Verdict:
-    found = {
-        t: p_max(evidence.tsb("tsb1-pipe", (0.5, 1.5, 4, t, 20.0))) for t in (40.0, 50.0, 60.0)
-    }
+    found = {t: p_max(evidence.tsb((0.5, 1.5, 4, t, 20.0))) for t in (40.0, 50.0, 60.0)}
     spread = max(found.values()) / min(found.values()) - 1
     return judged(
         spread < _TENTH,
