@@ -41,7 +41,8 @@ class Point:
     """Relative error [-]."""
 
 
-def _norm(values: FloatArray, weights: FloatArray) -> float:
+def norm(values: FloatArray, weights: FloatArray) -> float:
+    """√Σ w v²."""
     return float(np.sqrt(weights @ values**2))
 
 
@@ -65,7 +66,7 @@ def observed_order(
         None where the differences turn round or do not shrink as any order from 0.3 to 6 would.
     """
     first, second = values[0] - values[1], values[1] - values[2]
-    before, after = _norm(first, weights), _norm(second, weights)
+    before, after = norm(first, weights), norm(second, weights)
     if after == 0.0 or float(weights @ (first * second)) <= 0.0:
         return None
     wanted = before / after
@@ -126,13 +127,13 @@ def richardson(
     w = np.ones(len(values[0])) if weights is None else weights
     value, order = _extrapolate(levels[-3:], values[-3:], w)
     if order is None:
-        spread = max(_norm(v - values[-1], w) for v in values[-3:-1])
+        spread = max(norm(v - values[-1], w) for v in values[-3:-1])
         return Extrapolated(values[-1], spread, None)
-    correction = _norm(value - values[-1], w)
+    correction = norm(value - values[-1], w)
     if len(levels) == 3:
         return Extrapolated(value, correction, order)
     before, earlier = _extrapolate(levels[-4:-1], values[-4:-1], w)
-    change = correction if earlier is None else _norm(value - before, w)
+    change = correction if earlier is None else norm(value - before, w)
     return Extrapolated(value, max(change, _LEAST_SHARE * correction), order)
 
 

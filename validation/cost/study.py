@@ -21,6 +21,7 @@ from validation.cost.analysis import (
     Point,
     cheapest,
     fitted_order,
+    norm,
     observed_order,
     pareto_front,
     richardson,
@@ -224,11 +225,11 @@ def compare_settings(
         for judge in plan.judges
         for q in judge.quantities
     }
-    sizes = {q: _norm(reference[q].value, weights[q]) for q in QUANTITIES}
+    sizes = {q: norm(reference[q].value, weights[q]) for q in QUANTITIES}
     rows = []
     for setting, found in known.items():
         errors = {
-            q: _norm(_value(found, q) - reference[q].value, weights[q]) / sizes[q]
+            q: norm(_value(found, q) - reference[q].value, weights[q]) / sizes[q]
             for q in QUANTITIES
             if q == "pressure_l2" or q in found.scalars
         }
@@ -246,7 +247,7 @@ def compare_settings(
 def _judged(judge: Judge, values: list[FloatArray], weights: FloatArray) -> Extrapolated:
     if judge.extrapolated:
         return richardson([setting.level for setting in judge.settings], values, weights)
-    return Extrapolated(values[-1], error_bar(values, partial(_norm, weights=weights)), None)
+    return Extrapolated(values[-1], error_bar(values, partial(norm, weights=weights)), None)
 
 
 def _value(found: Measurement, quantity: str) -> FloatArray:
@@ -257,10 +258,6 @@ def _value(found: Measurement, quantity: str) -> FloatArray:
 
 def _weights(finest: Measurement, quantity: str) -> FloatArray:
     return np.array(finest.areas) if quantity == "pressure_l2" else np.ones(1)
-
-
-def _norm(values: FloatArray, weights: FloatArray) -> float:
-    return float(np.sqrt(weights @ values**2))
 
 
 # ---------------------------------------------------------------------------------------------

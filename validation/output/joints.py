@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from geometry.files.mesh_io import write_points
 from geometry.measures import JointResultants
 from geometry.mesh import FloatArray
-from validation.output.files import write_whole
+from validation.output.files import write_csv
 from validation.output.outputs import Outputs
 
 #: Files of the resultants.
@@ -42,13 +41,7 @@ def _write_table(joints: JointResultants, path: Path) -> None:
         **_components("thrust_point", joints.points, "mm"),
     }
 
-    def write(partial: Path) -> None:
-        with partial.open("w", newline="", encoding="utf-8") as file:
-            table = csv.writer(file)
-            table.writerow(columns)
-            table.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
-
-    write_whole(path, write)
+    write_csv(path, columns, zip(*(values.tolist() for values in columns.values()), strict=True))
 
 
 def _components(name: str, values: FloatArray, unit: str) -> dict[str, FloatArray]:

@@ -11,12 +11,20 @@ from validation.errors import InputError
 SCHEMA_DIRECTIVE = "#:schema"
 
 
+def toml_names(kind: str) -> list[str]:
+    """Names of what comes with the program as TOML, ``scenes`` or ``studies``, sorted."""
+    names = (path.name for path in (resources.files("validation") / kind).iterdir())
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
+
+
+def toml_text(kind: str, name: str) -> str:
+    """TOML text of one of them."""
+    return (resources.files("validation") / kind / f"{name}.toml").read_text("utf-8")
+
+
 def builtin_names() -> list[str]:
     """Names of the built-in scenes, sorted."""
-    folder = resources.files("validation") / "scenes"
-    return sorted(
-        p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml")
-    )
+    return toml_names("scenes")
 
 
 def builtin_text(name: str) -> str:
@@ -31,7 +39,7 @@ def builtin_text(name: str) -> str:
         near = difflib.get_close_matches(name, builtin_names(), n=3, cutoff=0.4)
         hint = f"did you mean {' or '.join(near)}?" if near else "see `tubelock scenes`"
         raise InputError(f"scene {name!r} is neither a file nor a built-in scene; {hint}")
-    return (resources.files("validation") / "scenes" / f"{name}.toml").read_text("utf-8")
+    return toml_text("scenes", name)
 
 
 def builtin_about(name: str) -> str:

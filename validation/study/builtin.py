@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import difflib
-from importlib import resources
 
 from validation.errors import InputError
+from validation.scene.builtin import toml_names, toml_text
 
 
 def builtin_studies() -> list[str]:
     """Names of the built-in studies, sorted."""
-    folder = resources.files("validation") / "studies"
-    names = (p.name for p in folder.iterdir())
-    return sorted(n.removesuffix(".toml") for n in names if n.endswith(".toml"))
+    return toml_names("studies")
 
 
 def builtin_study_text(name: str) -> str:
@@ -29,7 +27,7 @@ def builtin_study_text(name: str) -> str:
             f"study {name!r} is neither a file nor a built-in study"
             f"{nearest(name, builtin_studies())}; built in: {known}"
         )
-    return (resources.files("validation") / "studies" / f"{name}.toml").read_text("utf-8")
+    return toml_text("studies", name)
 
 
 def nearest(name: str, known: list[str]) -> str:
