@@ -18,12 +18,12 @@ from geometry.files.block_files import read_blocks
 from geometry.files.hexahedral_solids import file_blocks
 from geometry.loads.case import LoadCase
 from geometry.measures import UnmatchedJoint, matched_area
-from geometry.mesh import FloatArray, IntArray, MeshError
+from geometry.mesh import IntArray, MeshError
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly
 from validation.build.blocks import HexahedralBlocks
-from validation.build.polyhedra import build_body_loads, held_blocks, motion
+from validation.build.polyhedra import build_body_loads, placed_blocks
 from validation.errors import InputError
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import MeshScene
@@ -65,29 +65,18 @@ def build_own_blocks(scene: MeshScene, name: str) -> HexahedralBlocks:
 
 
 def _assembly(scene: MeshScene, name: str) -> Assembly:
-    shapes: list[Block] = []
-    shape_of: list[int] = []
-    turns: list[FloatArray] = []
-    shifts: list[FloatArray] = []
-    held: list[bool] = []
-    for part in scene.parts:
-        blocks = _part_blocks(Path(part.file), scene)
-        for place in part.places:
-            turn, shift = motion(place)
-            shape_of += range(len(shapes), len(shapes) + len(blocks))
-            turns += [turn] * len(blocks)
-            shifts += [shift] * len(blocks)
-            held += [part.fixed or place.fixed] * len(blocks)
-        shapes += blocks
-    fixed = held_blocks(scene, held)
+    placed, fixed = placed_blocks(scene, lambda file: _part_blocks(Path(file), scene))
     if not fixed.any() or fixed.all():
         raise AssemblyError(
             f"got {int(fixed.sum())} fixed blocks of {len(fixed)}; expected some fixed, some free"
         )
+    blocks, turns, shifts = zip(*placed, strict=True)
+    shapes = {id(block): block for block in blocks}
+    number = {key: place for place, key in enumerate(shapes)}
     return Assembly(
         name=name,
-        shapes=tuple(shapes),
-        shape_of=np.array(shape_of, dtype=np.int64),
+        shapes=tuple(shapes.values()),
+        shape_of=np.array([number[id(block)] for block in blocks], dtype=np.int64),
         rotations=np.array(turns),
         translations=np.array(shifts, dtype=np.float64),
         layer=np.where(fixed, 0, 1),

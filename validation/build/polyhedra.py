@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -33,6 +35,8 @@ from validation.scene.polyhedra import (
     VoxelScene,
     WallScene,
 )
+
+Shape = TypeVar("Shape")
 
 
 def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
@@ -113,27 +117,44 @@ def motion(place: PlaceSection) -> tuple[FloatArray, FloatArray]:
 
 
 def _from_files(scene: MeshScene, folder: Path, detection: DetectionOptions) -> PolyhedralAssembly:
-    blocks: list[tuple[Polyhedron, FloatArray, FloatArray]] = []
-    held: list[bool] = []
-    for part in scene.parts:
-        solids = read_blocks(
-            folder / part.file, units=scene.block.units, element_size=scene.block.element_size
+    def read(file: str) -> Sequence[Polyhedron]:
+        return read_blocks(
+            folder / file, units=scene.block.units, element_size=scene.block.element_size
         )
-        for place in part.places:
-            turn, shift = motion(place)
-            blocks += [(solid, turn, shift) for solid in solids]
-            held += [part.fixed or place.fixed] * len(solids)
-    return polyhedral_assembly("own blocks", blocks, held_blocks(scene, held), detection)
+
+    return polyhedral_assembly("own blocks", *placed_blocks(scene, read), detection)
 
 
-def held_blocks(scene: MeshScene, held: list[bool]) -> BoolArray:
-    """Which blocks are held, by their places or by number; (n_blocks,).
+def placed_blocks(
+    scene: MeshScene, read: Callable[[str], Sequence[Shape]]
+) -> tuple[list[tuple[Shape, FloatArray, FloatArray]], BoolArray]:
+    """Blocks of all parts with rotation (3, 3) and translation (3,) [mm], in the order of places.
+
+    Parameters
+    ----------
+    scene
+        Its parts.
+    read
+        Reads the blocks of a file.
+
+    Returns
+    -------
+    tuple
+        The blocks, and which of them are held, by their places or by number; (n_blocks,).
 
     Raises
     ------
     AssemblyError
         For a number that no block has.
     """
+    blocks: list[tuple[Shape, FloatArray, FloatArray]] = []
+    held: list[bool] = []
+    for part in scene.parts:
+        shapes = read(part.file)
+        for place in part.places:
+            turn, shift = motion(place)
+            blocks += [(shape, turn, shift) for shape in shapes]
+            held += [part.fixed or place.fixed] * len(shapes)
     fixed = np.array(held)
     for number in scene.assembly.fixed:
         if number >= len(held):
@@ -142,7 +163,7 @@ def held_blocks(scene: MeshScene, held: list[bool]) -> BoolArray:
                 f"numbered 0 to {len(held) - 1}"
             )
         fixed[number] = True
-    return fixed
+    return blocks, fixed
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from validation.fuzz.lines import SMALL, line, make_specimens
+from validation.output.pictures.canvas import quiet
 
 #: What a refusal may take: CPU time [s] and memory beyond that of the program [bytes].
 LONGEST, MOST_MEMORY = 10, 2 * 2**30
@@ -249,17 +250,10 @@ def _warm(folder: Path) -> None:
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """Send what is printed nowhere."""
-    kept, streams = [os.dup(1), os.dup(2)], (sys.stdout, sys.stderr)
-    null = os.open(os.devnull, os.O_WRONLY)
-    sys.stdout.flush()
-    os.dup2(null, 1)
-    os.dup2(null, 2)
-    try:
-        yield
-    finally:
-        for number, stream in enumerate(kept, start=1):
-            os.dup2(stream, number)
-            os.close(stream)
-        os.close(null)
-        sys.stdout, sys.stderr = streams
+    """Send what is printed nowhere; lines that are run put streams of their own in the place."""
+    streams = sys.stdout, sys.stderr
+    with quiet(1), quiet(2):
+        try:
+            yield
+        finally:
+            sys.stdout, sys.stderr = streams

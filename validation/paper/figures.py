@@ -90,14 +90,7 @@ def write_curves(curves: list[Curve], path: Path) -> None:
 def draw_parameter_study(curves: list[Curve], mesh: str, path: Path) -> None:
     """Draw p_max over a: a row for each frequency, a column for each thickness, a line for each n.
 
-    Parameters
-    ----------
-    curves
-        Of one shift.
-    mesh
-        Elements of one block, in words.
-    path
-        PNG to write.
+    The curves are those of one shift; ``mesh`` says the elements of one block.
     """
     frequencies = sorted({c.frequency for c in curves})
     thicknesses = sorted({c.thickness for c in curves})
@@ -194,17 +187,7 @@ def ring_pressures(run: RigidRun) -> list[RingPressures]:
 
 
 def draw_pressure_comparison(left: RigidRun, right: RigidRun, path: Path, *, title: str) -> None:
-    """Draw two pressure distributions in the same colours: whole tubes outside, rings inside.
-
-    Parameters
-    ----------
-    left, right
-        Rigid results in equilibrium.
-    path
-        PNG to write.
-    title
-        One line at the top.
-    """
+    """Draw two pressure distributions in the same colours: whole tubes outside, rings inside."""
     highest = [run.result.contact_pressures for run in (left, right)]
     scale = scale_from_zero("contact pressure [MPa]", PRESSURE_MAP, highest)
 
@@ -362,15 +345,7 @@ class FigureFile:
 
 
 def draw_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
-    """Draw every figure that the evidence allows into a folder.
-
-    Parameters
-    ----------
-    evidence
-        Computed where it has not been yet.
-    folder
-        Existing.
-    """
+    """Draw every figure that the evidence allows into a folder; what it lacks is computed."""
     found = []
     for figures in (_parameter_figures, _pressure_figures, _deformable_figures, _cost_figure):
         fem = figures is _deformable_figures

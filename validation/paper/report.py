@@ -121,22 +121,7 @@ def write_report(
 
 
 def report_evidence(evidence: Evidence, folder: Path, *, extent: Extent) -> Path:
-    """Judge, draw and write what the evidence allows.
-
-    Parameters
-    ----------
-    evidence
-        Computed where it has not been yet.
-    folder
-        Of the report.
-    extent
-        What the page says about how much was computed.
-
-    Returns
-    -------
-    Path
-        The page to open.
-    """
+    """Judge, draw and write what the evidence allows; return the page to open."""
     console = evidence.console
     figures, data = prepare_folder(folder / "figures"), prepare_folder(folder / "data")
     start = time.process_time()

@@ -46,17 +46,7 @@ if TYPE_CHECKING:
 
 
 def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str) -> None:
-    """Draw blocks, fixed frame, and load: from outside, and with the near side removed.
-
-    Parameters
-    ----------
-    assembly, load
-        What is built, held and loaded.
-    path
-        Picture to write.
-    title
-        At the top.
-    """
+    """Draw blocks, fixed frame, and load: from outside, and with the near side removed."""
     from matplotlib.patches import Patch
 
     released = assembly.fixed & ~load.fixed
@@ -128,15 +118,6 @@ def draw_pressed_facets(facets: PressedFacets, path: Path, *, title: str) -> Non
     """Draw contact pressures: the tube cut open, and the middle layer's faces, seen and unrolled.
 
     Only faces that can meet another block are shown, as in the paper's figures.
-
-    Parameters
-    ----------
-    facets
-        Contact facets of all blocks.
-    path
-        Picture to write.
-    title
-        At the top.
     """
     assembly = facets.assembly
     scale = facets.scale
@@ -275,15 +256,7 @@ def _draw_joint_lines(axes: Axes, flat: FloatArray, pair: IntArray) -> None:
 
 
 def draw_mechanism(run: RigidRun, path: Path) -> None:
-    """Draw the certified mechanism: blocks moved along it, coloured by how far they move.
-
-    Parameters
-    ----------
-    run
-        A rigid result that is not locked, or whose load drives a mechanism.
-    path
-        Picture to write.
-    """
+    """Draw the certified mechanism: blocks moved along it, coloured by how far they move."""
     from validation.run.rigid.assembly import mechanism_displacements
 
     assembly = run.assembly

@@ -25,19 +25,7 @@ _PALE = "#A6CBE3"
 
 
 def draw_block(assembly: Assembly, block: SineBlockParameters, path: Path, *, title: str) -> None:
-    """Draw the first free block of a tube: in space, from above, and its faces unrolled.
-
-    Parameters
-    ----------
-    assembly
-        Tube of such blocks.
-    block
-        The seven measures.
-    path
-        Picture to write.
-    title
-        At the top.
-    """
+    """Draw the first free block of a tube of such: in space, from above, and its faces unrolled."""
     first = int(np.flatnonzero(~assembly.fixed)[0])
     colours = colours_of_blocks(assembly, assembly.fixed)
     middle = np.arctan2(*assembly.centroids[first, 1::-1])

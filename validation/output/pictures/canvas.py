@@ -137,17 +137,21 @@ class View:
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
-    """Hide VTK's notes about a missing display: the off-screen fallback that follows is meant."""
-    sys.stderr.flush()
-    saved = os.dup(2)
+def quiet(number: int = 2) -> Iterator[None]:
+    """Hide what libraries print: VTK's notes about a missing display, whose fallback is meant.
+
+    ``number`` is that of the stream, 1 or 2.
+    """
+    stream = (sys.stdout, sys.stderr)[number - 1]
+    stream.flush()
+    saved = os.dup(number)
     null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 2)
+    os.dup2(null, number)
     try:
         yield
     finally:
-        sys.stderr.flush()
-        os.dup2(saved, 2)
+        stream.flush()
+        os.dup2(saved, number)
         os.close(null)
         os.close(saved)
 

@@ -68,15 +68,7 @@ def _view(run: Explosion, distance: float) -> View:
 
 
 def draw_explosion(run: Explosion, path: Path) -> None:
-    """Draw a strip of growing outward displacements, and the depth over the displacement.
-
-    Parameters
-    ----------
-    run
-        Result of `run_explosion`.
-    path
-        Picture to write.
-    """
+    """Draw a strip of growing outward displacements, and the depth over the displacement."""
     from matplotlib.patches import Patch
 
     def depths(axes: Axes) -> None:

@@ -82,32 +82,14 @@ def _block_legend() -> list[Any]:
 
 
 def draw_blocks(assembly: PolyhedralAssembly, path: Path, *, title: str) -> None:
-    """Draw the blocks where they stand.
-
-    Parameters
-    ----------
-    assembly
-        Blocks.
-    path
-        Picture to write.
-    title
-        At the top.
-    """
+    """Draw the blocks where they stand."""
     view = View(polyhedra_parts(assembly), _EYE)
     panel = Panel(f"{assembly.n_blocks} blocks", view)
     gallery([[panel]], title, path, height=6.5, legend=_block_legend())
 
 
 def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
-    """Draw the blocks, and beside them the contacts that were found.
-
-    Parameters
-    ----------
-    run
-        A rigid result.
-    path
-        Picture to write.
-    """
+    """Draw the blocks, and beside them the contacts that were found."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -155,17 +137,7 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
 
 
 def draw_polyhedral_mechanism(run: PolyhedralRun, motion: FloatArray, path: Path) -> None:
-    """Draw the blocks moved along a mechanism.
-
-    Parameters
-    ----------
-    run
-        A rigid result that is not locked, or whose load drives a mechanism.
-    motion
-        Of `validation.run.rigid.polyhedra.mechanism_motion`, (n_blocks, 6).
-    path
-        Picture to write.
-    """
+    """Draw the blocks moved along a mechanism, (n_blocks, 6), as `mechanism_motion` scales it."""
     assembly = run.assembly
     scale = 0.25 * assembly.characteristic_length
     places = []
