@@ -127,7 +127,7 @@ def rate(layers: int, elements: int, symmetry: int, *, warm_up: int = 3000) -> R
     """Measure steps in a state with contact."""
     deformable = pipe(layers, elements)
     found, _ = statement(deformable, symmetry)
-    system, state = _warm(found, warm_up)
+    system, state = warm(found, warm_up)
     contact = system.interactions[0]
     whole = best_cpu_seconds(lambda: step(system, state), repeats=20)
     alone = best_cpu_seconds(lambda: contact.add_force(system, state), repeats=20)
@@ -145,7 +145,8 @@ def rate(layers: int, elements: int, symmetry: int, *, warm_up: int = 3000) -> R
     )
 
 
-def _warm(found: ExplicitAssembly, count: int) -> tuple[System, State]:
+def warm(found: ExplicitAssembly, count: int) -> tuple[System, State]:
+    """Do some steps, damped: blocks press by then."""
     dt = 0.9 * critical_time_step(found.model).critical_time_step
     system = prepare(found.model, time_step=dt)
     state = initial_state(system)

@@ -19,12 +19,10 @@ from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import cyclic_orbits
 from fem.contact.friction import CoulombFriction
 from fem.explicit.setup.assembly import explicit_assembly
-from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import State
 from fem.explicit.step import System, step
 from fem.problem.effects import Effects
-from fem.problem.time_step import critical_time_step
-from validation.benchmarks.contact import pipe
+from validation.benchmarks.contact import pipe, warm
 from validation.benchmarks.stopwatch import best_cpu_seconds
 from validation.output.console import listing
 from validation.output.files import prepare_json, write_json
@@ -67,26 +65,18 @@ class SlidingRow:
         return self.sliding / self.paired
 
 
-def warm(
+def ready(
     deformable: DeformableAssembly, symmetry: int, *, friction: bool, rotation: bool
 ) -> tuple[System, State]:
     """A run with contact, ready for the next step."""
-    law = CoulombFriction(0.1) if friction else None
     found = explicit_assembly(
         deformable,
         orbits=cyclic_orbits(deformable, symmetry),
         counted_pressure=4.0,
-        friction=law,
+        friction=CoulombFriction(0.1) if friction else None,
         effects=Effects(finite_rotation=rotation),
     )
-    system = prepare(
-        found.model, time_step=0.9 * critical_time_step(found.model).critical_time_step
-    )
-    state = initial_state(system)
-    state.mass_damping = 2000.0
-    for _ in range(_WARM_UP):
-        step(system, state)
-    return system, state
+    return warm(found, _WARM_UP)
 
 
 def measure(layers: int, elements: int, symmetry: int, effects: str) -> SlidingRow:
@@ -95,7 +85,7 @@ def measure(layers: int, elements: int, symmetry: int, effects: str) -> SlidingR
     paired = pipe(layers, elements)
     sliding = replace(paired, contact=replace(paired.contact, finite_sliding=True))
     both = [
-        warm(problem, symmetry, friction=friction, rotation=rotation)
+        ready(problem, symmetry, friction=friction, rotation=rotation)
         for problem in (paired, sliding)
     ]
 

@@ -64,24 +64,29 @@ class CheckRow:
 # Cases
 
 
-def column_deck(flavour: Flavour = Flavour.CALCULIX) -> Deck:
-    """Two boxes one on the other under 0.01 MPa, held so that the state is uniform."""
-    size = (20.0, 20.0, 30.0)
-    assembly = Assembly(
-        name="column",
-        shapes=(box_block(size, (2, 2, 3), contact_faces=("z-", "z+")),),
-        shape_of=np.zeros(2, dtype=np.int64),
-        rotations=np.tile(np.eye(3), (2, 1, 1)),
-        translations=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, size[2]]]),
-        layer=np.array([0, 1]),
-        fixed=np.zeros(2, dtype=np.bool_),
+def _upright(name: str, shape: Block, *heights: float) -> Assembly:
+    """Copies of a block over each other, none of them held."""
+    n = len(heights)
+    return Assembly(
+        name=name,
+        shapes=(shape,),
+        shape_of=np.zeros(n, dtype=np.int64),
+        rotations=np.tile(np.eye(3), (n, 1, 1)),
+        translations=np.array([[0.0, 0.0, height] for height in heights]),
+        layer=np.arange(n),
+        fixed=np.zeros(n, dtype=np.bool_),
         unmatched_allowed=True,
     )
+
+
+def column_deck(flavour: Flavour = Flavour.CALCULIX) -> Deck:
+    """Two boxes one on the other under 0.01 MPa, held so that the state is uniform."""
+    box = box_block((20.0, 20.0, 30.0), (2, 2, 3), contact_faces=("z-", "z+"))
     sides = [Hold(k, face, (axis,)) for k in (0, 1) for axis, face in enumerate(("x-", "y-"))]
     return Deck(
         name="column",
         flavour=flavour,
-        assembly=assembly,
+        assembly=_upright("column", box, 0.0, 30.0),
         material=concrete,
         element=ElementType.INCOMPATIBLE,
         step=DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=False),
@@ -121,25 +126,15 @@ def tube_deck(divisions: SineBlockDivisions, flavour: Flavour = Flavour.CALCULIX
     )
 
 
-def bar_deck(time_step: float = 2.0e-8) -> Deck:
+def bar_deck() -> Deck:
     """A bar clamped at one end, pressed at the other at once: the wave runs 40 of 100 mm."""
-    assembly = Assembly(
-        name="bar",
-        shapes=(box_block((100.0, 10.0, 10.0), (10, 1, 1)),),
-        shape_of=np.zeros(1, dtype=np.int64),
-        rotations=np.eye(3)[None],
-        translations=np.zeros((1, 3)),
-        layer=np.zeros(1, dtype=np.int64),
-        fixed=np.zeros(1, dtype=np.bool_),
-        unmatched_allowed=True,
-    )
     return Deck(
         name="bar",
         flavour=Flavour.CALCULIX,
-        assembly=assembly,
+        assembly=_upright("bar", box_block((100.0, 10.0, 10.0), (10, 1, 1)), 0.0),
         material=concrete,
         element=ElementType.FULL,
-        step=DeckStep(Procedure.EXPLICIT, 1.0e-5, time_step=time_step, large_rotations=False),
+        step=DeckStep(Procedure.EXPLICIT, 1.0e-5, time_step=2.0e-8, large_rotations=False),
         holds=(Hold(0, "x-"),),
         loads=(PressureLoad(np.array([0]), "x+", 1.0),),
     )

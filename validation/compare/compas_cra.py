@@ -231,22 +231,11 @@ def print_answers(answers: list[Answer], console: Console) -> None:
 
 def draw_times(answers: list[Answer], path: Path) -> None:
     """Draw CPU time against the number of contact points."""
-    from validation.output.pictures.gallery import (
-        BLUE,
-        GREEN,
-        ORANGE,
-        VERMILION,
-        save_figure,
-        subplots,
-    )
+    from validation.output.pictures.gallery import OF_LINES, save_figure, subplots
 
-    colours = dict(
-        zip(
-            dict.fromkeys(a.program for a in answers),
-            (BLUE, GREEN, ORANGE, VERMILION),
-            strict=False,
-        )
-    )
+    blue, orange, green, vermilion = OF_LINES
+    programs = dict.fromkeys(a.program for a in answers)
+    colours = dict(zip(programs, (blue, green, orange, vermilion), strict=False))
     figure, axes = subplots(1, 1, size=(8, 5.5))
     for program, colour in colours.items():
         rows = [a for a in answers if a.program == program and a.problem.startswith("wall")]

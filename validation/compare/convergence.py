@@ -22,14 +22,7 @@ from fem.problem.model import Model, block_group, fixed_nodes
 from geometry.block import box_block
 from geometry.mesh import FloatArray
 from validation.output.console import listing
-from validation.output.pictures.gallery import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    VERMILION,
-    save_figure,
-    subplots,
-)
+from validation.output.pictures.gallery import BLUE, OF_LINES, save_figure, subplots
 
 #: Long, slender, and without Poisson's ratio, so that the clamped end has no singular stress.
 SIZE = (200.0, 20.0, 20.0)
@@ -137,8 +130,7 @@ def time_step_curve(fractions: tuple[float, ...] = (0.9, 0.45, 0.225)) -> Curve:
 def draw_convergence(mesh: list[Curve], time: Curve, path: Path) -> None:
     """Draw both refinements, log–log, with the observed orders."""
     figure, (left, right) = subplots(1, 2, size=(11, 4.8))
-    colours = (BLUE, ORANGE, GREEN, VERMILION)
-    for curve, colour, marker in zip(mesh, colours, "os^D", strict=True):
+    for curve, colour, marker in zip(mesh, OF_LINES, "os^D", strict=True):
         label = f"{curve.name}: order {curve.order:.2f}"
         left.loglog(curve.sizes, curve.errors, marker=marker, color=colour, label=label)
     left.set_xlabel("element size [mm]")

@@ -35,6 +35,8 @@ BLUE, SKY, ORANGE, VERMILION, GREEN, GREY = (
     "#009E73",
     "#8C8C8C",
 )
+#: Lines of one plot, one after the other.
+OF_LINES = (BLUE, ORANGE, GREEN, VERMILION)
 #: Pale is low, dark is high: pressures.
 PRESSURE_MAP = "YlGnBu"
 #: Compression blue, tension red.
