@@ -8,8 +8,9 @@ its corners. The averaged stress is ours, of its displacements.
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,8 +32,8 @@ _TIMEOUT = 1800.0
 
 
 @dataclass(frozen=True)
-class CalculixAnswer:
-    """What CalculiX says of a scene, as `tubelock cost` measures it."""
+class MethodAnswer:
+    """What a method says of a scene, as `tubelock cost` measures it."""
 
     assembly: Assembly
     scalars: dict[str, float]
@@ -41,10 +42,11 @@ class CalculixAnswer:
     pressures: FloatArray
     """Mean pressure of each, (n,) [MPa]."""
     cpu_seconds: float
-    """Of the program."""
+    details: dict[str, Any] = field(default_factory=dict)
+    """Numbers of the solver."""
 
 
-def solve_by_calculix(where: str, scene: AssemblyScene) -> CalculixAnswer:
+def solve_by_calculix(where: str, scene: AssemblyScene) -> MethodAnswer:
     """Write the deck of a scene, run CalculiX on it and measure what it answers.
 
     Raises
@@ -63,7 +65,7 @@ def solve_by_calculix(where: str, scene: AssemblyScene) -> CalculixAnswer:
     return measured_answer(scene, deck, found)
 
 
-def measured_answer(scene: AssemblyScene, deck: Deck, found: CalculixResult) -> CalculixAnswer:
+def measured_answer(scene: AssemblyScene, deck: Deck, found: CalculixResult) -> MethodAnswer:
     """Measure what CalculiX printed of the deck of a scene."""
     contacts, pressures = _facet_pressures(deck, found)
     assembly, interfaces = deck.assembly, deck.assembly.interfaces
@@ -81,7 +83,7 @@ def measured_answer(scene: AssemblyScene, deck: Deck, found: CalculixResult) -> 
         "sigma_1_averaged": _averaged_tension(deck, found, scene.material.averaging_radius),
         "max_displacement": float(np.linalg.norm(found.displacements, axis=1).max()),
     }
-    return CalculixAnswer(assembly, scalars, contacts, pressures, found.cpu_seconds)
+    return MethodAnswer(assembly, scalars, contacts, pressures, found.cpu_seconds)
 
 
 def _first_nodes(deck: Deck) -> IntArray:

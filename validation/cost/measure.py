@@ -11,12 +11,11 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 from fem.explicit.solve import Status
-from geometry.assembly import Assembly
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray
 from validation.build.blocks import build_assembly, build_scene
 from validation.build.deformable import build_deformable
-from validation.cost.calculix import solve_by_calculix
+from validation.cost.calculix import MethodAnswer, solve_by_calculix
 from validation.cost.curved import solve_rungs
 from validation.cost.partition import PARTITION_LEVEL, partition_pressures
 from validation.cost.settings import (
@@ -142,20 +141,6 @@ def _timed(setting: CostSetting, scene: AssemblyScene, name: str) -> AssemblySce
     return scene
 
 
-@dataclass(frozen=True)
-class _Answer:
-    """What a run gives, whatever the method."""
-
-    scalars: dict[str, float]
-    details: dict[str, Any]
-    assembly: Assembly
-    contacts: IntArray
-    """Facets in its interfaces that carry pressures, (n,)."""
-    pressures: FloatArray
-    """(n,) [MPa]"""
-    cpu_seconds: float
-
-
 def _run(
     name: str, scene: AssemblyScene, base: BaseMesh, setting: CostSetting
 ) -> tuple[dict[str, Any], float]:
@@ -187,7 +172,7 @@ def _rows(setting: CostSetting, base: BaseMesh) -> FloatArray | None:
     return SineBlockDivisions(**setting.mesh(base)).radial_positions
 
 
-def _rigid(where: str, scene: AssemblyScene, _: CostSetting) -> _Answer:
+def _rigid(where: str, scene: AssemblyScene, _: CostSetting) -> MethodAnswer:
     start = time.process_time()
     rigid = analyse_rigid(build_scene(SceneFile(name=where, scene=scene)))
     seconds = time.process_time() - start
@@ -201,42 +186,36 @@ def _rigid(where: str, scene: AssemblyScene, _: CostSetting) -> _Answer:
     }
     scalars = {"p_eff": result.measures.p_eff}
     contacts, pressures = result.contact_index, result.contact_pressures
-    return _Answer(scalars, details, rigid.assembly, contacts, pressures, seconds)
+    return MethodAnswer(rigid.assembly, scalars, contacts, pressures, seconds, details)
 
 
-def _curved(where: str, scene: AssemblyScene, setting: CostSetting) -> _Answer:
+def _curved(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAnswer:
     assert isinstance(scene, TubeScene)
     curved, values, seconds = solve_rungs(where, scene, setting)
     scalars = {name: values[name] for name in SCALARS}
     details = {"unknowns_per_block": curved.run.mesh.n_unknowns}
     assembly, state = curved.deformable.assembly, curved.contact_state
     assert state.interface is not None
-    return _Answer(scalars, details, assembly, state.interface, state.pressures, seconds)
+    return MethodAnswer(assembly, scalars, state.interface, state.pressures, seconds, details)
 
 
-def _calculix(where: str, scene: AssemblyScene, _: CostSetting) -> _Answer:
-    found = solve_by_calculix(where, scene)
-    pressures, seconds = found.pressures, found.cpu_seconds
-    return _Answer(found.scalars, {}, found.assembly, found.contacts, pressures, seconds)
-
-
-def _deformable(where: str, scene: AssemblyScene, setting: CostSetting) -> _Answer:
+def _deformable(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAnswer:
     start = time.process_time()
     tube = (run_static if setting.method == "static" else run_explicit)(where, scene)
     if tube.explicit is not None and tube.explicit.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     seconds = time.process_time() - start
     scalars, details = _numbers(tube)
-    assembly = tube.deformable.assembly
-    return _Answer(scalars, details, assembly, tube.contact_index, tube.facet_pressures, seconds)
+    contacts, pressures = tube.contact_index, tube.facet_pressures
+    return MethodAnswer(tube.deformable.assembly, scalars, contacts, pressures, seconds, details)
 
 
-_METHODS: dict[str, Callable[[str, AssemblyScene, CostSetting], _Answer]] = {
+_METHODS: dict[str, Callable[[str, AssemblyScene, CostSetting], MethodAnswer]] = {
     "rigid": _rigid,
     "static": _deformable,
     "explicit": _deformable,
     "curved": _curved,
-    "calculix": _calculix,
+    "calculix": lambda where, scene, _: solve_by_calculix(where, scene),
 }
 
 

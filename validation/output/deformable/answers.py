@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,14 +59,19 @@ FILES = (
 def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
     """Write fields, contact pressures, pictures and history; nothing without a folder."""
     outputs.write("fields", "fields.vtu", lambda path: _write_fields(run, path))
-    if run.meets:
-        outputs.write("pressures", "contact_pressures.vtu", lambda path: write_contact(run, path))
-        write_joints(run.joints, outputs)
-    for file, draw in _pictures(run).items():
-        outputs.write("picture", file, lambda path, draw=draw: draw(run, path))  # type: ignore[misc]
+    write_state_files(run, outputs)
     if run.explicit is not None:
         _write_history(run.explicit.history, run.name, outputs)
     _name_frames(run.scene.fem, outputs)
+
+
+def write_state_files(state: DrawnState, outputs: Outputs) -> None:
+    """Write contact pressures, joints and pictures of a state; nothing without a folder."""
+    if state.meets:
+        outputs.write("pressures", "contact_pressures.vtu", lambda path: write_contact(state, path))
+        write_joints(state.joints, outputs)
+    for file, draw in _pictures(state).items():
+        outputs.write("picture", file, partial(draw, state))
 
 
 def _write_fields(run: DeformableRun, path: Path) -> None:
@@ -97,13 +103,13 @@ def write_contact(run: DrawnState, path: Path) -> None:
     )
 
 
-def _pictures(run: DeformableRun) -> dict[str, Callable[[DeformableRun, Path], None]]:
-    """Pictures of a run; sections and the view along an axis are those of tubes."""
-    pictures: dict[str, Callable[[DeformableRun, Path], None]] = {}
-    if run.meets:
+def _pictures(state: DrawnState) -> dict[str, Callable[[DrawnState, Path], None]]:
+    """Pictures of a state; sections and the view along an axis are those of tubes."""
+    pictures: dict[str, Callable[[DrawnState, Path], None]] = {}
+    if state.meets:
         pictures["contact_pressures.png"] = tubes.draw_contact
     pictures["stresses.png"] = tubes.draw_stresses
-    if run.is_tube:
+    if state.is_tube:
         pictures["sections.png"] = tubes.draw_sections
         pictures["displacement.png"] = tubes.draw_displacement
     return pictures

@@ -12,10 +12,8 @@ from fem.static.lagrange_fields import lagrange_cells
 from geometry.assembly import Assembly
 from geometry.files.mesh_io import write_lagrange_cells
 from validation.output.console import two_columns
-from validation.output.deformable.answers import add_measures, cap_words, write_contact
-from validation.output.joints import write_joints
+from validation.output.deformable.answers import add_measures, cap_words, write_state_files
 from validation.output.outputs import Outputs
-from validation.output.pictures import tubes
 from validation.run.curved.fields import CurvedFields
 from validation.run.curved.solve import CurvedRun
 from validation.run.words import load_words
@@ -49,12 +47,7 @@ def print_curved(run: CurvedRun, console: Console) -> None:
 def write_curved_files(run: CurvedRun, fields: CurvedFields, outputs: Outputs) -> None:
     """Write fields of the elements, and pictures at the nodes of ``[mesh]``."""
     outputs.write("fields", "fields.vtu", lambda path: _write_fields(run, fields, path))
-    outputs.write("pressures", "contact_pressures.vtu", lambda path: write_contact(fields, path))
-    write_joints(fields.joints, outputs)
-    outputs.write("picture", "contact_pressures.png", lambda path: tubes.draw_contact(fields, path))
-    outputs.write("picture", "stresses.png", lambda path: tubes.draw_stresses(fields, path))
-    outputs.write("picture", "sections.png", lambda path: tubes.draw_sections(fields, path))
-    outputs.write("picture", "displacement.png", lambda path: tubes.draw_displacement(fields, path))
+    write_state_files(fields, outputs)
 
 
 def _write_fields(run: CurvedRun, fields: CurvedFields, path: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from fem.assembly.contact_state import ContactState
 from fem.assembly.deformable import DeformableAssembly
-from geometry.assembly import Assembly
+from geometry.measures import JointResultants
 from geometry.mesh import FloatArray
 from validation.run.measures import Measure
 
@@ -45,6 +45,10 @@ class DrawnState(Protocol):
     @property
     def contact_state(self) -> ContactState:
         """Facets in contact."""
+
+    @property
+    def joints(self) -> JointResultants:
+        """Resultants of the contact forces between each two blocks."""
 
     def positions(self, block: int) -> FloatArray:
         """Nodes of a block before the load acts, (n_nodes, 3) [mm]."""
