@@ -10,7 +10,6 @@ mesh. ``--large`` adds 15 360 elements per block (many minutes).
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import asdict, dataclass
 
@@ -42,8 +41,8 @@ from geometry.families.tube import sine_tube
 from geometry.loads.named import load_case
 from geometry.mesh import FloatArray
 from validation.benchmarks.stopwatch import best_cpu_seconds
-from validation.output.console import listing
-from validation.output.files import prepare_json, write_json
+from validation.output.console import listing, measuring
+from validation.output.files import write_json
 from validation.run.stages import peak_memory_mb
 
 #: Elements round, through and along one block.
@@ -245,16 +244,12 @@ def print_rows(rates: list[RateRow], runs: list[RunRow], console: Console) -> No
 
 def main() -> None:
     """Run the benchmark from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", metavar="FILE|-")
-    parser.add_argument("--large", action="store_true", help="15 360 elements per block too")
-    arguments = parser.parse_args()
-    prepare_json(arguments.json)
+    asked, console = measuring(__doc__, 130, large="15 360 elements per block too")
     rates = [rate(1, 960, 1), rate(12, 960, 1), rate(12, 960, 4), rate(12, 3888, 4, warm_up=500)]
-    runs = [run(*case) for case in (*RUNS, *(LARGE_RUNS if arguments.large else ()))]
-    print_rows(rates, runs, Console(stderr=arguments.json == "-", width=130))
+    runs = [run(*case) for case in (*RUNS, *(LARGE_RUNS if asked.large else ()))]
+    print_rows(rates, runs, console)
     found = {"rates": [asdict(r) for r in rates], "runs": [asdict(r) for r in runs]}
-    write_json(arguments.json, found)
+    write_json(asked.json, found)
 
 
 if __name__ == "__main__":

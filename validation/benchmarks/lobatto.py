@@ -10,14 +10,11 @@ two layers of TSB1, beside what the state says in which such a run ends, the sta
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import asdict, dataclass
 
-from rich.console import Console
-
 from fem.problem.time_step import largest_mode, scaled
-from validation.output.console import listing
-from validation.output.files import prepare_json, write_json
+from validation.output.console import listing, measuring
+from validation.output.files import write_json
 from validation.run.static import run_static
 from validation.scene.read import TubeScene, load_scene
 
@@ -82,10 +79,7 @@ def work(elements: tuple[int, int, int], degree: int) -> Work:
 
 def main() -> None:
     """Print every mesh."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", metavar="FILE", help="write the rows (- : to the screen)")
-    options = parser.parse_args()
-    prepare_json(options.json)
+    asked, console = measuring(__doc__, 110)
     heads = ("nodes", "neighbours", "step [µs]", "Gflop a ms", "u [mm]", "p_max [MPa]", "σ₁ [MPa]")
     table = listing("Explicit work of elements of higher degree", "elements, degree", numbers=heads)
     rows = [work(*mesh) for mesh in MESHES]
@@ -101,8 +95,8 @@ def main() -> None:
             f"{pressure:.3f}",
             f"{tension:.3f}",
         )
-    Console(stderr=options.json == "-", width=110).print(table)
-    write_json(options.json, [asdict(row) for row in rows])
+    console.print(table)
+    write_json(asked.json, [asdict(row) for row in rows])
 
 
 if __name__ == "__main__":

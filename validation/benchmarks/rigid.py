@@ -6,7 +6,6 @@ HiGHS linear program; a whole analysis of TSB1 pipe; with ``--full`` half a mill
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -25,8 +24,8 @@ from mbd import (
     solve_linear_programs,
 )
 from validation.build.blocks import build_scene
-from validation.output.console import listing
-from validation.output.files import prepare_json, write_json
+from validation.output.console import listing, measuring
+from validation.output.files import write_json
 from validation.run.rigid.assembly import run_rigid
 from validation.run.stages import peak_memory_mb
 from validation.scene.read import load_scene
@@ -135,14 +134,10 @@ def print_rows(rows: list[BenchmarkRow], console: Console) -> None:
 
 def main() -> None:
     """Run the benchmark from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", metavar="FILE|-")
-    parser.add_argument("--full", action="store_true", help="half a million contacts too")
-    arguments = parser.parse_args()
-    prepare_json(arguments.json)
-    rows = benchmark(full=arguments.full)
-    print_rows(rows, Console(stderr=arguments.json == "-", width=118))
-    write_json(arguments.json, [asdict(row) for row in rows])
+    asked, console = measuring(__doc__, 118, full="half a million contacts too")
+    rows = benchmark(full=asked.full)
+    print_rows(rows, console)
+    write_json(asked.json, [asdict(row) for row in rows])
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ short batches, all variants of a mesh taken in turn so that a busy machine slows
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
@@ -24,8 +23,8 @@ from fem.explicit.step import System, step
 from fem.problem.effects import Effects
 from validation.benchmarks.contact import pipe, warm
 from validation.benchmarks.stopwatch import best_cpu_seconds
-from validation.output.console import listing
-from validation.output.files import prepare_json, write_json
+from validation.output.console import listing, measuring
+from validation.output.files import write_json
 
 #: Layers, elements per block, order of the sector.
 MESHES = ((1, 960, 1), (1, 960, 4), (2, 3888, 1), (2, 3888, 4))
@@ -123,13 +122,10 @@ def print_rows(rows: list[SlidingRow], console: Console) -> None:
 
 def main() -> None:
     """Run the benchmark from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", metavar="FILE|-")
-    arguments = parser.parse_args()
-    prepare_json(arguments.json)
+    asked, console = measuring(__doc__, 110)
     rows = [measure(*mesh, effects) for mesh in MESHES for effects in EFFECTS]
-    print_rows(rows, Console(stderr=arguments.json == "-", width=110))
-    write_json(arguments.json, [asdict(row) | {"ratio": row.ratio} for row in rows])
+    print_rows(rows, console)
+    write_json(asked.json, [asdict(row) | {"ratio": row.ratio} for row in rows])
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ abq2ccx needs that too (``pip install abq2ccx``).
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import tempfile
 import time
@@ -36,8 +35,9 @@ from geometry.loads.case import PressureLoad
 from geometry.loads.named import load_case
 from geometry.mesh import FloatArray
 from validation.compare.calculix import CalculixResult, calculix_available, run_calculix
-from validation.output.console import listing
-from validation.output.files import prepare_json, write_json
+from validation.errors import InputError, run_command
+from validation.output.console import listing, measuring
+from validation.output.files import write_json
 
 
 @dataclass(frozen=True)
@@ -330,17 +330,14 @@ def print_rows(rows: list[CheckRow], console: Console) -> None:
 
 def main() -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(description="CalculiX against tubelock")
-    parser.add_argument("--json", metavar="FILE|-", default=None)
-    arguments = parser.parse_args()
-    prepare_json(arguments.json)
+    asked, console = measuring("CalculiX against tubelock", 118)
     if not calculix_available():
-        parser.exit(2, "error: ccx is not installed (Debian: calculix-ccx)\n")
+        raise InputError("ccx is not installed (Debian: calculix-ccx)")
     with tempfile.TemporaryDirectory() as folder:
         rows = all_rows(Path(folder))
-    print_rows(rows, Console(stderr=arguments.json == "-", width=118))
-    write_json(arguments.json, [asdict(row) for row in rows])
+    print_rows(rows, console)
+    write_json(asked.json, [asdict(row) for row in rows])
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main)

@@ -7,7 +7,6 @@ bar it gives, and its true error against `validation.cost.references`.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -16,11 +15,9 @@ import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from rich.console import Console
-
 from validation.cost.references import references
-from validation.output.console import listing
-from validation.output.files import prepare_json, write_json
+from validation.output.console import listing, measuring
+from validation.output.files import write_json
 from validation.run.curved.accuracy import parse_targets
 from validation.run.stages import children_cpu_seconds
 
@@ -97,10 +94,7 @@ def _share(value: float | None) -> str:
 
 def main() -> None:
     """Run the benchmark from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", metavar="FILE|-")
-    target = parser.parse_args().json
-    prepare_json(target)
+    asked, console = measuring(__doc__, 118)
     rows = [row for aim in AIMS for row in reached(*aim)]
     heads = ("asked", "bar", "error", "reference", "aim, CPU s", "CPU s", "peak [MB]")
     table = listing("an accuracy on demand, start included", "TSB1 pipe", "of", numbers=heads)
@@ -108,8 +102,8 @@ def main() -> None:
         shares = map(_share, (row.asked, row.bar, row.error, row.known_to))
         spent = (f"{row.aim:g}", f"{row.cpu_seconds:.1f}", f"{row.memory_mb:.0f}")
         table.add_row(row.layers, row.quantity, *shares, *spent)
-    Console(stderr=target == "-", width=118).print(table)
-    write_json(target, [asdict(row) for row in rows])
+    console.print(table)
+    write_json(asked.json, [asdict(row) for row in rows])
 
 
 if __name__ == "__main__":

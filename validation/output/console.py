@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -13,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from geometry.compilation import compiling
+from validation.output.files import prepare_json
 from validation.output.forecast import Forecast
 
 if TYPE_CHECKING:
@@ -49,6 +51,23 @@ def _console(*, stderr: bool) -> Console:
 
     console = make(None)
     return console if console.is_terminal else make(_WIDTH)
+
+
+def measuring(about: str | None, width: int, **flags: str) -> tuple[argparse.Namespace, Console]:
+    """What a program that measures is asked, and its console: ``--json FILE|-`` and flags.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be written.
+    """
+    parser = argparse.ArgumentParser(description=about)
+    parser.add_argument("--json", metavar="FILE|-")
+    for flag, words in flags.items():
+        parser.add_argument(f"--{flag}", action="store_true", help=words)
+    asked = parser.parse_args()
+    prepare_json(asked.json)
+    return asked, Console(stderr=asked.json == "-", width=width)
 
 
 def error_console() -> Console:

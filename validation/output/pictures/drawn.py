@@ -6,6 +6,7 @@ from typing import Protocol
 
 from fem.assembly.contact_state import ContactState
 from fem.assembly.deformable import DeformableAssembly
+from geometry.assembly import Assembly
 from geometry.measures import JointResultants
 from geometry.mesh import FloatArray
 from validation.run.measures import Measure
