@@ -9,12 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from fem.explicit.kernels.lanes import (
-    REGISTER_DOUBLES,
-    lane_operations,
-    multiply_add,
-    store,
-)
+from fem.explicit.kernels.lanes import REGISTER_DOUBLES, lane_operations, multiply_add, store
 from validation.benchmarks.stopwatch import best_cpu_seconds
 
 

@@ -17,15 +17,7 @@ from fem.decks.abaqus import check_abaqus
 from fem.decks.calculix import check_calculix
 from fem.decks.model import as_nodal_forces, deck_model
 from fem.decks.placement import canonical
-from fem.decks.statement import (
-    Deck,
-    DeckStep,
-    Flavour,
-    Hold,
-    Joint,
-    Procedure,
-    loads_of_case,
-)
+from fem.decks.statement import Deck, DeckStep, Flavour, Hold, Joint, Procedure, loads_of_case
 from fem.element.hexahedron import ElementType
 from fem.element.lagrange_mesh import serendipity_block
 from fem.problem.effects import Effects

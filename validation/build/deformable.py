@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from fem.assembly.deformable import (
-    DeformableAssembly,
-    Frames,
-)
+from fem.assembly.deformable import DeformableAssembly, Frames
 from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
 from fem.contact.surfaces import ContactNormals

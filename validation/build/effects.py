@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fem.problem.effects import (
-    AdaptiveMassDamping,
-    BulkViscosity,
-    Effects,
-    RayleighDamping,
-)
+from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from validation.errors import InputError
 from validation.scene.deformable import Damping, EffectsSection, FemSection
 

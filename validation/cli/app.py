@@ -7,18 +7,7 @@ from typing import Annotated
 
 import typer
 
-from validation.cli import (
-    compare,
-    cost,
-    decks,
-    demo,
-    fem,
-    look,
-    paper,
-    rigid,
-    study,
-    trust,
-)
+from validation.cli import compare, cost, decks, demo, fem, look, paper, rigid, study, trust
 from validation.cli.options import command
 from validation.errors import run_command
 

@@ -18,12 +18,7 @@ from validation.build.deformable import build_deformable
 from validation.cost.calculix import MethodAnswer, solve_by_calculix
 from validation.cost.curved import solve_rungs
 from validation.cost.partition import PARTITION_LEVEL, partition_pressures
-from validation.cost.settings import (
-    BaseMesh,
-    CostSetting,
-    damped_constantly,
-    with_setting,
-)
+from validation.cost.settings import BaseMesh, CostSetting, damped_constantly, with_setting
 from validation.errors import InputError
 from validation.output.provenance import processor
 from validation.run.deformable import DeformableRun

@@ -9,13 +9,7 @@ from rich.console import Console
 
 from validation.cost.measure import SCALARS
 from validation.cost.plan import QUANTITIES
-from validation.cost.study import (
-    TARGETS,
-    CostStudy,
-    Row,
-    answer,
-    percent,
-)
+from validation.cost.study import TARGETS, CostStudy, Row, answer, percent
 from validation.output.console import listing
 from validation.output.pictures.gallery import (
     BLUE,

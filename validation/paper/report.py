@@ -19,21 +19,11 @@ import numpy as np
 from rich.console import Console
 
 from validation.output.files import prepare_folder, write_json, write_whole
-from validation.output.pictures.bodies import (
-    EYE,
-    coloured_blocks,
-    interface_facets,
-    outlines,
-)
+from validation.output.pictures.bodies import EYE, coloured_blocks, interface_facets, outlines
 from validation.output.pictures.canvas import Part, View
 from validation.output.pictures.gallery import PRESSURE_MAP, scale_from_zero
 from validation.output.pictures.tubes import all_faces, stress_scale
-from validation.output.pictures.view_3d import (
-    View3d,
-    make_view,
-    viewer_page,
-    webp,
-)
+from validation.output.pictures.view_3d import View3d, make_view, viewer_page, webp
 from validation.output.program import program
 from validation.output.provenance import Provenance, stamped
 from validation.paper.claims.claim import Truth
@@ -42,13 +32,7 @@ from validation.paper.errata import ShownErratum, errata_json, show_errata
 from validation.paper.evidence import Evidence
 from validation.paper.figures import CostRow, FigureFile, cost_rows, draw_figures
 from validation.paper.reading import Sensitivity, sensitivity
-from validation.paper.tables import (
-    Tables,
-    compute_tables,
-    count_words,
-    lines_by_block,
-    tables_json,
-)
+from validation.paper.tables import Tables, compute_tables, count_words, lines_by_block, tables_json
 from validation.run.deformable import DeformableRun
 from validation.run.rigid.assembly import RigidRun
 

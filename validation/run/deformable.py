@@ -11,9 +11,7 @@ import numpy as np
 
 from fem.answer import Answer
 from fem.assembly.contact_state import CapAction, ContactMeasures, ContactState, cap_action
-from fem.assembly.deformable import (
-    DeformableAssembly,
-)
+from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.peaks import StressPeaks, joint_forces, stress_peaks
 from fem.element.lagrange_mesh import in_pieces
 from fem.explicit.setup.quasi_static import QuasiStaticReport, quasi_static_report

@@ -18,12 +18,7 @@ from pydantic import ValidationError
 from geometry.files.ordinary import unreadable
 from validation.errors import InputError, one_line
 from validation.scene.builtin import builtin_text
-from validation.scene.deformable import (
-    AutoSection,
-    DeformableSections,
-    EffectName,
-    parse_share,
-)
+from validation.scene.deformable import AutoSection, DeformableSections, EffectName, parse_share
 from validation.scene.families import sine
 from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import implausible

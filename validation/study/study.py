@@ -29,13 +29,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from geometry.files.ordinary import unreadable
 from validation.errors import InputError
-from validation.scene.read import (
-    SceneFile,
-    apply_overrides,
-    check_scene,
-    read_text,
-    scene_data,
-)
+from validation.scene.read import SceneFile, apply_overrides, check_scene, read_text, scene_data
 from validation.scene.sections import RigidSection
 from validation.scene.usage import recording, uncounted
 from validation.study.builtin import builtin_study_text, nearest

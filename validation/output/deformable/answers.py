@@ -18,11 +18,7 @@ from fem.problem.time_step import added_mass_share
 from geometry.files.mesh_io import write_surface
 from geometry.mesh import QuadSurface
 from validation.output.console import two_columns
-from validation.output.deformable.fields import (
-    element_owners,
-    facet_owners,
-    write_fields,
-)
+from validation.output.deformable.fields import element_owners, facet_owners, write_fields
 from validation.output.files import write_whole
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs

@@ -18,18 +18,8 @@ from fem.contact.law import ContactLaw
 from fem.element.lagrange import LagrangeElement
 from fem.element.lagrange_stress import PointValue, averaged_tension, everywhere
 from fem.static.lagrange_block import Lattice, body_force, face_pressure
-from fem.static.lagrange_peaks import (
-    FacetMeans,
-    Lines,
-    facet_means,
-    largest_point_pressure,
-)
-from fem.static.lagrange_tube import (
-    LayeredJoints,
-    TubeState,
-    solve_layered_tube,
-    transferred,
-)
+from fem.static.lagrange_peaks import FacetMeans, Lines, facet_means, largest_point_pressure
+from fem.static.lagrange_tube import LayeredJoints, TubeState, solve_layered_tube, transferred
 from geometry.families.sine_block import (
     SineBlockDivisions,
     SineBlockParameters,

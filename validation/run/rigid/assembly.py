@@ -15,18 +15,10 @@ from geometry.assembly import Assembly
 from geometry.files.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
 from geometry.loads.case import with_body_wrenches
 from geometry.mesh import FloatArray
-from mbd import (
-    Measures,
-    analyse,
-    block_measures,
-    block_wrenches,
-    measures,
-)
+from mbd import Measures, analyse, block_measures, block_wrenches, measures
 from validation.build.blocks import BuiltScene, build_scene, build_weight
 from validation.run.rigid.answer import RigidAnswer, spent
-from validation.run.rigid.further import (
-    further_answers,
-)
+from validation.run.rigid.further import further_answers
 from validation.scene.read import DeformableScene, SceneFile
 
 

@@ -16,9 +16,7 @@ from mbd import analyse
 from validation.build.own_blocks import refuse_two_weights
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
 from validation.run.rigid.answer import RigidAnswer, spent
-from validation.run.rigid.further import (
-    further_answers,
-)
+from validation.run.rigid.further import further_answers
 from validation.run.stages import stages
 from validation.scene.polyhedra import STRAIGHT_EDGES, BodyLoadSection, MeshScene, PolyhedralScene
 from validation.scene.read import SceneFile
