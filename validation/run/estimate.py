@@ -13,8 +13,9 @@ and at their corners lie on the same side: what an element hides comes on top of
 leaves out.
 
 Elements of degree two and more are judged by the same elements of one degree less, with the same
-factor: means over facets are those over the same facets then, and displacements gain more with the
-degree than with the mesh. Peaks, which gain least, are judged by the coarser meshes as well.
+factor: means over facets are those over the same facets then. Either change may vanish by chance:
+displacements have the larger estimate of degrees and of meshes. Peaks gain least: what the degree
+and what the mesh leave out add up.
 
 With friction the way to the load counts: what half as many load steps change is added
 (`validation.run.friction.width.load_step_change`).
@@ -49,9 +50,11 @@ def estimated_errors(run: DeformableRun) -> dict[str, float]:
     """
     steps = load_step_change(run)
     curved = run.scene.fem is not None and run.scene.fem.degree > 1
-    estimates = _degree_changes(run) if curved else {}
-    for scene in (run.scene.coarser(share) for share in SHARES):
-        if scene is None:
+    degrees = _degree_changes(run) if curved else {}
+    meshes: dict[str, list[float]] = {}
+    scenes = [run.scene.coarser(share) for share in SHARES]
+    for k, scene in enumerate(scenes):
+        if scene is None or scene in scenes[:k]:
             continue
         try:
             coarse = run_scene(run.name, scene)
@@ -62,21 +65,30 @@ def estimated_errors(run: DeformableRun) -> dict[str, float]:
         if not refinement > 1.0:
             continue
         for name, measure in run.measures.items():
-            if curved and name not in _PEAKS:
-                continue
             change = abs(measure.value - coarse.measures[name].value)
-            estimates.setdefault(name, []).append(SAFETY * change / (refinement - 1.0))
-    sides = {} if curved else bracketed(run)
-    return {
-        name: steps.get(name, 0.0)
-        + (sum if name in _INSIDE else max)((max(found), sides.get(name, 0.0)))
-        for name, found in estimates.items()
-    }
+            meshes.setdefault(name, []).append(SAFETY * change / (refinement - 1.0))
+    of_meshes = {name: max(found) for name, found in meshes.items()}
+    if curved:
+        bars = {name: _both(name, bar, of_meshes.get(name, 0.0)) for name, bar in degrees.items()}
+    else:
+        sides = bracketed(run)
+        bars = {
+            name: (sum if name in _INSIDE else max)((bar, sides.get(name, 0.0)))
+            for name, bar in of_meshes.items()
+        }
+    return {name: steps.get(name, 0.0) + bar for name, bar in bars.items()}
 
 
-def _degree_changes(run: DeformableRun) -> dict[str, list[float]]:
+def _both(name: str, degrees: float, meshes: float) -> float:
+    """Estimate of elements of degree two or more from those of degrees and of meshes."""
+    if name in _PEAKS:
+        return degrees + meshes
+    return max(degrees, meshes) if name == "max_displacement" else degrees
+
+
+def _degree_changes(run: DeformableRun) -> dict[str, float]:
     """Estimates from the same elements of one degree less."""
     assert run.scene.fem is not None
     scene = run.scene.changed({"fem.degree": run.scene.fem.degree - 1})
     less = run_scene(run.name, scene).measures
-    return {n: [SAFETY * abs(m.value - less[n].value)] for n, m in run.measures.items()}
+    return {n: SAFETY * abs(m.value - less[n].value) for n, m in run.measures.items()}
