@@ -417,6 +417,24 @@ def _piece(own, flat, plane, other, bounds, size, piece, at, xi, work):
     return n, area, _within(own, flat, other, at, 3, bounds, xi, work)
 
 
+# Rows are copied number by number: numba compiles for ``a[k] = b[j]`` the words in which it would
+# refuse rows of other lengths, a quarter of what a first run compiles.
+@njit(**_OPTIONS)
+def _corners_of(quad, position, corners):
+    """Corners of a facet, (4, 3)."""
+    for a in range(4):
+        for i in range(3):
+            corners[a, i] = position[quad[a], i]
+
+
+@njit(**_OPTIONS)
+def _copy(plane, to):
+    """Copy plane points (n, 2) to the first places of others."""
+    for a in range(plane.shape[0]):
+        for i in range(2):
+            to[a, i] = plane[a, i]
+
+
 @njit(cache=True, **_OPTIONS)
 def cut_facets(
     position,
@@ -474,14 +492,12 @@ def cut_facets(
     for f in range(len(quads)):
         if start[f] == start[f + 1]:
             continue
-        for a in range(4):
-            own[a] = position[quads[f, a]]
+        _corners_of(quads[f], position, own)
         _plane(own, plane, flat)
         whole = _area(flat, 4)
         found, covered = 0, 0.0
         for k in range(start[f], start[f + 1]):
-            for a in range(4):
-                other[a] = position[quads[near[k], a]]
+            _corners_of(quads[near[k]], position, other)
             n, size, distance = _piece(
                 own, flat, plane, other, bounds, math.sqrt(whole), pieces[found], at, pair, work
             )
@@ -497,18 +513,17 @@ def cut_facets(
             covered -= sizes[far]
             found -= 1
             which[far], corners[far] = which[found], corners[found]
-            sizes[far], away[far], pieces[far] = sizes[found], away[found], pieces[found]
+            sizes[far], away[far] = sizes[found], away[found]
+            _copy(pieces[found], pieces[far])
         largest = np.argmax(sizes[:found]) if found else 0
         inside = found > 0 and sizes[largest] > (1.0 - _BEYOND) * whole
         if inside and covered > (1.0 - _UNCOVERED) * whole:
             # It lies inside one facet: what sticks out changes nothing.
             which[0], corners[0], found = which[largest], 4, 1
-            for a in range(4):
-                pieces[0, a] = flat[a]
+            _copy(flat, pieces[0])
         for c in range(found):
             n = corners[c]
-            for a in range(4):
-                other[a] = position[quads[near[which[c]], a]]
+            _corners_of(quads[near[which[c]]], position, other)
             many = sliver_points(pieces[c], n, slight * whole * whole, at)
             if many:
                 part[:] = sizes[c] / many
@@ -524,9 +539,11 @@ def cut_facets(
                 if count < len(slave):
                     shape_values(pair[p, 0], values)
                     slave[count], facet[count] = f, near[which[c]]
-                    shapes[count], xi[count] = values[:, 0], pair[p, 1]
+                    for a in range(4):
+                        shapes[count, a] = values[a, 0]
+                    xi[count, 0], xi[count, 1] = pair[p, 1, 0], pair[p, 1, 1]
                     weights[count] = part[p] / whole * area[f] * share[which[c]]
-                    cells[count] = box
+                    _copy(box, cells[count])
                 count += 1
     return count
 

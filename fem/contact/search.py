@@ -316,7 +316,9 @@ def closest_points(
     n = len(points)
     xi = np.zeros((n, 2)) if start is None else start.copy()
     gap, normal = np.empty(n), np.empty((n, 3))
-    closest_on_facets(corners, points, xi, gap, normal, start is not None)
+    # One form for all: a view would be compiled for anew.
+    facing, where = np.ascontiguousarray(corners), np.ascontiguousarray(points)
+    closest_on_facets(facing, where, xi, gap, normal, start is not None)
     return xi, gap, normal
 
 
