@@ -86,14 +86,7 @@ def kernel_rows(
 ) -> list[KernelRow]:
     """Time the kernels of a step, float64 and one thread.
 
-    Parameters
-    ----------
-    group
-        The copies.
-    machine
-        Its limits.
-    ready
-        Makes a system of them and a state after a few steps, for given effects.
+    ``ready`` makes a system of the copies and a state after a few steps, for given effects.
     """
     plain, rotating = ready(Effects()), ready(Effects(finite_rotation=True))
     viscous = ready(Effects(bulk_viscosity=BulkViscosity()))

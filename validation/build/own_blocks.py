@@ -120,12 +120,7 @@ def unmatched_joints(
 ) -> tuple[UnmatchedJoint, ...]:
     """Joints where the facets of two blocks that touch do not match corner on corner.
 
-    Parameters
-    ----------
-    assembly
-        Hexahedra.
-    surfaces
-        The same blocks, contacts found without matching facets.
+    ``surfaces`` are the same blocks, their contacts found without matching facets.
     """
     patches = surfaces.interfaces.patches
     pairs = np.unique(np.column_stack([patches.block_m, patches.block_s]), axis=0)

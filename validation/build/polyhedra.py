@@ -40,14 +40,7 @@ Shape = TypeVar("Shape")
 
 
 def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
-    """Build and check the blocks of a scene.
-
-    Parameters
-    ----------
-    scene
-        What to build.
-    folder
-        Folder that file names are relative to.
+    """Build and check the blocks of a scene; names of files are relative to the folder.
 
     Raises
     ------

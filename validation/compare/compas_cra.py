@@ -130,15 +130,7 @@ def _faces(assembly: PolyhedralAssembly, block: int) -> tuple[FloatArray, list[l
 
 
 def compas_answers(problem: Problem, solvers: tuple[str, ...] = ("rbe", "cra")) -> list[Answer]:
-    """Rigid-block equilibrium (rbe) and coupled rigid-block analysis (cra) of compas_cra.
-
-    Parameters
-    ----------
-    problem
-        What to solve.
-    solvers
-        Of compas_cra.
-    """
+    """Rigid-block equilibrium (rbe) and coupled rigid-block analysis (cra) of compas_cra."""
     from compas_assembly.datastructures import Block
     from compas_cra import equilibrium
     from compas_cra.algorithms import assembly_interfaces_numpy

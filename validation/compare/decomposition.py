@@ -63,14 +63,7 @@ def decompose(name: str, scene: DeformableScene, static: DeformableRun) -> list[
     """Steps from rigid blocks to the scene, each a static solution.
 
     Steps that find no solution are left out (a clearance without elasticity may leave blocks that
-    nothing places).
-
-    Parameters
-    ----------
-    name, scene
-        A tube.
-    static
-        Its static answer, the last step.
+    nothing places). The scene's own static answer is the last step.
     """
     assert scene.contact is not None
     opened = scene.contact.opened

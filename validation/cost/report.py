@@ -20,6 +20,7 @@ from validation.output.pictures.gallery import (
     VERMILION,
     save_figure,
     subplots,
+    twos_and_fives,
 )
 from validation.output.provenance import Provenance
 
@@ -236,15 +237,9 @@ def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     # A quick study spans one decade or two, which one label in each would leave bare.
     lowest, highest = axes.get_xlim()
-    seconds = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
+    seconds = twos_and_fives(lambda value: f"{value:g}")
     axes.xaxis.set_minor_formatter(seconds if highest < 1e3 * lowest else NullFormatter())
-    axes.yaxis.set_minor_formatter(FuncFormatter(_minor))
-
-
-def _minor(value: float, _: object) -> str:
-    """Label twos and fives between the decades."""
-    leading = f"{value:e}"[0]
-    return f"{100 * value:g}" if leading in "25" else ""
+    axes.yaxis.set_minor_formatter(twos_and_fives(lambda value: f"{100 * value:g}"))
 
 
 def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom: float) -> None:

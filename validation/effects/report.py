@@ -144,11 +144,6 @@ def effects_json(report: EffectReport, tolerance: float = TOLERANCE) -> dict[str
     return data
 
 
-def _factor_tick(value: float, _: object) -> str:
-    """Label halves, doubles and fives between the decades."""
-    return f"× {value:g}" if f"{value:e}"[0] in "25" else ""
-
-
 def draw_effects(report: EffectReport, path: Path) -> None:
     """Draw changes and costs, one group of bars for each effect."""
     from matplotlib.ticker import FuncFormatter
@@ -160,6 +155,7 @@ def draw_effects(report: EffectReport, path: Path) -> None:
         VERMILION,
         save_figure,
         subplots,
+        twos_and_fives,
     )
 
     costs = report.costs
@@ -195,7 +191,7 @@ def draw_effects(report: EffectReport, path: Path) -> None:
     left.invert_yaxis()
     right.set_xscale("log")
     right.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"× {value:g}"))
-    right.xaxis.set_minor_formatter(FuncFormatter(_factor_tick))
+    right.xaxis.set_minor_formatter(twos_and_fives(lambda value: f"× {value:g}"))
     right.set_xlabel("over the run without effects [–]")
     right.axvline(1.0, color="black", linewidth=0.8)
     figure.suptitle(f"{report.scene}: effects, each added to none")

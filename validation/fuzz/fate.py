@@ -212,17 +212,7 @@ def _broken_json(out: Path, folder: Path) -> Iterator[str]:
 
 
 def try_lines(numbers: Sequence[int], seed: int, *, apart: int = 0) -> Iterator[Tried]:
-    """Make and try lines of a seed.
-
-    Parameters
-    ----------
-    numbers
-        Which.
-    seed
-        Decides them.
-    apart
-        Every so many-th as a program of its own; 0: none.
-    """
+    """Make and try lines of a seed, every ``apart``-th as a program of its own; 0: none."""
     with tempfile.TemporaryDirectory() as workshop:
         specimens = Path(workshop) / "specimens"
         specimens.mkdir()

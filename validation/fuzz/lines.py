@@ -337,15 +337,7 @@ _SPOIL: tuple[Callable[[Random, Path], Path], ...] = (
 
 
 def make_specimens(folder: Path, tubelock: Callable[[Sequence[str]], object]) -> None:
-    """Write one good file of each kind that a command reads.
-
-    Parameters
-    ----------
-    folder
-        Where to.
-    tubelock
-        Runs a line.
-    """
+    """Write one good file of each kind that a command reads; ``tubelock`` runs a line."""
     import numpy as np
 
     from geometry.files.mesh_io import write_hex_mesh, write_triangles

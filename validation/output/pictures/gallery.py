@@ -25,6 +25,7 @@ from validation.output.program import program
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter
 
 #: Okabe–Ito colours: told apart by colour-blind readers.
 BLUE, SKY, ORANGE, VERMILION, GREEN, GREY = (
@@ -524,6 +525,13 @@ def colour_bar(figure: Figure, axes: Axes, scale: Scale, *, horizontal: bool = F
 
 # ---------------------------------------------------------------------------------------------
 # Files
+
+
+def twos_and_fives(words: Callable[[float], str]) -> FuncFormatter:
+    """Label twos and fives between the decades of an axis."""
+    from matplotlib.ticker import FuncFormatter
+
+    return FuncFormatter(lambda value, _: words(value) if f"{value:e}"[0] in "25" else "")
 
 
 def save_figure(figure: Figure, path: Path, *, about: str = "") -> None:

@@ -164,10 +164,8 @@ def _fine_is_worse(evidence: Evidence) -> Verdict:
 
     All three together: at the largest n and a the ratio is above 1, and it grows with n and a.
     """
-    p, (shifts, frequencies, numbers, thicknesses, amplitudes) = (
-        evidence.study.p_max,
-        evidence.study.axes,
-    )
+    p = evidence.study.p_max
+    shifts, frequencies, numbers, thicknesses, amplitudes = evidence.study.axes
     low, high = frequencies[0], frequencies[-1]
 
     def ratio(s: float, n: float, t: float, a: float) -> float:
@@ -197,10 +195,8 @@ def _fine_is_worse(evidence: Evidence) -> Verdict:
 )
 def _wave_threshold(evidence: Evidence) -> Verdict:
     """Ask of every (s, f, t, a) whether p_max rises again as n, hence n_w = 2 f n, grows."""
-    p, (shifts, frequencies, numbers, thicknesses, amplitudes) = (
-        evidence.study.p_max,
-        evidence.study.axes,
-    )
+    p = evidence.study.p_max
+    shifts, frequencies, numbers, thicknesses, amplitudes = evidence.study.axes
     share: dict[float, str] = {}
     turning: dict[float, list[float]] = {}
     holds = True
