@@ -56,18 +56,14 @@ def facet_outlines(assembly: Assembly, pair: PressurePair) -> FloatArray:
     return corners
 
 
-def draw_layer_comparison(evidence: Evidence, path: Path) -> list[PressurePair]:
+def draw_layer_comparison(evidence: Evidence, path: Path) -> None:
     """Draw figure pc_MBD_FEM: rigid beside deformable, each in units of its own largest pressure.
 
-    Returns
-    -------
-    list[PressurePair]
-        The twelve comparisons drawn.
+    All twelve of `pressure_pairs`.
     """
-    pairs = pressure_pairs(evidence)
     scale = Scale("contact pressure / largest in the panel [–]", PRESSURE_MAP, 0.0, 1.0, (0.0, 1.0))
     columns: list[list[Panel]] = [[] for _ in range(4)]
-    for number, pair in enumerate(pairs):
+    for number, pair in enumerate(pressure_pairs(evidence)):
         block, case, side = pair.name.split()
         corners = facet_outlines(evidence.fem(block, case).deformable.assembly, pair)
         for offset, (words, values) in enumerate(
@@ -79,7 +75,6 @@ def draw_layer_comparison(evidence: Evidence, path: Path) -> list[PressurePair]:
             columns[2 * (number % 2) + offset].append(Panel(title, plot=plot, bare=True))
     title = "Contact pressures on the top and bottom faces of layer 7, seen along the axis"
     gallery(columns, title, path, height=16.0, scale=scale)
-    return pairs
 
 
 def _draw_facets(axes: Axes, *, corners: FloatArray, values: FloatArray, scale: Scale) -> None:

@@ -14,7 +14,7 @@ from geometry.files.mesh_io import interface_surface
 from geometry.loads.case import LoadCase
 from geometry.measures import facets_between
 from geometry.mesh import FloatArray, IntArray
-from validation.output.pictures.canvas import INK, Direction, Lines, Pixels, Surface, merged
+from validation.output.pictures.canvas import Direction, Lines, Pixels, Surface, merged
 from validation.output.pictures.gallery import (
     BLUE,
     GREY,
@@ -162,7 +162,6 @@ def outlines(
     *,
     nodes: Places | None = None,
     opacity: float = 1.0,
-    width: float = 2.0,
 ) -> Lines:
     """Sharp edges of some blocks, as assembled or with the nodes given."""
     edges = {
@@ -175,7 +174,7 @@ def outlines(
         used, ends = _used([edges[int(assembly.shape_of[block])]])
         placed = assembly.nodes(block) if nodes is None else nodes(block)
         bodies.append((placed[used], ends))
-    return Lines(*merged(bodies, 2), INK, width, opacity)
+    return Lines(*merged(bodies, 2), opacity=opacity)
 
 
 def coloured_blocks(
