@@ -6,12 +6,21 @@ import numpy as np
 from scipy.sparse.linalg import spsolve
 
 from fem.assembly.contact_state import corner_displacements
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.statement import Problem
 from fem.contact.surfaces import corner_forces
 from fem.element.hexahedron import ElementType, block_stiffness
 from fem.element.material import Material
 from fem.static.result import StaticResult
 from geometry.block import Block, box_block
 from geometry.mesh import FloatArray, HexMesh, boundary_quads
+
+
+def deformable_assembly(assembly, load, material, **stated) -> DeformableAssembly:
+    """Deformable blocks of a statement in any units; what is None is as a statement has it."""
+    given = {name: value for name, value in stated.items() if value is not None}
+    return Problem(assembly, load, material, **given, check_units=False).deformable
+
 
 CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
 

@@ -9,7 +9,6 @@ from fem.assembly.deformable import (
     DeformableAssemblyError,
     Frames,
     block_load_forces,
-    deformable_assembly,
 )
 from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.contact.surfaces import (
@@ -28,6 +27,7 @@ from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
 from geometry.loads.named import load_case
+from tests.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 TSB1 = SineBlockParameters(

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from fem.assembly.deformable import deformable_assembly
 from fem.assembly.local_system import local_system
 from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.surfaces import ContactNormals
@@ -14,6 +13,7 @@ from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
 from geometry.loads.named import load_case
+from tests.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 TSB1 = SineBlockParameters(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fem.assembly.contact_state import corner_displacements, matched_pressures
-from fem.assembly.deformable import Frames, deformable_assembly
+from fem.assembly.deformable import Frames
 from fem.assembly.symmetry import cyclic_orbits, no_symmetry
 from fem.contact.friction import CoulombFriction, friction_tractions
 from fem.contact.surfaces import ContactNormals, corner_forces, point_kinematics
@@ -23,6 +23,7 @@ from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads.named import load_case
 from tests.conftest import random_rotation, tsb
+from tests.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 

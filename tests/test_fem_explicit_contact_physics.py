@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fem.assembly.contact_state import matched_pressures
-from fem.assembly.deformable import deformable_assembly
 from fem.contact.friction import CoulombFriction, FrictionError
 from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.contact.surfaces import ContactNormals
@@ -21,6 +20,7 @@ from fem.problem.time_step import critical_time_step
 from geometry.assembly import Assembly
 from geometry.families.boxes import brick
 from geometry.loads.case import LoadCase
+from tests.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 GRAVITY = 9810.0

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from fem.assembly.deformable import Frames, deformable_assembly
+from fem.assembly.deformable import Frames
 from fem.assembly.symmetry import cyclic_orbits
 from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.element.material import Material
@@ -28,6 +28,7 @@ from geometry.families.tube import sine_tube
 from geometry.loads.case import LoadCase
 from geometry.loads.named import load_case
 from tests.conftest import tsb
+from tests.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fem.assembly.contact_state import matched_pressures
-from fem.assembly.deformable import Frames, deformable_assembly
+from fem.assembly.deformable import Frames
 from fem.assembly.symmetry import cyclic_orbits
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ExponentialLaw, LinearPenalty
@@ -34,6 +34,7 @@ from geometry.loads.case import LoadCase
 from geometry.loads.named import load_case
 from geometry.mesh import HexMesh
 from tests.conftest import tsb
+from tests.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 DAMPED = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))

@@ -8,7 +8,6 @@ import pytest
 from fem.assembly.contact_state import contact_measures
 from fem.assembly.deformable import (
     Frames,
-    deformable_assembly,
 )
 from fem.assembly.symmetry import SymmetryError
 from fem.contact.friction import CoulombFriction
@@ -32,7 +31,7 @@ from geometry.loads.case import LoadCase, PressureLoad, TractionLoad
 from geometry.loads.named import load_case
 from geometry.mesh import HexMesh
 from mbd import Norm, analyse
-from tests.fem_problems import contact_corner_forces, pair_resultants
+from tests.fem_problems import contact_corner_forces, deformable_assembly, pair_resultants
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 #: Without lateral strain a column is one-dimensional.

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from fem.assembly.deformable import deformable_assembly
 from fem.element.material import Material
 from fem.explicit.setup.assembly import explicit_assembly
 from fem.explicit.setup.quasi_static import recommended_times
@@ -17,6 +16,7 @@ from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockP
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import hexagon_tube, sine_tube
 from geometry.loads.named import load_case
+from tests.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 TSB1 = SineBlockParameters(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem.assembly.deformable import Frames, deformable_assembly
+from fem.assembly.deformable import Frames
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import LinearPenalty
 from fem.contact.surfaces import ContactNormals
@@ -15,6 +15,7 @@ from fem.problem.model import fixed_nodes
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads.case import face_pressure
+from tests.fem_problems import deformable_assembly
 from tests.test_fem_sliding_contact import tube
 
 STIFF = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)

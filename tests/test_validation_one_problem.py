@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.assembly.deformable import DeformableAssembly, Frames, deformable_assembly
+from fem.assembly.deformable import DeformableAssembly, Frames
 from fem.contact.law import ExponentialLaw
 from fem.decks.laws import law_table
 from fem.decks.model import deck_assembly
@@ -21,6 +21,7 @@ from fem.problem.loads import SmoothStepAmplitude
 from fem.static.solve import solve_static
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads.case import face_pressure
+from tests.fem_problems import deformable_assembly
 from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable
 from validation.errors import InputError

@@ -10,7 +10,7 @@ import meshio
 import numpy as np
 import pytest
 
-from fem.assembly.deformable import Frames, deformable_assembly
+from fem.assembly.deformable import Frames
 from fem.element.material import Material
 from fem.explicit.setup.assembly import explicit_assembly
 from fem.explicit.setup.quasi_static import block_frequencies
@@ -24,6 +24,7 @@ from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads.case import face_pressure
 from geometry.mesh import FloatArray
 from geometry.polyhedra.polyhedron import polyhedron_from_quads
+from tests.fem_problems import deformable_assembly
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import QUADS, SECTIONS, brick_corners, overclosure, write_stl
 from validation.build.deformable import build_deformable

@@ -14,7 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fem.contact.friction import CoulombFriction
-from fem.contact.law import ContactLaw, ExponentialLaw
+from fem.contact.law import ContactLaw
 from fem.contact.surfaces import (
     ContactNormals,
     ContactSurfaces,
@@ -24,7 +24,6 @@ from fem.contact.surfaces import (
 from fem.element.hexahedron import ElementType
 from fem.element.lagrange_mesh import with_degree
 from fem.element.material import Material
-from fem.problem.effects import Effects
 from fem.problem.loads import pressure_forces, traction_forces, wrench_forces
 from fem.problem.model import (
     BlockGroup,
@@ -35,7 +34,7 @@ from fem.problem.model import (
     fixed_nodes,
     lumped_mass,
 )
-from geometry.assembly import Assembly, spacing_offsets
+from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.loads.case import FaceLoad, HeldFace, LoadCase, PressureLoad
 from geometry.mesh import BoolArray, FloatArray, IntArray
@@ -117,80 +116,28 @@ class DeformableAssembly:
         return self.model.groups[int(self.group_of[block])]
 
 
-def deformable_assembly(
+def touching_surfaces(
     assembly: Assembly,
-    load: LoadCase,
-    material: Material,
-    *,
-    element: ElementType = ElementType.INCOMPATIBLE,
-    degree: int = 1,
-    law: ContactLaw | None = None,
-    normals: ContactNormals = ContactNormals.CURRENT,
-    clearance: float = 0.0,
-    spacing: float = 0.0,
-    frames: Frames = Frames.RIGID,
-    friction: CoulombFriction | None = None,
-    finite_sliding: bool = False,
-    gravity: FloatArray | None = None,
-) -> DeformableAssembly:
-    """Make deformable blocks of an assembly under a load case.
-
-    Parameters
-    ----------
-    assembly, load, material
-        Blocks and conforming interfaces; tractions, and which blocks are held; of all blocks.
-    element, degree, law, normals, clearance, spacing, frames, friction, finite_sliding, gravity
-        Fields of `fem.assembly.statement.Problem`, with the same defaults. Surfaces that slide need
-        not conform, so blocks that nothing holds are then not looked for.
+    deformable: BoolArray,
+    offsets: FloatArray,
+    clearance: float,
+    law: ContactLaw,
+) -> ContactSurfaces:
+    """Matched facets of which at least one block deforms, refused where they overlap too deeply.
 
     Raises
     ------
     ContactError
         Blocks that overlap at the start by more than the law's range.
-    DeformableAssemblyError
-        Nothing to deform, blocks that nothing can hold, or held blocks without an outer face.
-    AssemblyError
-        Contact facets without partner.
     """
-    law = ExponentialLaw() if law is None else law
-    deformable = np.ones(assembly.n_blocks, dtype=np.bool_)
-    if assembly.image_of is not None:
-        _check_cell(assembly, frames, finite_sliding=finite_sliding)
-    if degree > 1:
-        assembly = _curved(assembly, degree, finite_sliding=finite_sliding)
-    if frames is Frames.RIGID:
-        deformable &= ~load.fixed
-    if not deformable.any():
-        raise DeformableAssemblyError(
-            f"{assembly.name}: every block is held; expected at least one that can deform"
-        )
-    if finite_sliding:
-        assembly = replace(assembly, unmatched_allowed=True)
-    elif assembly.interfaces.n_contacts:
-        _check_held(assembly, load)
-    offsets = spacing_offsets(assembly, spacing)
     surfaces = contact_surfaces(assembly, offsets, clearance=clearance)
     touching = deformable[surfaces.block_m] | deformable[surfaces.block_s]
     surfaces = surfaces.subset(np.flatnonzero(touching))
     check_initial_overlap(surfaces, law)
-    groups, group_of, copy_of = block_groups(assembly, deformable, offsets, material, element)
-    loads = _nodal_loads(assembly, load, groups, group_of, copy_of)
-    faces = load.held if frames is Frames.RIGID else held_faces(assembly, load)
-    supports = _supports(assembly, faces, group_of, copy_of)
-    turning = any(part.follows_block for part in loads)
-    effects = Effects(gravity=gravity, finite_rotation=turning)
-    return DeformableAssembly(
-        assembly=assembly,
-        model=Model(groups, supports=supports, loads=loads, effects=effects),
-        group_of=group_of[assembly.originals],
-        copy_of=copy_of[assembly.originals],
-        offsets=offsets,
-        surfaces=surfaces,
-        contact=Contact(law, normals, friction, finite_sliding),
-    )
+    return surfaces
 
 
-def _curved(assembly: Assembly, degree: int, *, finite_sliding: bool) -> Assembly:
+def curved(assembly: Assembly, degree: int, *, finite_sliding: bool) -> Assembly:
     """Give all blocks elements of a degree."""
     if finite_sliding:
         raise DeformableAssemblyError(
@@ -201,7 +148,7 @@ def _curved(assembly: Assembly, degree: int, *, finite_sliding: bool) -> Assembl
     return replace(assembly, shapes=shapes)
 
 
-def _check_cell(assembly: Assembly, frames: Frames, *, finite_sliding: bool) -> None:
+def check_cell(assembly: Assembly, frames: Frames, *, finite_sliding: bool) -> None:
     """Refuse what a periodic cell does not have."""
     if frames is Frames.DEFORMABLE:
         raise DeformableAssemblyError(
@@ -214,7 +161,7 @@ def _check_cell(assembly: Assembly, frames: Frames, *, finite_sliding: bool) -> 
         )
 
 
-def _check_held(assembly: Assembly, load: LoadCase) -> None:
+def check_held(assembly: Assembly, load: LoadCase) -> None:
     """Refuse blocks that no chain of contacts connects to a held block."""
     found, n = assembly.interfaces, assembly.n_blocks
     touch = coo_array((np.ones(found.n_contacts), (found.block_m, found.block_s)), shape=(n, n))
@@ -307,7 +254,7 @@ def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray |
     return forces
 
 
-def _nodal_loads(
+def nodal_loads(
     assembly: Assembly,
     load: LoadCase,
     groups: tuple[BlockGroup, ...],
@@ -396,7 +343,7 @@ def held_faces(assembly: Assembly, load: LoadCase) -> tuple[HeldFace, ...]:
     return (*load.held, *(HeldFace(block, outer_face(assembly, block)) for block in blocks))
 
 
-def _supports(
+def supports_at(
     assembly: Assembly,
     faces: tuple[HeldFace, ...],
     group_of: IntArray,

@@ -7,19 +7,33 @@ of it refuses it by name.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from fem.assembly.deformable import DeformableAssembly, Frames, deformable_assembly
+from fem.assembly.deformable import (
+    Contact,
+    DeformableAssembly,
+    DeformableAssemblyError,
+    Frames,
+    block_groups,
+    check_cell,
+    check_held,
+    curved,
+    held_faces,
+    nodal_loads,
+    supports_at,
+    touching_surfaces,
+)
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.surfaces import ContactNormals
 from fem.element.hexahedron import ElementType
 from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND, Material
+from fem.problem.effects import Effects
 from fem.problem.model import Model
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, spacing_offsets
 from geometry.errors import RefusedError
 from geometry.loads.case import LoadCase, with_body_wrenches
 from geometry.loads.named import Load
@@ -199,26 +213,53 @@ class Problem:
     def deformable(self) -> DeformableAssembly:
         """Deformable blocks in contact, for the static and the explicit solver.
 
+        Surfaces that slide need not conform, so blocks that nothing holds are then not looked for.
+
         Raises
         ------
-        ContactError, DeformableAssemblyError, AssemblyError, FrictionError
-            As `fem.assembly.deformable.deformable_assembly`.
+        ContactError
+            Blocks that overlap at the start by more than the law's range.
+        DeformableAssemblyError
+            Nothing to deform, blocks that nothing can hold, or held blocks without an outer face.
+        AssemblyError
+            Contact facets without partner.
+        FrictionError
+            A coefficient that cannot be used.
         """
         friction = self.friction
         if isinstance(friction, int | float):
             friction = CoulombFriction(friction) if friction else None
-        return deformable_assembly(
-            self.blocks,
-            self.load_case,
-            self.material,
-            element=self.element,
-            degree=self.degree,
-            law=self.law,
-            normals=self.normals,
-            clearance=self.clearance,
-            spacing=self.spacing,
-            frames=self.frames,
-            friction=friction,
-            finite_sliding=self.finite_sliding,
-            gravity=self.acceleration,
+        assembly, load, sliding = self.blocks, self.load_case, self.finite_sliding
+        if assembly.image_of is not None:
+            check_cell(assembly, self.frames, finite_sliding=sliding)
+        if self.degree > 1:
+            assembly = curved(assembly, self.degree, finite_sliding=sliding)
+        rigid = self.frames is Frames.RIGID
+        deforms = ~load.fixed if rigid else np.ones(assembly.n_blocks, dtype=np.bool_)
+        if not deforms.any():
+            raise DeformableAssemblyError(
+                f"{assembly.name}: every block is held; expected at least one that can deform"
+            )
+        if sliding:
+            assembly = replace(assembly, unmatched_allowed=True)
+        elif assembly.interfaces.n_contacts:
+            check_held(assembly, load)
+        offsets = spacing_offsets(assembly, self.spacing)
+        surfaces = touching_surfaces(assembly, deforms, offsets, self.clearance, self.law)
+        groups, group_of, copy_of = block_groups(
+            assembly, deforms, offsets, self.material, self.element
+        )
+        loads = nodal_loads(assembly, load, groups, group_of, copy_of)
+        faces = load.held if rigid else held_faces(assembly, load)
+        supports = supports_at(assembly, faces, group_of, copy_of)
+        turning = any(part.follows_block for part in loads)
+        effects = Effects(gravity=self.acceleration, finite_rotation=turning)
+        return DeformableAssembly(
+            assembly=assembly,
+            model=Model(groups, supports=supports, loads=loads, effects=effects),
+            group_of=group_of[assembly.originals],
+            copy_of=copy_of[assembly.originals],
+            offsets=offsets,
+            surfaces=surfaces,
+            contact=Contact(self.law, self.normals, friction, sliding),
         )

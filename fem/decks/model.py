@@ -11,9 +11,10 @@ from fem.assembly.deformable import (
     DeformableAssembly,
     DeformableAssemblyError,
     block_groups,
+    touching_surfaces,
 )
 from fem.contact.friction import CoulombFriction
-from fem.contact.surfaces import ContactNormals, check_initial_overlap, contact_surfaces
+from fem.contact.surfaces import ContactNormals
 from fem.decks.statement import BodyForceLoad, Deck, DeckLoad, Joint, NodalForceLoad, Procedure
 from fem.element.hexahedron import block_lumped_mass
 from fem.problem.loads import SmoothStepAmplitude, pressure_forces, traction_forces
@@ -131,11 +132,9 @@ def deck_assembly(
     if deck.joint is None:
         raise DeformableAssemblyError(f"{deck.name}: the deck has no contact; use its model alone")
     model, group_of, copy_of = deck_model(deck)
-    surfaces = contact_surfaces(deck.assembly, deck.offsets, clearance=deck.clearance)
-    moving = group_of >= 0
-    touching = moving[surfaces.block_m] | moving[surfaces.block_s]
-    surfaces = surfaces.subset(np.flatnonzero(touching))
-    check_initial_overlap(surfaces, deck.joint.law)
+    surfaces = touching_surfaces(
+        deck.assembly, group_of >= 0, deck.offsets, deck.clearance, deck.joint.law
+    )
     return DeformableAssembly(
         assembly=deck.assembly,
         model=model,

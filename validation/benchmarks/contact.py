@@ -17,7 +17,8 @@ import numpy as np
 from rich.console import Console
 
 from fem.assembly.contact_state import matched_pressures
-from fem.assembly.deformable import DeformableAssembly, deformable_assembly
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.statement import Problem
 from fem.assembly.symmetry import cyclic_orbits
 from fem.element.material import concrete
 from fem.explicit.setup.assembly import ExplicitAssembly, explicit_assembly
@@ -103,7 +104,7 @@ class RunRow:
 def pipe(layers: int, elements: int) -> DeformableAssembly:
     """TSB1 under the pipe load."""
     tube = sine_tube(TSB1, SineBlockDivisions(*MESHES[elements]), layers)
-    return deformable_assembly(tube, load_case(tube, "pipe", 0.01), concrete)
+    return Problem(tube, load_case(tube, "pipe", 0.01), concrete).deformable
 
 
 def statement(

@@ -22,7 +22,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem.assembly.contact_state import corner_displacements
-from fem.assembly.deformable import DeformableAssembly, deformable_assembly
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import LinearPenalty
 from fem.element.material import Material
@@ -164,9 +165,14 @@ def _bodies(
     )
     nothing = LoadCase(assembly, "approach", (), np.zeros(2, dtype=np.bool_))
     materials = [Material(density=7.85e-9, young_modulus=e, poisson_ratio=POISSON) for e in young]
-    found = deformable_assembly(
-        assembly, nothing, materials[0], law=LinearPenalty(stiffness), finite_sliding=True
-    )
+    found = Problem(
+        assembly,
+        nothing,
+        materials[0],
+        law=LinearPenalty(stiffness),
+        finite_sliding=True,
+        check_units=False,
+    ).deformable
     groups = tuple(
         block_group(g.mesh, m, rotations=g.rotations, translations=g.translations, name=g.name)
         for g, m in zip(found.model.groups, materials, strict=True)

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.assembly.deformable import DeformableAssembly, deformable_assembly
-from fem.contact.law import ContactLaw
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.statement import Problem
+from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.surfaces import ContactNormals
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
@@ -57,15 +58,16 @@ def deformable(
     clearance: float = 0.0,
 ) -> DeformableAssembly:
     """Deformable blocks with reference normals, whose closed forms are exact."""
-    return deformable_assembly(
+    return Problem(
         assembly,
         load,
         material,
         element=element,
-        law=law,
+        law=law or ExponentialLaw(),
         normals=ContactNormals.REFERENCE,
         clearance=clearance,
-    )
+        check_units=False,
+    ).deformable
 
 
 def with_last_material(stated: DeformableAssembly, material: Material) -> DeformableAssembly:

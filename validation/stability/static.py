@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from fem.assembly.contact_state import matched_pressures
-from fem.assembly.deformable import DeformableAssembly, deformable_assembly
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.statement import Problem
 from fem.contact.law import ExponentialLaw
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
@@ -145,9 +146,9 @@ def _energy(stated: DeformableAssembly, displacements: tuple[FloatArray, ...]) -
 )
 def _turning() -> Finding:
     assembly = tube(2, SineBlockDivisions(12, 2, 4))
-    stated = deformable_assembly(
-        assembly, load_case(assembly, "tunnel", 0.01), CONCRETE, clearance=0.1
-    )
+    stated = Problem(
+        assembly, load_case(assembly, "tunnel", 0.01), CONCRETE, clearance=0.1, check_units=False
+    ).deformable
     result = solve_static(stated)
     least = _energy(stated, result.displacements)
     random = np.random.default_rng(0)
@@ -173,7 +174,9 @@ def _turning() -> Finding:
 )
 def _floating() -> Finding:
     assembly = hexagon_cell(HexagonBlockParameters(4, 120.0, 40.0), HexagonBlockDivisions(4, 2))
-    stated = deformable_assembly(assembly, load_case(assembly, "tunnel", 0.01), CONCRETE)
+    stated = Problem(
+        assembly, load_case(assembly, "tunnel", 0.01), CONCRETE, check_units=False
+    ).deformable
     ring, sector, sparse = (
         solve_static(stated, StaticOptions(symmetry=order, method=method))
         for order, method in (

@@ -314,7 +314,7 @@ def _with_gravity(
         stated = "none" if gravity is None else gravity.tolist()
         raise EffectError(
             f"effects.gravity: got {effects.gravity.tolist()} where the assembly has {stated}; "
-            "expected it in `deformable_assembly` alone, for static and explicit runs alike"
+            "expected it in `Problem` alone, for static and explicit runs alike"
         )
     if gravity is None or effects.adaptive_mass_damping is None:
         return replace(effects, gravity=gravity)
