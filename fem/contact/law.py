@@ -21,7 +21,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -129,7 +129,12 @@ def _stored_energies(x: FloatArray, law: LawConstants, out: FloatArray) -> None:
 
 
 class _Law:
-    """What both laws do with their constants."""
+    """What all laws do with their constants; scenes name them, and their constants, as they do."""
+
+    name: ClassVar[str]
+    """What scenes call it."""
+    keys: ClassVar[dict[str, str]] = {}
+    """What scenes call constants that have another name here."""
 
     @property
     def constants(self) -> LawConstants:
@@ -218,14 +223,17 @@ class ExponentialLaw(_Law):
         the surfaces touch.
     """
 
+    # A cap is another law: with the other two as here 1000 acts above 0.883 MPa and takes more than
+    # a tenth off the peak pressures of the paper's tubes. Abaqus does not publish its default for
+    # penalty contact.
+    name = "exponential"
     clearance_at_zero_pressure: float = 1e-3
-    """c0 [mm]"""
+    """c0 of the exponential law [mm]."""
     pressure_at_zero_clearance: float = 1e-4
-    """p_c0 [MPa]"""
+    """p_c0 of the exponential law [MPa]."""
     maximum_stiffness: float = math.inf
-    """Third data item [MPa/mm]; infinity, the law of the text, for none. A cap is another law:
-    with the other two as above 1000 acts above 0.883 MPa and takes more than a tenth off the peak
-    pressures of the paper's tubes. Abaqus does not publish its default for penalty contact."""
+    """Slope at which the exponential law goes on linearly [MPa/mm]; None: nowhere, the law as it is
+    written. A run says where a cap acted."""
 
     def __post_init__(self) -> None:
         for name in ("clearance_at_zero_pressure", "pressure_at_zero_clearance"):
@@ -282,8 +290,10 @@ class LinearPenalty(_Law):
         For a stiffness that is not positive and finite.
     """
 
+    name = "linear"
+    keys = {"stiffness_per_area": "stiffness"}  # noqa: RUF012 - a class variable of the base
     stiffness_per_area: float
-    """[MPa/mm]"""
+    """Slope of the linear law [MPa/mm]."""
 
     def __post_init__(self) -> None:
         _require_positive("linear", "stiffness", self.stiffness_per_area)
@@ -295,3 +305,6 @@ class LinearPenalty(_Law):
 
 
 ContactLaw: TypeAlias = ExponentialLaw | LinearPenalty
+
+#: All laws by their names.
+LAWS: dict[str, type[ContactLaw]] = {law.name: law for law in (ExponentialLaw, LinearPenalty)}

@@ -43,6 +43,16 @@ def law_heading(law: ContactLaw) -> str | None:
     return f"maximum contact stiffness: {real(cap) if isfinite(cap) else 'none'}"
 
 
+def law_notes(law: ContactLaw) -> list[str]:
+    """Where a program takes another law than the one that a scene states."""
+    if isinstance(law, LinearPenalty) or isfinite(law.maximum_stiffness):
+        return []
+    return [
+        "contact: the law has no maximum stiffness; Abaqus/Explicit takes one of its own where "
+        "penalty contact is given none: contact.maximum_stiffness names one for both"
+    ]
+
+
 def read_law(
     kind: str, values: list[float], *, line: int, maximum_stiffness: Callable[[], float]
 ) -> ContactLaw:

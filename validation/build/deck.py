@@ -15,6 +15,7 @@ from fem.assembly.deformable import Frames, held_faces
 from fem.assembly.statement import Problem
 from fem.decks.abaqus import check_abaqus
 from fem.decks.calculix import check_calculix
+from fem.decks.laws import law_notes
 from fem.decks.model import as_nodal_forces, deck_model
 from fem.decks.placement import canonical
 from fem.decks.statement import Deck, DeckStep, Flavour, Hold, Joint, Procedure, loads_of_case
@@ -183,13 +184,10 @@ def _joint(problem: Problem, effects: EffectsSection) -> Joint:
 def _contact_notes(
     scene: DeformableScene, flavour: Flavour, *, static: bool, searched: bool
 ) -> list[str]:
-    notes = []
+    notes: list[str] = []
     contact = scene.contact
-    if contact is not None and contact.law == "exponential" and contact.maximum_stiffness is None:
-        notes.append(
-            "contact: the law has no maximum stiffness; Abaqus/Explicit takes one of its own where "
-            "penalty contact is given none: contact.maximum_stiffness names one for both"
-        )
+    if contact is not None:
+        notes += law_notes(contact.built)
     if flavour is Flavour.GENERAL:
         notes.append(
             "contact: all outer faces may meet and slide; tubelock pairs facets that match, else "

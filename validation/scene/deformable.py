@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import math
+from dataclasses import MISSING, fields
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
 
-from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
+from pydantic import (
+    Field,
+    GetJsonSchemaHandler,
+    create_model,
+    field_validator,
+    model_validator,
+)
 from pydantic.json_schema import JsonSchemaValue
 
-from fem.contact.law import ContactLaw, ExponentialLaw, LinearPenalty
+from fem.contact.law import LAWS, ContactLaw
 from fem.element.hexahedron import ElementType
 from fem.problem.formulation import Formulation
+from validation.scene.docstrings import field_docstrings
 from validation.scene.plausibility import WholeScene
 from validation.scene.sections import Finite, NoAngle, NonNegative, Positive, Section, fewer
 
@@ -35,19 +43,25 @@ class MaterialSection(Section):
     aggregate [mm]."""
 
 
-class ContactSection(Section):
+def _law_keys() -> dict[str, Any]:
+    """Keys of all contact laws: None where a law has no finite constant of its own."""
+    keys: dict[str, Any] = {"law": (Literal[tuple(LAWS)], "exponential")}
+    for law in LAWS.values():
+        about = field_docstrings(cast("type", law))
+        for constant in fields(law):
+            own = constant.default is not MISSING and math.isfinite(constant.default)
+            kind, default = (Positive, constant.default) if own else (Positive | None, None)
+            field = Field(default, description=about[constant.name])
+            keys[law.keys.get(constant.name, constant.name)] = (kind, field)
+    return keys
+
+
+_LawKeys: Any = create_model("_LawKeys", __base__=Section, **_law_keys())
+
+
+class ContactSection(_LawKeys):  # type: ignore[misc]
     """``[contact]``: soft contact between blocks."""
 
-    law: Literal["exponential", "linear"] = "exponential"
-    clearance_at_zero_pressure: Positive = 1.0e-3
-    """c0 of the exponential law [mm]."""
-    pressure_at_zero_clearance: Positive = 1.0e-4
-    """p_c0 of the exponential law [MPa]."""
-    maximum_stiffness: Positive | None = None
-    """Slope at which the exponential law goes on linearly [MPa/mm]; None: nowhere, the law as it is
-    written. A run says where a cap acted."""
-    stiffness: Positive | None = None
-    """Slope of the linear law [MPa/mm]."""
     clearance: NonNegative = 0.0
     """Gap along the normal of every facet before the load acts [mm]: blocks made too small by
     half of it."""
@@ -64,15 +78,9 @@ class ContactSection(Section):
         ContactLawError
             For constants that make no law.
         """
-        if self.law == "linear":
-            assert self.stiffness is not None
-            return LinearPenalty(self.stiffness)
-        cap = self.maximum_stiffness
-        return ExponentialLaw(
-            self.clearance_at_zero_pressure,
-            self.pressure_at_zero_clearance,
-            math.inf if cap is None else cap,
-        )
+        law = LAWS[self.law]
+        given = {c.name: getattr(self, law.keys.get(c.name, c.name)) for c in fields(law)}
+        return law(**{name: value for name, value in given.items() if value is not None})
 
     @property
     def opened(self) -> bool:
@@ -93,15 +101,22 @@ class ContactSection(Section):
         return data
 
     @model_validator(mode="after")
-    def _linear_needs_stiffness(self) -> ContactSection:
-        if self.law == "linear" and self.stiffness is None:
-            raise ValueError('contact.stiffness is missing: the law "linear" needs it [MPa/mm]')
-        if self.law == "exponential" and self.stiffness is not None:
-            raise ValueError('contact.stiffness belongs to law = "linear"; remove one of the two')
-        if self.law == "linear" and self.maximum_stiffness is not None:
-            raise ValueError(
-                'contact.maximum_stiffness belongs to law = "exponential"; remove one of the two'
-            )
+    def _constants_of_its_law(self) -> ContactSection:
+        """Refuse constants that the law lacks, and those of another one."""
+        for law in sorted(LAWS.values(), key=lambda law: law.name != self.law):
+            for constant in fields(law):
+                key = law.keys.get(constant.name, constant.name)
+                field = type(self).model_fields[key]
+                given = field.default is not None or getattr(self, key) is not None
+                if law.name == self.law and not given and constant.default is MISSING:
+                    unit = str(field.description).rpartition(" ")[2].rstrip(".")
+                    raise ValueError(
+                        f'contact.{key} is missing: the law "{law.name}" needs it {unit}'
+                    )
+                if law.name != self.law and given and field.default is None:
+                    raise ValueError(
+                        f'contact.{key} belongs to law = "{law.name}"; remove one of the two'
+                    )
         return self
 
 

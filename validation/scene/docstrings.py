@@ -1,4 +1,4 @@
-"""Docstrings below the fields of a class: what the sections of scenes say about their keys."""
+"""Words about the keys of sections: docstrings below the fields of a class, or descriptions."""
 
 from __future__ import annotations
 
@@ -27,4 +27,7 @@ def field_docstrings(section: type) -> dict[str, str]:
                 and isinstance(text.value, ast.Constant)
             ):
                 found[field.target.id] = " ".join(str(text.value.value).split())
+    for name, field in getattr(section, "model_fields", {}).items():
+        if field.description is not None:
+            found.setdefault(name, field.description)
     return found
