@@ -58,7 +58,7 @@ def product_bound(rows: BlockRows, u: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("n_copies", [1, 2, 3, 4, 7, 12, 24, 52, 61])
 @pytest.mark.parametrize("half", [False, True])
 def test_stiffness_product_is_the_sparse_product(stiffness, n_copies, half, dtype):
-    rows = block_rows(stiffness, dtype, half=half)
+    rows = block_rows(stiffness, dtype, lanes=padded_lanes(n_copies, dtype), half=half)
     u = random_lanes(rows, n_copies, dtype)
     torque = aligned_zeros((len(rows.chunks) - 1, 3, u.shape[2]), dtype)
     force = product(rows, u, torque=torque)
@@ -71,8 +71,9 @@ def test_stiffness_product_is_the_sparse_product(stiffness, n_copies, half, dtyp
 
 
 @pytest.mark.parametrize("half", [False, True])
-def test_packed_stiffness_is_the_assembled_one_in_another_order(stiffness, half):
-    rows = block_rows(stiffness, np.float64, half=half)
+@pytest.mark.parametrize("lanes", [1, 2])
+def test_packed_stiffness_is_the_assembled_one_in_another_order(stiffness, half, lanes):
+    rows = block_rows(stiffness, np.float64, lanes=lanes, half=half)
     dof = (3 * rows.order[:, None] + np.arange(3)).ravel()
     packed = reference.sparse_stiffness(rows).toarray()
     np.testing.assert_array_equal(packed, stiffness.toarray()[np.ix_(dof, dof)])
@@ -81,16 +82,17 @@ def test_packed_stiffness_is_the_assembled_one_in_another_order(stiffness, half)
 def test_copies_do_not_know_how_many_they_are(stiffness):
     # A lane of a vector of any width does the same operations in the same order: same bits.
     # Half rows and whole ones sum over the neighbours in the same order.
-    rows = block_rows(stiffness, np.float64)
+    rows = block_rows(stiffness, np.float64, lanes=1)
     values = np.random.default_rng(1).standard_normal((52, rows.n_nodes, 3))
     alone = {}
     for n in (2, 3, 8, 12, 20, 52):
         for half in (False, True):
-            rows = block_rows(stiffness, np.float64, half=half)
+            rows = block_rows(stiffness, np.float64, lanes=2, half=half)
             force = product(rows, to_lanes(values[:n], rows.order, np.float64))
             alone[n] = from_lanes(force, rows.row, n)
             np.testing.assert_array_equal(alone[n][:2], alone[2][:2])
     # One copy sums by columns of the blocks: same terms, another order, 81 of them.
+    rows = block_rows(stiffness, np.float64, lanes=1)
     u = to_lanes(values[:1], rows.order, np.float64)
     single = from_lanes(product(rows, u), rows.row, 1)
     bound = from_lanes(product_bound(rows, u), rows.row, 1)
@@ -100,7 +102,8 @@ def test_copies_do_not_know_how_many_they_are(stiffness):
 @pytest.mark.parametrize("half", [False, True])
 @pytest.mark.parametrize("n_copies", [1, 12])
 def test_threads_do_not_change_a_bit(stiffness, n_copies, half):
-    rows = block_rows(stiffness, np.float64, half=half)
+    lanes = padded_lanes(n_copies, np.float64)
+    rows = block_rows(stiffness, np.float64, lanes=lanes, half=half)
     u = random_lanes(rows, n_copies, np.float64)
     parallel = product(rows, u, kernel=PARALLEL.stiffness_product)
     np.testing.assert_array_equal(product(rows, u), parallel)
@@ -241,7 +244,7 @@ def test_effects_are_their_plain_statements(dtype, n_copies):
     group = block_group(
         distorted_box((4, 3, 2)), Material(density=1.0, young_modulus=1.0, poisson_ratio=0.3)
     )
-    rows = block_rows(group.stiffness, dtype)
+    rows = block_rows(group.stiffness, dtype, lanes=padded_lanes(n_copies, dtype))
     data = element_viscosity(group, rows.row, BulkViscosity(0.5, 0.7), dtype)
     chunks, n = rows.chunks, len(rows.chunks) - 1
     u, f, old, lag, step = (random_lanes(rows, n_copies, dtype, seed) for seed in range(5))
@@ -318,7 +321,7 @@ def test_block_frames_are_their_plain_statements(dtype, n_copies):
     tolerance = 300 * 100 * EPS[dtype]
     mesh = distorted_box((4, 3, 2))
     group = block_group(mesh, CONCRETE)
-    rows = block_rows(group.stiffness, dtype)
+    rows = block_rows(group.stiffness, dtype, lanes=padded_lanes(n_copies, dtype))
     u, f, before = (random_lanes(rows, n_copies, dtype, seed) for seed in range(3))
     lanes, rng = u.shape[2], np.random.default_rng(9)
     mass = rng.uniform(0.5, 1.5, rows.n_nodes).astype(dtype)

@@ -66,11 +66,12 @@ class BlockRows:
     """Half rows: first block (the diagonal) and end of those that stand for both rows of a pair,
     (n_nodes, 2). None: whole rows."""
     reach: int
-    """Largest distance of two rows that share a block."""
+    """Half rows of one copy: largest distance of two rows that share a block; else 0."""
     column: npt.NDArray[np.int32]
     """Row number of the neighbour of each block, (n_blocks,); ascends in a row."""
     blocks: LaneArray
-    """Nine entries of each block, column by column, flat (9 n_blocks,) [N/mm]."""
+    """Nine entries of each block, column by column (row by row in half rows of one copy), flat
+    (9 n_blocks,) [N/mm]."""
     chunks: IntArray
     """Row boundaries of pieces of equal work, (n_chunks + 1,)."""
 
@@ -105,7 +106,7 @@ def _bandwidth(graph: csr_array, order: IntArray | None = None) -> int:
 
 
 def block_rows(
-    stiffness: bsr_array, dtype: npt.DTypeLike, *, half: bool | None = None, lanes: int = 1
+    stiffness: bsr_array, dtype: npt.DTypeLike, *, lanes: int, half: bool | None = None
 ) -> BlockRows:
     """Pack a stiffness matrix for the kernels.
 
@@ -115,10 +116,10 @@ def block_rows(
         (3 n_nodes, 3 n_nodes) in 3 × 3 blocks, symmetric to the bit [N/mm].
     dtype
         float64 or float32.
-    half
-        Whether rows are half; None: where it is faster.
     lanes
         Padded number of copies.
+    half
+        Whether rows are half; None: where it is faster.
     """
     order = node_order(stiffness)
     row = np.empty_like(order)
@@ -137,9 +138,10 @@ def block_rows(
     if half:
         kept, pointer, shared = _half_rows(pointer, column, chunks)
         column = column[kept]
-        reach = bandwidth
+        reach = bandwidth if lanes == 1 else 0
     blocks = aligned_zeros((9 * len(column),), dtype)
-    blocks[:] = stiffness.data[numbered.data[kept]].transpose(0, 2, 1).ravel()
+    entries = stiffness.data[numbered.data[kept]]
+    blocks[:] = (entries if reach else entries.transpose(0, 2, 1)).ravel()
     return BlockRows(order, row, pointer, shared, reach, column, blocks, chunks)
 
 

@@ -16,7 +16,9 @@ from geometry.mesh import FloatArray, IntArray
 
 def sparse_stiffness(rows: BlockRows) -> bsr_array:
     """Return the packed stiffness as scipy's matrix, in the solver's node order."""
-    blocks = rows.blocks.reshape(-1, 3, 3).transpose(0, 2, 1)
+    blocks = rows.blocks.reshape(-1, 3, 3)
+    if not rows.reach:
+        blocks = blocks.transpose(0, 2, 1)
     size = 3 * rows.n_nodes
     stored = bsr_array((blocks, rows.column, rows.pointer), shape=(size, size))
     if rows.shared is None:

@@ -19,10 +19,10 @@ from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
 from fem.explicit.kernels.lanes import (
     REGISTER_DOUBLES,
     entry,
+    filled,
     lane_operations,
     multiply_add,
     store,
-    with_entry,
 )
 from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.kernels.triples import INLINED, cross, plus, store_triple, triple_operations
@@ -156,37 +156,26 @@ _load_4, _zero_4 = lane_operations(4)
 
 
 @njit(**INLINED)
-def _columns(blocks, k):
-    """Block k as three columns; the fourth lane is not used."""
+def _lines(blocks, k):
+    """Block k as three rows; the fourth lane is not used, here and below."""
     return _load_4(blocks, 9 * k), _load_4(blocks, 9 * k + 3), _load_4(blocks, 9 * k + 6)
 
 
 @njit(**INLINED)
-def _columns_grown(sums, columns, u):
-    """One sum for each column, which hides the latency of the additions."""
+def _products(sums, lines, u):
+    """Entry by entry, one sum for each row of the block."""
     return (
-        multiply_add(u[0], columns[0], sums[0]),
-        multiply_add(u[1], columns[1], sums[1]),
-        multiply_add(u[2], columns[2], sums[2]),
+        multiply_add(lines[0], u, sums[0]),
+        multiply_add(lines[1], u, sums[1]),
+        multiply_add(lines[2], u, sums[2]),
     )
 
 
 @njit(**INLINED)
-def _column_sums(sums, start, stop, column, blocks, displacement):
+def _line_sums(sums, start, stop, column, blocks, displacement):
     for k in range(start, stop):
-        u = _three(displacement, 3 * np.int64(column[k]))
-        sums = _columns_grown(sums, _columns(blocks, k), u)
+        sums = _products(sums, _lines(blocks, k), _load_4(displacement, 3 * np.int64(column[k])))
     return sums
-
-
-@njit(**INLINED)
-def _sent(columns, u, sums):
-    """Products of the columns with u, entry by entry."""
-    return (
-        multiply_add(columns[0], u, sums[0]),
-        multiply_add(columns[1], u, sums[1]),
-        multiply_add(columns[2], u, sums[2]),
-    )
 
 
 @njit(**INLINED)
@@ -198,43 +187,36 @@ def _total(lanes):
 def _single_half(begin, end, pointer, shared, reach, column, blocks, displacement, force):
     """Product of a chunk of half rows with one copy: lanes are components, not copies.
 
-    What a row sends to later ones waits in a ring, as the products of each column's three
-    entries: they are summed once, when their row comes.
+    What a row sends to later ones waits in a ring until their row comes.
     """
     none = _zero_4(displacement)
     size = 16
-    while size < 12 * (reach + 1):
+    while size < 4 * (reach + 1):
         size *= 2
-    ring = np.zeros(size + 8, displacement.dtype)
+    ring = np.zeros(size, displacement.dtype)
     for row in range(begin, end):
-        diagonal, after = shared[row, 0], shared[row, 1]
-        u = _three(displacement, 3 * row)
-        u_lanes = with_entry(with_entry(with_entry(none, 0, u[0]), 1, u[1]), 2, u[2])
-        slot = 12 * row & size - 1
-        sent = _load_4(ring, slot), _load_4(ring, slot + 4), _load_4(ring, slot + 8)
-        store_triple(ring, slot, 4, (none, none, none))
-        sums = _columns_grown((none, none, none), _columns(blocks, diagonal), u)
-        for k in range(diagonal + 1, after):
-            node = 3 * np.int64(column[k])
-            columns = _columns(blocks, k)
-            sums = _columns_grown(sums, columns, _three(displacement, node))
-            at = 4 * node & size - 1
-            old = _load_4(ring, at), _load_4(ring, at + 4), _load_4(ring, at + 8)
-            store_triple(ring, at, 4, _sent(columns, u_lanes, old))
-        total = sums[0] + sums[1] + sums[2]
-        force[3 * row] = entry(total, 0) + _total(sent[0])
-        force[3 * row + 1] = entry(total, 1) + _total(sent[1])
-        force[3 * row + 2] = entry(total, 2) + _total(sent[2])
-    for row in range(begin, end):
-        # Neighbours in other chunks, apart so as not to burden the loop above.
         start, stop = pointer[row], pointer[row + 1]
         diagonal, after = shared[row, 0], shared[row, 1]
-        if start < diagonal or after < stop:
-            sums = _column_sums((none, none, none), start, diagonal, column, blocks, displacement)
-            sums = _column_sums(sums, after, stop, column, blocks, displacement)
-            total = sums[0] + sums[1] + sums[2]
-            for j in range(3):
-                force[3 * row + j] += entry(total, j)
+        u = _load_4(displacement, 3 * row)
+        x, y, z = filled(u, entry(u, 0)), filled(u, entry(u, 1)), filled(u, entry(u, 2))
+        slot = 4 * row & size - 1
+        sent = _load_4(ring, slot)
+        store(ring, slot, none)
+        sums = _products((none, none, none), _lines(blocks, diagonal), u)
+        for k in range(diagonal + 1, after):
+            node = np.int64(column[k])
+            a, b, c = _lines(blocks, k)
+            sums = _products(sums, (a, b, c), _load_4(displacement, 3 * node))
+            slot = 4 * node & size - 1
+            old = _load_4(ring, slot)
+            new = multiply_add(a, x, multiply_add(b, y, multiply_add(c, z, old)))
+            store(ring, slot, new)
+        # Neighbours in other chunks.
+        sums = _line_sums(sums, start, diagonal, column, blocks, displacement)
+        sums = _line_sums(sums, after, stop, column, blocks, displacement)
+        force[3 * row] = _total(sums[0]) + entry(sent, 0)
+        force[3 * row + 1] = _total(sums[1]) + entry(sent, 1)
+        force[3 * row + 2] = _total(sums[2]) + entry(sent, 2)
 
 
 @njit(**OPTIONS)
