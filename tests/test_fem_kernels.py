@@ -258,6 +258,7 @@ def test_effects_are_their_plain_statements(dtype, n_copies):
     )
     lost = np.zeros((len(data.element_chunks) - 1, lanes))
     SERIAL.viscous_pressure(
+        lanes,
         data.element_chunks,
         data.element_rows.ravel(),
         data.gradient.ravel(),
@@ -268,24 +269,14 @@ def test_effects_are_their_plain_statements(dtype, n_copies):
         strain.ravel(),
         stress.ravel(),
         lost.ravel(),
-        lanes,
     )
     for found, value in zip((strain, stress, lost.sum(axis=0)), expected, strict=True):
         np.testing.assert_allclose(found, value, rtol=0, atol=tolerance)
 
     force, torque = f.copy(), aligned_zeros((n, 3, lanes), dtype)
     added = reference.viscous_force(data, stress, rows.n_nodes)
-    SERIAL.add_viscous_force(
-        chunks,
-        data.pointer,
-        data.corner,
-        data.gradient.ravel(),
-        stress.ravel(),
-        u.ravel(),
-        force.ravel(),
-        torque.ravel(),
-        lanes,
-    )
+    viscous = data.pointer, data.corner, data.gradient.ravel(), stress.ravel()
+    SERIAL.add_viscous_force(lanes, chunks, u.ravel(), force.ravel(), torque.ravel(), *viscous)
     np.testing.assert_allclose(force, f + added, rtol=0, atol=tolerance)
     moment = reference.torque(u, added)
     np.testing.assert_allclose(torque.sum(axis=0), moment, rtol=0, atol=10 * tolerance)
@@ -295,6 +286,7 @@ def test_effects_are_their_plain_statements(dtype, n_copies):
     torque[:] = 0.0
     lost = np.zeros((n, lanes))
     SERIAL.add_stiffness_damping(
+        lanes,
         chunks,
         dtype(0.3),
         u.ravel(),
@@ -303,9 +295,7 @@ def test_effects_are_their_plain_statements(dtype, n_copies):
         viscous.ravel(),
         force.ravel(),
         torque.ravel(),
-        np.empty((n, lanes), dtype).ravel(),
         lost.ravel(),
-        lanes,
     )
     np.testing.assert_array_equal(elastic, f)
     np.testing.assert_allclose(viscous, new, rtol=0, atol=tolerance)

@@ -47,7 +47,7 @@ def test_source_without_effects_mentions_none() -> None:
     lines = [line for line in code.splitlines() if "=" in line and "None" in line]
     # One test is left: whether anything is ever applied, which is no effect.
     assert not [line for line in lines if "applied" not in line]
-    assert "after = before + impulse * force" in text
+    assert "after = minus(after, times(impulse, force))" in text
 
 
 def test_a_forgotten_mention_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -75,8 +75,6 @@ class StiffnessDampingState:
     """K u of the last step, (n_rows, 3, lanes) [N]."""
     viscous: LaneArray
     """Damping force of the last step, (n_rows, 3, lanes) [N]."""
-    lost: LaneArray
-    """Work array, (n_chunks, lanes)."""
     dissipated: FloatArray
     """(n_chunks, lanes) [N mm] with block frames, else per unit of time step."""
 
@@ -255,7 +253,6 @@ def _stiffness_damping_state(body: Body) -> StiffnessDampingState:
     return StiffnessDampingState(
         elastic=aligned_zeros(shape, body.dtype),
         viscous=aligned_zeros(shape, body.dtype),
-        lost=aligned_zeros((len(body.rows.chunks) - 1, body.lanes), body.dtype),
         dissipated=np.zeros((len(body.rows.chunks) - 1, body.lanes)),
     )
 

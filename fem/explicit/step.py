@@ -163,7 +163,7 @@ def stiffness_force(
         *rows.packed,
         displacement.ravel(),
         force.ravel(),
-        None if torque is None else torque.ravel(),
+        _flat(torque),
         body.lanes,
     )
 
@@ -177,6 +177,7 @@ def add_stiffness_damping(system: System, body: Body, now: BodyState) -> None:
     moving = now.velocity if frame is None else frame.increment
     assert moving is not None
     system.kernels.add_stiffness_damping(
+        body.lanes,
         body.rows.chunks,
         body.dtype.type(coefficient / system.time_step),
         now.local_displacement.ravel(),
@@ -185,9 +186,7 @@ def add_stiffness_damping(system: System, body: Body, now: BodyState) -> None:
         damping.viscous.ravel(),
         now.internal_force.ravel(),
         None if frame is None else frame.torque.ravel(),
-        damping.lost.ravel(),
         damping.dissipated.ravel(),
-        body.lanes,
     )
 
 
@@ -215,31 +214,23 @@ def add_bulk_viscosity(
     data, viscous = body.viscosity, now.viscous
     assert data is not None
     assert viscous is not None
-    stress = viscous.stress.ravel()
+    u, gradient, stress = displacement.ravel(), data.gradient.ravel(), viscous.stress.ravel()
     system.kernels.viscous_pressure(
+        body.lanes,
         data.element_chunks,
         data.element_rows.ravel(),
-        data.gradient.ravel(),
+        gradient,
         data.linear,
         data.quadratic,
         body.dtype.type(1.0 / system.time_step),
-        displacement.ravel(),
+        u,
         viscous.strain.ravel(),
         stress,
         viscous.dissipated.ravel(),
-        body.lanes,
     )
-    system.kernels.add_viscous_force(
-        body.rows.chunks,
-        data.pointer,
-        data.corner,
-        data.gradient.ravel(),
-        stress,
-        displacement.ravel(),
-        now.internal_force.ravel(),
-        None if torque is None else torque.ravel(),
-        body.lanes,
-    )
+    force = now.internal_force.ravel()
+    rows = data.pointer, data.corner, gradient, stress
+    system.kernels.add_viscous_force(body.lanes, body.rows.chunks, u, force, _flat(torque), *rows)
 
 
 def set_applied_force(system: System, body: Body, now: BodyState, time: float) -> None:

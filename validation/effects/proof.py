@@ -47,7 +47,7 @@ _EFFECTS: dict[types.ModuleType, tuple[set[str], set[str]]] = {
     stiffness: ({"torque"}, set()),
     contact_kernels: (
         {"normals", "slip", "sliding"},
-        {"forget", "rub", "collect_forces", "_collect_chunk", "_add_entry", "add_travel"},
+        {"forget", "rub", "collect_forces", "_collect_chunk", "add_travel"},
     ),
 }
 
@@ -138,11 +138,10 @@ def shared_kernels() -> BareKernels:
     """Kernels of the solver with None for every effect, in the form of the bare ones."""
 
     def update(*arguments: Any) -> None:
-        *first, mass, internal, row, applied, displacement, velocity = arguments
-        chunks, time_step, gain = first
+        lanes, chunks, time_step, gain, mass, internal, row, applied, *moving = arguments
         motion.update.serial(
-            chunks, time_step, gain, None, mass, internal, None, None, None, row, applied, None,
-            displacement, velocity, None, None, None,
+            lanes, chunks, None, None, None, time_step, gain, None, mass, internal, None, None,
+            row, applied, None, *moving, None,
         )  # fmt: skip
 
     def product(*arguments: Any) -> None:
@@ -219,8 +218,8 @@ def bare_run(system: System, steps: int, kernels: BareKernels | None = None) -> 
         forces(number * dt)
         for k, body in enumerate(bodies):
             kernels.update(
-                body.rows.chunks, dt, dt, body.mass, inner[k], body.applied_row, applied[k],
-                u[k], v[k],
+                body.lanes, body.rows.chunks, dt, dt, body.mass, inner[k].ravel(),
+                body.applied_row, applied[k].ravel(), u[k].ravel(), v[k].ravel(),
             )  # fmt: skip
     return BareState(u, v)
 
@@ -296,12 +295,24 @@ def _compiled_with_none(name: str, built: Any) -> Any:
     module = {"update": motion, "stiffness_product": stiffness, "contact_forces": contact_kernels}
     original = getattr(module[name], name).serial.py_func
     (given,) = built.signatures
-    values = dict(zip(inspect.signature(built.py_func).parameters, given, strict=True))
-    parameters = inspect.signature(original).parameters
-    signature = tuple(values.get(p, kinds.none) for p in parameters)
+    passed_on = name == "update"
+    if passed_on:
+        given = (*given[:2], *given[2].types)
+    values = dict(zip(_names(built.py_func), given, strict=True))
+    signature = tuple(values.get(p, kinds.none) for p in _names(original))
+    if passed_on:
+        signature = (*signature[:2], kinds.Tuple(signature[2:]))
     fresh = njit(**OPTIONS)(original)
     fresh.compile(signature)
     return fresh
+
+
+def _names(function: Any) -> list[str]:
+    """Parameters of a kernel; those that it passes on have the names of the chunk's function."""
+    names = list(inspect.signature(function).parameters)
+    if "motion" in names:
+        names = list(inspect.signature(function.__globals__["_update_4"]).parameters)[1:]
+    return names
 
 
 @dataclass(frozen=True)

@@ -207,10 +207,9 @@ def _single_half(begin, end, pointer, shared, reach, column, blocks, displacemen
             node = np.int64(column[k])
             a, b, c = _lines(blocks, k)
             sums = _products(sums, (a, b, c), _load_4(displacement, 3 * node))
-            slot = 4 * node & size - 1
-            old = _load_4(ring, slot)
-            new = multiply_add(a, x, multiply_add(b, y, multiply_add(c, z, old)))
-            store(ring, slot, new)
+            there = 4 * node & size - 1
+            old = _load_4(ring, there)
+            store(ring, there, multiply_add(a, x, multiply_add(b, y, multiply_add(c, z, old))))
         # Neighbours in other chunks.
         sums = _line_sums(sums, start, diagonal, column, blocks, displacement)
         sums = _line_sums(sums, after, stop, column, blocks, displacement)

@@ -26,8 +26,7 @@ def _pressure_lanes(width: int) -> Callable[..., Any]:
         first,
         lanes,
         c,
-        begin,
-        end,
+        chunks,
         element_rows,
         gradient,
         linear,
@@ -40,7 +39,7 @@ def _pressure_lanes(width: int) -> Callable[..., Any]:
     ):
         none = zero(stress)
         lost = none
-        for e in range(begin, end):
+        for e in range(chunks[c], chunks[c + 1]):
             # Three sums, one of each component, hide the latency of the additions.
             by_x, by_y, by_z = none, none, none
             for a in range(8):
@@ -68,56 +67,29 @@ _pressures = over_lanes(_pressure_lanes, 16)
 
 
 @serial_and_parallel
-def viscous_pressure(
-    chunks,
-    element_rows,
-    gradient,
-    linear,
-    quadratic,
-    per_step,
-    displacement,
-    strain,
-    stress,
-    dissipated,
-    lanes,
-):
+def viscous_pressure(lanes, chunks, *elements):
     """Bulk viscosity stress of every element and copy (formula in `fem.explicit.body`).
 
     Parameters
     ----------
-    chunks
-        Element boundaries.
-    element_rows, gradient, linear, quadratic
-        See `fem.explicit.body.ElementViscosity`; flat.
-    per_step
-        1/Δt [1/s], in the precision of the arrays.
-    displacement
-        In the block frame, flat (n_rows, 3, lanes).
-    strain, stress
-        Volumetric strain and volume times viscous stress, flat (n_elements, lanes), updated.
-    dissipated
-        Grows by the work of the mean of old and new stress on the strain increment, flat
-        (n_chunks, lanes), float64 [N mm].
     lanes
         Padded number of copies.
+    chunks
+        Element boundaries.
+    elements
+        Flat arrays and scalars:
+
+        - element_rows, gradient, linear, quadratic: see
+          `fem.explicit.body.ElementViscosity`.
+        - per_step: 1/Δt [1/s], in the precision of the arrays.
+        - displacement: in the block frame, (n_rows, 3, lanes).
+        - strain, stress: volumetric strain and volume times viscous stress, (n_elements, lanes),
+          updated.
+        - dissipated: grows by the work of the mean of old and new stress on the strain increment,
+          (n_chunks, lanes), float64 [N mm].
     """
     for c in prange(len(chunks) - 1):
-        _pressures(
-            0,
-            lanes,
-            c,
-            chunks[c],
-            chunks[c + 1],
-            element_rows,
-            gradient,
-            linear,
-            quadratic,
-            per_step,
-            displacement,
-            strain,
-            stress,
-            dissipated,
-        )
+        _pressures(0, lanes, c, chunks, *elements)
 
 
 def _viscous_lanes(width: int) -> Callable[..., Any]:
@@ -127,7 +99,7 @@ def _viscous_lanes(width: int) -> Callable[..., Any]:
 
     @njit(**OPTIONS)
     def run(
-        first, lanes, c, begin, end, pointer, corner, gradient, stress, displacement, force, torque
+        first, lanes, c, begin, end, displacement, force, torque, pointer, corner, gradient, stress
     ):
         none = zero(stress)
         for i in range(begin, end):
@@ -151,40 +123,22 @@ _viscous = over_lanes(_viscous_lanes, 16)
 
 
 @serial_and_parallel
-def add_viscous_force(
-    chunks, pointer, corner, gradient, stress, displacement, force, torque, lanes
-):
+def add_viscous_force(lanes, chunks, *rows):
     """Add the nodal forces of the bulk viscosity, row by row.
 
     Parameters
     ----------
-    chunks
-        Row boundaries.
-    pointer, corner, gradient
-        See `fem.explicit.body.ElementViscosity`; flat.
-    stress
-        Volume times viscous stress, flat (n_elements, lanes).
-    displacement
-        In the block frame, flat (n_rows, 3, lanes).
-    force
-        Flat (n_rows, 3, lanes), updated.
-    torque
-        None, or flat (n_chunks, 3, lanes) that grows by u × f.
     lanes
         Padded number of copies.
+    chunks
+        Row boundaries.
+    rows
+        Flat arrays:
+
+        - displacement, force: in the block frame, (n_rows, 3, lanes); the force is updated.
+        - torque: None, or (n_chunks, 3, lanes) that grows by u × f.
+        - pointer, corner, gradient: see `fem.explicit.body.ElementViscosity`.
+        - stress: volume times viscous stress, (n_elements, lanes).
     """
     for c in prange(len(chunks) - 1):
-        _viscous(
-            0,
-            lanes,
-            c,
-            chunks[c],
-            chunks[c + 1],
-            pointer,
-            corner,
-            gradient,
-            stress,
-            displacement,
-            force,
-            torque,
-        )
+        _viscous(0, lanes, c, chunks[c], chunks[c + 1], *rows)
