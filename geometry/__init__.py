@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from geometry.families.sine_block import SineBlockParameters as SineBlock
     from geometry.families.tube import tube
     from geometry.files.mesh_io import contact_mesh
-    from geometry.loads.named import Load, beam, pillar, pipe, shaft, tunnel
+    from geometry.loads import Load, beam, pillar, pipe, shaft, tunnel
 
 __all__ = [
     "Assembly",
@@ -42,15 +42,15 @@ __all__ = [
 _PLACES = {
     "Assembly": ("geometry.assembly", "Assembly"),
     "HexagonBlock": ("geometry.families.hexagon_block", "HexagonBlockParameters"),
-    "Load": ("geometry.loads.named", "Load"),
+    "Load": ("geometry.loads", "Load"),
     "SineBlock": ("geometry.families.sine_block", "SineBlockParameters"),
-    "beam": ("geometry.loads.named", "beam"),
+    "beam": ("geometry.loads", "beam"),
     "contact_mesh": ("geometry.files.mesh_io", "contact_mesh"),
-    "pillar": ("geometry.loads.named", "pillar"),
-    "pipe": ("geometry.loads.named", "pipe"),
-    "shaft": ("geometry.loads.named", "shaft"),
+    "pillar": ("geometry.loads", "pillar"),
+    "pipe": ("geometry.loads", "pipe"),
+    "shaft": ("geometry.loads", "shaft"),
     "tube": ("geometry.families.tube", "tube"),
-    "tunnel": ("geometry.loads.named", "tunnel"),
+    "tunnel": ("geometry.loads", "tunnel"),
 }
 
 

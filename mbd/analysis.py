@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol, cast
 
 from geometry.assembly import AnyBlocks
-from geometry.loads.case import LoadCase
+from geometry.loads import LoadCase
 from geometry.measures import BlockMeasures, Measures, block_measures, measures
 from geometry.mesh import FloatArray, IntArray
 from mbd.contact_jacobian import Contacts, contact_jacobian, generalized_force

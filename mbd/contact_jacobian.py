@@ -22,7 +22,7 @@ import scipy
 
 from geometry.assembly import AnyBlocks
 from geometry.interface import Interfaces
-from geometry.loads.case import LoadCase
+from geometry.loads import LoadCase
 from geometry.mesh import BoolArray, FloatArray, IntArray, run_starts
 from mbd.pair_wrenches import CongruentWrenches, PairKind, PairWrenches, SeparateWrenches
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.assembly import AnyBlocks
-from geometry.loads.case import LoadCase
+from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
 from mbd.contact_jacobian import ContactJacobian, contact_jacobian, generalized_force
 from mbd.equilibrium import Equilibrium, column_weights, newton_equilibrium

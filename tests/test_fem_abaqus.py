@@ -36,8 +36,7 @@ from geometry.assembly import Assembly
 from geometry.block import box_block
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads.case import PressureLoad, TractionLoad
-from geometry.loads.named import load_case
+from geometry.loads import PressureLoad, TractionLoad, load_case
 from geometry.mesh import HEX_FACES
 from tests.conftest import random_rotation, tsb
 

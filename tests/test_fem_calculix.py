@@ -24,7 +24,7 @@ from fem.problem.effects import Effects, RayleighDamping
 from fem.static.solve import solve_static
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads.named import load_case
+from geometry.loads import load_case
 from geometry.mesh import HexMesh, mass_properties
 from tests.conftest import tsb
 from validation.compare.calculix import CalculixError, calculix_available, run_calculix

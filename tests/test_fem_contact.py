@@ -26,7 +26,7 @@ from geometry.assembly import moved, spacing_offsets
 from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
-from geometry.loads.named import load_case
+from geometry.loads import load_case
 from tests.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)

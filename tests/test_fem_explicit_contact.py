@@ -21,7 +21,7 @@ from fem.static.solve import solve_static
 from geometry.assembly import moved
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads.named import load_case
+from geometry.loads import load_case
 from tests.conftest import random_rotation, tsb
 from tests.fem_problems import deformable_assembly
 

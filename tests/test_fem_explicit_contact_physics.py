@@ -19,7 +19,7 @@ from fem.problem.effects import AdaptiveMassDamping, Effects, RayleighDamping
 from fem.problem.time_step import critical_time_step
 from geometry.assembly import Assembly
 from geometry.families.boxes import brick
-from geometry.loads.case import LoadCase
+from geometry.loads import LoadCase
 from tests.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)

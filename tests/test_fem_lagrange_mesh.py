@@ -36,7 +36,7 @@ from geometry.families.hexagon_block import (
 )
 from geometry.families.planar_wall import WallBlock, osteomorphic_wall
 from geometry.families.sine_block import SineBlockDivisions, sine_block
-from geometry.loads.case import face_pressure
+from geometry.loads import face_pressure
 from geometry.mesh import FloatArray, QuadSurface, boundary_quads, check_mesh
 from tests.conftest import tsb
 from tests.fem_problems import CONCRETE, degrees_of_freedom, distorted_box, static_displacement

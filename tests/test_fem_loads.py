@@ -19,7 +19,7 @@ from fem.problem.loads import (
 )
 from geometry.block import box_block
 from geometry.families.boxes import brick_stack
-from geometry.loads.case import CircumferentialLoad
+from geometry.loads import CircumferentialLoad
 from geometry.mesh import QuadSurface, boundary_quads, mass_properties
 from tests.fem_problems import distorted_box
 

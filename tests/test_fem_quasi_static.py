@@ -25,8 +25,7 @@ from fem.static.solve import solve_static
 from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads.case import LoadCase
-from geometry.loads.named import load_case
+from geometry.loads import LoadCase, load_case
 from tests.conftest import tsb
 from tests.fem_problems import deformable_assembly
 

@@ -30,8 +30,7 @@ from geometry.block import box_block
 from geometry.families.boxes import brick
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads.case import LoadCase
-from geometry.loads.named import load_case
+from geometry.loads import LoadCase, load_case
 from geometry.mesh import HexMesh
 from tests.conftest import tsb
 from tests.fem_problems import deformable_assembly

@@ -27,8 +27,7 @@ from geometry.assembly import Assembly, moved, renumbered
 from geometry.block import Block, box_block
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
-from geometry.loads.case import LoadCase, PressureLoad, TractionLoad
-from geometry.loads.named import load_case
+from geometry.loads import LoadCase, PressureLoad, TractionLoad, load_case
 from geometry.mesh import HexMesh
 from mbd import Norm, analyse
 from tests.fem_problems import contact_corner_forces, deformable_assembly, pair_resultants

@@ -14,7 +14,7 @@ from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.model import fixed_nodes
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.families.boxes import ColumnBox, box_column
-from geometry.loads.case import face_pressure
+from geometry.loads import face_pressure
 from tests.fem_problems import deformable_assembly
 from tests.test_fem_sliding_contact import tube
 

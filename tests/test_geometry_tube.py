@@ -18,8 +18,7 @@ from geometry.families.sine_block import (
     waves_of_turn,
 )
 from geometry.families.tube import hexagon_tube, sine_tube
-from geometry.loads.case import LoadCaseError
-from geometry.loads.named import load_case
+from geometry.loads import LoadCaseError, load_case
 from mbd import analyse
 from tests.conftest import random_rotation, tsb
 

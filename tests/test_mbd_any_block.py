@@ -20,8 +20,7 @@ from geometry.families.platonic_layers import (
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.families.voxels import voxel_assembly
-from geometry.loads.case import LoadCase
-from geometry.loads.named import load_case
+from geometry.loads import LoadCase, load_case
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral, polyhedral_assembly
 from geometry.polyhedra.facet_contact import _at_vertices

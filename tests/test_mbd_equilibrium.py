@@ -13,7 +13,7 @@ from geometry.block import Block
 from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads.named import load_case
+from geometry.loads import load_case
 from geometry.mesh import HexMesh, grid_faces, structured_hexahedra
 from mbd import (
     MatrixJacobian,

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from geometry.assembly import Assembly, moved, renumbered
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads.named import load_case
+from geometry.loads import load_case
 from mbd import (
     MatrixJacobian,
     Mechanism,

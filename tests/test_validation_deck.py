@@ -15,7 +15,7 @@ from fem.decks.read.cards import read_cards
 from fem.decks.statement import Flavour, NodalForceLoad, Procedure
 from fem.decks.write import deck_lines
 from fem.element.hexahedron import ElementType
-from geometry.loads.case import CircumferentialLoad
+from geometry.loads import CircumferentialLoad
 from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable
 from validation.cli.app import main

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from fem.decks.statement import Flavour
-from geometry.loads.case import PressureLoad
-from geometry.loads.named import CASES, NamedLoad
+from geometry.loads import CASES, NamedLoad, PressureLoad
 from validation.build.deck import build_deck
 from validation.run.words import load_words
 from validation.scene import families

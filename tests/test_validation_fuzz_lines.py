@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geometry.errors import unreadable
 from geometry.files.mesh_io import write_hex_mesh
-from geometry.files.ordinary import unreadable
 from geometry.mesh import HexMesh
 from validation.errors import InputError
 from validation.fuzz.fate import Fate, judge, try_line

@@ -20,7 +20,7 @@ from fem.problem.effects import AdaptiveMassDamping, EffectError, Effects
 from fem.problem.loads import SmoothStepAmplitude
 from fem.static.solve import solve_static
 from geometry.families.boxes import ColumnBox, box_column
-from geometry.loads.case import face_pressure
+from geometry.loads import face_pressure
 from tests.fem_problems import deformable_assembly
 from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable

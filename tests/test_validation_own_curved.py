@@ -20,7 +20,7 @@ from geometry.block import Block
 from geometry.files.block_files import read_blocks
 from geometry.files.hexahedral_solids import file_blocks
 from geometry.files.quadratic import NATURAL
-from geometry.loads.case import LoadCase
+from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray, MeshError, grid_points
 from tests.fem_problems import CONCRETE, degrees_of_freedom, static_displacement
 from tests.test_fem_lagrange_mesh import CURVED, WALL, from_twenty, relative

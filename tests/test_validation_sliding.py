@@ -21,7 +21,7 @@ from fem.problem.model import Model
 from geometry.block import box_block
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.files.mesh_io import write_hex_mesh
-from geometry.loads.case import face_pressure
+from geometry.loads import face_pressure
 from geometry.mesh import FloatArray
 from geometry.polyhedra.polyhedron import polyhedron_from_quads
 from tests.fem_problems import deformable_assembly

@@ -36,7 +36,7 @@ from fem.problem.model import (
 )
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
-from geometry.loads.case import FaceLoad, HeldFace, LoadCase, PressureLoad
+from geometry.loads import FaceLoad, HeldFace, LoadCase, PressureLoad
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 

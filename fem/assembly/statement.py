@@ -35,8 +35,7 @@ from fem.problem.effects import Effects
 from fem.problem.model import Model
 from geometry.assembly import Assembly, spacing_offsets
 from geometry.errors import RefusedError
-from geometry.loads.case import LoadCase, with_body_wrenches
-from geometry.loads.named import Load
+from geometry.loads import Load, LoadCase, with_body_wrenches
 from geometry.mesh import FloatArray
 
 

@@ -45,7 +45,7 @@ from fem.decks.statement import (
 )
 from fem.element.hexahedron import ElementType
 from geometry.block import Block
-from geometry.loads.case import CircumferentialLoad, PressureLoad, TractionLoad
+from geometry.loads import CircumferentialLoad, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray
 
 

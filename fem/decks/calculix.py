@@ -49,7 +49,7 @@ from fem.decks.statement import (
 )
 from fem.element.hexahedron import ELEMENTS, ElementType
 from fem.problem.loads import SmoothStepAmplitude
-from geometry.loads.case import PressureLoad
+from geometry.loads import PressureLoad
 from geometry.mesh import BoolArray, FloatArray
 
 #: Samples of the smooth step; linear between them it is off by less than 1e-4 of the load.

@@ -19,7 +19,7 @@ from fem.decks.statement import BodyForceLoad, Deck, DeckLoad, Joint, NodalForce
 from fem.element.hexahedron import block_lumped_mass
 from fem.problem.loads import SmoothStepAmplitude, pressure_forces, traction_forces
 from fem.problem.model import Model, NodalLoad, Support, fixed_nodes
-from geometry.loads.case import CircumferentialLoad, PressureLoad
+from geometry.loads import CircumferentialLoad, PressureLoad
 from geometry.mesh import FloatArray, IntArray
 
 

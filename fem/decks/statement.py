@@ -23,7 +23,7 @@ from fem.element.lagrange_mesh import SerendipityMesh
 from fem.element.material import Material
 from fem.problem.effects import Effects
 from geometry.assembly import Assembly, spacing_offsets
-from geometry.loads.case import FaceLoad, LoadCase
+from geometry.loads import FaceLoad, LoadCase
 from geometry.mesh import FloatArray, IntArray
 
 

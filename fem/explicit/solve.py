@@ -16,9 +16,14 @@ from fem.explicit.body import Body, make_body
 from fem.explicit.damping import adapt, residual, round_off, settling
 from fem.explicit.kernels import PARALLEL, SERIAL
 from fem.explicit.kernels.layout import LaneArray
-from fem.explicit.output.checkpoint import read_checkpoint, state_arrays, write_checkpoint
+from fem.explicit.output.checkpoint import (
+    StopRequest,
+    read_checkpoint,
+    state_arrays,
+    stop_requests,
+    write_checkpoint,
+)
 from fem.explicit.output.energy import Energies, History, copy_energies, energies
-from fem.explicit.output.interrupt import StopRequest, stop_requests
 from fem.explicit.state import BodyState, State, initial_body_state, world_vectors
 from fem.explicit.step import (
     System,

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from geometry.errors import unreadable
 from geometry.files.mesh_io import read_any_mesh
 from geometry.files.obj import read_obj
-from geometry.files.ordinary import unreadable
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray, MeshError, check_mesh
 from geometry.polyhedra.polygons import triangles_of_polygons
 from geometry.polyhedra.polyhedron import Polyhedron, merge_points, polyhedron

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from geometry.assembly import Assembly
-from geometry.files.ordinary import unreadable
+from geometry.errors import unreadable
 from geometry.files.vtu import write_vtu
 from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, QuadSurface, check_mesh
 

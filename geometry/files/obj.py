@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from geometry.files.ordinary import unreadable
+from geometry.errors import unreadable
 from geometry.mesh import FloatArray, IntArray, MeshError
 
 

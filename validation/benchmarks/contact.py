@@ -39,7 +39,7 @@ from fem.problem.time_step import critical_time_step
 from fem.static.solve import solve_static
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads.named import load_case
+from geometry.loads import load_case
 from geometry.mesh import FloatArray
 from validation.benchmarks.stopwatch import best_cpu_seconds
 from validation.output.console import listing, measuring

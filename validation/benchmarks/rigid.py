@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from geometry.loads.named import load_case
+from geometry.loads import load_case
 from mbd import (
     clarabel_equilibrium,
     classify,

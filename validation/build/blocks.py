@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.assembly import Assembly
-from geometry.loads.case import LoadCase
+from geometry.loads import LoadCase
 from geometry.measures import UnmatchedJoint
 from geometry.mesh import FloatArray
 from validation.errors import InputError

@@ -9,7 +9,7 @@ the number of layers. `validation.effects.cell` measures it.
 from __future__ import annotations
 
 from geometry.assembly import Assembly
-from geometry.loads.named import CASES
+from geometry.loads import CASES
 from validation.errors import InputError, named
 from validation.scene.deformable import FemSection
 from validation.scene.family import RoundScene, round_types

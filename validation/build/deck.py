@@ -24,7 +24,7 @@ from fem.element.lagrange_mesh import serendipity_block
 from fem.problem.effects import Effects
 from fem.problem.time_step import critical_time_step
 from geometry.assembly import Assembly
-from geometry.loads.case import CircumferentialLoad
+from geometry.loads import CircumferentialLoad
 from validation.build.blocks import HexahedralBlocks
 from validation.build.cell import refuse_cell
 from validation.build.deformable import build_hexahedra, build_problem, fem_section, scene_load

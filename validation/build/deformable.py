@@ -9,7 +9,7 @@ from fem.contact.surfaces import ContactNormals
 from fem.element.material import Material
 from fem.problem.formulation import Formulation
 from geometry.assembly import Assembly
-from geometry.loads.case import LoadCase
+from geometry.loads import LoadCase
 from validation.build.blocks import HexahedralBlocks, build_blocks
 from validation.build.cell import build_cell, is_cell
 from validation.errors import InputError, named

@@ -16,7 +16,7 @@ from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.files.block_files import read_blocks
 from geometry.files.hexahedral_solids import file_blocks
-from geometry.loads.case import LoadCase
+from geometry.loads import LoadCase
 from geometry.measures import UnmatchedJoint, matched_area
 from geometry.mesh import IntArray, MeshError
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral

@@ -31,8 +31,7 @@ from geometry.assembly import Assembly
 from geometry.block import Block, box_block
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads.case import PressureLoad
-from geometry.loads.named import load_case
+from geometry.loads import PressureLoad, load_case
 from geometry.mesh import FloatArray
 from validation.compare.calculix import CalculixResult, calculix_available, run_calculix
 from validation.errors import InputError, run_command

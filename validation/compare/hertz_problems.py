@@ -35,7 +35,7 @@ from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.errors import RefusedError
-from geometry.loads.case import LoadCase
+from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
 from validation.compare.round_bodies import quarter_disc, round_ended, strip
 

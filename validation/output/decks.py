@@ -17,9 +17,8 @@ from fem.decks.read.cards import read_cards
 from fem.decks.read.deck import read_deck
 from fem.decks.statement import Deck, Flavour, element_name
 from fem.decks.write import write_deck
-from geometry.errors import RefusedError
+from geometry.errors import RefusedError, unreadable
 from geometry.files.mesh_io import assembly_mesh, read_hex_mesh, write_hex_mesh
-from geometry.files.ordinary import unreadable
 from geometry.mesh import HexMesh, corner_jacobians, mass_properties
 from validation.build.deck import build_deck
 from validation.errors import InputError, named

@@ -21,7 +21,7 @@ from typing import Any, Self
 
 from filelock import FileLock, Timeout
 
-from geometry.files.ordinary import unreadable
+from geometry.errors import unreadable
 from validation.errors import InputError
 from validation.output.files import prepare_file, write_whole
 from validation.output.program import program

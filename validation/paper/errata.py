@@ -14,7 +14,7 @@ from rich.table import Table
 
 from geometry.errors import RefusedError
 from geometry.families.sine_block import LayerTurn, SineBlockParameters, wave, waves_of_turn
-from geometry.loads.named import load_case
+from geometry.loads import load_case
 from mbd import contact_jacobian, generalized_force, solve_linear_programs
 from validation.build.blocks import build_scene
 from validation.output.console import listing, two_columns

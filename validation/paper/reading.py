@@ -13,7 +13,7 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 
-from geometry.loads.case import LoadCase, PressureLoad, TractionLoad, surface_means
+from geometry.loads import LoadCase, PressureLoad, TractionLoad, surface_means
 from geometry.measures import Measures
 from mbd import analyse
 from validation.paper.reference import reference

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from geometry.loads.named import named_load
+from geometry.loads import named_load
 
 
 def load_words(scene: Any) -> str:

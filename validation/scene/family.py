@@ -13,7 +13,7 @@ from validation.scene.sections import RigidSection, Section, TubeAssemblySection
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
-    from geometry.loads.case import LoadCase
+    from geometry.loads import LoadCase
     from geometry.measures import UnmatchedJoint
 
 
@@ -60,7 +60,7 @@ class AssemblyScene(DeformableSections):
         RefusedError
             When they cannot take it.
         """
-        from geometry.loads.named import load_case, named_load
+        from geometry.loads import load_case, named_load
 
         load = self.load
         assert isinstance(load, TubeLoadSection)

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 from pydantic import ValidationError
 
-from geometry.files.ordinary import unreadable
+from geometry.errors import unreadable
 from validation.errors import InputError, one_line
 from validation.scene.builtin import builtin_text
 from validation.scene.deformable import AutoSection, DeformableSections, EffectName, parse_share

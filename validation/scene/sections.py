@@ -16,7 +16,7 @@ from pydantic import (
     field_validator,
 )
 
-from geometry.loads.named import CASES
+from geometry.loads import CASES
 from mbd.options import FrictionLaw, Norm, Solver
 from validation.errors import InputError, one_line
 from validation.scene.docstrings import field_docstrings
@@ -51,7 +51,7 @@ def _known_load(name: str) -> str:
     return name
 
 
-#: Name of a load case, one of the records of `geometry.loads.named`.
+#: Name of a load case, one of the records of `geometry.loads`.
 LoadName = Annotated[str, AfterValidator(_known_load), Field(json_schema_extra={"enum": [*CASES]})]
 
 

@@ -15,7 +15,7 @@ from fem.static.solve import StaticOptions, solve_static
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.families.masonry import circular_arch, running_bond_wall
 from geometry.families.platonic_layers import octahedra_layer, tetrahedra_layer
-from geometry.loads.case import LoadCase
+from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import analyse, contact_jacobian

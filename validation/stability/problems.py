@@ -17,7 +17,7 @@ from geometry.assembly import Assembly
 from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads.case import LoadCase, face_pressure
+from geometry.loads import LoadCase, face_pressure
 from geometry.mesh import FloatArray
 
 CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)

@@ -10,8 +10,7 @@ import scipy.sparse as sp
 
 from geometry.assembly import Assembly, AssemblyError, moved
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.loads.case import LoadCase
-from geometry.loads.named import load_case
+from geometry.loads import LoadCase, load_case
 from geometry.mesh import FloatArray
 from mbd import (
     Classification,

@@ -18,7 +18,7 @@ from geometry.assembly import moved
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import hexagon_cell
-from geometry.loads.named import load_case
+from geometry.loads import load_case
 from geometry.mesh import FloatArray
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.contact_law import COLUMN_LAW, TOLERANCE, pressed_column, solved_column

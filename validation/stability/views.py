@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geometry.assembly import AnyBlocks, Assembly, moved, renumbered
-from geometry.loads.case import FaceLoad, LoadCase, PressureLoad, TractionLoad
+from geometry.loads import FaceLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.polyhedron import Polyhedron

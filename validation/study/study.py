@@ -27,7 +27,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from geometry.files.ordinary import unreadable
+from geometry.errors import unreadable
 from validation.errors import InputError
 from validation.scene.read import SceneFile, apply_overrides, check_scene, read_text, scene_data
 from validation.scene.sections import RigidSection

@@ -23,7 +23,7 @@ from fem.decks.statement import (
 )
 from fem.element.material import Material
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
-from geometry.loads.case import CircumferentialLoad, PressureLoad, TractionLoad
+from geometry.loads import CircumferentialLoad, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray
 
 

@@ -1,4 +1,4 @@
-"""Checkpoints: a killed run goes on to the same bits.
+"""Checkpoints and stop requests: a killed run goes on to the same bits.
 
 A checkpoint is one ``.npz`` with every array and number of the state, the history so far and
 a fingerprint of the problem; it replaces the last one in a single step, so a run killed while
@@ -9,9 +9,13 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+import signal
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -20,8 +24,7 @@ from scipy.sparse import bsr_array
 from fem.explicit.output.energy import COLUMNS, History
 from fem.explicit.state import State
 from fem.explicit.step import System
-from geometry.errors import RefusedError
-from geometry.files.ordinary import unreadable
+from geometry.errors import RefusedError, unreadable
 
 FORMAT = 2
 
@@ -198,3 +201,38 @@ def _hash(digest: Any, value: Any) -> None:
         digest.update(getattr(value, "__qualname__", repr(value)).encode())
     else:
         digest.update(repr(value).encode())
+
+
+@dataclass
+class StopRequest:
+    """Whether Ctrl-C was pressed (or the process asked to terminate)."""
+
+    requested: bool = False
+    """Set by the signal."""
+
+
+@contextmanager
+def stop_requests() -> Iterator[StopRequest]:
+    """Turn SIGINT and SIGTERM into a flag while the context lasts.
+
+    A state must not be left half updated: the loop asks for the flag between two steps. A
+    second Ctrl-C raises KeyboardInterrupt at once. Outside the main thread signals cannot be
+    caught and the flag stays False.
+    """
+    request = StopRequest()
+    if threading.current_thread() is not threading.main_thread():
+        yield request
+        return
+
+    def note(number: int, _: FrameType | None) -> None:
+        if request.requested and number == signal.SIGINT:
+            raise KeyboardInterrupt
+        request.requested = True
+
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    previous = [signal.signal(number, note) for number in numbers]
+    try:
+        yield request
+    finally:
+        for number, handler in zip(numbers, previous, strict=True):
+            signal.signal(number, handler)

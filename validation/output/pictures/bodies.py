@@ -11,7 +11,7 @@ import numpy.typing as npt
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.files.mesh_io import interface_surface
-from geometry.loads.case import LoadCase
+from geometry.loads import LoadCase
 from geometry.measures import facets_between
 from geometry.mesh import FloatArray, IntArray
 from validation.output.pictures.canvas import Direction, Lines, Pixels, Surface, merged

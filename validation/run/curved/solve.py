@@ -26,7 +26,7 @@ from geometry.families.sine_block import (
     sine_block_points,
     waves_of_turn,
 )
-from geometry.loads.named import CASES
+from geometry.loads import CASES
 from geometry.measures import block_measures
 from geometry.mesh import FloatArray
 from validation.build.deformable import build_material

@@ -14,7 +14,7 @@ import numpy as np
 
 from geometry.assembly import Assembly
 from geometry.interface import Interfaces
-from geometry.loads.case import LoadCase, with_body_wrenches
+from geometry.loads import LoadCase, with_body_wrenches
 from geometry.mesh import FloatArray
 from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibrium
 from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equilibrium

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from geometry.assembly import AnyBlocks
-from geometry.loads.case import LoadCase
+from geometry.loads import LoadCase
 from geometry.measures import JointResultants, joint_resultants
 from geometry.mesh import FloatArray
 from mbd import Mechanism, RigidResult, SelfStress

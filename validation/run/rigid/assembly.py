@@ -13,7 +13,7 @@ import scipy.spatial  # noqa: F401 - what matches facets, loaded before the cloc
 
 from geometry.assembly import Assembly
 from geometry.files.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
-from geometry.loads.case import with_body_wrenches
+from geometry.loads import with_body_wrenches
 from geometry.mesh import FloatArray
 from mbd import Measures, analyse, block_measures, block_wrenches, measures
 from validation.build.blocks import BuiltScene, build_scene, build_weight

@@ -21,7 +21,7 @@ from validation.scene.sections import Finite, Positive, Section
 if TYPE_CHECKING:
     from fem.assembly.statement import Motion
     from geometry.assembly import Assembly
-    from geometry.loads.case import FaceLoad, LoadCase
+    from geometry.loads import FaceLoad, LoadCase
     from geometry.mesh import IntArray
 
 FaceName = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
@@ -139,7 +139,7 @@ class BoxScene(AssemblyScene):
 
     def build_load(self, assembly: Assembly) -> LoadCase:
         """Load and hold the faces that are named, of every copy."""
-        from geometry.loads.case import HeldFace, LoadCase
+        from geometry.loads import HeldFace, LoadCase
 
         blocks = np.arange(assembly.n_blocks)
         return LoadCase(
@@ -151,7 +151,7 @@ class BoxScene(AssemblyScene):
         )
 
     def _face_load(self, blocks: IntArray, face: FaceName) -> FaceLoad:
-        from geometry.loads.case import PressureLoad, TractionLoad
+        from geometry.loads import PressureLoad, TractionLoad
 
         load = self.load[face]
         if load.pressure is None:

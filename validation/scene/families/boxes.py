@@ -11,7 +11,7 @@ from validation.scene.sections import Finite, Positive, Section, fewer
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
-    from geometry.loads.case import LoadCase
+    from geometry.loads import LoadCase
     from geometry.measures import UnmatchedJoint
 
 
@@ -59,7 +59,7 @@ class BoxesScene(AssemblyScene):
         """Press on the top."""
         import numpy as np
 
-        from geometry.loads.case import face_pressure
+        from geometry.loads import face_pressure
 
         return face_pressure(assembly, np.array([assembly.n_blocks - 1]), "z+", self.load.pressure)
 

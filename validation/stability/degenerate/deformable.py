@@ -11,7 +11,7 @@ from fem.element.material import concrete
 from fem.solvers import solve_static
 from geometry.assembly import Assembly
 from geometry.block import Block, box_block
-from geometry.loads.case import LoadCase
+from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import as_polyhedral
 from geometry.polyhedra.options import DetectionOptions

@@ -1,1 +1,0 @@
-"""What loads blocks, and the load cases that have names."""
