@@ -10,7 +10,7 @@ from typing import Literal
 
 from fem.answer import Answer
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.statement import Problem
+from fem.assembly.statement import Problem, ProblemError
 from fem.explicit.output.checkpoint import OtherProblemError
 from fem.explicit.setup.assembly import ExplicitAssembly
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
@@ -118,11 +118,16 @@ def solve_explicit(
 
     Raises
     ------
-    ContactError, DeformableAssemblyError, SymmetryError, EffectError, TimeStepError
-        What cannot be run.
+    ContactError, DeformableAssemblyError, SymmetryError, EffectError, TimeStepError, ProblemError
+        What cannot be run, elements of a higher degree among it.
     UnstableRun
         A run that gained energy.
     """
+    if problem.degree > 1:
+        raise ProblemError(
+            f"degree: got {problem.degree}; explicit runs have elements of degree 1: expected 1, or "
+            "solve_static"
+        )
     static = damping == "static"
     given = damping if isinstance(damping, Effects) else Effects()
     effects = replace(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fem.contact.cuts import carry_over, clip, moment_points
+from fem.contact.cuts import carry_over, clip, fine_points, moment_points
 from fem.contact.search import BlockSurface, FacingPoints
 
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
@@ -32,7 +32,7 @@ def grid(turn, size, cells):
 def test_pieces_fill_the_facet(turn):
     """Areas add up to rounding, and so do the moments of order one and two of their points: those
     of the square [0, 2]² are 4, 4, 4, 16/3, 4, 16/3. All points lie in their piece."""
-    total = np.zeros(6)
+    total, fourth = np.zeros(6), np.zeros(5)
     for quad in grid(turn, 1.3, 4):
         piece = cut(SQUARE, quad)
         if len(piece) < 3 or area(piece) < 1e-12:
@@ -41,12 +41,18 @@ def test_pieces_fill_the_facet(turn):
         size = moment_points(piece, len(piece), points)
         assert size == pytest.approx(area(piece), rel=1e-12)
         x, y = points[:3].T
+        many, weights = np.empty((70, 2)), np.empty(70)
+        n = fine_points(piece, len(piece), many, weights)
+        u, v = many[:n].T
+        fourth += [weights[:n] @ (u**k * v ** (4 - k)) for k in range(5)]
         total += size / 3.0 * np.array([np.ones(3), x, y, x * x, x * y, y * y]).sum(axis=1)
         edge = np.roll(piece, -1, axis=0) - piece
         for point in points[:3]:
             away = point - piece
             assert (edge[:, 0] * away[:, 1] - edge[:, 1] * away[:, 0]).min() > -1e-9
     assert total == pytest.approx([4.0, 4.0, 4.0, 16.0 / 3.0, 4.0, 16.0 / 3.0], rel=1e-12)
+    # Those of order four, by the points of curved facets: 2^(k+1) / (k+1) times the other's.
+    assert fourth == pytest.approx([12.8, 8.0, 64.0 / 9.0, 8.0, 12.8], rel=1e-12)
 
 
 def test_random_triangles_keep_their_moments():

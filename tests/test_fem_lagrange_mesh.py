@@ -305,7 +305,6 @@ def test_error_bars_hold_the_next_degree() -> None:
 @pytest.mark.parametrize(
     ("settings", "text"),
     [
-        (("effects.finite_sliding=true",), "degree 2 meet facet on facet"),
         (("fem.method='explicit'",), r"fem\.degree: got 2 with fem\.method"),
     ],
 )

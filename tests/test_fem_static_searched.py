@@ -51,6 +51,28 @@ def test_patch_test_of_4_on_3_cubed(method):
     assert found.max_displacement == pytest.approx(shortening, rel=1e-6)
 
 
+@pytest.mark.parametrize("degree", [2, 3])
+def test_higher_degrees_pass_uniform_stress_as_well(degree):
+    """Exactly where edges are parallel. Nodes moved aside by an eighth of an edge make facets whose
+    functions are no polynomials in the plane: what points of degree 4 leave falls with the size of
+    pieces, and is below a tenth of the 1e-5 of such facets of degree 1 cut by three points."""
+    options = {"degree": degree, "normals": ContactNormals.REFERENCE}
+    found = solve_static(stack((4, 4, 1), (3, 3, 1), **options))
+    assert found.pressures == pytest.approx(0.5, rel=1e-7)
+    assert found.contact_state.areas.sum() == pytest.approx(8000.0, rel=1e-12)
+    rng = np.random.default_rng(1)
+    boxes = box_column([ColumnBox(SIZE, (2, 2, 1)), ColumnBox(SIZE, (3, 3, 1))])
+    for shape in boxes.shapes:
+        nodes = shape.mesh.nodes[:, :2]
+        low, high = nodes.min(axis=0), nodes.max(axis=0)
+        inner = ((nodes > low + 1e-9) & (nodes < high - 1e-9)).all(axis=1)
+        nodes[inner] += rng.uniform(-4.0, 4.0, (int(inner.sum()), 2))
+    load = face_pressure(boxes, np.array([1]), "z+", 0.5)
+    options |= {"law": LinearPenalty(1e3), "frames": Frames.DEFORMABLE}
+    model = deformable_assembly(boxes, load, STIFF, finite_sliding=True, **options)
+    assert solve_static(model).pressures == pytest.approx(0.5, rel=1e-6)
+
+
 def test_a_box_that_was_built_aside_and_reference_normals():
     """A smaller box across facets of the larger: force and its moment are the load's. The larger
     one leans by 1e-5: friction keeps the upper one from sliding off, and takes 1e-5 of the load
@@ -78,6 +100,18 @@ def test_a_sector_and_matched_facets_give_the_same_tube():
     assert searched.max_displacement == pytest.approx(matched.max_displacement, rel=1e-3)
     assert searched.contact_state.forces.shape == matched.contact_state.forces.shape
     assert searched.contact_energy == pytest.approx(matched.contact_energy, rel=1e-3)
+
+
+def test_curved_facets_that_are_searched_and_that_match():
+    """The same with curved elements: gaps by the curved facets, normals of one side for the mean of
+    both, by which pressures differ as above."""
+    matched, searched = (solve_static(tube(finite_sliding=s, degree=2)) for s in (False, True))
+    assert searched.symmetry == 4
+    assert searched.max_displacement == pytest.approx(matched.max_displacement, rel=1e-3)
+    areas = [found.contact_state.areas.sum() for found in (matched, searched)]
+    assert areas[0] == pytest.approx(areas[1], rel=1e-3)
+    force = [np.abs(found.contact_state.forces).sum() for found in (matched, searched)]
+    assert force[0] == pytest.approx(force[1], rel=1e-3)
 
 
 def shear(coefficient, push):

@@ -21,10 +21,11 @@ from fem.contact.surfaces import (
     point_kinematics,
     point_normals,
 )
-from fem.element.facet import bilinear, facet_areas
+from fem.element.facet import facet_areas, facet_functions
+from fem.element.lagrange_mesh import LagrangeMesh
 from geometry.assembly import Assembly
 from geometry.measures import BlockMeasures, block_measures, measures
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray, structured_quads
 
 
 def block_surfaces(
@@ -62,8 +63,12 @@ def block_surfaces(
 
 def block_surface(assembly: Assembly, block: int, offset: FloatArray) -> BlockSurface:
     """Facets of one block that can touch others, moved by an offset (3,) [mm]; it moves alone."""
-    quads = assembly.shape(block).contact_quads
-    nodes, local = np.unique(quads, return_inverse=True)
+    mesh, quads = assembly.shape(block).mesh, assembly.shape(block).contact_quads
+    facets = None
+    if isinstance(mesh, LagrangeMesh):
+        facets = mesh.facet_nodes(quads)
+        quads = facets[:, structured_quads(mesh.degree)].reshape(-1, 4)
+    nodes = np.unique(quads)
     return BlockSurface(
         block=block,
         group=0,
@@ -71,7 +76,8 @@ def block_surface(assembly: Assembly, block: int, offset: FloatArray) -> BlockSu
         rotation=assembly.rotations[block],
         nodes=nodes,
         reference=(assembly.nodes(block) + offset)[nodes],
-        quads=local.reshape(quads.shape).astype(np.int64),
+        quads=np.searchsorted(nodes, quads),
+        facets=None if facets is None else np.searchsorted(nodes, facets),
         stands=block,
     )
 
@@ -324,32 +330,36 @@ def searched_state(points: FacingPoints, law: ContactLaw, clearance: float) -> C
     clearance
         Added to every gap [mm].
     """
-    master, slave, position = points.facet, points.slave, points.place()
-    _, gap, normal = closest_points(points.position[points.quads[master]], position, points.xi)
-    key = np.column_stack([points.facet_block[master], points.facet_block[slave], slave])
+    found = points.on_facets()
+    master, slave, weights = found.facet, found.slave, found.weights
+    position = np.einsum("pa,pai->pi", found.shapes, points.position[points.whole[slave]])
+    _, gap, normal = closest_points(points.position[points.whole[master]], position, found.xi)
+    block, areas = points.facet_block[:: points.pieces], points.facet_area
+    areas = areas.reshape(-1, points.pieces).sum(axis=1)
+    key = np.column_stack([block[master], block[slave], slave])
     _, which = np.unique(key, axis=0, return_inverse=True)
-    area = np.bincount(which.ravel(), points.weights)
-    mean = np.bincount(which.ravel(), points.weights * gap) / area
+    area = np.bincount(which.ravel(), weights)
+    mean = np.bincount(which.ravel(), weights * gap) / area
     near = mean[which.ravel()] <= points.farthest
-    near &= area[which.ravel()] > _SLIVER * points.facet_area[slave]
+    near &= area[which.ravel()] > _SLIVER * areas[slave]
     master, slave = master[near], slave[near]
     position, gap, normal = position[near], gap[near], normal[near]
     overclosure = -gap - clearance
-    key = np.column_stack([points.facet_block[master], points.facet_block[slave], slave])
+    key = np.column_stack([block[master], block[slave], slave])
     entries, which = np.unique(key, axis=0, return_inverse=True)
     which = which.ravel()
     return ContactState(
         block_m=entries[:, 0],
         block_s=entries[:, 1],
         interface=None,
-        corners=_faced_parts(points, entries[:, 2], which, points.cells[near]),
+        corners=_faced_parts(points, entries[:, 2], which, found.cells[near]),
         facet=which,
         positions=position,
         normals=normal,
-        point_areas=points.weights[near],
+        point_areas=weights[near],
         point_pressures=law.pressure(overclosure),
         point_overclosures=overclosure,
-        position_s=points.facet_position[entries[:, 2]],
+        position_s=points.facet_position[points.pieces * entries[:, 2]] // points.pieces,
     )
 
 
@@ -362,8 +372,9 @@ def _faced_parts(
     np.maximum.at(high, which, cells[:, 1])
     xi = np.stack([low, np.stack([high[:, 0], low[:, 1]], 1), high], axis=1)
     xi = np.concatenate([xi, np.stack([low[:, 0], high[:, 1]], 1)[:, None]], axis=1)
-    corners = points.position[points.quads[facets]]
-    return np.einsum("fpa,fai->fpi", bilinear(xi)[0], corners)
+    nodes = points.position[points.whole[facets]]
+    values = facet_functions(xi.reshape(-1, 2), nodes.shape[1])[0].reshape(len(nodes), 4, -1)
+    return np.einsum("fpa,fai->fpi", values, nodes)
 
 
 @dataclass(frozen=True)

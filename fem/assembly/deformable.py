@@ -137,13 +137,8 @@ def touching_surfaces(
     return surfaces
 
 
-def curved(assembly: Assembly, degree: int, *, finite_sliding: bool) -> Assembly:
+def curved(assembly: Assembly, degree: int) -> Assembly:
     """Give all blocks elements of a degree."""
-    if finite_sliding:
-        raise DeformableAssemblyError(
-            f"{assembly.name}: elements of degree {degree} meet facet on facet; expected joints "
-            "that match and finite sliding off, or degree 1"
-        )
     shapes = tuple(with_degree(shape, degree) for shape in assembly.shapes)
     return replace(assembly, shapes=shapes)
 

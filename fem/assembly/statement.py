@@ -232,7 +232,7 @@ class Problem:
         if assembly.image_of is not None:
             check_cell(assembly, self.frames, finite_sliding=sliding)
         if self.degree > 1:
-            assembly = curved(assembly, self.degree, finite_sliding=sliding)
+            assembly = curved(assembly, self.degree)
         rigid = self.frames is Frames.RIGID
         deforms = ~load.fixed if rigid else np.ones(assembly.n_blocks, dtype=np.bool_)
         if not deforms.any():

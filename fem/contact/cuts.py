@@ -35,6 +35,18 @@ CLOSE_ENOUGH = 1e-8
 #: Corners of a cut polygon at most: four, and one more for each edge that cuts.
 _CORNERS = 12
 
+#: Radon's points of a triangle, exact to degree 5: shares of the corners, and weights.
+_NEAR, _FAR = (6.0 - math.sqrt(15.0)) / 21.0, (6.0 + math.sqrt(15.0)) / 21.0
+_RADON = np.concatenate(
+    [np.full((1, 3), 1.0 / 3.0), *(x + (1.0 - 3.0 * x) * np.eye(3) for x in (_NEAR, _FAR))]
+)
+_RADON_WEIGHTS = (
+    np.repeat(np.array([270.0, 155.0 - 15.0**0.5, 155.0 + 15.0**0.5]), [1, 3, 3]) / 1200
+)
+
+#: Points of a piece at most: those of the triangles from one corner.
+_MOST = 7 * (_CORNERS - 2)
+
 #: Pieces smaller than this share of their facet are rounding.
 _SLIVER = 1e-8
 
@@ -269,17 +281,51 @@ def _gauss_points(quad, points, weights):
     for k in range(4):
         xi[0] = (-1.0 if k in (0, 3) else 1.0) / math.sqrt(3.0)
         xi[1] = (-1.0 if k in (0, 1) else 1.0) / math.sqrt(3.0)
-        shape_values(xi, values)
-        rx, ry, sx, sy = 0.0, 0.0, 0.0, 0.0
-        points[k, 0], points[k, 1] = 0.0, 0.0
-        for a in range(4):
-            points[k, 0] += values[a, 0] * quad[a, 0]
-            points[k, 1] += values[a, 0] * quad[a, 1]
-            rx += values[a, 1] * quad[a, 0]
-            ry += values[a, 1] * quad[a, 1]
-            sx += values[a, 2] * quad[a, 0]
-            sy += values[a, 2] * quad[a, 1]
-        weights[k] = rx * sy - ry * sx
+        weights[k] = _in_quadrilateral(quad, xi, values, points[k])
+
+
+@njit(**_OPTIONS)
+def _in_quadrilateral(quad, xi, values, point):
+    """Point of a plane quadrilateral at natural coordinates; its area over that in them."""
+    shape_values(xi, values)
+    rx, ry, sx, sy = 0.0, 0.0, 0.0, 0.0
+    point[0], point[1] = 0.0, 0.0
+    for a in range(4):
+        point[0] += values[a, 0] * quad[a, 0]
+        point[1] += values[a, 0] * quad[a, 1]
+        rx += values[a, 1] * quad[a, 0]
+        ry += values[a, 1] * quad[a, 1]
+        sx += values[a, 2] * quad[a, 0]
+        sy += values[a, 2] * quad[a, 1]
+    return rx * sy - ry * sx
+
+
+@njit(**_OPTIONS)
+def fine_points(piece, n, points, weights):
+    """Points of a convex piece for functions of degree 4, and their areas; their number.
+
+    Quadrilaterals have 3 × 3 Gauss points, other pieces Radon's in triangles from one corner.
+    """
+    count = 0
+    if n == 4:
+        values, xi = np.empty((4, 3)), np.empty(2)
+        for i in range(3):
+            for j in range(3):
+                xi[0], xi[1] = (i - 1) * math.sqrt(0.6), (j - 1) * math.sqrt(0.6)
+                weight = (5.0 if i != 1 else 8.0) * (5.0 if j != 1 else 8.0) / 81.0
+                weights[count] = weight * _in_quadrilateral(piece, xi, values, points[count])
+                count += 1
+        return count
+    for k in range(1, n - 1):
+        ax, ay = piece[k, 0] - piece[0, 0], piece[k, 1] - piece[0, 1]
+        bx, by = piece[k + 1, 0] - piece[0, 0], piece[k + 1, 1] - piece[0, 1]
+        area = 0.5 * (ax * by - ay * bx)
+        for p in range(7):
+            weights[count] = area * _RADON_WEIGHTS[p]
+            points[count, 0] = piece[0, 0] + _RADON[p, 1] * ax + _RADON[p, 2] * bx
+            points[count, 1] = piece[0, 1] + _RADON[p, 1] * ay + _RADON[p, 2] * by
+            count += 1
+    return count
 
 
 @njit(**_OPTIONS)
@@ -445,6 +491,7 @@ def cut_facets(
     share,
     bounds,
     slight,
+    fine,
     slave,
     shapes,
     weights,
@@ -470,6 +517,8 @@ def cut_facets(
         Least and largest gap at which a point faces a facet, (2,) [mm].
     slight
         Share of a facet's nodal forces by which the points of a sliver may err; 0: none.
+    fine
+        Whether points integrate functions of degree 4, of facets that are pieces of curved ones.
     slave, shapes, weights, facet, xi, cells
         Out, up to a capacity of points (m,): facet of the point, its shape functions there
         (m, 4), area [mm²], facet that it faces, natural coordinates of the closest point on it
@@ -486,7 +535,8 @@ def cut_facets(
     pieces, corners = np.empty((most, _CORNERS, 2)), np.empty(most, np.int64)
     which, sizes, away = np.empty(most, np.int64), np.empty(most), np.empty(most)
     own, other, plane = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
-    flat, at, part, pair = np.empty((4, 2)), np.empty((4, 2)), np.empty(4), np.empty((4, 2, 2))
+    flat, at = np.empty((4, 2)), np.empty((_MOST, 2))
+    part, pair = np.empty(_MOST), np.empty((_MOST, 2, 2))
     values, work, box = np.empty((4, 3)), np.empty((9, 3)), np.empty((2, 2))
     count = 0
     for f in range(len(quads)):
@@ -527,6 +577,8 @@ def cut_facets(
             many = sliver_points(pieces[c], n, slight * whole * whole, at)
             if many:
                 part[:] = sizes[c] / many
+            elif fine:
+                many = fine_points(pieces[c], n, at, part)
             elif n == 4:
                 many = 4
                 _gauss_points(pieces[c], at, part)

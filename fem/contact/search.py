@@ -7,6 +7,7 @@ along the neighbours' edges (`fem.contact.cuts`) follow the motion between searc
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
@@ -16,7 +17,8 @@ from scipy.spatial import cKDTree
 
 from fem.contact.cuts import OPPOSITE, carry_over, closest_on_facets, cut_facets
 from fem.contact.surfaces import ContactNormals, PointKinematics
-from fem.element.facet import bilinear, facet_areas
+from fem.element.facet import FACET_CORNERS, bilinear, facet_areas, facet_functions
+from fem.element.lagrange import lobatto_points
 from geometry.mesh import FloatArray, IntArray, run_starts
 
 #: Skin of the search over the shortest mean edge of a facet.
@@ -27,6 +29,9 @@ _DEEPEST = 3.0
 
 #: Points a facet that there is room for at first.
 _ROOM = 16
+
+#: Iterations on the closest point of a curved facet, and the step that ends them.
+_CURVED_STEPS, _CLOSE = 30, 1e-12
 
 #: Normals may turn between two searches: neighbours look at each other by less than what cuts ask.
 _NEIGHBOURS = 0.5 * OPPOSITE
@@ -50,6 +55,9 @@ class BlockSurface:
     """Their positions before any displacement, world axes, (n_nodes, 3) [mm]."""
     quads: IntArray
     """Facets as positions in `nodes`, counter-clockwise from outside, (n_facets, 4)."""
+    facets: IntArray | None = None
+    """Curved facets of a higher degree, of which equally many `quads` each are the pieces, all
+    their nodes as positions in `nodes`, (n, (degree + 1)²); None: the quads are the facets."""
     stands: int = -1
     """In a sector: block that stands for it …"""
     turn: int = 0
@@ -60,6 +68,30 @@ class BlockSurface:
         """Mean edge of the facets [mm]."""
         corners = self.reference[self.quads]
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
+
+
+@dataclass(frozen=True)
+class PointsOnFacets:
+    """Points of a search and what they face, facets as `FacingPoints.whole` names them."""
+
+    slave: IntArray
+    """Facet of each point, (n,)."""
+    shapes: FloatArray
+    """Functions of its nodes there, (n, n_nodes)."""
+    weights: FloatArray
+    """Area that each point stands for, of the undeformed surface, (n,) [mm²]."""
+    cells: FloatArray
+    """Box round that area in natural coordinates, lower then upper corner, (n, 2, 2)."""
+    facet: IntArray
+    """Facet that each point faces, (n,)."""
+    xi: FloatArray
+    """Natural coordinates of the closest point there, (n, 2)."""
+
+
+def _stretch(nodes: FloatArray, slopes: FloatArray) -> FloatArray:
+    """Area over that in natural coordinates, (n,) [mm²]."""
+    first, second = np.moveaxis(np.einsum("nak,nai->nki", slopes, nodes), 1, 0)
+    return np.linalg.norm(np.cross(first, second), axis=1)
 
 
 def facet_area_vectors(corners: FloatArray) -> FloatArray:
@@ -102,6 +134,16 @@ class FacingPoints:
             [s.quads + first for s, first in zip(surfaces, sizes[:-1], strict=True)]
         )
         self.facets = [slice(a, b) for a, b in pairwise(facets.tolist())]
+        #: Facets with all their nodes, and pieces of each.
+        self.whole, self.pieces = self.quads, 1
+        curved = [
+            s.facets + first
+            for s, first in zip(surfaces, sizes[:-1], strict=True)
+            if s.facets is not None
+        ]
+        if curved:
+            self.whole = np.concatenate(curved)
+            self.pieces = len(self.quads) // len(self.whole)
         self._edges = np.array([s.edge for s in surfaces])
         self.skin = _SKIN * float(self._edges.min())
         self._bounds = np.array([-_DEEPEST * self.skin, max(reach, 0.0) + self.skin])
@@ -172,10 +214,35 @@ class FacingPoints:
         """Position of each facet among those of its surface, (n_facets,)."""
         return np.concatenate([np.arange(f.stop - f.start) for f in self.facets])
 
-    def place(self) -> FloatArray:
-        """Positions of the points, world axes, (n, 3) [mm]."""
-        corners = self.position[self.quads[self.slave]]
-        return np.einsum("pa,pai->pi", self.shapes, corners)
+    def on_facets(self) -> PointsOnFacets:
+        """The points on whole facets, of which curved ones are searched and cut piece by piece."""
+        if self.pieces == 1:
+            return PointsOnFacets(
+                self.slave, self.shapes, self.weights, self.cells, self.facet, self.xi
+            )
+        own = self.shapes @ FACET_CORNERS
+        there, size = self._natural(self.slave, own)
+        values, slopes = facet_functions(there, self.whole.shape[1])
+        reference = np.concatenate([s.reference for s in self.surfaces])
+        slave, facet = self.slave // self.pieces, self.facet // self.pieces
+        curved = _stretch(reference[self.whole[slave]], slopes) * size
+        flat = _stretch(reference[self.quads[self.slave]], bilinear(own)[1])
+        cells = [self._natural(self.slave, self.cells[:, k])[0] for k in range(2)]
+        return PointsOnFacets(
+            slave,
+            values,
+            self.weights * curved / flat,
+            np.stack(cells, axis=1),
+            facet,
+            self._natural(self.facet, self.xi)[0],
+        )
+
+    def _natural(self, piece: IntArray, xi: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Coordinates on the facet of those on a piece, (n, 2), and the piece's share of areas."""
+        ends = lobatto_points(math.isqrt(self.pieces))
+        which = np.stack(np.divmod(piece % self.pieces, len(ends) - 1), axis=1)
+        half = 0.5 * np.diff(ends)[which]
+        return ends[which] + half * (xi + 1.0), half.prod(axis=1)
 
     def displace(self, displacements: tuple[FloatArray, ...]) -> None:
         """Place the surfaces at displacements of each group, world axes; none of a sector.
@@ -222,6 +289,7 @@ class FacingPoints:
                     self._share,
                     self._bounds,
                     self._slight,
+                    self.pieces > 1,
                     self._slave,
                     self._shapes,
                     self._weights,
@@ -302,7 +370,7 @@ def closest_points(
     Parameters
     ----------
     corners
-        One facet for each point, (n, 4, 3) [mm].
+        One facet for each point, (n, 4, 3) [mm], or all nodes of one of a higher degree.
     points
         (n, 3) [mm].
     start
@@ -316,10 +384,42 @@ def closest_points(
     n = len(points)
     xi = np.zeros((n, 2)) if start is None else start.copy()
     gap, normal = np.empty(n), np.empty((n, 3))
+    if corners.shape[1] > 4:
+        return _closest_on_curved(corners, points, xi)
     # One form for all: a view would be compiled for anew.
     facing, where = np.ascontiguousarray(corners), np.ascontiguousarray(points)
     closest_on_facets(facing, where, xi, gap, normal, start is not None)
     return xi, gap, normal
+
+
+def _closest_on_curved(
+    nodes: FloatArray, points: FloatArray, xi: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The same on facets of a higher degree.
+
+    Without second derivatives: a step leaves the gap times the curvature of what it found.
+    """
+    for _ in range(_CURVED_STEPS):
+        away, tangents = _seen(nodes, points, xi)
+        metric = np.einsum("nki,nli->nkl", tangents, tangents)
+        right = np.einsum("nki,ni->nk", tangents, away)
+        step = np.linalg.solve(metric, right[:, :, None])[:, :, 0]
+        reached = np.clip(xi + step, -2.0, 2.0)
+        way = np.abs(reached - xi).max(initial=0.0)
+        xi = reached
+        if way < _CLOSE:
+            break
+    away, tangents = _seen(nodes, points, xi)
+    normal = np.cross(tangents[:, 0], tangents[:, 1])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return xi, np.einsum("ni,ni->n", away, normal), normal
+
+
+def _seen(nodes: FloatArray, points: FloatArray, xi: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points from those of facets at natural coordinates, (n, 3), and the tangents there."""
+    values, slopes = facet_functions(xi, nodes.shape[1])
+    away = points - np.einsum("na,nai->ni", values, nodes)
+    return away, np.einsum("nak,nai->nki", slopes, nodes)
 
 
 @dataclass(frozen=True)
@@ -338,13 +438,13 @@ class SearchedSurfaces:
     block_s: IntArray
     """Block that the point lies on, (n,)."""
     quads_m: IntArray
-    """Corner nodes of the faced facet in block m's mesh, (n, 4)."""
+    """Nodes of the faced facet in block m's mesh, (n, n_nodes of a facet)."""
     quads_s: IntArray
-    """Corner nodes of the point's facet in block s's mesh, (n, 4)."""
+    """Nodes of the point's facet in block s's mesh, alike."""
     corners: FloatArray
-    """Of both facets before any displacement, m's first, world axes, (n, 8, 3) [mm]."""
+    """Of both facets before any displacement, m's first, world axes, (n, 2 n_nodes, 3) [mm]."""
     shapes: FloatArray
-    """Shape functions of the point's facet there, (n, 4)."""
+    """Shape functions of the point's facet there, (n, n_nodes)."""
     xi: FloatArray
     """Natural coordinates of the closest point as the search found it, (n, 2)."""
     normals: FloatArray
@@ -373,14 +473,19 @@ class SearchedSurfaces:
 
     @cached_property
     def difference(self) -> FloatArray:
-        """Corner weights of d = x_s - x_m, (n, 1 point, 8)."""
-        return np.concatenate([-bilinear(self.xi)[0], self.shapes], axis=1)[:, None]
+        """Weights of the nodes in d = x_s - x_m, (n, 1 point, 2 n_nodes)."""
+        return self._difference(self.xi)[:, None]
+
+    def _difference(self, xi: FloatArray) -> FloatArray:
+        faced = facet_functions(xi, self.shapes.shape[1])[0]
+        return np.concatenate([-faced, self.shapes], axis=1)
 
     @cached_property
     def tangents(self) -> FloatArray:
         """Orthonormal tangents of the normals, (n, 1 point, 2, 3)."""
-        slopes = bilinear(self.xi)[1]
-        first: FloatArray = np.einsum("na,nai->ni", slopes[:, :, 0], self.corners[:, :4])
+        n_nodes = self.shapes.shape[1]
+        slopes = facet_functions(self.xi, n_nodes)[1]
+        first: FloatArray = np.einsum("na,nai->ni", slopes[:, :, 0], self.corners[:, :n_nodes])
         normal = self.normals[:, 0]
         first -= np.einsum("ni,ni->n", first, normal)[:, None] * normal
         first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -389,17 +494,17 @@ class SearchedSurfaces:
     def kinematics(
         self, corner_displacements: FloatArray, normals: ContactNormals
     ) -> PointKinematics:
-        """Overclosures and their gradients at displaced corners (n, 8, 3) [mm], world axes."""
+        """Overclosures and gradients at displaced nodes (n, 2 n_nodes, 3) [mm], world axes."""
         corners: FloatArray = self.corners + corner_displacements
         if normals is ContactNormals.REFERENCE:
             d = np.einsum("npa,nai->npi", self.difference, corners)
             gap = np.einsum("npi,npi->np", self.normals, d)
             gradient = -np.einsum("npa,npi->npai", self.difference, self.normals)
             return PointKinematics(-gap - self.clearance, gradient)
-        points = np.einsum("na,nai->ni", self.shapes, corners[:, 4:])
-        xi, found, normal = closest_points(corners[:, :4], points, self.xi)
-        difference = np.concatenate([-bilinear(xi)[0], self.shapes], axis=1)
-        by_corner = -np.einsum("na,ni->nai", difference, normal)
+        faced, own = np.split(corners, 2, axis=1)
+        points = np.einsum("na,nai->ni", self.shapes, own)
+        xi, found, normal = closest_points(faced, points, self.xi)
+        by_corner = -np.einsum("na,ni->nai", self._difference(xi), normal)
         return PointKinematics((-found - self.clearance)[:, None], by_corner[:, None])
 
     def subset(self, points: IntArray) -> SearchedSurfaces:
@@ -410,26 +515,26 @@ class SearchedSurfaces:
 
 def searched_surfaces(points: FacingPoints, clearance: float) -> SearchedSurfaces:
     """Points of a search at its present positions, as the static solver takes them."""
-    master, slave = points.facet, points.slave
-    sizes = [len(s.quads) for s in points.surfaces]
+    found = points.on_facets()
+    sizes = [len(s.quads) // points.pieces for s in points.surfaces]
     nodes = np.concatenate([s.nodes for s in points.surfaces])
     reference = np.concatenate([s.reference for s in points.surfaces])
     blocks = np.repeat([s.block for s in points.surfaces], sizes)
-    order = np.lexsort((blocks[slave], blocks[master]))
-    master, slave = master[order], slave[order]
-    quads_m, quads_s = points.quads[master], points.quads[slave]
-    position = np.einsum("na,nai->ni", points.shapes[order], points.position[quads_s])
-    xi, _, normal = closest_points(points.position[quads_m], position, points.xi[order])
+    order = np.lexsort((blocks[found.slave], blocks[found.facet]))
+    master, slave, shapes = found.facet[order], found.slave[order], found.shapes[order]
+    quads_m, quads_s = points.whole[master], points.whole[slave]
+    position = np.einsum("na,nai->ni", shapes, points.position[quads_s])
+    xi, _, normal = closest_points(points.position[quads_m], position, found.xi[order])
     return SearchedSurfaces(
         block_m=blocks[master],
         block_s=blocks[slave],
         quads_m=nodes[quads_m],
         quads_s=nodes[quads_s],
         corners=np.concatenate([reference[quads_m], reference[quads_s]], axis=1),
-        shapes=points.shapes[order],
+        shapes=shapes,
         xi=xi,
         normals=normal[:, None],
-        weights=points.weights[order][:, None],
+        weights=found.weights[order][:, None],
         order=order,
         clearance=clearance,
     )
