@@ -125,8 +125,8 @@ def solve_explicit(
     """
     if problem.degree > 1:
         raise ProblemError(
-            f"degree: got {problem.degree}; explicit runs have elements of degree 1: expected 1, or "
-            "solve_static"
+            f"degree: got {problem.degree}; explicit runs have elements of degree 1: expected "
+            "1, or solve_static"
         )
     static = damping == "static"
     given = damping if isinstance(damping, Effects) else Effects()

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from fem.assembly.contact_state import corner_displacements
 from fem.assembly.peaks import largest_displacement, largest_pressure
-from fem.assembly.statement import Problem
+from fem.assembly.statement import Problem, ProblemError
 from fem.assembly.symmetry import local_forces
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import LinearPenalty
@@ -24,7 +24,7 @@ from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, serendipity_block
 from fem.element.material import Material
 from fem.problem.loads import pressure_forces
 from fem.problem.model import block_group, lumped_mass
-from fem.solvers import solve_static
+from fem.solvers import solve_explicit, solve_static
 from fem.static.solve import StaticMethod, StaticOptions
 from geometry.block import Block
 from geometry.families.boxes import ColumnBox, box_column
@@ -302,17 +302,12 @@ def test_error_bars_hold_the_next_degree() -> None:
     assert len(missed) <= 1, missed
 
 
-@pytest.mark.parametrize(
-    ("settings", "text"),
-    [
-        (("fem.method='explicit'",), r"fem\.degree: got 2 with fem\.method"),
-    ],
-)
-def test_what_has_no_elements_of_higher_degree_is_named(
-    settings: tuple[str, ...], text: str
-) -> None:
-    with pytest.raises(InputError, match=text):
-        build_deformable(deformable("tsb1-pipe", *MESH, "fem.degree=2", *settings), "tube")
+def test_explicit_runs_of_higher_degree_are_refused_by_name() -> None:
+    settings = (*MESH, "fem.degree=2", "fem.method='explicit'")
+    with pytest.raises(InputError, match=r"fem\.degree: got 2 with fem\.method"):
+        build_deformable(deformable("tsb1-pipe", *settings), "tube")
+    with pytest.raises(ProblemError, match="degree: got 2; explicit runs have"):
+        solve_explicit(column(2))
 
 
 def test_a_block_keeps_its_corners() -> None:
