@@ -57,7 +57,9 @@ def boxes_in_tree(low, high, group, tree_low, tree_high, tree_group, order, pair
                 pairs[found, 1] = order[node - first_leaf]
             found += 1
         if found <= len(pairs):
-            pairs[mine:found, 1] = np.sort(pairs[mine:found, 1])
+            ascending = np.sort(pairs[mine:found, 1])
+            for k in range(found - mine):
+                pairs[mine + k, 1] = ascending[k]
     return found
 
 
@@ -101,6 +103,13 @@ def flood_planes(order, neighbours, normals, corners, cosine, distance):
 
 
 @njit(cache=True)
+def _copy(point, to):
+    """Number by number: for ``to[k] = point[j]`` numba compiles words of a refusal, seconds."""
+    for axis in range(3):
+        to[axis] = point[axis]
+
+
+@njit(cache=True)
 def _cut(polygon, n, inside, value):
     """Keep the part of a convex polygon where ``value`` >= 0 (Sutherland-Hodgman, one edge)."""
     kept = 0
@@ -108,7 +117,7 @@ def _cut(polygon, n, inside, value):
         following = (k + 1) % n
         a, b = value[k], value[following]
         if a >= 0.0:
-            inside[kept] = polygon[k]
+            _copy(polygon[k], inside[kept])
             kept += 1
         if (a > 0.0 and b < 0.0) or (a < 0.0 and b > 0.0):
             t = a / (a - b)
@@ -118,7 +127,7 @@ def _cut(polygon, n, inside, value):
                 )
             kept += 1
     for k in range(kept):
-        polygon[k] = inside[k]
+        _copy(inside[k], polygon[k])
     return kept
 
 
@@ -158,7 +167,7 @@ def clip_pairs(corners, normals, pairs, tolerance, polygons, count, area):
         direction /= np.sqrt(direction @ direction)
         n = 3
         for k in range(3):
-            polygon[k] = corners[i, k]
+            _copy(corners[i, k], polygon[k])
         for edge in range(3):
             # Corners of j run clockwise seen from outside i: its edges, reversed, keep the left.
             start, end = corners[j, (edge + 1) % 3], corners[j, edge]
@@ -185,7 +194,8 @@ def clip_pairs(corners, normals, pairs, tolerance, polygons, count, area):
         for k in range(n):
             shift = _height(polygon[k], corners[j, 0], normals[j], direction)
             shift += _height(polygon[k], corners[i, 0], normals[i], direction)
-            polygons[pair, k] = polygon[k] + 0.5 * shift * direction
+            for axis in range(3):
+                polygons[pair, k, axis] = polygon[k, axis] + 0.5 * shift * direction[axis]
 
 
 @njit(cache=True)
