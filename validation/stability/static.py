@@ -8,7 +8,7 @@ import numpy as np
 
 from fem.assembly.contact_state import matched_pressures
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.statement import Problem
+from fem.assembly.statement import Problem, ProblemError
 from fem.contact.law import ExponentialLaw
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
@@ -61,9 +61,24 @@ CASES.case(
 )
 
 
-@CASES.add("load-1e9-static", "Load of 1e9 MPa, a strain of 33 000: refused, the motion named")
+@CASES.add("load-1e9-static", "Load of 1e9 MPa, a strain of 33 000: refused where it is stated")
 def _huge() -> Finding:
-    return refusal(lambda: solved_column(1e9), StaticError, "block lengths", "expected")
+    return refusal(lambda: solved_column(1e9), ProblemError, "load.pressure", "expected less")
+
+
+@CASES.add(
+    "strain-1e4-static", "A block so soft that its strain is 11 000: refused, the motion named"
+)
+def _soft() -> Finding:
+    assembly = stack(1)
+    soft = replace(COLUMN, young_modulus=3e-5 * COLUMN.young_modulus)
+    stated = with_last_material(deformable(assembly, pressed(assembly, 1e4)), soft)
+    return refusal(
+        lambda: solve_static(stated, StaticOptions(symmetry=1)),
+        StaticError,
+        "block lengths",
+        "expected",
+    )
 
 
 @CASES.add("zero-load-static", "No load between fixed rows: equilibrium of touching surfaces")
