@@ -145,39 +145,39 @@ def averaged_tension(bodies: MovedBodies, radius: float) -> PointValue:
     middles = nodes.mean(axis=1)
     reach = np.linalg.norm(nodes - middles[:, None], axis=2).max(axis=1)
 
-    def near(distance: float) -> IntArray:
+    def near(centres: FloatArray, distance: float) -> IntArray:
         apart = np.linalg.norm(middles[:, None] - centres[None], axis=2).min(axis=1)
         return np.flatnonzero(apart <= reach + distance * radius)
 
-    def cells(size: float, spread: float) -> _Cells:
-        """Of balls whose centres lie a part of the radius from the centres at most."""
+    def cells(centres: FloatArray, size: float, spread: float) -> _Cells:
+        """Of balls that lie a part of the radius from these at most."""
         within = 1.0 + spread + 0.5 * size
-        return _cells(bodies, near(within), size * radius, (centres, within * radius))
+        return _cells(bodies, near(centres, within), size * radius, (centres, within * radius))
 
-    def between(spread: float, spacing: float) -> FloatArray:
+    def between(centres: FloatArray, spread: float, spacing: float) -> FloatArray:
         within = spread * radius
-        return _points_between(bodies, near(spread), spacing * radius, (centres, within))
+        return _points_between(bodies, near(centres, spread), spacing * radius, (centres, within))
 
     rough = _cells(bodies, np.arange(len(nodes)), _ROUGH * radius)
-    centres = rough.positions[_apart(rough.positions, radius)]
-    centres = _largest(centres, _tension(rough, centres, radius, _ROUGH), _FAIR)
-    centres = between(1.0, _CENTRES[0])
-    centres = _largest(centres, _tension(rough, centres, radius, _ROUGH), _GOOD)
-    coarse = cells(_CELL, sum(_CENTRES))
-    centres = between(_CENTRES[0], _CENTRES[1])
-    centres = _largest(centres, _tension(coarse, centres, radius, _CELL), _BETTER)
-    fine = cells(0.5 * _CELL, _CENTRES[1])
+    places = rough.positions[_apart(rough.positions, radius)]
+    fair = _largest(places, _tension(rough, places, radius, _ROUGH), _FAIR)
+    places = between(fair, 1.0, _CENTRES[0])
+    good = _largest(places, _tension(rough, places, radius, _ROUGH), _GOOD)
+    coarse = cells(good, _CELL, sum(_CENTRES))
+    places = between(good, _CENTRES[0], _CENTRES[1])
+    better = _largest(places, _tension(coarse, places, radius, _CELL), _BETTER)
+    fine = cells(better, 0.5 * _CELL, _CENTRES[1])
 
-    def extrapolated() -> FloatArray:
+    def extrapolated(centres: FloatArray) -> FloatArray:
         """With errors that go like the square of the size of cells."""
         finer = _tension(fine, centres, radius, 0.5 * _CELL)
         return finer + (finer - _tension(coarse, centres, radius, _CELL)) / 3.0
 
-    centres = _largest(centres, extrapolated(), _BEST)
-    centres = between(_CENTRES[1], _CENTRES[2])
-    found = extrapolated()
+    best = _largest(better, extrapolated(better), _BEST)
+    places = between(best, _CENTRES[1], _CENTRES[2])
+    found = extrapolated(places)
     layer, which = np.unravel_index(int(found.argmax()), found.shape)
-    return PointValue(float(found[layer, which]), int(layer) + 1, centres[which], None)
+    return PointValue(float(found[layer, which]), int(layer) + 1, places[which], None)
 
 
 def _largest(places: FloatArray, tension: FloatArray, share: float) -> FloatArray:
