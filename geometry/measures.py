@@ -16,6 +16,7 @@ Reference: Heyman, The Stone Skeleton, Int. J. Solids Structures 2 (1966), secti
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -196,6 +197,35 @@ class JointResultants:
     def points(self) -> FloatArray:
         """Where N acts: the points of the thrust line, (n_joints, 3) [mm]."""
         return self.centroids + self.eccentricity
+
+    def as_json(self) -> list[dict[str, Any]]:
+        """Return the resultants of each joint as plain data, the same keys for all blocks.
+
+        ``force`` and ``moment`` act on the second of ``blocks``, the moment about ``centroid``,
+        that of the contact area; ``normal`` points from the first to the second. ``normal_force``
+        is positive where blocks press and acts at ``point``, ``eccentricity`` from the centroid.
+        Lengths in mm, forces in N, moments in N mm, world axes.
+        """
+        columns = {
+            "force": self.forces,
+            "moment": self.moments,
+            "normal_force": self.normal_force,
+            "shear_force": self.shear_force,
+            "bending_moment": self.bending_moment,
+            "twisting_moment": self.twisting_moment,
+            "eccentricity": self.eccentricity,
+            "point": self.points,
+            "centroid": self.centroids,
+            "normal": self.normals,
+            "area": self.areas,
+        }
+        return [
+            {
+                "blocks": [int(self.block_m[k]), int(self.block_s[k])],
+                **{name: values[k].tolist() for name, values in columns.items()},
+            }
+            for k in range(len(self.block_m))
+        ]
 
 
 def joint_resultants(

@@ -13,10 +13,8 @@ from fem.problem.effects import Effects
 from fem.problem.loads import SmoothStepAmplitude, TabularAmplitude
 from fem.problem.model import Model, fixed_nodes
 from tests.test_fem_explicit_contact_physics import GRAVITY, block_on_floor
-from validation.build.deformable import build_deformable
-from validation.build.effects import build_effects
-from validation.run.explicit import run_explicit, scene_statement
-from validation.run.static import run_static
+from validation.build.deformable import build_deformable, build_effects
+from validation.run.solve import run_explicit, run_static, scene_statement
 from validation.scene.read import DeformableScene, check_scene
 
 #: A block of 40 × 30 mm² pressed into the floor so far, on a linear law [mm, MPa/mm].

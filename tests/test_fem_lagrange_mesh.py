@@ -47,7 +47,7 @@ from validation.compare.calculix import calculix_available, run_calculix
 from validation.errors import InputError
 from validation.run.curved.solve import run_curved
 from validation.run.estimate import estimated_errors
-from validation.run.static import run_static
+from validation.run.solve import run_static
 from validation.scene.read import load_scene
 
 HEXAGON = HexagonBlockParameters(blocks_per_layer=4, inner_radius=120.0, thickness=40.0)

@@ -19,8 +19,8 @@ from tests.test_fem_friction_laws import plate
 from tests.test_fem_static import pipe, sheared_column
 from validation.errors import InputError
 from validation.run.deformable import run_json
-from validation.run.friction.width import friction_set, load_step_change
-from validation.run.static import run_static
+from validation.run.friction_set import friction_set
+from validation.run.solve import run_static
 
 TIGHT = StaticOptions(tolerance=1e-10)
 
@@ -133,4 +133,4 @@ def test_the_answer_names_its_member_and_the_width():
 def test_without_friction_there_is_no_set():
     run = run_static("plate", plate("static", rough=False))
     assert friction_set(run) is None
-    assert load_step_change(run) == {}
+    assert run.load_step_change == {}

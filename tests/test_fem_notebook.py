@@ -15,7 +15,7 @@ from geometry import HexagonBlock, SineBlock, beam, contact_mesh, pillar, pipe, 
 from geometry.assembly import AssemblyError
 from geometry.families.sine_block import BlockParameterError
 from mbd import analyse
-from validation.run.static import run_static
+from validation.run.solve import run_static
 from validation.scene.read import load_scene
 
 SHAPE = {

@@ -14,7 +14,7 @@ from validation.build.deformable import build_deformable
 from validation.output.deformable.answers import print_run
 from validation.run.deformable import DeformableRun
 from validation.run.measures import Measure, value_words
-from validation.run.static import run_static
+from validation.run.solve import run_static
 
 PRESSURE = 0.5
 

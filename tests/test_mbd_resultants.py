@@ -15,7 +15,7 @@ from validation.output.rigid.polyhedra import write_contacts
 from validation.run.deformable import run_json
 from validation.run.rigid.assembly import run_rigid
 from validation.run.rigid.polyhedra import PolyhedralRun, run_polyhedra
-from validation.run.static import run_static
+from validation.run.solve import run_static
 from validation.scene.read import load_scene
 
 ARCH = (

@@ -17,8 +17,7 @@ from validation.effects.auto import EffectsDecision, decide_effects, without_eff
 from validation.effects.probe import Answer, Change, change
 from validation.errors import InputError
 from validation.run.deformable import DeformableRun
-from validation.run.explicit import run_explicit
-from validation.run.static import run_static
+from validation.run.solve import run_explicit, run_static
 from validation.scene.deformable import EffectName, EffectsSection
 from validation.scene.read import DeformableScene, load_scene, with_auto
 

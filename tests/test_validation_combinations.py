@@ -8,8 +8,7 @@ import pytest
 from fem.static.solve import StaticOptions, solve_static
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
-from validation.run.explicit import run_explicit
-from validation.run.static import run_static
+from validation.run.solve import run_explicit, run_static
 from validation.scene.read import DeformableScene, load_scene
 
 COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")

@@ -13,8 +13,7 @@ from validation.build.deformable import build_deformable
 from validation.errors import InputError
 from validation.output.deformable.answers import print_run
 from validation.run.deformable import run_json
-from validation.run.explicit import run_explicit, scene_statement
-from validation.run.static import run_static
+from validation.run.solve import run_explicit, run_static, scene_statement
 from validation.scene.read import DeformableScene, SceneFile, check_scene
 
 #: Above 0.883 MPa, where a cap of 1000 MPa/mm begins.

@@ -56,7 +56,7 @@ from validation.cost.store import CostStore, measurement_key
 from validation.errors import InputError
 from validation.run.curved.accuracy import LADDER, Rung
 from validation.run.deformable import DeformableRun
-from validation.run.static import run_static
+from validation.run.solve import run_static
 from validation.scene.family import AssemblyScene
 from validation.scene.read import SceneFile, TubeScene, load_scene
 

@@ -11,7 +11,7 @@ from validation.cost.references import references
 from validation.output.deformable.answers import print_run
 from validation.run.deformable import DeformableRun, run_json
 from validation.run.estimate import estimated_errors
-from validation.run.static import run_static
+from validation.run.solve import run_static
 
 #: Scenes of the coverage: three shapes under three loads, contact on slopes, waves and flanks.
 CASES = {

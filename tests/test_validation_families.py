@@ -12,7 +12,6 @@ import pytest
 from fem.decks.statement import Flavour
 from geometry.loads import CASES, NamedLoad, PressureLoad
 from validation.build.deck import build_deck
-from validation.run.words import load_words
 from validation.scene import families
 from validation.scene.builtin import builtin_names
 from validation.scene.family import AssemblyScene, RoundScene, round_types
@@ -78,7 +77,7 @@ from fem.decks.statement import Flavour
 from validation.build.deck import build_deck
 from validation.run.rigid.explosion import run_explosion
 from validation.run.rigid.assembly import run_rigid
-from validation.run.static import run_static
+from validation.run.solve import run_static
 from validation.scene.family import round_types
 from validation.scene.read import load_scene
 from validation.scene.schema import scene_schema
@@ -133,7 +132,7 @@ def test_a_load_case_is_one_record(monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(load, PressureLoad)
     assert load.blocks.tolist() == [4, 6]
     assert (load.face, load.pressure) == ("inner", 0.01)
-    assert load_words(file.scene).startswith("pressure on every second block 0.01 MPa")
+    assert file.scene.load_words.startswith("pressure on every second block 0.01 MPa")
 
 
 def test_every_family_is_in_the_table_once() -> None:

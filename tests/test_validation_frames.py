@@ -9,8 +9,7 @@ import pytest
 
 from validation.build.deformable import build_deformable
 from validation.output.deformable.fields import FrameWriter
-from validation.run.explicit import run_explicit
-from validation.run.static import run_static
+from validation.run.solve import run_explicit, run_static
 from validation.scene.read import load_scene
 
 COARSE = "mesh.divisions=[4,2,2]"

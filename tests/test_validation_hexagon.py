@@ -10,7 +10,7 @@ from validation.output.pictures.sections import section
 from validation.output.pictures.tubes import section_heights
 from validation.paper.reference import reference
 from validation.run.rigid.assembly import run_rigid
-from validation.run.static import run_static
+from validation.run.solve import run_static
 from validation.scene.read import DeformableScene, load_scene
 
 CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")

@@ -28,7 +28,7 @@ from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import own_scene
 from validation.compare.calculix import calculix_available, run_calculix
 from validation.run.deformable import run_json
-from validation.run.static import run_static
+from validation.run.solve import run_static
 
 GRAVITY = "[effects]\ngravity = [0.0, 1e6, -1e6]\n"
 

@@ -25,8 +25,7 @@ from validation.build.deformable import build_deformable
 from validation.compare.answers import compare
 from validation.errors import InputError
 from validation.output.pictures.tubes import run_facets
-from validation.run.explicit import run_explicit
-from validation.run.static import run_static
+from validation.run.solve import run_explicit, run_static
 from validation.scene.read import DeformableScene, SceneFile, check_scene, load_scene
 
 SECTIONS = """

@@ -21,10 +21,9 @@ from validation.build.deformable import build_deformable
 from validation.cli.app import app
 from validation.effects.cell import middle_answer, offered_cell
 from validation.errors import InputError
-from validation.run import static
+from validation.run import solve
 from validation.run.deformable import DeformableRun
-from validation.run.explicit import run_explicit
-from validation.run.static import floating_words, run_static, static_options
+from validation.run.solve import floating_words, run_explicit, run_static, static_options
 from validation.scene.read import DeformableScene, load_scene, require_deformable
 
 COARSE = ["mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
@@ -263,9 +262,9 @@ def test_blocks_that_float_in_their_gaps_are_named(monkeypatch) -> None:
                 raise StaticError("no equilibrium after 500 iterations")
 
             with monkeypatch.context() as patched:
-                patched.setattr(static, "static_answer", wanders)
+                patched.setattr(solve, "static_answer", wanders)
                 with pytest.raises(InputError, match=r"cell: blocks 0, 1, 2.* float in their gaps"):
-                    static.run_static("cell", scene)
+                    solve.run_static("cell", scene)
     assert words[0.01, "tunnel"] is not None
     assert words[0.01, "pipe"] is None
     assert words[0.0, "tunnel"] is None

@@ -42,7 +42,7 @@ from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral
 from validation.output.pictures.sections import section
 from validation.run.rigid.assembly import run_rigid
 from validation.run.rigid.polyhedra import mechanism_motion, run_polyhedra
-from validation.run.static import run_static
+from validation.run.solve import run_static
 from validation.scene.read import load_scene
 
 if TYPE_CHECKING:

@@ -30,9 +30,7 @@ from tests.test_validation_own_fem import QUADS, SECTIONS, brick_corners, overcl
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
 from validation.run.deformable import run_json
-from validation.run.explicit import run_explicit
-from validation.run.solve import run_scene
-from validation.run.static import run_static
+from validation.run.solve import run_explicit, run_scene, run_static
 from validation.scene.read import DeformableScene, check_scene, load_scene
 
 Box = tuple[tuple[float, float, float], tuple[int, int, int]]

@@ -15,8 +15,7 @@ from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.compare.answers import agreement, compare, effective_region, explicit_errors
 from validation.compare.report import print_comparison
 from validation.output.console import text_console
-from validation.run.explicit import run_explicit
-from validation.run.static import run_static
+from validation.run.solve import run_explicit, run_static
 from validation.scene.read import DeformableScene, load_scene
 
 COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")

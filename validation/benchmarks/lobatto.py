@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from fem.problem.time_step import largest_mode, scaled
 from validation.output.console import listing, measuring
 from validation.output.files import write_json
-from validation.run.static import run_static
+from validation.run.solve import run_static
 from validation.scene.read import TubeScene, load_scene
 
 #: Elements around, across and along a block; and their degree.

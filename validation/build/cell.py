@@ -11,11 +11,9 @@ from __future__ import annotations
 from geometry.assembly import Assembly
 from geometry.loads import CASES
 from validation.errors import InputError, named
-from validation.scene.deformable import FemSection
 from validation.scene.family import RoundScene, round_types
 from validation.scene.plausibility import check_block_size
 from validation.scene.read import DeformableScene
-from validation.scene.usage import uncounted
 
 
 def check_cell(scene: DeformableScene, name: str) -> RoundScene:
@@ -69,12 +67,6 @@ def build_cell(scene: DeformableScene, name: str) -> Assembly:
     return assembly
 
 
-def is_cell(scene: DeformableScene) -> bool:
-    """Whether a scene asks for a periodic cell."""
-    with uncounted((FemSection, "symmetry")):
-        return scene.fem is not None and scene.fem.symmetry == "periodic cell"
-
-
 def refuse_cell(scene: DeformableScene, name: str, command: str) -> None:
     """Refuse a periodic cell where the whole tube is needed.
 
@@ -83,7 +75,7 @@ def refuse_cell(scene: DeformableScene, name: str, command: str) -> None:
     InputError
         For a scene with a periodic cell.
     """
-    if is_cell(scene):
+    if scene.is_cell:
         raise InputError(
             f'{name}: fem.symmetry: got "periodic cell"; `tubelock {command}` needs the whole '
             'tube: expected "auto"'

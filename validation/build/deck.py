@@ -27,11 +27,16 @@ from geometry.assembly import Assembly
 from geometry.loads import CircumferentialLoad
 from validation.build.blocks import HexahedralBlocks
 from validation.build.cell import refuse_cell
-from validation.build.deformable import build_hexahedra, build_problem, fem_section, scene_load
-from validation.build.effects import build_effects
+from validation.build.deformable import (
+    build_effects,
+    build_hexahedra,
+    build_problem,
+    fem_section,
+    scene_load,
+)
 from validation.errors import InputError, named
 from validation.scene.deformable import Damping, EffectsSection, FemSection, Method
-from validation.scene.polyhedra import STRAIGHT_EDGES, straightened
+from validation.scene.polyhedra import STRAIGHT_EDGES
 from validation.scene.read import DeformableScene, SceneFile
 from validation.scene.usage import count, uncounted
 
@@ -106,7 +111,7 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     notes = (
         _contact_notes(scene, flavour, static=static, searched=deck.searched) if scene.meets else []
     )
-    if straightened(scene, assembly):
+    if scene.straightened(assembly):
         notes.append(f"edges: {STRAIGHT_EDGES}")
     around = [load for load in deck.loads if isinstance(load, CircumferentialLoad)]
     if flavour is Flavour.PAIRS and around:

@@ -2,35 +2,36 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from fem.assembly.deformable import DeformableAssembly, Frames
 from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
 from fem.contact.surfaces import ContactNormals
 from fem.element.material import Material
+from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from fem.problem.formulation import Formulation
 from geometry.assembly import Assembly
 from geometry.loads import LoadCase
 from validation.build.blocks import HexahedralBlocks, build_blocks
-from validation.build.cell import build_cell, is_cell
+from validation.build.cell import build_cell
 from validation.errors import InputError, named
 from validation.scene.deformable import (
     ContactSection,
+    Damping,
     EffectsSection,
     FemSection,
     MaterialSection,
     Method,
 )
 from validation.scene.family import AssemblyScene
+from validation.scene.plausibility import too_large_to_deform
 from validation.scene.polyhedra import MeshScene
 from validation.scene.read import DeformableScene
-from validation.scene.size import too_large_to_deform
 from validation.scene.usage import count, uncounted
 
-#: Why a sector asked for is refused.
-NO_SECTOR = (
-    'fem.symmetry: got "sector", but the load or the supports are not the same on every block of a '
-    'layer; expected "auto" or "none"'
-)
+#: The paper's damping of its Abaqus runs (Table material_parameters): α [1/s] and β [s].
+PAPER_RAYLEIGH = RayleighDamping(mass_proportional=2.0, stiffness_proportional=1.0e-8)
 
 
 def build_material(section: MaterialSection) -> Material:
@@ -43,14 +44,6 @@ def build_material(section: MaterialSection) -> Material:
     """
     with uncounted((MaterialSection, "density")):
         return Material(**section.model_dump(exclude={"averaging_radius"}))
-
-
-def gap_words(section: ContactSection | None) -> str:
-    """Gaps before the load acts, to follow other words; nothing where there are none."""
-    if section is None:
-        return ""
-    given = (("clearance", section.clearance), ("spacing", section.spacing))
-    return "".join(f", {name} {value:g} mm" for name, value in given if value)
 
 
 def fem_section(scene: DeformableScene, name: str) -> FemSection:
@@ -105,6 +98,35 @@ def build_friction(effects: EffectsSection) -> CoulombFriction | None:
     return CoulombFriction(section.coefficient, section.stick_stiffness)
 
 
+def build_effects(section: EffectsSection, fem: FemSection) -> Effects:
+    """Effects of a run.
+
+    Raises
+    ------
+    RefusedError
+        For effects that exclude each other.
+    """
+    if fem.mass_scaling is not None and section.gravity is not None:
+        raise InputError(
+            f"fem.mass_scaling: got {fem.mass_scaling:g} beside effects.gravity; added mass would "
+            "weigh: expected one of the two"
+        )
+    given, bulk = section.rayleigh, section.bulk_viscosity
+    rayleigh = None if given is None else RayleighDamping(**given.model_dump())
+    viscosity = None if bulk is None else BulkViscosity(**bulk.model_dump())
+    if fem.damping is Damping.PAPER:
+        rayleigh, viscosity = rayleigh or PAPER_RAYLEIGH, viscosity or BulkViscosity()
+    adaptive = AdaptiveMassDamping() if fem.damping is Damping.STATIC else None
+    gravity = None if section.gravity is None else np.array(section.gravity)
+    return Effects(
+        rayleigh=rayleigh,
+        bulk_viscosity=viscosity,
+        finite_rotation=section.finite_rotation,
+        gravity=gravity,
+        adaptive_mass_damping=adaptive,
+    )
+
+
 def build_hexahedra(scene: DeformableScene, name: str) -> HexahedralBlocks:
     """Build the blocks and the load of a scene, every block with hexahedra.
 
@@ -113,7 +135,7 @@ def build_hexahedra(scene: DeformableScene, name: str) -> HexahedralBlocks:
     InputError
         When it describes nothing that can be built, or blocks without hexahedra.
     """
-    if is_cell(scene):
+    if scene.is_cell:
         cell = build_cell(scene, name)
         return HexahedralBlocks(cell, scene_load(scene, name, cell), ())
     if isinstance(scene, MeshScene):

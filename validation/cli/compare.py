@@ -33,7 +33,6 @@ def compare(
     """Rigid, static and explicit answers on the same mesh, side by side."""
     from validation.build.cell import refuse_cell
     from validation.compare import answers, report
-    from validation.effects.report import decided
     from validation.output.console import explicit_progress
     from validation.output.outputs import Outputs
     from validation.run.stages import peak_memory_mb
@@ -43,7 +42,12 @@ def compare(
     file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
     folder = default_folder(output, json, f"{file.name}-compare")
     with Outputs(json, folder, (report.PICTURE,), scene=file) as outputs:
-        checked, decision = decided(require_deformable(file, "compare"), file.name, outputs.console)
+        checked, added = require_deformable(file, "compare"), {}
+        if checked.effects.auto is not None:
+            from validation.effects.report import decided
+
+            checked, decision = decided(checked, file.name, outputs.console)
+            added["effects_decision"] = decision.as_json()
         refuse_cell(checked, file.name, "compare")
         answers.build_comparable(checked, file.name)
         with explicit_progress() as progress, recording(checked) as use:
@@ -53,10 +57,7 @@ def compare(
         peak = peak_memory_mb()
         outputs.console.print(f"peak memory {peak:.0f} MB")
         outputs.write("picture", report.PICTURE, lambda path: report.draw_comparison(found, path))
-        data = report.comparison_json(found) | {"peak_memory_mb": peak}
-        if decision is not None:
-            data["effects_decision"] = decision.as_json()
-        outputs.write_json(data)
+        outputs.write_json(report.comparison_json(found) | {"peak_memory_mb": peak} | added)
 
 
 def clearance(

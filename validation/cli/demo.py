@@ -50,7 +50,6 @@ def _rigid(folder: Path) -> Iterator[Path]:
     """Draw three tubes of rigid blocks, and write their contact pressures."""
     from validation.output.pictures.assemblies import draw_assembly, draw_pressures
     from validation.run.rigid.assembly import run_rigid, write_pressures
-    from validation.run.words import load_words
     from validation.scene.read import load_scene
 
     for name in ("tsb1-pipe", "tsb2-pipe", "tsb1-pillar"):
@@ -58,7 +57,7 @@ def _rigid(folder: Path) -> Iterator[Path]:
         scene, pressures, vtu = (
             folder / f"{name}-{what}" for what in ("scene.png", "pressures.png", "pressures.vtu")
         )
-        title = f"{name}: {load_words(run.scene)}"
+        title = f"{name}: {run.scene.load_words}"
         draw_assembly(run.assembly, run.load, scene, title=title)
         draw_pressures(run, pressures)
         write_pressures(run, vtu)

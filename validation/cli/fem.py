@@ -231,7 +231,6 @@ def _write_curved(run: CurvedRun, outputs: Outputs, use: KeyUse) -> None:
     """Print a run with curved elements and write its files and data."""
     from validation.output.deformable.curved import print_curved, write_curved_files
     from validation.run.curved.fields import CurvedFields
-    from validation.run.joints import joints_json
     from validation.run.stages import peak_memory_mb
 
     print_curved(run, outputs.console)
@@ -241,7 +240,7 @@ def _write_curved(run: CurvedRun, outputs: Outputs, use: KeyUse) -> None:
         write_curved_files(run, fields, outputs)
     if outputs.json is None:
         return
-    joints = {"joints": joints_json(fields.joints)}
+    joints = {"joints": fields.joints.as_json()}
     outputs.write_json(run.as_json() | joints | {"peak_memory_mb": peak_memory_mb()})
 
 
@@ -334,19 +333,19 @@ def _solved(
     name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None
 ) -> tuple[DeformableRun, dict[str, Any]]:
     """Decide the effects, build, solve and estimate errors; what is told beside the run."""
-    from validation.build.cell import is_cell
     from validation.build.deformable import build_deformable, fem_section
-    from validation.effects.cell import cell_table, probed_cell_error
-    from validation.effects.report import decided
     from validation.output.console import explicit_progress, status, told_of_compilation
     from validation.run.estimate import estimated_errors
-    from validation.run.explicit import run_explicit, scene_statement
-    from validation.run.friction.width import friction_set
+    from validation.run.solve import run_explicit, run_static, scene_statement
     from validation.run.stages import stages, summed
-    from validation.run.static import run_static
     from validation.scene.deformable import Method
 
-    scene, decision = decided(scene, name, outputs.console)
+    added = {}
+    if scene.effects.auto is not None:
+        from validation.effects.report import decided
+
+        scene, decision = decided(scene, name, outputs.console)
+        added["effects_decision"] = decision.as_json()
     fem = fem_section(scene, name)
     if fem.method is Method.STATIC:
         refuse_resume(resume)
@@ -357,10 +356,9 @@ def _solved(
             statement = scene_statement(scene, name, deformable)
         watch.lap("build")
     built = watch.seconds()
-    added = {}
-    if decision is not None:
-        added["effects_decision"] = decision.as_json()
-    if is_cell(scene):
+    if scene.is_cell:
+        from validation.effects.cell import cell_table, probed_cell_error
+
         error = probed_cell_error(scene, name)
         outputs.console.print(cell_table(name, error))
         added["periodic_cell"] = error.as_json()
@@ -386,6 +384,9 @@ def _solved(
     if fem.error_estimate:
         with status(outputs.console, f"{name}: two coarser meshes, for the errors"):
             run = replace(run, errors=estimated_errors(run))
+    if fem.error_estimate and scene.effects.friction is not None:
+        from validation.run.friction_set import friction_set
+
         with status(outputs.console, f"{name}: how wide the set of answers with friction is"):
             run = replace(run, friction=friction_set(run))
     return run, added

@@ -23,9 +23,8 @@ from validation.build.facing import FacingBlocks, facing_blocks
 from validation.compare.decomposition import Step, decompose
 from validation.errors import InputError
 from validation.run.deformable import DeformableRun
-from validation.run.explicit import run_explicit
 from validation.run.rigid.assembly import RigidRun, analyse_rigid
-from validation.run.static import run_static
+from validation.run.solve import run_explicit, run_static
 from validation.scene.deformable import Damping, Method
 from validation.scene.read import DeformableScene
 from validation.scene.sections import RigidSection

@@ -20,7 +20,7 @@ from validation.build.deformable import fem_section
 from validation.errors import InputError
 from validation.output.console import listing
 from validation.output.pictures.gallery import BLUE, ORANGE, VERMILION, save_figure, subplots
-from validation.run.static import run_static
+from validation.run.solve import run_static
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 

@@ -19,7 +19,7 @@ from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.result import StaticResult
 from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
-from validation.build.deformable import build_deformable, gap_words
+from validation.build.deformable import build_deformable
 from validation.run.deformable import DeformableRun
 from validation.scene.read import DeformableScene
 
@@ -92,6 +92,6 @@ def decompose(name: str, scene: DeformableScene, static: DeformableRun) -> list[
             continue
         if result.converged:
             steps.append(_step(words, result))
-    last = f"with the initial gaps{gap_words(scene.contact)}" if opened else _ELASTICITY
+    last = f"with the initial gaps{scene.gap_words}" if opened else _ELASTICITY
     found = static.contact
     return [*steps, Step(last, found.p_eff, found.p_max_face, found.effective_count_percent)]

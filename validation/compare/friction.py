@@ -21,9 +21,8 @@ from rich.console import Console
 from rich.table import Table
 
 from validation.errors import run_command
-from validation.run.explicit import run_explicit
-from validation.run.friction.width import PAST_AND_BACK, load_step_change
-from validation.run.static import run_static
+from validation.run.friction_set import PAST_AND_BACK
+from validation.run.solve import run_explicit, run_static
 from validation.scene.read import DeformableScene, load_scene
 
 #: Measures that are compared, and what the table calls them.
@@ -141,7 +140,7 @@ def compared(case: Case) -> Row:
     seconds.append(time.process_time())
     back = run_static(case.scene, case.stated("static"), load_path=PAST_AND_BACK)
     seconds.append(time.process_time())
-    change = load_step_change(static)
+    change = static.load_step_change
     assert static.static is not None
     first, second, third = (b - a for a, b in pairwise(seconds))
     return Row(

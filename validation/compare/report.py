@@ -31,7 +31,6 @@ from validation.output.pictures.gallery import (
     scale_from_zero,
 )
 from validation.output.pictures.tubes import eye
-from validation.run.words import load_words
 
 #: Name of the figure.
 PICTURE = "comparison.png"
@@ -112,7 +111,7 @@ def draw_comparison(found: Comparison, path: Path) -> None:
     reference = next(a for a in found.answers if a.method == "static")
     others = [a for a in found.answers if a is not reference]
     draw = _tube_columns if found.static.is_tube else _wall_columns
-    load = load_words(found.static.scene)
+    load = found.static.scene.load_words
     title = (
         f"{found.name}: {load}; contact pressure of deformable blocks (static), and what the other "
         "answers differ by"

@@ -33,7 +33,7 @@ from validation.effects.probe import (
 )
 from validation.errors import InputError
 from validation.output.console import listing
-from validation.run.friction.slip import largest_slip
+from validation.run.measures import largest_slip
 from validation.scene.deformable import AutoSection, Damping, EffectName, Method
 from validation.scene.family import AssemblyScene
 from validation.scene.read import DeformableScene

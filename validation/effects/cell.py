@@ -14,7 +14,7 @@ from validation.build.cell import check_cell
 from validation.effects.probe import Answer, Change, change, mesh_words, probe_scene
 from validation.output.console import listing
 from validation.run.deformable import DeformableRun
-from validation.run.static import run_static
+from validation.run.solve import run_static
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 

@@ -21,11 +21,10 @@ from fem.explicit.state import State
 from fem.explicit.step import System, step
 from fem.problem.time_step import critical_time_step
 from validation.build.cell import refuse_cell
-from validation.build.deformable import build_deformable, fem_section
-from validation.build.effects import PAPER_RAYLEIGH
+from validation.build.deformable import PAPER_RAYLEIGH, build_deformable, fem_section
 from validation.errors import InputError
 from validation.run.deformable import DeformableRun
-from validation.run.explicit import run_explicit, scene_statement
+from validation.run.solve import run_explicit, scene_statement
 from validation.scene.deformable import (
     BulkViscositySection,
     Damping,

@@ -27,16 +27,14 @@ TOLERANCE = 0.01
 
 def decided(
     scene: DeformableScene, name: str, console: Console
-) -> tuple[DeformableScene, EffectsDecision | None]:
-    """Scene with the effects that matter, and the decision, where it asks for one; printed.
+) -> tuple[DeformableScene, EffectsDecision]:
+    """Scene with the effects that matter, and the decision that it asks for; printed.
 
     Raises
     ------
     InputError
         A probe that has no solution.
     """
-    if scene.effects.auto is None:
-        return scene, None
     with status(console, f"{name}: which effects matter") as tell:
         scene, decision = decide_effects(scene, name, told=lambda what: tell(f"{name}: {what}"))
     console.print(decision_table(name, decision))

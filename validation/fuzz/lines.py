@@ -379,7 +379,7 @@ def make_specimens(folder: Path, tubelock: Callable[[Sequence[str]], object]) ->
 
 def _interrupt(checkpoint: Path) -> None:
     """Run `STOPPED` and stop it at its first sample."""
-    from validation.run.explicit import run_explicit
+    from validation.run.solve import run_explicit
     from validation.scene.read import load_scene, require_deformable
 
     scene = require_deformable(load_scene("tsb1-pipe", STOPPED), "fem")

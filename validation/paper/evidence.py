@@ -219,7 +219,7 @@ class Evidence:
         self, block: str, case: str, settings: Iterable[str] = (), words: str = ""
     ) -> DeformableRun:
         """Static state on a mesh of its own; one sector where the load is cyclic."""
-        from validation.run.static import run_static
+        from validation.run.solve import run_static
         from validation.scene.read import DeformableScene
 
         around, radial, axial = self.fem_mesh(case)

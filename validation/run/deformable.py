@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import Any
@@ -12,7 +12,15 @@ import numpy as np
 from fem.answer import Answer
 from fem.assembly.contact_state import CapAction, ContactMeasures, ContactState, cap_action
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.peaks import StressPeaks, joint_forces, stress_peaks
+from fem.assembly.peaks import (
+    Peak,
+    StressPeaks,
+    joint_forces,
+    largest_displacement,
+    largest_pressure,
+    mean_of_block_maxima,
+    stress_peaks,
+)
 from fem.element.lagrange_mesh import in_pieces
 from fem.explicit.setup.quasi_static import QuasiStaticReport, quasi_static_report
 from fem.explicit.solve import ExplicitResult
@@ -21,16 +29,11 @@ from fem.static.result import StaticResult
 from geometry.assembly import Assembly
 from geometry.measures import JointResultants
 from geometry.mesh import FloatArray, IntArray
-from validation.build.deformable import gap_words
-from validation.run.friction.admissible import FrictionSet
-from validation.run.friction.slip import largest_slip
-from validation.run.joints import joints_json
-from validation.run.measures import Measure, drawing_scale, run_measures
+from validation.run.measures import FrictionSet, Measure, drawing_scale, largest_slip, place
 from validation.run.stages import peak_memory_mb
-from validation.run.words import load_words
 from validation.scene.deformable import Method
 from validation.scene.family import RoundScene
-from validation.scene.polyhedra import STRAIGHT_EDGES, straightened
+from validation.scene.polyhedra import STRAIGHT_EDGES
 from validation.scene.read import DeformableScene
 
 
@@ -170,19 +173,92 @@ class DeformableRun:
     @cached_property
     def stress_peaks(self) -> StressPeaks:
         """Extremes of the stresses inside elements."""
-        assert self.scene.material is not None
         return stress_peaks(
             self.deformable,
             self.displacements,
-            averaging_radius=self.scene.material.averaging_radius,
+            averaging_radius=self._averaging_radius,
             finite_rotation=self.scene.effects.finite_rotation,
         )
 
+    @property
+    def _averaging_radius(self) -> float:
+        assert self.scene.material is not None
+        return self.scene.material.averaging_radius
+
     @cached_property
     def measures(self) -> dict[str, Measure]:
-        """What the run answers: each number with its error, unit and place."""
-        found = run_measures(self)
-        return {name: measure for name, measure in found.items() if name not in self.left_out}
+        """What the run answers: each number with its error, unit and place.
+
+        `p_eff` and `p_max` are the paper's means over facets. `p_max_point` is the largest pressure
+        at a point, `sigma_1_max` and `sigma_3_min` are principal stresses sampled inside elements,
+        `sigma_1_averaged` is that of the stress averaged over a ball of `averaging_radius`.
+        """
+        stress = self.stress_peaks
+        averaged = self._measure(stress.sigma_1_averaged, averaging_radius=self._averaging_radius)
+        pressures = self._pressures if self.meets else {}
+        found = pressures | {
+            "sigma_1_max": self._measure(stress.sigma_1),
+            "sigma_3_min": self._measure(stress.sigma_3),
+            "sigma_1_averaged": averaged,
+            "max_displacement": self._measure(
+                largest_displacement(self.deformable, self.displacements), "mm"
+            ),
+        }
+        return {
+            name: replace(measure, error=self.errors.get(name))
+            for name, measure in found.items()
+            if name not in self.left_out
+        }
+
+    @property
+    def _pressures(self) -> dict[str, Measure]:
+        law = self.deformable.contact.law
+        largest = largest_pressure(self.deformable, law, self.contact_state)
+        return {
+            "p_eff": Measure(self.contact.p_eff, "MPa"),
+            "p_max": Measure(self.contact.p_max_face, "MPa"),
+            "p_max_point": Measure(0.0, "MPa") if largest is None else self._measure(largest),
+        }
+
+    def _measure(self, peak: Peak, unit: str = "MPa", **beside: float) -> Measure:
+        """Value and place of a peak, and what stands beside the place."""
+        where = place(self.deformable.assembly, peak, tube=self.is_tube)
+        return Measure(peak.value, unit, place=where | beside)
+
+    @property
+    def load_step_change(self) -> dict[str, float]:
+        """Change of each measure by half as many load steps, in its unit; empty if not known."""
+        coarse = None if self.static is None else self.static.coarser_loading
+        if coarse is None:
+            return {}
+        answer = replace(
+            self.answer,
+            solver=coarse,
+            group_displacements=coarse.displacements,
+            contact_state=coarse.contact_state,
+        )
+        before = replace(self, answer=answer, errors={}).measures
+        return {name: abs(m.value - before[name].value) for name, m in self.measures.items()}
+
+    @property
+    def bracketed(self) -> dict[str, float]:
+        """How far both sides of each peak lie apart in the run itself [MPa].
+
+        Means over facets and integration points against corners of facets, integration points
+        against corners of elements.
+        """
+        stress, found, pressures = self.stress_peaks, self.measures, {}
+        if self.meets:
+            law = self.deformable.contact.law
+            corners = mean_of_block_maxima(self.deformable, law, self.contact_state)
+            pressures = {
+                "p_max": abs(corners - found["p_max"].value),
+                "p_max_point": abs(found["p_max_point"].value - self.contact.p_max_point),
+            }
+        return pressures | {
+            "sigma_1_max": abs(stress.sigma_1_at_corners - stress.sigma_1.value),
+            "sigma_3_min": abs(stress.sigma_3_at_corners - stress.sigma_3.value),
+        }
 
     @cached_property
     def cap(self) -> CapAction | None:
@@ -240,30 +316,25 @@ class DeformableRun:
     @property
     def title(self) -> str:
         """Scene, load, method and mesh, for pictures."""
-        gap, fem = gap_words(self.scene.contact), self.scene.fem
+        d, fem, each = self.deformable, self.scene.fem, ""
         degree = f" of degree {fem.degree}" if fem is not None and fem.degree > 1 else ""
-        if not self.is_tube:
-            blocks = len(self.deformable.deformable_blocks)
-            plural = "s" if blocks > 1 else ""
-            return (
-                f"{self.name}, {blocks} deformable block{plural}: {load_words(self.scene)}; "
-                f"{self.method} FEM, "
-                f"{self.deformable.model.n_elements} elements{degree}{gap}"
-            )
-        layers = self.deformable.assembly.n_layers
-        elements = self.deformable.model.groups[0].mesh.n_elements
-        part = f"{layers} layer{'s' if layers > 1 else ''}"
-        if self.deformable.assembly.image_of is not None:
+        if self.is_tube:
+            count, what = d.assembly.n_layers, "layer"
+            elements, each = d.model.groups[0].mesh.n_elements, " per block"
+        else:
+            count, what, elements = len(d.deformable_blocks), "deformable block", d.model.n_elements
+        part = f"{count} {what}{'s' if count > 1 else ''}"
+        if d.assembly.image_of is not None:
             part = "periodic cell"
         return (
-            f"{self.name}, {part}: {load_words(self.scene)}; {self.method} FEM, "
-            f"{elements} elements{degree} per block{gap}"
+            f"{self.name}, {part}: {self.scene.load_words}; {self.method} FEM, "
+            f"{elements} elements{degree}{each}{self.scene.gap_words}"
         )
 
     @property
     def straightened(self) -> bool:
         """Whether files have nodes between corners, which elements of degree 1 have no use for."""
-        return straightened(self.scene, self.deformable.assembly)
+        return self.scene.straightened(self.deformable.assembly)
 
     @property
     def is_tube(self) -> bool:
@@ -273,11 +344,7 @@ class DeformableRun:
 
 def contact_report(run: DeformableRun) -> dict[str, float]:
     """Contact numbers of a run, without the values of each block."""
-    return {
-        number.name: getattr(run.contact, number.name)
-        for number in fields(run.contact)
-        if number.name != "per_block"
-    }
+    return {name: value for name, value in vars(run.contact).items() if name != "per_block"}
 
 
 def run_json(run: DeformableRun) -> dict[str, Any]:
@@ -312,7 +379,7 @@ def _contact_json(run: DeformableRun) -> dict[str, Any]:
         "contact_search": str(run.contact_search),
         "slip": run.slip,
         "n_contacts": run.contact_state.n_facets,
-        "joints": joints_json(run.joints),
+        "joints": run.joints.as_json(),
         **({} if run.left_out else {"contact": contact_report(run)}),
         "contact_cap": None if run.cap is None else asdict(run.cap),
     }
@@ -335,6 +402,7 @@ def _static_json(run: DeformableRun) -> dict[str, Any]:
     result = run.static
     if result is None:
         return {}
+    energies = ("strain_energy", "contact_energy", "external_work", "frictional_dissipation")
     data = {
         "status": result.status,
         "residual": result.residual,
@@ -342,12 +410,7 @@ def _static_json(run: DeformableRun) -> dict[str, Any]:
         "symmetry": result.symmetry,
         "loose_blocks": result.loose_blocks.tolist(),
         "load_steps": result.load_steps,
-        "energies": {
-            "strain_energy": result.strain_energy,
-            "contact_energy": result.contact_energy,
-            "external_work": result.external_work,
-            "frictional_dissipation": result.frictional_dissipation,
-        },
+        "energies": {name: getattr(result, name) for name in energies},
     }
     return data if run.meets else data | {"energy_balance": run.energy_balance}
 

@@ -6,7 +6,7 @@ less. Coarse meshes need not lie in their asymptotic range, and a difference may
 so two of them are solved, about two thirds and half as fine, the larger estimate counts, and a
 factor of safety (as in Roache's grid convergence index) comes on top.
 
-Peaks are known from two sides (`validation.run.measures.bracketed`). Contact forces are in balance
+Peaks are known from two sides (`DeformableRun.bracketed`). Contact forces are in balance
 on facets, so means over them lie below a peak of pressure and values at their corners, continued
 outwards by a steep law, above it: an estimate is at least the distance. Stresses inside elements
 and at their corners lie on the same side: what an element hides comes on top of what the mesh
@@ -18,7 +18,7 @@ all else has the larger estimate of degrees and of meshes. Stresses at a point g
 degree and what the mesh leave out add up.
 
 With friction the way to the load counts: what half as many load steps change is added
-(`validation.run.friction.width.load_step_change`).
+(`DeformableRun.load_step_change`).
 
 References: P. J. Roache, Perspective: a method for uniform reporting of grid refinement studies,
 J. Fluids Eng. 116 (1994) 405-413.
@@ -28,8 +28,6 @@ from __future__ import annotations
 
 from geometry.errors import RefusedError
 from validation.run.deformable import DeformableRun
-from validation.run.friction.width import load_step_change
-from validation.run.measures import bracketed
 from validation.run.solve import run_scene
 
 #: Elements along an edge of the coarser meshes over those of the run.
@@ -49,7 +47,7 @@ def estimated_errors(run: DeformableRun) -> dict[str, float]:
 
     Coarser meshes are solved by the method of the run.
     """
-    steps = load_step_change(run)
+    steps = run.load_step_change if run.scene.effects.friction is not None else {}
     curved = run.scene.fem is not None and run.scene.fem.degree > 1
     degrees = _degree_changes(run) if curved else {}
     meshes: dict[str, list[float]] = {}
@@ -72,7 +70,7 @@ def estimated_errors(run: DeformableRun) -> dict[str, float]:
     if curved:
         bars = {name: _both(name, bar, of_meshes.get(name, 0.0)) for name, bar in degrees.items()}
     else:
-        sides = bracketed(run)
+        sides = run.bracketed
         bars = {
             name: (sum if name in _INSIDE else max)((bar, sides.get(name, 0.0)))
             for name, bar in of_meshes.items()

@@ -2,63 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from fem.assembly.contact_state import ContactMeasures, ContactState
+from fem.assembly.contact_state import corner_displacements
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.peaks import (
-    Peak,
-    StressPeaks,
-    largest_displacement,
-    largest_pressure,
-    mean_of_block_maxima,
-)
+from fem.assembly.peaks import Peak
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
-from validation.scene.read import DeformableScene
-
-
-class Answered(Protocol):
-    """What measures need of a run, `validation.run.deformable.DeformableRun`."""
-
-    @property
-    def scene(self) -> DeformableScene:
-        """What was asked."""
-
-    @property
-    def deformable(self) -> DeformableAssembly:
-        """Blocks and their contact."""
-
-    @property
-    def displacements(self) -> tuple[FloatArray, ...]:
-        """Of each group, (n_copies, n_nodes, 3) [mm]."""
-
-    @property
-    def contact_state(self) -> ContactState:
-        """Facets in contact at the end."""
-
-    @property
-    def contact(self) -> ContactMeasures:
-        """The paper's measures of the contact pressures."""
-
-    @property
-    def stress_peaks(self) -> StressPeaks:
-        """Extremes of the stresses inside elements."""
-
-    @property
-    def errors(self) -> dict[str, float]:
-        """Estimated error of each measure."""
-
-    @property
-    def measures(self) -> dict[str, Measure]:
-        """The measures themselves."""
-
-    @property
-    def is_tube(self) -> bool:
-        """Whether the blocks stand about an axis."""
 
 
 @dataclass(frozen=True)
@@ -80,75 +34,67 @@ class Measure:
         return found if self.place is None else found | {"place": self.place}
 
 
-def run_measures(run: Answered) -> dict[str, Measure]:
-    """Measure a run: what the paper prints, and what converges.
+@dataclass(frozen=True)
+class FrictionSet:
+    """Where an answer with friction lies among those that the laws admit."""
 
-    `p_eff` and `p_max` are the paper's means over facets. `p_max_point` is the largest pressure at
-    a point, `sigma_1_max` and `sigma_3_min` are principal stresses sampled inside elements,
-    `sigma_1_averaged` is that of the stress averaged over a ball of `averaging_radius`.
-    """
-    found = _values(run)
-    return {name: replace(measure, error=run.errors.get(name)) for name, measure in found.items()}
+    member: str
+    """How the load was applied."""
+    change: dict[str, float]
+    """Of each measure when half as many load steps are taken, in its unit; empty where only one
+    number of them was solved."""
+    width: dict[str, float]
+    """Of each measure after the way past the load and back, relative to that straight up, less
+    one [-]; empty where that way has no end."""
+    remark: str
+    """Why there is no width, or where it was found."""
 
-
-def _values(run: Answered) -> dict[str, Measure]:
-    deformable, scene = run.deformable, run.scene
-    assert scene.material is not None
-    radius = scene.material.averaging_radius
-    stress = run.stress_peaks
-
-    def at(peak: Peak, unit: str = "MPa") -> Measure:
-        return Measure(peak.value, unit, place=place(run, peak))
-
-    averaged = at(stress.sigma_1_averaged)
-    assert averaged.place is not None
-    averaged.place["averaging_radius"] = radius
-    pressures = {}
-    if deformable.meets:
-        largest = largest_pressure(deformable, deformable.contact.law, run.contact_state)
-        pressures = {
-            "p_eff": Measure(run.contact.p_eff, "MPa"),
-            "p_max": Measure(run.contact.p_max_face, "MPa"),
-            "p_max_point": Measure(0.0, "MPa") if largest is None else at(largest),
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "member": self.member,
+            "change_by_load_steps": self.change,
+            "past_and_back": self.width,
+            "remark": self.remark,
         }
-    return pressures | {
-        "sigma_1_max": at(stress.sigma_1),
-        "sigma_3_min": at(stress.sigma_3),
-        "sigma_1_averaged": averaged,
-        "max_displacement": at(largest_displacement(deformable, run.displacements), "mm"),
-    }
 
 
-def bracketed(run: Answered) -> dict[str, float]:
-    """How far both sides of each peak lie apart in the run itself [MPa].
+def largest_slip(
+    deformable: DeformableAssembly, displacements: Sequence[FloatArray], pressures: FloatArray
+) -> tuple[float, float]:
+    """Largest slip between facets that press on each other, and the size of its facet [mm].
 
-    Means over facets and integration points against corners of facets, integration points against
-    corners of elements.
+    Parameters
+    ----------
+    deformable
+        The blocks; their contact pairs facets as built.
+    displacements
+        Of each group, (n_copies, n_nodes, 3) [mm].
+    pressures
+        Of each facet, (n_facets,) [MPa].
     """
-    law, state, found = run.deformable.contact.law, run.contact_state, run.measures
-    stress, pressures = run.stress_peaks, {}
-    if run.deformable.meets:
-        corners = mean_of_block_maxima(run.deformable, law, state)
-        pressures = {
-            "p_max": abs(corners - found["p_max"].value),
-            "p_max_point": abs(found["p_max_point"].value - run.contact.p_max_point),
-        }
-    return pressures | {
-        "sigma_1_max": abs(stress.sigma_1_at_corners - stress.sigma_1.value),
-        "sigma_3_min": abs(stress.sigma_3_at_corners - stress.sigma_3.value),
-    }
+    surfaces = deformable.surfaces
+    on_m, on_s = np.split(corner_displacements(deformable, tuple(displacements)), 2, axis=1)
+    jump: FloatArray = on_s - on_m
+    normal = surfaces.normals.mean(axis=1)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    along = np.einsum("fai,fi->fa", jump, normal)
+    slip = np.linalg.norm(jump - along[:, :, None] * normal[:, None], axis=2).max(axis=1)
+    size = np.sqrt(surfaces.areas)
+    pressing = pressures > 0.0
+    worst = int(np.argmax(np.where(pressing, slip / size, 0.0)))
+    return float(slip[worst]) if pressing.any() else 0.0, float(size[worst])
 
 
-def place(run: Answered, peak: Peak) -> dict[str, Any]:
+def place(assembly: Assembly, peak: Peak, *, tube: bool) -> dict[str, Any]:
     """Say where a value is: blocks, layer, face and position, of tubes also about their axis."""
-    assembly = run.deformable.assembly
     found: dict[str, Any] = {
         "blocks": list(peak.blocks),
         "layer": int(assembly.layer[peak.blocks[0]]),
         "face": peak.face,
         "position": peak.position.tolist(),
     }
-    return found | (about_axis(assembly, peak.position) if run.is_tube else {})
+    return found | (about_axis(assembly, peak.position) if tube else {})
 
 
 def about_axis(assembly: Assembly, position: FloatArray) -> dict[str, float]:

@@ -1,15 +1,46 @@
-"""A scene solved by the method that it names."""
+"""Scenes of deformable blocks solved: by Newton's method, by explicit dynamics, or as they ask."""
 
 from __future__ import annotations
 
-from fem.explicit.solve import Status
-from validation.build.deformable import fem_section
-from validation.errors import InputError
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.symmetry import SymmetryError
+from fem.contact.law import LinearPenalty
+from fem.explicit.setup.assembly import COUNTED_PRESSURE
+from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
+from fem.explicit.solve import Frame, Output, Progress, Status
+from fem.solvers import explicit_answer, static_answer
+from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.result import LOAD_TOLERANCE
+from fem.static.solve import StaticOptions, solve_static
+from geometry.errors import RefusedError
+from geometry.mesh import FloatArray
+from validation.build.deformable import build_deformable, build_effects, fem_section
+from validation.errors import InputError, named
 from validation.run.deformable import DeformableRun
-from validation.run.explicit import run_explicit
-from validation.run.static import run_static
-from validation.scene.deformable import Method
+from validation.run.held_by_friction import require_held_by_friction
+from validation.run.stages import stages
+from validation.scene.deformable import Damping, FemSection, Method
 from validation.scene.read import DeformableScene
+from validation.scene.usage import count
+
+#: Why a sector asked for is refused.
+_NO_SECTOR = (
+    'fem.symmetry: got "sector", but the load or the supports are not the same on every block of a '
+    'layer; expected "auto" or "none"'
+)
+#: Springs in the joints by which blocks are known to float [MPa/mm], and blocks that are named.
+_SPRINGS, _NAMED = 1000.0, 8
+#: First load steps of blocks with friction that close a clearance: slip before touch is no stick.
+_CLOSING_STEPS = 4
+#: Frames are parts of this part of the longest run, where it may end early and has no ramp.
+_FINE = 200.0
 
 
 def run_scene(name: str, scene: DeformableScene) -> DeformableRun:
@@ -26,3 +57,262 @@ def run_scene(name: str, scene: DeformableScene) -> DeformableRun:
     if run.explicit is not None and run.explicit.status is Status.INTERRUPTED:
         raise InputError(f"{name}: interrupted")
     return run
+
+
+# ---------------------------------------------------------------------------------------------
+# Static runs
+
+
+def load_steps(scene: DeformableScene, fem: FemSection) -> int:
+    """Parts in which the load is applied; with friction the first number of them that is tried."""
+    if fem.load_steps is not None:
+        return fem.load_steps
+    closing = scene.contact is not None and scene.contact.opened
+    least = _CLOSING_STEPS if closing and scene.effects.friction is not None else 1
+    return max(least, fem.frames - 1)  # each frame after the first is a load step
+
+
+def static_options(scene: DeformableScene, fem: FemSection) -> StaticOptions:
+    """Options of the static solver: the largest exact sector unless the scene forbids it."""
+    return StaticOptions(
+        symmetry=1 if not scene.meets or fem.symmetry == "none" else None,
+        load_steps=load_steps(scene, fem),
+        load_tolerance=LOAD_TOLERANCE if fem.load_steps is None else None,
+    )
+
+
+def floating_words(
+    scene: DeformableScene, deformable: DeformableAssembly, options: StaticOptions
+) -> str | None:
+    """Say which blocks float in their gaps; None where there are no gaps, or all are held.
+
+    For a search that found no equilibrium: springs in the joints find one where the exponential
+    law, which is flat in a gap, wanders; blocks that none of them holds have no place of their own.
+    """
+    if scene.contact is None or not scene.contact.opened or scene.effects.friction is not None:
+        return None
+    springs = replace(deformable.contact, law=LinearPenalty(_SPRINGS))
+    once = replace(options, load_steps=1, keep_steps=False)
+    try:
+        found = solve_static(replace(deformable, contact=springs), once)
+    except RefusedError:
+        return None
+    loose = found.loose_blocks.tolist()
+    if not found.converged or not loose:
+        return None
+    named = ", ".join(map(str, loose[:_NAMED])) + (", …" if len(loose) > _NAMED else "")
+    return (
+        f"blocks {named} float in their gaps ({scene.gap_words.removeprefix(', ')}): the "
+        "load closes some joints and leaves others open, so that nothing says where these blocks "
+        "stand; expected a smaller gap, a load or a weight that closes all joints, or friction"
+    )
+
+
+def run_static(
+    name: str,
+    scene: DeformableScene,
+    *,
+    deformable: DeformableAssembly | None = None,
+    store: FlexibilityStore | None = None,
+    on_frame: Callable[[Frame], None] | None = None,
+    load_path: tuple[float, ...] | None = None,
+) -> DeformableRun:
+    """Solve the blocks of a scene for their static state by Newton's method.
+
+    Runs that share a ``store`` condense the same blocks once; ``on_frame`` is called with the
+    states of the load steps; ``load_path`` are their load factors where the load shall not go
+    straight up.
+
+    Raises
+    ------
+    InputError
+        Input that cannot be solved, or a run that found no equilibrium.
+    """
+    with stages() as watch:
+        fem = fem_section(scene, name)
+        if scene.effects.friction is not None and not scene.is_cell:
+            require_held_by_friction(name, scene, scene.effects.friction.coefficient)
+        if deformable is None:
+            deformable = build_deformable(scene, name)
+        keep = on_frame is not None and fem.frames > 0
+        options = replace(static_options(scene, fem), keep_steps=keep, load_path=load_path)
+        watch.lap("build")
+        try:
+            turning = scene.effects.finite_rotation is True
+            answer = static_answer(deformable, options, finite_rotation=turning, store=store)
+        except RefusedError as error:
+            why = floating_words(scene, deformable, options)
+            raise InputError(f"{name}: {why or error}") from None
+        watch.lap("solve")
+    result = answer.static
+    assert result is not None
+    if scene.meets and fem.symmetry == "sector" and result.symmetry == 1:
+        raise InputError(f"{name}: {_NO_SECTOR}")
+    seconds = watch.seconds()
+    if on_frame is not None and keep:
+        for found in _static_frames(fem.frames, [*result.steps[:-1], (1.0, result.displacements)]):
+            on_frame(found)
+    return DeformableRun(name=name, scene=scene, answer=answer, cpu_seconds=seconds)
+
+
+def _static_frames(
+    count: int, steps: Sequence[tuple[float, tuple[FloatArray, ...]]]
+) -> Iterator[Frame]:
+    """Frames of a static run: the state without load, then those of the load steps.
+
+    Parameters
+    ----------
+    count
+        Frames asked for; fewer where there were fewer load steps.
+    steps
+        Part of the load and displacements of each group, the whole load last.
+    """
+    rest = tuple(np.zeros_like(u) for u in steps[-1][1])
+    states = [(0.0, rest), *steps]
+    chosen = np.unique(np.round(np.linspace(len(states) - 1, 0, min(count, len(states)))))
+    for place, k in enumerate(chosen.astype(int)):
+        share, displacements = states[k]
+        yield Frame(place, share, displacements, last=place == len(chosen) - 1)
+
+
+# ---------------------------------------------------------------------------------------------
+# Explicit runs
+
+
+def scene_statement(
+    scene: DeformableScene,
+    name: str,
+    deformable: DeformableAssembly,
+    *,
+    counted_pressure: float = COUNTED_PRESSURE,
+) -> ExplicitStatement:
+    """State the explicit problem of a scene.
+
+    Times that the scene does not give are those that its lowest excited frequency recommends.
+
+    Raises
+    ------
+    InputError
+        When its effects or its symmetry do not fit.
+    """
+    fem = fem_section(scene, name)
+    assert scene.material is not None
+    count(scene.material, "density")
+    with named(name):
+        try:
+            return explicit_statement(
+                deformable,
+                effects=build_effects(scene.effects, fem),
+                symmetry=fem.symmetry if scene.meets else "none",
+                ramp_time=fem.ramp_time,
+                end_time=fem.end_time,
+                mass_scaling=fem.mass_scaling,
+                counted_pressure=counted_pressure,
+                formulation=fem.formulation,
+                motion=scene.motion,
+            )
+        except SymmetryError:
+            if fem.symmetry == "sector":
+                raise InputError(f"{name}: {_NO_SECTOR}") from None
+            raise
+
+
+def _time_step(fem: FemSection) -> dict[str, float]:
+    """Either the time step that is given or the part of the critical one that is taken."""
+    if fem.time_step is not None:
+        return {"time_step": fem.time_step}
+    return {"safety_factor": fem.safety_factor}
+
+
+def _frame_interval(fem: FemSection, end_time: float, ramp_time: float) -> float:
+    """Time between two frames [s].
+
+    A run that is damped to the static state may end any time after the ramp: frames come so
+    often that as many as were asked for lie in the ramp, and the writer thins them out.
+
+    Parameters
+    ----------
+    fem
+        ``[fem]`` of the scene.
+    end_time
+        Latest end of the run [s].
+    ramp_time
+        End of the loading [s].
+    """
+    intervals = max(fem.frames - 1, 1)
+    if fem.damping is not Damping.STATIC:
+        return end_time / intervals
+    first = ramp_time if ramp_time > 0.0 else end_time / _FINE
+    return min(first, end_time) / intervals
+
+
+def _frames(
+    fem: FemSection, stated: ExplicitStatement, on_frame: Callable[[Frame], None] | None
+) -> dict[str, Any]:
+    """Who is called with frames and how often; nothing where nobody asks for any."""
+    if on_frame is None or fem.frames == 0:
+        return {}
+    interval = _frame_interval(fem, stated.end_time, stated.ramp_time)
+    return {"on_frame": on_frame, "frame_interval": interval}
+
+
+def run_explicit(
+    name: str,
+    scene: DeformableScene,
+    *,
+    deformable: DeformableAssembly | None = None,
+    statement: ExplicitStatement | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    on_frame: Callable[[Frame], None] | None = None,
+    checkpoint: Path | None = None,
+    resume: Path | None = None,
+) -> DeformableRun:
+    """Run the blocks of a scene by explicit dynamics.
+
+    Parameters
+    ----------
+    name, scene
+        The scene.
+    deformable
+        Already built; built anew by default.
+    statement
+        Of that, already stated (`scene_statement`); stated anew by default.
+    progress
+        Called at every sample.
+    on_frame
+        Called with frames whose displacements are those of all blocks.
+    checkpoint, resume
+        As in `fem.explicit.solve.solve`.
+
+    A run whose contact grows stiffer than its time step allows starts again with a shorter one.
+
+    Raises
+    ------
+    InputError
+        Input that cannot be run, or a run that went unstable (with the remedy).
+    """
+    with stages() as watch:
+        fem = fem_section(scene, name)
+        built = build_deformable(scene, name) if deformable is None else deformable
+        stated = scene_statement(scene, name, built) if statement is None else statement
+        watch.lap("build")
+        with named(name):
+            answer = explicit_answer(
+                stated,
+                lambda counted: scene_statement(scene, name, built, counted_pressure=counted),
+                # A run that is not damped to the static state watches the residual and goes on.
+                residual=fem.residual if fem.damping is Damping.STATIC else 0.0,
+                **_time_step(fem),
+                precision=fem.precision,
+                threads=fem.threads,
+                sample_interval=fem.sample_interval,
+                output=Output(
+                    progress=progress, checkpoint=checkpoint, **_frames(fem, stated, on_frame)
+                ),
+                resume=resume,
+            )
+        watch.lap("solve")
+    result = answer.explicit
+    assert result is not None
+    seconds = {**watch.seconds(), "loop": result.cpu_seconds}
+    return DeformableRun(name=name, scene=scene, answer=answer, cpu_seconds=seconds)

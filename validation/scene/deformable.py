@@ -20,13 +20,20 @@ from fem.contact.law import LAWS, ContactLaw
 from fem.element.hexahedron import ElementType
 from fem.problem.formulation import Formulation
 from validation.scene.docstrings import field_docstrings
-from validation.scene.plausibility import WholeScene
-from validation.scene.sections import Finite, NoAngle, NonNegative, Positive, Section, fewer
+from validation.scene.sections import (
+    NoAngle,
+    NonNegative,
+    Positive,
+    Section,
+    Vector,
+    WholeScene,
+    fewer,
+)
+from validation.scene.usage import uncounted
 
 if TYPE_CHECKING:
     from fem.assembly.statement import Motion
-
-Vector = tuple[Finite, Finite, Finite]
+    from geometry.assembly import Assembly
 
 
 class MaterialSection(Section):
@@ -362,6 +369,30 @@ class DeformableSections(WholeScene):
         if mesh is None or all(getattr(mesh, key) == value for key, value in found.items()):
             return None
         return self.changed({"mesh": found})
+
+    @property
+    def is_cell(self) -> bool:
+        """Whether a periodic cell is asked for."""
+        with uncounted((FemSection, "symmetry")):
+            return self.fem is not None and self.fem.symmetry == "periodic cell"
+
+    @property
+    def gap_words(self) -> str:
+        """Gaps before the load acts, to follow other words; nothing where there are none."""
+        found = self.contact
+        given = (
+            () if found is None else (("clearance", found.clearance), ("spacing", found.spacing))
+        )
+        return "".join(f", {name} {value:g} mm" for name, value in given if value)
+
+    @property
+    def weight(self) -> Vector | None:
+        """``effects.gravity`` itself."""
+        return self.effects.gravity
+
+    def straightened(self, assembly: Assembly) -> bool:  # noqa: ARG002
+        """Whether files have nodes between corners that elements of degree 1 leave out."""
+        return False
 
     @property
     def element_counts(self) -> dict[str, Any]:

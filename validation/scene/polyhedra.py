@@ -10,12 +10,18 @@ from pydantic import Field
 from geometry.assembly import Assembly
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement
 from validation.scene.deformable import DeformableSections
-from validation.scene.plausibility import WholeScene
-from validation.scene.sections import Finite, Positive, RigidSection, Section
+from validation.scene.sections import (
+    Finite,
+    Positive,
+    RigidSection,
+    Section,
+    Vector,
+    WholeScene,
+    vector_words,
+)
 
 #: Of blocks whose file has nodes between corners, in answers that have no use for them.
 STRAIGHT_EDGES = "straight between corners; the file's other nodes count with fem.degree = 2"
-Vector = tuple[Finite, Finite, Finite]
 Count = Annotated[int, Field(ge=1)]
 
 
@@ -41,6 +47,19 @@ class BodyLoadSection(Section):
     """Live load: acceleration of every block, which `rigid.collapse` lets grow [mm/s²]."""
     forces: tuple[PointForceSection, ...] = ()
     """Live load: forces on single blocks."""
+
+    @property
+    def words(self) -> str:
+        """What loads the blocks, with its size; empty where nothing does."""
+        parts = [
+            f"{name} {vector_words(given)} mm/s²"
+            for name, given in (("weight", self.gravity), ("acceleration", self.acceleration))
+            if given is not None
+        ]
+        if self.forces:
+            count = len(self.forces)
+            parts.append(f"{count} force{'s' if count > 1 else ''} on single blocks")
+        return " + ".join(parts)
 
 
 class DetectionSection(Section):
@@ -242,6 +261,13 @@ class MeshScene(_PolyhedralScene, DeformableSections):
     assembly: FixedBlocksSection = FixedBlocksSection()
     mesh: OwnMeshSection = OwnMeshSection()
 
+    def straightened(self, assembly: Assembly) -> bool:
+        """Whether files have nodes between corners that elements of degree 1 leave out."""
+        return any(
+            shape.curve is not None and shape.mesh.connectivity.shape[1] == 8
+            for shape in assembly.shapes
+        )
+
     def located(self, folder: Path) -> MeshScene:
         """Return the same scene with absolute file names, relative ones taken from a folder."""
         parts = [p.changed({"file": str((folder / p.file).absolute())}) for p in self.parts]
@@ -263,11 +289,3 @@ POLYHEDRAL_TYPES: dict[str, type[PolyhedralScene]] = {
     "voxels": VoxelScene,
     "mesh": MeshScene,
 }
-
-
-def straightened(scene: object, assembly: Assembly) -> bool:
-    """Whether files of a scene have nodes between corners that elements of degree 1 leave out."""
-    return isinstance(scene, MeshScene) and any(
-        shape.curve is not None and shape.mesh.connectivity.shape[1] == 8
-        for shape in assembly.shapes
-    )

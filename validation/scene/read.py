@@ -21,9 +21,8 @@ from validation.scene.builtin import builtin_text
 from validation.scene.deformable import AutoSection, DeformableSections, EffectName, parse_share
 from validation.scene.families import sine
 from validation.scene.family import AssemblyScene
-from validation.scene.plausibility import implausible
+from validation.scene.plausibility import implausible, too_large
 from validation.scene.polyhedra import POLYHEDRAL_TYPES, MeshScene, PolyhedralScene
-from validation.scene.size import too_large
 
 TubeScene = sine.TubeScene
 #: Scenes of blocks that meet and can be hexahedra: what deformable blocks are for.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, Self, get_args
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import (
     AfterValidator,
@@ -26,6 +27,7 @@ from validation.scene.usage import Recorded, unrecorded
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Vector = tuple[Finite, Finite, Finite]
 
 
 def _no_angle(value: Any) -> Any:
@@ -154,6 +156,14 @@ class TubeLoadSection(Section):
     layer: Annotated[int, Field(ge=1)] | None = None
     """Loaded layer of beam and shaft; by default the middle one, ⌊L/2⌋ + 1."""
 
+    @property
+    def words(self) -> str:
+        """What loads the blocks, with its size."""
+        layer = "" if self.layer is None else f" (layer {self.layer})"
+        case = CASES[self.case]
+        printed = ", as printed" if case.force_as_printed and self.as_printed else ""
+        return f"{case.words} {self.pressure:g} MPa{layer}{printed}"
+
 
 class RigidSection(Section):
     """``[rigid]``: how the rigid-block equilibrium is solved."""
@@ -172,3 +182,69 @@ class RigidSection(Section):
     """Asks for the least and the largest normal force of each joint over all admissible states."""
     margin: bool = False
     """Asks which load on a single block is carried worst, and how well."""
+
+
+class PlausibilitySection(Section):
+    """``[plausibility]``: values that are meant although they look like a slip of units."""
+
+    read_at_the_door: ClassVar[bool] = True
+
+    accept: tuple[str, ...] = ()
+    """Their keys, such as "material.density"."""
+
+
+class PicturesSection(Section):
+    """``[pictures]``: how pictures are drawn; no number depends on it."""
+
+    format: Literal["png", "svg", "pdf"] = "png"
+    """Kind of file: ``png``, ``svg`` or ``pdf`` (lines and letters, for print)."""
+    width: Annotated[float, Field(ge=40.0, le=2000.0)] | None = None
+    """Width of a picture [mm], such as a journal's column; by default as its panels need."""
+    font: str | None = None
+    """Family of fonts, as the system names it; by default DejaVu Sans."""
+    font_size: Annotated[float, Field(ge=3.0, le=72.0)] | None = None
+    """Small print [pt]; titles are larger in proportion. By default 9."""
+
+    @field_validator("font")
+    @classmethod
+    def _font_that_is_here(cls, font: str | None) -> str | None:
+        if font is None:
+            return None
+        from matplotlib import font_manager
+
+        known = {entry.name for entry in font_manager.fontManager.ttflist}
+        if font in known:
+            return font
+        near = difflib.get_close_matches(font, known, n=3) or sorted(known)[:6]
+        raise ValueError(
+            "not installed here; expected a family of fonts such as " + ", ".join(map(repr, near))
+        )
+
+
+class WholeScene(Section):
+    """What every scene may have."""
+
+    plausibility: PlausibilitySection = PlausibilitySection()
+    pictures: PicturesSection = PicturesSection()
+
+    @property
+    def weight(self) -> Vector | None:
+        """Acceleration by which blocks weigh beside their load [mm/s²]; None: none is named."""
+        return None
+
+    @property
+    def load_words(self) -> str:
+        """What loads the blocks, with its size."""
+        load: Any = self.load  # type: ignore[attr-defined]
+        if isinstance(load, dict):
+            parts = [f"{part.words} on {face}" for face, part in load.items()]
+        else:
+            parts = [load.words]
+        if self.weight is not None:
+            parts.append(f"weight {vector_words(self.weight)} mm/s²")
+        return " + ".join(filter(None, parts)) or "no load"
+
+
+def vector_words(values: Sequence[float]) -> str:
+    """Components in parentheses."""
+    return "(" + ", ".join(f"{value:g}" for value in values) + ")"

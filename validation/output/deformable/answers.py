@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from fem.explicit.solve import ExplicitResult
     from validation.output.pictures.drawn import DrawnState
     from validation.run.deformable import DeformableRun
-    from validation.run.friction.admissible import FrictionSet
+    from validation.run.measures import FrictionSet
 
 #: Files of a run.
 FILES = (

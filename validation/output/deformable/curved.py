@@ -16,7 +16,6 @@ from validation.output.deformable.answers import add_measures, cap_words, write_
 from validation.output.outputs import Outputs
 from validation.run.curved.fields import CurvedFields
 from validation.run.curved.solve import CurvedRun
-from validation.run.words import load_words
 
 
 def print_curved(run: CurvedRun, console: Console) -> None:
@@ -24,7 +23,7 @@ def print_curved(run: CurvedRun, console: Console) -> None:
     layers = run.scene.assembly.layers
     mesh = run.mesh
     table = two_columns(
-        f"{run.name}, {layers} layer{'s' if layers > 1 else ''}: {load_words(run.scene)}; static "
+        f"{run.name}, {layers} layer{'s' if layers > 1 else ''}: {run.scene.load_words}; static "
         f"FEM, {mesh.n_elements} curved elements of degree {mesh.degree} per block"
     )
     for k, (solved, seconds) in enumerate(zip(run.meshes, run.seconds, strict=True)):

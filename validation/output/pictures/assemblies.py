@@ -37,7 +37,6 @@ from validation.output.pictures.gallery import (
     fill_axes,
     gallery,
 )
-from validation.run.words import load_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -99,7 +98,7 @@ def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str)
 def pressure_title(run: RigidRun) -> str:
     """Scene, load, class and measures of a rigid result."""
     measures = run.measures
-    text = f"{run.name}: {load_words(run.scene)}; {run.carried.words}"
+    text = f"{run.name}: {run.scene.load_words}; {run.carried.words}"
     if measures is not None:
         text += (
             f"\nmean of block maxima {measures.p_max:.3g} MPa, effective mean "
@@ -284,7 +283,7 @@ def draw_mechanism(run: RigidRun, path: Path) -> None:
     words = "the load drives it" if driven else "the load does not drive it"
     gallery(
         [[Panel(f"first-order motion, drawn {length:.3g} mm at its largest", View(parts, EYE))]],
-        f"{run.name}: {load_words(run.scene)}; {run.carried.words}; a mechanism exists, {words}",
+        f"{run.name}: {run.scene.load_words}; {run.carried.words}; a mechanism exists, {words}",
         path,
         height=8.0,
         scale=scale,

@@ -23,7 +23,6 @@ from validation.output.pictures.gallery import (
     scale_from_zero,
 )
 from validation.run.rigid.polyhedra import contact_triangles
-from validation.run.words import load_words
 
 if TYPE_CHECKING:
     from validation.run.rigid.polyhedra import PolyhedralRun
@@ -127,7 +126,7 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
             [Panel("blocks", View(polyhedra_parts(assembly), _EYE))],
             [Panel("contacts found", View(contacts, _EYE))],
         ],
-        f"{run.name}: {load_words(run.scene)}; {answer}\n"
+        f"{run.name}: {run.scene.load_words}; {answer}\n"
         f"{result.n_blocks} free blocks, {interfaces.n_contacts} contact points",
         path,
         height=6.0,
@@ -150,7 +149,7 @@ def draw_polyhedral_mechanism(run: PolyhedralRun, motion: FloatArray, path: Path
     words = "the load drives it" if driven else "the load does not drive it"
     gallery(
         [[Panel(f"first-order motion, drawn {scale:.3g} mm at its largest", view)]],
-        f"{run.name}: {load_words(run.scene)}; {run.carried.words}; a mechanism exists, {words}",
+        f"{run.name}: {run.scene.load_words}; {run.carried.words}; a mechanism exists, {words}",
         path,
         height=6.5,
         legend=_block_legend(),

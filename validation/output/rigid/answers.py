@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from validation.run.words import load_words
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import SceneFile
 
@@ -62,7 +61,7 @@ def _of_triangles(scene: PolyhedralScene) -> RigidOutput:
 
 def draw_scene(file: SceneFile, path: Path) -> None:
     """Draw the blocks before any answer, with load and supports where they are of the scene."""
-    title = f"{file.name}: {load_words(file.scene)}"
+    title = f"{file.name}: {file.scene.load_words}"
     if isinstance(file.scene, PolyhedralScene):
         from validation.build.polyhedra import build_polyhedra
         from validation.output.pictures.polyhedra import draw_blocks

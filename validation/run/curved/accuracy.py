@@ -40,8 +40,8 @@ from validation.run.curved.solve import (
 )
 from validation.run.measures import Measure
 from validation.scene.deformable import Method, parse_share
+from validation.scene.plausibility import machine_memory
 from validation.scene.read import DeformableScene, TubeScene
-from validation.scene.size import machine_memory
 
 #: Quantities that an accuracy may be asked of, and other names of them.
 QUANTITIES = (

@@ -18,10 +18,9 @@ from fem.static.lagrange_fields import GridFields
 from geometry.assembly import Assembly
 from geometry.measures import JointResultants
 from geometry.mesh import FloatArray
-from validation.build.deformable import build_deformable, gap_words
+from validation.build.deformable import build_deformable
 from validation.run.curved.solve import CurvedRun, facet_lines
 from validation.run.measures import Measure, drawing_scale
-from validation.run.words import load_words
 
 
 @dataclass(frozen=True)
@@ -66,9 +65,9 @@ class CurvedFields:
         run = self.run
         layers = run.scene.assembly.layers
         return (
-            f"{run.name}, {layers} layer{'s' if layers > 1 else ''}: {load_words(run.scene)}; "
+            f"{run.name}, {layers} layer{'s' if layers > 1 else ''}: {run.scene.load_words}; "
             f"static FEM, {run.mesh.n_elements} curved elements of degree {run.mesh.degree} per "
-            f"block{gap_words(run.scene.contact)}"
+            f"block{run.scene.gap_words}"
         )
 
     @property

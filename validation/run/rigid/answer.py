@@ -15,7 +15,6 @@ from geometry.measures import JointResultants, joint_resultants
 from geometry.mesh import FloatArray
 from mbd import Mechanism, RigidResult, SelfStress
 from mbd.margin import held_against
-from validation.run.joints import joints_json
 from validation.run.rigid.further import Carried, Further, carried, further_json
 from validation.run.stages import summed
 from validation.scene.family import AssemblyScene
@@ -104,7 +103,7 @@ class RigidAnswer(ABC):
             "held_against": self.held,
             "answer": self.carried.words,
             "carried": self.carried.holds,
-            "joints": joints_json(self.joints) if self.carried.holds else [],
+            "joints": self.joints.as_json() if self.carried.holds else [],
             "n_blocks": result.n_blocks,
             "n_contacts": result.n_contacts,
             **further_json(self.further),

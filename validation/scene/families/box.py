@@ -13,10 +13,9 @@ from validation.scene.deformable import (
     FemSection,
     MaterialSection,
     Method,
-    Vector,
 )
 from validation.scene.family import AssemblyScene, BlockSection
-from validation.scene.sections import Finite, Positive, Section
+from validation.scene.sections import Finite, Positive, Section, Vector, vector_words
 
 if TYPE_CHECKING:
     from fem.assembly.statement import Motion
@@ -40,6 +39,13 @@ class FaceLoadSection(Section):
         if (self.pressure is None) == (self.traction is None):
             raise ValueError("expected either pressure or traction, one of the two")
         return self
+
+    @property
+    def words(self) -> str:
+        """What acts, with its size."""
+        if self.traction is None:
+            return f"pressure {self.pressure:g} MPa"
+        return f"traction {vector_words(self.traction)} MPa"
 
 
 class BoxSection(BlockSection):

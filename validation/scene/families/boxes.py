@@ -40,6 +40,11 @@ class TopPressureSection(Section):
     pressure: Finite = 0.01
     """On the top face, pushing down [MPa]."""
 
+    @property
+    def words(self) -> str:
+        """What loads the column, with its size."""
+        return f"pressure {self.pressure:g} MPa on top"
+
 
 class BoxesScene(AssemblyScene):
     """A column of boxes: its bottom face is held, a pressure acts on its top."""

@@ -60,28 +60,25 @@ def _at_corners(assembly: Assembly) -> _AtCorners:
     return _AtCorners(facets=assembly.interfaces, **same)
 
 
-def require_held_by_friction(name: str, scene: DeformableScene) -> None:
-    """Refuse a static run of blocks that slide or tip whatever friction does.
+def require_held_by_friction(name: str, scene: DeformableScene, friction: float) -> None:
+    """Refuse a static run of blocks that slide or tip with a coefficient of friction.
 
-    Costs nothing without friction, one rigid equilibrium where contact alone holds the load.
+    Costs one rigid equilibrium where contact alone holds the load.
 
     Raises
     ------
     InputError
         With the motion, where one is certified.
     """
-    section = scene.effects.friction
-    if section is None or (scene.fem is not None and scene.fem.symmetry == "periodic cell"):
-        return
     blocks = build_hexahedra(scene, name)
     if blocks.unmatched or not blocks.load.fixed.any():
         return
     weight = build_weight(scene, blocks.assembly)
     load = blocks.load if weight is None else with_body_wrenches(blocks.load, weight)
-    words = sliding_words(blocks.assembly, load, section.coefficient)
+    words = sliding_words(blocks.assembly, load, friction)
     if words is not None:
         raise InputError(
-            f"{name}: no static state: {words}, and friction of {section.coefficient:g} does not "
+            f"{name}: no static state: {words}, and friction of {friction:g} does not "
             "stop it; expected a load that is carried: raise effects.friction.coefficient, turn "
             'the load, hold more blocks, or follow the motion with fem.method = "explicit"'
         )

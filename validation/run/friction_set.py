@@ -12,15 +12,14 @@ continuum, C. R. Mecanique 336 (2008), on the dependence on the initial state.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from fem.static.linear_step.condensed import FlexibilityStore
 from geometry.errors import RefusedError
 from validation.run.deformable import DeformableRun
-from validation.run.friction.admissible import FrictionSet
-from validation.run.static import run_static
+from validation.run.measures import FrictionSet
+from validation.run.solve import run_static
 from validation.scene.deformable import Damping, Method
 from validation.scene.read import DeformableScene
 
@@ -36,22 +35,6 @@ def seeks_static_state(scene: DeformableScene) -> bool:
     if fem is None or scene.effects.friction is None or not scene.meets:
         return False
     return fem.method is Method.STATIC or fem.damping is Damping.STATIC
-
-
-def load_step_change(run: DeformableRun) -> dict[str, float]:
-    """Change of each measure by half as many load steps, in its unit; empty where none is known."""
-    result = run.static
-    if result is None or result.coarser_loading is None:
-        return {}
-    coarse = result.coarser_loading
-    answer = replace(
-        run.answer,
-        solver=coarse,
-        group_displacements=coarse.displacements,
-        contact_state=coarse.contact_state,
-    )
-    before = replace(run, answer=answer, errors={}).measures
-    return {name: abs(m.value - before[name].value) for name, m in run.measures.items()}
 
 
 def friction_set(
@@ -70,7 +53,7 @@ def friction_set(
     if not seeks_static_state(run.scene):
         return None
     solve = partial(run_static, store=FlexibilityStore()) if solve is None else solve
-    change, member = load_step_change(run), _member(run)
+    change, member = run.load_step_change, _member(run)
     found, reason = None, ""
     for scene in _meshes(run.scene):
         try:
