@@ -20,10 +20,10 @@ from geometry.files.block_files import read_blocks, step_hexahedra
 from geometry.files.mesh_io import read_hex_mesh, write_hex_mesh
 from geometry.mesh import FloatArray, IntArray, MeshError, boundary_quads
 from geometry.polyhedra.assembly import polyhedral_assembly
+from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly, find_overlaps
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron, polyhedron_from_block
-from geometry.polyhedra.triangle_search import overlapping_boxes
 from tests.conftest import random_rotation
 
 I = np.eye(3)  # noqa: E741

@@ -31,6 +31,7 @@ import llvmlite
 import numba
 from numba.core import config, event
 from numba.core.caching import CompileResultCacheImpl, NullCache
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
 
@@ -89,7 +90,8 @@ class KernelCache(NullCache):  # type: ignore[misc]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the compiled form for a signature, None where there is none that can be read."""
-        target_context.refresh()
+        # Numba would load all it compiles with, a quarter of a second; whoever compiles does so.
+        rtsys.initialize(target_context)
         name = self._file_name(sig, target_context.codegen())
         if name is None:
             return None

@@ -21,11 +21,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from geometry.mesh import FloatArray, IntArray, run_starts
+from geometry.polyhedra.box_tree import boxes_of_triangles, overlapping_boxes
 from geometry.polyhedra.options import ContactPlacement
 from geometry.polyhedra.point_contact import PointContacts, crossing_edges, standing_corners
 from geometry.polyhedra.polyhedron import Polyhedron
 from geometry.polyhedra.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
-from geometry.polyhedra.triangle_search import boxes_of_triangles, overlapping_boxes
 
 #: Area that a contact without area stands for, as a part of the mean area of the others.
 _POINT_AREA = 1e-2

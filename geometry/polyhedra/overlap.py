@@ -9,6 +9,7 @@ distance, which is fast on fine surfaces.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,17 +18,16 @@ from geometry.assembly import AssemblyError
 from geometry.files.vtu import as_array, as_cells
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
+from geometry.polyhedra.box_tree import BoxTree, overlapping_boxes
 from geometry.polyhedra.polyhedron import Polyhedron
-from geometry.polyhedra.triangle_search import (
-    boxes_of_triangles,
-    overlapping_boxes,
-    segment_piercings,
-)
+from geometry.polyhedra.triangle_search import enclosed, segment_piercings
 
 #: Points along each edge of the lattice in the shared box.
 _LATTICE = 7
 #: Surfaces with more triangles than this are fine enough to be judged by their vertices.
 _FINE = 2000
+#: Part of the tolerance within which a point that is deeper can be moved and stays inside.
+_SURELY = 0.9
 
 
 @dataclass(frozen=True)
@@ -43,20 +43,25 @@ class Overlap:
 
 
 class SignedDistance:
-    """Distance to one closed surface, negative inside."""
+    """Distance to one closed surface, negative inside; made ready when it is first asked."""
 
     def __init__(self, shape: Polyhedron) -> None:
+        self._shape = shape
+
+    @cached_property
+    def _function(self) -> Any:
+        """Kept: its search tree takes as long as the distances of some hundred points."""
         from vtkmodules.vtkCommonCore import vtkPoints
         from vtkmodules.vtkCommonDataModel import vtkPolyData
         from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance
 
         surface, points = vtkPolyData(), vtkPoints()
-        points.SetData(as_array(shape.points))
+        points.SetData(as_array(self._shape.points))
         surface.SetPoints(points)
-        surface.SetPolys(as_cells(shape.triangles))
-        # Kept: its search tree takes as long as the distances of some hundred points.
-        self._function: Any = vtkImplicitPolyDataDistance()
-        self._function.SetInput(surface)
+        surface.SetPolys(as_cells(self._shape.triangles))
+        function = vtkImplicitPolyDataDistance()
+        function.SetInput(surface)
+        return function
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Signed distances of points (n, 3): (n,) [mm]."""
@@ -70,19 +75,26 @@ class SignedDistance:
         return np.array(vtk_to_numpy(found), dtype=np.float64)
 
 
-def _inner_middles(a: FloatArray, a_edges: IntArray, corners_b: FloatArray) -> FloatArray:
-    """Middles of the pieces of a's edges between two piercings of b, (n, 3)."""
-    start, end = a[a_edges[:, 0]], a[a_edges[:, 1]]
-    low, high = corners_b.min(axis=(0, 1)), corners_b.max(axis=(0, 1))
-    near = _meeting(np.minimum(start, end), np.maximum(start, end), low, high)
-    start, end = start[near], end[near]
-    if not len(start):
-        return np.zeros((0, 3))
-    low, high = np.minimum(start, end).min(axis=0), np.maximum(start, end).max(axis=0)
-    corners_b = corners_b[_meeting(*boxes_of_triangles(corners_b), low, high)]
-    pairs, position = segment_piercings(start, end, corners_b, 0.0)
-    if len(pairs) < 2:
-        return np.zeros((0, 3))
+def _inner_middles(
+    points: FloatArray, edges: IntArray, local: FloatArray, corners: FloatArray, tree: BoxTree
+) -> FloatArray:
+    """Middles of the pieces of edges between two piercings of a surface, (n, 3).
+
+    Parameters
+    ----------
+    points, edges
+        (n_points, 3) [mm] and (n_edges, 2).
+    local
+        The points in the frame of the surface's tree, (n_points, 3) [mm].
+    corners, tree
+        Of the surface, (n_triangles, 3, 3) [mm], in the frame of the points.
+    """
+    start, end = local[edges].swapaxes(0, 1)
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    near = np.flatnonzero(((low <= tree.boxes[0, 3:]) & (high >= tree.boxes[0, :3])).all(axis=1))
+    pairs = tree.pairs(low[near], high[near])
+    start, end = points[edges[near]].swapaxes(0, 1)
+    pairs, position = segment_piercings(start, end, corners, 0.0, pairs)
     order = np.lexsort((position, pairs[:, 0]))
     edge, position = pairs[order, 0], position[order]
     same = edge[1:] == edge[:-1]
@@ -91,18 +103,12 @@ def _inner_middles(a: FloatArray, a_edges: IntArray, corners_b: FloatArray) -> F
     return start[edge] + middle[:, None] * (end - start)[edge]
 
 
-def _meeting(
-    low: FloatArray, high: FloatArray, box_low: FloatArray, box_high: FloatArray
-) -> IntArray:
-    """Which boxes (n, 3) meet one, (n_meeting,)."""
-    return np.flatnonzero(((low <= box_high) & (high >= box_low)).all(axis=1))
-
-
 def penetration(
     a: Polyhedron,
     b: Polyhedron,
     rotation: FloatArray,
     translation: FloatArray,
+    tolerance: float,
     distances: tuple[SignedDistance, SignedDistance],
 ) -> tuple[float, FloatArray]:
     """Return how deep two shapes overlap, b placed by a rigid motion in a's frame.
@@ -113,16 +119,19 @@ def penetration(
         Shapes.
     rotation, translation
         Position of b relative to a: x_a = rotation @ x_b + translation.
+    tolerance
+        Depth that is still a touch [mm].
     distances
         Signed distances to a and to b, each in its own frame.
 
     Returns
     -------
     float
-        Depth of the deepest point looked at [mm]; 0 where the shapes are apart or touch.
+        Depth of the deepest point looked at [mm]; 0 where no point is deeper than the tolerance.
     FloatArray
         That point in a's frame, (3,).
     """
+    to_a, to_b = distances
     b_points = b.points @ rotation.T + translation
     b_corners = b_points[b.triangles]
     low = np.maximum(a.points.min(axis=0), b_points.min(axis=0))
@@ -130,31 +139,35 @@ def penetration(
     if (low >= high).any():
         return 0.0, np.zeros(3)
 
+    def local(points: FloatArray) -> FloatArray:
+        return (points - translation) @ rotation
+
     def within(points: FloatArray) -> FloatArray:
         return points[((points >= low) & (points <= high)).all(axis=1)]
 
-    of_b = [b_points, _inner_middles(b_points, b.edges, a.corners)]
-    of_a = [a.points, _inner_middles(a.points, a.edges, b_corners)]
+    def deep_in_a(points: FloatArray) -> FloatArray:
+        return points[enclosed(points, a.corners, a.tree, _SURELY * tolerance)]
+
+    def deep_in_b(points: FloatArray) -> FloatArray:
+        return points[enclosed(local(points), b.corners, b.tree, _SURELY * tolerance)]
+
+    of_b = [b_points, _inner_middles(b_points, b.edges, b_points, a.corners, a.tree)]
+    of_a = [a.points, _inner_middles(a.points, a.edges, local(a.points), b_corners, b.tree)]
     if len(b.triangles) <= _FINE:
         of_b.append(b_corners.mean(axis=1))
     if len(a.triangles) <= _FINE:
         of_a.append(a.corners.mean(axis=1))
     lattice = low + (high - low) * (np.indices((_LATTICE,) * 3).reshape(3, -1).T + 0.5) / _LATTICE
-    inside = distances[0](lattice)
-    lattice, inside = lattice[inside < 0.0], inside[inside < 0.0]
-    shared = np.minimum(-inside, -distances[1]((lattice - translation) @ rotation))
     depth, where = 0.0, np.zeros(3)
-    if len(shared) and float(shared.max()) > 0.0:
-        depth, where = float(shared.max()), lattice[int(np.argmax(shared))]
-    candidates = within(np.concatenate(of_b))
-    in_b_frame = within(np.concatenate(of_a))
-    for points, distance in (
-        (candidates, distances[0](candidates)),
-        (in_b_frame, distances[1]((in_b_frame - translation) @ rotation)),
+    # Distances take long: they are asked for where something is deep inside.
+    for points, depths in (
+        (deep_in_b(deep_in_a(lattice)), lambda p: np.minimum(-to_a(p), -to_b(local(p)))),
+        (deep_in_a(within(np.concatenate(of_b))), lambda p: -to_a(p)),
+        (deep_in_b(within(np.concatenate(of_a))), lambda p: -to_b(local(p))),
     ):
-        if len(points) and -float(distance.min()) > depth:
-            deepest = int(np.argmin(distance))
-            depth, where = -float(distance[deepest]), points[deepest]
+        found = depths(points)
+        if found.max(initial=0.0) > depth:
+            depth, where = float(found.max()), points[int(np.argmax(found))]
     return depth, where
 
 
@@ -200,6 +213,7 @@ def find_overlaps(
                 shapes[kinds[1]],
                 rotation,
                 translation,
+                tolerance,
                 (distances[kinds[0]], distances[kinds[1]]),
             )
         depth, where = known[key]

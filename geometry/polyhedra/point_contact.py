@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.polyhedra.box_tree import boxes_of_triangles, overlapping_boxes
 from geometry.polyhedra.polyhedron import Polyhedron
-from geometry.polyhedra.triangle_search import boxes_of_triangles, overlapping_boxes
 
 #: Edges flatter than this are the facets of a curved face, not edges [°].
 _SHARP = 25.0

@@ -16,6 +16,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from geometry.block import Block
 from geometry.mesh import FloatArray, IntArray, MassProperties, MeshError
+from geometry.polyhedra.box_tree import BoxTree, boxes_of_triangles
 from geometry.polyhedra.solids import across_matter
 from geometry.polyhedra.triangle_search import (
     coplanar_groups,
@@ -71,6 +72,11 @@ class Polyhedron:
     def plane_of(self) -> IntArray:
         """Group of connected coplanar triangles that each triangle belongs to, (n_triangles,)."""
         return coplanar_groups(self.points, self.triangles, self.normals, self.areas)
+
+    @cached_property
+    def tree(self) -> BoxTree:
+        """Boxes of the triangles, in a tree with planes as groups."""
+        return BoxTree.of(*boxes_of_triangles(self.corners), self.plane_of)
 
     @cached_property
     def mass_properties(self) -> MassProperties:
@@ -156,7 +162,7 @@ def check_polyhedron(block: Polyhedron) -> None:
         raise MeshError(
             f"{name}: volume {block.mass_properties.volume:.3g} mm³; expected a positive volume"
         )
-    crossing = piercings(block.points, block.triangles, block.plane_of, 1e-7 * size)
+    crossing = piercings(block.points, block.triangles, block.plane_of, block.tree, 1e-7 * size)
     if len(crossing):
         raise MeshError(
             f"{name}: the surface cuts through itself near "

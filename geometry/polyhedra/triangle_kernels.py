@@ -14,38 +14,50 @@ from geometry.compilation import njit
 
 #: Two triangles overlap in at most six corners; two more cuts add one each.
 MOST_CORNERS = 8
+#: Nodes that wait at once in a walk down a binary tree: one a level.
+DEEPEST = 64
 
 
 @njit(cache=True)
-def _disjoint(low_a, high_a, low_b, high_b):
-    """Whether two boxes share no point."""
-    apart = False
-    for axis in range(3):
-        apart |= low_a[axis] > high_b[axis] or low_b[axis] > high_a[axis]
-    return apart
+def _sort_second(pairs, first, last):
+    """Sort the second numbers of a stretch of pairs: Shell's way, as most stretches are short."""
+    gap = last - first
+    while gap > 1:
+        gap = 1 if gap < 5 else gap * 5 // 11
+        for k in range(first + gap, last):
+            value = pairs[k, 1]
+            place = k
+            while place >= first + gap and pairs[place - gap, 1] > value:
+                pairs[place, 1] = pairs[place - gap, 1]
+                place -= gap
+            pairs[place, 1] = value
 
 
 @njit(cache=True)
-def boxes_in_tree(low, high, group, tree_low, tree_high, tree_group, order, pairs):
+def boxes_in_tree(boxes, group, tree, tree_group, order, stack, pairs):
     """Count, and store as far as there is room, pairs of a box and one of a tree that overlap.
 
-    Nodes k of the tree have the children 2k + 1 and 2k + 2; the last half are leaves, one box of
-    `order` each. Boxes of one group (>= 0) are no pair; -1 in the tree says that groups differ.
-    Pairs are sorted by the box, then by that of the tree.
+    Trees, groups and the order of pairs as in `geometry.polyhedra.box_tree.BoxTree`; ``stack`` is
+    room for `DEEPEST` nodes.
     """
-    first_leaf = len(tree_low) // 2
-    stack = np.empty(64, np.int64)
+    first_leaf = len(tree) // 2
     found = 0
-    for i in range(len(low)):
+    for i in range(len(boxes)):
         mine = found
         stack[0] = 0
         top = 1
         while top > 0:
             top -= 1
             node = stack[top]
-            if group[i] >= 0 and tree_group[node] == group[i]:
-                continue
-            if _disjoint(low[i], high[i], tree_low[node], tree_high[node]):
+            if (
+                boxes[i, 0] > tree[node, 3]
+                or boxes[i, 1] > tree[node, 4]
+                or boxes[i, 2] > tree[node, 5]
+                or boxes[i, 3] < tree[node, 0]
+                or boxes[i, 4] < tree[node, 1]
+                or boxes[i, 5] < tree[node, 2]
+                or (group[i] >= 0 and tree_group[node] == group[i])
+            ):
                 continue
             if node < first_leaf:
                 stack[top] = 2 * node + 2
@@ -57,9 +69,7 @@ def boxes_in_tree(low, high, group, tree_low, tree_high, tree_group, order, pair
                 pairs[found, 1] = order[node - first_leaf]
             found += 1
         if found <= len(pairs):
-            ascending = np.sort(pairs[mine:found, 1])
-            for k in range(found - mine):
-                pairs[mine + k, 1] = ascending[k]
+            _sort_second(pairs, mine, found)
     return found
 
 

@@ -1,87 +1,21 @@
-"""Searches among triangles: overlapping boxes, coplanar groups, edges that pierce triangles."""
+"""Searches among triangles: coplanar groups, edges that pierce triangles, points inside."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from geometry.mesh import FloatArray, IntArray
-from geometry.polyhedra.triangle_kernels import boxes_in_tree, flood_planes
+from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.polyhedra.box_tree import BoxTree
+from geometry.polyhedra.triangle_kernels import flood_planes
 
 #: Triangles belong to one plane if their normals differ by less than this [rad] …
 _PLANE_ANGLE = 1e-3
 #: … and their corners are this close to the plane of the largest one, in sizes of the body.
 _PLANE_DISTANCE = 2e-6
-
-
-def overlapping_boxes(
-    low_a: FloatArray,
-    high_a: FloatArray,
-    low_b: FloatArray,
-    high_b: FloatArray,
-    groups: tuple[IntArray, IntArray] | None = None,
-) -> IntArray:
-    """Pairs (i, j) of boxes a_i, b_j that overlap, sorted; (n, 2).
-
-    A tree of boxes along a space-filling curve: the cost grows with the number of pairs, and with
-    that of the boxes times its logarithm.
-
-    Parameters
-    ----------
-    low_a, high_a, low_b, high_b
-        Corners of axis-parallel boxes, (n_a, 3) and (n_b, 3).
-    groups
-        What each box belongs to, (n_a,) and (n_b,): boxes of one group are no pair. Negative:
-        to none.
-    """
-    if not len(low_a) or not len(low_b):
-        return np.empty((0, 2), dtype=np.int64)
-    of_a = np.full(len(low_a), -1) if groups is None else groups[0].astype(np.int64)
-    of_b = np.full(len(low_b), -1) if groups is None else groups[1].astype(np.int64)
-    tree = (*_box_tree(low_b, high_b, of_b),)
-    pairs = np.empty((4 * (len(low_a) + len(low_b)), 2), dtype=np.int64)
-    found = boxes_in_tree(low_a, high_a, of_a, *tree, pairs)
-    if found > len(pairs):
-        pairs = np.empty((found, 2), dtype=np.int64)
-        boxes_in_tree(low_a, high_a, of_a, *tree, pairs)
-    return pairs[:found]
-
-
-def boxes_of_triangles(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper corners of the boxes round triangles (n, 3, 3): (n, 3) each."""
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-
-
-def _box_tree(
-    low: FloatArray, high: FloatArray, group: IntArray
-) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
-    """Boxes and groups of a binary tree's nodes, from the root down, and the box of each leaf."""
-    order = _along_curve(0.5 * (low + high))
-    n = 1 << max(len(order) - 1, 0).bit_length()
-    tree_low, tree_high = np.full((2 * n - 1, 3), np.inf), np.full((2 * n - 1, 3), -np.inf)
-    tree_group = np.full(2 * n - 1, -1)
-    leaves = slice(n - 1, n - 1 + len(order))
-    tree_low[leaves], tree_high[leaves], tree_group[leaves] = low[order], high[order], group[order]
-    while n > 1:
-        below, here = slice(n - 1, 2 * n - 1), slice(n // 2 - 1, n - 1)
-        tree_low[here] = np.minimum(tree_low[below][0::2], tree_low[below][1::2])
-        tree_high[here] = np.maximum(tree_high[below][0::2], tree_high[below][1::2])
-        left, right = tree_group[below][0::2], tree_group[below][1::2]
-        tree_group[here] = np.where(left == right, left, -1)
-        n //= 2
-    return tree_low, tree_high, tree_group, order
-
-
-def _along_curve(points: FloatArray) -> IntArray:
-    """Order of points along a Morton curve: what is near in it is mostly near in space."""
-    low = points.min(axis=0)
-    size = float((points.max(axis=0) - low).max())
-    cells = ((points - low) * (1023.0 / size if size > 0.0 else 0.0)).astype(np.int64)
-    code = np.zeros(len(points), dtype=np.int64)
-    for bit in range(10):
-        for axis in range(3):
-            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return np.argsort(code, kind="stable")
+#: A direction along no edge and no face that anyone draws.
+_ASKEW = np.array([0.5773, 0.6435, 0.5026])
+#: Rays that pass an edge this near may be on either side of it, in sizes of the triangle.
+_BESIDE = 1e-9
 
 
 def distinct_rows(rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
@@ -148,11 +82,7 @@ def surface_edges(triangles: IntArray) -> IntArray:
 
 
 def segment_piercings(
-    start: FloatArray,
-    end: FloatArray,
-    corners: FloatArray,
-    margin: float,
-    pairs: IntArray | None = None,
+    start: FloatArray, end: FloatArray, corners: FloatArray, margin: float, pairs: IntArray
 ) -> tuple[IntArray, FloatArray]:
     """Find where segments pass through triangles, properly: not along or beside an edge.
 
@@ -165,7 +95,7 @@ def segment_piercings(
     margin
         Both ends of a segment must be at least this far from the triangle's plane [mm].
     pairs
-        Segments and triangles to look at, (n, 2); None: all whose boxes overlap.
+        Segments and triangles to look at, (n, 2).
 
     Returns
     -------
@@ -174,18 +104,18 @@ def segment_piercings(
     FloatArray
         Position along the segment, in (0, 1); (n,).
     """
-    if pairs is None:
-        pairs = _near(start, end, corners, None)
+    of, triangle = pairs.T
     side_1, side_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normals = np.cross(side_1, side_2)
     size = np.linalg.norm(normals, axis=1)
-    of, triangle = pairs.T
     height_a, height_b = (
         np.einsum("ni,ni->n", normals[triangle], ends[of] - corners[triangle, 0]) / size[triangle]
         for ends in (start, end)
     )
     crossing = (height_a * height_b < 0) & (np.minimum(abs(height_a), abs(height_b)) > margin)
     pairs, position = pairs[crossing], height_a[crossing] / (height_a - height_b)[crossing]
+    if not len(pairs):
+        return pairs, position
     of, triangle = pairs.T
     a, b, p, normal = start[of], end[of], corners[triangle], normals[triangle]
     e1, e2 = side_1[triangle], side_2[triangle]
@@ -198,7 +128,7 @@ def segment_piercings(
 
 
 def piercings(
-    points: FloatArray, triangles: IntArray, planes: IntArray, margin: float
+    points: FloatArray, triangles: IntArray, planes: IntArray, tree: BoxTree, margin: float
 ) -> FloatArray:
     """Points where a closed surface's edges pierce its own triangles, (n, 3) [mm].
 
@@ -208,6 +138,8 @@ def piercings(
         The surface, (n_points, 3) [mm] and (n_triangles, 3).
     planes
         Of `coplanar_groups`, (n_triangles,): an edge inside a plane pierces nothing of it.
+    tree
+        Of the triangles, planes as groups.
     margin
         Crossings shallower than this are touches [mm].
     """
@@ -217,26 +149,62 @@ def piercings(
     plane = np.repeat(planes, 3)
     between = np.zeros(len(first), dtype=bool)
     between[edge_of[plane != plane[first][edge_of]]] = True
-    edges, corners = ends[first], points[triangles]
+    edges = ends[first]
     start, end = points[edges[:, 0]], points[edges[:, 1]]
-    pairs = _near(start, end, corners, (np.where(between, -1, plane[first]), planes))
+    own_plane = np.where(between, -1, plane[first])
+    pairs = tree.pairs(np.minimum(start, end), np.maximum(start, end), own_plane)
     edge, corner = edges[pairs[:, 0]], triangles[pairs[:, 1]]
     apart = np.ones(len(pairs), dtype=bool)
     for e in range(2):
         for c in range(3):
             apart &= edge[:, e] != corner[:, c]
-    pairs, position = segment_piercings(start, end, corners, margin, pairs[apart])
+    pairs, position = segment_piercings(start, end, points[triangles], margin, pairs[apart])
     first = pairs[:, 0]
     return start[first] + position[:, None] * (end - start)[first]
 
 
-def _near(
-    start: FloatArray,
-    end: FloatArray,
-    corners: FloatArray,
-    groups: tuple[IntArray, IntArray] | None,
-) -> IntArray:
-    """Pairs of a segment and a triangle whose boxes overlap, (n, 2)."""
-    return overlapping_boxes(
-        np.minimum(start, end), np.maximum(start, end), *boxes_of_triangles(corners), groups
-    )
+def enclosed(points: FloatArray, corners: FloatArray, tree: BoxTree, margin: float) -> BoolArray:
+    """Whether points may lie deeper than a margin inside a closed surface, (n,).
+
+    No point that deep is left out. Where blocks touch most points lie on the other's surface: a
+    point that deep is inside still where it is moved by the margin, this way or that, and one on
+    the surface is so one way at most.
+
+    Parameters
+    ----------
+    points
+        (n, 3) [mm].
+    corners, tree
+        Of the surface, (n_triangles, 3, 3) [mm], in the same frame.
+    margin
+        [mm]
+    """
+    inside = np.ones(len(points), dtype=bool)
+    for way in (margin, -margin):
+        rest = np.flatnonzero(inside)
+        inside[rest] = _wound_round(points[rest] + way * _ASKEW, corners, tree)
+    return inside
+
+
+def _wound_round(points: FloatArray, corners: FloatArray, tree: BoxTree) -> BoolArray:
+    """Whether a surface has more triangles above points that face up than down, (n,).
+
+    True as well where the ray upward passes so near an edge that nobody can tell.
+    """
+    above = points.copy()
+    above[:, 2] = np.inf
+    point, triangle = tree.pairs(points, above).T
+    arm = corners[triangle] - points[point, None]
+    x, y = arm[:, :, 0], arm[:, :, 1]
+    # Twice the areas, seen from above, that the ray makes with the sides opposite each corner.
+    area = x[:, [1, 2, 0]] * y[:, [2, 0, 1]] - x[:, [2, 0, 1]] * y[:, [1, 2, 0]]
+    total = area.sum(axis=1)
+    up = np.sign(total)
+    height = np.einsum("nk,nk->n", area, arm[:, :, 2]) * up
+    least = (area * up[:, None]).min(axis=1)
+    size = np.abs(arm[:, :, :2]).max(axis=(1, 2)) ** 2
+    beside = np.abs(least) <= _BESIDE * size
+    turns = np.where((least > 0.0) & (height > 0.0), up, 0.0)
+    wound = np.bincount(point, weights=turns, minlength=len(points)) > 0.5
+    wound[point[beside]] = True
+    return wound

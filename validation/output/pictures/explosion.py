@@ -9,8 +9,8 @@ import numpy as np
 
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
+from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.overlap import SignedDistance
-from geometry.polyhedra.triangle_search import overlapping_boxes
 from validation.output.pictures.bodies import EYE
 from validation.output.pictures.canvas import Surface, View
 from validation.output.pictures.gallery import BLUE, GREY, VERMILION, Panel, gallery
