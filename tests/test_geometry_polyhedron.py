@@ -23,7 +23,13 @@ from geometry.polyhedra.assembly import polyhedral_assembly
 from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly, find_overlaps
-from geometry.polyhedra.polyhedron import Polyhedron, polyhedron, polyhedron_from_block
+from geometry.polyhedra.polyhedron import (
+    Polyhedron,
+    convex_polyhedron,
+    polyhedron,
+    polyhedron_from_block,
+)
+from geometry.polyhedra.triangle_search import enclosed, segment_piercings
 from tests.conftest import random_rotation
 
 I = np.eye(3)  # noqa: E741
@@ -89,6 +95,38 @@ def test_boxes_of_very_different_size_and_equal_boxes_are_all_found() -> None:
     high = low + np.concatenate([np.full(30, 1e-9), [1e6], np.zeros(20)])[:, None]
     expected = np.argwhere(((low[:, None] <= high) & (low <= high[:, None])).all(axis=2))
     np.testing.assert_array_equal(overlapping_boxes(low, high, low, high), expected)
+
+
+def test_points_deep_inside_are_kept_and_those_outside_or_on_a_face_are_not() -> None:
+    solid, margin = box((2.0, 1.0, 1.0)), 0.02
+    points = 3.0 * np.random.default_rng(2).random((4000, 3)) - 0.5
+    depth = np.minimum(points, [2.0, 1.0, 1.0] - points).min(axis=1)
+    turn = random_rotation(2)
+    turned = polyhedron("turned", solid.points @ turn.T, solid.triangles)
+    found = enclosed(points @ turn.T, turned.surface, margin)
+    assert found[depth > margin].all()
+    assert not found[depth < 0.0].any()
+    floor = points[depth > 0.0] * [1.0, 1.0, 0.0]
+    assert not enclosed(floor, solid.surface, margin).any()
+
+
+def test_segments_pierce_the_triangles_that_plain_algebra_says() -> None:
+    rng = np.random.default_rng(3)
+    solid = convex_polyhedron("hull", rng.standard_normal((40, 3)))
+    start, end = 2.0 * rng.standard_normal((2, 200, 3))
+    expected = []
+    for i, j in np.ndindex(len(start), len(solid.corners)):
+        a, b, c = solid.corners[j]
+        # a + u (b - a) + v (c - a) = start + t (end - start)
+        columns = np.column_stack([b - a, c - a, start[i] - end[i]])
+        u, v, t = np.linalg.solve(columns, start[i] - a)
+        if min(u, v, 1.0 - u - v) > 1e-6 and 0.0 < t < 1.0:
+            expected.append((i, j, t))
+    pairs, position = segment_piercings(start, end, solid.surface)
+    np.testing.assert_array_equal(pairs, [row[:2] for row in expected])
+    # Elimination of 3 x 3 of condition below 1e5: far below.
+    np.testing.assert_allclose(position, [row[2] for row in expected], atol=1e-9)
+    assert not len(segment_piercings(start, end, solid.surface, margin=100.0)[0])
 
 
 def _soup(*solids: Polyhedron) -> tuple[FloatArray, IntArray]:

@@ -15,7 +15,7 @@ from geometry.files.mesh_io import read_any_mesh
 from geometry.files.obj import read_obj
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray, MeshError, check_mesh
 from geometry.polyhedra.polygons import triangles_of_polygons
-from geometry.polyhedra.polyhedron import Polyhedron, merge_points, polyhedron
+from geometry.polyhedra.polyhedron import Polyhedron, merge_points, merged_polyhedron
 from geometry.polyhedra.solids import closed_solids, one_solid
 from geometry.polyhedra.triangle_search import distinct_rows
 
@@ -268,7 +268,7 @@ def read_blocks(
         raise MeshError(f"block.units: got {units!r}, expected one of {', '.join(UNITS)}")
     straightened = False
     if path.suffix.lower() in STEP_SUFFIXES:
-        raw = _read_step(path, element_size)
+        raw = [merge_points(*solid) for solid in _read_step(path, element_size)]
     else:
         points, triangles, straightened = _read_meshio(path)
         points, triangles = merge_points(points, triangles)
@@ -276,7 +276,9 @@ def read_blocks(
     scale = UNITS[units] if path.suffix.lower() not in STEP_SUFFIXES else 1.0
     several = len(raw) > 1
     found = [
-        polyhedron(f"{path.name}{f' part {k}' if several else ''}", scale * points, triangles)
+        merged_polyhedron(
+            f"{path.name}{f' part {k}' if several else ''}", scale * points, triangles
+        )
         for k, (points, triangles) in enumerate(raw)
     ]
     return [replace(solid, straightened=True) for solid in found] if straightened else found

@@ -18,9 +18,9 @@ from geometry.assembly import AssemblyError
 from geometry.files.vtu import as_array, as_cells
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
-from geometry.polyhedra.box_tree import BoxTree, overlapping_boxes
+from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.polyhedron import Polyhedron
-from geometry.polyhedra.triangle_search import enclosed, segment_piercings
+from geometry.polyhedra.triangle_search import Surface, enclosed, segment_piercings
 
 #: Points along each edge of the lattice in the shared box.
 _LATTICE = 7
@@ -75,26 +75,18 @@ class SignedDistance:
         return np.array(vtk_to_numpy(found), dtype=np.float64)
 
 
-def _inner_middles(
-    points: FloatArray, edges: IntArray, local: FloatArray, corners: FloatArray, tree: BoxTree
-) -> FloatArray:
+def _inner_middles(points: FloatArray, edges: IntArray, surface: Surface) -> FloatArray:
     """Middles of the pieces of edges between two piercings of a surface, (n, 3).
 
     Parameters
     ----------
     points, edges
-        (n_points, 3) [mm] and (n_edges, 2).
-    local
-        The points in the frame of the surface's tree, (n_points, 3) [mm].
-    corners, tree
-        Of the surface, (n_triangles, 3, 3) [mm], in the frame of the points.
+        (n_points, 3) [mm], in the frame of the surface, and (n_edges, 2).
+    surface
+        Of the other block.
     """
-    start, end = local[edges].swapaxes(0, 1)
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    near = np.flatnonzero(((low <= tree.boxes[0, 3:]) & (high >= tree.boxes[0, :3])).all(axis=1))
-    pairs = tree.pairs(low[near], high[near])
-    start, end = points[edges[near]].swapaxes(0, 1)
-    pairs, position = segment_piercings(start, end, corners, 0.0, pairs)
+    start, end = points[edges].swapaxes(0, 1)
+    pairs, position = segment_piercings(start, end, surface)
     order = np.lexsort((position, pairs[:, 0]))
     edge, position = pairs[order, 0], position[order]
     same = edge[1:] == edge[:-1]
@@ -106,8 +98,7 @@ def _inner_middles(
 def penetration(
     a: Polyhedron,
     b: Polyhedron,
-    rotation: FloatArray,
-    translation: FloatArray,
+    motion: tuple[FloatArray, FloatArray],
     tolerance: float,
     distances: tuple[SignedDistance, SignedDistance],
 ) -> tuple[float, FloatArray]:
@@ -117,8 +108,8 @@ def penetration(
     ----------
     a, b
         Shapes.
-    rotation, translation
-        Position of b relative to a: x_a = rotation @ x_b + translation.
+    motion
+        Rotation and translation of b relative to a: x_a = rotation @ x_b + translation.
     tolerance
         Depth that is still a touch [mm].
     distances
@@ -131,9 +122,8 @@ def penetration(
     FloatArray
         That point in a's frame, (3,).
     """
-    to_a, to_b = distances
+    (rotation, translation), (to_a, to_b) = motion, distances
     b_points = b.points @ rotation.T + translation
-    b_corners = b_points[b.triangles]
     low = np.maximum(a.points.min(axis=0), b_points.min(axis=0))
     high = np.minimum(a.points.max(axis=0), b_points.max(axis=0))
     if (low >= high).any():
@@ -142,19 +132,21 @@ def penetration(
     def local(points: FloatArray) -> FloatArray:
         return (points - translation) @ rotation
 
-    def within(points: FloatArray) -> FloatArray:
-        return points[((points >= low) & (points <= high)).all(axis=1)]
+    def within(*points: FloatArray) -> FloatArray:
+        found = np.concatenate(points)
+        return found[((found >= low) & (found <= high)).all(axis=1)]
 
     def deep_in_a(points: FloatArray) -> FloatArray:
-        return points[enclosed(points, a.corners, a.tree, _SURELY * tolerance)]
+        return points[enclosed(points, a.surface, _SURELY * tolerance)]
 
     def deep_in_b(points: FloatArray) -> FloatArray:
-        return points[enclosed(local(points), b.corners, b.tree, _SURELY * tolerance)]
+        return points[enclosed(local(points), b.surface, _SURELY * tolerance)]
 
-    of_b = [b_points, _inner_middles(b_points, b.edges, b_points, a.corners, a.tree)]
-    of_a = [a.points, _inner_middles(a.points, a.edges, local(a.points), b_corners, b.tree)]
+    middles_b = _inner_middles(b_points, b.edges, a.surface)
+    middles_a = _inner_middles(local(a.points), a.edges, b.surface) @ rotation.T + translation
+    of_b, of_a = [b_points, middles_b], [a.points, middles_a]
     if len(b.triangles) <= _FINE:
-        of_b.append(b_corners.mean(axis=1))
+        of_b.append(b_points[b.triangles].mean(axis=1))
     if len(a.triangles) <= _FINE:
         of_a.append(a.corners.mean(axis=1))
     lattice = low + (high - low) * (np.indices((_LATTICE,) * 3).reshape(3, -1).T + 0.5) / _LATTICE
@@ -162,8 +154,8 @@ def penetration(
     # Distances take long: they are asked for where something is deep inside.
     for points, depths in (
         (deep_in_b(deep_in_a(lattice)), lambda p: np.minimum(-to_a(p), -to_b(local(p)))),
-        (deep_in_a(within(np.concatenate(of_b))), lambda p: -to_a(p)),
-        (deep_in_b(within(np.concatenate(of_a))), lambda p: -to_b(local(p))),
+        (deep_in_a(within(*of_b)), lambda p: -to_a(p)),
+        (deep_in_b(within(*of_a)), lambda p: -to_b(local(p))),
     ):
         found = depths(points)
         if found.max(initial=0.0) > depth:
@@ -211,8 +203,7 @@ def find_overlaps(
             known[key] = penetration(
                 shapes[kinds[0]],
                 shapes[kinds[1]],
-                rotation,
-                translation,
+                (rotation, translation),
                 tolerance,
                 (distances[kinds[0]], distances[kinds[1]]),
             )

@@ -19,6 +19,7 @@ from geometry.mesh import FloatArray, IntArray, MassProperties, MeshError
 from geometry.polyhedra.box_tree import BoxTree, boxes_of_triangles
 from geometry.polyhedra.solids import across_matter
 from geometry.polyhedra.triangle_search import (
+    Surface,
     coplanar_groups,
     distinct_rows,
     piercings,
@@ -74,9 +75,10 @@ class Polyhedron:
         return coplanar_groups(self.points, self.triangles, self.normals, self.areas)
 
     @cached_property
-    def tree(self) -> BoxTree:
-        """Boxes of the triangles, in a tree with planes as groups."""
-        return BoxTree.of(*boxes_of_triangles(self.corners), self.plane_of)
+    def surface(self) -> Surface:
+        """The triangles, ready to be searched."""
+        tree = BoxTree.of(*boxes_of_triangles(self.corners), self.plane_of)
+        return Surface(self.triangles, self.corners, self.area_vectors, tree)
 
     @cached_property
     def mass_properties(self) -> MassProperties:
@@ -162,7 +164,7 @@ def check_polyhedron(block: Polyhedron) -> None:
         raise MeshError(
             f"{name}: volume {block.mass_properties.volume:.3g} mm³; expected a positive volume"
         )
-    crossing = piercings(block.points, block.triangles, block.plane_of, block.tree, 1e-7 * size)
+    crossing = piercings(block.points, block.surface, block.plane_of, 1e-7 * size)
     if len(crossing):
         raise MeshError(
             f"{name}: the surface cuts through itself near "
@@ -199,16 +201,17 @@ def merge_points(points: FloatArray, triangles: IntArray) -> tuple[FloatArray, I
     size = float(np.ptp(points, axis=0).max(initial=0.0))
     step = 2e-6 * size if size > 0 else 1.0
     pairs = cKDTree(points).query_pairs(step, output_type="ndarray")
+    if not len(pairs):
+        return points, _of_three_points(triangles)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
     _, label = connected_components(graph, directed=False)
     _, first = np.unique(label, return_index=True)
-    merged = label[triangles].astype(np.int64)
-    distinct = (
-        (merged[:, 0] != merged[:, 1])
-        & (merged[:, 1] != merged[:, 2])
-        & (merged[:, 2] != merged[:, 0])
-    )
-    return points[first], merged[distinct]
+    return points[first], _of_three_points(label[triangles].astype(np.int64))
+
+
+def _of_three_points(triangles: IntArray) -> IntArray:
+    """Those triangles whose corners are three points, (n, 3)."""
+    return triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
 
 
 def polyhedron(name: str, points: FloatArray, triangles: IntArray) -> Polyhedron:
@@ -223,7 +226,11 @@ def polyhedron(name: str, points: FloatArray, triangles: IntArray) -> Polyhedron
     """
     if not np.isfinite(points).all():
         raise MeshError(f"{name}: a vertex is not finite; expected finite coordinates in mm")
-    points, triangles = merge_points(np.asarray(points, dtype=np.float64), triangles)
+    return merged_polyhedron(name, *merge_points(np.asarray(points, dtype=np.float64), triangles))
+
+
+def merged_polyhedron(name: str, points: FloatArray, triangles: IntArray) -> Polyhedron:
+    """As `polyhedron`, of points that are merged already."""
     used, inverse = np.unique(triangles, return_inverse=True)
     points, triangles = points[used], inverse.reshape(triangles.shape).astype(np.int64)
     block = Polyhedron(name, points, triangles)

@@ -16,6 +16,10 @@ from geometry.compilation import njit
 MOST_CORNERS = 8
 #: Nodes that wait at once in a walk down a binary tree: one a level.
 DEEPEST = 64
+#: Rays that pass an edge this near may be on either side of it, in sizes of the triangle.
+_BESIDE = 1e-9
+#: Part of a triangle's area beside an edge: what passes there passes through the edge.
+_ON_EDGE = 1e-6
 
 
 @njit(cache=True)
@@ -71,6 +75,155 @@ def boxes_in_tree(boxes, group, tree, tree_group, order, stack, pairs):
         if found <= len(pairs):
             _sort_second(pairs, mine, found)
     return found
+
+
+@njit(cache=True)
+def _above(point, corner, normal):
+    """Height of a point above the plane through a corner, in lengths of the normal."""
+    height = 0.0
+    for axis in range(3):
+        height += normal[axis] * (point[axis] - corner[axis])
+    return height
+
+
+@njit(cache=True)
+def _between(point, start, end, normal):
+    """Twice the area that a point spans with a side of a triangle, times the normal's length."""
+    x, y, z = end[0] - start[0], end[1] - start[1], end[2] - start[2]
+    u, v, w = point[0] - start[0], point[1] - start[1], point[2] - start[2]
+    turned = normal[0] * (y * w - z * v) + normal[1] * (z * u - x * w)
+    return turned + normal[2] * (x * v - y * u)
+
+
+@njit(cache=True)
+def _pierces(start, end, corners, normal, margin, point):
+    """Where on a segment, in (0, 1), it passes through a triangle; -1 where it does not.
+
+    Ends nearer than ``margin`` to the plane do not count, nor places on an edge.
+    """
+    low, high = _above(start, corners[0], normal), _above(end, corners[0], normal)
+    square = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]
+    least = min(abs(low), abs(high))
+    if low * high >= 0.0 or least <= margin * np.sqrt(square):
+        return -1.0
+    position = low / (low - high)
+    for axis in range(3):
+        point[axis] = start[axis] + position * (end[axis] - start[axis])
+    for k in range(3):
+        if _between(point, corners[k], corners[(k + 1) % 3], normal) <= _ON_EDGE * square:
+            return -1.0
+    return position
+
+
+@njit(cache=True)
+def segments_in_tree(
+    start, end, ends, group, corners, normals, triangles, tree, tree_group, order, margin, pairs, at
+):
+    """Count, and store as far as there is room, segments that pass through triangles, and where.
+
+    The tree is that of the triangles, as in `boxes_in_tree`; normals may have any length. Segments
+    and triangles that share a corner, by its number in ``ends`` and ``triangles``, are no pair.
+    """
+    first_leaf = len(tree) // 2
+    stack, point = np.empty(DEEPEST, np.int64), np.empty(3)
+    found = 0
+    for i in range(len(start)):
+        stack[0] = 0
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if group[i] >= 0 and tree_group[node] == group[i]:
+                continue
+            apart = False
+            for axis in range(3):
+                one, other = start[i, axis], end[i, axis]
+                apart |= min(one, other) > tree[node, axis + 3]
+                apart |= max(one, other) < tree[node, axis]
+            if apart:
+                continue
+            if node < first_leaf:
+                stack[top] = 2 * node + 2
+                stack[top + 1] = 2 * node + 1
+                top += 2
+                continue
+            j = order[node - first_leaf]
+            shared = False
+            for k in range(3):
+                shared |= triangles[j, k] == ends[i, 0] or triangles[j, k] == ends[i, 1]
+            if shared:
+                continue
+            position = _pierces(start[i], end[i], corners[j], normals[j], margin, point)
+            if position < 0.0:
+                continue
+            if found < len(pairs):
+                pairs[found, 0], pairs[found, 1], at[found] = i, j, position
+            found += 1
+    return found
+
+
+@njit(cache=True)
+def _turns(point, corners):
+    """1 where the ray upward leaves through a triangle, -1 where it enters, 0 where it misses.
+
+    2 where it passes so near an edge that nobody can tell.
+    """
+    total, height, size = 0.0, 0.0, 0.0
+    least, most = np.inf, -np.inf
+    for k in range(3):
+        one, other = corners[(k + 1) % 3], corners[(k + 2) % 3]
+        x, y = one[0] - point[0], one[1] - point[1]
+        u, v = other[0] - point[0], other[1] - point[1]
+        # Twice the area, seen from above, that the ray makes with the side opposite corner k.
+        area = x * v - u * y
+        total += area
+        height += area * (corners[k, 2] - point[2])
+        least, most = min(least, area), max(most, area)
+        size = max(size, x * x + y * y)
+    nearest = least if total > 0.0 else -most
+    if abs(nearest) <= _BESIDE * size:
+        return 2
+    if nearest < 0.0 or (height > 0.0) != (total > 0.0):
+        return 0
+    return 1 if total > 0.0 else -1
+
+
+@njit(cache=True)
+def wound_round(points, corners, tree, order, stack):
+    """Whether a closed surface has more triangles above points that face up than down, (n,).
+
+    True as well where that cannot be told. The tree is that of the triangles, as in
+    `boxes_in_tree`.
+    """
+    first_leaf = len(tree) // 2
+    inside = np.zeros(len(points), np.bool_)
+    for i in range(len(points)):
+        stack[0] = 0
+        top = 1
+        turns = 0
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if (
+                points[i, 0] > tree[node, 3]
+                or points[i, 1] > tree[node, 4]
+                or points[i, 2] > tree[node, 5]
+                or points[i, 0] < tree[node, 0]
+                or points[i, 1] < tree[node, 1]
+            ):
+                continue
+            if node < first_leaf:
+                stack[top] = 2 * node + 2
+                stack[top + 1] = 2 * node + 1
+                top += 2
+                continue
+            found = _turns(points[i], corners[order[node - first_leaf]])
+            if found == 2:
+                turns = 1
+                break
+            turns += found
+        inside[i] = turns > 0
+    return inside
 
 
 @njit(cache=True)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.polyhedra.box_tree import BoxTree
-from geometry.polyhedra.triangle_kernels import flood_planes
+from geometry.polyhedra.triangle_kernels import DEEPEST, flood_planes, segments_in_tree, wound_round
 
 #: Triangles belong to one plane if their normals differ by less than this [rad] …
 _PLANE_ANGLE = 1e-3
 #: … and their corners are this close to the plane of the largest one, in sizes of the body.
 _PLANE_DISTANCE = 2e-6
-#: A direction along no edge and no face that anyone draws.
-_ASKEW = np.array([0.5773, 0.6435, 0.5026])
-#: Rays that pass an edge this near may be on either side of it, in sizes of the triangle.
-_BESIDE = 1e-9
+#: Directions no longer than 1, square to each other, along no edge and no face that anyone draws.
+_ASKEW = np.array([[0.577, 0.643, 0.502], [-0.744, 0.652, 0.024], [0.311, 0.387, -0.867]])
 
 
 def distinct_rows(rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
@@ -23,7 +23,11 @@ def distinct_rows(rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
 
     As `numpy.unique` with ``axis=0`` gives them, which takes five times as long.
     """
-    order = np.lexsort(rows.T[::-1])
+    size, digits = int(rows.max(initial=0)) + 1, np.arange(rows.shape[1])[::-1]
+    if rows.min(initial=0) >= 0 and size ** len(digits) < 2**63:
+        order = np.argsort(rows @ size**digits, kind="stable")  # one number sorts twice as fast
+    else:
+        order = np.lexsort(rows.T[::-1])
     change = np.ones(len(rows), dtype=bool)
     change[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
     start = np.flatnonzero(change)
@@ -81,8 +85,26 @@ def surface_edges(triangles: IntArray) -> IntArray:
     return ends[distinct_rows(ends)[0]]
 
 
+@dataclass(frozen=True)
+class Surface:
+    """Triangles ready to be searched."""
+
+    triangles: IntArray
+    """Corners, (n_triangles, 3)."""
+    corners: FloatArray
+    """(n_triangles, 3, 3) [mm]"""
+    area_vectors: FloatArray
+    """(n_triangles, 3) [mm²]"""
+    tree: BoxTree
+    """Of the triangles, planes as groups."""
+
+
 def segment_piercings(
-    start: FloatArray, end: FloatArray, corners: FloatArray, margin: float, pairs: IntArray
+    start: FloatArray,
+    end: FloatArray,
+    surface: Surface,
+    margin: float = 0.0,
+    own: tuple[IntArray, IntArray] | None = None,
 ) -> tuple[IntArray, FloatArray]:
     """Find where segments pass through triangles, properly: not along or beside an edge.
 
@@ -90,121 +112,78 @@ def segment_piercings(
     ----------
     start, end
         Segments, (n_segments, 3) [mm].
-    corners
-        Triangles, (n_triangles, 3, 3) [mm].
+    surface
+        The triangles, in the same frame.
     margin
         Both ends of a segment must be at least this far from the triangle's plane [mm].
-    pairs
-        Segments and triangles to look at, (n, 2).
+    own
+        Corners (n_segments, 2) and planes (n_segments,) that segments share with the surface, -1
+        for none: what has one of these is not pierced.
 
     Returns
     -------
     IntArray
-        (segment, triangle) of each piercing, (n, 2).
+        (segment, triangle) of each piercing, (n, 2), sorted.
     FloatArray
         Position along the segment, in (0, 1); (n,).
     """
-    of, triangle = pairs.T
-    side_1, side_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    normals = np.cross(side_1, side_2)
-    size = np.linalg.norm(normals, axis=1)
-    height_a, height_b = (
-        np.einsum("ni,ni->n", normals[triangle], ends[of] - corners[triangle, 0]) / size[triangle]
-        for ends in (start, end)
-    )
-    crossing = (height_a * height_b < 0) & (np.minimum(abs(height_a), abs(height_b)) > margin)
-    pairs, position = pairs[crossing], height_a[crossing] / (height_a - height_b)[crossing]
-    if not len(pairs):
-        return pairs, position
-    of, triangle = pairs.T
-    a, b, p, normal = start[of], end[of], corners[triangle], normals[triangle]
-    e1, e2 = side_1[triangle], side_2[triangle]
-    arm = a + position[:, None] * (b - a) - p[:, 0]
-    square = np.einsum("ni,ni->n", normal, normal)
-    u = np.einsum("ni,ni->n", np.cross(arm, e2), normal) / square
-    v = np.einsum("ni,ni->n", np.cross(e1, arm), normal) / square
-    inside = (u > 1e-6) & (v > 1e-6) & (u + v < 1 - 1e-6)
-    return pairs[inside], position[inside]
+    n, room, tree = len(start), len(start), surface.tree
+    ends, plane = own or (np.full((n, 2), -1), np.full(n, -1))
+    while True:
+        pairs, at = np.empty((room, 2), dtype=np.int64), np.empty(room)
+        found = segments_in_tree(
+            *(start, end, ends, plane, surface.corners, surface.area_vectors, surface.triangles),
+            *(tree.boxes, tree.group, tree.order, margin, pairs, at),
+        )
+        if found <= room:
+            order = np.lexsort(pairs[:found].T[::-1])
+            return pairs[order], at[order]
+        room = found
 
 
-def piercings(
-    points: FloatArray, triangles: IntArray, planes: IntArray, tree: BoxTree, margin: float
-) -> FloatArray:
+def piercings(points: FloatArray, surface: Surface, planes: IntArray, margin: float) -> FloatArray:
     """Points where a closed surface's edges pierce its own triangles, (n, 3) [mm].
 
     Parameters
     ----------
-    points, triangles
-        The surface, (n_points, 3) [mm] and (n_triangles, 3).
+    points, surface
+        (n_points, 3) [mm], and the triangles between them.
     planes
         Of `coplanar_groups`, (n_triangles,): an edge inside a plane pierces nothing of it.
-    tree
-        Of the triangles, planes as groups.
     margin
         Crossings shallower than this are touches [mm].
     """
-    directed = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    ends = np.sort(directed, axis=1)
+    ends = np.sort(surface.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     first, edge_of, _ = distinct_rows(ends)
     plane = np.repeat(planes, 3)
     between = np.zeros(len(first), dtype=bool)
     between[edge_of[plane != plane[first][edge_of]]] = True
     edges = ends[first]
-    start, end = points[edges[:, 0]], points[edges[:, 1]]
+    start, end = points[edges].swapaxes(0, 1)
     own_plane = np.where(between, -1, plane[first])
-    pairs = tree.pairs(np.minimum(start, end), np.maximum(start, end), own_plane)
-    edge, corner = edges[pairs[:, 0]], triangles[pairs[:, 1]]
-    apart = np.ones(len(pairs), dtype=bool)
-    for e in range(2):
-        for c in range(3):
-            apart &= edge[:, e] != corner[:, c]
-    pairs, position = segment_piercings(start, end, points[triangles], margin, pairs[apart])
+    pairs, position = segment_piercings(start, end, surface, margin, (edges, own_plane))
     first = pairs[:, 0]
     return start[first] + position[:, None] * (end - start)[first]
 
 
-def enclosed(points: FloatArray, corners: FloatArray, tree: BoxTree, margin: float) -> BoolArray:
+def enclosed(points: FloatArray, surface: Surface, margin: float) -> BoolArray:
     """Whether points may lie deeper than a margin inside a closed surface, (n,).
 
-    No point that deep is left out. Where blocks touch most points lie on the other's surface: a
-    point that deep is inside still where it is moved by the margin, this way or that, and one on
-    the surface is so one way at most.
+    No point that deep is left out: it is inside still where it is moved by the margin, whichever
+    way. Where blocks touch most points lie on the other's surface, and one way leads out of it.
 
     Parameters
     ----------
     points
         (n, 3) [mm].
-    corners, tree
-        Of the surface, (n_triangles, 3, 3) [mm], in the same frame.
+    surface
+        The triangles, in the same frame.
     margin
         [mm]
     """
-    inside = np.ones(len(points), dtype=bool)
-    for way in (margin, -margin):
+    searched = surface.corners, surface.tree.boxes, surface.tree.order
+    inside, stack = np.ones(len(points), dtype=bool), np.empty(DEEPEST, dtype=np.int64)
+    for way in (*_ASKEW, *-_ASKEW):
         rest = np.flatnonzero(inside)
-        inside[rest] = _wound_round(points[rest] + way * _ASKEW, corners, tree)
+        inside[rest] = wound_round(points[rest] + margin * way, *searched, stack)
     return inside
-
-
-def _wound_round(points: FloatArray, corners: FloatArray, tree: BoxTree) -> BoolArray:
-    """Whether a surface has more triangles above points that face up than down, (n,).
-
-    True as well where the ray upward passes so near an edge that nobody can tell.
-    """
-    above = points.copy()
-    above[:, 2] = np.inf
-    point, triangle = tree.pairs(points, above).T
-    arm = corners[triangle] - points[point, None]
-    x, y = arm[:, :, 0], arm[:, :, 1]
-    # Twice the areas, seen from above, that the ray makes with the sides opposite each corner.
-    area = x[:, [1, 2, 0]] * y[:, [2, 0, 1]] - x[:, [2, 0, 1]] * y[:, [1, 2, 0]]
-    total = area.sum(axis=1)
-    up = np.sign(total)
-    height = np.einsum("nk,nk->n", area, arm[:, :, 2]) * up
-    least = (area * up[:, None]).min(axis=1)
-    size = np.abs(arm[:, :, :2]).max(axis=(1, 2)) ** 2
-    beside = np.abs(least) <= _BESIDE * size
-    turns = np.where((least > 0.0) & (height > 0.0), up, 0.0)
-    wound = np.bincount(point, weights=turns, minlength=len(points)) > 0.5
-    wound[point[beside]] = True
-    return wound
