@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.ndimage
 
 from geometry.assembly import AssemblyError, require_length
 from geometry.mesh import CUBE, HexMesh, IntArray, boundary_quads
@@ -68,6 +67,8 @@ def _connected(cells: IntArray) -> bool:
     """Whether cubes hang together face to face."""
     grid = np.zeros(cells.max(axis=0) + 1, dtype=np.bool_)
     grid[tuple(cells.T)] = True
+    import scipy.ndimage
+
     return int(scipy.ndimage.label(grid)[1]) == 1
 
 

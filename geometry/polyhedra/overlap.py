@@ -65,11 +65,11 @@ class SignedDistance:
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Signed distances of points (n, 3): (n,) [mm]."""
+        if not len(points):
+            return np.zeros(0)
         from vtkmodules.util.numpy_support import vtk_to_numpy
         from vtkmodules.vtkCommonCore import vtkDoubleArray
 
-        if not len(points):
-            return np.zeros(0)
         found = vtkDoubleArray()
         self._function.FunctionValue(as_array(points), found)
         return np.array(vtk_to_numpy(found), dtype=np.float64)

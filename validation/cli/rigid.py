@@ -38,7 +38,6 @@ def mbd(
     """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
     from validation.output.outputs import Outputs
     from validation.output.rigid.answers import rigid_output
-    from validation.run.rigid.refinement import refined, require_mesh
     from validation.run.rigid.unlock import (
         frame_warning,
         layers_to_unlock,
@@ -53,6 +52,8 @@ def mbd(
     if unlock:
         require_tube(file)
     if refine:
+        from validation.run.rigid.refinement import refined, require_mesh
+
         require_mesh(file)
     rigid = rigid_output(file)
     with Outputs(json, folder, rigid.files, scene=file) as outputs:
