@@ -211,14 +211,6 @@ class Assembly(PlacedBlocks[Block]):
         """World coordinates of a block's mesh nodes, (n_nodes, 3) [mm]."""
         return self.place(block, self.shape(block).mesh.nodes)
 
-    def inertia(self, block: int, density: float) -> FloatArray:
-        """Inertia tensor about the block's centroid in world axes, (3, 3) [t mm²]."""
-        rotation = self.rotations[block]
-        inertia: FloatArray = (
-            density * rotation @ self.shape(block).mass_properties.inertia @ rotation.T
-        )
-        return inertia
-
     @cached_property
     def interfaces(self) -> Interfaces:
         """Conforming contact facets between blocks, found once.

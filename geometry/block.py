@@ -15,13 +15,11 @@ from geometry.mesh import (
     FloatArray,
     HexMesh,
     IntArray,
-    MassProperties,
     QuadSurface,
     boundary_quads,
     check_mesh,
     grid_faces,
     grid_points,
-    mass_properties,
     structured_hexahedra,
 )
 
@@ -51,11 +49,6 @@ class Block:
     """Names of the groups that can meet another block."""
     curve: Curve | None = None
     """The exact shape; None: the mesh is the shape."""
-
-    @cached_property
-    def mass_properties(self) -> MassProperties:
-        """Volume, centroid and inertia for unit density, from the mesh."""
-        return mass_properties(self.mesh)
 
     @cached_property
     def _extent(self) -> tuple[float, FloatArray]:

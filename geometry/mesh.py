@@ -198,10 +198,8 @@ def shape_values(natural: FloatArray) -> FloatArray:
 def gauss_points(order: int = 2) -> tuple[FloatArray, FloatArray]:
     """Tensor Gauss rule on [-1, 1]³: points (order³, 3) and weights (order³,)."""
     x, w = np.polynomial.legendre.leggauss(order)
-    r, s, t = np.meshgrid(x, x, x, indexing="ij")
-    points = np.column_stack([r.ravel(), s.ravel(), t.ravel()])
     weights = (w[:, None, None] * w[None, :, None] * w[None, None, :]).ravel()
-    return points, weights
+    return grid_points(x, x, x), weights
 
 
 def jacobians(mesh: HexMesh, natural: FloatArray) -> FloatArray:
@@ -288,31 +286,6 @@ def volume_and_centroid(mesh: HexMesh) -> tuple[float, FloatArray]:
     return volume, centroid
 
 
-def mass_properties(mesh: HexMesh, density: float = 1.0) -> MassProperties:
-    """Mass, centroid and inertia of the meshed body, not of an idealised shape.
-
-    The integrands x_i x_j det J of a trilinear hexahedron have degree at most 4 in each
-    natural coordinate, so three Gauss points in each direction are exact.
-
-    Parameters
-    ----------
-    mesh
-        The body.
-    density
-        [t/mm³]; 1.0 gives the geometric properties.
-    """
-    points, weights = gauss_points(3)
-    x = _interpolated(mesh, shape_values(points)).reshape(3, -1)
-    dv = (jacobians(mesh, points) * weights).T.ravel()
-    volume = float(dv.sum())
-    centroid = x @ dv / volume
-    # Second moments about the centroid, not about the origin: no cancellation far away from it.
-    x -= centroid[:, None]
-    second = (x * dv) @ x.T
-    inertia = density * (np.trace(second) * np.eye(3) - second)
-    return MassProperties(density * volume, volume, centroid, inertia)
-
-
 def boundary_quads(mesh: HexMesh) -> IntArray:
     """Facets that belong to one hexahedron only, oriented outward; (n_facets, 4)."""
     quads = mesh.elements[:, HEX_FACES].reshape(-1, 4)
@@ -365,6 +338,11 @@ def grid_faces(n_u: int, n_v: int, n_w: int) -> dict[str, IntArray]:
         "w+": (elements[:, :, -1], 1),
     }
     return {name: cells.reshape(-1, 8)[:, HEX_FACES[face]] for name, (cells, face) in side.items()}
+
+
+def cross_matrix(vectors: FloatArray) -> FloatArray:
+    """[v]× with [v]× w = v × w, (..., 3) to (..., 3, 3)."""
+    return -np.cross(vectors[..., None, :], np.eye(3))
 
 
 def run_starts(*keys: IntArray) -> IntArray:

@@ -23,7 +23,7 @@ import scipy
 from geometry.assembly import AnyBlocks
 from geometry.interface import Interfaces
 from geometry.loads import LoadCase
-from geometry.mesh import BoolArray, FloatArray, IntArray, run_starts
+from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix, run_starts
 from mbd.pair_wrenches import CongruentWrenches, PairKind, PairWrenches, SeparateWrenches
 
 #: A normal matrix, or the inverse of one, which also takes several vectors as columns.
@@ -78,15 +78,6 @@ def _block_places(rows: IntArray, columns: IntArray) -> tuple[IntArray, IntArray
     i = np.repeat(6 * rows[:, None, None] + six[:, None], 6, axis=2)
     j = np.repeat(6 * columns[:, None, None] + six, 6, axis=1)
     return i, j
-
-
-def _cross_matrix(vector: FloatArray) -> FloatArray:
-    """Skew matrices [v]× of vectors (n, 3): (n, 3, 3)."""
-    out = np.zeros((len(vector), 3, 3))
-    out[:, 0, 1], out[:, 0, 2] = -vector[:, 2], vector[:, 1]
-    out[:, 1, 0], out[:, 1, 2] = vector[:, 2], -vector[:, 0]
-    out[:, 2, 0], out[:, 2, 1] = -vector[:, 1], vector[:, 0]
-    return out
 
 
 @dataclass(frozen=True)
@@ -260,7 +251,7 @@ def _transfer(
     """
     out = np.zeros((len(points), 6, 6))
     out[:, range(6), range(6)] = 1.0
-    out[:, 3:, :3] = _cross_matrix(points - centroids) / length
+    out[:, 3:, :3] = cross_matrix(points - centroids) / length
     if axes is None:
         return out
     turn = np.zeros_like(out)

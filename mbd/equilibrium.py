@@ -110,18 +110,15 @@ def load_size(load: FloatArray) -> float:
     return float(scipy.linalg.norm(load))
 
 
-def _trivial(jacobian: ContactJacobian) -> Equilibrium:
+def _at_once(jacobian: ContactJacobian, load: FloatArray, size: float) -> Equilibrium | None:
+    """Answer where there is no load, or no contact; else None."""
     n_rows, n_contacts = jacobian.shape
-    return Equilibrium(
-        True, np.zeros(n_contacts), 0.0, None, 0, np.zeros(n_rows), "equilibrium: no load"
-    )
-
-
-def _uncontacted(jacobian: ContactJacobian, load: FloatArray) -> Equilibrium:
-    norm = load_size(load)
-    return Equilibrium(
-        False, np.zeros(0), 1.0, load / norm, 0, np.zeros(jacobian.shape[0]), _infeasible_status()
-    )
+    nothing, none = np.zeros(n_contacts), np.zeros(n_rows)
+    if size == 0.0:
+        return Equilibrium(True, nothing, 0.0, None, 0, none, "equilibrium: no load")
+    if n_contacts == 0:
+        return Equilibrium(False, nothing, 1.0, load / size, 0, none, _infeasible_status())
+    return None
 
 
 @dataclass
@@ -270,10 +267,9 @@ def newton_equilibrium(
     """
     n_rows, n_contacts = jacobian.shape
     size = load_size(load)
-    if size == 0.0:
-        return _trivial(jacobian)
-    if n_contacts == 0:
-        return _uncontacted(jacobian, load)
+    known = _at_once(jacobian, load, size)
+    if known is not None:
+        return known
     column = np.ones(n_contacts) if weights is None else weights
     # G Gᵀ has trace Σ c² ‖g‖², of order n_contacts: ε is relative to its mean eigenvalue.
     scale = float(column @ column) / n_rows
@@ -339,10 +335,9 @@ def clarabel_equilibrium(
 
     n_rows, n_contacts = jacobian.shape
     size = load_size(load)
-    if size == 0.0:
-        return _trivial(jacobian)
-    if n_contacts == 0:
-        return _uncontacted(jacobian, load)
+    known = _at_once(jacobian, load, size)
+    if known is not None:
+        return known
     column = np.ones(n_contacts) if weights is None else weights
     matrix = scipy.sparse.csc_matrix(jacobian.to_matrix() * column[None, :])
     unit_load = load / size

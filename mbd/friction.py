@@ -218,7 +218,7 @@ def _cones(contacts: FrictionalContacts) -> tuple[sp.csc_array, list[Any]]:
     return sp.kron(sp.eye_array(n), sides).tocsc(), [clarabel.NonnegativeConeT(4 * n)]
 
 
-def _clarabel(
+def solve_conic(
     *, quadratic: Any, cost: FloatArray, equal: Any, target: FloatArray, rows: Any, cones: Any
 ) -> Any:
     """Minimise ½ xᵀPx + qᵀx subject to equal x = target, rows x in the cones."""
@@ -321,7 +321,7 @@ def _least_forces(
     if n == 0:
         return np.zeros((0, 3)), 1.0, unit
     rows, cones = _cones(contacts)
-    solution = _clarabel(
+    solution = solve_conic(
         quadratic=sp.eye_array(3 * n, format="csc"),
         cost=np.zeros(3 * n),
         equal=contacts.matrix,
@@ -424,7 +424,7 @@ def _largest_factor(
     rows, cones = _cones(contacts)
     cost = np.zeros(3 * n + 1)
     cost[-1] = -1.0
-    solution = _clarabel(
+    solution = solve_conic(
         quadratic=sp.csc_array((3 * n + 1, 3 * n + 1)),
         cost=cost,
         equal=sp.hstack([contacts.matrix, sp.csc_array((live / size)[:, None])]),

@@ -108,11 +108,6 @@ class CongruentWrenches:
         """Number of contacts."""
         return int(self.pair_start[-1])
 
-    @cached_property
-    def pair_of(self) -> IntArray:
-        """Pair of each contact, (n_contacts,)."""
-        return self.separate().pair_of
-
     def rates(self, motion: FloatArray) -> FloatArray:
         """Gap rates (n_contacts,) of relative motions of the pairs (n_pairs, 6)."""
         rates = np.empty(self.n_contacts)

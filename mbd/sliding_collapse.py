@@ -35,7 +35,7 @@ import scipy.sparse as sp
 
 from geometry.mesh import FloatArray
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
-from mbd.friction import FrictionalContacts, collapse_load
+from mbd.friction import FrictionalContacts, collapse_load, solve_conic
 from mbd.options import FrictionLaw
 
 #: Largest violation of any law in a certified state; see `SlidingCheck` for what it is relative to.
@@ -347,28 +347,19 @@ def _least_dissipation(
     picks = sp.csc_array((np.ones(n), (3 * np.arange(n), np.arange(n))), shape=(3 * n, n))
     tangential = slips[(3 * pressed[:, None] + np.array([0, 1, 2])).ravel()]
     tangential = sp.diags_array(np.tile([0.0, 1.0, 1.0], n)) @ tangential
-    constraint: list[list[Any]] = [
-        [sp.csc_array(live[None, :]), sp.csc_array((1, n))],
-        [-slips[0::3], sp.csc_array((contacts.n_contacts, n))],
-        [-tangential, -picks],
-    ]
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
-    # Bounds what blocks that nothing presses may do.
-    loose = sp.diags_array(np.concatenate([np.full(rows, 1e-9), np.zeros(n)]))
-    solution = clarabel.DefaultSolver(
-        sp.csc_matrix(loose),
-        np.concatenate([-dead, weight[pressed]]),
-        sp.csc_matrix(sp.block_array(constraint)),
-        np.concatenate([[1.0], np.zeros(contacts.n_contacts + 3 * n)]),
-        [
-            clarabel.ZeroConeT(1),
+    opening: list[Any] = [slips[0::3], sp.csc_array((contacts.n_contacts, n))]
+    solution = solve_conic(
+        # Bounds what blocks that nothing presses may do.
+        quadratic=sp.diags_array(np.concatenate([np.full(rows, 1e-9), np.zeros(n)])),
+        cost=np.concatenate([-dead, weight[pressed]]),
+        equal=sp.hstack([sp.csc_array(live[None, :]), sp.csc_array((1, n))]),
+        target=np.ones(1),
+        rows=sp.block_array([opening, [tangential, picks]]),
+        cones=[
             clarabel.NonnegativeConeT(contacts.n_contacts),
             *[clarabel.SecondOrderConeT(3)] * n,
         ],
-        settings,
-    ).solve()
+    )
     return np.asarray(solution.x)[:rows]
 
 

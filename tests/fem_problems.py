@@ -9,7 +9,7 @@ from fem.assembly.contact_state import corner_displacements
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem
 from fem.contact.surfaces import corner_forces
-from fem.element.hexahedron import ElementType, block_stiffness
+from fem.element.hexahedron import ElementType, block_hourglass_stiffness, block_stiffness
 from fem.element.material import Material
 from fem.static.result import StaticResult
 from geometry.block import Block, box_block
@@ -54,15 +54,20 @@ def static_displacement(stiffness, force, prescribed, values=0.0) -> np.ndarray:
 
 
 def tip_deflection(
-    block: Block, material: Material, element: ElementType, force: float, **options
+    block: Block, material: Material, element: ElementType, force: float, hourglass: float = 1.0
 ) -> float:
-    """Mean deflection along z of the face x+ under a uniform shear along z, x- clamped."""
+    """Mean deflection along z of the face x+ under a uniform shear along z, x- clamped.
+
+    ``hourglass`` scales the hourglass stiffness of the reduced element.
+    """
     mesh = block.mesh
     weight = np.zeros(mesh.n_nodes)
     np.add.at(weight, block.faces["x+"], 0.25 / len(block.faces["x+"]))
     load = np.zeros((mesh.n_nodes, 3))
     load[:, 2] = force * weight
-    stiffness = block_stiffness(mesh, material, element, **options)
+    stiffness = block_stiffness(mesh, material, element)
+    if hourglass != 1.0:
+        stiffness = stiffness - (1.0 - hourglass) * block_hourglass_stiffness(mesh, material)
     clamped = degrees_of_freedom(np.unique(block.faces["x-"]))
     displacement = static_displacement(stiffness, load.ravel(), clamped)
     return float(weight @ displacement.reshape(-1, 3)[:, 2])

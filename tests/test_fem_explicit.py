@@ -22,7 +22,7 @@ from fem.problem.effects import (
     Effects,
     RayleighDamping,
 )
-from fem.problem.loads import RampAmplitude, SmoothStepAmplitude
+from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.model import Model, ModelError, block_group, fixed_nodes, nodal_load
 from fem.problem.time_step import TimeStepError, critical_time_step
 from geometry.block import box_block
@@ -319,7 +319,8 @@ def test_amplitudes_are_part_of_the_fingerprint(tmp_path):
     model = cantilever()
     solve(model, end_time=1e-4, output=Output(checkpoint=file, progress=interrupting(1)))
     load = model.loads[0]
-    other = nodal_load(0, load.forces[:0].reshape(0, 3), copies=[0], amplitude=RampAmplitude(1.0))
+    none = load.forces[:0].reshape(0, 3)
+    other = nodal_load(0, none, copies=[0], amplitude=SmoothStepAmplitude(1.0))
     with pytest.raises(CheckpointError, match="another model"):
         solve(
             Model(model.groups, model.supports, (*model.loads, other)), end_time=1e-4, resume=file

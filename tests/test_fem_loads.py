@@ -9,9 +9,7 @@ from hypothesis import strategies as st
 
 from fem.element.hexahedron import block_lumped_mass, gauss_gradients, mean_gradients
 from fem.problem.loads import (
-    ConstantAmplitude,
     LoadError,
-    RampAmplitude,
     SmoothStepAmplitude,
     TabularAmplitude,
     pressure_forces,
@@ -20,7 +18,7 @@ from fem.problem.loads import (
 from geometry.block import box_block
 from geometry.families.boxes import brick_stack
 from geometry.loads import CircumferentialLoad
-from geometry.mesh import QuadSurface, boundary_quads, mass_properties
+from geometry.mesh import QuadSurface, boundary_quads
 from tests.fem_problems import distorted_box
 
 
@@ -76,7 +74,7 @@ def test_nodes_carry_the_mass_of_their_block() -> None:
     """The row-sum mass is exact, so is the weight that it gives."""
     mesh = distorted_box()
     mass = block_lumped_mass(mesh, 2.4e-9)
-    assert mass.sum() == pytest.approx(mass_properties(mesh, 2.4e-9).mass, rel=1e-13)
+    assert mass.sum() == pytest.approx(2.4e-9 * mesh.extent()[0], rel=1e-13)
 
 
 def test_bad_loads_are_refused_by_name() -> None:
@@ -90,8 +88,6 @@ def test_bad_loads_are_refused_by_name() -> None:
         traction_forces(mesh.nodes, quads, np.zeros(2))
     with pytest.raises(LoadError, match="amplitude"):
         SmoothStepAmplitude(0.0)
-    with pytest.raises(LoadError, match="amplitude"):
-        RampAmplitude(-1.0)
     with pytest.raises(LoadError, match="increasing"):
         TabularAmplitude((0.0, 0.0), (1.0, 2.0))
     with pytest.raises(LoadError, match="as many"):
@@ -117,9 +113,8 @@ def test_smooth_step_rises_monotonically_symmetrically_and_flat_at_both_ends(
     assert later(start + 2.0 * duration) == 1.0
 
 
-def test_other_amplitudes() -> None:
-    assert ConstantAmplitude(0.3)(5.0) == 0.3
-    ramp = RampAmplitude(2.0, start=1.0)
+def test_amplitudes_of_tables() -> None:
+    ramp = TabularAmplitude((1.0, 3.0), (0.0, 1.0))
     assert [ramp(t) for t in (0.0, 1.0, 2.0, 3.0, 9.0)] == [0.0, 0.0, 0.5, 1.0, 1.0]
     table = TabularAmplitude((0.0, 1.0, 3.0), (0.0, 2.0, -2.0))
     assert [table(t) for t in (-1.0, 0.5, 2.0, 4.0)] == [0.0, 1.0, 0.0, -2.0]

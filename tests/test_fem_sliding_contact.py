@@ -22,7 +22,7 @@ from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, so
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
 from fem.problem.effects import AdaptiveMassDamping, Effects
-from fem.problem.loads import RampAmplitude, pressure_forces
+from fem.problem.loads import TabularAmplitude, pressure_forces
 from fem.problem.model import Model, block_group, fixed_nodes, nodal_load
 from fem.static.solve import solve_static
 from geometry.assembly import Assembly
@@ -37,6 +37,11 @@ from tests.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 DAMPED = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
+
+
+def ramp(duration):
+    """Linear from 0 to 1, then 1."""
+    return TabularAmplitude((0.0, duration), (0.0, 1.0))
 
 
 def surface(number, mesh, quads, *, group, at=(0.0, 0.0, 0.0)):
@@ -87,7 +92,7 @@ def two_boxes(upper, pressure):
     model = Model(
         groups,
         supports=(fixed_nodes(0, bottom, components=(2,)),),
-        loads=(nodal_load(1, load, amplitude=RampAmplitude(1e-4)),),
+        loads=(nodal_load(1, load, amplitude=ramp(1e-4)),),
         effects=DAMPED,
         interactions=(bound,),
     )
@@ -156,7 +161,7 @@ def hertz(cells, radius=1000.0, load=4000.0, size=150.0):
             fixed_nodes(0, np.flatnonzero(mesh.nodes[:, 0] == 0.0), components=(0,)),
             fixed_nodes(0, np.arange(mesh.n_nodes), components=(1,)),
         ),
-        loads=(nodal_load(0, force, amplitude=RampAmplitude(1e-4)),),
+        loads=(nodal_load(0, force, amplitude=ramp(1e-4)),),
         effects=DAMPED,
         interactions=(statement,),
     )
@@ -316,7 +321,7 @@ def test_agrees_with_matched_facets_where_nothing_slides():
             deformable,
             finite_sliding=finite_sliding,
             effects=DAMPED,
-            amplitude=RampAmplitude(1e-3),
+            amplitude=ramp(1e-3),
         )
         result = solve(statement.model, end_time=2e-2, stop=StopCriterion(1e-6, 1e-3))
         pressures.append(matched_pressures(deformable, statement.expand(result.displacements))[0])

@@ -17,7 +17,6 @@ from fem.element.stress import (
     principal_stress,
     rotate_stress,
     stress_tensor,
-    von_mises_stress,
 )
 from geometry.block import box_block
 from geometry.mesh import HexMesh
@@ -143,13 +142,6 @@ def test_principal_stresses_are_sorted_roots_and_do_not_turn(stress, seed: int) 
     turn = Rotation.random(2, random_state=seed).as_matrix()
     turned = rotate_stress(np.repeat(stress[None], 2, axis=0), turn)
     assert abs(principal_stress(turned) - principal).max() < 1e-13 * scale
-    von_mises = np.sqrt(0.5 * ((principal - np.roll(principal, 1, axis=1)) ** 2).sum(axis=1))
-    assert abs(von_mises_stress(turned) - von_mises).max() < 1e-12 * scale
-
-
-def test_von_mises_of_uniaxial_and_shear() -> None:
-    stress = np.array([[7.0, 0, 0, 0, 0, 0], [0, 0, 0, 7.0, 0, 0], [7.0, 7.0, 7.0, 0, 0, 0]])
-    assert von_mises_stress(stress) == pytest.approx([7.0, 7.0 * np.sqrt(3.0), 0.0], abs=1e-14)
 
 
 def test_displacement_of_another_mesh_is_refused() -> None:

@@ -21,9 +21,14 @@ from scipy.spatial import cKDTree
 from fem.assembly.contact_state import ContactState
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.law import ContactLaw
-from fem.element.hexahedron import ELEMENTS, ElementType, chunks, gauss_gradients
+from fem.element.hexahedron import point_volumes
 from fem.element.lagrange_mesh import LagrangeMesh
-from fem.element.lagrange_stress import PointValue, averaged_tension, everywhere
+from fem.element.lagrange_stress import (
+    PointValue,
+    averaged_tension,
+    everywhere,
+    one_of_each_cube,
+)
 from fem.element.stress import (
     corner_extrapolation,
     integration_point_stress,
@@ -33,7 +38,7 @@ from fem.element.stress import (
 from fem.problem.model import BlockGroup
 from fem.problem.recovery import block_displacements, moved_bodies
 from geometry.measures import JointResultants, summed_by_joint
-from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray
+from geometry.mesh import HEX_FACES, FloatArray, IntArray
 
 #: Displacements in block frames are one where they differ by less of the largest.
 _ALIKE = 1e-9
@@ -276,13 +281,14 @@ def ball_averages(group: BlockGroup, points: FloatArray, radius: float) -> BallA
     radius
         Of the balls [mm]; a ball always holds the points of the element in its middle.
     """
-    volumes = point_volumes(group.mesh, group.element)
     per_element = len(points) // group.mesh.n_elements
+    parts = point_volumes(group.mesh.nodes[group.mesh.elements])
+    volumes = (parts.sum(axis=1) if per_element == 1 else parts).ravel()
     centroids = points.reshape(-1, per_element, 3).mean(axis=1)
     small = np.cbrt(volumes.sum() / group.mesh.n_elements) < _CENTRE_SPACING * radius
     together = per_element if small else 1
     cells = _shares(volumes, np.arange(len(points)), together * np.arange(len(points) // together))
-    kept = _apart(centroids, _CENTRE_SPACING * radius)
+    kept = one_of_each_cube(centroids, _CENTRE_SPACING * radius)
     places = centroids if small else points
     near = cKDTree(places).query_ball_point(centroids[kept], radius)
     own = kept[:, None] if small else kept[:, None] * per_element + np.arange(per_element)
@@ -300,22 +306,6 @@ def _shares(volumes: FloatArray, members: IntArray, starts: IntArray) -> csr_arr
     total = np.repeat(np.add.reduceat(given, starts), counts)
     pointer = np.concatenate([starts, [len(members)]])
     return csr_array((given / total, members, pointer), shape=(len(starts), len(volumes)))
-
-
-def point_volumes(mesh: HexMesh, element: ElementType) -> FloatArray:
-    """Volume of each integration point, (n_elements · n_points,) [mm³]."""
-    parts = [gauss_gradients(mesh.nodes[mesh.elements[p]])[1] for p in chunks(mesh.n_elements)]
-    volumes = np.concatenate(parts)
-    if ELEMENTS[element].points == 1:
-        volumes = volumes.sum(axis=1)
-    return volumes.ravel()
-
-
-def _apart(points: FloatArray, spacing: float) -> IntArray:
-    """One point of each cube of that size, (n,)."""
-    cells = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
-    _, first = np.unique(cells, axis=0, return_index=True)
-    return np.sort(first)
 
 
 # ---------------------------------------------------------------------------------------------

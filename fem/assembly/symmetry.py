@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from fem.assembly.deformable import DeformableAssembly
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray, cross_matrix
 
 #: Relative deviation of placements (in block sizes), rotations and loads that still counts as
 #: symmetric: far above rounding, far below any clearance.
@@ -86,7 +86,7 @@ def largest_cyclic_orbits(deformable: DeformableAssembly) -> Orbits:
 
 def axis_rotation(axis: FloatArray, angle: float) -> FloatArray:
     """Rotation by an angle [rad] about a unit axis, (3, 3) (Rodrigues)."""
-    cross = -np.cross(axis[None, :], np.eye(3))
+    cross = cross_matrix(axis)
     return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
 
 

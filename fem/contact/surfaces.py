@@ -29,7 +29,7 @@ from fem.contact.law import ContactLaw
 from fem.element.facet import BILINEAR, FacetBasis, basis_of
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, IntArray, run_starts
+from geometry.mesh import FloatArray, IntArray, cross_matrix, run_starts
 
 
 class ContactError(RefusedError):
@@ -348,11 +348,6 @@ def corner_overclosures(
     return -np.einsum("fci,fci->fc", normal, distance) - surfaces.clearance
 
 
-def _cross_matrix(vector: FloatArray) -> FloatArray:
-    """[v]× with [v]× w = v × w; (..., 3, 3)."""
-    return -np.cross(vector[..., None, :], np.eye(3))
-
-
 def curvature(surfaces: ContactSurfaces, corner_displacements: FloatArray) -> FloatArray:
     """Second derivative of the overclosure with current normals.
 
@@ -372,7 +367,7 @@ def curvature(surfaces: ContactSurfaces, corner_displacements: FloatArray) -> Fl
     by_a_d = -tangential / area
     by_a_a = (frame.gap[:, :, None, None] * tangential / area + mixed + _transposed(mixed)) / area
     # δa = -[t_2]× δt_1 + [t_1]× δt_2
-    turn = [-_cross_matrix(frame.tangents[:, :, 1]), _cross_matrix(frame.tangents[:, :, 0])]
+    turn = [-cross_matrix(frame.tangents[:, :, 1]), cross_matrix(frame.tangents[:, :, 0])]
     hessian = np.zeros((*frame.area.shape, 9, 9))
     for i in range(2):
         rows = slice(3 + 3 * i, 6 + 3 * i)
@@ -381,8 +376,8 @@ def curvature(surfaces: ContactSurfaces, corner_displacements: FloatArray) -> Fl
         for j in range(2):
             columns = slice(3 + 3 * j, 6 + 3 * j)
             hessian[..., rows, columns] = _transposed(turn[i]) @ by_a_a @ turn[j]
-    hessian[..., 3:6, 6:] += _cross_matrix(e)
-    hessian[..., 6:, 3:6] -= _cross_matrix(e)
+    hessian[..., 3:6, 6:] += cross_matrix(e)
+    hessian[..., 6:, 3:6] -= cross_matrix(e)
     basis = surfaces.basis
     slopes = (basis.mean_slopes[:, :, 0], basis.mean_slopes[:, :, 1])
     factors = np.stack([basis.difference, *slopes], axis=1)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from fem.decks.keywords import real
 from geometry.assembly import Assembly
-from geometry.mesh import FloatArray
+from geometry.mesh import FloatArray, cross_matrix
 
 #: Largest difference of two rotation matrices that count as the same.
 _SAME = 1e-15
@@ -30,8 +30,7 @@ def rotation_matrix(axis: FloatArray, degrees: float) -> FloatArray:
     """Rotation by an angle [degrees] about a direction, (3, 3) (Rodrigues)."""
     n = axis / np.linalg.norm(axis)
     cosine, sine = _cosine_sine(degrees)
-    cross = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
-    return cosine * np.eye(3) + sine * cross + (1.0 - cosine) * np.outer(n, n)
+    return cosine * np.eye(3) + sine * cross_matrix(n) + (1.0 - cosine) * np.outer(n, n)
 
 
 def _cosine_sine(degrees: float) -> tuple[float, float]:

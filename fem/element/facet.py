@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from fem.element.lagrange import gauss_line, line_basis, tensor_points
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray, grid_points
 
 #: Natural coordinates of the four corners of a facet, (4, 2).
 FACET_CORNERS: FloatArray = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
@@ -126,7 +126,7 @@ def lagrange_basis(degree: int) -> FacetBasis:
         legendre.legvander(line, degree + 1)
     )
     return FacetBasis(
-        points=np.stack([x.ravel() for x in np.meshgrid(line, line, indexing="ij")], axis=1),
+        points=grid_points(line, line),
         values=at.values,
         slopes=at.slopes,
         weights=at.weights,

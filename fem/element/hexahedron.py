@@ -106,6 +106,12 @@ def gauss_gradients(coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
     return natural @ np.linalg.inv(jacobian), volume
 
 
+def point_volumes(coordinates: FloatArray) -> FloatArray:
+    """Volumes alone of the Gauss points of any number of elements, (n_elements, 8) [mm³]."""
+    parts = [gauss_gradients(coordinates[part])[1] for part in chunks(len(coordinates))]
+    return np.concatenate(parts)
+
+
 def mean_gradients(gradients: FloatArray, volume: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Volume average of the shape function gradients (Flanagan and Belytschko's uniform strain).
 
@@ -204,12 +210,12 @@ def extended_stiffness(
     return stiffness[:, :24, :24], stiffness[:, 24:, :24], stiffness[:, 24:, 24:]
 
 
-def _full(coordinates: FloatArray, material: Material, _: float) -> FloatArray:
+def _full(coordinates: FloatArray, material: Material) -> FloatArray:
     tensor = gradient_tensor(*gauss_gradients(coordinates))
     return isotropic_stiffness(tensor, material.lame_modulus, material.shear_modulus)
 
 
-def _b_bar(coordinates: FloatArray, material: Material, _: float) -> FloatArray:
+def _b_bar(coordinates: FloatArray, material: Material) -> FloatArray:
     """Deviatoric part at the Gauss points, dilatation averaged over the element."""
     gradients, volume = gauss_gradients(coordinates)
     mean, total = mean_gradients(gradients, volume)
@@ -218,15 +224,9 @@ def _b_bar(coordinates: FloatArray, material: Material, _: float) -> FloatArray:
     return deviatoric + material.bulk_modulus * gradient_tensor(mean[:, None], total[:, None])
 
 
-def _incompatible(coordinates: FloatArray, material: Material, _: float) -> FloatArray:
+def _incompatible(coordinates: FloatArray, material: Material) -> FloatArray:
     k_uu, k_au, k_aa = extended_stiffness(coordinates, material)
     return _symmetric(k_uu - np.swapaxes(k_au, 1, 2) @ np.linalg.solve(k_aa, k_au))
-
-
-def _uniform(coordinates: FloatArray, material: Material) -> FloatArray:
-    mean, total = mean_gradients(*gauss_gradients(coordinates))
-    tensor = gradient_tensor(mean[:, None], total[:, None])
-    return isotropic_stiffness(tensor, material.lame_modulus, material.shear_modulus)
 
 
 def hourglass_shape(coordinates: FloatArray, mean: FloatArray) -> FloatArray:
@@ -245,36 +245,24 @@ def hourglass_coefficient(
     return scale * material.shear_modulus * volume * np.einsum("eai,eai->e", mean, mean)
 
 
-def hourglass_stiffness(
-    coordinates: FloatArray, material: Material, scale: float = HOURGLASS_SCALE
-) -> FloatArray:
-    """Hourglass part of the stiffness of the reduced element.
+def hourglass_stiffness(coordinates: FloatArray, material: Material) -> FloatArray:
+    """Hourglass part of the stiffness of the reduced element, (n_elements, 24, 24) [N/mm].
 
-    K[ai, bj] = delta_ij C sum_m gamma[a, m] gamma[b, m],  C = scale · mu · V · B:B.
-
-    Parameters
-    ----------
-    coordinates
-        (n_elements, 8, 3) [mm].
-    material
-        Its shear modulus scales the stiffness.
-    scale
-        Dimensionless.
-
-    Returns
-    -------
-    FloatArray
-        (n_elements, 24, 24) [N/mm]; ½ uᵀ K u is the hourglass energy.
+    K[ai, bj] = delta_ij C sum_m gamma[a, m] gamma[b, m],  C = `HOURGLASS_SCALE` · mu · V · B:B;
+    ½ uᵀ K u is the hourglass energy.
     """
     mean, volume = mean_gradients(*gauss_gradients(coordinates))
     shape = hourglass_shape(coordinates, mean)
-    coefficient = hourglass_coefficient(mean, volume, material, scale)
+    coefficient = hourglass_coefficient(mean, volume, material)
     scalar = _symmetric(coefficient[:, None, None] * (shape @ np.swapaxes(shape, 1, 2)))
     return np.einsum("eab,ij->eaibj", scalar, np.eye(3)).reshape(-1, 24, 24)
 
 
-def _reduced(coordinates: FloatArray, material: Material, scale: float) -> FloatArray:
-    return _uniform(coordinates, material) + hourglass_stiffness(coordinates, material, scale)
+def _reduced(coordinates: FloatArray, material: Material) -> FloatArray:
+    mean, total = mean_gradients(*gauss_gradients(coordinates))
+    tensor = gradient_tensor(mean[:, None], total[:, None])
+    uniform = isotropic_stiffness(tensor, material.lame_modulus, material.shear_modulus)
+    return uniform + hourglass_stiffness(coordinates, material)
 
 
 def _strain(coordinates: FloatArray, _: Material) -> FloatArray:
@@ -305,8 +293,8 @@ def _uniform_strain(coordinates: FloatArray, _: Material) -> FloatArray:
 class Element:
     """One hexahedron: all that assembly, stresses and decks ask of it."""
 
-    stiffness: Callable[[FloatArray, Material, float], FloatArray]
-    """Of corners (n_elements, 8, 3) [mm], material and hourglass scale, (n_elements, 24, 24)."""
+    stiffness: Callable[[FloatArray, Material], FloatArray]
+    """Of corners (n_elements, 8, 3) [mm] and material, (n_elements, 24, 24)."""
     strain: Callable[[FloatArray, Material], FloatArray]
     """Strain at the integration points from corner displacements, (n_elements, points, 6, 24)."""
     points: int = 8
@@ -330,24 +318,9 @@ ELEMENTS = {
 
 
 def element_stiffness(
-    coordinates: FloatArray,
-    material: Material,
-    element: ElementType,
-    *,
-    hourglass_scale: float = HOURGLASS_SCALE,
+    coordinates: FloatArray, material: Material, element: ElementType
 ) -> FloatArray:
-    """Stiffness matrices, symmetric to the bit.
-
-    Parameters
-    ----------
-    coordinates
-        Corners of each element in VTK order, (n_elements, 8, 3) [mm].
-    material
-        Elastic constants.
-    element
-        Choice of the hexahedron.
-    hourglass_scale
-        Of the reduced element only; see `HOURGLASS_SCALE`.
+    """Stiffness matrices of corners (n_elements, 8, 3) [mm] in VTK order, symmetric to the bit.
 
     Returns
     -------
@@ -359,12 +332,8 @@ def element_stiffness(
     MeshError
         An element that is inverted or flat at a Gauss point.
     """
-    return np.concatenate(
-        [
-            ELEMENTS[element].stiffness(coordinates[part], material, hourglass_scale)
-            for part in chunks(len(coordinates))
-        ]
-    )
+    stiffness = ELEMENTS[element].stiffness
+    return np.concatenate([stiffness(coordinates[p], material) for p in chunks(len(coordinates))])
 
 
 def element_lumped_mass(coordinates: FloatArray, density: float) -> FloatArray:
@@ -394,24 +363,9 @@ def _block_pattern(mesh: HexMesh) -> tuple[IntArray, IntArray, IntArray]:
 
 
 def block_stiffness(
-    mesh: HexMesh,
-    material: Material,
-    element: ElementType,
-    *,
-    hourglass_scale: float = HOURGLASS_SCALE,
+    mesh: HexMesh, material: Material, element: ElementType
 ) -> scipy.sparse.bsr_array:
-    """Assemble the stiffness of one block.
-
-    Parameters
-    ----------
-    mesh
-        The block, checked here.
-    material
-        Elastic constants.
-    element
-        Choice of the hexahedron.
-    hourglass_scale
-        Of the reduced element only; see `HOURGLASS_SCALE`.
+    """Assemble the stiffness of one block, which is checked here.
 
     Returns
     -------
@@ -426,23 +380,17 @@ def block_stiffness(
     """
     check_mesh(mesh)
     return assemble_nodal_operator(
-        mesh,
-        lambda part: element_stiffness(part, material, element, hourglass_scale=hourglass_scale),
-        rows=3,
+        mesh, lambda part: element_stiffness(part, material, element), rows=3
     )
 
 
-def block_hourglass_stiffness(
-    mesh: HexMesh, material: Material, *, hourglass_scale: float = HOURGLASS_SCALE
-) -> scipy.sparse.bsr_array:
+def block_hourglass_stiffness(mesh: HexMesh, material: Material) -> scipy.sparse.bsr_array:
     """Assemble the hourglass part of the stiffness of the reduced element.
 
     ½ uᵀ K u is the hourglass energy of a block; (3 n_nodes, 3 n_nodes) [N/mm].
     """
     check_mesh(mesh)
-    return assemble_nodal_operator(
-        mesh, lambda part: hourglass_stiffness(part, material, hourglass_scale), rows=3
-    )
+    return assemble_nodal_operator(mesh, lambda part: hourglass_stiffness(part, material), rows=3)
 
 
 def assemble_nodal_operator(

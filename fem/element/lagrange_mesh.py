@@ -25,6 +25,7 @@ from geometry.mesh import (
     HexMesh,
     IntArray,
     MeshError,
+    grid_points,
     shape_values,
     structured_hexahedra,
     structured_quads,
@@ -37,12 +38,6 @@ _NO_MATTER = Material(density=1.0, young_modulus=1.0, poisson_ratio=0.0)
 _Keys = npt.NDArray[np.void]
 #: Eight whole numbers as one that can be sorted.
 _KEY = np.dtype((np.void, 64))
-
-
-def lattice(line: FloatArray, dimension: int) -> FloatArray:
-    """Tensor grid of the points of a line, last direction fastest, (n^dimension, dimension)."""
-    grid = np.meshgrid(*[line] * dimension, indexing="ij")
-    return np.stack([axis.ravel() for axis in grid], axis=1)
 
 
 @dataclass(frozen=True)
@@ -69,7 +64,7 @@ class LagrangeMesh(HexMesh):
 
         The first direction, slow, runs from corner 0 to 1, the second from corner 0 to 3.
         """
-        shares = bilinear(lattice(lobatto_points(self.degree), 2))[0]
+        shares = bilinear(grid_points(*[lobatto_points(self.degree)] * 2))[0]
         known, numbers = self._known
         found = np.empty((len(quads), len(shares)), dtype=np.int64)
         for node, share in enumerate(shares):
@@ -83,7 +78,7 @@ class LagrangeMesh(HexMesh):
     @cached_property
     def _known(self) -> tuple[_Keys, IntArray]:
         """Keys of the nodes on edges and faces, sorted, and their numbers."""
-        shares = shape_values(lattice(lobatto_points(self.degree), 3))
+        shares = shape_values(grid_points(*[lobatto_points(self.degree)] * 3))
         keys, numbers = [], []
         for node, share in enumerate(shares):
             if 1 < np.count_nonzero(share > _SHARE) < 8:
@@ -130,7 +125,7 @@ def lagrange_mesh(block: Block, degree: int) -> LagrangeMesh:
         At least two.
     """
     mesh, curve = block.mesh, block.curve
-    shares = shape_values(lattice(lobatto_points(degree), 3))
+    shares = shape_values(grid_points(*[lobatto_points(degree)] * 3))
     of = (shares > _SHARE).sum(axis=1)
     members = np.empty((mesh.n_elements, len(shares)), dtype=np.int64)
     between = np.flatnonzero((of > 1) & (of < 8))
@@ -267,7 +262,7 @@ def serendipity_block(block: Block) -> Block:
     """Block with hexahedra of 20 nodes on its exact shape, where it has one."""
     mesh = lagrange_mesh(block, 2)
     natural = np.concatenate([CORNERS, CORNERS[HEX_EDGES].mean(axis=1)])
-    grid = lattice(lobatto_points(2), 3)
+    grid = grid_points(*[lobatto_points(2)] * 3)
     columns = [int(np.abs(grid - place).sum(axis=1).argmin()) for place in natural]
     # Middles of edges come before those of faces or after: numbers are given anew.
     kept, members = np.unique(mesh.members[:, columns], return_inverse=True)

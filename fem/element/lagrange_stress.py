@@ -7,7 +7,6 @@ smaller cells; the last ones are extrapolated to vanishing cells.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -159,7 +158,7 @@ def averaged_tension(bodies: MovedBodies, radius: float) -> PointValue:
         return _points_between(bodies, near(centres, spread), spacing * radius, (centres, within))
 
     rough = _cells(bodies, np.arange(len(nodes)), _ROUGH * radius)
-    places = rough.positions[_apart(rough.positions, radius)]
+    places = rough.positions[one_of_each_cube(rough.positions, radius)]
     fair = _largest(places, _tension(rough, places, radius, _ROUGH), _FAIR)
     places = between(fair, 1.0, _CENTRES[0])
     good = _largest(places, _tension(rough, places, radius, _ROUGH), _GOOD)
@@ -341,7 +340,7 @@ def _tension(cells: _Cells, centres: FloatArray, radius: float, size: float) -> 
     return principal_stress(means)[..., 0]
 
 
-def _apart(points: FloatArray, spacing: float) -> IntArray:
+def one_of_each_cube(points: FloatArray, spacing: float) -> IntArray:
     """One point of each cube of that size, (n,)."""
     cells = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
     numbers = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
@@ -382,4 +381,4 @@ def equidistant(degree: int) -> TensorPoints:
 
 def grid_places(degree: int) -> IntArray:
     """Place in each direction of each point of `LagrangeCells`, (n_points, 3)."""
-    return np.array(list(itertools.product(range(degree + 1), repeat=3)), dtype=np.int64)
+    return np.indices((degree + 1,) * 3, dtype=np.int64).reshape(3, -1).T

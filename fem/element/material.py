@@ -84,11 +84,6 @@ class Material:
         """Return c_d = sqrt((lambda + 2 mu) / rho) [mm/s]."""
         return math.sqrt(self.constrained_modulus / self.density)
 
-    @property
-    def shear_wave_speed(self) -> float:
-        """Return c_s = sqrt(mu / rho) [mm/s]."""
-        return math.sqrt(self.shear_modulus / self.density)
-
     def elasticity_matrix(self) -> FloatArray:
         """Stress from engineering strain in the order (xx, yy, zz, xy, yz, xz); (6, 6) [MPa]."""
         matrix = np.zeros((6, 6))

@@ -1,4 +1,4 @@
-"""Stresses at integration points and at nodes, principal stresses and von Mises stress.
+"""Stresses at integration points and at nodes, principal stresses.
 
 Every operator is linear in the displacement and the same for all copies of a block, so it is
 built once and applied to all copies. Displacements are (n_nodes, 3) or (n_copies, n_nodes, 3);
@@ -24,6 +24,7 @@ from fem.element.hexahedron import (
     assemble_nodal_operator,
     chunks,
     gauss_gradients,
+    point_volumes,
 )
 from fem.element.material import Material
 from geometry.errors import RefusedError
@@ -115,12 +116,7 @@ def nodal_stress_operator(mesh: HexMesh, material: Material, element: ElementTyp
     bsr_array
         (6 n_nodes, 3 n_nodes) [MPa/mm] in 6 × 3 node blocks.
     """
-    volume = np.concatenate(
-        [
-            gauss_gradients(mesh.nodes[mesh.elements[p]])[1].sum(axis=1)
-            for p in chunks(len(mesh.elements))
-        ]
-    )
+    volume = point_volumes(mesh.nodes[mesh.elements]).sum(axis=1)
     share = np.bincount(mesh.elements.ravel(), np.repeat(volume, 8), minlength=mesh.n_nodes)
     extrapolation = corner_extrapolation(element)
     elasticity = material.elasticity_matrix()
@@ -203,11 +199,3 @@ def principal_stress(stress: FloatArray) -> FloatArray:
     """Principal stresses, sigma_1 >= sigma_2 >= sigma_3: (..., 3) of (..., 6) [MPa]."""
     ascending = np.linalg.eigvalsh(stress_tensor(stress)).astype(np.float64, copy=False)
     return np.ascontiguousarray(ascending[..., ::-1])
-
-
-def von_mises_stress(stress: FloatArray) -> FloatArray:
-    """Von Mises stress, sqrt(3/2 s:s) of the deviator: (...) of (..., 6) [MPa]."""
-    normal, shear = stress[..., :3], stress[..., 3:]
-    deviator = normal - normal.mean(axis=-1, keepdims=True)
-    squares = (deviator**2).sum(axis=-1) + 2.0 * (shear**2).sum(axis=-1)
-    return np.sqrt(1.5 * squares)

@@ -108,35 +108,6 @@ def _per_facet(
 
 
 @dataclass(frozen=True)
-class ConstantAmplitude:
-    """The same factor at all times."""
-
-    value: float = 1.0
-    """[-]"""
-
-    def __call__(self, time: float) -> float:  # noqa: ARG002 - one signature for all amplitudes
-        """Return the factor at ``time`` [s]."""
-        return self.value
-
-
-@dataclass(frozen=True)
-class RampAmplitude:
-    """Linear from 0 at the start to 1 after ``duration``, then 1."""
-
-    duration: float
-    """[s]"""
-    start: float = 0.0
-    """[s]"""
-
-    def __post_init__(self) -> None:
-        _check_duration(self.duration, self.start)
-
-    def __call__(self, time: float) -> float:
-        """Return the factor at ``time`` [s]."""
-        return min(max((time - self.start) / self.duration, 0.0), 1.0)
-
-
-@dataclass(frozen=True)
 class SmoothStepAmplitude:
     """Abaqus' smooth step: xi³ (10 - 15 xi + 6 xi²), flat in slope and curvature at both ends."""
 
@@ -146,7 +117,12 @@ class SmoothStepAmplitude:
     """[s]"""
 
     def __post_init__(self) -> None:
-        _check_duration(self.duration, self.start)
+        good = math.isfinite(self.duration) and self.duration > 0.0 and math.isfinite(self.start)
+        if not good:
+            raise LoadError(
+                f"amplitude: got duration = {self.duration} s from {self.start} s; expected a "
+                "positive duration (for a load at once give no amplitude)"
+            )
 
     def __call__(self, time: float) -> float:
         """Return the factor at ``time`` [s]."""
@@ -156,7 +132,7 @@ class SmoothStepAmplitude:
 
 @dataclass(frozen=True)
 class TabularAmplitude:
-    """Linear between the points of a table, constant outside it."""
+    """Linear between the points of a table, constant outside it: ramps, cycles."""
 
     times: tuple[float, ...]
     """Strictly increasing [s]."""
@@ -177,17 +153,6 @@ class TabularAmplitude:
     def __call__(self, time: float) -> float:
         """Return the factor at ``time`` [s]."""
         return float(np.interp(time, self.times, self.values))
-
-
-Amplitude = ConstantAmplitude | RampAmplitude | SmoothStepAmplitude | TabularAmplitude
-
-
-def _check_duration(duration: float, start: float) -> None:
-    if not (math.isfinite(duration) and duration > 0.0 and math.isfinite(start)):
-        raise LoadError(
-            f"amplitude: got duration = {duration} s from {start} s; expected a positive "
-            "duration (for a load at once use a constant amplitude)"
-        )
 
 
 def wrench_forces(

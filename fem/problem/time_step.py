@@ -6,11 +6,10 @@ one mode with damping ratio ξ this is Belytschko's Δt = (2/ω)(√(1 + ξ²) -
 proportional to mass does not appear: it acts at the mean of the two half-step velocities,
 which leaves the limit as it is.
 
-Single elements say what Abaqus quotes, and two true bounds. `characteristic_time_step` is L / c_d,
+Single elements say what Abaqus quotes, and a true bound. `characteristic_time_step` is L / c_d,
 the estimate that Abaqus/Explicit documents; it is not a bound (a cube of nu = 0.4 rings faster than
-that). `uniform_strain_time_step` bounds the one-point element, `element_eigenvalue_time_step` any
-element: with the lumped mass an assembled mesh is never stiffer than its stiffest free element
-(Irons and Treharne 1971).
+that). Two over the largest of `element_frequencies` is one: with the lumped mass an assembled mesh
+is never stiffer than its stiffest free element (Irons and Treharne 1971).
 """
 
 from __future__ import annotations
@@ -29,6 +28,7 @@ from fem.element.hexahedron import (
     element_stiffness,
     gauss_gradients,
     mean_gradients,
+    point_volumes,
 )
 from fem.element.material import Material
 from fem.problem.effects import Effects
@@ -48,10 +48,7 @@ def characteristic_length(coordinates: FloatArray) -> FloatArray:
         corners[:, :, 2] - corners[:, :, 0], corners[:, :, 3] - corners[:, :, 1]
     )
     largest = np.linalg.norm(vectors, axis=2).max(axis=1)
-    volume = np.concatenate(
-        [gauss_gradients(coordinates[part])[1].sum(axis=1) for part in chunks(len(coordinates))]
-    )
-    return volume / largest
+    return point_volumes(coordinates).sum(axis=1) / largest
 
 
 def damped_factor(damping_ratio: float) -> float:
@@ -77,23 +74,6 @@ def characteristic_time_step(
     return float(length) / material.dilatational_wave_speed * damped_factor(linear_bulk_viscosity)
 
 
-def uniform_strain_time_step(mesh: HexMesh, material: Material) -> float:
-    """Bound of the one-point element, 2 / omega with omega² <= 8 c_d² B:B [s].
-
-    Flanagan and Belytschko (1981), eq. 73 f.: B the averaged gradients, a corner carrying
-    an eighth of the mass; where the corners share the mass unequally, the lightest counts.
-    """
-    bound = math.inf
-    for part in chunks(mesh.n_elements):
-        coordinates = mesh.nodes[mesh.elements[part]]
-        mean, volume = mean_gradients(*gauss_gradients(coordinates))
-        lightest = element_lumped_mass(coordinates, material.density).min(axis=1)
-        square = np.einsum("eai,eai->e", mean, mean)
-        highest = (volume * material.constrained_modulus * square / lightest).max()
-        bound = min(bound, 2.0 / math.sqrt(highest))
-    return bound
-
-
 def element_frequencies(mesh: HexMesh, material: Material, element: ElementType) -> FloatArray:
     """Highest frequency of each free element with its lumped mass, (n_elements,) [rad/s]."""
     squares = np.empty(mesh.n_elements)
@@ -106,11 +86,6 @@ def element_frequencies(mesh: HexMesh, material: Material, element: ElementType)
         scaled = stiffness * scale[:, :, None] * scale[:, None, :]
         squares[part] = np.linalg.eigvalsh(scaled)[:, -1]
     return np.sqrt(squares)
-
-
-def element_eigenvalue_time_step(mesh: HexMesh, material: Material, element: ElementType) -> float:
-    """Bound of any element, 2 / omega_max over the free elements with their lumped masses [s]."""
-    return 2.0 / float(element_frequencies(mesh, material, element).max())
 
 
 class TimeStepError(RefusedError):
