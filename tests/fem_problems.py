@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.sparse.linalg import spsolve
 
@@ -51,6 +53,11 @@ def static_displacement(stiffness, force, prescribed, values=0.0) -> np.ndarray:
     right = force - matrix @ displacement
     displacement[free] = spsolve(matrix[free][:, free].tocsc(), right[free])
     return displacement
+
+
+def in_contact(deformable: DeformableAssembly, **stated) -> DeformableAssembly:
+    """The same blocks with another law, friction or sliding."""
+    return replace(deformable, contact=replace(deformable.contact, **stated))
 
 
 def tip_deflection(

@@ -23,7 +23,7 @@ from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import load_case
 from tests.conftest import random_rotation, tsb
-from tests.fem_problems import deformable_assembly
+from tests.fem_problems import deformable_assembly, in_contact
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
@@ -181,7 +181,7 @@ def test_friction_agrees_with_the_plain_law():
         mine = deformable.group_of[blocks] == 0
         copies = deformable.copy_of[blocks[mine]]
         np.add.at(expected[0], (copies[:, None], quads[mine]), corners[mine, half : half + 4])
-    statement = explicit_assembly(deformable, friction=friction)
+    statement = explicit_assembly(in_contact(deformable, friction=friction))
     found, _ = kernel_forces(statement, before, then=after)
     size = np.abs(force).max()
     assert np.abs(found[0] - expected[0]).max() < 1e-3 * size

@@ -20,7 +20,7 @@ from fem.problem.time_step import critical_time_step
 from geometry.assembly import Assembly
 from geometry.families.boxes import brick
 from geometry.loads import LoadCase
-from tests.fem_problems import deformable_assembly
+from tests.fem_problems import deformable_assembly, in_contact
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 GRAVITY = 9810.0
@@ -101,7 +101,7 @@ def on_incline(ratio, *, coefficient=0.3, time=4e-3, floor_first=True, effects=N
         size, law=LinearPenalty(penalty), lift=-sink, gravity=gravity, floor_first=floor_first
     )
     friction = CoulombFriction(coefficient)
-    statement = explicit_assembly(deformable, friction=friction, effects=effects)
+    statement = explicit_assembly(in_contact(deformable, friction=friction), effects=effects)
     result = solve(statement.model, end_time=time)
     mass = statement.model.groups[0].lumped_mass
     return float(mass @ result.displacements[0][0, :, 0] / mass.sum()), result
@@ -160,7 +160,7 @@ def test_no_friction_is_vanishing_friction_to_the_bit():
     deformable = block_on_floor(lift=0.001)
     runs = [
         solve(
-            explicit_assembly(deformable, friction=friction).model,
+            explicit_assembly(in_contact(deformable, friction=friction)).model,
             end_time=3e-4,
             velocities=falling(deformable, 10.0),
         )
@@ -172,7 +172,7 @@ def test_no_friction_is_vanishing_friction_to_the_bit():
 def test_friction_history_is_in_the_checkpoint(tmp_path):
     """A run with friction continued from a checkpoint ends in the same bits."""
     deformable = block_on_floor(lift=-1e-4, gravity=np.array([4000.0, 0.0, -9000.0]))
-    model = explicit_assembly(deformable, friction=CoulombFriction(0.3)).model
+    model = explicit_assembly(in_contact(deformable, friction=CoulombFriction(0.3))).model
     path = tmp_path / "checkpoint.npz"
     seen = []
 
@@ -200,9 +200,11 @@ def test_friction_is_refused_where_it_cannot_act():
         CoulombFriction(0.1, stick_stiffness=0.0)
     deformable = block_on_floor(normals=ContactNormals.REFERENCE)
     with pytest.raises(FrictionError, match="current normals"):
-        explicit_assembly(deformable, friction=CoulombFriction(0.1))
+        explicit_assembly(in_contact(deformable, friction=CoulombFriction(0.1)))
     with pytest.raises(FrictionError, match="critical time step"):
-        explicit_assembly(block_on_floor(), friction=CoulombFriction(0.1, stick_stiffness=1e5))
+        explicit_assembly(
+            in_contact(block_on_floor(), friction=CoulombFriction(0.1, stick_stiffness=1e5))
+        )
 
 
 def steps(deformable, count, *, sleep, speed=10.0):
@@ -326,7 +328,7 @@ def test_friction_forgets_when_blocks_lift_off():
     Pressed and moved along without lifting, it rubs with μ times the pressing force.
     """
     deformable = block_on_floor(lift=0.05)
-    model = explicit_assembly(deformable, friction=CoulombFriction(0.3)).model
+    model = explicit_assembly(in_contact(deformable, friction=CoulombFriction(0.3))).model
     pressed, along = np.array([0.0, 0.0, -0.052]), np.array([0.05, 0.0, 0.0])
     lifted = np.array([0.0, 0.0, 0.1])
     fresh = floor_forces(model, [pressed + along])
@@ -340,7 +342,7 @@ def test_friction_forgets_when_blocks_lift_off():
 def test_friction_forgets_the_block_that_lifts_off_beside_one_that_stays():
     """They are lanes of one loop: what the facets of one forget, those of the other keep."""
     deformable = block_on_floor(lift=0.05, blocks=2)
-    model = explicit_assembly(deformable, friction=CoulombFriction(0.3)).model
+    model = explicit_assembly(in_contact(deformable, friction=CoulombFriction(0.3))).model
     pressed, along = np.array([0.0, 0.0, -0.052]), np.array([0.05, 0.0, 0.0])
     lifted = np.array([0.0, 0.0, 0.1])
     path = [[pressed, pressed], [pressed, lifted], [pressed, lifted + along]]

@@ -12,6 +12,7 @@ from fem.explicit.solve import solve
 from fem.problem.effects import Effects
 from fem.problem.loads import SmoothStepAmplitude, TabularAmplitude
 from fem.problem.model import Model, fixed_nodes
+from tests.fem_problems import in_contact
 from tests.test_fem_explicit_contact_physics import GRAVITY, block_on_floor
 from validation.build.deformable import build_deformable, build_effects
 from validation.run.solve import run_explicit, run_static, scene_statement
@@ -28,7 +29,7 @@ ELASTIC = FRICTION.coefficient * PENALTY * SINK / FRICTION.stick_stiffness
 def pushed(amplitude, cycles):
     """All nodes moved along x by 0, +A, -A, +A …, back to +A after so many cycles."""
     deformable = block_on_floor(law=LinearPenalty(PENALTY), lift=-SINK)
-    model = explicit_assembly(deformable, friction=FRICTION).model
+    model = explicit_assembly(in_contact(deformable, friction=FRICTION)).model
     turns = np.array([0.0, 1.0, *([-1.0, 1.0] * cycles)])
     times = np.cumsum([0.0, 1.0, *([2.0] * 2 * cycles)]) * 2.5e-4
     moved = fixed_nodes(

@@ -33,7 +33,7 @@ from geometry.families.tube import sine_tube
 from geometry.loads import LoadCase, load_case
 from geometry.mesh import HexMesh
 from tests.conftest import tsb
-from tests.fem_problems import deformable_assembly
+from tests.fem_problems import deformable_assembly, in_contact
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 DAMPED = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
@@ -289,7 +289,7 @@ def test_forces_and_moments_balance():
     """Random displacements of a tube whose frames deform as well: closest points make the
     forces the gradient of an energy that no rigid motion changes (rounding as for faces)."""
     deformable = tube(frames=Frames.DEFORMABLE)
-    statement = explicit_assembly(deformable, finite_sliding=True)
+    statement = explicit_assembly(in_contact(deformable, finite_sliding=True))
     system = prepare(statement.model, time_step=1e-9)
     rng = np.random.default_rng(2)
     groups = statement.model.groups
@@ -318,8 +318,7 @@ def test_agrees_with_matched_facets_where_nothing_slides():
     pressures = []
     for finite_sliding in (False, True):
         statement = explicit_assembly(
-            deformable,
-            finite_sliding=finite_sliding,
+            in_contact(deformable, finite_sliding=finite_sliding),
             effects=DAMPED,
             amplitude=ramp(1e-3),
         )
@@ -345,7 +344,7 @@ def test_explicit_runs_that_search_refuse_reference_normals():
     deformable = tube()
     stated = replace(deformable.contact, normals=ContactNormals.REFERENCE)
     with pytest.raises(ContactError, match="current ones"):
-        explicit_assembly(replace(deformable, contact=stated), finite_sliding=True)
+        explicit_assembly(in_contact(replace(deformable, contact=stated), finite_sliding=True))
 
 
 def test_a_sector_slides_as_the_whole_ring():
@@ -355,8 +354,8 @@ def test_a_sector_slides_as_the_whole_ring():
     with the blocks that share it."""
     deformable = tube()
     orbits = cyclic_orbits(deformable, 4)
-    sector = explicit_assembly(deformable, orbits=orbits, finite_sliding=True)
-    whole = explicit_assembly(deformable, finite_sliding=True)
+    sector = explicit_assembly(in_contact(deformable, finite_sliding=True), orbits=orbits)
+    whole = explicit_assembly(in_contact(deformable, finite_sliding=True))
     rng = np.random.default_rng(7)
     moved = tuple(
         3e-3 * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in sector.model.groups

@@ -24,7 +24,7 @@ from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import face_pressure
 from geometry.mesh import FloatArray
 from geometry.polyhedra.polyhedron import polyhedron_from_quads
-from tests.fem_problems import deformable_assembly
+from tests.fem_problems import deformable_assembly, in_contact
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import QUADS, SECTIONS, brick_corners, overclosure, write_stl
 from validation.build.deformable import build_deformable
@@ -204,8 +204,8 @@ def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
     for scene, rel in ((alike, 1e-9), (tube, 1e-3)):
         deformable = build_deformable(scene, "scene")  # type: ignore[arg-type]
         matched, searched = (
-            block_frequencies(explicit_assembly(deformable, finite_sliding=s).model, 0.01)
-            for s in (False, True)
+            block_frequencies(explicit_assembly(stated).model, 0.01)
+            for stated in (deformable, in_contact(deformable, finite_sliding=True))
         )
         assert searched.excited == pytest.approx(matched.excited, rel=rel)
         assert searched.lowest == pytest.approx(matched.lowest, rel=rel)

@@ -452,13 +452,11 @@ class CapAction:
     """Contact force of those points over all contact force [-]."""
 
 
-def cap_action(law: ContactLaw, state: ContactState) -> CapAction | None:
-    """Where the cap of a law acted; None for a law without one."""
-    return cap_action_at(law, state.point_pressures, state.point_areas)
+def cap_action(law: ContactLaw, pressures: FloatArray, areas: FloatArray) -> CapAction | None:
+    """Where the cap of a law acted on points of pressures [MPa] and areas [mm²], (n,) each.
 
-
-def cap_action_at(law: ContactLaw, pressures: FloatArray, areas: FloatArray) -> CapAction | None:
-    """Where the cap of a law acted, from pressures [MPa] and areas [mm²] of points, (n,) each."""
+    None for a law without one.
+    """
     if not (isinstance(law, ExponentialLaw) and np.isfinite(law.maximum_stiffness)):
         return None
     force = areas * pressures

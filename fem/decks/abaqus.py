@@ -36,6 +36,7 @@ from fem.decks.statement import (
     BodyForceLoad,
     Deck,
     DeckLoad,
+    DeckStep,
     Flavour,
     NodalForceLoad,
     Procedure,
@@ -278,9 +279,7 @@ def _initial_motion(deck: Deck) -> Iterator[str]:
     if spin == 0.0:
         yield keyword("Initial Conditions", type="VELOCITY")
         for block in range(assembly.n_blocks):
-            for component, value in enumerate(motion.velocity.tolist(), start=1):
-                if value != 0.0:
-                    yield f"{block_label(deck, block)}.{ALL}, {component}, {real(value)}"
+            yield from component_lines(f"{block_label(deck, block)}.{ALL}", motion.velocity)
         return
     yield keyword("Initial Conditions", type="ROTATING VELOCITY")
     for block in range(assembly.n_blocks):
@@ -313,8 +312,7 @@ def step_lines(deck: Deck, patches: Patches | None) -> Iterator[str]:
     yield "**"
     yield keyword("Step", name="LOAD", nlgeom="YES" if step.large_rotations else "NO")
     if static:
-        yield keyword("Static")
-        yield reals([0.1 * step.end_time, step.end_time, 1e-6 * step.end_time, step.end_time])
+        yield from static_lines(step)
     else:
         yield from _explicit(deck)
     if patches is not None and not static:
@@ -328,6 +326,12 @@ def step_lines(deck: Deck, patches: Patches | None) -> Iterator[str]:
         )
     yield from _output(deck)
     yield keyword("End Step")
+
+
+def static_lines(step: DeckStep) -> Iterator[str]:
+    """Procedure of a static step: first increment, end, least and largest increment."""
+    yield keyword("Static")
+    yield reals([0.1 * step.end_time, step.end_time, 1e-6 * step.end_time, step.end_time])
 
 
 def _explicit(deck: Deck) -> Iterator[str]:
@@ -418,10 +422,15 @@ def _components(start: str, vector: FloatArray) -> Iterator[str]:
 
 
 def _nodal_forces(deck: Deck, load: NodalForceLoad) -> Iterator[str]:
-    for block, node, force in zip(load.blocks, load.nodes, load.forces.tolist(), strict=True):
-        for component, value in enumerate(force, start=1):
-            if value != 0.0:
-                yield f"{block_label(deck, int(block))}.{node + 1}, {component}, {real(value)}"
+    for block, node, force in zip(load.blocks.tolist(), load.nodes, load.forces, strict=True):
+        yield from component_lines(f"{block_label(deck, block)}.{node + 1}", force)
+
+
+def component_lines(target: str, vector: FloatArray) -> Iterator[str]:
+    """Number and value of each component of a vector on nodes, zeros left out."""
+    for component, value in enumerate(vector.tolist(), start=1):
+        if value != 0.0:
+            yield f"{target}, {component}, {real(value)}"
 
 
 def _body_forces(deck: Deck, load: BodyForceLoad) -> Iterator[str]:

@@ -16,10 +16,12 @@ import numpy as np
 
 from fem.decks.abaqus import (
     amplitude_parameter,
+    component_lines,
     gravity_lines,
     heading_lines,
     material_lines,
     pair_keyword,
+    static_lines,
     surface_lines,
 )
 from fem.decks.faces import ElementFaces, Patches, contact_patches, element_faces
@@ -160,24 +162,17 @@ def _model_data(deck: Deck, starts: Starts) -> Iterator[str]:
 
 
 def _sampled_amplitude(duration: float) -> Iterator[str]:
-    times = np.linspace(0.0, duration, _AMPLITUDE_POINTS).tolist()
     smooth = SmoothStepAmplitude(duration)
-    row: list[float] = []
-    for time in times:
-        row += [time, smooth(time)]
-        if len(row) == 8:
-            yield reals(row)
-            row = []
-    if row:
-        yield reals(row)
+    times = np.linspace(0.0, duration, _AMPLITUDE_POINTS).tolist()
+    pairs = [number for time in times for number in (time, smooth(time))]
+    for first in range(0, len(pairs), 8):
+        yield reals(pairs[first : first + 8])
 
 
 def _nodal_lines(values: FloatArray, start: int) -> Iterator[str]:
     """Node, component and value, zeros left out."""
-    for node, row in enumerate(values.tolist(), start=start + 1):
-        for component, value in enumerate(row, start=1):
-            if value != 0.0:
-                yield f"{node}, {component}, {real(value)}"
+    for node, row in enumerate(values, start=start + 1):
+        yield from component_lines(str(node), row)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -190,8 +185,7 @@ def _step(deck: Deck, starts: Starts) -> Iterator[str]:
     geometry: dict[str, str | None] = {"nlgeom": None} if step.large_rotations else {}
     yield keyword("Step", **geometry, inc="1000000")
     if step.procedure is Procedure.STATIC:
-        yield keyword("Static")
-        yield reals([0.1 * step.end_time, step.end_time, 1e-6 * step.end_time, step.end_time])
+        yield from static_lines(step)
         yield keyword("Controls", parameters="FIELD")
         yield reals(_CONVERGENCE)
     else:
@@ -294,12 +288,7 @@ def held_name(deck: Deck, hold: Hold) -> str:
 
 def held_set_lines(deck: Deck, starts: Starts) -> Iterator[str]:
     """Sets of held nodes."""
-    written = set()
-    for hold in deck.holds:
-        name = held_name(deck, hold)
-        if name in written:
-            continue
-        written.add(name)
+    for name, hold in {held_name(deck, hold): hold for hold in deck.holds}.items():
         first, end = starts.node[hold.block], starts.node[hold.block + 1]
         if hold.face is None:
             yield keyword("Nset", nset=name, generate=None)

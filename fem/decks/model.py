@@ -18,7 +18,7 @@ from fem.contact.surfaces import ContactNormals
 from fem.decks.statement import BodyForceLoad, Deck, DeckLoad, Joint, NodalForceLoad, Procedure
 from fem.element.hexahedron import block_lumped_mass
 from fem.problem.loads import SmoothStepAmplitude, pressure_forces, traction_forces
-from fem.problem.model import Model, NodalLoad, Support, fixed_nodes
+from fem.problem.model import Model, NodalLoad, Support, fixed_nodes, nodal_load
 from geometry.loads import CircumferentialLoad, PressureLoad
 from geometry.mesh import FloatArray, IntArray
 
@@ -110,10 +110,10 @@ def _loads(deck: Deck, group_of: IntArray, copy_of: IntArray) -> tuple[NodalLoad
         for block in np.unique(load.blocks).tolist():
             if group_of[block] < 0:
                 continue
-            forces = nodal_forces(deck, load, block)
-            nodes = np.flatnonzero(forces.any(axis=1))
-            copies = np.full(len(nodes), copy_of[block])
-            loads.append(NodalLoad(int(group_of[block]), copies, nodes, forces[nodes], amplitude))
+            forces, copies = nodal_forces(deck, load, block), copy_of[[block]]
+            loads.append(
+                nodal_load(int(group_of[block]), forces, copies=copies, amplitude=amplitude)
+            )
     return tuple(loads)
 
 

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 
 from fem.explicit.body import Body, make_body
-from fem.explicit.damping import adapt, residual, round_off, settling
+from fem.explicit.damping import adapt, applied_forces, residual, round_off, settling
 from fem.explicit.kernels import PARALLEL, SERIAL
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.output.checkpoint import (
@@ -252,10 +252,7 @@ def acceleration(
     body: Body, now: BodyState, mass_damping: float | None, falling: LaneArray | None
 ) -> FloatArray:
     """Accelerations of the forces that the state holds, placement frame, (n_rows, 3, lanes)."""
-    force = -now.internal_force.astype(np.float64)
-    if body.applied_row is not None and now.applied_force is not None:
-        touched = body.applied_row >= 0
-        force[touched] += now.applied_force[body.applied_row[touched]]
+    force = applied_forces(body, now) - now.internal_force.astype(np.float64)
     result: FloatArray = force / body.mass[:, None, None]
     if falling is not None:
         result += falling

@@ -8,7 +8,8 @@ anchors are those of the step's start; at its end they move.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -94,16 +95,9 @@ def friction_rows(system: LocalSystem, friction: CoulombFriction) -> FrictionRow
 
 def joined(normal: Linearisation, tangential: Linearisation) -> Linearisation:
     """Both kinds of rows in one linear problem."""
-
-    def both(name: str) -> FloatArray:
-        return np.concatenate([getattr(normal, name), getattr(tangential, name)], axis=1)
-
-    return Linearisation(
-        weights=both("weights"),
-        gradient=both("gradient"),
-        constant=both("constant"),
-        at=both("at"),
-        pressure=both("pressure"),
-        stiffness=both("stiffness"),
-        load_factor=normal.load_factor,
-    )
+    names = (f.name for f in fields(normal) if f.name != "load_factor")
+    both: dict[str, Any] = {
+        name: np.concatenate([getattr(normal, name), getattr(tangential, name)], axis=1)
+        for name in names
+    }
+    return replace(normal, **both)

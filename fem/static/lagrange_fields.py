@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -38,15 +38,7 @@ def whole(state: TubeState) -> TubeState:
     if not state.layered.halved:
         return state
     layered = LayeredJoints(state.layered.n_layers, state.layered.turned)
-    return TubeState(
-        state.lattice,
-        layered,
-        state.pressures,
-        state.weights,
-        every_layer(state),
-        state.iterations,
-        state.residual,
-    )
+    return replace(state, layered=layered, displacements=every_layer(state))
 
 
 @dataclass(frozen=True)

@@ -212,11 +212,15 @@ def _load(
         points = facing_points(deformable, None if start is None else start.displacements, orbits)
     problem = _problem(deformable, orbits, options, store, points)
     ready = time.process_time()
-    state = _start_state(problem.system, start)
-    if points is None:
-        state = _load_up(problem, state, options.load_steps)
-    else:
-        problem, state = _load_searched(problem, points, state, store, options.load_steps)
+    first = _start_state(problem.system, start)
+    way = _load_up if points is None else partial(_follow_up, points=points, store=store)
+    problem, state = way(problem, first, options.load_steps)
+    more = options.load_steps < _FALLBACK_LOAD_STEPS and options.load_path is None
+    if more and not state.converged:
+        again = replace(first, residuals=state.residuals)
+        if points is not None:
+            problem, again = _searched_anew(problem, again, points, store)
+        problem, state = way(problem, again, _FALLBACK_LOAD_STEPS)
     solved = time.process_time()
     system = problem.system
     displacement = problem.step.complete(state.displacement)
@@ -241,11 +245,13 @@ def _problem(
     if points is not None:
         searched = searched_surfaces(points, deformable.surfaces.clearance)
     system = local_system(deformable, orbits, searched)
-    step = _linear_step(system, options, store)
     friction = deformable.contact.friction
     rows = None if friction is None else friction_rows(system, friction)
-    kept = np.ones(system.n_nodes, dtype=np.bool_)
-    if options.method is StaticMethod.CONDENSED:
+    step: LinearStep
+    if options.method is StaticMethod.SPARSE:
+        step, kept = SparseStep(system, options.sparse_solver), np.ones(system.n_nodes, np.bool_)
+    else:
+        step = CondensedStep(system, store)
         kept = np.isin(np.arange(system.n_nodes), system.corner_nodes)
     free = free_motions(system, kept)
     return _Problem(system, step, options, rows, deformable.contact.normals, free)
@@ -255,14 +261,6 @@ def _orbits(deformable: DeformableAssembly, symmetry: int | None) -> Orbits:
     if symmetry is None:
         return largest_cyclic_orbits(deformable)
     return no_symmetry(deformable) if symmetry == 1 else cyclic_orbits(deformable, symmetry)
-
-
-def _linear_step(
-    system: LocalSystem, options: StaticOptions, store: FlexibilityStore | None
-) -> LinearStep:
-    if options.method is StaticMethod.SPARSE:
-        return SparseStep(system, options.sparse_solver)
-    return CondensedStep(system, store)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -347,26 +345,21 @@ def _localised(system: LocalSystem, start: StaticResult) -> FloatArray:
     return system.localised(start.displacements)
 
 
-def _load_up(problem: _Problem, state: _State, parts: int) -> _State:
-    """Apply the load in parts; in more parts when that does not converge."""
-    first = state
+def _load_up(problem: _Problem, state: _State, parts: int) -> tuple[_Problem, _State]:
+    """Apply the load in parts."""
     for factor in _load_path(problem, parts):
         begin = state.displacement
         state = replace(state, load_factor=factor, converged=False, swinging=False)
         reached = _converge(problem, state)
         if problem.friction is not None and reached.residuals[-1] > _HISTORY:
             # What follows would start from a history that no equilibrium has.
-            state = reached
-            break
+            return problem, reached
         if not reached.converged and _has_potential(problem):
             reached = _descend(problem, replace(state, residuals=reached.residuals))
         state = _advance_friction(problem, reached, begin)
         if problem.options.keep_steps:
             state = replace(state, path=(*state.path, _kept_step(problem, state)))
-    if not state.converged and parts < _FALLBACK_LOAD_STEPS and problem.options.load_path is None:
-        again = replace(first, residuals=state.residuals)
-        return _load_up(problem, again, _FALLBACK_LOAD_STEPS)
-    return state
+    return problem, state
 
 
 def _load_path(problem: _Problem, parts: int) -> tuple[float, ...]:
@@ -375,20 +368,8 @@ def _load_path(problem: _Problem, parts: int) -> tuple[float, ...]:
     return load_factors(parts, friction=problem.friction is not None) if asked is None else asked
 
 
-def _load_searched(
-    problem: _Problem, points: FacingPoints, first: _State, store: FlexibilityStore, parts: int
-) -> tuple[_Problem, _State]:
-    """Apply the load in parts; in more parts when that does not converge."""
-    reached, state = _follow_up(problem, points, first, store, parts)
-    if state.converged or parts >= _FALLBACK_LOAD_STEPS or problem.options.load_path:
-        return reached, state
-    again = replace(first, residuals=state.residuals)
-    problem, again = _searched_anew(problem, points, again, store)
-    return _follow_up(problem, points, again, store, _FALLBACK_LOAD_STEPS)
-
-
 def _follow_up(
-    problem: _Problem, points: FacingPoints, state: _State, store: FlexibilityStore, parts: int
+    problem: _Problem, state: _State, parts: int, *, points: FacingPoints, store: FlexibilityStore
 ) -> tuple[_Problem, _State]:
     """Apply the load in parts; points follow the motion until they stay."""
     elastic = _Elastic.none(points)
@@ -396,7 +377,7 @@ def _follow_up(
         begin = state.displacement
         for search in range(_MAX_SEARCHES):
             if search or part:
-                problem, state = _searched_anew(problem, points, state, store)
+                problem, state = _searched_anew(problem, state, points, store)
             state = replace(
                 state,
                 load_factor=factor,
@@ -418,7 +399,7 @@ def _follow_up(
 
 
 def _searched_anew(
-    problem: _Problem, points: FacingPoints, state: _State, store: FlexibilityStore
+    problem: _Problem, state: _State, points: FacingPoints, store: FlexibilityStore
 ) -> tuple[_Problem, _State]:
     """The problem on the points of the place that a state has, and the state linearised there."""
     system = problem.system

@@ -68,11 +68,11 @@ def ready(
     deformable: DeformableAssembly, symmetry: int, *, friction: bool, rotation: bool
 ) -> tuple[System, State]:
     """A run with contact, ready for the next step."""
+    contact = replace(deformable.contact, friction=CoulombFriction(0.1) if friction else None)
     found = explicit_assembly(
-        deformable,
+        replace(deformable, contact=contact),
         orbits=cyclic_orbits(deformable, symmetry),
         counted_pressure=4.0,
-        friction=CoulombFriction(0.1) if friction else None,
         effects=Effects(finite_rotation=rotation),
     )
     return warm(found, _WARM_UP)

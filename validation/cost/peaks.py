@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from fem.assembly.contact_state import CapAction, cap_action_at
+from fem.assembly.contact_state import CapAction, cap_action
 from validation.cost.references import Reference, references
 from validation.output.console import listing
 from validation.run.curved.accuracy import LADDER, Rung
@@ -123,7 +123,7 @@ def cap_comparison(rungs: tuple[Rung, ...] = LADDER.rungs[:2]) -> CapComparison:
         before = solve_curved(NAME, scene, rung.mesh(3), state)
     assert before is not None
     found = solve_curved(NAME, capped, before.mesh, before.state)
-    action = cap_action_at(capped.contact.built, found.state.pressures, found.state.weights)
+    action = cap_action(capped.contact.built, found.state.pressures, found.state.weights)
     assert action is not None
     return CapComparison(before.measures, found.measures, action)
 

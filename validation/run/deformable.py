@@ -263,7 +263,9 @@ class DeformableRun:
     @cached_property
     def cap(self) -> CapAction | None:
         """Where the maximum stiffness of the contact law acted; None for a law without one."""
-        return cap_action(self.deformable.contact.law, self.contact_state)
+        state = self.contact_state
+        law = self.deformable.contact.law
+        return cap_action(law, state.point_pressures, state.point_areas)
 
     @cached_property
     def quasi_static(self) -> QuasiStaticReport | None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from fem.assembly.contact_state import (
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.local_system import FreeMotions, LocalSystem, free_motions, local_system
 from fem.assembly.symmetry import Orbits, no_symmetry
-from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
 from fem.contact.surfaces import ContactError, ContactNormals
 from fem.explicit.body import Body
@@ -40,6 +39,8 @@ from fem.problem.model import (
     Support,
 )
 from geometry.mesh import FloatArray, IntArray
+
+_Entries = TypeVar("_Entries", Support, NodalLoad)
 
 
 @dataclass(frozen=True)
@@ -232,8 +233,6 @@ def explicit_assembly(
     orbits: Orbits | None = None,
     effects: Effects | None = None,
     amplitude: Amplitude | None = None,
-    friction: CoulombFriction | None = None,
-    finite_sliding: bool | None = None,
     counted_pressure: float = COUNTED_PRESSURE,
     formulation: Formulation = Formulation.SHARED_STIFFNESS,
 ) -> ExplicitAssembly:
@@ -250,12 +249,6 @@ def explicit_assembly(
     amplitude
         Factor of all loads in time; None: constant. On the way to a static state gravity is one of
         them; else it acts at once, as in Abaqus' steps.
-    friction
-        Coulomb friction on all contact surfaces; None: that of the assembly.
-    finite_sliding
-        Whether a search finds the facets that face each other (`fem.explicit.contact.sliding`), so
-        that blocks may slide far and surfaces need not conform; otherwise matched facets stay
-        matched and no search exists. None: as the assembly says.
     counted_pressure
         Pressure whose stiffness the critical time step counts in, see `counted_stiffness` [MPa].
     formulation
@@ -278,13 +271,9 @@ def explicit_assembly(
     copy_of = copy[orbits.representative]
     model = deformable.model
     kept = [deformable.copy_of[blocks] for blocks in chosen]
-    friction = deformable.contact.friction if friction is None else friction
-    sliding = deformable.contact.finite_sliding if finite_sliding is None else finite_sliding
     counted = counted_stiffness(deformable.contact.law, counted_pressure)
-    contact = None
-    if sliding or deformable.meets:
-        contact = _contact(deformable, orbits, copy_of, friction, counted, sliding=sliding)
-    interactions: list[InteractionModel] = [contact] if contact and deformable.meets else []
+    contact = _contact(deformable, orbits, copy_of, counted) if deformable.meets else None
+    interactions: list[InteractionModel] = [contact] if contact else []
     hold = cell_hold(deformable, orbits, chosen)
     if hold is not None:
         interactions.append(hold)
@@ -294,8 +283,8 @@ def explicit_assembly(
         copy_of=copy_of,
         model=Model(
             groups=tuple(_some_copies(g, k) for g, k in zip(model.groups, kept, strict=True)),
-            supports=tuple(_some_support(s, kept[s.group]) for s in model.supports),
-            loads=tuple(_some_load(f, kept[f.group], amplitude) for f in model.loads),
+            supports=tuple(_some(s, kept[s.group]) for s in model.supports),
+            loads=tuple(replace(_some(f, kept[f.group]), amplitude=amplitude) for f in model.loads),
             effects=_with_gravity(effects, deformable.gravity, amplitude),
             interactions=tuple(interactions),
             formulation=formulation,
@@ -322,16 +311,11 @@ def _with_gravity(
 
 
 def _contact(
-    deformable: DeformableAssembly,
-    orbits: Orbits,
-    copy_of: IntArray,
-    friction: CoulombFriction | None,
-    counted: float,
-    *,
-    sliding: bool,
+    deformable: DeformableAssembly, orbits: Orbits, copy_of: IntArray, counted: float
 ) -> FaceContact | SlidingContact:
     """Contact of the representatives: on matched facets, or where a search finds them."""
     contact = deformable.contact
+    sliding = contact.finite_sliding
     if sliding and contact.normals is ContactNormals.REFERENCE:
         raise ContactError(
             "normals: got reference normals with finite sliding, which an explicit run measures "
@@ -342,7 +326,7 @@ def _contact(
         "law": contact.law,
         "clearance": deformable.surfaces.clearance,
         "counted_stiffness": counted,
-        "friction": friction,
+        "friction": contact.friction,
     }
     if sliding:
         surfaces = block_surfaces(deformable, orbits, copy_of)
@@ -394,23 +378,9 @@ def _new_numbers(copies: IntArray, kept: IntArray) -> tuple[IntArray, IntArray]:
     return mine, number[copies[mine]]
 
 
-def _some_support(support: Support, kept: IntArray) -> Support:
-    mine, copies = _new_numbers(support.copies, kept)
-    return replace(
-        support,
-        copies=copies,
-        nodes=support.nodes[mine],
-        directions=support.directions[mine],
-        displacement=support.displacement[mine],
-    )
-
-
-def _some_load(load: NodalLoad, kept: IntArray, amplitude: Amplitude | None) -> NodalLoad:
-    mine, copies = _new_numbers(load.copies, kept)
-    return replace(
-        load,
-        copies=copies,
-        nodes=load.nodes[mine],
-        forces=load.forces[mine],
-        amplitude=amplitude,
-    )
+def _some(entries: _Entries, kept: IntArray) -> _Entries:
+    """Entries of kept copies: the arrays of a support or a load have a row for each."""
+    mine, copies = _new_numbers(entries.copies, kept)
+    given = {f.name: getattr(entries, f.name) for f in fields(entries)}
+    rows: dict[str, Any] = {name: a[mine] for name, a in given.items() if isinstance(a, np.ndarray)}
+    return replace(entries, **(rows | {"copies": copies}))

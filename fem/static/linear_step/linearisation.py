@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cache
 from importlib import import_module, util
@@ -163,15 +163,9 @@ def coarsened(linear: Linearisation) -> Linearisation:
         return (linear.weights * values).sum(axis=1, keepdims=True) / weights
 
     gradient = np.einsum("fp,fpai->fai", linear.weights / weights, linear.gradient)
-    return Linearisation(
-        weights=weights,
-        gradient=gradient[:, None],
-        constant=mean(linear.constant),
-        at=mean(linear.at),
-        pressure=mean(linear.pressure),
-        stiffness=mean(linear.stiffness),
-        load_factor=linear.load_factor,
-    )
+    names = ("constant", "at", "pressure", "stiffness")
+    means: dict[str, Any] = {name: mean(getattr(linear, name)) for name in names}
+    return replace(linear, weights=weights, gradient=gradient[:, None], **means)
 
 
 class LinearStep(Protocol):

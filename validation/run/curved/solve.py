@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fem.assembly.contact_state import CapAction, cap_action_at
+from fem.assembly.contact_state import CapAction, cap_action
 from fem.contact.law import ContactLaw
 from fem.element.lagrange import LagrangeElement
 from fem.element.lagrange_stress import PointValue, averaged_tension, everywhere
@@ -177,7 +177,7 @@ def curved_run(
         measures={key: replace(m, error=errors.get(key)) for key, m in last.measures.items()},
         estimate=estimate,
         state=state,
-        cap=cap_action_at(scene.contact.built, state.pressures, state.weights),
+        cap=cap_action(scene.contact.built, state.pressures, state.weights),
     )
 
 
