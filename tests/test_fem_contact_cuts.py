@@ -95,9 +95,11 @@ def test_a_uniform_pressure_gives_the_forces_of_either_surface(cells, shift, tur
     outer = plate(0, 7, up=True)
     outer = BlockSurface(**(vars(outer) | {"reference": 3.0 * outer.reference}))
     points = FacingPoints((outer, plate(1, cells, (shift, shift), turn, up=False)), reach=0.1)
-    assert (points.facet < 49).all()
+    assert (points.now.facet < 49).all()
     on_nodes = np.zeros(len(points.position))
-    np.add.at(on_nodes, points.quads[points.slave], points.weights[:, None] * points.shapes)
+    np.add.at(
+        on_nodes, points.quads[points.now.slave], points.now.weights[:, None] * points.now.shapes
+    )
     cell = (4.0 / cells) ** 2
     line = np.full(cells + 1, 1.0)
     line[[0, -1]] = 0.5
@@ -107,17 +109,17 @@ def test_a_uniform_pressure_gives_the_forces_of_either_surface(cells, shift, tur
 def test_what_hangs_over_faces_nothing():
     """A plate moved aside by 1.1 mm of its 4 mm along both axes: 2.9² mm² remain."""
     points = FacingPoints((plate(0, 4, up=True), plate(1, 4, (1.1, 1.1), up=False)), reach=0.1)
-    assert points.weights.sum() == pytest.approx(2.9**2, rel=1e-12)
-    assert (points.cells >= -1.0).all()
-    assert (points.cells <= 1.0).all()
+    assert points.now.weights.sum() == pytest.approx(2.9**2, rel=1e-12)
+    assert (points.now.cells >= -1.0).all()
+    assert (points.now.cells <= 1.0).all()
 
 
 def test_facets_that_match_to_rounding_keep_their_gauss_points():
     """Four points on each facet at ±1/√3, also after a slide of a thousandth."""
     for shift in (0.0, 1e-12, 1e-3):
         points = FacingPoints((plate(0, 4, up=True), plate(1, 4, (shift, 0), up=False)), reach=0.1)
-        assert np.bincount(points.slave)[16:].min() == 4
-        corner = points.shapes.max(axis=1)
+        assert np.bincount(points.now.slave)[16:].min() == 4
+        corner = points.now.shapes.max(axis=1)
         assert corner == pytest.approx((1.0 + 1.0 / np.sqrt(3.0)) ** 2 / 4.0, abs=2e-3)
 
 
@@ -140,8 +142,12 @@ def test_slivers_have_fewer_points_and_err_by_their_share(shift):
     for share in (0.0, slight):
         points = FacingPoints(plates, reach=0.1, slight=share)
         on_nodes = np.zeros(len(points.position))
-        np.add.at(on_nodes, points.quads[points.slave], points.weights[:, None] * points.shapes)
-        found.append((points.count, on_nodes, points.weights.sum()))
+        np.add.at(
+            on_nodes,
+            points.quads[points.now.slave],
+            points.now.weights[:, None] * points.now.shapes,
+        )
+        found.append((points.count, on_nodes, points.now.weights.sum()))
     (many, exact, area), (fewer, close, same) = found
     assert fewer < many
     assert same == pytest.approx(area, rel=1e-12)

@@ -72,7 +72,7 @@ class BlockSurface:
 
 @dataclass(frozen=True)
 class PointsOnFacets:
-    """Points of a search and what they face, facets as `FacingPoints.whole` names them."""
+    """Points of a search and what they face."""
 
     slave: IntArray
     """Facet of each point, (n,)."""
@@ -154,54 +154,15 @@ class FacingPoints:
 
     def _take(self, room: int) -> None:
         """Make room for points."""
-        self._slave, self._facet = np.zeros(room, np.int64), np.zeros(room, np.int64)
-        self._shapes, self._weights = np.zeros((room, 4)), np.zeros(room)
-        self._cells, self._xi = np.zeros((room, 2, 2)), np.zeros((room, 2))
-
-    @property
-    def slave(self) -> IntArray:
-        """Facet of each point, (n,)."""
-        return self._slave[: self.count]
-
-    @property
-    def shapes(self) -> FloatArray:
-        """Shape functions of its corners there, (n, 4)."""
-        return self._shapes[: self.count]
-
-    @property
-    def weights(self) -> FloatArray:
-        """Area that each point stands for, of the undeformed surface, (n,) [mm²]."""
-        return self._weights[: self.count]
-
-    @property
-    def cells(self) -> FloatArray:
-        """Box round that area in natural coordinates, lower then upper corner, (n, 2, 2)."""
-        return self._cells[: self.count]
-
-    @property
-    def facet(self) -> IntArray:
-        """Facet that each point faces, (n,)."""
-        return self._facet[: self.count]
-
-    @property
-    def xi(self) -> FloatArray:
-        """Natural coordinates of the closest point there, (n, 2)."""
-        return self._xi[: self.count]
-
-    @property
-    def room(self) -> int:
-        """Points that there is room for."""
-        return len(self._slave)
-
-    @property
-    def all_xi(self) -> FloatArray:
-        """`xi` with the room for more points, (room, 2)."""
-        return self._xi
-
-    @property
-    def block(self) -> IntArray:
-        """Block that each point lies on, (n,)."""
-        return self.facet_block[self.slave]
+        #: Points, with room for more after the first `count` of them.
+        self.room = PointsOnFacets(
+            slave=np.zeros(room, np.int64),
+            shapes=np.zeros((room, 4)),
+            weights=np.zeros(room),
+            cells=np.zeros((room, 2, 2)),
+            facet=np.zeros(room, np.int64),
+            xi=np.zeros((room, 2)),
+        )
 
     @property
     def facet_block(self) -> IntArray:
@@ -215,26 +176,25 @@ class FacingPoints:
         return np.concatenate([np.arange(f.stop - f.start) for f in self.facets])
 
     def on_facets(self) -> PointsOnFacets:
-        """The points on whole facets, of which curved ones are searched and cut piece by piece."""
+        """The points on facets of `whole`, of which curved ones are cut piece by piece."""
+        cut = self.now
         if self.pieces == 1:
-            return PointsOnFacets(
-                self.slave, self.shapes, self.weights, self.cells, self.facet, self.xi
-            )
-        own = self.shapes @ FACET_CORNERS
-        there, size = self._natural(self.slave, own)
+            return cut
+        own = cut.shapes @ FACET_CORNERS
+        there, size = self._natural(cut.slave, own)
         values, slopes = facet_functions(there, self.whole.shape[1])
         reference = np.concatenate([s.reference for s in self.surfaces])
-        slave, facet = self.slave // self.pieces, self.facet // self.pieces
+        slave, facet = cut.slave // self.pieces, cut.facet // self.pieces
         curved = _stretch(reference[self.whole[slave]], slopes) * size
-        flat = _stretch(reference[self.quads[self.slave]], bilinear(own)[1])
-        cells = [self._natural(self.slave, self.cells[:, k])[0] for k in range(2)]
+        flat = _stretch(reference[self.quads[cut.slave]], bilinear(own)[1])
+        cells = [self._natural(cut.slave, cut.cells[:, k])[0] for k in range(2)]
         return PointsOnFacets(
             slave,
             values,
-            self.weights * curved / flat,
+            cut.weights * curved / flat,
             np.stack(cells, axis=1),
             facet,
-            self._natural(self.facet, self.xi)[0],
+            self._natural(cut.facet, cut.xi)[0],
         )
 
     def _natural(self, piece: IntArray, xi: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -279,6 +239,7 @@ class FacingPoints:
     def cut(self) -> None:
         """Cut the facets along those that they face now: points follow the motion."""
         while True:
+            room = self.room
             self.count = int(
                 cut_facets(
                     self.position,
@@ -290,22 +251,25 @@ class FacingPoints:
                     self._bounds,
                     self._slight,
                     self.pieces > 1,
-                    self._slave,
-                    self._shapes,
-                    self._weights,
-                    self._facet,
-                    self._xi,
-                    self._cells,
+                    room.slave,
+                    room.shapes,
+                    room.weights,
+                    room.facet,
+                    room.xi,
+                    room.cells,
                 )
             )
-            if self.count <= len(self._slave):
-                return
+            if self.count <= len(room.slave):
+                break
             self._take(2 * self.count)
+        found = {f.name: getattr(room, f.name)[: self.count] for f in fields(room)}
+        #: Points of the present cut, on facets as they are searched.
+        self.now = PointsOnFacets(**found)
 
     def carried(self, slave: IntArray, shapes: FloatArray, values: FloatArray) -> FloatArray:
         """Values (m, 3) of points of an earlier cut at those of the present one, (n, 3)."""
         new = np.empty((self.count, 3))
-        carry_over(slave, shapes, values, self.slave, self.shapes, new)
+        carry_over(slave, shapes, values, self.now.slave, self.now.shapes, new)
         return new
 
     @property

@@ -142,7 +142,7 @@ def _facing_faces(deck: Deck) -> list[PatchPair]:
     ]
     face_of = [label(n) for s in surfaces for n in names[int(assembly.shape_of[s.block])]]
     held, block_of = set(deck.held_blocks.tolist()), points.facet_block.tolist()
-    facing = np.unique(np.column_stack([points.facet, points.slave]), axis=0).tolist()
+    facing = np.unique(np.column_stack([points.now.facet, points.now.slave]), axis=0).tolist()
     pairs = dict.fromkeys(
         PatchPair(block_of[m], face_of[m], block_of[s], face_of[s]) for m, s in facing
     )

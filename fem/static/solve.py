@@ -423,7 +423,8 @@ class _Elastic:
     @classmethod
     def none(cls, points: FacingPoints) -> _Elastic:
         """Before any load."""
-        return cls(points.slave.copy(), points.shapes.copy(), np.zeros((points.count, 3)))
+        found = points.now
+        return cls(found.slave.copy(), found.shapes.copy(), np.zeros((points.count, 3)))
 
     @classmethod
     def of(cls, problem: _Problem, points: FacingPoints, state: _State) -> _Elastic:

@@ -138,7 +138,7 @@ class BoundSlidingContact:
 
     def _take_room(self) -> None:
         """Gaps and elastic slips of as many points as there is room for."""
-        room = self.points.room
+        room = len(self.points.room.slave)
         self._gap = np.full(room, np.inf)
         self._slip = None if self._friction is None else np.zeros((room, 3))
 
@@ -168,11 +168,11 @@ class BoundSlidingContact:
         sliding_forces(
             points.position,
             points.quads,
-            points.slave,
-            points.shapes,
-            points.weights,
-            points.facet,
-            points.xi,
+            points.now.slave,
+            points.now.shapes,
+            points.now.weights,
+            points.now.facet,
+            points.now.xi,
             self._law,
             self._friction,
             None if self._slip is None else self._slip[:n],
@@ -225,10 +225,10 @@ class BoundSlidingContact:
     def _renew(self, make: Callable[[], None]) -> None:
         """Make other points; each takes the elastic slip of the nearest one before."""
         points, slip = self.points, self._slip
-        before = points.slave.copy(), points.shapes.copy()
+        before = points.now.slave.copy(), points.now.shapes.copy()
         kept = None if slip is None else slip[: points.count].copy()
         make()
-        if points.room > len(self._gap):
+        if len(points.room.slave) > len(self._gap):
             self._take_room()
         if self._slip is not None and kept is not None:
             self._slip[:] = 0.0
@@ -240,12 +240,12 @@ class BoundSlidingContact:
     def _resume(self) -> None:
         """Make the points of a checkpoint: those of the positions at its last search and cut."""
         points = self.points
-        position, xi = points.position.copy(), points.all_xi.copy()
+        position, xi = points.position.copy(), points.room.xi.copy()
         points.position[:] = self._searched
         points.search()
         points.position[:] = self._cut
         points.cut()
-        points.position[:], points.all_xi[:] = position, xi
+        points.position[:], points.room.xi[:] = position, xi
         self._known = int(self._counts.sum())
 
     @property
@@ -259,7 +259,7 @@ class BoundSlidingContact:
 
     def energy(self) -> float:
         """Energy stored at the last force evaluation [N mm]."""
-        weights = self.points.weights
+        weights = self.points.now.weights
         stored = float(weights @ self._statement.law.stored_energy(-self._gaps()))
         if self._slip is not None and self._friction is not None:
             slip = self._slip[: self.points.count]
@@ -280,8 +280,9 @@ class BoundSlidingContact:
         stiffness, pressure = float(law.stiffness(overclosure)), float(law.pressure(overclosure))
         if stiffness <= counted or stiffness <= self._largest_stiffness(system):
             return None
+        block = int(self.points.facet_block[self.points.now.slave[deepest]])
         return (
-            f"contact of block {int(self.points.block[deepest])} presses with {pressure:.3g} MPa "
+            f"contact of block {block} presses with {pressure:.3g} MPa "
             f"and a stiffness of {stiffness:.3g} MPa/mm; the time step {system.time_step:.4g} s "
             f"allows {self._largest_stiffness(system):.3g}; take a smaller fem.safety_factor or "
             "set contact.maximum_stiffness"
@@ -299,7 +300,7 @@ class BoundSlidingContact:
             "position": self.points.position,
             "searched": self._searched,
             "cut": self._cut,
-            "closest": self.points.all_xi,
+            "closest": self.points.room.xi,
             "counts": self._counts,
         }
         found |= {f"travel.{k}": travel for k, travel in enumerate(self._travel)}
