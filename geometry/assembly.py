@@ -277,27 +277,15 @@ def renumbered(assembly: Assembly, order: IntArray) -> Assembly:
 
 
 def spacing_offsets(assembly: Assembly, spacing: float) -> FloatArray:
-    """Translations that move touching blocks apart.
+    """Translations that move touching blocks apart by a spacing [mm], (n_blocks, 3) [mm].
 
-    Layers move apart along the axis by the spacing. Within a layer, blocks move across the
-    axis so that the mean gap between each two neighbours is the spacing, with translations of
-    least norm: outward in a ring, sideways in a wall. Frame blocks move with their layer, images
-    of a periodic cell as what they are images of.
+    Layers move apart along the axis by the spacing; a negative one presses blocks into each other.
+    Within a layer, blocks move across the axis so that the mean gap between each two neighbours is
+    the spacing, with translations of least norm: outward in a ring, sideways in a wall. Frame
+    blocks move with their layer, images of a periodic cell as what they are images of.
 
     Blocks of neighbouring layers thereby slip against each other, so where their common face
     is inclined the gap measured along the normal is less or more than the spacing.
-
-    Parameters
-    ----------
-    assembly
-        Conforming blocks.
-    spacing
-        [mm]; a negative one presses the blocks into each other.
-
-    Returns
-    -------
-    FloatArray
-        (n_blocks, 3) [mm].
 
     Raises
     ------

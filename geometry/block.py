@@ -88,18 +88,9 @@ def box_block(
     name: str = "box",
     contact_faces: tuple[str, ...] = (),
 ) -> Block:
-    """Box [0, size] meshed by equal bricks, faces named ``x-``, ``x+``, … ``z+``.
+    """Box [0, size] [mm] meshed by equal bricks, faces named ``x-``, ``x+``, … ``z+``.
 
-    Parameters
-    ----------
-    size
-        Edge lengths [mm].
-    divisions
-        Elements along x, y, z.
-    name
-        Name of the block shape.
-    contact_faces
-        Faces that can meet another block.
+    ``divisions`` are the elements along x, y, z; ``contact_faces`` can meet another block.
     """
     x, y, z = (np.linspace(0.0, s, n + 1) for s, n in zip(size, divisions, strict=True))
     mesh = HexMesh(grid_points(x, y, z), structured_hexahedra(*divisions))

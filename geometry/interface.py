@@ -193,16 +193,8 @@ def match_facets(
 ) -> Interfaces:
     """Find the facets of different blocks that coincide, corner on corner.
 
-    Parameters
-    ----------
-    shapes, shape_of, rotations, translations
-        As in `Assembly`.
-
-    Returns
-    -------
-    Interfaces
-        Facet pairs sorted by (m, s); within a pair in the order of m's facets, so the result
-        does not depend on the search.
+    Arguments are those of `Assembly`. Facet pairs are sorted by (m, s), within a pair in the
+    order of m's facets, so the result does not depend on the search.
     """
     facets = [_facets(shape) for shape in shapes]
     tolerance = _RELATIVE_TOLERANCE * min(f.smallest for f in facets)

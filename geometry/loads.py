@@ -223,30 +223,14 @@ def surface_means(assembly: Assembly) -> FloatArray:
 def with_body_wrenches(load: LoadCase, wrenches: FloatArray) -> LoadCase:
     """Return the load with forces and moments on whole blocks on top.
 
-    Parameters
-    ----------
-    load
-        What acts already.
-    wrenches
-        About each block's mass centroid, (n_blocks, 6) [N, N mm].
+    About each block's mass centroid, (n_blocks, 6) [N, N mm].
     """
     there = load.body_wrenches
     return replace(load, body_wrenches=wrenches if there is None else there + wrenches)
 
 
 def face_pressure(assembly: Assembly, blocks: IntArray, face: str, pressure: float) -> LoadCase:
-    """Build a pressure on one named face of some blocks; the assembly's fixed blocks are held.
-
-    Parameters
-    ----------
-    assembly
-        Blocks.
-    blocks
-        Numbers of the loaded blocks, (n,).
-    face
-        Name of the loaded face.
-    pressure
-        Positive pushing inward [MPa].
+    """Build a pressure [MPa] on a named face of some blocks; the assembly's fixed ones are held.
 
     Raises
     ------

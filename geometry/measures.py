@@ -89,16 +89,9 @@ def block_measures(
     pressures: FloatArray,
     areas: FloatArray,
 ) -> BlockMeasures:
-    """Measures of each block; a contact counts for both blocks that share it.
+    """Measures of each of some blocks; a contact counts for both blocks that share it.
 
-    Parameters
-    ----------
-    blocks
-        Blocks to measure, (n,).
-    block_m, block_s
-        The two blocks of each contact, (n_contacts,).
-    pressures, areas
-        Contact pressures [MPa] and areas [mm²], (n_contacts,).
+    From pressures [MPa] and areas [mm²] of the contacts, (n_contacts,).
     """
     clean = np.where(pressures > _ROUND_OFF * pressures.max(initial=0.0), pressures, 0.0)
     owner = np.concatenate([block_m, block_s])
@@ -119,12 +112,7 @@ def measures(
 ) -> Measures:
     """Average over blocks.
 
-    Parameters
-    ----------
-    per_block
-        Result of `block_measures`.
-    eligible_facets, eligible_areas
-        k_b and the area of the surface that can meet a neighbour, (n,) and (n,) [mm²].
+    With k_b and the area of the surface that can meet a neighbour, (n,) and (n,) [mm²].
     """
     effective = int(per_block.participation.sum())
     pooled = float(per_block.participation @ per_block.p_eff) / effective if effective else 0.0
@@ -234,18 +222,9 @@ def joint_resultants(
     forces: FloatArray,
     centroids: FloatArray | None = None,
 ) -> JointResultants:
-    """Sum contact forces by pairs of blocks.
+    """Sum forces on block s at some contacts, (n_contacts, 3) [N], by pairs of blocks.
 
-    Parameters
-    ----------
-    found
-        Contacts of an assembly.
-    index
-        Which of them the forces are of, (n_contacts,).
-    forces
-        Force on block s at each contact, (n_contacts, 3) [N].
-    centroids
-        As for `summed_by_joint`.
+    ``index`` says which contacts these are; ``centroids`` as for `summed_by_joint`.
     """
     pairs = np.column_stack([found.block_m[index], found.block_s[index]])
     return summed_by_joint(
@@ -373,16 +352,9 @@ def between_layers(assembly: Assembly, contacts: IntArray, lower: int) -> IntArr
 
 
 def facets_between(layer: IntArray, block_m: IntArray, block_s: IntArray, lower: int) -> IntArray:
-    """Facets that lie between a layer and the next one, (n,).
+    """Facets (n,) of blocks m and s, (n_facets,) each, that lie between a layer and the next one.
 
-    Parameters
-    ----------
-    layer
-        Of each block, (n_blocks,).
-    block_m, block_s
-        Both blocks of each facet, (n_facets,).
-    lower
-        The lower layer.
+    ``layer`` is that of each block, (n_blocks,).
     """
     m, s = layer[block_m], layer[block_s]
     return np.flatnonzero((np.minimum(m, s) == lower) & (np.maximum(m, s) == lower + 1))

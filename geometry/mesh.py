@@ -168,19 +168,9 @@ class MassProperties:
 
 
 def shape_gradients(natural: FloatArray) -> FloatArray:
-    """Gradients of the trilinear shape functions.
+    """Gradients of the trilinear shape functions in [-1, 1]³, (n_points, 3) to (n_points, 8, 3).
 
     N_a = (1 + r r_a)(1 + s s_a)(1 + t t_a) / 8.
-
-    Parameters
-    ----------
-    natural
-        Points in [-1, 1]³, (n_points, 3).
-
-    Returns
-    -------
-    FloatArray
-        dN_a/d(r, s, t), (n_points, 8, 3).
     """
     factor = 1.0 + natural[:, None, :] * CORNERS[None, :, :]
     gradient = np.empty((len(natural), 8, 3))

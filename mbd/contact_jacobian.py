@@ -309,17 +309,8 @@ def _congruent(pairs: _Pairs, interfaces: Interfaces) -> tuple[CongruentWrenches
 def contact_jacobian(assembly: AnyBlocks, fixed: BoolArray | None = None) -> Contacts:
     """Assemble G for the contacts of an assembly (eq. gap-variation).
 
-    Parameters
-    ----------
-    assembly
-        Blocks and their conforming interfaces.
-    fixed
-        Blocks held in space, (n_blocks,); by default the frame.
-
-    Returns
-    -------
-    Contacts
-        Contacts between two fixed blocks are left out: they constrain nothing.
+    Blocks that are held, by default the frame, have no rows; contacts between two of them are left
+    out: they constrain nothing.
     """
     held = assembly.fixed if fixed is None else fixed
     interfaces = assembly.interfaces

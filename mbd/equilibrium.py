@@ -66,14 +66,9 @@ class Equilibrium:
 
 
 def column_weights(norm: Norm, areas: FloatArray) -> FloatArray:
-    """Column scaling c so that min ‖μ‖² with λ = c μ minimises the chosen norm.
+    """Column scaling c so that min ‖μ‖² with λ = c μ minimises the chosen norm, (n_contacts,).
 
-    Parameters
-    ----------
-    norm
-        ``force`` gives ones; ``pressure`` gives sqrt(A / mean A).
-    areas
-        Facet areas, (n_contacts,) [mm²].
+    Ones for ``force``, sqrt(A / mean A) of the facet areas A [mm²] for ``pressure``.
     """
     if norm is Norm.FORCE or not len(areas):
         return np.ones(len(areas))

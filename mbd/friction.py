@@ -90,12 +90,7 @@ class FrictionalContacts:
     def world(self, forces: FloatArray, normals: FloatArray) -> FloatArray:
         """Forces (normal, first, second tangent) as vectors on block s, (n_contacts, 3) [N].
 
-        Parameters
-        ----------
-        forces
-            (n_contacts, 3) [N].
-        normals
-            Of the contacts, (n_contacts, 3).
+        ``normals`` are those of the contacts, (n_contacts, 3).
         """
         tangential: FloatArray = np.einsum("nk,nki->ni", forces[:, 1:], self.tangents)
         return forces[:, :1] * normals + tangential
@@ -129,15 +124,6 @@ def frictional_contacts(
     law: FrictionLaw = FrictionLaw.CONE,
 ) -> FrictionalContacts:
     """Assemble the wrenches of normal and tangential contact forces.
-
-    Parameters
-    ----------
-    assembly, contacts
-        Blocks, and the contacts of `mbd.contact_jacobian`.
-    friction
-        Coefficient of friction μ >= 0.
-    law
-        Cone or pyramid.
 
     Raises
     ------
@@ -273,19 +259,9 @@ def _checked_mechanism(
 
 
 def frictional_equilibrium(contacts: FrictionalContacts, load: FloatArray) -> FrictionalEquilibrium:
-    """Smallest admissible contact forces that balance a load, or a certified mechanism.
+    """Smallest admissible forces that balance a load (n_rows,) [N], or a certified mechanism.
 
-    Parameters
-    ----------
-    contacts
-        Of `frictional_contacts`.
-    load
-        f, (n_rows,) [N].
-
-    Returns
-    -------
-    FrictionalEquilibrium
-        Undecided (neither holds nor a mechanism) at the edge of what can be carried.
+    Undecided (neither holds nor a mechanism) at the edge of what can be carried.
     """
     size = float(np.linalg.norm(load))
     if size == 0.0:
@@ -366,14 +342,7 @@ class CollapseLoad:
 
 
 def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArray) -> CollapseLoad:
-    """Limit analysis: the largest α such that dead + α live can be carried.
-
-    Parameters
-    ----------
-    contacts
-        Of `frictional_contacts`.
-    dead, live
-        Generalized forces, (n_rows,) [N].
+    """Limit analysis: the largest α such that dead + α live, (n_rows,) each [N], can be carried.
 
     Raises
     ------

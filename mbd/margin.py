@@ -54,14 +54,7 @@ class Margin:
 def interlocking_margin(jacobian: ContactJacobian, areas: FloatArray) -> Margin:
     """Carry unit forces and couples, both ways, on each free block in turn.
 
-    Costs twelve equilibria for each free block.
-
-    Parameters
-    ----------
-    jacobian
-        G, (6 n_free, n_contacts).
-    areas
-        Contact areas, (n_contacts,) [mm²].
+    Costs twelve equilibria for each free block. Areas are those of the contacts [mm²].
     """
     n_rows, n_contacts = jacobian.shape
     bearing = np.zeros((n_rows, 2))
@@ -98,19 +91,8 @@ def held_against(assembly: AnyBlocks, load: LoadCase) -> dict[str, bool]:
 
     All free blocks are pushed at once, each by its volume. By duality a push that is not carried
     drives a motion that the load does not hinder: along it the blocks are free, however well the
-    load is carried.
-
-    Parameters
-    ----------
-    assembly
-        Blocks and contacts.
-    load
-        What they carry.
-
-    Returns
-    -------
-    dict[str, bool]
-        For +x, -x and so on; a direction that is neither proved held nor free is left out.
+    load is carried. Keys are +x, -x and so on; a direction that is neither proved held nor free is
+    left out.
     """
     contacts = contact_jacobian(assembly, load.fixed)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
@@ -157,14 +139,9 @@ class FirstOrderExplosion:
 
 
 def first_order_explosion(assembly: AnyBlocks, directions: FloatArray) -> FirstOrderExplosion:
-    """Judge the simultaneous outward motion with the frame released.
+    """Judge the simultaneous outward motion of a tube with the frame released.
 
-    Parameters
-    ----------
-    assembly
-        A tube.
-    directions
-        Outward unit vector of each block, (n_blocks, 3).
+    Along the outward unit vector of each block, (n_blocks, 3).
     """
     contacts = contact_jacobian(assembly, np.zeros(assembly.n_blocks, dtype=bool))
     motion = np.zeros((assembly.n_blocks, 6))

@@ -144,15 +144,7 @@ def _largest_singular_value(jacobian: ContactJacobian) -> float:
 
 
 def classify(jacobian: ContactJacobian, load: FloatArray) -> Classification:
-    """Mechanism class of an assembly under a load, with a certificate.
-
-    Parameters
-    ----------
-    jacobian
-        G, (n_rows, n_contacts).
-    load
-        f, (n_rows,) [N].
-    """
+    """Mechanism class of an assembly under a load (n_rows,) [N], with a certificate."""
     n_rows, n_contacts = jacobian.shape
     ones = np.ones(n_contacts)
     admissible: FloatArray

@@ -112,16 +112,8 @@ def check_sliding(
 ) -> SlidingCheck:
     """Multiply out every law of sliding without dilation.
 
-    Parameters
-    ----------
-    contacts
-        Of `mbd.friction.frictional_contacts`.
-    load
-        f_dead + α f_live, (n_rows,) [N].
-    forces
-        (λ_n, λ_1, λ_2), (n_contacts, 3) [N].
-    mechanism
-        d, (n_rows,).
+    Under the load f_dead + α f_live, (n_rows,) [N], for forces (λ_n, λ_1, λ_2), (n_contacts, 3)
+    [N], and a motion d, (n_rows,).
     """
     tiny = 1e-300
     normal, shear = forces[:, 0], forces[:, 1:]
@@ -277,14 +269,8 @@ def sliding_collapse(
 
     The linear programs use the pyramid. With `FrictionLaw.CONE` the motion is chosen, and the state
     judged, by the cone: forces inside the pyramid reach it where joints slide along their
-    tangents, as in plane walls and arches; elsewhere the state may fail to be certified.
-
-    Parameters
-    ----------
-    contacts
-        Of `mbd.friction.frictional_contacts`.
-    dead, live
-        Generalized forces, (n_rows,) [N].
+    tangents, as in plane walls and arches; elsewhere the state may fail to be certified. Dead and
+    live load are generalized forces, (n_rows,) [N].
 
     Raises
     ------

@@ -315,20 +315,11 @@ def matched_state(
 
 
 def searched_state(points: FacingPoints, law: ContactLaw, clearance: float) -> ContactState:
-    """Contact of all points that a search found to face a facet.
+    """Contact of all points, where they are now, that a search found to face a facet.
 
     Facets are those of the finer of two surfaces, one entry for each block that a facet faces,
     with the part of its area that faces it; less than a thousandth of a facet is left out, for
-    facets are counted.
-
-    Parameters
-    ----------
-    points
-        At their present positions.
-    law
-        Contact law.
-    clearance
-        Added to every gap [mm].
+    facets are counted. The clearance [mm] is added to every gap.
     """
     found = points.on_facets()
     master, slave, weights = found.facet, found.slave, found.weights
@@ -406,13 +397,6 @@ def contact_measures(assembly: Assembly, state: ContactState) -> ContactMeasures
 
     Facets that a search found are those of the finer of two surfaces; for either block as many
     could meet a neighbour as cover its contact faces.
-
-    Parameters
-    ----------
-    assembly
-        Blocks.
-    state
-        Their contact.
     """
     blocks, areas = assembly.free_blocks, assembly.eligible_areas()
     m, s = (assembly.originals[b] for b in (state.block_m, state.block_s))

@@ -125,21 +125,9 @@ def _each(
 def friction_tractions(
     friction: CoulombFriction, slip: FloatArray, anchor: FloatArray, pressure: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Tractions and new anchors of many points.
+    """Tractions [MPa] and new anchors [mm] of many points, (..., 2) each.
 
-    Parameters
-    ----------
-    friction
-        The law.
-    slip, anchor
-        (..., 2) [mm].
-    pressure
-        (...,) [MPa].
-
-    Returns
-    -------
-    tuple[FloatArray, FloatArray]
-        Tractions [MPa] and anchors [mm], both (..., 2).
+    Slips and anchors are (..., 2) [mm], pressures (...,) [MPa].
     """
     traction, moved = np.empty(slip.shape), np.empty(slip.shape)
     _each(

@@ -207,16 +207,7 @@ def check_initial_overlap(surfaces: ContactSurfaces, law: ContactLaw) -> None:
 def refuse_overlap(
     block_m: IntArray, block_s: IntArray, deepest: FloatArray, law: ContactLaw
 ) -> None:
-    """Refuse facets whose largest overclosure is beyond the law's range.
-
-    Parameters
-    ----------
-    block_m, block_s
-        Blocks of each facet, (n_facets,).
-    deepest
-        Largest overclosure of each, (n_facets,) [mm].
-    law
-        Contact law.
+    """Refuse facets (n_facets,) whose largest overclosure [mm] is beyond the law's range.
 
     Raises
     ------
@@ -259,17 +250,7 @@ def point_kinematics(
     corner_displacements: FloatArray,
     normals: ContactNormals = ContactNormals.CURRENT,
 ) -> PointKinematics:
-    """Overclosures and their gradients at displaced corners.
-
-    Parameters
-    ----------
-    surfaces
-        Matched facets.
-    corner_displacements
-        World axes, (n, nodes of both, 3) [mm].
-    normals
-        Which normals measure the gap.
-    """
+    """Overclosures and their gradients at displacements of corners, (n, nodes of both, 3) [mm]."""
     d = surfaces.offsets + np.einsum("pa,fai->fpi", surfaces.basis.difference, corner_displacements)
     if normals is ContactNormals.REFERENCE:
         return PointKinematics(
@@ -396,12 +377,7 @@ def _transposed(matrix: FloatArray) -> FloatArray:
 def corner_forces(kinematics: PointKinematics, point_forces: FloatArray) -> FloatArray:
     """Forces on the nodes of both facets, world axes: (n, nodes of both, 3) [N].
 
-    Parameters
-    ----------
-    kinematics
-        Gradients of the overclosures.
-    point_forces
-        w p of each point, (n, n_points) [N].
+    From w p of each point, (n, n_points) [N].
     """
     return -np.einsum("fp,fpai->fai", point_forces, kinematics.gradient)
 

@@ -149,17 +149,9 @@ def incompatible_gradients(coordinates: FloatArray, volume: FloatArray) -> Float
 
 
 def strain_operator(gradients: FloatArray) -> FloatArray:
-    """Engineering strain from corner displacements.
+    """Engineering strain from displacements of corners, 3 · corner + component.
 
-    Parameters
-    ----------
-    gradients
-        Shape function gradients, (..., n, 3) [1/mm].
-
-    Returns
-    -------
-    FloatArray
-        (..., 6, 3 n) [1/mm] for displacements numbered 3 · corner + component.
+    Gradients of shape functions (..., n, 3) [1/mm] give (..., 6, 3 n) [1/mm].
     """
     n = gradients.shape[-2]
     operator = np.zeros((*gradients.shape[:-2], 6, n, 3))
@@ -350,10 +342,7 @@ def element_lumped_mass(coordinates: FloatArray, density: float) -> FloatArray:
 def _block_pattern(mesh: HexMesh) -> tuple[IntArray, IntArray, IntArray]:
     """Node adjacency as CSR, and where each element's 8 × 8 node pairs land in it.
 
-    Returns
-    -------
-    tuple[IntArray, IntArray, IntArray]
-        Row pointers (n_nodes + 1,), columns (n_pairs,), positions (n_elements, 64).
+    Row pointers (n_nodes + 1,), columns (n_pairs,), positions (n_elements, 64).
     """
     key = (mesh.elements[:, :, None] * mesh.n_nodes + mesh.elements[:, None, :]).ravel()
     pairs, position = np.unique(key, return_inverse=True)
@@ -396,21 +385,10 @@ def block_hourglass_stiffness(mesh: HexMesh, material: Material) -> scipy.sparse
 def assemble_nodal_operator(
     mesh: HexMesh, element_operator: Callable[[FloatArray], FloatArray], *, rows: int
 ) -> scipy.sparse.bsr_array:
-    """Sum element matrices chunk by chunk into (rows × 3) node blocks.
+    """Sum element matrices chunk by chunk into (rows × 3) node blocks, columns sorted.
 
-    Parameters
-    ----------
-    mesh
-        The block.
-    element_operator
-        From corners (n, 8, 3) to matrices (n, 8 · rows, 24).
-    rows
-        Rows of a node: 3 for forces, 6 for stresses.
-
-    Returns
-    -------
-    bsr_array
-        (rows · n_nodes, 3 · n_nodes), columns sorted.
+    From corners (n, 8, 3) ``element_operator`` makes matrices (n, 8 · rows, 24): 3 rows of a node
+    for forces, 6 for stresses.
     """
     pointer, column, position = _block_pattern(mesh)
     data = np.zeros((len(column), rows * 3))

@@ -133,17 +133,7 @@ class LagrangeElement:
     def gradients(self, coordinates: FloatArray, at: TensorPoints) -> tuple[FloatArray, FloatArray]:
         """Gradients of the functions and volumes of points of one element.
 
-        Parameters
-        ----------
-        coordinates
-            Nodes, (n_functions, 3) [mm].
-        at
-            Points.
-
-        Returns
-        -------
-        tuple[FloatArray, FloatArray]
-            (n_points, n_functions, 3) [1/mm] and (n_points,) [mm³].
+        Nodes, (n_functions, 3) [mm], give (n_points, n_functions, 3) [1/mm] and (n_points,) [mm³].
 
         Raises
         ------
@@ -177,12 +167,7 @@ class LagrangeElement:
     ) -> FloatArray:
         """Stress of one element at points, (n_points, 6) [MPa].
 
-        Parameters
-        ----------
-        coordinates, displacement
-            Of its nodes, (n_functions, 3) [mm].
-        at
-            Points.
+        Coordinates and displacements are those of its nodes, (n_functions, 3) [mm].
         """
         gradients, _ = self.gradients(coordinates, at)
         strain = strain_operator(gradients) @ displacement.ravel()

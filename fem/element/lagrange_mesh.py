@@ -115,14 +115,9 @@ def _keys(corners: IntArray, share: FloatArray) -> tuple[_Keys, IntArray]:
 
 
 def lagrange_mesh(block: Block, degree: int) -> LagrangeMesh:
-    """Give a block's hexahedra the nodes of a degree.
+    """Give a block's eight-node hexahedra the nodes of a degree of two or more.
 
-    Parameters
-    ----------
-    block
-        Eight-node hexahedra, and the exact shape where the block has one.
-    degree
-        At least two.
+    On the exact shape where the block has one.
     """
     mesh, curve = block.mesh, block.curve
     shares = shape_values(grid_points(*[lobatto_points(degree)] * 3))

@@ -131,15 +131,7 @@ def nodal_stress_of(bodies: MovedBodies) -> FloatArray:
 
 
 def averaged_tension(bodies: MovedBodies, radius: float) -> PointValue:
-    """Largest σ₁ of the stress averaged over the part of a ball that lies in a block.
-
-    Parameters
-    ----------
-    bodies
-        As they have moved.
-    radius
-        Of the ball [mm].
-    """
+    """Largest σ₁ of the stress averaged over the part of a ball [mm] that lies in a block."""
     nodes = bodies.positions[bodies.elements]
     middles = nodes.mean(axis=1)
     reach = np.linalg.norm(nodes - middles[:, None], axis=2).max(axis=1)

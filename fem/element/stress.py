@@ -73,22 +73,9 @@ def integration_point_stress(
 ) -> FloatArray:
     """Stress at the integration points of a block or of all its copies.
 
-    Parameters
-    ----------
-    mesh
-        The block.
-    material
-        Elastic constants.
-    element
-        Choice of the hexahedron the displacement was computed with.
-    displacement
-        (n_nodes, 3) or (n_copies, n_nodes, 3) [mm].
-
-    Returns
-    -------
-    FloatArray
-        (n_elements · n_points, 6) or (n_copies, n_elements · n_points, 6) [MPa], points in the
-        order of `integration_points`.
+    Displacements (n_nodes, 3) or (n_copies, n_nodes, 3) [mm], computed with that element, give
+    (n_elements · n_points, 6) or (n_copies, n_elements · n_points, 6) [MPa], points in the order of
+    `integration_points`.
 
     Raises
     ------
@@ -138,17 +125,8 @@ def nodal_stress_operator(mesh: HexMesh, material: Material, element: ElementTyp
 def nodal_stress(operator: bsr_array, displacement: FloatArray) -> FloatArray:
     """Apply a nodal stress operator to one block or to all its copies.
 
-    Parameters
-    ----------
-    operator
-        From `nodal_stress_operator`.
-    displacement
-        (n_nodes, 3) or (n_copies, n_nodes, 3) [mm].
-
-    Returns
-    -------
-    FloatArray
-        (n_nodes, 6) or (n_copies, n_nodes, 6) [MPa].
+    Displacements (n_nodes, 3) or (n_copies, n_nodes, 3) [mm] give (n_nodes, 6) or
+    (n_copies, n_nodes, 6) [MPa].
 
     Raises
     ------
@@ -176,19 +154,9 @@ def stress_tensor(stress: FloatArray) -> FloatArray:
 
 
 def rotate_stress(stress: FloatArray, rotations: FloatArray) -> FloatArray:
-    """Stress of each copy in world axes, R s Rᵀ.
+    """Stress of each copy in world axes, R s Rᵀ, (n_copies, n, 6) [MPa].
 
-    Parameters
-    ----------
-    stress
-        In the block's own frame, (n_copies, n, 6) [MPa].
-    rotations
-        From the block's frame to the world's, (n_copies, 3, 3).
-
-    Returns
-    -------
-    FloatArray
-        (n_copies, n, 6) [MPa].
+    From that in the block's own frame, with rotations from there to the world's, (n_copies, 3, 3).
     """
     turn = rotations[:, None]
     turned = turn @ stress_tensor(stress) @ np.swapaxes(turn, -1, -2)

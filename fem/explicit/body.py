@@ -77,19 +77,7 @@ class ElementViscosity:
 def element_viscosity(
     group: BlockGroup, row: IntArray, coefficients: BulkViscosity, dtype: npt.DTypeLike
 ) -> ElementViscosity:
-    """Gather gradients and coefficients of a reference block.
-
-    Parameters
-    ----------
-    group
-        Mesh and material.
-    row
-        Solver row of each mesh node.
-    coefficients
-        b₁ and b₂.
-    dtype
-        float64 or float32.
-    """
+    """Gather gradients and coefficients of a reference block; ``row`` is that of each mesh node."""
     mesh, material = group.mesh, group.material
     mean, volume = mean_gradients(*gauss_gradients(mesh.nodes[mesh.elements]))
     length = characteristic_length(mesh.nodes[mesh.elements])
@@ -257,18 +245,9 @@ class Body:
 def make_body(
     model: Model, number: int, *, dtype: npt.DTypeLike, touched_nodes: Sequence[IntArray] = ()
 ) -> Body:
-    """Prepare group ``number`` of a model.
+    """Prepare group ``number`` of a model in float64 or float32.
 
-    Parameters
-    ----------
-    model
-        The statement.
-    number
-        Which group.
-    dtype
-        float64 or float32.
-    touched_nodes
-        Further nodes on which forces will be applied (contact).
+    ``touched_nodes`` are further nodes on which forces will be applied (contact).
     """
     group = model.groups[number]
     lanes = padded_lanes(group.n_copies, dtype)

@@ -157,18 +157,9 @@ def prepare(
     precision: str = "float64",
     threads: int = 1,
 ) -> System:
-    """Make a model ready for the loop.
+    """Make a model ready for the loop with a time step [s].
 
-    Parameters
-    ----------
-    model
-        The statement.
-    time_step
-        [s]
-    precision
-        ``float64`` or ``float32``.
-    threads
-        1 for the serial loops, more for shared rows.
+    In ``float64`` or ``float32``; with one thread in the serial loops, with more in shared rows.
     """
     if precision not in PRECISIONS:
         raise TimeStepError(f"fem.precision: got {precision!r}, expected float64 or float32")

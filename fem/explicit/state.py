@@ -155,16 +155,9 @@ def initial_body_state(
     displacement: FloatArray | None = None,
     velocity: FloatArray | None = None,
 ) -> BodyState:
-    """State of one group at time 0, before the first force.
+    """State of one group at time 0, before the first force; effects say which arrays are needed.
 
-    Parameters
-    ----------
-    body
-        Constant data.
-    effects
-        Which arrays are needed.
-    displacement, velocity
-        World components, (n_copies, n_nodes, 3) [mm], [mm/s]; None: zero.
+    Displacement and velocity are world components, (n_copies, n_nodes, 3) [mm], [mm/s]; None: zero.
     """
     shape = (body.n_rows, 3, body.lanes)
     n_chunks = len(body.rows.chunks) - 1

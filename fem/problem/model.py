@@ -131,19 +131,8 @@ def block_group(
 ) -> BlockGroup:
     """Assemble the reference block and place its copies.
 
-    Parameters
-    ----------
-    mesh
-        Reference block.
-    material
-        Elastic constants and density.
-    element
-        Hexahedron.
-    rotations, translations
-        Placement of the copies, (n_copies, 3, 3) and (n_copies, 3) [mm]; by default one copy
-        in its reference position.
-    name
-        What messages call the block.
+    By rotations (n_copies, 3, 3) and translations (n_copies, 3) [mm]; by default one copy in its
+    reference position.
 
     Raises
     ------
@@ -270,17 +259,10 @@ def nodal_load(
     amplitude: Amplitude | None = None,
     follows_block: bool = False,
 ) -> NodalLoad:
-    """Load the same nodes of every one of ``copies`` by dense nodal forces.
+    """Load the same nodes of every one of ``copies`` by dense nodal forces; see `NodalLoad`.
 
-    Parameters
-    ----------
-    group
-        Number of the group.
-    forces
-        (n_nodes, 3) on each copy, or (n_copies, n_nodes, 3), world axes [N]; zero rows are
-        dropped.
-    copies, amplitude, follows_block
-        See `NodalLoad`.
+    Forces are (n_nodes, 3) on each copy, or (n_copies, n_nodes, 3), world axes [N]; zero rows are
+    dropped.
     """
     copies = np.asarray(copies, dtype=np.int64)
     dense = np.broadcast_to(forces, (len(copies), *np.shape(forces)[-2:]))
@@ -420,10 +402,7 @@ def _check_load(k: int, load: NodalLoad, effects: Effects) -> None:
 def rigid_motions(arms: FloatArray) -> FloatArray:
     """Unit translations and turns of points about an origin, (n, 3, 6).
 
-    Parameters
-    ----------
-    arms
-        Points from the origin, (n, 3), over a length that makes all six of order one.
+    ``arms`` are the points from the origin, (n, 3), over a length that makes all six of order one.
     """
     motions = np.zeros((len(arms), 3, 6))
     for axis in range(3):

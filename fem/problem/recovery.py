@@ -38,21 +38,10 @@ class Recovered:
 
 
 def best_rotations(group: BlockGroup, displacement: FloatArray) -> FloatArray:
-    """Rotation of each copy that fits its displacement best, weighted by mass.
+    """Rotation of each copy that fits its displacement best, weighted by mass, (n_copies, 3, 3).
 
-    Kabsch's polar fit: R maximises Σ m (x - x̄) · R (X - X̄).
-
-    Parameters
-    ----------
-    group
-        Congruent copies.
-    displacement
-        World axes, (n_copies, n_nodes, 3) [mm].
-
-    Returns
-    -------
-    FloatArray
-        From the placed block to the moved one, (n_copies, 3, 3).
+    Kabsch's polar fit: R maximises Σ m (x - x̄) · R (X - X̄), from placed blocks to moved ones.
+    Displacements are in world axes, (n_copies, n_nodes, 3) [mm].
     """
     mass = group.lumped_mass / group.lumped_mass.sum()
     before = group.reference_positions()
@@ -91,14 +80,9 @@ def block_displacements(
 
 
 def moved_bodies(group: BlockGroup, local: FloatArray) -> MovedBodies:
-    """Copies of a group with elements of a higher degree.
+    """Copies of a group with elements of a higher degree, whose mesh is a `LagrangeMesh`.
 
-    Parameters
-    ----------
-    group
-        Its mesh is a `LagrangeMesh`.
-    local
-        Displacements in block frames, (n_copies, n_nodes, 3) [mm].
+    Displacements are those in block frames, (n_copies, n_nodes, 3) [mm].
     """
     mesh = group.mesh
     assert isinstance(mesh, LagrangeMesh)
@@ -111,14 +95,8 @@ def recover(
 ) -> Recovered:
     """Stresses of all copies of a group.
 
-    Parameters
-    ----------
-    group
-        Congruent copies.
-    displacement
-        World axes, (n_copies, n_nodes, 3) [mm].
-    finite_rotation
-        Whether the rigid rotation of each block is removed first.
+    From displacements in world axes, (n_copies, n_nodes, 3) [mm]; with finite rotation the rigid
+    rotation of each block is removed first.
     """
     local, frames = block_displacements(group, displacement, finite_rotation=finite_rotation)
     if isinstance(group.mesh, LagrangeMesh):

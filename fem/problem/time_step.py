@@ -61,14 +61,8 @@ def characteristic_time_step(
 ) -> float:
     """Element estimate of Abaqus/Explicit, min L_e / c_d · (sqrt(1 + b1²) - b1) [s].
 
-    Parameters
-    ----------
-    mesh
-        The block.
-    material
-        Its dilatational wave speed.
-    linear_bulk_viscosity
-        Abaqus' damping ratio of the dilatational mode, b1 (0.06 there by default).
+    b1 is Abaqus' damping ratio of the dilatational mode, the linear bulk viscosity (0.06 there by
+    default).
     """
     length = characteristic_length(mesh.nodes[mesh.elements]).min()
     return float(length) / material.dilatational_wave_speed * damped_factor(linear_bulk_viscosity)
@@ -160,18 +154,9 @@ def stable_step_of_mode(stiffness: float, damping: float) -> float:
 def group_critical_time_step(
     group: BlockGroup, effects: Effects, *, extra_stiffness: FloatArray | None = None
 ) -> CriticalTimeStep:
-    """Critical time step of one free reference block.
+    """Critical time step of one free reference block; supports only raise the limit.
 
-    Supports only raise the limit.
-
-    Parameters
-    ----------
-    group
-        The block.
-    effects
-        Damping and viscosity.
-    extra_stiffness
-        Further stiffness on the diagonal, as contact adds, (n_nodes,) [N/mm].
+    ``extra_stiffness`` is added on the diagonal, as contact does, (n_nodes,) [N/mm].
 
     Raises
     ------

@@ -64,21 +64,9 @@ class Lattice:
         *,
         slope: int | None = None,
     ) -> FloatArray:
-        """Values of nodes at a grid of parameters.
+        """Values (n_nodes, m) of nodes at a grid of parameters, (n_1, n_2, n_3, m).
 
-        Parameters
-        ----------
-        values
-            Of the nodes, (n_nodes, m).
-        places
-            Parameters in each direction.
-        slope
-            Derivatives by the parameter of this direction instead.
-
-        Returns
-        -------
-        FloatArray
-            (n_1, n_2, n_3, m)
+        With ``slope`` derivatives by the parameter of that direction instead.
         """
         found = values.reshape(*self.nodes.shape[:3], -1)
         for axis, (line, place) in enumerate(zip(self.lines, places, strict=True)):
@@ -135,20 +123,8 @@ def outward_points(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positions, outward normals and areas of points of facets of a face.
 
-    Parameters
-    ----------
-    corners
-        Nodes of each facet, (n, n_functions, 3) [mm].
-    name
-        Of the face.
-    at
-        Points of a facet.
-
-    Returns
-    -------
-    tuple[FloatArray, FloatArray, FloatArray]
-        (n, n_points, 3) [mm], the same [-], and areas by the facet's own coordinates,
-        (n, n_points) [mm²].
+    From the nodes of each facet, (n, n_functions, 3) [mm]: (n, n_points, 3) [mm], the same [-], and
+    areas by the facet's own coordinates, (n, n_points) [mm²].
     """
     direction, end = FACES[name]
     tangents = np.einsum("qai,pak->qpki", corners, at.slopes, optimize=True)

@@ -101,14 +101,7 @@ def joints_of(
 ) -> tuple[Joint, ...]:
     """Joints of one sector, level by level: frame, beside each other, above.
 
-    Parameters
-    ----------
-    counts
-        Elements of the block in each direction.
-    layered
-        How layers are turned.
-    per_quad
-        Points of a quad.
+    ``counts`` are the elements of a block in each direction, ``per_quad`` the points of a quad.
     """
     n_1, n_2, n_3 = counts
     line = round(per_quad**0.5)

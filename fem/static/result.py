@@ -123,27 +123,12 @@ def loose_blocks(
     point_pressures: FloatArray,
     surfaces: ContactSurfaces | SearchedSurfaces,
 ) -> IntArray:
-    """Blocks without support that could move while all contacts that press keep pressing.
+    """Blocks without support that could move while all contacts that press keep pressing, (n,).
 
     Each block is judged with its neighbours at rest: what is named here is certainly not held
     (frictionless contacts on it have fewer than six independent directions); blocks that could
-    only move together are not found.
-
-    Parameters
-    ----------
-    deformable
-        The model.
-    displacements
-        Of each group in world axes, each (n_copies, n_nodes, 3) [mm].
-    point_pressures
-        (n_facets, n_points) [MPa].
-    surfaces
-        Their facets.
-
-    Returns
-    -------
-    IntArray
-        Numbers of the loose blocks, (n,).
+    only move together are not found. Displacements are those of each group in world axes,
+    (n_copies, n_nodes, 3) [mm], pressures those of the points of the facets [MPa].
     """
     assembly = deformable.assembly
     corners = corner_displacements(deformable, displacements, surfaces)
@@ -198,10 +183,7 @@ def load_factors(parts: int, *, friction: bool) -> tuple[float, ...]:
 def path_change(coarse: StaticResult, fine: StaticResult) -> float:
     """Relative change of an answer: displacement, pressure at a point, pressures in the mean [-].
 
-    Parameters
-    ----------
-    coarse, fine
-        States of the same facets; of a search only what does not name facets is compared.
+    Both are states of the same facets; of a search only what does not name facets is compared.
     """
 
     def numbers(result: StaticResult) -> tuple[float, float, float]:
@@ -218,15 +200,6 @@ def refined(
     solve: Callable[[int], StaticResult], parts: int, tolerance: float
 ) -> tuple[StaticResult, StaticResult | None]:
     """Double the parts of the load until that changes the answer by less than a tolerance.
-
-    Parameters
-    ----------
-    solve
-        Solves in so many parts.
-    parts
-        First number of them.
-    tolerance
-        See `path_change` [-].
 
     Returns
     -------

@@ -41,10 +41,7 @@ def solve_static_with_rotation(
 ) -> StaticResult:
     """Find the static state of an assembly whose blocks may turn.
 
-    Parameters
-    ----------
-    deformable, options, store
-        As for `fem.static.solve.solve_static`.
+    Arguments are those of `fem.static.solve.solve_static`.
 
     Returns
     -------
@@ -55,9 +52,9 @@ def solve_static_with_rotation(
     Raises
     ------
     StaticError
-        Blocks that turn too far for these rounds; and as `fem.static.solve.solve_static`.
+        Blocks that turn too far for these rounds; and as there.
     SymmetryError, SparseSolverError
-        As `fem.static.solve.solve_static`.
+        As there.
     """
     if not deformable.meets:
         raise StaticError(
@@ -131,13 +128,7 @@ def finite_rotation_loads(
     force in the block's best-fitting frame (`fem.explicit.block_frame`) by Δf, of second order in
     the rotation. Equilibrium with finite rotation, f_frame(u) = f, is K u = f + Δf(u): with Δf of a
     solution u as further loads, the next solution has finite rotation to first order in the change.
-
-    Parameters
-    ----------
-    model
-        Groups of blocks.
-    displacements
-        Of each group in world axes, each (n_copies, n_nodes, 3) [mm].
+    Displacements are those of each group in world axes, (n_copies, n_nodes, 3) [mm].
     """
     turned = _internal_forces(model, displacements, finite_rotation=True)
     straight = _internal_forces(model, displacements, finite_rotation=False)

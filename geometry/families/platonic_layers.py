@@ -42,14 +42,7 @@ def tetrahedra_layer(
 ) -> PolyhedralAssembly:
     """Lay ``columns`` × ``rows`` free tetrahedra in a fixed ring, every other turned by 90°.
 
-    Parameters
-    ----------
-    edge
-        Edge length [mm].
-    columns, rows
-        Free tetrahedra along x and y.
-    detection
-        What counts as contact.
+    The edge is in mm.
     """
     _check(edge, (columns, rows))
     shape = tetrahedron(edge)
@@ -110,14 +103,7 @@ def octahedra_layer(
 ) -> PolyhedralAssembly:
     """Lay octahedra on their faces: ``rings`` free rings round the middle one, one more fixed.
 
-    Parameters
-    ----------
-    edge
-        Edge length [mm].
-    rings
-        Free rings; 0 leaves the middle block alone free.
-    detection
-        What counts as contact.
+    With no free ring the middle block alone is free; the edge is in mm.
     """
     _check(edge, (rings + 1,))
     steps = _lattice(edge * np.sqrt(3.0) / 2, 0.0)
@@ -130,18 +116,9 @@ def cubes_layer(
     arrangement: CubeArrangement = CubeArrangement.HEXAGONAL,
     detection: DetectionOptions | None = None,
 ) -> PolyhedralAssembly:
-    """Lay cubes on their corners (hexagonal) or on their faces (square).
+    """Lay cubes on their corners (hexagonal) or on their faces (square) [mm].
 
-    Parameters
-    ----------
-    edge
-        Edge length [mm].
-    rings
-        Free rings round the middle block; one more is fixed.
-    arrangement
-        Hexagonal or square.
-    detection
-        What counts as contact.
+    ``rings`` are the free ones round the middle block; one more is fixed.
     """
     _check(edge, (rings + 1,))
     if arrangement is CubeArrangement.HEXAGONAL:

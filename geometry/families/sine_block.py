@@ -227,13 +227,6 @@ def check_conforming(
 ) -> None:
     """Refuse element counts with which layers turned by some waves do not meet node on node.
 
-    Parameters
-    ----------
-    block, divisions
-        Shape and element counts.
-    turned_waves
-        By how many waves every second layer is turned.
-
     Raises
     ------
     BlockParameterError
@@ -348,11 +341,6 @@ def _build(
 
 def sine_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Block:
     """Build the free block, centred on the x axis (θ = 0), between z = 0 and z = h.
-
-    Parameters
-    ----------
-    block, divisions
-        Shape [mm] and element counts.
 
     Returns
     -------

@@ -14,17 +14,7 @@ from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads
 
 
 def voxel_piece(name: str, cells: IntArray, size: float) -> Polyhedron:
-    """Union of cubes as one block.
-
-    Parameters
-    ----------
-    name
-        Name of the piece.
-    cells
-        Integer positions of the cubes, (n, 3).
-    size
-        Edge of a cube [mm].
-    """
+    """Union of cubes of an edge [mm] as one block; cells are their integer positions, (n, 3)."""
     corners = cells[:, None, :] + CUBE
     nodes, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     mesh = HexMesh(nodes * size, index.reshape(-1, 8).astype(np.int64))
@@ -78,18 +68,9 @@ def voxel_assembly(
     fixed: str,
     detection: DetectionOptions | None = None,
 ) -> PolyhedralAssembly:
-    """Puzzle drawn with letters; blocks are numbered in the order of the letters.
+    """Puzzle drawn as `read_drawing` says; blocks are numbered in the order of the letters.
 
-    Parameters
-    ----------
-    layers
-        As in `read_drawing`.
-    size
-        Edge of a cube [mm].
-    fixed
-        Letters of the pieces that are held.
-    detection
-        What counts as contact.
+    ``size`` is the edge of a cube [mm], ``fixed`` names the pieces that are held.
 
     Raises
     ------

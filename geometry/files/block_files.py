@@ -298,17 +298,10 @@ def _made_of_hexahedra(gmsh: Any, divisions: int) -> bool:
 
 
 def step_hexahedra(path: Path, *, divisions: int = 4) -> list[HexMesh]:
-    """Hexahedra of each solid of a STEP file, made by gmsh.
+    """Hexahedra of each solid of a STEP file, made by gmsh, ``divisions`` along each edge.
 
     gmsh makes hexahedra where every face of the solid has three or four sides (transfinite
     meshing); other solids are refused and stay rigid.
-
-    Parameters
-    ----------
-    path
-        STEP file.
-    divisions
-        Elements along each edge.
 
     Raises
     ------

@@ -91,14 +91,7 @@ def file_blocks(path: Path, solids: list[Polyhedron], *, units: str, divisions: 
 def connected_solids(path: Path, mesh: HexMesh, members: IntArray) -> list[Block]:
     """Parts of a mesh that share no corner, in the order of their first elements.
 
-    Parameters
-    ----------
-    path
-        File that it is from, for messages.
-    mesh
-        Corners.
-    members
-        All nodes of each element, (n_elements, 8, 20 or 27).
+    ``members`` are all nodes of each element, (n_elements, 8, 20 or 27); messages name the file.
     """
     check_mesh(mesh, str(path))
     rows = np.repeat(np.arange(mesh.n_elements), 8)
@@ -139,13 +132,6 @@ def _of_solids(blocks: list[Block], solids: list[Polyhedron]) -> list[Block]:
 
 def six_sided_hexahedra(solid: Polyhedron, divisions: int) -> HexMesh:
     """Divide a solid with six flat four-cornered sides into divisions³ hexahedra.
-
-    Parameters
-    ----------
-    solid
-        Closed surface.
-    divisions
-        Elements along each edge.
 
     Raises
     ------

@@ -100,14 +100,7 @@ def write_hex_mesh(
 ) -> None:
     """Write hexahedra; the format follows the suffix (`.vtu`, `.inp`, …).
 
-    Parameters
-    ----------
-    path
-        File to write.
-    mesh
-        Hexahedra [mm].
-    point_data, cell_data
-        Arrays with one row per node, per element.
+    Data are arrays with one row per node, and per element.
     """
     kind, cells = "hexahedron", mesh.elements
     _write(path, mesh.nodes, kind, cells, point_data=point_data, cell_data=cell_data)
@@ -273,12 +266,7 @@ def assembly_mesh(assembly: Assembly) -> tuple[HexMesh, IntArray]:
 def interface_surface(assembly: Assembly, contacts: IntArray | None = None) -> QuadSurface:
     """Contact facets in world coordinates, four nodes of their own each.
 
-    Parameters
-    ----------
-    assembly
-        Blocks and their interfaces.
-    contacts
-        Positions in `assembly.interfaces`; all by default.
+    ``contacts`` are positions in `assembly.interfaces`; all by default.
     """
     interfaces = assembly.interfaces
     chosen = np.arange(interfaces.n_contacts) if contacts is None else contacts

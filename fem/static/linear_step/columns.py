@@ -179,16 +179,9 @@ class FlexibleBlock:
 
 
 def flexible_block(block: ColumnBlock, asked: BoolArray, rigid: FloatArray) -> FlexibleBlock:
-    """Eliminate all nodes of a block and keep the flexibility between points.
+    """Eliminate all nodes of a block and keep the flexibility between points that are asked for.
 
-    Parameters
-    ----------
-    block
-        Elements and points.
-    asked
-        Points that count, (n_points,).
-    rigid
-        Rigid motions of the nodes, (3 n_nodes, 6).
+    ``asked`` is (n_points,), ``rigid`` the rigid motions of the nodes, (3 n_nodes, 6).
     """
     column, fronts = _parts(block, alike_lengths(block), asked[: block.n_beside])
     steps, last = list(column.steps), len(fronts)

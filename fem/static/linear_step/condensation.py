@@ -70,12 +70,7 @@ class CondensedBlock:
         return (3 * self.retained[:, None] + np.arange(3)).ravel()
 
     def condense_forces(self, forces: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Move nodal forces to the retained nodes.
-
-        Parameters
-        ----------
-        forces
-            (n_copies, n_nodes, 3) [N].
+        """Move nodal forces (n_copies, n_nodes, 3) [N] to the retained nodes.
 
         Returns
         -------
@@ -89,19 +84,9 @@ class CondensedBlock:
         return np.ascontiguousarray(work[self.degrees_of_freedom].T), work
 
     def recover(self, displacement: FloatArray, reduced: FloatArray) -> FloatArray:
-        """Displacements of all nodes from those of the retained ones.
+        """Displacements of all nodes, (n_copies, n_nodes, 3) [mm], from those of the retained ones.
 
-        Parameters
-        ----------
-        displacement
-            (n_copies, 3 n_c) [mm].
-        reduced
-            Second result of `condense_forces`, (3 n_nodes, n_copies).
-
-        Returns
-        -------
-        FloatArray
-            (n_copies, n_nodes, 3) [mm].
+        Those are (n_copies, 3 n_c) [mm]; ``reduced`` is the second result of `condense_forces`.
         """
         full = reduced.copy()
         full[self.degrees_of_freedom] = displacement.T
@@ -111,15 +96,7 @@ class CondensedBlock:
 
 
 def condense(group: BlockGroup, retained: IntArray) -> CondensedBlock:
-    """Eliminate all nodes of a block but the retained ones.
-
-    Parameters
-    ----------
-    group
-        Mesh, material and element of the block.
-    retained
-        Nodes to keep, (n_c,), sorted and unique.
-    """
+    """Eliminate all nodes of a block but the retained ones, (n_c,), sorted and unique."""
     elements_of, n_nodes = group.mesh.connectivity, group.n_nodes
     uses = np.bincount(elements_of.ravel(), minlength=n_nodes)
     uses[retained] += 1

@@ -45,19 +45,9 @@ def default_sparse_solver() -> SparseSolver:
 
 
 def factorize(matrix: csr_array, solver: SparseSolver | None = None) -> Solve:
-    """Factor a symmetric positive definite matrix.
+    """Factor a symmetric positive definite matrix (n, n), both triangles stored; solves for (n,).
 
-    Parameters
-    ----------
-    matrix
-        (n, n), both triangles stored.
-    solver
-        Library; by default the best that is installed.
-
-    Returns
-    -------
-    Solve
-        From a right-hand side (n,) to the solution (n,).
+    By the best library that is installed, where none is named.
 
     Raises
     ------
@@ -196,21 +186,10 @@ class LinearStep(Protocol):
 def gradient_matrix(
     system: LocalSystem, gradient: FloatArray, points: IntArray | None = None
 ) -> csr_array:
-    """Gradients of points as a sparse matrix.
+    """Gradients of points as a sparse matrix, (n_rows, 3 n_nodes).
 
-    Parameters
-    ----------
-    system
-        Numbers the corners.
-    gradient
-        (n_facets, n_points, nodes of both facets, 3).
-    points
-        Rows to keep, n_points · facet + point; None keeps all.
-
-    Returns
-    -------
-    csr_array
-        (n_rows, 3 n_nodes).
+    Of gradients (n_facets, n_points, nodes of both facets, 3). ``points`` are the rows to keep,
+    n_points · facet + point; None keeps all.
     """
     per_facet = gradient.shape[1]
     chosen = np.arange(per_facet * len(gradient)) if points is None else points
