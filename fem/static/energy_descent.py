@@ -4,7 +4,7 @@ With current normals the tangent is
 
     H = K + Σ w p' ∂x/∂u ∂x/∂uᵀ + Σ w p ∂²x/∂u².
 
-`fem.static.solve` leaves the last term out. Its iteration then converges only where the term is
+`fem.static.newton` leaves the last term out. Its iteration then converges only where the term is
 small against the others, and such a state is a minimum: a spectral radius below one means H is
 positive definite. Blocks that turn much before they touch can come to rest where it is not small.
 Here H acts as it is, inside conjugate gradients whose preconditioner is the inverse of the other

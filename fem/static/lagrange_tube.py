@@ -9,7 +9,7 @@ the overclosure of a point is the sum of the outward displacements of its two si
     x = Σ ν · u = -A q + H + M α - clearance,      Mᵀ q = Rᵀ f,
 
 with A, H and M summed from the blocks that meet (`fem.static.lagrange_block`). The law is
-linearised in pressure as in `fem.static.solve`: after a solution each point that presses is
+linearised in pressure as in `fem.static.newton`: after a solution each point that presses is
 linearised where the law has that pressure. Points whose contact is soft against the block take the
 force of the step before; the others are the unknowns, layer by layer a chain of dense blocks.
 """

@@ -1,0 +1,383 @@
+"""Newton's iteration to a static equilibrium under one load.
+
+Each point of contact keeps a *linearisation overclosure* x̂. One iteration solves the linear
+problem in which the law is replaced by its tangent there,
+
+    K u + Σ w (p(x̂) + p'(x̂) (x(u) - x̂)) ∂x/∂u = f,
+
+minimises the energy exactly along the way to that solution when the end overshoots, and moves
+x̂: after a full step to the overclosure at which the law has the *same pressure* as its tangent
+where that presses (Newton on the inverse of the law, which is nearly straight where the law is
+an exponential), else to the overclosure just found. Gap gradients follow the current normals
+from iteration to iteration. In the first iterations springs hold every block to where it was;
+they fade, and what is called equilibrium never contains them.
+
+The residual is that of the law itself: f - K u - Σ w p(x(u)) ∂x/∂u.
+
+Where current normals turn so much that this does not converge, the energy itself is followed down
+with the exact tangent (`fem.static.energy_descent`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from fem.assembly.local_system import FreeMotions, LocalSystem
+from fem.contact.friction import friction_tractions
+from fem.contact.surfaces import ContactNormals, PointKinematics
+from fem.static.energy_descent import minimise_energy
+from fem.static.friction import FrictionRows, joined
+from fem.static.linear_step.linearisation import (
+    Linearisation,
+    LinearStep,
+    UnheldBlocksError,
+    coarsened,
+)
+from fem.static.result import StaticError, StaticResult
+from geometry.mesh import FloatArray
+
+#: First holding springs relative to the tangent contact stiffness on a block at the start.
+_FIRST_HOLDING = 0.25
+#: Holding springs shrink by this factor from iteration to iteration …
+_FADING = 0.1
+#: … down to this share of the first ones: motions that no contact resists stay determined, and
+#: others do not notice.
+_LEAST_HOLDING = 1e-6
+#: Share of the first holding springs when blocks turn out to be unheld.
+_RESCUE_HOLDING = 1e-3
+#: Rescues after which the blocks are reported as unheld.
+_MAX_RESCUES = 30
+#: First iterations with one pressure for each facet: nearly every point is still in contact then.
+_COARSE_ITERATIONS = 3
+#: A step is cut when the energy slope at its end exceeds this share of the slope at its start.
+_OVERSHOOT = 0.1
+#: A linear solution farther away than this many block lengths is a motion that nothing resists.
+_FARTHEST = 100.0
+#: Contact forces count this much in the size against which the residual is measured.
+_CONTACT_SHARE = 1e-2
+#: Iterations that may bring no better residual, before and after the best is below _NEAR.
+_PATIENCE = 40
+_PATIENCE_NEAR = 10
+_NEAR = 1e-2
+#: Iterations without a better residual after which friction limits follow the pressures by half:
+#: with much friction (mu 0.6) pressures and their limits drive each other up and down.
+_SWINGING = 6
+_LIMIT_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class StaticProblem:
+    """What stays the same in all iterations."""
+
+    system: LocalSystem
+    step: LinearStep
+    tolerance: float
+    """Norm of the residual over that of the loads at which the iteration stops [-]."""
+    max_iterations: int
+    friction: FrictionRows | None
+    normals: ContactNormals
+    free: FreeMotions | None
+
+    def kinematics(self, displacement: FloatArray) -> PointKinematics:
+        """Overclosures and gradients at a displacement."""
+        return self.system.kinematics(displacement, self.normals)
+
+
+@dataclass(frozen=True)
+class StaticState:
+    """What one iteration leaves to the next."""
+
+    displacement: FloatArray
+    kinematics: PointKinematics
+    at: FloatArray
+    first_holding: float
+    holding: float
+    load_factor: float = 1.0
+    rescues: int = 0
+    coarse_iterations: int = 0
+    anchor: FloatArray | None = None
+    limiting: FloatArray | None = None
+    """Pressures whose friction limits the last linear problem had."""
+    swinging: bool = False
+    dissipation: float = 0.0
+    residuals: tuple[float, ...] = ()
+    converged: bool = False
+    saddles: int = 0
+    path: tuple[tuple[float, FloatArray], ...] = ()
+    """Load factor and displacement after each load step, where they are kept."""
+
+
+def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
+    """Every point linearised at the mean pressure that the loads suggest, or at a given state."""
+    contact, surfaces = system.deformable.contact, system.surfaces
+    displacement = np.zeros((system.n_nodes, 3))
+    area = float(surfaces.areas.sum())
+    load = float(np.linalg.norm(system.external_force, axis=1).sum())
+    law = contact.law
+    least = max(float(law.pressure(0.0)), 1e-9 * law.touching_stiffness)
+    pressure = max(load / area if area else 0.0, least)
+    at = np.full(surfaces.weights.shape, float(law.overclosure(pressure)))
+    stiffness = float(law.stiffness(law.overclosure(pressure)))
+    holding = _FIRST_HOLDING * stiffness * area / system.n_slots
+    if start is not None:
+        displacement = _localised(system, start)
+        at = system.kinematics(displacement, contact.normals).overclosure
+        holding *= _RESCUE_HOLDING
+    return StaticState(
+        displacement=displacement,
+        kinematics=system.kinematics(displacement, contact.normals),
+        at=at,
+        first_holding=holding,
+        holding=holding,
+        coarse_iterations=_COARSE_ITERATIONS if start is None else 0,
+    )
+
+
+def _localised(system: LocalSystem, start: StaticResult) -> FloatArray:
+    """Displacements of a result on the representatives, in block frames."""
+    deformable = system.deformable
+    expected = [(g.n_copies, g.n_nodes, 3) for g in deformable.model.groups]
+    if [u.shape for u in start.displacements] != expected:
+        raise StaticError(
+            f"start: got displacements of shapes {[u.shape for u in start.displacements]}; "
+            f"expected {expected}: start from a state of the same model"
+        )
+    return system.localised(start.displacements)
+
+
+def anchor_of(state: StaticState) -> FloatArray:
+    """Anchors of the friction; zero before the first load step."""
+    if state.anchor is not None:
+        return state.anchor
+    return np.zeros((*state.at.shape, 2))
+
+
+def converge(problem: StaticProblem, state: StaticState) -> StaticState:
+    """Iterate to an equilibrium, or until nothing improves any more."""
+    least, since = math.inf, 0
+    for _ in range(problem.max_iterations):
+        state = _iterate(problem, state)
+        since = 0 if state.residuals[-1] < 0.9 * least else since + 1
+        if problem.friction is not None and since == _SWINGING and not state.swinging:
+            state, since = replace(state, swinging=True), 0
+        least = min(least, state.residuals[-1])
+        if state.converged or since > (_PATIENCE_NEAR if least < _NEAR else _PATIENCE):
+            break
+    return state
+
+
+def has_potential(problem: StaticProblem) -> bool:
+    """Whether the energy can be followed: what the plain iteration leaves out then decides."""
+    return problem.friction is None and problem.normals is ContactNormals.CURRENT
+
+
+def descend(problem: StaticProblem, state: StaticState) -> StaticState:
+    """Follow the energy from the equilibrium with reference normals."""
+    start = converge(replace(problem, normals=ContactNormals.REFERENCE), state)
+    descent = minimise_energy(
+        problem.system,
+        problem.step,
+        start.displacement,
+        residual=partial(_relative, problem),
+        load_factor=state.load_factor,
+        holding=start.holding,
+        tolerance=problem.tolerance,
+        max_iterations=problem.max_iterations,
+    )
+    kinematics = problem.kinematics(descent.displacement)
+    return replace(
+        start,
+        displacement=descent.displacement,
+        kinematics=kinematics,
+        at=kinematics.overclosure,
+        residuals=(*start.residuals, *descent.residuals),
+        converged=descent.converged,
+        saddles=state.saddles + descent.saddles,
+    )
+
+
+def _iterate(problem: StaticProblem, state: StaticState) -> StaticState:
+    """One linear problem, and what follows from it."""
+    system, law = problem.system, problem.system.deformable.contact.law
+    linear = _linearise(system, state)
+    state = _with_limits(problem, state)
+    trial, state = _solve(problem, _linear_problem(problem, linear, state), state)
+    share = _step_share(problem, linear, state, trial)
+    displacement = state.displacement + share * (trial - state.displacement)
+    pressure = linear.linear_pressure(system, displacement)
+    kinematics = problem.kinematics(displacement)
+    same_pressure = (pressure > 0.0) & (share == 1.0)
+    state = replace(
+        state,
+        displacement=displacement,
+        kinematics=kinematics,
+        at=np.where(same_pressure, law.overclosure(pressure), kinematics.overclosure),
+        holding=max(_FADING * state.holding, _LEAST_HOLDING * state.first_holding),
+        coarse_iterations=state.coarse_iterations - 1,
+    )
+    residual = _residual(problem, state)
+    return replace(
+        state,
+        residuals=(*state.residuals, residual),
+        converged=residual <= problem.tolerance,
+    )
+
+
+def _linear_problem(
+    problem: StaticProblem, normal: Linearisation, state: StaticState
+) -> Linearisation:
+    """One pressure a facet at first; friction, where there is any, after that."""
+    if state.coarse_iterations > 0:
+        return coarsened(normal)
+    if problem.friction is None:
+        return normal
+    assert state.limiting is not None
+    rows = problem.friction.linearise(state.displacement, anchor_of(state), state.limiting)
+    return joined(normal, rows)
+
+
+def _with_limits(problem: StaticProblem, state: StaticState) -> StaticState:
+    """The state with the pressures that limit friction in the next linear problem."""
+    if problem.friction is None:
+        return state
+    pressure = problem.system.deformable.contact.law.pressure(state.kinematics.overclosure)
+    if state.swinging and state.limiting is not None:
+        pressure = state.limiting + _LIMIT_SHARE * (pressure - state.limiting)
+    return replace(state, limiting=pressure)
+
+
+def _linearise(system: LocalSystem, state: StaticState) -> Linearisation:
+    law, found = system.deformable.contact.law, state.kinematics
+    return Linearisation(
+        weights=system.surfaces.weights,
+        gradient=found.gradient,
+        constant=found.overclosure - system.gather(found.gradient, state.displacement),
+        at=state.at,
+        pressure=law.pressure(state.at),
+        stiffness=law.stiffness(state.at),
+        load_factor=state.load_factor,
+    )
+
+
+def _solve(
+    problem: StaticProblem, linear: Linearisation, state: StaticState
+) -> tuple[FloatArray, StaticState]:
+    """Solve the linear problem; hold the blocks more where nothing else does."""
+    farthest = _FARTHEST * problem.system.deformable.assembly.characteristic_length
+    while True:
+        try:
+            trial = problem.step(linear, state.displacement, state.holding)
+            if problem.free is not None:
+                inverse = problem.step.inverse(linear, state.holding)
+                trial = problem.free.constrained(trial, inverse)
+            if np.abs(trial).max() <= farthest:
+                return trial, state
+            raise UnheldBlocksError(
+                f"a block would move by {np.abs(trial).max():.3g} mm, more than "
+                f"{_FARTHEST:g} block lengths",
+                (),
+            )
+        except UnheldBlocksError as error:
+            if state.rescues >= _MAX_RESCUES:
+                raise StaticError(_unheld_text(error)) from None
+            stronger = max(10.0 * state.holding, _RESCUE_HOLDING * state.first_holding)
+            state = replace(state, holding=stronger, rescues=state.rescues + 1)
+
+
+def _unheld_text(error: UnheldBlocksError) -> str:
+    names = ", ".join(str(b) for b in error.blocks)
+    where = f"among blocks {names} " if names else ""
+    return (
+        f"static: {error}: {where}some motion meets no resistance, or the load is far too large "
+        "for linear elasticity, so no static state is determined; expected contact, load or "
+        "support that holds every block (a smaller initial clearance, a load on every block, or "
+        "an explicit run)"
+    )
+
+
+def _step_share(
+    problem: StaticProblem, linear: Linearisation, state: StaticState, trial: FloatArray
+) -> float:
+    """Share of the way to the linear solution at which the energy is least.
+
+    One, unless the energy rises steeply at the end. Along the way overclosures and slips are
+    linear, so the energy is convex (friction limits frozen) and the slope is found by bisection
+    from contact points alone. A way on which supports move goes to its end: energy that they
+    bring in says nothing, and no other state has them where they are prescribed.
+    """
+    system, step = problem.system, problem.step
+    if not system.has_prescribed(state.displacement):
+        return 1.0
+    law, weights = system.deformable.contact.law, system.surfaces.weights
+    way = trial - state.displacement
+    force = step.internal_force(state.displacement) - linear.load_factor * step.external_force
+    start = float(np.vdot(force, way))
+    growth = float(np.vdot(step.internal_force(way), way))
+    before = linear.constant + system.gather(linear.gradient, state.displacement)
+    change = system.gather(linear.gradient, way)
+
+    sliding = _sliding_slope(problem, state, way)
+
+    def slope(share: float) -> float:
+        pressure = law.pressure(before + share * change)
+        normal = float(np.vdot(weights * pressure, change))
+        return start + share * growth + normal + sliding(share)
+
+    first = slope(0.0)
+    if not first < 0.0 or slope(1.0) <= -_OVERSHOOT * first:
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        if slope(middle) < 0.0:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def _sliding_slope(
+    problem: StaticProblem, state: StaticState, way: FloatArray
+) -> Callable[[float], float]:
+    """Work of the friction per share of a way, as a function of the share."""
+    rows = problem.friction
+    if rows is None:
+        return lambda _: 0.0
+    pressure = problem.system.deformable.contact.law.pressure(state.kinematics.overclosure)
+    before, change, anchor = rows.slip(state.displacement), rows.slip(way), anchor_of(state)
+    weighted = problem.system.surfaces.weights[:, :, None] * change
+
+    def slope(share: float) -> float:
+        traction, _ = friction_tractions(rows.friction, before + share * change, anchor, pressure)
+        return float(np.vdot(weighted, traction))
+
+    return slope
+
+
+def _residual(problem: StaticProblem, state: StaticState) -> float:
+    """Norm of the unbalanced nodal forces over that of the loads, or 1 % of the contacts'."""
+    system, step = problem.system, problem.step
+    pressure = system.deformable.contact.law.pressure(state.kinematics.overclosure)
+    forces = system.surfaces.weights * pressure
+    unbalanced = state.load_factor * step.external_force
+    unbalanced = unbalanced - step.internal_force(state.displacement)
+    unbalanced += system.scatter(state.kinematics.gradient, forces)
+    if problem.friction is not None:
+        unbalanced += problem.friction.forces(state.displacement, anchor_of(state), pressure)
+    return _relative(problem, system.free_part(unbalanced), forces)
+
+
+def _relative(problem: StaticProblem, unbalanced: FloatArray, contact_forces: FloatArray) -> float:
+    size = max(
+        float(np.linalg.norm(problem.system.external_force)),
+        _CONTACT_SHARE * float(np.linalg.norm(contact_forces)),
+    )
+    if problem.free is not None:
+        unbalanced = problem.free.without(unbalanced)
+    left = float(np.linalg.norm(unbalanced))
+    return left / size if size > 0.0 else left
