@@ -28,11 +28,7 @@ from fem.contact.surfaces import ContactSurfaces
 from fem.static.friction import friction_rows
 from fem.static.linear import solve_apart
 from fem.static.linear_step.condensed import CondensedStep, FlexibilityStore
-from fem.static.linear_step.linearisation import (
-    LinearStep,
-    SparseSolver,
-    SparseStep,
-)
+from fem.static.linear_step.linearisation import LinearStep, SparseSolver, SparseStep
 from fem.static.newton import (
     StaticProblem,
     StaticState,
