@@ -196,7 +196,7 @@ def test_stages_of_a_run_leave_compilation_out() -> None:
 @pytest.mark.parametrize(
     ("command", "module"),
     [
-        (["mbd", "tsb1-pipe"], "validation.run.rigid.assembly"),
+        (["mbd", "tsb1-pipe"], "validation.run.rigid.answer"),
         (["fem", "tsb1-pipe", "--accuracy", "u=50%"], "fem.static.lagrange_tube"),
     ],
 )

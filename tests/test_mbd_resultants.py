@@ -13,7 +13,7 @@ from mbd.friction import frictional_contacts, frictional_equilibrium
 from tests.test_validation_own_fem import column
 from validation.output.rigid.polyhedra import write_contacts
 from validation.run.deformable import run_json
-from validation.run.rigid.assembly import run_rigid
+from validation.run.rigid.answer import run_rigid
 from validation.run.rigid.polyhedra import PolyhedralRun, run_polyhedra
 from validation.run.solve import run_static
 from validation.scene.read import load_scene

@@ -76,7 +76,7 @@ import json
 from fem.decks.statement import Flavour
 from validation.build.deck import build_deck
 from validation.run.rigid.explosion import run_explosion
-from validation.run.rigid.assembly import run_rigid
+from validation.run.rigid.answer import run_rigid
 from validation.run.solve import run_static
 from validation.scene.family import round_types
 from validation.scene.read import load_scene

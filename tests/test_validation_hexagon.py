@@ -9,7 +9,7 @@ from mbd import Mechanism, contact_jacobian, generalized_force
 from validation.output.pictures.sections import section
 from validation.output.pictures.tubes import section_heights
 from validation.paper.reference import reference
-from validation.run.rigid.assembly import run_rigid
+from validation.run.rigid.answer import run_rigid
 from validation.run.solve import run_static
 from validation.scene.read import DeformableScene, load_scene
 

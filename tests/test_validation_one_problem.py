@@ -26,7 +26,7 @@ from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
 from validation.output.decks import export_deck, import_deck
-from validation.run.rigid.assembly import run_rigid
+from validation.run.rigid.answer import run_rigid
 from validation.run.rigid.polyhedra import run_polyhedra
 from validation.scene.read import SceneFile, check_scene, load_scene, scene_data
 

@@ -17,8 +17,7 @@ from validation.paper.errata import errata, show_errata
 from validation.paper.evidence import Evidence, StudyTable
 from validation.paper.reading import ingredients, sensitivity, to_the_digit
 from validation.paper.tables import compute_tables, tables_json
-from validation.run.rigid.assembly import RigidRun, run_rigid
-from validation.run.rigid.shared import SharedTubes
+from validation.run.rigid.answer import RigidRun, SharedTubes, run_rigid
 from validation.scene.read import load_scene
 
 AXES = ((0.0, 0.5), (1.0, 1.5, 2.0), (2, 3, 4, 5, 6), (30.0, 40.0, 50.0, 60.0))

@@ -40,7 +40,7 @@ from validation.output.pictures.gallery import (
 from validation.output.pictures.look import Look
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
 from validation.output.pictures.sections import section
-from validation.run.rigid.assembly import run_rigid
+from validation.run.rigid.answer import run_rigid
 from validation.run.rigid.polyhedra import mechanism_motion, run_polyhedra
 from validation.run.solve import run_static
 from validation.scene.read import load_scene

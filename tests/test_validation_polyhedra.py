@@ -93,7 +93,7 @@ def test_what_is_not_asked_is_absent_and_what_is_asked_is_answered() -> None:
 
 
 def test_friction_can_be_asked_of_a_tube() -> None:
-    from validation.run.rigid.assembly import run_rigid
+    from validation.run.rigid.answer import run_rigid
 
     settings = ["mesh.edge=6", "mesh.radial=3", "assembly.layers=4"]
     slippery = run_rigid(load_scene("thb0-pipe", [*settings, "rigid.friction=0.01"])).json()

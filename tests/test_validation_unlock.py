@@ -9,8 +9,8 @@ import pytest
 from mbd import MechanismClass
 from tests.test_validation_cli import tubelock  # noqa: F401
 from validation.errors import InputError
-from validation.run.rigid.assembly import run_rigid
-from validation.run.rigid.unlock import class_with_layers, frame_warning, layers_to_unlock
+from validation.run.rigid.answer import run_rigid
+from validation.run.rigid.changed import class_with_layers, frame_warning, layers_to_unlock
 from validation.scene.read import load_scene
 
 COARSE = ("mesh.edge=4", "mesh.radial=2")

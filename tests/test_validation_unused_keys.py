@@ -14,7 +14,7 @@ from geometry.mesh import FloatArray
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.build.deck import build_deck
 from validation.errors import InputError
-from validation.run.rigid.assembly import run_rigid
+from validation.run.rigid.answer import run_rigid
 from validation.run.solve import run_explicit, run_static
 from validation.scene.builtin import builtin_names
 from validation.scene.read import SceneFile, apply_overrides, check_scene, load_scene, scene_data

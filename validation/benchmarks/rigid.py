@@ -26,7 +26,7 @@ from mbd import (
 from validation.build.blocks import build_scene
 from validation.output.console import listing, measuring
 from validation.output.files import write_json
-from validation.run.rigid.assembly import run_rigid
+from validation.run.rigid.answer import run_rigid
 from validation.run.stages import peak_memory_mb
 from validation.scene.read import load_scene
 

@@ -49,7 +49,8 @@ def _tables(folder: Path, console: Console) -> Iterator[Path]:
 def _rigid(folder: Path) -> Iterator[Path]:
     """Draw three tubes of rigid blocks, and write their contact pressures."""
     from validation.output.pictures.assemblies import draw_assembly, draw_pressures
-    from validation.run.rigid.assembly import run_rigid, write_pressures
+    from validation.output.rigid.assembly import write_pressures
+    from validation.run.rigid.answer import run_rigid
     from validation.scene.read import load_scene
 
     for name in ("tsb1-pipe", "tsb2-pipe", "tsb1-pillar"):

@@ -223,7 +223,8 @@ def _write(run: DeformableRun, data: dict[str, Any], outputs: Outputs, use: KeyU
 
     print_run(run, outputs.console)
     outputs.tell_unused(use)
-    write_run_files(run, outputs)
+    if outputs.folder is not None:
+        write_run_files(run, outputs)
     outputs.write_json(data)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -38,11 +38,12 @@ def mbd(
     """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
     from validation.output.outputs import Outputs
     from validation.output.rigid.answers import rigid_output
-    from validation.run.rigid.unlock import (
+    from validation.run.rigid.changed import (
         frame_warning,
         layers_to_unlock,
+        refined,
+        require_mesh,
         require_tube,
-        unlocking_json,
     )
     from validation.scene.read import load_scene
     from validation.scene.usage import recording
@@ -52,8 +53,6 @@ def mbd(
     if unlock:
         require_tube(file)
     if refine:
-        from validation.run.rigid.refinement import refined, require_mesh
-
         require_mesh(file)
     rigid = rigid_output(file)
     with Outputs(json, folder, rigid.files, scene=file) as outputs:
@@ -61,19 +60,22 @@ def mbd(
             run = rigid.run(file, outputs.console)
         rigid.tell(run, outputs.console)
         outputs.tell_unused(use)
-        warning = frame_warning(file, run)
+        added: dict[str, Any] = {}
+        warning = frame_warning(file, run) if file.scene.frames_may_lock else None
         if warning is not None:
             outputs.console.print(f"{'note':9} {warning}")
-        found = layers_to_unlock(file) if unlock else None
-        if found is not None:
+            added["frame_warning"] = warning
+        if unlock:
+            found = layers_to_unlock(file)
             outputs.console.print(f"{'unlock':9} {found.words}")
-        rigid.write(run, outputs)
-        data = run.json() | unlocking_json(warning, found)
+            added["layers_to_unlock"] = found.as_json()
+        if outputs.folder is not None:
+            rigid.write(run, outputs)
         if refine:
             change = refined(file, run)
             outputs.console.print(f"{'refined':9} {change.words}")
-            data |= {"refinement": change.as_json()}
-        outputs.write_json(data)
+            added["refinement"] = change.as_json()
+        outputs.write_json(run.json() | added)
 
 
 def explode(

@@ -23,7 +23,7 @@ from validation.build.facing import FacingBlocks, facing_blocks
 from validation.compare.decomposition import Step, decompose
 from validation.errors import InputError
 from validation.run.deformable import DeformableRun
-from validation.run.rigid.assembly import RigidRun, analyse_rigid
+from validation.run.rigid.answer import RigidRun, analyse_rigid
 from validation.run.solve import run_explicit, run_static
 from validation.scene.deformable import Damping, Method
 from validation.scene.read import DeformableScene

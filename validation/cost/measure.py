@@ -22,7 +22,7 @@ from validation.cost.settings import BaseMesh, CostSetting, damped_constantly, w
 from validation.errors import InputError
 from validation.output.provenance import processor
 from validation.run.deformable import DeformableRun
-from validation.run.rigid.assembly import analyse_rigid
+from validation.run.rigid.answer import analyse_rigid
 from validation.run.solve import run_explicit, run_static, scene_statement
 from validation.scene.family import AssemblyScene
 from validation.scene.read import SceneFile, TubeScene

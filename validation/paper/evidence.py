@@ -21,8 +21,7 @@ from geometry.measures import Measures
 from validation.errors import InputError
 from validation.output.console import status
 from validation.paper.reading import MESH_OF_TABLES, solve_row
-from validation.run.rigid.assembly import RigidRun
-from validation.run.rigid.shared import SharedTubes
+from validation.run.rigid.answer import RigidRun, SharedTubes
 from validation.scene.read import load_scene
 from validation.study.report import sweep_progress
 from validation.study.run import LocalRunner, sweep

@@ -32,7 +32,7 @@ from validation.paper.reference import reference
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from validation.run.rigid.assembly import RigidRun
+    from validation.run.rigid.answer import RigidRun
 
 #: Okabe–Ito, dark enough on white, and a mark each: readable without colour.
 _LINES = (

@@ -17,7 +17,7 @@ from geometry.loads import LoadCase, PressureLoad, TractionLoad, surface_means
 from geometry.measures import Measures
 from mbd import analyse
 from validation.paper.reference import reference
-from validation.run.rigid.assembly import RigidRun
+from validation.run.rigid.answer import RigidRun
 
 #: Quantities of a table's row, and the decimals that are printed.
 DECIMALS = {"effective": 1, "p_eff": 3, "p_max": 3}

@@ -34,7 +34,7 @@ from validation.paper.figures import CostRow, FigureFile, cost_rows, draw_figure
 from validation.paper.reading import Sensitivity, sensitivity
 from validation.paper.tables import Tables, compute_tables, count_words, lines_by_block, tables_json
 from validation.run.deformable import DeformableRun
-from validation.run.rigid.assembly import RigidRun
+from validation.run.rigid.answer import RigidRun
 
 
 class Extent(StrEnum):

@@ -14,8 +14,7 @@ from rich.progress import track
 from validation.output.console import listing
 from validation.paper.reading import DECIMALS, Solve, as_read, solve_row, to_the_digit
 from validation.paper.reference import reference
-from validation.run.rigid.assembly import RigidRun
-from validation.run.rigid.shared import SharedTubes
+from validation.run.rigid.answer import RigidRun, SharedTubes
 from validation.scene.read import load_scene
 
 #: Words of the quantities.

@@ -224,6 +224,9 @@ class PicturesSection(Section):
 class WholeScene(Section):
     """What every scene may have."""
 
+    #: Whether frames at both ends may lock a short assembly whose blocks alone would not be.
+    frames_may_lock: ClassVar[bool] = False
+
     plausibility: PlausibilitySection = PlausibilitySection()
     pictures: PicturesSection = PicturesSection()
 

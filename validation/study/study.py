@@ -498,7 +498,7 @@ def _of_the_columns(built: BuiltScene) -> BuiltScene:
 
 def _rigid_results(file: SceneFile) -> dict[str, Any]:
     from validation.build.blocks import build_scene
-    from validation.run.rigid.assembly import analyse_rigid
+    from validation.run.rigid.answer import analyse_rigid
 
     built = build_scene(file, command="sweep")
     with uncounted(*((RigidSection, key) for key in _NO_COLUMN)):

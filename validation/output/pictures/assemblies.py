@@ -41,7 +41,7 @@ from validation.output.pictures.gallery import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from validation.run.rigid.assembly import RigidRun
+    from validation.run.rigid.answer import RigidRun
 
 
 def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str) -> None:
@@ -256,7 +256,7 @@ def _draw_joint_lines(axes: Axes, flat: FloatArray, pair: IntArray) -> None:
 
 def draw_mechanism(run: RigidRun, path: Path) -> None:
     """Draw the certified mechanism: blocks moved along it, coloured by how far they move."""
-    from validation.run.rigid.assembly import mechanism_displacements
+    from validation.run.rigid.answer import mechanism_displacements
 
     assembly = run.assembly
     displacement = mechanism_displacements(run)

@@ -37,7 +37,7 @@ def rigid_output(file: SceneFile) -> RigidOutput:
     if isinstance(file.scene, PolyhedralScene):
         return _of_triangles(file.scene)
     from validation.output.rigid import assembly
-    from validation.run.rigid.assembly import run_rigid
+    from validation.run.rigid.answer import run_rigid
 
     return RigidOutput(
         assembly.FILES, lambda file, _: run_rigid(file), assembly.print_rigid, assembly.write_rigid

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.console import Console
 
+from geometry.files.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
 from validation.output.console import two_columns
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
@@ -17,12 +20,7 @@ from validation.output.text import (
     held_words,
     p_eff_words,
 )
-from validation.run.rigid.assembly import (
-    RigidRun,
-    mechanism_displacements,
-    write_mechanism,
-    write_pressures,
-)
+from validation.run.rigid.answer import RigidRun, mechanism_displacements
 
 if TYPE_CHECKING:
     # Machine code that no other rigid answer needs comes with it.
@@ -47,6 +45,44 @@ def write_rigid(run: RigidRun, outputs: Outputs) -> None:
     if mechanism_displacements(run) is not None:
         outputs.write("mechanism", "mechanism.vtu", lambda path: write_mechanism(run, path))
         outputs.write("picture", "mechanism.png", lambda path: draw_mechanism(run, path))
+
+
+def write_mechanism(run: RigidRun, path: Path) -> None:
+    """Write all blocks with the mechanism's first-order displacement as `.vtu`."""
+    displacement = mechanism_displacements(run)
+    if displacement is None:
+        raise ValueError("a locked assembly has no mechanism to write")
+    mesh, owner = assembly_mesh(run.assembly)
+    write_hex_mesh(
+        path,
+        mesh,
+        point_data={"mechanism": displacement},
+        cell_data={
+            "block": owner.astype(np.int32),
+            "layer": run.assembly.layer[owner].astype(np.int32),
+        },
+    )
+
+
+def write_pressures(run: RigidRun, path: Path) -> None:
+    """Write the contact facets with pressures, forces, normals and blocks as `.vtu`."""
+    index = run.result.contact_index
+    interfaces = run.assembly.interfaces
+    write_surface(
+        path,
+        interface_surface(run.assembly, index),
+        {
+            "contact_pressure": run.contact_pressures,
+            "contact_force": run.contact_pressures * interfaces.areas[index],
+            "traction": run.carried.forces / interfaces.areas[index, None],
+            "area": interfaces.areas[index],
+            "normal": interfaces.normals[index],
+            "block_m": interfaces.block_m[index].astype(np.int32),
+            "block_s": interfaces.block_s[index].astype(np.int32),
+            "layer_m": run.assembly.layer[interfaces.block_m[index]].astype(np.int32),
+            "layer_s": run.assembly.layer[interfaces.block_s[index]].astype(np.int32),
+        },
+    )
 
 
 def print_rigid(run: RigidRun, console: Console) -> None:

@@ -16,7 +16,7 @@ from geometry.mesh import FloatArray, IntArray
 from validation.paper.claims.claim import Claims, Truth, Verdict, judged
 from validation.paper.evidence import Evidence
 from validation.run.deformable import DeformableRun, contact_report
-from validation.run.rigid.assembly import RigidRun
+from validation.run.rigid.answer import RigidRun
 from validation.scene.read import TubeScene
 
 FEM_CLAIMS = Claims(deformable=True)

@@ -11,7 +11,7 @@ from mbd import contact_jacobian
 from validation.paper.claims.claim import Claims, Verdict, judged
 from validation.paper.evidence import Design, Evidence, measures_of, p_max
 from validation.paper.reference import reference
-from validation.run.rigid.assembly import RigidRun
+from validation.run.rigid.answer import RigidRun
 
 RIGID_CLAIMS = Claims()
 

@@ -1,24 +1,43 @@
-"""What the rigid answers of all scenes have in common, whatever their blocks are made of."""
+"""The rigid answer: what all scenes have in common, and that to blocks with hexahedra."""
 
 from __future__ import annotations
 
+import time
 from abc import ABC
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy.spatial  # noqa: F401 - what matches facets, loaded before the clock runs
 
-from geometry.assembly import AnyBlocks
-from geometry.loads import LoadCase
+from geometry.assembly import AnyBlocks, Assembly
+from geometry.loads import LoadCase, with_body_wrenches
 from geometry.measures import JointResultants, joint_resultants
 from geometry.mesh import FloatArray
-from mbd import Mechanism, RigidResult, SelfStress
+from mbd import (
+    Measures,
+    Mechanism,
+    RigidResult,
+    SelfStress,
+    analyse,
+    block_measures,
+    block_wrenches,
+    measures,
+)
 from mbd.margin import held_against
-from validation.run.rigid.further import Carried, Further, carried, further_json
+from validation.build.blocks import BuiltScene, build_scene, build_weight
+from validation.run.rigid.further import (
+    Carried,
+    Further,
+    carried,
+    further_answers,
+    further_json,
+)
 from validation.run.stages import summed
-from validation.scene.family import AssemblyScene
+from validation.scene.family import AssemblyScene, RoundScene
 from validation.scene.polyhedra import PolyhedralScene
+from validation.scene.read import DeformableScene, SceneFile
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,3 +158,121 @@ def _certificate_json(result: RigidResult) -> dict[str, Any] | None:
             "work": certificate.work,
         }
     return None
+
+
+# ---------------------------------------------------------------------------------------------
+# Blocks with hexahedra
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigidRun(RigidAnswer):
+    """The rigid answer to blocks with hexahedra."""
+
+    scene: DeformableScene
+    assembly: Assembly
+
+    @cached_property
+    def contact_pressures(self) -> FloatArray:
+        """Pressures of that answer, (n_contacts,) [MPa]."""
+        return self.normal_forces / self.assembly.interfaces.areas[self.result.contact_index]
+
+    @cached_property
+    def measures(self) -> Measures | None:
+        """The paper's measures of those pressures; None where nothing holds."""
+        if self.further is None or self.further.friction is None:
+            return self.result.measures
+        if not self.carried.holds:
+            return None
+        index, found = self.result.contact_index, self.assembly.interfaces
+        measured = self.result.measured_blocks
+        of_blocks = block_measures(
+            measured,
+            found.block_m[index],
+            found.block_s[index],
+            self.contact_pressures,
+            found.areas[index],
+        )
+        eligible, areas = self.assembly.eligible_facets(), self.assembly.eligible_areas()
+        return measures(of_blocks, eligible[measured], areas[measured])
+
+    def json(self) -> dict[str, Any]:
+        """Return the answer as plain data, numbers in full precision."""
+        found = None if self.measures is None else asdict(self.measures)
+        supported = self.result.supported_classification.mechanism
+        return super().json() | {"mechanism_as_supported": str(supported), "measures": found}
+
+
+def run_rigid(file: SceneFile) -> RigidRun:
+    """Build and analyse a scene."""
+    return analyse_rigid(build_scene(file))
+
+
+def analyse_rigid(built: BuiltScene) -> RigidRun:
+    """Analyse a built scene."""
+    scene, assembly = built.scene, built.assembly
+    live = block_wrenches(assembly, built.load)
+    weight = build_weight(scene, assembly)
+    load = built.load if weight is None else with_body_wrenches(built.load, weight)
+    result = analyse(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
+    dead = np.zeros_like(live) if weight is None else weight
+    further = further_answers(assembly, load.fixed, (dead, live), scene.rigid)
+    building = {"build": built.cpu_seconds, "total": built.cpu_seconds}
+    return RigidRun(
+        name=built.name,
+        scene=scene,
+        assembly=assembly,
+        load=load,
+        result=result,
+        further=further,
+        cpu_seconds=spent(building, result, further),
+    )
+
+
+def mechanism_displacements(run: RigidRun) -> FloatArray | None:
+    """First-order motion of every block's nodes, `RigidAnswer.motion`.
+
+    Returns
+    -------
+    FloatArray | None
+        Displacements of the nodes of `assembly_mesh`, largest 1, (n_nodes, 3); None without motion.
+    """
+    moving, assembly = run.motion, run.assembly
+    if moving is None:
+        return None
+    arms = (assembly.nodes(b) - assembly.centroids[b] for b in range(assembly.n_blocks))
+    parts = [m[:3] + np.cross(m[3:], arm) for m, arm in zip(moving, arms, strict=True)]
+    displacement = np.concatenate(parts)
+    largest = float(np.linalg.norm(displacement, axis=1).max())
+    return displacement / largest
+
+
+@dataclass
+class SharedTubes:
+    """Tubes built so far, by what their blocks are."""
+
+    _built: dict[str, BuiltScene] = field(default_factory=dict)
+
+    def run(self, file: SceneFile) -> RigidRun:
+        """Build the blocks of a scene, unless another scene has the same, and analyse them.
+
+        The CPU time of building is that of the first of them: what the scene alone would take.
+
+        Raises
+        ------
+        InputError
+            When it describes nothing that can be built.
+        """
+        scene = file.scene
+        if not isinstance(scene, RoundScene):
+            return analyse_rigid(build_scene(file))
+        sections = (scene.block, scene.assembly, scene.mesh)
+        key = "\n".join(section.model_dump_json() for section in sections)
+        if key not in self._built:
+            built = build_scene(file)
+            start = time.process_time()
+            _ = built.assembly.interfaces  # found once and kept
+            seconds = built.cpu_seconds + time.process_time() - start
+            self._built[key] = replace(built, cpu_seconds=seconds)
+        known = self._built[key]
+        load = scene.build_load(known.assembly)
+        return analyse_rigid(replace(known, name=file.name, scene=scene, load=load))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -36,6 +36,8 @@ class HexagonMeshSection(Section):
 
 class HexagonTubeScene(RoundScene):
     """A tube of hexagon-based blocks."""
+
+    frames_may_lock: ClassVar[bool] = True
 
     block: HexagonBlockSection
     assembly: TubeAssemblySection

@@ -1,0 +1,197 @@
+"""What a rigid answer owes to its mesh and to its frames: the same scene with others.
+
+Forces between rigid blocks are not unique: the answer is the one of least norm on the facets of
+``[mesh]``, and its means follow the facets. How far they do is seen on facets of half the length.
+
+Between two frames a few layers can be locked whose blocks, in a longer tube, are not: tubes of
+hexagon-based blocks under internal pressure are. More layers tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from mbd import MechanismClass
+from validation.errors import InputError
+from validation.run.rigid.answer import RigidAnswer, RigidRun, run_rigid
+from validation.scene.family import AssemblyScene, RoundScene
+from validation.scene.read import SceneFile
+
+#: Elements along every edge over those of the scene.
+FACTOR = 2.0
+#: Measures that are compared [MPa].
+_COMPARED = ("p_eff", "p_eff_pooled", "p_max")
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """Measures of a scene and of the same scene with shorter facets."""
+
+    n_contacts: int
+    """Of the finer mesh."""
+    class_changes: bool
+    """Whether the mechanism class does."""
+    values: dict[str, float]
+    """Measures of the finer mesh [MPa]; none where either holds nothing."""
+    changes: dict[str, float]
+    """Finer less the scene's own [MPa]."""
+
+    @property
+    def words(self) -> str:
+        """What was found, for a line of text."""
+        head = f"{self.n_contacts} contacts"
+        if self.class_changes:
+            return f"{head}: another mechanism class, the facets of [mesh] are too long"
+        if not self.values:
+            return f"{head}: the same class, and no pressures to compare"
+        parts = []
+        for name, value in self.values.items():
+            own = value - self.changes[name]
+            share = f" ({100.0 * self.changes[name] / own:+.2g} %)" if own else ""
+            parts.append(f"{name} {value:.5g} MPa{share}")
+        return f"{head}: {', '.join(parts)}"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return asdict(self)
+
+
+def require_mesh(file: SceneFile) -> AssemblyScene:
+    """Refuse scenes whose facets are given node by node or by triangles.
+
+    Raises
+    ------
+    InputError
+        Those, by name.
+    """
+    if not isinstance(file.scene, AssemblyScene) or file.scene.coarser(FACTOR) is None:
+        raise InputError(
+            f"{file.name}: --refine: its blocks have no mesh that could be refined; expected a "
+            "scene that states how many elements a block has"
+        )
+    return file.scene
+
+
+def refined(file: SceneFile, run: RigidAnswer) -> Refinement:
+    """Solve the scene on facets of half the length and compare.
+
+    Raises
+    ------
+    InputError
+        A scene without a mesh.
+    """
+    finer = require_mesh(file).coarser(FACTOR)
+    assert finer is not None
+    assert isinstance(run, RigidRun)
+    found = run_rigid(replace(file, scene=finer))
+    one, other = run.measures, found.measures
+    values: dict[str, float] = {}
+    if one is not None and other is not None:
+        values = {name: float(getattr(other, name)) for name in _COMPARED}
+    return Refinement(
+        n_contacts=found.result.n_contacts,
+        class_changes=found.result.mechanism is not run.result.mechanism,
+        values=values,
+        changes={name: value - float(getattr(one, name)) for name, value in values.items()},
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Other numbers of layers
+
+#: Layers of the paper's tubes: a shorter one is compared with one as long.
+LONG_TUBE = 12
+
+
+@dataclass(frozen=True)
+class Unlocking:
+    """Classes of a tube by its number of layers."""
+
+    classes: dict[int, MechanismClass]
+    """Of the numbers of layers that were tried, ascending."""
+    layers: int | None
+    """The least number of layers with which the tube is not locked; None: none was found."""
+
+    @property
+    def words(self) -> str:
+        """What was found, for a line of text."""
+        tried = ", ".join(f"{layers}: {found}" for layers, found in self.classes.items())
+        head = "locked with every number tried" if self.layers is None else f"{self.layers} layers"
+        return f"{head} (on this mesh, frames held; {tried})"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        classes = {str(layers): str(name) for layers, name in self.classes.items()}
+        return {"layers": self.layers, "classes": classes}
+
+
+def require_tube(file: SceneFile) -> RoundScene:
+    """Return the scene if it is a tube.
+
+    Raises
+    ------
+    InputError
+        For any other.
+    """
+    if not isinstance(file.scene, RoundScene):
+        raise InputError(
+            f"{file.name}: --layers-to-unlock: block.type {file.scene.block.type!r} makes no tube; "
+            'expected "sine" or "hexagon"'
+        )
+    return file.scene
+
+
+def class_with_layers(file: SceneFile, layers: int) -> MechanismClass:
+    """Mechanism class, frames held, of a tube with another number of layers.
+
+    Raises
+    ------
+    InputError
+        For a scene that is no tube, or cannot be built so.
+    """
+    scene = require_tube(file).changed({"assembly.layers": layers})
+    return run_rigid(replace(file, scene=scene)).result.mechanism
+
+
+def layers_to_unlock(file: SceneFile, most: int = 4 * LONG_TUBE) -> Unlocking:
+    """Find the least number of layers with which a tube is not locked.
+
+    Doubled until it is not, then halved in between: a mechanism of some layers is taken to be one
+    of more layers too.
+
+    Raises
+    ------
+    InputError
+        For a scene that is no tube, or cannot be built with fewer layers.
+    """
+    found: dict[int, MechanismClass] = {}
+
+    def locked(layers: int) -> bool:
+        found[layers] = class_with_layers(file, layers)
+        return found[layers] is MechanismClass.LOCKED
+
+    low, high = 0, 1
+    while locked(high):
+        low, high = high, 2 * high
+        if high > most:
+            return Unlocking(dict(sorted(found.items())), None)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if locked(middle) else (low, middle)
+    return Unlocking(dict(sorted(found.items())), high)
+
+
+def frame_warning(file: SceneFile, run: RigidAnswer) -> str | None:
+    """Say where a short tube is locked by its frames alone."""
+    scene = require_tube(file)
+    if scene.assembly.layers >= LONG_TUBE or run.result.mechanism is not MechanismClass.LOCKED:
+        return None
+    other = class_with_layers(file, LONG_TUBE)
+    if other is MechanismClass.LOCKED:
+        return None
+    return (
+        f"{scene.assembly.layers} layers are locked by the frames at their ends, not by the "
+        f"blocks: with {LONG_TUBE} layers the tube is {other}; --layers-to-unlock finds how many "
+        "it takes"
+    )
