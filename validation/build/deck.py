@@ -52,13 +52,6 @@ _NOTE_WIDTH = 110
 def build_deck(file: SceneFile, flavour: Flavour) -> Deck:
     """State the problem of a scene for another program.
 
-    Parameters
-    ----------
-    file
-        Scene with [material], [fem] and, where blocks meet, [contact].
-    flavour
-        For which program.
-
     Raises
     ------
     InputError

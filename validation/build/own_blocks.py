@@ -20,10 +20,9 @@ from geometry.loads import LoadCase
 from geometry.measures import UnmatchedJoint, matched_area
 from geometry.mesh import IntArray, MeshError
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
-from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly
 from validation.build.blocks import HexahedralBlocks
-from validation.build.polyhedra import build_body_loads, placed_blocks
+from validation.build.polyhedra import build_body_loads, detection_options, placed_blocks
 from validation.errors import InputError
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import MeshScene
@@ -50,10 +49,7 @@ def build_own_blocks(scene: MeshScene, name: str) -> HexahedralBlocks:
     try:
         assembly = _assembly(scene, name)
         check_block_size(scene, assembly)
-        detection = scene.detection
-        surfaces = as_polyhedral(
-            assembly, DetectionOptions(detection.tolerance, detection.angle, detection.points)
-        )
+        surfaces = as_polyhedral(assembly, detection_options(scene.detection))
         check_assembly(surfaces)
     except RefusedError as error:
         # What is wrong with the whole assembly begins with its name.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -27,6 +27,7 @@ from validation.scene.polyhedra import (
     ArchScene,
     BodyLoadSection,
     CubesScene,
+    DetectionSection,
     MeshScene,
     OctahedraScene,
     PlaceSection,
@@ -39,6 +40,31 @@ from validation.scene.polyhedra import (
 Shape = TypeVar("Shape")
 
 
+#: Builder of each family from its scene and what counts as contact.
+_FAMILIES: dict[type, Callable[[Any, DetectionOptions], PolyhedralAssembly]] = {
+    TetrahedraScene: lambda s, d: tetrahedra_layer(
+        s.block.edge, s.assembly.columns, s.assembly.rows, d
+    ),
+    OctahedraScene: lambda s, d: octahedra_layer(s.block.edge, s.assembly.rings, d),
+    CubesScene: lambda s, d: cubes_layer(s.block.edge, s.assembly.rings, s.block.arrangement, d),
+    WallScene: lambda s, d: running_bond_wall(s.block.size, s.assembly.columns, s.assembly.rows, d),
+    ArchScene: lambda s, d: circular_arch(
+        s.block.radius,
+        s.block.thickness,
+        s.block.depth,
+        s.assembly.voussoirs,
+        embrace=s.assembly.embrace,
+        detection=d,
+    ),
+    VoxelScene: lambda s, d: voxel_assembly(s.block.layers, s.block.size, s.assembly.fixed, d),
+}
+
+
+def detection_options(section: DetectionSection) -> DetectionOptions:
+    """What counts as contact."""
+    return DetectionOptions(section.tolerance, section.angle, section.points)
+
+
 def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
     """Build and check the blocks of a scene; names of files are relative to the folder.
 
@@ -47,50 +73,14 @@ def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
     RefusedError
         When the scene describes no assembly that can be meant.
     """
-    assembly = _build(scene, folder)
+    detection = detection_options(scene.detection)
+    if isinstance(scene, MeshScene):
+        assembly = _from_files(scene, folder, detection)
+    else:
+        assembly = _FAMILIES[type(scene)](scene, detection)
     check_block_size(scene, assembly)
     check_assembly(assembly)
     return assembly
-
-
-def _build(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
-    detection = DetectionOptions(
-        scene.detection.tolerance, scene.detection.angle, scene.detection.points
-    )
-    if isinstance(scene, MeshScene):
-        return _from_files(scene, folder, detection)
-    if isinstance(scene, TetrahedraScene | OctahedraScene | CubesScene):
-        return _layer(scene, detection)
-    return _construction(scene, detection)
-
-
-def _layer(
-    scene: TetrahedraScene | OctahedraScene | CubesScene, detection: DetectionOptions
-) -> PolyhedralAssembly:
-    if isinstance(scene, TetrahedraScene):
-        grid = scene.assembly
-        return tetrahedra_layer(scene.block.edge, grid.columns, grid.rows, detection)
-    if isinstance(scene, OctahedraScene):
-        return octahedra_layer(scene.block.edge, scene.assembly.rings, detection)
-    return cubes_layer(scene.block.edge, scene.assembly.rings, scene.block.arrangement, detection)
-
-
-def _construction(
-    scene: WallScene | ArchScene | VoxelScene, detection: DetectionOptions
-) -> PolyhedralAssembly:
-    if isinstance(scene, WallScene):
-        grid = scene.assembly
-        return running_bond_wall(scene.block.size, grid.columns, grid.rows, detection)
-    if isinstance(scene, ArchScene):
-        return circular_arch(
-            scene.block.radius,
-            scene.block.thickness,
-            scene.block.depth,
-            scene.assembly.voussoirs,
-            embrace=scene.assembly.embrace,
-            detection=detection,
-        )
-    return voxel_assembly(scene.block.layers, scene.block.size, scene.assembly.fixed, detection)
 
 
 def motion(place: PlaceSection) -> tuple[FloatArray, FloatArray]:

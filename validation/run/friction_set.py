@@ -42,13 +42,8 @@ def friction_set(
 ) -> FrictionSet | None:
     """Say which member of the set a run has found and how wide the set is.
 
-    Parameters
-    ----------
-    run
-        A run; None comes back where it has no friction or seeks no static state.
-    solve
-        Solves a scene for its static state along a ``load_path``; by default the static solver,
-        which condenses the blocks of both ways once.
+    None for a run without friction or without a static state. ``solve`` solves a scene for that
+    along a ``load_path``: by default the static solver, which condenses both ways' blocks once.
     """
     if not seeks_static_state(run.scene):
         return None

@@ -87,14 +87,7 @@ def require_held_by_friction(name: str, scene: DeformableScene, friction: float)
 def sliding_words(assembly: Assembly, load: LoadCase, friction: float) -> str | None:
     """Say which block slides or tips on which; None where nothing certainly does.
 
-    Parameters
-    ----------
-    assembly
-        Blocks with matched facets.
-    load
-        Tractions, weights and supports.
-    friction
-        Coefficient μ.
+    Facets of the blocks match; the load is tractions, weights and supports, friction is μ.
     """
     if not 0 < 4 * assembly.interfaces.n_contacts <= _MOST_POINTS:
         return None

@@ -64,14 +64,8 @@ def largest_slip(
 ) -> tuple[float, float]:
     """Largest slip between facets that press on each other, and the size of its facet [mm].
 
-    Parameters
-    ----------
-    deformable
-        The blocks; their contact pairs facets as built.
-    displacements
-        Of each group, (n_copies, n_nodes, 3) [mm].
-    pressures
-        Of each facet, (n_facets,) [MPa].
+    Displacements are those of each group, (n_copies, n_nodes, 3) [mm], pressures those of facets as
+    built, (n_facets,) [MPa].
     """
     surfaces = deformable.surfaces
     on_m, on_s = np.split(corner_displacements(deformable, tuple(displacements)), 2, axis=1)

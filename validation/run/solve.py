@@ -160,12 +160,8 @@ def _static_frames(
 ) -> Iterator[Frame]:
     """Frames of a static run: the state without load, then those of the load steps.
 
-    Parameters
-    ----------
-    count
-        Frames asked for; fewer where there were fewer load steps.
-    steps
-        Part of the load and displacements of each group, the whole load last.
+    There are ``count`` of them, or as many as load steps, each with its part of the load and the
+    displacements of each group, the whole load last.
     """
     rest = tuple(np.zeros_like(u) for u in steps[-1][1])
     states = [(0.0, rest), *steps]
@@ -229,15 +225,6 @@ def _frame_interval(fem: FemSection, end_time: float, ramp_time: float) -> float
 
     A run that is damped to the static state may end any time after the ramp: frames come so
     often that as many as were asked for lie in the ramp, and the writer thins them out.
-
-    Parameters
-    ----------
-    fem
-        ``[fem]`` of the scene.
-    end_time
-        Latest end of the run [s].
-    ramp_time
-        End of the loading [s].
     """
     intervals = max(fem.frames - 1, 1)
     if fem.damping is not Damping.STATIC:
@@ -269,20 +256,9 @@ def run_explicit(
 ) -> DeformableRun:
     """Run the blocks of a scene by explicit dynamics.
 
-    Parameters
-    ----------
-    name, scene
-        The scene.
-    deformable
-        Already built; built anew by default.
-    statement
-        Of that, already stated (`scene_statement`); stated anew by default.
-    progress
-        Called at every sample.
-    on_frame
-        Called with frames whose displacements are those of all blocks.
-    checkpoint, resume
-        As in `fem.explicit.solve.solve`.
+    The blocks may be built already and the problem stated (`scene_statement`); progress is told at
+    every sample, frames have the displacements of all blocks, and a checkpoint is written and
+    resumed as `fem.explicit.solve.solve` does.
 
     A run whose contact grows stiffer than its time step allows starts again with a shorter one.
 

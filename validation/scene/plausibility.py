@@ -103,12 +103,7 @@ _SHARE = 0.8
 def implausible(scene: BaseModel, accept: tuple[str, ...]) -> str | None:
     """One line on the first value of a scene that looks like a slip; None where none does.
 
-    Parameters
-    ----------
-    scene
-        A scene whose types are checked.
-    accept
-        Keys of values that are meant.
+    Its types are checked; ``accept`` are keys of values that are meant.
     """
     known = [*TABLE, _SOUND]
     for key in accept:

@@ -129,12 +129,7 @@ def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[s
 def load_scene(source: str, overrides: Iterable[str] = ()) -> SceneFile:
     """Read and check a scene.
 
-    Parameters
-    ----------
-    source
-        Path of a TOML file or name of a built-in scene.
-    overrides
-        ``section.key=value`` assignments that replace or add values.
+    It is a TOML file or built in; overrides, ``section.key=value``, replace or add values.
 
     Raises
     ------
@@ -169,14 +164,7 @@ def require_deformable(file: SceneFile, command: str) -> DeformableScene:
 def with_auto(file: SceneFile, tolerance: str | None, keep: Iterable[str] = ()) -> SceneFile:
     """Scene whose effects are decided before a run, as ``[effects.auto]`` would say.
 
-    Parameters
-    ----------
-    file
-        A scene; what its ``[effects.auto]`` says besides stays.
-    tolerance
-        Such as ``1%``; None: the scene's.
-    keep
-        Names of effects that are not decided.
+    A tolerance is such as ``1%``, None that of the scene; effects to keep are not decided.
 
     Raises
     ------

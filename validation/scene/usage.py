@@ -123,10 +123,7 @@ def _single(kind: type[BaseModel], name: str) -> bool:
 def uncounted(*keys: _Key) -> Iterator[None]:
     """Do not count what is read of some keys inside: what is made there has them, the answer not.
 
-    Parameters
-    ----------
-    keys
-        Class of the section and name of each key.
+    A key is the class of its section and its name there.
     """
     outer = _READ.get()
     if outer is None:

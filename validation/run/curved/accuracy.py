@@ -166,12 +166,7 @@ def graded_to_both_ends(n: int, grading: float) -> FloatArray:
 def share_rungs(scene: DeformableScene, targets: Iterable[str]) -> list[tuple[float, int]]:
     """Shares of the scene's own mesh and degrees there, from coarse to fine.
 
-    Parameters
-    ----------
-    scene
-        What is solved.
-    targets
-        Quantities asked for: means over facets ask elements of higher degree for the scene's own.
+    Means over facets, where they are asked for, ask elements of higher degree for the own mesh.
     """
     fem = scene.fem
     if fem is None or fem.method is not Method.STATIC:
@@ -268,16 +263,8 @@ def run_to_accuracy(
 ) -> CurvedRun:
     """Climb the ladder until every target is met.
 
-    Parameters
-    ----------
-    name, scene
-        A tube that curved elements solve (`validation.run.curved.solve.curved_scene`).
-    targets
-        Relative errors [-] by quantity.
-    seconds
-        CPU time at most [s]; None: no limit.
-    tell
-        Told before each rung what comes.
+    Targets are relative errors [-] by quantity, ``seconds`` is CPU time at most [s]; ``tell`` is
+    told before each rung what comes.
 
     Raises
     ------
@@ -309,12 +296,7 @@ def run_to_accuracy(
 def error_bar(values: Sequence[Any], size: Callable[[Any], float] = abs) -> float:
     """Estimated error of the last of the values of two meshes or more, from coarse to fine.
 
-    Parameters
-    ----------
-    values
-        Numbers or arrays.
-    size
-        Of a change of them.
+    Values are numbers or arrays, of whose changes there is a size.
     """
     changes = [size(b - a) for a, b in itertools.pairwise(values)]
     return SAFETY * max(changes[-1], _EARLIER * max(changes[-2:-1], default=0.0))

@@ -6,7 +6,7 @@ import time
 from abc import ABC
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import scipy.spatial  # noqa: F401 - what matches facets, loaded before the clock runs
@@ -28,9 +28,7 @@ from mbd import (
 from mbd.margin import held_against
 from validation.build.blocks import BuiltScene, build_scene, build_weight
 from validation.run.rigid.further import (
-    Carried,
     Further,
-    carried,
     further_answers,
     further_json,
 )
@@ -38,6 +36,24 @@ from validation.run.stages import summed
 from validation.scene.family import AssemblyScene, RoundScene
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene, SceneFile
+
+
+@dataclass(frozen=True)
+class Carried:
+    """The contact forces of the answer that was asked for: with friction, if it was asked."""
+
+    holds: bool
+    """Whether they balance the load."""
+    forces: FloatArray
+    """On block s of each contact, zero where nothing holds; (n_contacts, 3) [N]."""
+    words: str
+    """The answer as a headline says it."""
+    mechanism: FloatArray | None
+    """What the load drives, (n_rows,), where it is not carried."""
+
+    def normal_forces(self, normals: FloatArray) -> FloatArray:
+        """Part along the normals of the contacts, (n_contacts,) [N]."""
+        return np.maximum(np.einsum("ni,ni->n", self.forces, normals), 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,10 +70,45 @@ class RigidAnswer(ABC):
     cpu_seconds: dict[str, float]
     """CPU time of each stage, building and checks included [s]."""
 
+    @classmethod
+    def to(
+        cls,
+        wrenches: tuple[FloatArray, FloatArray],
+        built: dict[str, float],
+        **stated: Any,
+    ) -> Self:
+        """Answer what is stated, its name, scene, assembly and load and more.
+
+        Wrenches are dead and live load of each block, (n_blocks, 6); ``built`` is the CPU time of
+        building them [s].
+        """
+        scene, assembly, load = (stated[name] for name in ("scene", "assembly", "load"))
+        result = analyse(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
+        further = further_answers(assembly, load.fixed, wrenches, scene.rigid)
+        seconds = summed({"build": 0.0, **result.cpu_seconds}, built)
+        if further is not None:
+            beside = {"further": further.cpu_seconds, "total": further.cpu_seconds}
+            seconds = summed(seconds, beside)
+        return cls(result=result, further=further, cpu_seconds=seconds, **stated)
+
     @cached_property
     def carried(self) -> Carried:
         """Contact forces of the answer that was asked for."""
-        return carried(self.result, self.further, self._normals, self.scene.rigid.friction)
+        result, further, normals = self.result, self.further, self._normals
+        if further is None or further.friction is None:
+            holds = result.equilibrium.holds
+            forces = result.contact_forces[:, None] * normals * holds
+            return Carried(holds, forces, str(result.mechanism), result.equilibrium.mechanism)
+        asked = further.friction
+        verdict = "carried" if asked.holds else "not carried"
+        if not asked.holds and asked.mechanism is None:
+            verdict = "undecided"
+        words = f"{verdict} with friction μ = {self.scene.rigid.friction:g}"
+        if asked.holds:
+            words += f" (without: {result.mechanism})"
+        given = further.friction_forces
+        forces = np.zeros_like(normals) if given is None else given
+        return Carried(asked.holds, forces, words, asked.mechanism)
 
     @property
     def normal_forces(self) -> FloatArray:
@@ -128,16 +179,6 @@ class RigidAnswer(ABC):
             **further_json(self.further),
             "cpu_seconds": self.cpu_seconds,
         }
-
-
-def spent(
-    built: dict[str, float], result: RigidResult, further: Further | None
-) -> dict[str, float]:
-    """CPU time of each stage and of all [s], building and what was asked for beside included."""
-    seconds = summed({"build": 0.0, **result.cpu_seconds}, built)
-    if further is None:
-        return seconds
-    return summed(seconds, {"further": further.cpu_seconds, "total": further.cpu_seconds})
 
 
 def _certificate_json(result: RigidResult) -> dict[str, Any] | None:
@@ -213,19 +254,10 @@ def analyse_rigid(built: BuiltScene) -> RigidRun:
     live = block_wrenches(assembly, built.load)
     weight = build_weight(scene, assembly)
     load = built.load if weight is None else with_body_wrenches(built.load, weight)
-    result = analyse(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
     dead = np.zeros_like(live) if weight is None else weight
-    further = further_answers(assembly, load.fixed, (dead, live), scene.rigid)
     building = {"build": built.cpu_seconds, "total": built.cpu_seconds}
-    return RigidRun(
-        name=built.name,
-        scene=scene,
-        assembly=assembly,
-        load=load,
-        result=result,
-        further=further,
-        cpu_seconds=spent(building, result, further),
-    )
+    stated = {"name": built.name, "scene": scene, "assembly": assembly, "load": load}
+    return RigidRun.to((dead, live), building, **stated)
 
 
 def mechanism_displacements(run: RigidRun) -> FloatArray | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from geometry.assembly import AnyBlocks
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from mbd import RigidResult, contact_jacobian
+from mbd import contact_jacobian
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import column_weights, equilibrium
 from mbd.force_range import ForceRanges, PlaneProblem, force_ranges, plane_problem
@@ -45,53 +45,6 @@ class Further:
     """Forces on block s that carry the load with friction; None where none do; (n_contacts, 3)."""
 
 
-@dataclass(frozen=True)
-class Carried:
-    """The contact forces of the answer that was asked for: with friction, if it was asked."""
-
-    holds: bool
-    """Whether they balance the load."""
-    forces: FloatArray
-    """On block s of each contact, zero where nothing holds; (n_contacts, 3) [N]."""
-    words: str
-    """The answer as a headline says it."""
-    mechanism: FloatArray | None
-    """What the load drives, (n_rows,), where it is not carried."""
-
-    def normal_forces(self, normals: FloatArray) -> FloatArray:
-        """Part along the normals of the contacts, (n_contacts,) [N]."""
-        return np.maximum(np.einsum("ni,ni->n", self.forces, normals), 0.0)
-
-
-def carried(
-    result: RigidResult, further: Further | None, normals: FloatArray, friction: float | None
-) -> Carried:
-    """Contact forces of the answer that was asked for.
-
-    Parameters
-    ----------
-    result
-        The answer without friction.
-    further
-        What else was asked.
-    normals
-        Of the contacts of the result, (n_contacts, 3).
-    friction
-        μ that was asked, None for none.
-    """
-    asked = None if further is None else further.friction
-    if further is None or asked is None:
-        holds = result.equilibrium.holds
-        forces = result.contact_forces[:, None] * normals * holds
-        return Carried(holds, forces, str(result.mechanism), result.equilibrium.mechanism)
-    forces = np.zeros_like(normals) if further.friction_forces is None else further.friction_forces
-    verdict = "carried" if asked.holds else "not carried" if asked.mechanism is not None else ""
-    words = f"{verdict or 'undecided'} with friction μ = {friction:g}"
-    if asked.holds:
-        words += f" (without: {result.mechanism})"
-    return Carried(asked.holds, forces, words, asked.mechanism)
-
-
 def further_answers(
     assembly: AnyBlocks,
     fixed: BoolArray,
@@ -100,16 +53,8 @@ def further_answers(
 ) -> Further | None:
     """Compute what ``[rigid]`` asks for; None where it asks for nothing more.
 
-    Parameters
-    ----------
-    assembly
-        Blocks and contacts.
-    fixed
-        Blocks held while the load acts, (n_blocks,).
-    wrenches
-        Dead and live load of each block, (n_blocks, 6) each [N, N mm].
-    section
-        ``[rigid]`` of the scene.
+    Blocks are held while the load acts, (n_blocks,); wrenches are dead and live load of each block,
+    (n_blocks, 6) each [N, N mm].
 
     Raises
     ------

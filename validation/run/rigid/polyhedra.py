@@ -12,11 +12,9 @@ from geometry.measures import JointResultants, joint_resultants
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import ContactPolygons
-from mbd import analyse
 from validation.build.own_blocks import refuse_two_weights
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
-from validation.run.rigid.answer import RigidAnswer, spent
-from validation.run.rigid.further import further_answers
+from validation.run.rigid.answer import RigidAnswer
 from validation.run.stages import stages
 from validation.scene.polyhedra import STRAIGHT_EDGES, BodyLoadSection, MeshScene, PolyhedralScene
 from validation.scene.read import SceneFile
@@ -116,20 +114,15 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
     with stages() as watch:
         assembly = build_polyhedra(scene, file.folder)
         loads = build_body_loads(_body_load(file.name, scene), assembly)
-        load = loads.load_case(assembly)
         watch.lap("build")
-    built = watch.seconds()
-    result = analyse(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
-    further = further_answers(assembly, load.fixed, (loads.dead, loads.live), scene.rigid)
-    return PolyhedralRun(
+    return PolyhedralRun.to(
+        (loads.dead, loads.live),
+        watch.seconds(),
         name=file.name,
         scene=scene,
         assembly=assembly,
+        load=loads.load_case(assembly),
         loads=loads,
-        load=load,
-        result=result,
-        further=further,
-        cpu_seconds=spent(built, result, further),
     )
 
 
