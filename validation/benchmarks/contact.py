@@ -11,10 +11,10 @@ mesh. ``--large`` adds 15 360 elements per block (many minutes).
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from rich.console import Console
 
 from fem.assembly.contact_state import matched_pressures
 from fem.assembly.deformable import DeformableAssembly
@@ -42,7 +42,7 @@ from geometry.families.tube import sine_tube
 from geometry.loads import load_case
 from geometry.mesh import FloatArray
 from validation.benchmarks.stopwatch import best_cpu_seconds
-from validation.output.console import listing, measuring
+from validation.output.console import measuring, tabled
 from validation.output.files import write_json
 from validation.run.stages import peak_memory_mb
 
@@ -209,38 +209,28 @@ def _relative(a: FloatArray, b: FloatArray) -> float:
     return float(np.sqrt(np.mean((a - b) ** 2) / np.mean(b**2)))
 
 
-def print_rows(rates: list[RateRow], runs: list[RunRow], console: Console) -> None:
-    """Print both tables."""
-    numbers = ("layers", "elements/block", "sector 1/", "M updates/s", "contact %", "pressing %")
-    table = listing("Step with contact, one thread", numbers=numbers)
-    for row in rates:
-        table.add_row(
-            str(row.layers),
-            str(row.elements_per_block),
-            str(row.symmetry),
-            f"{row.million_updates_per_second:.1f}",
-            f"{row.contact_percent:.0f}",
-            f"{row.pressing_percent:.0f}",
-        )
-    console.print(table)
-    heads = (*numbers[:3], "steps", "CPU s", "target", "static CPU s")
-    errors = ("u error", "p error", "p_max error", "peak MB")
-    table = listing("Explicit runs to the static state, CPU seconds", numbers=heads + errors)
-    for found in runs:
-        table.add_row(
-            str(found.layers),
-            str(found.elements_per_block),
-            str(found.symmetry),
-            str(found.steps),
-            f"{found.cpu_seconds:.2f}",
-            "" if found.target_seconds is None else f"{found.target_seconds:.0f}",
-            f"{found.static_cpu_seconds:.2f}",
-            f"{found.displacement_error:.1e}",
-            f"{found.pressure_error:.1e}",
-            f"{found.largest_pressure_error:.1e}",
-            f"{found.peak_memory_mb:.0f}",
-        )
-    console.print(table)
+_CASE: dict[str, Callable[[RateRow | RunRow], str]] = {
+    "layers": lambda row: f"{row.layers}",
+    "elements/block": lambda row: f"{row.elements_per_block}",
+    "sector 1/": lambda row: f"{row.symmetry}",
+}
+_RATES: dict[str, Callable[[RateRow], str]] = {
+    **_CASE,
+    "M updates/s": lambda row: f"{row.million_updates_per_second:.1f}",
+    "contact %": lambda row: f"{row.contact_percent:.0f}",
+    "pressing %": lambda row: f"{row.pressing_percent:.0f}",
+}
+_RUNS: dict[str, Callable[[RunRow], str]] = {
+    **_CASE,
+    "steps": lambda row: f"{row.steps}",
+    "CPU s": lambda row: f"{row.cpu_seconds:.2f}",
+    "target": lambda row: "" if row.target_seconds is None else f"{row.target_seconds:.0f}",
+    "static CPU s": lambda row: f"{row.static_cpu_seconds:.2f}",
+    "u error": lambda row: f"{row.displacement_error:.1e}",
+    "p error": lambda row: f"{row.pressure_error:.1e}",
+    "p_max error": lambda row: f"{row.largest_pressure_error:.1e}",
+    "peak MB": lambda row: f"{row.peak_memory_mb:.0f}",
+}
 
 
 def main() -> None:
@@ -248,7 +238,8 @@ def main() -> None:
     asked, console = measuring(__doc__, 130, large="15 360 elements per block too")
     rates = [rate(1, 960, 1), rate(12, 960, 1), rate(12, 960, 4), rate(12, 3888, 4, warm_up=500)]
     runs = [run(*case) for case in (*RUNS, *(LARGE_RUNS if asked.large else ()))]
-    print_rows(rates, runs, console)
+    console.print(tabled("Step with contact, one thread", rates, _RATES, words=0))
+    console.print(tabled("Explicit runs to the static state", runs, _RUNS, words=0))
     found = {"rates": [asdict(r) for r in rates], "runs": [asdict(r) for r in runs]}
     write_json(asked.json, found)
 

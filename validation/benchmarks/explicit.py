@@ -8,10 +8,8 @@ time where two threads share the work; each the best of several short batches.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import functools
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -33,7 +31,8 @@ from validation.benchmarks.kernels import KernelRow, kernel_rows
 from validation.benchmarks.kernels import table as kernel_table
 from validation.benchmarks.roofline import Roofline, roofline
 from validation.benchmarks.stopwatch import best_cpu_seconds, best_wall_seconds
-from validation.output.files import prepare_json, write_json
+from validation.output.console import measuring
+from validation.output.files import write_json
 from validation.run.stages import peak_memory_mb
 
 CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
@@ -293,18 +292,13 @@ def table(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main() -> None:
     """Run the benchmark and write its table, or JSON."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", metavar="FILE|-", help="write JSON to a file, or to the screen")
-    target = parser.parse_args(arguments).json
-    prepare_json(target)
+    asked, console = measuring(__doc__, 110)
     result = benchmark()
-    write_json(target, result)
-    if target != "-":
-        sys.stdout.write(table(result) + "\n")
-    return 0
+    write_json(asked.json, result)
+    console.print(table(result))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

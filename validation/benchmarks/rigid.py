@@ -9,10 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any
-
-from rich.console import Console
-from rich.markup import escape
+from typing import Any, TypeAlias
 
 from geometry.loads import load_case
 from mbd import (
@@ -24,11 +21,13 @@ from mbd import (
     solve_linear_programs,
 )
 from validation.build.blocks import build_scene
-from validation.output.console import listing, measuring
+from validation.output.console import measuring, tabled
 from validation.output.files import write_json
 from validation.run.rigid.answer import run_rigid
 from validation.run.stages import peak_memory_mb
 from validation.scene.read import load_scene
+
+Solver: TypeAlias = Callable[..., Any]
 
 
 @dataclass(frozen=True)
@@ -61,35 +60,19 @@ def _scene(around: int, radial: int, axial: int, layers: int) -> list[str]:
     ]
 
 
-def newton_against_clarabel(settings: list[str]) -> BenchmarkRow:
-    """Time both solvers on the same contact Jacobian (TSB1 pipe)."""
+def compared(problem: tuple[str, Solver, str, Solver, str], settings: list[str]) -> BenchmarkRow:
+    """Time two solvers on the same contact Jacobian (TSB1 pipe)."""
+    name, ours, peer, theirs, both = problem
     assembly = build_scene(load_scene("tsb1-pipe", settings)).assembly
     load = load_case(assembly, "pipe", 0.01)
     contacts = contact_jacobian(assembly)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
-    ours, a = _cpu(lambda: newton_equilibrium(contacts.jacobian, force))
-    other, b = _cpu(lambda: clarabel_equilibrium(contacts.jacobian, force))
-    assert a.holds
-    assert b.holds
-    n = len(contacts.index)
-    return BenchmarkRow(
-        "equilibrium, TSB1 pipe", n, ours, "clarabel", other, other / ours, peak_memory_mb()
-    )
-
-
-def self_stress_against_highs(settings: list[str]) -> BenchmarkRow:
-    """Time the classification by self-stress against the linear programs in HiGHS."""
-    assembly = build_scene(load_scene("tsb1-pipe", settings)).assembly
-    load = load_case(assembly, "pipe", 0.01)
-    contacts = contact_jacobian(assembly)
-    force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
-    ours, a = _cpu(lambda: classify(contacts.jacobian, force))
-    other, b = _cpu(lambda: solve_linear_programs(contacts.jacobian, force))
-    assert a.mechanism is b.mechanism
-    n = len(contacts.index)
-    return BenchmarkRow(
-        "mechanism class", n, ours, "HiGHS, three LPs", other, other / ours, peak_memory_mb()
-    )
+    seconds, a = _cpu(lambda: ours(contacts.jacobian, force))
+    peer_seconds, b = _cpu(lambda: theirs(contacts.jacobian, force))
+    assert getattr(a, both)
+    assert getattr(a, both) == getattr(b, both)
+    n, ratio = len(contacts.index), peer_seconds / seconds
+    return BenchmarkRow(name, n, seconds, peer, peer_seconds, ratio, peak_memory_mb())
 
 
 def whole_analysis(settings: list[str], name: str) -> BenchmarkRow:
@@ -101,42 +84,39 @@ def whole_analysis(settings: list[str], name: str) -> BenchmarkRow:
 def benchmark(*, full: bool) -> list[BenchmarkRow]:
     """Run every row; ``full`` adds half a million contacts."""
     rows = [whole_analysis([], "whole analysis, TSB1 pipe 84 × 8 × 20")]
-    rows += [newton_against_clarabel(_scene(*size, 12)) for size in _SIZES]
-    rows.append(self_stress_against_highs(_scene(24, 4, 6, 6)))
+    rows += [compared(_EQUILIBRIUM, _scene(*size, 12)) for size in _SIZES]
+    rows.append(compared(_MECHANISM, _scene(24, 4, 6, 6)))
     if full:
         rows.append(whole_analysis(_scene(288, 28, 68, 12), "whole analysis, refined"))
     return rows
 
 
 _SIZES = ((42, 4, 10), (60, 6, 14), (84, 8, 20))
+_CLARABEL = "clarabel", clarabel_equilibrium
+#: What is computed, our solver, the other's name and solver, and what both must agree on.
+_EQUILIBRIUM = "equilibrium, TSB1 pipe", newton_equilibrium, *_CLARABEL, "holds"
+_MECHANISM = "mechanism class", classify, "HiGHS, three LPs", solve_linear_programs, "mechanism"
+
+_COLUMNS: dict[str, Callable[[BenchmarkRow], str]] = {
+    "problem": lambda row: row.name,
+    "contacts": lambda row: f"{row.contacts}",
+    "ours [s]": lambda row: f"{row.cpu_seconds:.3f}",
+    "other": lambda row: row.other,
+    "other [s]": lambda row: _number(row.other_cpu_seconds, 3),
+    "ratio": lambda row: _number(row.ratio, 1),
+    "peak [MB]": lambda row: f"{row.peak_memory_mb:.0f}",
+}
 
 
-def print_rows(rows: list[BenchmarkRow], console: Console) -> None:
-    """Print the rows as a table."""
-    heads = ("contacts", "ours [s]", "other", "other [s]", "ratio", "peak [MB]")
-    title = "Rigid blocks, one thread: CPU seconds"
-    table = listing(title, "problem", numbers=map(escape, heads))
-    table.columns[3].justify = "left"
-    for row in rows:
-        other = "" if row.other_cpu_seconds is None else f"{row.other_cpu_seconds:.3f}"
-        ratio = "" if row.ratio is None else f"{row.ratio:.1f}"
-        table.add_row(
-            row.name,
-            str(row.contacts),
-            f"{row.cpu_seconds:.3f}",
-            row.other,
-            other,
-            ratio,
-            f"{row.peak_memory_mb:.0f}",
-        )
-    console.print(table)
+def _number(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
 
 
 def main() -> None:
     """Run the benchmark from the command line."""
     asked, console = measuring(__doc__, 118, full="half a million contacts too")
     rows = benchmark(full=asked.full)
-    print_rows(rows, console)
+    console.print(tabled("Rigid blocks, one thread: CPU seconds", rows, _COLUMNS))
     write_json(asked.json, [asdict(row) for row in rows])
 
 

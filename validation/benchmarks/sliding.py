@@ -11,8 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 
-from rich.console import Console
+import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import cyclic_orbits
@@ -23,7 +24,7 @@ from fem.explicit.step import System, step
 from fem.problem.effects import Effects
 from validation.benchmarks.contact import pipe, warm
 from validation.benchmarks.stopwatch import best_cpu_seconds
-from validation.output.console import listing, measuring
+from validation.output.console import measuring, tabled
 from validation.output.files import write_json
 
 #: Layers, elements per block, order of the sector.
@@ -88,43 +89,33 @@ def measure(layers: int, elements: int, symmetry: int, effects: str) -> SlidingR
         for problem in (paired, sliding)
     ]
 
-    def work(system: System, state: State) -> Callable[[], None]:
-        return lambda: step(system, state)
-
-    seconds = [float("inf"), float("inf")]
-    for _ in range(_ROUNDS):
-        for k, (system, state) in enumerate(both):
-            seconds[k] = min(
-                seconds[k], best_cpu_seconds(work(system, state), repeats=_STEPS, trials=4)
-            )
+    rounds = [
+        [best_cpu_seconds(partial(step, *run), repeats=_STEPS, trials=4) for run in both]
+        for _ in range(_ROUNDS)
+    ]
+    alone, searched = np.min(rounds, axis=0).tolist()
     facets = paired.surfaces.n_facets / symmetry
     points = both[1][0].interactions[0].points.count  # type: ignore[attr-defined]
     share = points / (4.0 * facets)
-    return SlidingRow(layers, elements, symmetry, effects, seconds[0], seconds[1], share)
+    return SlidingRow(layers, elements, symmetry, effects, alone, searched, share)
 
 
-def print_rows(rows: list[SlidingRow], console: Console) -> None:
-    """Print the table."""
-    numbers = ("layers", "elements/block", "sector 1/", "with", "paired ms", "sliding ms", "×")
-    table = listing("CPU time of a step, one thread", numbers=numbers)
-    for row in rows:
-        table.add_row(
-            str(row.layers),
-            str(row.elements_per_block),
-            str(row.symmetry),
-            row.effects,
-            f"{1e3 * row.paired:.3f}",
-            f"{1e3 * row.sliding:.3f}",
-            f"{row.ratio:.2f}",
-        )
-    console.print(table)
+_COLUMNS: dict[str, Callable[[SlidingRow], str]] = {
+    "layers": lambda row: f"{row.layers}",
+    "elements/block": lambda row: f"{row.elements_per_block}",
+    "sector 1/": lambda row: f"{row.symmetry}",
+    "with": lambda row: row.effects,
+    "paired ms": lambda row: f"{1e3 * row.paired:.3f}",
+    "sliding ms": lambda row: f"{1e3 * row.sliding:.3f}",
+    "×": lambda row: f"{row.ratio:.2f}",
+}
 
 
 def main() -> None:
     """Run the benchmark from the command line."""
     asked, console = measuring(__doc__, 110)
     rows = [measure(*mesh, effects) for mesh in MESHES for effects in EFFECTS]
-    print_rows(rows, console)
+    console.print(tabled("CPU time of a step, one thread", rows, _COLUMNS, words=0))
     write_json(asked.json, [asdict(row) | {"ratio": row.ratio} for row in rows])
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
@@ -14,11 +15,13 @@ from rich.table import Table
 from rich.text import Text
 
 from geometry.compilation import compiling
-from validation.output.files import prepare_json
+from validation.output.files import prepare_json, prepare_picture
 from validation.output.forecast import Forecast
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Progress as Sample
+
+T = TypeVar("T")
 
 #: Columns of tables in a pipe or a log, which have no width of their own.
 _WIDTH = 118
@@ -53,8 +56,10 @@ def _console(*, stderr: bool) -> Console:
     return console if console.is_terminal else make(_WIDTH)
 
 
-def measuring(about: str | None, width: int, **flags: str) -> tuple[argparse.Namespace, Console]:
-    """What a program that measures is asked, and its console: ``--json FILE|-`` and flags.
+def measuring(
+    about: str | None, width: int, *, picture: str | None = None, **flags: str
+) -> tuple[argparse.Namespace, Console]:
+    """What a program that measures is asked, and its console: ``--json FILE|-``, a picture, flags.
 
     Raises
     ------
@@ -65,9 +70,13 @@ def measuring(about: str | None, width: int, **flags: str) -> tuple[argparse.Nam
     parser.add_argument("--json", metavar="FILE|-")
     for flag, words in flags.items():
         parser.add_argument(f"--{flag}", action="store_true", help=words)
+    if picture is not None:
+        parser.add_argument("-o", "--output", type=Path, metavar="FILE.png", help=picture)
     asked = parser.parse_args()
     prepare_json(asked.json)
-    return asked, Console(stderr=asked.json == "-", width=width)
+    if picture is not None and asked.output is not None:
+        prepare_picture(asked.output)
+    return asked, Console(stderr=asked.json == "-", width=width, markup=False)
 
 
 def error_console() -> Console:
@@ -87,6 +96,22 @@ def listing(title: str, *words: str, numbers: Iterable[str] = (), **options: Any
         table.add_column(head)
     for head in numbers:
         table.add_column(head, justify="right")
+    return table
+
+
+def tabled(
+    title: str,
+    rows: Iterable[T],
+    columns: Mapping[str, Callable[[T], str]],
+    *,
+    words: int = 1,
+    **options: Any,
+) -> Table:
+    """Table of rows: what each column says of one, by head; the first ``words`` are no numbers."""
+    heads = list(columns)
+    table = listing(title, *heads[:words], numbers=heads[words:], **options)
+    for row in rows:
+        table.add_row(*(say(row) for say in columns.values()))
     return table
 
 
