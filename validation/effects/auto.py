@@ -174,19 +174,9 @@ def decide_effects(
     *,
     told: Callable[[str], None] | None = None,
 ) -> tuple[DeformableScene, EffectsDecision]:
-    """Decide which effects of a scene matter.
+    """Decide which effects of a scene with ``effects.auto`` matter, and tell what is probed next.
 
-    Parameters
-    ----------
-    scene, name
-        A scene with ``effects.auto``.
-    told
-        Called with what is probed next.
-
-    Returns
-    -------
-    tuple[DeformableScene, EffectsDecision]
-        The scene with what matters and nothing to decide, and the decision.
+    Returns the scene with what matters and nothing to decide, and the decision.
 
     Raises
     ------
@@ -256,8 +246,8 @@ class _Probe:
         """Decide about all candidates."""
         by_law = [self._damping(e) for e in self._names if e in _DAMPING]
         full, refused = self._with_all()
-        solved = [e for e in self._names if e not in (*_DAMPING, *_MOTIONS)]
-        solved = [e for e in solved if e not in {d.effect for d in refused}]
+        others = {*_DAMPING, *_MOTIONS, *(d.effect for d in refused)}
+        solved = [e for e in self._names if e not in others]
         motions = [e for e in self._names if e in _MOTIONS]
         if not solved and not motions:
             return self._in_order([*by_law, *refused])
@@ -280,14 +270,24 @@ class _Probe:
                 build_deformable(with_effect(full, elastic), self._name)
                 full = with_effect(full, elastic)
             except RefusedError as error:
-                words = f"not possible here: {error}"
-                refused.append(Decision(elastic, "on", False, None, words, 0.0))
+                reason = f"not possible here: {error}"
+                refused.append(self._decision(elastic, None, reason, simulated=False))
         return full, refused
 
-    def _decision(self, effect: EffectName, moved: Change, how: str, cpu: float) -> Decision:
-        simulated = moved.largest > self._bound
+    def _decision(
+        self,
+        effect: EffectName,
+        moved: Change | None,
+        reason: str,
+        cpu: float = 0.0,
+        *,
+        simulated: bool = True,
+    ) -> Decision:
+        """Decide by a change; where there is none, as is said."""
+        if moved is not None:
+            simulated = moved.largest > self._bound
         setting = setting_words(self._whole, effect)
-        return Decision(effect, setting, simulated, moved, how, cpu)
+        return Decision(effect, setting, simulated, moved, reason, cpu)
 
     def _solved(self, effect: EffectName, full: DeformableScene, reference: Answer) -> Decision:
         """Decide about an effect by the probe without it."""
@@ -296,24 +296,21 @@ class _Probe:
         try:
             without = solve_probe(without_effect(full, effect), self._name, self._store)
         except RefusedError:
-            setting, cpu = setting_words(self._whole, effect), time.process_time() - start
-            words = "without it the probe has no static state"
-            return Decision(effect, setting, True, None, words, cpu)
+            reason = "without it the probe has no static state"
+            return self._decision(effect, None, reason, time.process_time() - start)
         moved = change(reference, without.answer)
         return self._decision(effect, moved, "probe with and without it", without.cpu_seconds)
 
     def _damping(self, effect: EffectName) -> Decision:
         """Decide about a viscous force: it is zero at rest, so no static state has it."""
-        assert self._whole.fem is not None
-        fem, setting = self._whole.fem, setting_words(self._whole, effect)
-        at_rest = Change(0.0, 0.0, 0.0)
+        fem, at_rest = self._whole.fem, Change(0.0, 0.0, 0.0)
+        assert fem is not None
         if fem.method is Method.STATIC:
-            return Decision(effect, setting, False, at_rest, "zero at rest: a static run", 0.0)
+            return self._decision(effect, at_rest, "zero at rest: a static run")
         if fem.damping is Damping.STATIC:
-            words = "zero at rest, where this run ends"
-            return Decision(effect, setting, False, at_rest, words, 0.0)
-        words = "this run is not driven to rest, so damping shapes its end"
-        return Decision(effect, setting, True, None, words, 0.0)
+            return self._decision(effect, at_rest, "zero at rest, where this run ends")
+        reason = "this run is not driven to rest, so damping shapes its end"
+        return self._decision(effect, None, reason)
 
     def _motion(self, effect: EffectName, run: Solved) -> Decision:
         """Decide about an effect of large motions from the motion of the probe."""
@@ -341,41 +338,31 @@ class _Probe:
         estimated: list[Decision],
     ) -> list[Decision]:
         """Put effects back, the largest first, until what goes together is small enough."""
-        further = sum(
-            d.change.largest for d in estimated if not d.simulated and d.change is not None
-        )
-        while True:
-            gone = [d for d in decisions if not d.simulated and d.change is not None]
-            if not gone:
-                self.together = self._sum_of(estimated)
-                return decisions
-            if len(gone) == 1:
-                assert gone[0].change is not None
-                moved = gone[0].change
-            else:
+        unseen = [c for _, c in _gone(estimated)]
+        further = sum(c.largest for c in unseen)
+        while gone := _gone(decisions):
+            moved = gone[0][1]
+            if len(gone) > 1:
                 self._told("without all that seems not to matter")
                 scene = full
-                for decision in gone:
+                for decision, _ in gone:
                     scene = without_effect(scene, decision.effect)
                 moved = change(reference, solve_probe(scene, self._name, self._store).answer)
             if moved.largest + further <= self._bound:
                 self.together = moved
                 return decisions
-            worst = max(gone, key=lambda d: d.change.largest if d.change is not None else 0.0)
-            words = f"{worst.reason}; small alone, too much together with the others"
-            kept = replace(worst, simulated=True, reason=words)
+            worst, _ = max(gone, key=lambda one: one[1].largest)
+            reason = f"{worst.reason}; small alone, too much together with the others"
+            kept = replace(worst, simulated=True, reason=reason)
             decisions = [kept if d is worst else d for d in decisions]
+        if unseen:
+            self.together = Change(*map(sum, zip(*(c.values for c in unseen), strict=True)))
+        return decisions
 
-    @staticmethod
-    def _sum_of(estimated: list[Decision]) -> Change | None:
-        changes = [d.change for d in estimated if not d.simulated and d.change is not None]
-        if not changes:
-            return None
-        return Change(
-            sum(c.p_max for c in changes),
-            sum(c.p_eff for c in changes),
-            sum(c.displacement for c in changes),
-        )
+
+def _gone(decisions: list[Decision]) -> list[tuple[Decision, Change]]:
+    """What is left out by a change, and that change."""
+    return [(d, d.change) for d in decisions if not d.simulated and d.change is not None]
 
 
 # ---------------------------------------------------------------------------------------------
@@ -407,12 +394,8 @@ def decision_table(name: str, found: EffectsDecision) -> Table:
     return table
 
 
-def _columns(found: Change | None) -> tuple[str, str, str]:
+def _columns(found: Change | None) -> tuple[str, ...]:
     """Return a change as text."""
     if found is None:
-        return "–", "–", "–"
-    return _percent(found.p_max), _percent(found.p_eff), _percent(found.displacement)
-
-
-def _percent(value: float) -> str:
-    return "0" if value == 0.0 else f"{100 * value:+.2g} %"
+        return ("–",) * 3
+    return tuple("0" if value == 0.0 else f"{100 * value:+.2g} %" for value in found.values)

@@ -11,7 +11,7 @@ from rich.table import Table
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from validation.build.cell import check_cell
-from validation.effects.probe import Answer, Change, change, mesh_words, probe_scene
+from validation.effects.probe import Answer, Change, answer_of, change, mesh_words, probe_scene
 from validation.output.console import listing
 from validation.run.deformable import DeformableRun
 from validation.run.solve import run_static
@@ -107,7 +107,7 @@ def _beside(cell_scene: DeformableScene, tube_scene: DeformableScene, name: str)
         mesh=mesh_words(cell_scene),
         cell=middle_answer(cell),
         middle=middle_answer(tube),
-        tube=Answer(tube.contact.p_max_face, tube.contact.p_eff, tube.largest_displacement),
+        tube=answer_of(tube),
         cell_seconds=cell.cpu_seconds["total"],
         tube_seconds=tube.cpu_seconds["total"],
     )
@@ -150,12 +150,10 @@ def _own_displacement(run: DeformableRun, blocks: list[int]) -> float:
 
 def offer_words(found: CellError) -> str:
     """Say in one line what the cell could do."""
-    error = found.against_middle
+    p_max, p_eff, u = (f"{100 * value:+.2g} %" for value in found.against_middle.values)
     return (
         'offer     fem.symmetry = "periodic cell": two layers for the middle of these '
-        f"{found.layers}; off by p_max {100 * error.p_max:+.2g} %, p_eff "
-        f"{100 * error.p_eff:+.2g} %, u {100 * error.displacement:+.2g} % "
-        f"(measured on {found.mesh})"
+        f"{found.layers}; off by p_max {p_max}, p_eff {p_eff}, u {u} (measured on {found.mesh})"
     )
 
 
@@ -169,11 +167,11 @@ def cell_table(name: str, found: CellError) -> Table:
         ("whole tube", found.tube, found.tube_seconds),
     )
     for words, a, seconds in rows:
-        numbers = (f"{v:.5g}" for v in (a.p_max, a.p_eff, a.displacement))
+        numbers = (f"{v:.5g}" for v in a.values)
         table.add_row(words, *numbers, "" if seconds is None else f"{seconds:.2f}")
     for words, c in (
         ("error of the middle layers", found.against_middle),
         ("difference from the whole tube", found.against_tube),
     ):
-        table.add_row(words, *(f"{100 * v:+.2f} %" for v in (c.p_max, c.p_eff, c.displacement)), "")
+        table.add_row(words, *(f"{100 * v:+.2f} %" for v in c.values), "")
     return table

@@ -22,8 +22,8 @@ from fem.explicit.step import System, step
 from fem.problem.time_step import critical_time_step
 from validation.build.cell import refuse_cell
 from validation.build.deformable import PAPER_RAYLEIGH, build_deformable, fem_section
+from validation.effects.probe import Answer, Change, answer_of, change
 from validation.errors import InputError
-from validation.run.deformable import DeformableRun
 from validation.run.solve import run_explicit, scene_statement
 from validation.scene.deformable import (
     BulkViscositySection,
@@ -65,27 +65,24 @@ class EffectCost:
     """What an effect changes and costs."""
 
     effect: Effect
-    p_max: float | None = None
-    """Change of the answer [%]."""
-    p_eff: float | None = None
-    displacement: float | None = None
-    step: float | None = None
+    change: Change | None
+    """Of the answer; None where none was measured."""
+    step: float
     """CPU time of a step over that of the base [-]."""
-    memory: float | None = None
+    memory: float
     """State and constants over those of the base [-]."""
-    time_step: float | None = None
+    time_step: float
     """Critical time step over that of the base [-]."""
-    new_forms: int = 0
+    new_forms: int
     """Compiled forms of kernels that the effect needed and nothing before it had."""
-    off_compiles: int = 0
+    off_compiles: int
     """Forms that the base compiled when it ran again after the effect: zero if off is absent."""
-    same_bits: bool = True
+    same_bits: bool
     """Whether the base then gave the bits that it gave before any effect was used."""
 
     def matters(self, tolerance: float) -> bool | None:
         """Whether it changes any quantity by more than a share; None where none was measured."""
-        changes = [c for c in (self.p_max, self.p_eff, self.displacement) if c is not None]
-        return max(map(abs, changes)) > 100.0 * tolerance if changes else None
+        return None if self.change is None else self.change.largest > tolerance
 
 
 @dataclass(frozen=True)
@@ -93,11 +90,8 @@ class EffectReport:
     """The base and all effects."""
 
     scene: str
-    p_max: float | None
-    """Of the base [MPa]; None where the static state was not asked for."""
-    p_eff: float | None
-    displacement: float | None
-    """[mm]"""
+    answer: Answer | None
+    """Of the base; None where the static state was not asked for."""
     seconds_per_step: float
     bytes: int
     costs: tuple[EffectCost, ...]
@@ -192,10 +186,6 @@ def _bytes(system: System, state: State) -> int:
     return arrays + sum(body.constant_bytes for body in system.bodies)
 
 
-def _answer(run: DeformableRun) -> tuple[float, float, float]:
-    return run.contact.p_max_face, run.contact.p_eff, run.largest_displacement
-
-
 @dataclass(frozen=True)
 class _Base:
     """The scene without effects, and what every effect is compared with."""
@@ -205,7 +195,7 @@ class _Base:
     bits: bytes
     ramp_time: float
     frequency: float
-    answer: tuple[float, float, float] | None
+    answer: Answer | None
     """None where the static state is not asked for."""
 
 
@@ -216,16 +206,9 @@ def effect_costs(
     answers: bool = True,
     told: Callable[[str], None] | None = None,
 ) -> EffectReport:
-    """Measure every effect of a scene.
+    """Measure every effect of a deformable tube, and tell what is measured next.
 
-    Parameters
-    ----------
-    scene, name
-        A deformable tube.
-    answers
-        Whether the runs to the static state are made; without, only costs and proofs.
-    told
-        Called with the name of what is measured next.
+    Without ``answers``, no runs to the static state are made: costs and proofs alone.
 
     Raises
     ------
@@ -250,7 +233,7 @@ def effect_costs(
                 f"{name}: the scene without effects did not arrive at its static state by "
                 f"{result.time:.3g} s; expected a larger fem.end_time, or none"
             )
-        answer = _answer(found)
+        answer = answer_of(found)
     step_time = min(advance(system, state) for _ in range(ROUNDS))
     assert statement.recommended is not None  # blocks meet
     frequency = statement.recommended.frequency
@@ -258,9 +241,7 @@ def effect_costs(
     costs = tuple(_measure(given, say))
     return EffectReport(
         scene=name,
-        p_max=None if answer is None else answer[0],
-        p_eff=None if answer is None else answer[1],
-        displacement=None if answer is None else answer[2],
+        answer=answer,
         seconds_per_step=step_time,
         bytes=_bytes(system, state),
         costs=costs,
@@ -291,18 +272,12 @@ def _measure(base: _Base, say: Callable[[str], None]) -> Iterator[EffectCost]:
             (advance(plain_system, plain_state), advance(system, state)) for _ in range(ROUNDS)
         ]
         plain, mine = (min(column) for column in zip(*rounds, strict=True))
-        change: tuple[float | None, ...] = (None, None, None)
+        moved = None
         if base.answer is not None:
-            found = run_explicit(name, scene)
-            change = tuple(
-                100.0 * (value / reference - 1.0)
-                for value, reference in zip(_answer(found), base.answer, strict=True)
-            )
+            moved = change(base.answer, answer_of(run_explicit(name, scene)))
         yield EffectCost(
             effect,
-            p_max=change[0],
-            p_eff=change[1],
-            displacement=change[2],
+            change=moved,
             step=mine / plain,
             memory=_bytes(system, state) / _bytes(plain_system, plain_state),
             time_step=system.time_step / plain_system.time_step,

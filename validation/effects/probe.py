@@ -19,6 +19,7 @@ from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
+from validation.run.deformable import DeformableRun
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 
@@ -40,19 +41,24 @@ class Answer:
     displacement: float
     """Largest displacement [mm]."""
 
+    @property
+    def values(self) -> tuple[float, float, float]:
+        """All three."""
+        return self.p_max, self.p_eff, self.displacement
 
-@dataclass(frozen=True)
-class Change:
+
+class Change(Answer):
     """Relative change of each quantity [-]."""
-
-    p_max: float
-    p_eff: float
-    displacement: float
 
     @property
     def largest(self) -> float:
         """Largest of the three, in size."""
-        return max(abs(self.p_max), abs(self.p_eff), abs(self.displacement))
+        return max(map(abs, self.values))
+
+
+def answer_of(run: DeformableRun) -> Answer:
+    """Quantities of a run."""
+    return Answer(run.contact.p_max_face, run.contact.p_eff, run.largest_displacement)
 
 
 def change(before: Answer, after: Answer) -> Change:
@@ -63,11 +69,7 @@ def change(before: Answer, after: Answer) -> Change:
             return 0.0
         return b / a - 1.0 if a else 1.0
 
-    return Change(
-        relative(before.p_max, after.p_max),
-        relative(before.p_eff, after.p_eff),
-        relative(before.displacement, after.displacement),
-    )
+    return Change(*map(relative, before.values, after.values))
 
 
 @dataclass(frozen=True)

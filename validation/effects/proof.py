@@ -14,7 +14,7 @@ import inspect
 import re
 import types
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,6 +50,10 @@ _EFFECTS: dict[types.ModuleType, tuple[set[str], set[str]]] = {
         {"forget", "rub", "collect_forces", "_collect_chunk", "add_travel"},
     ),
 }
+
+
+#: Kernels of the loop that know effects, and their modules.
+_KERNELS = {"stiffness_product": stiffness, "contact_forces": contact_kernels, "update": motion}
 
 
 class _WithoutEffects(ast.NodeTransformer):
@@ -124,9 +128,7 @@ class BareKernels:
 def bare_kernels() -> BareKernels:
     """Build the kernels without effects; they are compiled when they are first called."""
     return BareKernels(
-        build_without_effects(stiffness)["stiffness_product"],
-        build_without_effects(motion)["update"],
-        build_without_effects(contact_kernels)["contact_forces"],
+        **{name: build_without_effects(module)[name] for name, module in _KERNELS.items()}
     )
 
 
@@ -166,22 +168,13 @@ class BareState:
         return b"".join(a.tobytes() for a in (*self.displacement, *self.velocity))
 
 
-def bare_run(system: System, steps: int, kernels: BareKernels | None = None) -> BareState:
+def bare_run(system: System, steps: int, kernels: BareKernels) -> BareState:
     """Central differences of blocks in contact: internal force, loads, contact, kick and drift.
 
     A loop written for this alone. It takes the constant arrays of a system (stiffness, mass,
-    loads, contact) and calls nothing of `fem.explicit.step`.
-
-    Parameters
-    ----------
-    system
-        Blocks in face-to-face contact without supports, in float64.
-    steps
-        How many.
-    kernels
-        Those to call; None: the build without effects.
+    loads, contact), blocks in face-to-face contact without supports in float64, and calls nothing
+    of `fem.explicit.step`.
     """
-    kernels = bare_kernels() if kernels is None else kernels
     bodies, dt = system.bodies, system.time_step
     (contact,) = system.model.interactions
     force: Any = bound(contact, bodies)
@@ -269,33 +262,23 @@ def opcodes(function: Any) -> Counter[str]:
     return found
 
 
-def count_instructions(kernels: BareKernels, names: Iterable[str]) -> tuple[InstructionCount, ...]:
-    """Compare the code of kernels that have run with that of the solver's.
-
-    Parameters
-    ----------
-    kernels
-        The build without effects, compiled by a run.
-    names
-        Fields of `BareKernels` to compare.
-    """
+def count_instructions(kernels: BareKernels) -> tuple[InstructionCount, ...]:
+    """Compare the build without effects, compiled by a run, with the code of the solver's."""
     counts = []
-    for name in names:
-        built: Any = getattr(kernels, name)
-        off = _compiled_with_none(name, built)
-        a, b = opcodes(off), opcodes(built)
+    for name, module in _KERNELS.items():
+        built = getattr(kernels, name)
+        a, b = opcodes(_compiled_with_none(getattr(module, name), built)), opcodes(built)
         counts.append(InstructionCount(name, a.total(), b.total(), a == b))
     return tuple(counts)
 
 
-def _compiled_with_none(name: str, built: Any) -> Any:
+def _compiled_with_none(kernel: Any, built: Any) -> Any:
     """Compile the solver's kernel afresh for the same arguments and None for every effect."""
     from numba import types as kinds
 
-    module = {"update": motion, "stiffness_product": stiffness, "contact_forces": contact_kernels}
-    original = getattr(module[name], name).serial.py_func
+    original = kernel.serial.py_func
     (given,) = built.signatures
-    passed_on = name == "update"
+    passed_on = kernel is motion.update
     if passed_on:
         given = (*given[:2], *given[2].types)
     values = dict(zip(_names(built.py_func), given, strict=True))
@@ -336,5 +319,4 @@ def prove_absent(system: System, steps: int = 200) -> BareProof:
     """Run the solver and the build without effects on blocks in contact, and compare both."""
     kernels = bare_kernels()
     same = bare_run(system, steps, kernels).bits() == solver_run(system, steps).bits()
-    counts = count_instructions(kernels, ("stiffness_product", "contact_forces", "update"))
-    return BareProof(steps, same, counts)
+    return BareProof(steps, same, count_instructions(kernels))

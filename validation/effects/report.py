@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from validation.effects.auto import EffectsDecision, decide_effects, decision_table
 from validation.effects.cell import offer_words, offered_cell
 from validation.effects.costs import EffectCost, EffectReport
+from validation.effects.probe import Change
 from validation.effects.proof import BareProof
 from validation.errors import InputError
 from validation.output.console import listing, status
@@ -74,19 +77,10 @@ def bound(scene: DeformableScene, tolerance: str | None) -> float:
     return share
 
 
-def _verdict(cost: EffectCost, tolerance: float) -> str:
-    matters = cost.matters(tolerance)
-    return "–" if matters is None else ("yes" if matters else "no")
-
-
-def _percent(value: float | None) -> str:
-    if value is None:
-        return "–"
-    return "0" if abs(value) < 5e-4 else f"{value:+.3g} %"
-
-
-def _factor(value: float | None) -> str:
-    return "–" if value is None else f"× {value:.2f}"
+def _percents(found: Change | None) -> Iterable[str]:
+    if found is None:
+        return ("–",) * 3
+    return ("0" if abs(value) < 5e-6 else f"{100 * value:+.3g} %" for value in found.values)
 
 
 def _proof(cost: EffectCost) -> str:
@@ -98,35 +92,30 @@ def _proof(cost: EffectCost) -> str:
 def effects_table(report: EffectReport, tolerance: float = TOLERANCE) -> Table:
     """Return one row for each effect; it matters where it changes more than the tolerance."""
     answer = ""
-    if report.p_max is not None:
-        answer = f"p_max {report.p_max:.4g} MPa, p_eff {report.p_eff:.4g} MPa, "
-        answer += f"u {report.displacement:.4g} mm, "
-    table = Table(
-        title=(
-            f"{report.scene}: effects, each added to none\n"
-            f"without: {answer}{1e6 * report.seconds_per_step:.1f} CPU µs per step, "
-            f"{report.bytes / 2**20:.2f} MiB"
-        ),
-        title_justify="left",
-    )
+    if report.answer is not None:
+        p_max, p_eff, u = report.answer.values
+        answer = f"p_max {p_max:.4g} MPa, p_eff {p_eff:.4g} MPa, u {u:.4g} mm, "
     matters = f"> {100 * tolerance:.3g} %"
     names = ("effect", "on", "p_max", "p_eff", "u", matters, "step", "memory", "Δt", "absent off")
-    for heading in names:
-        table.add_column(heading, no_wrap=heading in ("effect", "p_max", "p_eff", "u"))
-    table.caption = (
-        f"{matters}: it changes one of the three by more. Absent off: the base compiles nothing "
-        "new and gives the same bits after it (own compiled forms when on)."
+    table = listing(
+        f"{report.scene}: effects, each added to none\n"
+        f"without: {answer}{1e6 * report.seconds_per_step:.1f} CPU µs per step, "
+        f"{report.bytes / 2**20:.2f} MiB",
+        *names,
+        caption=f"{matters}: it changes one of the three by more. Absent off: the base compiles "
+        "nothing new and gives the same bits after it (own compiled forms when on).",
+        caption_justify="left",
     )
-    table.caption_justify = "left"
+    for column in (0, 2, 3, 4):
+        table.columns[column].no_wrap = True
     for cost in report.costs:
-        words = _proof(cost)
         table.add_row(
             cost.effect.name,
             cost.effect.setting,
-            *(_percent(v) for v in (cost.p_max, cost.p_eff, cost.displacement)),
-            _verdict(cost, tolerance),
-            *(_factor(v) for v in (cost.step, cost.memory, cost.time_step)),
-            words,
+            *_percents(cost.change),
+            {True: "yes", False: "no", None: "–"}[cost.matters(tolerance)],
+            *(f"× {v:.2f}" for v in (cost.step, cost.memory, cost.time_step)),
+            _proof(cost),
         )
     return table
 
@@ -134,7 +123,9 @@ def effects_table(report: EffectReport, tolerance: float = TOLERANCE) -> Table:
 def effects_json(report: EffectReport, tolerance: float = TOLERANCE) -> dict[str, Any]:
     """Return the report as plain data."""
     data = asdict(report) | {"tolerance": tolerance}
+    data |= data.pop("answer") or {}
     for cost, found in zip(data["costs"], report.costs, strict=True):
+        cost |= {key: 100.0 * value for key, value in (cost.pop("change") or {}).items()}
         # Readers of earlier files ask for "available"; now every effect is.
         cost |= {"matters": found.matters(tolerance), "available": True}
         effect = cost.pop("effect")
@@ -162,21 +153,22 @@ def draw_effects(report: EffectReport, path: Path) -> None:
     columns = (
         (
             left,
-            [
-                ("p_max", "p_max", BLUE),
-                ("p_eff", "p_eff", SKY),
-                ("displacement", "largest u", VERMILION),
-            ],
+            0.0,
+            [100.0 * np.array(c.change.values if c.change else (0.0, 0.0, 0.0)) for c in costs],
+            (("p_max", BLUE), ("p_eff", SKY), ("largest u", VERMILION)),
         ),
-        (right, [("step", "CPU time of a step", BLUE), ("memory", "memory", ORANGE)]),
+        (
+            right,
+            1.0,
+            [np.array((c.step, c.memory)) for c in costs],
+            (("CPU time of a step", BLUE), ("memory", ORANGE)),
+        ),
     )
-    for axes, series in columns:
+    for axes, start, values, series in columns:
         height = 0.8 / len(series)
-        for k, (key, label, colour) in enumerate(series):
+        for k, (label, colour) in enumerate(series):
             places = [row + (k - 0.5 * (len(series) - 1)) * height for row in rows]
-            values = [getattr(cost, key) or 0.0 for cost in costs]
-            start = 0.0 if axes is left else 1.0
-            widths = [value - start for value in values]
+            widths = [of[k] - start for of in values]
             axes.barh(places, widths, left=start, height=height, label=label, color=colour)
         axes.legend(fontsize=8)
         axes.grid(axis="x", alpha=0.3)
