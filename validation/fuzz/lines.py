@@ -14,7 +14,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from random import Random
 from signal import SIGTERM, raise_signal
+from typing import Any
 
+import typer
+
+from validation.cli.app import app
 from validation.cli.completion import _keys
 from validation.scene.builtin import builtin_names, builtin_text
 from validation.scene.read import SCENE_TYPES
@@ -42,28 +46,11 @@ SMALL: dict[str, tuple[str, ...]] = {
 #: Settings of the run that the checkpoint belongs to.
 STOPPED = (*SMALL["tsb1-pipe"], 'fem.method="explicit"')
 
-#: Options by what they take; those of `_WRITES` name files that are written.
+#: Every command, with what the command line itself knows of its options.
+COMMANDS: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+
+#: Options that name files that are written.
 _WRITES = {"--json": "result.json", "--csv": "rows.csv", "--parquet": "rows.parquet"}
-OPTIONS: dict[str, tuple[str, ...]] = {
-    "mbd": ("--json", "-o", "--layers-to-unlock"),
-    "explode": ("--json", "-o"),
-    "fem": ("--json", "-o", "--resume", "--accuracy", "--max-seconds", "--auto", "--keep"),
-    "compare": ("--json", "-o", "--auto", "--keep", "--no-explicit"),
-    "clearance": ("--json", "--gap", "--kind", "-o"),
-    "show": ("-o", "--block"),
-    "export": ("-o", "--flavour"),
-    "import": ("-o", "--json"),
-    "sweep": ("-o", "--json", "--csv", "--parquet", "--workers", "--older", "--retry-failed"),
-    "rescue": ("-o",),
-    "cost": ("--quick", "--json", "-o", "--store"),
-    "effects": ("--tolerance", "--json", "-o"),
-    "cell": ("--json",),
-    "convergence": ("--json", "-o"),
-    "stability": ("--only", "--json"),
-    "studies": (),
-    "scenes": (),
-    "reproduce": (),
-}
 #: How often each command is tried: those that are short, more often.
 _WEIGHTS = {
     "mbd": 8.0,
@@ -73,13 +60,14 @@ _WEIGHTS = {
     "import": 4.0,
     "export": 3.0,
     "explode": 2.0,
+    "demo": 0.1,
     "cost": 0.3,
     "convergence": 0.2,
+    "peaks": 0.2,
     "clearance": 0.3,
     "effects": 0.3,
     "cell": 0.3,
 }
-_FLAGS = {"--layers-to-unlock", "--block", "--quick", "--retry-failed", "--no-explicit"}
 
 #: What commands name, and what files they read, beside those that take a scene.
 _NAMED = {"studies": ("paper-480",), "scenes": ("arch",), "reproduce": ("nothing", "--nothing")}
@@ -131,16 +119,14 @@ def line(seed: int, number: int, folder: Path, specimens: Path) -> list[str]:
         Of `make_specimens`.
     """
     random = Random(f"{seed}/{number}")
-    command = random.choices(
-        list(OPTIONS), weights=[_WEIGHTS.get(name, 1) for name in OPTIONS], k=1
-    )[0]
+    (command,) = random.choices([*COMMANDS], [_WEIGHTS.get(name, 1.0) for name in COMMANDS])
     words = [command, *_subject(random, command, folder, specimens)]
     if command == "fem" and random.random() < 0.15:
         settings = [word for setting in STOPPED for word in ("--set", setting)]
         kept = _file(random, specimens / "run.npz", folder)
         words = ["fem", "tsb1-pipe", *settings, "--resume", kept]
-    for option in OPTIONS[command]:
-        if random.random() < (0.7 if option == "--json" else 0.3):
+    for option in _options(command):
+        if random.random() < (0.7 if "--json" in option.opts else 0.3):
             words += _option(random, option, folder, specimens)
     if command in ("export", "rescue") and "-o" not in words:
         words += ["-o", "case.inp" if command == "export" else "new.sqlite"]
@@ -151,6 +137,12 @@ def line(seed: int, number: int, folder: Path, specimens: Path) -> list[str]:
     return [word.replace("\x00", "") for word in words]
 
 
+def _options(command: str) -> list[Any]:
+    """Options of a command; settings belong to its scene, those of `reproduce` to its parts."""
+    options = [p for p in COMMANDS[command].params if p.param_type_name == "option"]
+    return [] if command == "reproduce" else [p for p in options if p.name != "settings"]
+
+
 def _subject(random: Random, command: str, folder: Path, specimens: Path) -> list[str]:
     """What a command is about, with the settings of its scene."""
     if command in _NAMED:
@@ -158,8 +150,8 @@ def _subject(random: Random, command: str, folder: Path, specimens: Path) -> lis
         return [word if word.strip("-") else "nothing"]  # `reproduce` alone writes the report
     if command in _READS:
         return [_file(random, specimens / random.choice(_READS[command]), folder)]
-    if command == "stability":
-        return ["--list"]
+    if "argument" not in {parameter.param_type_name for parameter in COMMANDS[command].params}:
+        return ["--list"] if command == "stability" else []
     if random.random() < 0.25 and command in ("mbd", "show", "fem", "compare", "export"):
         return [_own_scene(random, folder, specimens)]
     name = random.choice(list(SMALL) if random.random() < 0.97 else builtin_names())
@@ -194,8 +186,9 @@ def _value(random: Random, known: object) -> str:
     return random.choice(VALUES)
 
 
-def _option(random: Random, option: str, folder: Path, specimens: Path) -> list[str]:
-    if option in _FLAGS:
+def _option(random: Random, known: Any, folder: Path, specimens: Path) -> list[str]:
+    option = random.choice((known.opts[0], *known.secondary_opts))
+    if known.is_flag:
         return [option]
     if option in _WRITES or option == "-o":
         return [option, _output(random, option, folder)]
