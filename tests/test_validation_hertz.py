@@ -23,7 +23,7 @@ def bound(cells):
 
 def check(found, cells):
     assert found.found_a == pytest.approx(found.a, rel=law(cells))
-    assert found.found_p0 == pytest.approx(found.p0, rel=bound(cells))
+    assert found.found_p0 == pytest.approx(found.peak, rel=bound(cells))
     assert found.field_error < bound(cells)
 
 

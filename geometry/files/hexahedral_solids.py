@@ -138,7 +138,7 @@ def six_sided_hexahedra(solid: Polyhedron, divisions: int) -> HexMesh:
     MeshError
         A solid of another kind: how many sides it has, or which side has not four corners.
     """
-    sides = [_side(solid, plane) for plane in range(int(solid.plane_of.max()) + 1)]
+    sides = [flat_side(solid, plane) for plane in range(int(solid.plane_of.max()) + 1)]
     why = "expected six flat sides with four corners each, or a file of hexahedra (.vtu, .inp)"
     if len(sides) != 6:
         raise MeshError(f"{solid.name}: got a solid with {len(sides)} flat sides; {why}")
@@ -157,7 +157,7 @@ def six_sided_hexahedra(solid: Polyhedron, divisions: int) -> HexMesh:
     return mesh
 
 
-def _side(solid: Polyhedron, plane: int) -> list[int]:
+def flat_side(solid: Polyhedron, plane: int) -> list[int]:
     """Corners of one flat side in order round it; empty where it is no simple polygon."""
     triangles = solid.triangles[solid.plane_of == plane]
     edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)

@@ -120,18 +120,10 @@ def agreement(
     areas: FloatArray,
     block: IntArray,
 ) -> PressureAgreement:
-    """Compare two pressure fields on the same facets.
+    """Compare two pressure fields, (n,) [MPa], on the same facets.
 
-    Parameters
-    ----------
-    faces
-        What the facets are called.
-    reference, other
-        Pressures, (n,) [MPa].
-    centroids, areas
-        Of the facets, (n, 3) [mm] and (n,) [mm²].
-    block
-        Block whose peak is looked for on each facet, (n,).
+    Their centroids are (n, 3) [mm], their areas (n,) [mm²]; ``block`` is the block whose peak is
+    looked for on each, (n,).
     """
     union = shared = 0.0
     hits = []
@@ -158,16 +150,7 @@ def agreement(
 def compare(
     name: str, scene: DeformableScene, *, explicit: bool = True, progress: Any = None
 ) -> Comparison:
-    """Answer a scene by rigid blocks, static and explicit finite elements.
-
-    Parameters
-    ----------
-    name, scene
-        A tube with sections for deformable blocks.
-    explicit
-        Whether to run explicit dynamics to the static state too.
-    progress
-        Callback of the explicit run.
+    """Answer a scene by rigid blocks, static and, where asked for, explicit finite elements.
 
     Raises
     ------

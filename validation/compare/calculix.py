@@ -52,14 +52,7 @@ def calculix_version() -> str | None:
 
 
 def run_calculix(deck: Path, *, timeout: float = 600.0) -> CalculixResult:
-    """Run CalculiX in the folder of a deck.
-
-    Parameters
-    ----------
-    deck
-        ``NAME.inp``; NAME.dat, NAME.frd and others are written beside it.
-    timeout
-        Wall time after which the run is given up [s].
+    """Run CalculiX on ``NAME.inp``, beside which it writes; it is given up after the timeout [s].
 
     Raises
     ------

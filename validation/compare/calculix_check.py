@@ -10,12 +10,11 @@ from __future__ import annotations
 import importlib.util
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.markup import escape
 
 from fem.contact.law import ExponentialLaw
 from fem.decks.model import deck_assembly, deck_model
@@ -35,7 +34,7 @@ from geometry.loads import PressureLoad, load_case
 from geometry.mesh import FloatArray
 from validation.compare.calculix import CalculixResult, calculix_available, run_calculix
 from validation.errors import InputError, run_command
-from validation.output.console import listing, measuring
+from validation.output.console import measuring, tabled
 from validation.output.files import write_json
 
 
@@ -309,22 +308,16 @@ def all_rows(folder: Path) -> list[CheckRow]:
     return rows + bar_rows(folder)
 
 
-def print_rows(rows: list[CheckRow], console: Console) -> None:
-    """Print the comparisons as a table."""
-    numbers = ("CalculiX", "tubelock", "difference", "allowed", "CPU s", "CPU s (ours)")
-    table = listing("CalculiX against tubelock", "case", "quantity", numbers=numbers)
-    for row in rows:
-        table.add_row(
-            row.case,
-            escape(row.quantity),
-            f"{row.calculix:.7g}",
-            f"{row.ours:.7g}",
-            f"{row.relative_difference:.1e}",
-            f"{row.tolerance:.1e}",
-            f"{row.calculix_cpu_seconds:.2f}",
-            f"{row.our_cpu_seconds:.2f}",
-        )
-    console.print(table)
+_COLUMNS: dict[str, Callable[[CheckRow], str]] = {
+    "case": lambda row: row.case,
+    "quantity": lambda row: row.quantity,
+    "CalculiX": lambda row: f"{row.calculix:.7g}",
+    "tubelock": lambda row: f"{row.ours:.7g}",
+    "difference": lambda row: f"{row.relative_difference:.1e}",
+    "allowed": lambda row: f"{row.tolerance:.1e}",
+    "CPU s": lambda row: f"{row.calculix_cpu_seconds:.2f}",
+    "CPU s (ours)": lambda row: f"{row.our_cpu_seconds:.2f}",
+}
 
 
 def main() -> None:
@@ -334,7 +327,7 @@ def main() -> None:
         raise InputError("ccx is not installed (Debian: calculix-ccx)")
     with tempfile.TemporaryDirectory() as folder:
         rows = all_rows(Path(folder))
-    print_rows(rows, console)
+    console.print(tabled("CalculiX against tubelock", rows, _COLUMNS, words=2))
     write_json(asked.json, [asdict(row) for row in rows])
 
 

@@ -8,6 +8,7 @@ hints at which gap it used.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -18,7 +19,7 @@ from rich.console import Console
 from fem.static.linear_step.condensed import FlexibilityStore
 from validation.build.deformable import fem_section
 from validation.errors import InputError
-from validation.output.console import listing
+from validation.output.console import tabled
 from validation.output.pictures.gallery import BLUE, ORANGE, VERMILION, save_figure, subplots
 from validation.run.solve import run_static
 from validation.scene.deformable import Method
@@ -50,31 +51,6 @@ class ClearanceRow:
     cpu_seconds: float
 
 
-def clearance_row(
-    name: str,
-    scene: DeformableScene,
-    gap: float,
-    store: FlexibilityStore | None = None,
-    kind: Kind = "clearance",
-) -> ClearanceRow:
-    """Solve the scene with one initial gap."""
-    fem_section(scene, name)
-    spaced = scene.changed({f"contact.{kind}": gap, "fem.method": Method.STATIC})
-    run = run_static(f"{name}, {kind} {gap:g} mm", spaced, store=store)
-    blocks = run.deformable.deformable_blocks.tolist()
-    return ClearanceRow(
-        kind=kind,
-        gap=gap,
-        max_displacement=run.largest_displacement,
-        p_eff=run.contact.p_eff,
-        p_max=run.contact.p_max_face,
-        effective_count_percent=run.contact.effective_count_percent,
-        max_principal_stress=max(float(run.principal(b)[:, 0].max()) for b in blocks),
-        newton_iterations=0 if run.static is None else run.static.newton_iterations,
-        cpu_seconds=run.cpu_seconds["total"],
-    )
-
-
 def clearance_rows(
     name: str, scene: DeformableScene, gaps: tuple[float, ...], kind: Kind = "clearance"
 ) -> list[ClearanceRow]:
@@ -87,27 +63,42 @@ def clearance_rows(
     """
     if not gaps or not all(np.isfinite(gaps)) or min(gaps) < 0:
         raise InputError(f"--gap: got {list(gaps)}, expected one or more lengths in mm, 0 or up")
-    store = FlexibilityStore()
-    return [clearance_row(name, scene, gap, store, kind) for gap in gaps]
+    fem_section(scene, name)
+    store, rows = FlexibilityStore(), []
+    for gap in gaps:
+        spaced = scene.changed({f"contact.{kind}": gap, "fem.method": Method.STATIC})
+        run = run_static(f"{name}, {kind} {gap:g} mm", spaced, store=store)
+        blocks = run.deformable.deformable_blocks.tolist()
+        rows.append(
+            ClearanceRow(
+                kind=kind,
+                gap=gap,
+                max_displacement=run.largest_displacement,
+                p_eff=run.contact.p_eff,
+                p_max=run.contact.p_max_face,
+                effective_count_percent=run.contact.effective_count_percent,
+                max_principal_stress=max(float(run.principal(b)[:, 0].max()) for b in blocks),
+                newton_iterations=0 if run.static is None else run.static.newton_iterations,
+                cpu_seconds=run.cpu_seconds["total"],
+            )
+        )
+    return rows
 
 
 def print_rows(name: str, rows: list[ClearanceRow], console: Console) -> None:
     """Print the study."""
-    heads = (f"{rows[0].kind} [mm]", "|u| max [mm]", "p_eff [MPa]", "p_max [MPa]")
-    more = ("effective elements", "σ₁ max [MPa]", "iterations", "CPU s")
-    table = listing(f"{name}: static state over the {rows[0].kind}", numbers=heads + more)
-    for row in rows:
-        table.add_row(
-            f"{row.gap:g}",
-            f"{row.max_displacement:.4g}",
-            f"{row.p_eff:.3g}",
-            f"{row.p_max:.3g}",
-            f"{row.effective_count_percent:.1f} %",
-            f"{row.max_principal_stress:.3g}",
-            str(row.newton_iterations),
-            f"{row.cpu_seconds:.1f}",
-        )
-    console.print(table)
+    columns: dict[str, Callable[[ClearanceRow], str]] = {
+        f"{rows[0].kind} [mm]": lambda row: f"{row.gap:g}",
+        "|u| max [mm]": lambda row: f"{row.max_displacement:.4g}",
+        "p_eff [MPa]": lambda row: f"{row.p_eff:.3g}",
+        "p_max [MPa]": lambda row: f"{row.p_max:.3g}",
+        "effective elements": lambda row: f"{row.effective_count_percent:.1f} %",
+        "σ₁ max [MPa]": lambda row: f"{row.max_principal_stress:.3g}",
+        "iterations": lambda row: f"{row.newton_iterations}",
+        "CPU s": lambda row: f"{row.cpu_seconds:.1f}",
+    }
+    title = f"{name}: static state over the {rows[0].kind}"
+    console.print(tabled(title, rows, columns, words=0))
 
 
 def draw_clearance(name: str, rows: list[ClearanceRow], path: Path) -> None:

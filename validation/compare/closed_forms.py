@@ -10,13 +10,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import typer
-from rich.console import Console
 
 from geometry.families.masonry import box, circular_arch
 from geometry.mesh import FloatArray
@@ -30,8 +27,8 @@ from mbd.friction import (
     frictional_equilibrium,
 )
 from validation.errors import run_command
-from validation.output.console import listing
-from validation.output.files import prepare_picture
+from validation.output.console import measuring, tabled
+from validation.output.files import write_json
 
 #: Minimum thickness of a semicircular arch over its centre-line radius, four digits.
 ARCH_LIMIT = 0.1075
@@ -160,29 +157,24 @@ def draw_arches(path: Path) -> None:
     gallery(columns, title, path, height=4.5)
 
 
-def main(
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE.png", help="Picture of arches.")
-    ] = None,
-) -> None:
+_COLUMNS: dict[str, Callable[[Limit], str]] = {
+    "problem": lambda row: row.name,
+    "found": lambda row: f"{row.found:.6g} {row.unit}",
+    "closed form": lambda row: f"{row.exact:.6g} {row.unit}",
+    "difference": lambda row: f"{row.found - row.exact:+.1e}",
+}
+
+
+def main() -> None:
     """Print every limit beside its closed form."""
-    if output is not None:
-        prepare_picture(output)
-    console = Console()
-    title = "Limit analysis of rigid blocks beside closed forms"
-    table = listing(title, "problem", "found", "closed form", "difference")
-    for row in limits():
-        table.add_row(
-            row.name,
-            f"{row.found:.6g} {row.unit}",
-            f"{row.exact:.6g} {row.unit}",
-            f"{row.found - row.exact:+.1e}",
-        )
-    console.print(table)
-    if output is not None:
-        draw_arches(output)
-        console.print(f"picture   {output}")
+    asked, console = measuring(__doc__, 118, picture="picture of arches")
+    found = limits()
+    console.print(tabled("Limit analysis beside closed forms", found, _COLUMNS, words=4))
+    write_json(asked.json, [asdict(row) for row in found])
+    if asked.output is not None:
+        draw_arches(asked.output)
+        console.print(f"picture   {asked.output}")
 
 
 if __name__ == "__main__":
-    run_command(lambda: typer.run(main))
+    run_command(main)

@@ -12,24 +12,23 @@ import importlib.util
 import io
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
-from rich.console import Console
 
 from geometry.families.masonry import circular_arch, running_bond_wall
+from geometry.files.hexahedral_solids import flat_side
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import classify, contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from validation.compare.closed_forms import body_force
 from validation.errors import run_command
-from validation.output.console import listing
-from validation.output.files import prepare_picture
+from validation.output.console import measuring, tabled
+from validation.output.files import write_json
 
 #: compas_cra's RBE lets joints pull at a price; a pull above this part of the largest force says
 #: that the assembly does not stand.
@@ -52,9 +51,11 @@ class Answer:
     """What one program said, and its CPU time."""
 
     problem: str
-    program: str
+    theory: bool
+    """Whether it stands, by theory."""
     n_blocks: int
     n_contacts: int
+    program: str
     stands: bool | None
     """None where it gave no answer."""
     detection_seconds: float
@@ -86,47 +87,22 @@ def ours(problem: Problem) -> list[Answer]:
     solved = time.process_time()
     mechanism = classify(contacts.jacobian, load).mechanism
     classified = time.process_time()
-    n_blocks, n_contacts = len(assembly.free_blocks), len(contacts.areas)
+    said = partial(
+        Answer, problem.name, problem.stands, len(assembly.free_blocks), len(contacts.areas)
+    )
     stands = found.holds if found.holds or found.mechanism is not None else None
     proof = f"residual {found.residual:.0e}" if found.holds else "mechanism certified"
     return [
-        Answer(
-            problem.name,
-            "tubelock, friction cone",
-            n_blocks,
-            n_contacts,
-            stands,
-            detected - start,
-            solved - detected,
-            proof,
-        ),
-        Answer(
-            problem.name,
-            "tubelock, frictionless class",
-            n_blocks,
-            n_contacts,
-            None,
-            0.0,
-            classified - solved,
-            str(mechanism),
-        ),
+        said("tubelock, friction cone", stands, detected - start, solved - detected, proof),
+        said("tubelock, frictionless class", None, 0.0, classified - solved, str(mechanism)),
     ]
 
 
 def _faces(assembly: PolyhedralAssembly, block: int) -> tuple[FloatArray, list[list[int]]]:
     """Vertices [m] and planar polygons of a convex block."""
     shape = assembly.shape(block)
-    points = assembly.points(block) / 1000.0
-    faces = []
-    for plane in np.unique(shape.plane_of):
-        triangles = shape.triangles[shape.plane_of == plane]
-        corners = np.unique(triangles)
-        normal = shape.normals[shape.plane_of == plane][0]
-        local = shape.points[corners] - shape.points[corners].mean(axis=0)
-        u = local[0] / np.linalg.norm(local[0])
-        angle = np.arctan2(local @ np.cross(normal, u), local @ u)
-        faces.append(corners[np.argsort(angle)].tolist())
-    return points, faces
+    faces = [flat_side(shape, plane) for plane in np.unique(shape.plane_of).tolist()]
+    return assembly.points(block) / 1000.0, faces
 
 
 def compas_answers(problem: Problem, solvers: tuple[str, ...] = ("rbe", "cra")) -> list[Answer]:
@@ -152,9 +128,10 @@ def compas_answers(problem: Problem, solvers: tuple[str, ...] = ("rbe", "cra")) 
         answers.append(
             Answer(
                 problem.name,
-                f"compas_cra, {solver}",
+                problem.stands,
                 len(assembly.free_blocks),
-                _n_contacts(peer),
+                sum(len(interface.points) for interface in _interfaces(peer)),
+                f"compas_cra, {solver}",
                 stands,
                 detected - start,
                 time.process_time() - detected,
@@ -170,10 +147,6 @@ def _interfaces(peer: Any) -> list[Any]:
         for edge in peer.graph.edges()
         for interface in peer.graph.edge_attribute(edge, "interfaces")
     ]
-
-
-def _n_contacts(peer: Any) -> int:
-    return sum(len(interface.points) for interface in _interfaces(peer))
 
 
 def _solve(solve: Callable[..., Any], peer: Any, friction: float) -> tuple[bool, str]:
@@ -200,25 +173,17 @@ def compare(*, with_peer: bool) -> list[Answer]:
     return answers
 
 
-def print_answers(answers: list[Answer], console: Console) -> None:
-    """Print a table of verdicts and CPU times."""
-    heads = ("problem", "theory", "program", "blocks, contacts", "stands")
-    title = "Walls and arches under their weight"
-    table = listing(title, *heads, "detect [s]", "solve [s]", "note")
-    theory = {problem.name: problem.stands for problem in problems()}
-    words = {True: "yes", False: "no", None: "–"}
-    for a in answers:
-        table.add_row(
-            a.problem,
-            words[theory[a.problem]],
-            a.program,
-            f"{a.n_blocks}, {a.n_contacts}",
-            words[a.stands],
-            f"{a.detection_seconds:.3f}",
-            f"{a.solve_seconds:.3f}",
-            a.note,
-        )
-    console.print(table)
+_WORDS = {True: "yes", False: "no", None: "–"}
+_COLUMNS: dict[str, Callable[[Answer], str]] = {
+    "problem": lambda a: a.problem,
+    "theory": lambda a: _WORDS[a.theory],
+    "program": lambda a: a.program,
+    "blocks, contacts": lambda a: f"{a.n_blocks}, {a.n_contacts}",
+    "stands": lambda a: _WORDS[a.stands],
+    "detect [s]": lambda a: f"{a.detection_seconds:.3f}",
+    "solve [s]": lambda a: f"{a.solve_seconds:.3f}",
+    "note": lambda a: a.note,
+}
 
 
 def draw_times(answers: list[Answer], path: Path) -> None:
@@ -251,24 +216,20 @@ def draw_times(answers: list[Answer], path: Path) -> None:
     save_figure(figure, path)
 
 
-def main(
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE.png", help="Picture of times.")
-    ] = None,
-) -> None:
+def main() -> None:
     """Compare with compas_cra."""
-    if output is not None:
-        prepare_picture(output)
-    console = Console(width=150)
+    asked, console = measuring(__doc__, 150, picture="picture of times")
     installed = importlib.util.find_spec("compas_cra") is not None
     if not installed:
         console.print("compas_cra is not installed (pip install compas_cra): ours alone")
     answers = compare(with_peer=installed)
-    print_answers(answers, console)
-    if output is not None:
-        draw_times(answers, output)
-        console.print(f"picture   {output}")
+    title = "Walls and arches under their weight"
+    console.print(tabled(title, answers, _COLUMNS, words=len(_COLUMNS)))
+    write_json(asked.json, [asdict(answer) for answer in answers])
+    if asked.output is not None:
+        draw_times(answers, asked.output)
+        console.print(f"picture   {asked.output}")
 
 
 if __name__ == "__main__":
-    run_command(lambda: typer.run(main))
+    run_command(main)

@@ -13,19 +13,18 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
 import numpy as np
-import typer
 from rich.console import Console
 
 from fem.contact.friction import CoulombFriction
 from validation.compare.hertz_problems import (
-    POISSON,
     Bodies,
     Pressed,
     Slipped,
     balls,
+    effective_modulus,
     pressed_balls,
     pressed_roller,
     pressed_together,
@@ -34,8 +33,8 @@ from validation.compare.hertz_problems import (
     slipped_roller,
 )
 from validation.errors import run_command
-from validation.output.console import listing
-from validation.output.files import prepare_picture
+from validation.output.console import listing, measuring
+from validation.output.files import write_json
 
 
 @dataclass(frozen=True)
@@ -47,6 +46,11 @@ class Row:
     nodes: int
     found: Pressed | Slipped
     cpu_seconds: float
+
+    def as_json(self) -> dict[str, Any]:
+        """Numbers, the field but for its error left out."""
+        numbers = {k: v for k, v in vars(self.found).items() if isinstance(v, float)}
+        return vars(self) | {"found": numbers | {"field_error": self.found.field_error}}
 
 
 #: Stiffness of the law times the edge over E*: it grows as meshes do, so that what the law gives
@@ -65,8 +69,7 @@ _FRICTION = 0.2
 
 def law_stiffness(young: tuple[float, float], cell: float, share: float = 1.0) -> float:
     """Stiffness of the contact law on a mesh [MPa/mm]."""
-    modulus = 1.0 / sum((1.0 - POISSON**2) / e for e in young)
-    return share * _LAW * modulus / cell
+    return share * _LAW * effective_modulus(young) / cell
 
 
 def ball_case(cells: float, approach: float, share: float = 1.0) -> tuple[Bodies, Pressed]:
@@ -120,7 +123,7 @@ def observed_order(table: list[Row]) -> float:
 def at_approach(found: Pressed, approach: float) -> str:
     """What Hertz has at the approach itself, half-spaces held at infinity, and what was found."""
     a = math.sqrt(25.0 * approach)
-    modulus = 0.5 * 20e3 / (1.0 - POISSON**2)
+    modulus = effective_modulus((20e3, 20e3))
     force, p0 = 4.0 / 3.0 * modulus * a * approach, 2.0 * modulus * a / (math.pi * 25.0)
     pairs = {
         "F": (found.force, force, "N"),
@@ -150,7 +153,7 @@ def _words(found: Pressed | Slipped) -> list[str]:
         c = f"{found.c:.3f} {100.0 * (found.found_c / found.c - 1.0):+.2f} %"
         return ["", f"{found.a:.3f}", "", f"{found.ratio:.3f}", c, field]
     a = f"{found.a:.3f} {100.0 * (found.found_a / found.a - 1.0):+.2f} %"
-    p0 = f"{found.p0:.1f} {100.0 * (found.found_p0 / found.p0 - 1.0):+.2f} %"
+    p0 = f"{found.peak:.1f} {100.0 * (found.found_p0 / found.peak - 1.0):+.2f} %"
     return [f"{found.force:.0f}", a, p0, "", "", field]
 
 
@@ -165,33 +168,19 @@ def draw(path: Path, problems: dict[str, list[Row]]) -> None:
         share = np.linspace(0.0, 1.0, 400)
         for row in table:
             found = row.found
-            slipped = isinstance(found, Slipped)
-            where = np.abs(found.x) if isinstance(found, Slipped) else found.radius
-            value = found.traction if isinstance(found, Slipped) else found.pressure
-            largest = found.limit if isinstance(found, Slipped) else found.p0
-            axis.plot(where / found.a, value / largest, ".", ms=3, label=f"a/h = {row.cells:.1f}")
-        closed = np.sqrt(1.0 - share**2)
-        if isinstance(found, Slipped):
-            inner = found.c / found.a
-            closed = closed - inner * np.sqrt(np.maximum(1.0 - (share / inner) ** 2, 0.0))
-        axis.plot(share, closed, "k-", lw=1, label="closed form")
-        axis.set(title=title, xlabel="r / a", xlim=(0.0, 1.3),
-                 ylabel="q / μp₀" if slipped else "p / p₀")  # fmt: skip
+            where, value = found.radius / found.a, found.values / found.peak
+            axis.plot(where, value, ".", ms=3, label=f"a/h = {row.cells:.1f}")
+        axis.plot(share, found.closed(share), "k-", lw=1, label="closed form")
+        axis.set(title=title, xlabel="r / a", xlim=(0.0, 1.3), ylabel=found.label)
         axis.legend(frameon=False, fontsize=8)
     figure.tight_layout(rect=(0.0, 0.03, 1.0, 1.0))
     save_figure(figure, path)
     plt.close(figure)
 
 
-def main(
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE.png", help="Picture of fields.")
-    ] = None,
-) -> None:
+def main() -> None:
     """Print every problem on its meshes beside the closed form."""
-    if output is not None:
-        prepare_picture(output)
-    console = Console(width=130)
+    asked, console = measuring(__doc__, 130, picture="picture of fields")
     cases: list[tuple[str, Case, tuple[float, ...], tuple[float, ...]]] = [
         ("two balls R 50 mm, E 20 GPa, approach 4 mm", ball_case, BALL_MESHES, (4.0,)),
         ("two balls, approach 0.16 mm", ball_case, BALL_MESHES, (0.16,)),
@@ -206,10 +195,12 @@ def main(
         last = problems[title][-1].found
         if arguments and isinstance(last, Pressed):
             console.print(f"{at_approach(last, arguments[0])}\n")
-    if output is not None:
-        draw(output, problems)
-        console.print(f"picture   {output}")
+    numbers = {title: [row.as_json() for row in table] for title, table in problems.items()}
+    write_json(asked.json, numbers)
+    if asked.output is not None:
+        draw(asked.output, problems)
+        console.print(f"picture   {asked.output}")
 
 
 if __name__ == "__main__":
-    run_command(lambda: typer.run(main))
+    run_command(main)

@@ -17,7 +17,9 @@ over r² within half the contact, c from the second moment of the traction, (a²
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -56,69 +58,62 @@ RADIUS = 50.0
 
 
 @dataclass(frozen=True)
-class Pressed:
-    """A contact beside its closed form."""
+class Field:
+    """Pressures or tractions of a contact beside their closed form."""
 
     radius: FloatArray
     """Distance of each point from the middle of the contact, (n,) [mm]."""
     area: FloatArray
     """(n,) [mm²]."""
-    pressure: FloatArray
+    values: FloatArray
     """(n,) [MPa]."""
+    a: float
+    """Radius or half width of the contact, closed form [mm]."""
+    peak: float
+    """What the closed form is a multiple of: p₀, of tractions μ p₀ [MPa]."""
+
+    label: ClassVar[str] = "p / p₀"
+
+    def closed(self, share: FloatArray) -> FloatArray:
+        """Closed form over the peak at distances over a."""
+        return np.sqrt(np.maximum(1.0 - share**2, 0.0))
+
+    @property
+    def field_error(self) -> float:
+        """Difference from the closed form over it, in the mean square over the area."""
+        closed = self.peak * self.closed(self.radius / self.a)
+        return _rms(self.area, self.values - closed) / _rms(self.area, closed)
+
+
+@dataclass(frozen=True)
+class Pressed(Field):
+    """Pressures; the peak is p₀."""
+
     force: float
     """Of the whole contact; of rollers per thickness [N, N/mm]."""
-    a: float
-    """Radius or half width of the closed form [mm]."""
-    p0: float
-    """Its largest pressure [MPa]."""
     found_a: float
     """Radius from the second moment [mm]."""
     found_p0: float
     """Largest pressure by a straight line of p² over r² [MPa]."""
 
-    @property
-    def closed(self) -> FloatArray:
-        """Pressures of the closed form at the points, (n,) [MPa]."""
-        return self.p0 * np.sqrt(np.maximum(1.0 - (self.radius / self.a) ** 2, 0))
-
-    @property
-    def field_error(self) -> float:
-        """Difference of pressures over the closed form, in the mean square over the area."""
-        return _rms(self.area, self.pressure - self.closed) / _rms(self.area, self.closed)
-
 
 @dataclass(frozen=True)
-class Slipped:
-    """Tangential traction of a roller beside its closed form."""
+class Slipped(Field):
+    """Tangential tractions of a roller."""
 
-    x: FloatArray
-    """(n,) [mm]."""
-    area: FloatArray
-    """(n,) [mm²]."""
-    traction: FloatArray
-    """(n,) [MPa]."""
     ratio: float
     """Q / μP."""
-    a: float
-    """Half width of the contact, closed form [mm]."""
     c: float
     """Half width of the part that sticks, closed form [mm]."""
     found_c: float
     """The same from the second moment of the traction [mm]."""
-    limit: float
-    """μ p₀ [MPa]."""
 
-    @property
-    def closed(self) -> FloatArray:
-        """Tractions of the closed form at the points, (n,) [MPa]."""
-        outer = np.sqrt(np.maximum(1.0 - (self.x / self.a) ** 2, 0.0))
-        inner = np.sqrt(np.maximum(1.0 - (self.x / self.c) ** 2, 0.0))
-        return self.limit * (outer - self.c / self.a * inner)
+    label: ClassVar[str] = "q / μp₀"
 
-    @property
-    def field_error(self) -> float:
-        """Difference of tractions over the closed form, in the mean square over the area."""
-        return _rms(self.area, self.traction - self.closed) / _rms(self.area, self.closed)
+    def closed(self, share: FloatArray) -> FloatArray:
+        """Closed form over the peak at distances over a."""
+        inner = self.c / self.a
+        return super().closed(share) - inner * super().closed(share / inner)
 
 
 def _rms(area: FloatArray, values: FloatArray) -> float:
@@ -190,16 +185,8 @@ def balls(
 ) -> Bodies:
     """A quarter of two equal balls that come nearer, trimmed to cylinders of 0.8 of their radius.
 
-    Parameters
-    ----------
-    cell
-        Edge of elements in the contact [mm].
-    approach
-        Of the planes through their centres [mm].
-    young
-        Young's modulus [MPa].
-    stiffness
-        Of the linear contact law [MPa/mm].
+    Elements of the edge ``cell`` [mm] meet; the planes through the centres ``approach`` by [mm].
+    Young's modulus in MPa, the stiffness of the linear contact law in MPa/mm.
     """
     contact = math.sqrt(0.5 * RADIUS * approach)
     lower, upper = (
@@ -226,18 +213,9 @@ def roller(
 ) -> Bodies:
     """Half of a roller on a block of 200 mm × 200 mm, plane strain, one element thick.
 
-    Parameters
-    ----------
-    cell
-        Edge of elements in the contact [mm]; their thickness too.
-    contact
-        Half width of the contact that is meant [mm].
-    apart
-        Way of the plane through the centre of the roller [mm].
-    young
-        Young's moduli of block and roller [MPa].
-    stiffness
-        Of the linear contact law [MPa/mm].
+    Elements are cubes of the edge ``cell`` [mm] on the half width ``contact`` that is meant [mm];
+    the plane through the roller's centre goes down by ``apart`` [mm]. Young's moduli of block and
+    roller in MPa, the stiffness of the linear contact law in MPa/mm.
     """
     block = strip(cell * _UNLIKE, contact, 100.0, thickness=cell)
     half = strip(cell, contact, _TRIMMED * RADIUS, thickness=cell)
@@ -319,10 +297,13 @@ def _reached(state: StaticResult) -> StaticResult:
 # Measures
 
 
+def effective_modulus(young: Iterable[float]) -> float:
+    """E* of two bodies [MPa]."""
+    return 1.0 / sum((1.0 - POISSON**2) / e for e in young)
+
+
 def _effective(bodies: Bodies) -> float:
-    """E* [MPa]."""
-    groups = bodies.deformable.model.groups
-    return 1.0 / sum((1.0 - POISSON**2) / g.material.young_modulus for g in groups)
+    return effective_modulus(g.material.young_modulus for g in bodies.deformable.model.groups)
 
 
 def pressed_balls(bodies: Bodies, state: StaticResult) -> Pressed:
@@ -357,10 +338,10 @@ def _pressed(
     return Pressed(
         radius=r,
         area=area,
-        pressure=p,
+        values=p,
         force=force,
         a=a,
-        p0=p0,
+        peak=p0,
         found_a=math.sqrt(moment * float(area @ (p * r**2)) / force),
         found_p0=math.sqrt(float(line[1])),
     )
@@ -387,12 +368,12 @@ def slipped_roller(
     ratio = push / (friction.coefficient * pressed.force)
     spread = float(area @ (traction * x**2)) / push
     return Slipped(
-        x=x,
+        radius=np.abs(x),
         area=area,
-        traction=traction,
+        values=traction,
         ratio=ratio,
         a=pressed.a,
         c=pressed.a * math.sqrt(1.0 - ratio),
         found_c=math.sqrt(max(4.0 * spread - pressed.a**2, 0.0)),
-        limit=friction.coefficient * pressed.p0,
+        peak=friction.coefficient * pressed.peak,
     )

@@ -11,11 +11,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 
 import numpy as np
-import typer
-from rich.console import Console
 
 from geometry.families.masonry import circular_arch, wall_of_rows
 from geometry.polyhedra.assembly import PolyhedralAssembly
@@ -25,7 +24,8 @@ from mbd.friction import collapse_load, frictional_contacts, frictional_equilibr
 from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
 from validation.compare.closed_forms import bisect, body_force, incline
 from validation.errors import run_command
-from validation.output.console import listing
+from validation.output.console import measuring, tabled
+from validation.output.files import write_json
 
 #: Friction of the walls.
 WALL_FRICTION = 0.65
@@ -121,14 +121,21 @@ def rows() -> list[Row]:
     return found
 
 
+_COLUMNS: dict[str, Callable[[Row], str]] = {
+    "problem": lambda row: row.name,
+    "ours": lambda row: row.found,
+    "printed": lambda row: row.printed,
+    "proof": lambda row: row.proof,
+}
+
+
 def main() -> None:
     """Print every number of others beside ours."""
-    title = "Rigid blocks with friction: numbers of others"
-    table = listing(title, "problem", "ours", "printed", "proof")
-    for row in rows():
-        table.add_row(row.name, row.found, row.printed, row.proof)
-    Console().print(table)
+    asked, console = measuring(__doc__, 118)
+    found, title = rows(), "Rigid blocks with friction: numbers of others"
+    console.print(tabled(title, found, _COLUMNS, words=4))
+    write_json(asked.json, [asdict(row) for row in found])
 
 
 if __name__ == "__main__":
-    run_command(lambda: typer.run(main))
+    run_command(main)
