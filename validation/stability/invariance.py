@@ -150,21 +150,20 @@ def _scene(name: str) -> Subject:
     return blocks.assembly, blocks.load, None
 
 
+def _tube(build: Callable[[], Assembly]) -> Subject:
+    assembly = build()
+    return assembly, piped(assembly), None
+
+
 _LAW = "far away, turned, in metres, renumbered: same classes and verdicts, same forces"
 
 for _name in builtin_names():
     if load_scene(_name).scene.block.type != "box":
         CASES.case(f"view-{_name}", f"{_name}: {_LAW}", _rigid, partial(_scene, _name))
 
-for _name, _tube in TUBES.items():
-    if _name == "layers-200":  # six CPU seconds for what two layers show
-        continue
-    CASES.case(
-        f"view-{_name}",
-        f"{_tube.words}: {_LAW}",
-        _rigid,
-        lambda t=_tube: (t.build(), piped(t.build()), None),
-    )
+for _name, (_words, _build) in TUBES.items():
+    if _name != "layers-200":  # six CPU seconds for what two layers show
+        CASES.case(f"view-{_name}", f"{_words}: {_LAW}", _rigid, partial(_tube, _build))
 
 _FRICTION: dict[str, Callable[[], PolyhedralAssembly]] = {
     "arch-that-stands": lambda: circular_arch(1000.0, 200.0, 200.0, 7, embrace=140.0),
@@ -174,9 +173,9 @@ _FRICTION: dict[str, Callable[[], PolyhedralAssembly]] = {
     "octahedra-with-friction": lambda: octahedra_layer(80.0, 1),
 }
 
-for _name, _build in _FRICTION.items():
+for _name, _blocks in _FRICTION.items():
     _words = _name.replace("-", " ")
-    CASES.case(f"view-{_name}", f"{_words}: {_LAW}", _rigid, lambda b=_build: _weighed(b()))
+    CASES.case(f"view-{_name}", f"{_words}: {_LAW}", _rigid, lambda b=_blocks: _weighed(b()))
 
 
 def _static_answer(build: Callable[[], tuple[Assembly, LoadCase, Material]], view: View) -> _Answer:
