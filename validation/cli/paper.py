@@ -100,26 +100,28 @@ def claims(
     What was not run is "not computed here".
     """
     from validation.output.outputs import Outputs
-    from validation.paper.claims.judge import check_claims, claims_json, judge_claims, print_claims
+    from validation.paper.claims import judge
+    from validation.paper.naming import chosen_by_name
 
-    check_claims(names)
+    chosen_by_name(judge.claims(), names, "claim")
     with Outputs(json, _DATA, ("*.sqlite",)) as outputs:
         evidence = _evidence(_DATA, outputs, fem=fem, full=full, workers=workers)
-        found = judge_claims(evidence, names)
-        print_claims(found, outputs.console)
-        outputs.write_json(claims_json(found))
+        found = judge.judge_claims(evidence, names)
+        judge.print_claims(found, outputs.console)
+        outputs.write_json(judge.claims_json(found))
 
 
 def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
     """Show what the paper prints and cannot mean, each with a computation."""
     from validation.output.outputs import Outputs
-    from validation.paper.errata import check_errata, errata_json, print_errata, show_errata
+    from validation.paper import errata
+    from validation.paper.naming import chosen_by_name
 
-    check_errata(names)
+    chosen_by_name(errata.errata(), names, "erratum")
     with Outputs(json, _DATA, ("*.sqlite",)) as outputs:
-        found = show_errata(_evidence(_DATA, outputs), names)
-        print_errata(found, outputs.console)
-        outputs.write_json(errata_json(found))
+        found = errata.show_errata(_evidence(_DATA, outputs), names)
+        errata.print_errata(found, outputs.console)
+        outputs.write_json(errata.errata_json(found))
 
 
 def report(

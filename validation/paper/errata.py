@@ -86,17 +86,8 @@ def _erratum(printed: str, meant: str) -> Callable[[_Show], _Show]:
 def solve_printed_program(transpose: sp.csr_array) -> tuple[float, float]:
     """Solve eq. kinematic-feasibility-lp exactly as printed, in HiGHS.
 
-    max 1ᵀs s.t. Gᵀδq ≥ 0, -s ≤ δq ≤ s, 0 ≤ s ≤ 1.
-
-    Parameters
-    ----------
-    transpose
-        Gᵀ, (n_contacts, 6 N_b).
-
-    Returns
-    -------
-    tuple
-        z* and the largest |δq| of the optimum found.
+    max 1ᵀs s.t. Gᵀδq ≥ 0, -s ≤ δq ≤ s, 0 ≤ s ≤ 1, of Gᵀ, (n_contacts, 6 N_b): z* and the largest
+    |δq| of the optimum found.
     """
     n_contacts, n = transpose.shape
     one = sp.eye_array(n, format="csr")
@@ -337,26 +328,10 @@ def errata() -> list[Erratum]:
     return [_ERRATA[0], *(_ingredient(ingredient) for ingredient in ingredients()), *_ERRATA[1:]]
 
 
-def check_errata(names: list[str] | None = None) -> list[Erratum]:
-    """Return the errata of some names, or all, after refusing names that none has.
-
-    Raises
-    ------
-    InputError
-        With the known names.
-    """
-    return chosen_by_name(errata(), names, "erratum")
-
-
 def show_errata(evidence: Evidence, names: list[str] | None = None) -> list[ShownErratum]:
-    """Demonstrate all errata, or some by name.
-
-    Raises
-    ------
-    InputError
-        For a name that no erratum has.
-    """
-    return [ShownErratum(erratum, erratum.show(evidence)) for erratum in check_errata(names)]
+    """Demonstrate all errata, or some by name (`chosen_by_name`)."""
+    chosen = chosen_by_name(errata(), names, "erratum")
+    return [ShownErratum(erratum, erratum.show(evidence)) for erratum in chosen]
 
 
 def errata_json(found: list[ShownErratum]) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,21 +69,13 @@ class StudyTable:
         return float(sum(row["cpu_seconds"] for row in self.rows.values()))
 
     def pairs(self, axis: int) -> list[tuple[Design, Design]]:
-        """All pairs of designs that differ by one step of one parameter.
-
-        Parameters
-        ----------
-        axis
-            0 shift, 1 frequency, 2 blocks per layer, 3 thickness, 4 amplitude.
-        """
-        found = []
-        values = self.axes[axis]
-        for key in product(*self.axes):
-            place = values.index(key[axis])
-            if place + 1 < len(values):
-                after = (*key[:axis], values[place + 1], *key[axis + 1 :])
-                found.append((_design(key), _design(after)))
-        return found
+        """All pairs of designs that differ by one step of one parameter, by its place in them."""
+        following = dict(pairwise(self.axes[axis]))
+        return [
+            (_design(key), _design((*key[:axis], following[key[axis]], *key[axis + 1 :])))
+            for key in product(*self.axes)
+            if key[axis] in following
+        ]
 
 
 def _design(key: Iterable[float]) -> Design:

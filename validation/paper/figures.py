@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ import numpy as np
 from rich.console import Console
 
 from geometry.measures import between_layers
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import IntArray
 from validation.output.console import listing
 from validation.output.files import write_csv
 from validation.output.pictures.bodies import EYE, FROM_ABOVE, far_side, interface_facets
@@ -30,8 +31,6 @@ from validation.paper.evidence import Evidence, StudyTable
 from validation.paper.reference import reference
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from validation.run.rigid.answer import RigidRun
 
 #: Okabe–Ito, dark enough on white, and a mark each: readable without colour.
@@ -44,78 +43,74 @@ _LINES = (
 )
 
 
-@dataclass(frozen=True)
-class Curve:
-    """p_max over the amplitude for one choice of the other parameters."""
-
-    shift: float
-    frequency: float
-    blocks_per_layer: int
-    thickness: float
-    """[mm]"""
-    amplitudes: tuple[float, ...]
-    """[mm]"""
-    p_max: tuple[float, ...]
-    """[MPa]"""
+#: Frequency, thickness [mm] and blocks in a layer of a curve.
+_Panel = tuple[float, float, int]
 
 
-def parameter_curves(table: StudyTable, shift: float) -> list[Curve]:
-    """Curves of figures mbd_anal_sinus (shift 0) and mbd_anal_cosinus (0.5)."""
+def parameter_curves(table: StudyTable, shift: float) -> dict[_Panel, list[float]]:
+    """p_max [MPa] over the amplitudes: figures mbd_anal_sinus (shift 0), mbd_anal_cosinus (0.5)."""
     _, frequencies, numbers, thicknesses, amplitudes = table.axes
-    return [
-        Curve(
-            shift,
-            f,
-            int(n),
-            t,
-            amplitudes,
-            tuple(table.p_max[shift, f, int(n), t, a] for a in amplitudes),
-        )
-        for f in frequencies
-        for t in thicknesses
-        for n in numbers
-    ]
+    return {
+        (f, t, int(n)): [table.p_max[shift, f, int(n), t, a] for a in amplitudes]
+        for f, t, n in product(frequencies, thicknesses, numbers)
+    }
 
 
-def write_curves(curves: list[Curve], path: Path) -> None:
-    """Write the points of curves as CSV."""
+def write_curves(table: StudyTable, shift: float, path: Path) -> None:
+    """Write the points of the curves of one shift as CSV."""
     rows = (
-        (c.shift, c.frequency, c.blocks_per_layer, c.thickness, a, p)
-        for c in curves
-        for a, p in zip(c.amplitudes, c.p_max, strict=True)
+        (shift, f, n, t, a, p)
+        for (f, t, n), curve in parameter_curves(table, shift).items()
+        for a, p in zip(table.axes[4], curve, strict=True)
     )
     write_csv(path, ("s", "f", "n", "t_mm", "a_mm", "p_max_MPa"), rows)
 
 
-def draw_parameter_study(curves: list[Curve], mesh: str, path: Path) -> None:
+def draw_parameter_study(table: StudyTable, shift: float, path: Path) -> None:
     """Draw p_max over a: a row for each frequency, a column for each thickness, a line for each n.
 
-    The curves are those of one shift; ``mesh`` says the elements of one block.
+    The curves are those of one shift.
     """
-    frequencies = sorted({c.frequency for c in curves})
-    thicknesses = sorted({c.thickness for c in curves})
+    _, frequencies, numbers, thicknesses, amplitudes = table.axes
     shape = len(frequencies), len(thicknesses)
     figure, axes = subplots(*shape, size=(12, 9.5), sharex=True, sharey=True, squeeze=False)
-    panels = {
-        (f, t): axes[row, column]
-        for row, f in enumerate(frequencies)
-        for column, t in enumerate(thicknesses)
-    }
-    _draw_curves(curves, panels)
+    panels = dict(zip(product(frequencies, thicknesses), axes.flat, strict=True))
+    curves = parameter_curves(table, shift)
+    for (f, t, n), curve in curves.items():
+        colour, mark = _LINES[numbers.index(n) % len(_LINES)]
+        panels[f, t].plot(
+            amplitudes,
+            curve,
+            color=colour,
+            marker=mark,
+            markersize=5,
+            linewidth=1.4,
+            label=f"n = {n}",
+        )
+    best = min(curves, key=lambda key: min(curves[key]))
+    at = int(np.argmin(curves[best]))
+    panels[best[:2]].annotate(
+        f"lowest: {curves[best][at]:.3f} MPa",
+        (amplitudes[at], curves[best][at]),
+        (-150, -3),
+        textcoords="offset points",
+        fontsize=9,
+        arrowprops={"arrowstyle": "->", "color": "black"},
+    )
     for (f, t), panel in panels.items():
         panel.set_yscale("log")
         panel.set_yticks([0.1, 0.2, 0.5, 1.0, 2.0], ["0.1", "0.2", "0.5", "1", "2"])
         panel.minorticks_off()
-        panel.set_xticks(curves[0].amplitudes)
+        panel.set_xticks(amplitudes)
         panel.grid(color="#DDDDDD", linewidth=0.6)
         panel.set_title(f"f = {f:g}, t = {t:g} mm", fontsize=10, loc="left")
         if t == thicknesses[0]:
             panel.set_ylabel("p_max [MPa]")
         if f == frequencies[-1]:
             panel.set_xlabel("amplitude a [mm]")
-    name = "Sine Block, s = 0" if curves[0].shift == 0 else f"Cosine Block, s = {curves[0].shift:g}"
+    name = "Sine Block, s = 0" if shift == 0 else f"Cosine Block, s = {shift:g}"
     title = f"{name}: max–mean contact pressure under internal pressure "
-    title += f"(rigid blocks, {mesh} elements per block)"
+    title += f"(rigid blocks, {table.mesh} elements per block)"
     figure.suptitle(title, fontsize=13, x=0.05, ha="left")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(
@@ -129,61 +124,21 @@ def draw_parameter_study(curves: list[Curve], mesh: str, path: Path) -> None:
     save_figure(figure, path)
 
 
-def _draw_curves(curves: list[Curve], panels: dict[tuple[float, float], Axes]) -> None:
-    """Draw every curve in the panel of its frequency and thickness; the lowest point is named."""
-    numbers = sorted({c.blocks_per_layer for c in curves})
-    for c in curves:
-        colour, mark = _LINES[numbers.index(c.blocks_per_layer) % len(_LINES)]
-        panels[c.frequency, c.thickness].plot(
-            c.amplitudes,
-            c.p_max,
-            color=colour,
-            marker=mark,
-            markersize=5,
-            linewidth=1.4,
-            label=f"n = {c.blocks_per_layer}",
-        )
-    best = min(curves, key=lambda c: min(c.p_max))
-    at = int(np.argmin(best.p_max))
-    panels[best.frequency, best.thickness].annotate(
-        f"lowest: {best.p_max[at]:.3f} MPa",
-        (best.amplitudes[at], best.p_max[at]),
-        (-150, -3),
-        textcoords="offset points",
-        fontsize=9,
-        arrowprops={"arrowstyle": "->", "color": "black"},
-    )
-
-
 # ---------------------------------------------------------------------------------------------
 # Pressure distributions
 
 
-@dataclass(frozen=True)
-class RingPressures:
-    """Contact pressures between two layers."""
-
-    title: str
-    contacts: IntArray
-    """Rows of the result, (n,)."""
-    pressures: FloatArray
-    """(n,) [MPa]."""
-
-
-def ring_pressures(run: RigidRun) -> list[RingPressures]:
-    """Pressures on the top frame, between the middle layers and on the bottom frame."""
+def rings(run: RigidRun) -> dict[str, IntArray]:
+    """Rows of the result on the top frame, between the middle layers and on the bottom frame."""
     layers = run.assembly.n_layers
     middle = layers // 2
-    names = {
-        layers: f"layer {layers} and the top frame",
-        middle: f"layers {middle} and {middle + 1}",
-        0: "the bottom frame and layer 1",
+    lower = {
+        f"layer {layers} and the top frame": layers,
+        f"layers {middle} and {middle + 1}": middle,
+        "the bottom frame and layer 1": 0,
     }
-    found = []
-    for lower, title in names.items():
-        rows = between_layers(run.assembly, run.result.contact_index, lower)
-        found.append(RingPressures(title, rows, run.result.contact_pressures[rows]))
-    return found
+    index = run.result.contact_index
+    return {title: between_layers(run.assembly, index, layer) for title, layer in lower.items()}
 
 
 def draw_pressure_comparison(left: RigidRun, right: RigidRun, path: Path, *, title: str) -> None:
@@ -194,13 +149,13 @@ def draw_pressure_comparison(left: RigidRun, right: RigidRun, path: Path, *, tit
     def tube(run: RigidRun) -> list[Panel]:
         return [Panel(f"{run.name}, cut open", _view(run, _far_half(run), scale, EYE))]
 
-    def rings(run: RigidRun) -> list[Panel]:
+    def inside(run: RigidRun) -> list[Panel]:
         return [
-            Panel(f"{run.name}: {ring.title}", _view(run, ring.contacts, scale, FROM_ABOVE))
-            for ring in ring_pressures(run)
+            Panel(f"{run.name}: {title}", _view(run, rows, scale, FROM_ABOVE))
+            for title, rows in rings(run).items()
         ]
 
-    columns = [tube(left), rings(left), rings(right), tube(right)]
+    columns = [tube(left), inside(left), inside(right), tube(right)]
     gallery(columns, title, path, height=9.0, scale=scale)
 
 
@@ -365,11 +320,10 @@ _Drawn = tuple[str, str, Callable[[Path], object]]
 
 def _parameter_figures(evidence: Evidence) -> Iterator[_Drawn]:
     for shift, name, words in ((0.0, "sine", "Sine Block"), (0.5, "cosine", "Cosine Block")):
-        curves = parameter_curves(evidence.study, shift)
 
-        def draw(path: Path, curves: list[Curve] = curves) -> None:
-            draw_parameter_study(curves, evidence.study.mesh, path)
-            write_curves(curves, path.with_suffix(".csv"))
+        def draw(path: Path, shift: float = shift) -> None:
+            draw_parameter_study(evidence.study, shift, path)
+            write_curves(evidence.study, shift, path.with_suffix(".csv"))
 
         caption = (
             f"{words}: max–mean contact pressure over the amplitude for every f, n and t, "

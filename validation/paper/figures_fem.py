@@ -23,15 +23,18 @@ from validation.output.pictures.gallery import (
     symmetric_scale,
 )
 from validation.output.pictures.tubes import all_faces, blocks_view
-from validation.paper.claims.deformable import PressurePair, block_grid, pressure_pairs
+from validation.paper.claims.deformable import (
+    BLOCKS,
+    CASES,
+    PressurePair,
+    block_grid,
+    pressure_pairs,
+)
 from validation.paper.evidence import Evidence
 from validation.run.deformable import DeformableRun
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
-BLOCKS = ("TSB1", "TSB2")
 
 
 def _runs(evidence: Evidence) -> Iterator[tuple[int, int, DeformableRun]]:

@@ -247,15 +247,7 @@ class Sensitivity:
 
 
 def sensitivity(solve: Solve, chosen: Sequence[Ingredient] | None = None) -> list[Sensitivity]:
-    """Leave out one ingredient after the other; the first entry is the reading as it is.
-
-    Parameters
-    ----------
-    solve
-        Computes a scene.
-    chosen
-        What is left out; by default every ingredient.
-    """
+    """Leave out one ingredient after the other, by default of all; first, the reading as it is."""
     rows = [
         (block, case, {q: row[q] for q in DECIMALS})
         for block, cases in reference()["table"].items()

@@ -70,23 +70,9 @@ class Report:
 def write_report(
     folder: Path, console: Console, *, extent: Extent = Extent.NORMAL, workers: int | None = None
 ) -> Path:
-    """Compute everything and write the report folder.
+    """Compute everything and write the report folder, whose parameter study is reused.
 
-    Parameters
-    ----------
-    folder
-        Created if needed; the parameter study in it is reused.
-    console
-        Progress.
-    extent
-        How much is computed.
-    workers
-        Processes of the parameter study; None: one per core.
-
-    Returns
-    -------
-    Path
-        The page to open.
+    Returns the page to open.
 
     Raises
     ------

@@ -79,14 +79,9 @@ class Tables:
 
 
 def compute_tables(console: Console, solve: Solve | None = None) -> Tables:
-    """Compute every printed row, with a progress bar on ``console``.
+    """Compute every printed row, with a progress bar.
 
-    Parameters
-    ----------
-    console
-        For the progress bar.
-    solve
-        Computes a scene with overrides; by default anew, the blocks of each table once.
+    By default every scene is solved anew, with the blocks of each table once.
     """
     if solve is None:
         tubes = SharedTubes()

@@ -12,7 +12,8 @@ import numpy as np
 
 from fem.problem.recovery import recover
 from geometry.measures import between_layers
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
+from validation.compare.answers import effective_region
 from validation.paper.claims.claim import Claims, Truth, Verdict, judged
 from validation.paper.evidence import Evidence
 from validation.run.deformable import DeformableRun, contact_report
@@ -22,12 +23,8 @@ from validation.scene.read import TubeScene
 FEM_CLAIMS = Claims(deformable=True)
 
 
-_BLOCKS = ("TSB1", "TSB2")
-
-
-_CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
-
-
+BLOCKS = ("TSB1", "TSB2")
+CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
 #: Layer that the paper looks at.
 _LAYER = 7
 
@@ -84,9 +81,9 @@ class PressurePair:
     """(n,) [MPa]"""
 
     @property
-    def effective(self) -> tuple[set[int], set[int]]:
-        """Facets of the effective contact area of rigid and of deformable blocks."""
-        return _effective(self.rigid), _effective(self.deformable)
+    def effective(self) -> BoolArray:
+        """Facets of the effective contact area of rigid blocks, (n,)."""
+        return effective_region(self.rigid)
 
     @property
     def peak_share(self) -> float:
@@ -94,8 +91,8 @@ class PressurePair:
 
         Peaks are the facets above half of the largest pressure.
         """
-        peaks = set(np.flatnonzero(self.deformable > 0.5 * self.deformable.max()).tolist())
-        return len(peaks & self.effective[0]) / len(peaks)
+        peaks = self.deformable > 0.5 * self.deformable.max()
+        return float(self.effective[peaks].mean())
 
     @property
     def correlation(self) -> float:
@@ -103,16 +100,11 @@ class PressurePair:
         return float(np.corrcoef(self.rigid, self.deformable)[0, 1])
 
 
-def _effective(pressures: FloatArray) -> set[int]:
-    ratio = pressures.sum() ** 2 / (pressures @ pressures)
-    return set(np.argsort(-pressures)[: int(ratio)].tolist())
-
-
 def pressure_pairs(evidence: Evidence) -> list[PressurePair]:
     """The twelve comparisons of figure pc_MBD_FEM: three cases, two blocks, top and bottom."""
     found = []
     for case in ("pipe", "tunnel", "shaft"):
-        for block in _BLOCKS:
+        for block in BLOCKS:
             run = evidence.fem(block, case)
             rigid = same_mesh(evidence, run)
             for lower, side in ((_LAYER, "top"), (_LAYER - 1, "bottom")):
@@ -149,7 +141,7 @@ def same_mesh(evidence: Evidence, run: DeformableRun) -> RigidRun:
 def _peaks_found(evidence: Evidence) -> Verdict:
     pairs = pressure_pairs(evidence)
     shares = np.array([p.peak_share for p in pairs])
-    chance = np.array([len(p.effective[0]) / len(p.rigid) for p in pairs])
+    chance = np.array([p.effective.mean() for p in pairs])
     worst = pairs[int(np.argmin(shares))]
     return judged(
         bool((shares > 0.5).all() and shares.mean() > 0.8),
@@ -169,7 +161,7 @@ def _peaks_found(evidence: Evidence) -> Verdict:
 def _areas_fem(evidence: Evidence) -> Verdict:
     values, words = {}, []
     for case, target in (("pipe", 30.0), ("tunnel", 50.0)):
-        found = [contact_report(evidence.fem(b, case)) for b in _BLOCKS]
+        found = [contact_report(evidence.fem(b, case)) for b in BLOCKS]
         counts = [c["effective_count_percent"] for c in found]
         values[case] = counts
         words.append(
@@ -195,7 +187,7 @@ def _areas_fem(evidence: Evidence) -> Verdict:
 )
 def _layers_repeat(evidence: Evidence) -> Verdict:
     found = {}
-    for block in _BLOCKS:
+    for block in BLOCKS:
         for case in ("pipe", "tunnel", "pillar", "shaft"):
             run = evidence.fem(block, case)
             found[f"{block} {case}"] = max(
@@ -216,8 +208,8 @@ def _layers_repeat(evidence: Evidence) -> Verdict:
 )
 def _under_the_waves(evidence: Evidence) -> Verdict:
     shares = {}
-    for block in _BLOCKS:
-        for case in _CASES:
+    for block in BLOCKS:
+        for case in CASES:
             run = evidence.fem(block, case)
             free = run.deformable.assembly.free_blocks
             values = np.array([block_grid(run, run.principal(int(b))[:, 0]) for b in free])
@@ -248,31 +240,12 @@ def _favourable(_: Evidence) -> Verdict:
     )
 
 
-@dataclass(frozen=True)
-class _Monolith:
-    """A solid tube clamped at both ends, by beam theory."""
-
-    length: float
-    bending: float
-    """Second moment of area [mm⁴]."""
-    young: float
-    poisson: float
-    outer_radius: float
-
-
-def _monolith(run: DeformableRun) -> _Monolith:
-    scene = run.scene
-    assert isinstance(scene, TubeScene)
-    assert scene.material is not None
+def _monolith(run: DeformableRun) -> tuple[float, float]:
+    """Length [mm] and second moment of area [mm⁴] of a solid tube, clamped at both ends."""
+    scene = _tube(run)
     block = scene.shape
     bending = np.pi / 4 * (block.outer_radius**4 - block.inner_radius**4)
-    return _Monolith(
-        scene.assembly.layers * block.height,
-        float(bending),
-        scene.material.young_modulus,
-        scene.material.poisson_ratio,
-        block.outer_radius,
-    )
+    return scene.assembly.layers * block.height, float(bending)
 
 
 @FEM_CLAIMS.add(
@@ -280,11 +253,11 @@ def _monolith(run: DeformableRun) -> _Monolith:
 )
 def _far_side(evidence: Evidence) -> Verdict:
     found, words = {}, []
-    for name in _BLOCKS:
+    for name in BLOCKS:
         run = evidence.fem(name, "beam")
-        solid = _monolith(run)
-        force = _load(run)
-        expected = np.linalg.norm(force) * solid.length / 8 * solid.outer_radius / solid.bending
+        (length, bending), force = _monolith(run), _load(run)
+        moment = np.linalg.norm(force) * length / 8
+        expected = moment * _tube(run).shape.outer_radius / bending
         stress = _far_axial_stress(run, force)
         found[name] = (stress, float(expected))
         words.append(f"{name}: {stress:+.4f} MPa")
@@ -436,10 +409,8 @@ def _one_of_three(evidence: Evidence) -> Verdict:
     "TSB2 attains lower average maximum principal stresses than TSB1", "fig:pipe-cos_sigma"
 )
 def _lower_tension(evidence: Evidence) -> Verdict:
-    means = {}
-    for block in _BLOCKS:
-        run = evidence.fem(block, "pipe")
-        means[block] = float(np.average(_sigma(run, _LAYER), weights=_volumes(run)))
+    runs = {block: evidence.fem(block, "pipe") for block in BLOCKS}
+    means = {b: float(np.average(_sigma(r, _LAYER), weights=_volumes(r))) for b, r in runs.items()}
     return judged(
         means["TSB2"] < means["TSB1"],
         f"mean σ₁ in layer 7: {means['TSB1']:.4f} MPa (TSB1), {means['TSB2']:.4f} MPa (TSB2), "
@@ -448,17 +419,19 @@ def _lower_tension(evidence: Evidence) -> Verdict:
     )
 
 
-def _share_above(run: DeformableRun, component: int) -> float:
-    """Share of the block's volume where a principal stress exceeds a third of its 99.9 % value."""
-    values = np.abs(np.minimum(_sigma(run, _LAYER, 2), 0.0) if component else _sigma(run, _LAYER))
+def _share(run: DeformableRun, where: BoolArray) -> float:
+    """Share of a block's volume."""
     volumes = _volumes(run)
-    high = values > np.quantile(values, 0.999) / 3
-    return float(volumes[high].sum() / volumes.sum())
+    return float(volumes[where].sum() / volumes.sum())
 
 
 @FEM_CLAIMS.add("The regions of peak tension are more localized in TSB2", "fig:pipe-cos_sigma")
 def _localized(evidence: Evidence) -> Verdict:
-    shares = {b: _share_above(evidence.fem(b, "pipe"), 0) for b in _BLOCKS}
+    shares = {}
+    for block in BLOCKS:
+        run = evidence.fem(block, "pipe")
+        values = np.abs(_sigma(run, _LAYER))
+        shares[block] = _share(run, values > np.quantile(values, 0.999) / 3)
     return judged(
         shares["TSB2"] < shares["TSB1"],
         "volume with σ₁ above a third of its peak: "
@@ -471,10 +444,9 @@ def _localized(evidence: Evidence) -> Verdict:
 def _compressed(evidence: Evidence) -> Verdict:
     limit = 0.1
     shares = {}
-    for block in _BLOCKS:
+    for block in BLOCKS:
         run = evidence.fem(block, "pipe")
-        volumes = _volumes(run)
-        shares[block] = float(volumes[_sigma(run, _LAYER, 2) < -limit].sum() / volumes.sum())
+        shares[block] = _share(run, _sigma(run, _LAYER, 2) < -limit)
     return judged(
         shares["TSB2"] > shares["TSB1"],
         f"volume with σ₃ below -{limit:g} MPa: "
@@ -494,22 +466,16 @@ def _tube(run: DeformableRun) -> TubeScene:
 
 def _mean_displacement(run: DeformableRun) -> float:
     volumes = _volumes(run)
-    return float(
-        np.mean(
-            [
-                np.average(
-                    block_grid(run, np.linalg.norm(run.displacement(int(b)), axis=1)),
-                    weights=volumes,
-                )
-                for b in run.deformable.assembly.free_blocks
-            ]
-        )
-    )
+    sizes = [
+        block_grid(run, np.linalg.norm(run.displacement(int(b)), axis=1))
+        for b in run.deformable.assembly.free_blocks
+    ]
+    return float(np.mean([np.average(size, weights=volumes) for size in sizes]))
 
 
 def _smaller_displacement(case: str) -> Callable[[Evidence], Verdict]:
     def judge(evidence: Evidence) -> Verdict:
-        one, two = (_mean_displacement(evidence.fem(b, case)) for b in _BLOCKS)
+        one, two = (_mean_displacement(evidence.fem(b, case)) for b in BLOCKS)
         return judged(
             one < two,
             f"mean displacement {1e3 * one:.2f} µm (TSB1), {1e3 * two:.2f} µm (TSB2), no initial "
@@ -520,16 +486,12 @@ def _smaller_displacement(case: str) -> Callable[[Evidence], Verdict]:
     return judge
 
 
-FEM_CLAIMS.add(
-    "Under internal pressure TSB1 has the smaller average displacement",
-    "fig:disp",
-    name="displacement-pipe",
-)(_smaller_displacement("pipe"))
-FEM_CLAIMS.add(
-    "Under external pressure TSB1 has the smaller average displacement",
-    "fig:disp",
-    name="displacement-tunnel",
-)(_smaller_displacement("tunnel"))
+for _case, _side in (("pipe", "internal"), ("tunnel", "external")):
+    FEM_CLAIMS.add(
+        f"Under {_side} pressure TSB1 has the smaller average displacement",
+        "fig:disp",
+        name=f"displacement-{_case}",
+    )(_smaller_displacement(_case))
 
 
 def _load(run: DeformableRun) -> FloatArray:
@@ -563,17 +525,18 @@ def _far_axial_stress(run: DeformableRun, force: FloatArray) -> float:
 )
 def _monolithic(evidence: Evidence) -> Verdict:
     ratios = {}
-    for name in _BLOCKS:
+    for name in BLOCKS:
         run = evidence.fem(name, "beam")
-        solid = _monolith(run)
+        (length, bending), material = _monolith(run), _tube(run).material
+        assert material is not None
         force = float(np.linalg.norm(_load(run)))
-        sag = force * solid.length**3 / (192 * solid.young * solid.bending)
+        sag = force * length**3 / (192 * material.young_modulus * bending)
         ratios[f"{name} beam"] = run.largest_displacement / sag
         run = evidence.fem(name, "shaft")
         block = _tube(run).shape
         torque = _tube(run).load.pressure * 2 * np.pi * block.outer_radius**2 * block.height
-        shear = solid.young / (2 * (1 + solid.poisson))
-        turn = torque / 2 * (solid.length / 2) / (shear * 2 * solid.bending)
+        shear = material.young_modulus / (2 * (1 + material.poisson_ratio))
+        turn = torque / 2 * (length / 2) / (shear * 2 * bending)
         ratios[f"{name} shaft"] = run.largest_displacement / float(turn * block.outer_radius)
     return judged(
         all(ratio < 2 for ratio in ratios.values()),

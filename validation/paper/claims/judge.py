@@ -28,26 +28,10 @@ def claims() -> list[Claim]:
     return [*RIGID_CLAIMS, *FEM_CLAIMS]
 
 
-def check_claims(names: list[str] | None = None) -> list[Claim]:
-    """Return the claims of some names, or all, after refusing names that none has.
-
-    Raises
-    ------
-    InputError
-        With the known names.
-    """
-    return chosen_by_name(claims(), names, "claim")
-
-
 def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[JudgedClaim]:
-    """Judge all claims, or some by name.
-
-    Raises
-    ------
-    InputError
-        For a name that no claim has.
-    """
-    return [JudgedClaim(claim, _verdict(claim, evidence)) for claim in check_claims(names)]
+    """Judge all claims, or some by name (`chosen_by_name`)."""
+    chosen = chosen_by_name(claims(), names, "claim")
+    return [JudgedClaim(claim, _verdict(claim, evidence)) for claim in chosen]
 
 
 def _verdict(claim: Claim, evidence: Evidence) -> Verdict:

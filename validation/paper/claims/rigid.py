@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 
 import numpy as np
 
@@ -39,12 +40,13 @@ def _count_falling(evidence: Evidence, axis: int) -> tuple[int, int]:
 def _locked(evidence: Evidence) -> Verdict:
     rows = evidence.study.rows.values()
     locked = sum(row["mechanism"] == "locked" for row in rows)
-    flat = [
-        str(evidence.rigid(f"tsb{k}-pipe", "block.amplitude=0").result.mechanism) for k in (1, 2)
-    ]
-    low = [
-        str(evidence.rigid(f"tsb{k}-pipe", "block.amplitude=0.1").result.mechanism) for k in (1, 2)
-    ]
+    flat, low = (
+        [
+            str(evidence.rigid(f"tsb{k}-pipe", f"block.amplitude={a}").result.mechanism)
+            for k in (1, 2)
+        ]
+        for a in ("0", "0.1")
+    )
     return judged(
         locked == len(rows) and set(low) == {"locked"} and "locked" not in flat,
         f"{locked} of {len(rows)} designs locked; a = 0.1 mm: {low[0]}; a = 0: {flat[0]}",
@@ -203,15 +205,13 @@ def _wave_threshold(evidence: Evidence) -> Verdict:
     for a in amplitudes:
         rising = total = 0
         turning[a] = []
-        for s in shifts:
-            for f in frequencies:
-                for t in thicknesses:
-                    curve = [p[s, f, int(n), t, a] for n in numbers]
-                    lowest = int(np.argmin(curve))
-                    total += 1
-                    if lowest < len(curve) - 1 and curve[-1] > 1.01 * curve[lowest]:
-                        rising += 1
-                        turning[a].append(2 * f * numbers[lowest])
+        for s, f, t in product(shifts, frequencies, thicknesses):
+            curve = [p[s, f, int(n), t, a] for n in numbers]
+            lowest = int(np.argmin(curve))
+            total += 1
+            if lowest < len(curve) - 1 and curve[-1] > 1.01 * curve[lowest]:
+                rising += 1
+                turning[a].append(2 * f * numbers[lowest])
         share[a] = f"{rising} of {total}"
         holds &= rising > total / 2
     spread = sorted({w for found in turning.values() for w in found})
@@ -419,26 +419,20 @@ def _near(target: float, case: str, *, count: bool) -> Callable[[Evidence], Verd
     return judge
 
 
-RIGID_CLAIMS.add(
-    "About 30 % of the surface is effective contact area under internal pressure",
-    "fig:pc_MBD_FEM",
-    name="area-pipe",
-)(_near(30.0, "pipe", count=True))
-RIGID_CLAIMS.add(
-    "About 50 % of the surface is effective contact area under external pressure",
-    "fig:pc_MBD_FEM",
-    name="area-tunnel",
-)(_near(50.0, "tunnel", count=True))
-RIGID_CLAIMS.add(
-    "The same of the true area instead of the count of elements: about 30 %, internal pressure",
-    "fig:pc_MBD_FEM",
-    name="area-pipe-true",
-)(_near(30.0, "pipe", count=False))
-RIGID_CLAIMS.add(
-    "The same of the true area instead of the count of elements: about 50 %, external pressure",
-    "fig:pc_MBD_FEM",
-    name="area-tunnel-true",
-)(_near(50.0, "tunnel", count=False))
+_SHARES = (("pipe", 30.0, "internal"), ("tunnel", 50.0, "external"))
+for _case, _target, _side in _SHARES:
+    RIGID_CLAIMS.add(
+        f"About {_target:g} % of the surface is effective contact area under {_side} pressure",
+        "fig:pc_MBD_FEM",
+        name=f"area-{_case}",
+    )(_near(_target, _case, count=True))
+for _case, _target, _side in _SHARES:
+    RIGID_CLAIMS.add(
+        f"The same of the true area instead of the count of elements: about {_target:g} %, "
+        f"{_side} pressure",
+        "fig:pc_MBD_FEM",
+        name=f"area-{_case}-true",
+    )(_near(_target, _case, count=False))
 
 
 # ---------------------------------------------------------------------------------------------
