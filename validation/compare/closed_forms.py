@@ -169,7 +169,8 @@ def main() -> None:
     """Print every limit beside its closed form."""
     asked, console = measuring(__doc__, 118, picture="picture of arches")
     found = limits()
-    console.print(tabled("Limit analysis beside closed forms", found, _COLUMNS, words=4))
+    title = "Limit analysis of rigid blocks beside closed forms"
+    console.print(tabled(title, found, _COLUMNS, words=4))
     write_json(asked.json, [asdict(row) for row in found])
     if asked.output is not None:
         draw_arches(asked.output)
