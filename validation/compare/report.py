@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from validation.compare.answers import (
     explicit_errors,
     interface_force_error,
 )
-from validation.output.console import listing
+from validation.output.console import listing, tabled
 from validation.output.pictures.assemblies import ring_panel, unrolled_panel
 from validation.output.pictures.bodies import interface_facets
 from validation.output.pictures.canvas import Part, View
@@ -34,6 +34,12 @@ from validation.output.pictures.tubes import eye
 
 #: Name of the figure.
 PICTURE = "comparison.png"
+
+
+def _moved(found: Comparison) -> dict[str, float]:
+    """Largest displacement of deformable blocks by method [mm]."""
+    solved = (run for run in (found.static, found.explicit) if run is not None)
+    return {str(run.method): run.largest_displacement for run in solved}
 
 
 def comparison_json(found: Comparison) -> dict[str, Any]:
@@ -52,11 +58,7 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
             method: interface_force_error(found, method) for method in found.agreement
         },
         "explicit_errors": explicit_errors(found),
-        "max_displacement": {
-            str(run.method): run.largest_displacement
-            for run in (found.static, found.explicit)
-            if run is not None
-        },
+        "max_displacement": _moved(found),
         "steps": [asdict(step) for step in found.steps],
         "explanations": explanations(found),
     }
@@ -64,23 +66,16 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
 
 def print_comparison(found: Comparison, console: Console) -> None:
     """Print both tables and the words."""
-    heads = ("p_eff [MPa]", "p_max [MPa]", "effective elements", "|u| max [mm]", "CPU s")
-    table = listing(f"{found.name}: the same mesh, three ways", "answer", numbers=heads)
-    moved = {
-        str(run.method): f"{run.largest_displacement:.5g}"
-        for run in (found.static, found.explicit)
-        if run is not None
+    moved = {method: f"{u:.5g}" for method, u in _moved(found).items()}
+    answers: dict[str, Callable[[Answer], str]] = {
+        "answer": lambda answer: answer.method,
+        "p_eff [MPa]": lambda answer: f"{answer.p_eff:.4g}",
+        "p_max [MPa]": lambda answer: f"{answer.p_max:.4g}",
+        "effective elements": lambda answer: f"{answer.effective_count_percent:.1f} %",
+        "|u| max [mm]": lambda answer: moved.get(answer.method, "–"),
+        "CPU s": lambda answer: f"{answer.cpu_seconds:.2f}",
     }
-    for answer in found.answers:
-        table.add_row(
-            answer.method,
-            f"{answer.p_eff:.4g}",
-            f"{answer.p_max:.4g}",
-            f"{answer.effective_count_percent:.1f} %",
-            moved.get(answer.method, "–"),
-            f"{answer.cpu_seconds:.2f}",
-        )
-    console.print(table)
+    console.print(tabled(f"{found.name}: the same mesh, three ways", found.answers, answers))
     title = "Contact pressures against the static answer"
     numbers = ("correlation", "overlap of effective areas", "peaks found", "force")
     table = listing(title, "answer", "faces", numbers=numbers)

@@ -123,13 +123,10 @@ class Evidence:
     turn: LayerTurn = LayerTurn.ONE_WAVE
     """Turn of every second layer in the parameter study; the paper's, or another reading."""
     _tubes: SharedTubes = field(default_factory=SharedTubes)
-    _rigid: dict[tuple[str, tuple[str, ...]], RigidRun] = field(default_factory=dict)
-    _fem: dict[tuple[str, str], DeformableRun] = field(default_factory=dict)
-
-    @property
-    def study_settings(self) -> list[str]:
-        """Overrides of the built-in study."""
-        return ["mesh.radial=24"] if self.full else []
+    rigid_runs: dict[tuple[str, tuple[str, ...]], RigidRun] = field(default_factory=dict)
+    """Those computed so far, by scene and settings."""
+    fem_runs: dict[tuple[str, str], DeformableRun] = field(default_factory=dict)
+    """Those computed so far, by block and load case."""
 
     @cached_property
     def study(self) -> StudyTable:
@@ -150,7 +147,7 @@ class Evidence:
 
     def _swept(self, built_in: str, words: str) -> StudyTable:
         """Rows of a built-in study, computed where the result file lacks them."""
-        study: Study = load_study(built_in, self.study_settings)
+        study: Study = load_study(built_in, ["mesh.radial=24"] if self.full else [])
         name = f"{built_in}{'-full' if self.full else ''}.sqlite"
         with ResultFile(self.folder / name, study, Older.RENEW) as results:
             with sweep_progress(results) as show:
@@ -164,12 +161,12 @@ class Evidence:
         if scene.rpartition("-")[2] in _ONE_READING:
             settings = tuple(s for s in settings if not s.startswith("load.as_printed"))
         key = (scene, settings)
-        if key not in self._rigid:
+        if key not in self.rigid_runs:
             start = time.process_time()
-            self._rigid[key] = self._tubes.run(load_scene(scene, settings))
+            self.rigid_runs[key] = self._tubes.run(load_scene(scene, settings))
             spent = time.process_time() - start
             self.cpu_seconds["rigid"] = self.cpu_seconds.get("rigid", 0.0) + spent
-        return self._rigid[key]
+        return self.rigid_runs[key]
 
     def case(self, block: str, case: str) -> RigidRun:
         """A row of the paper's tables, on their mesh and read as they are."""
@@ -184,17 +181,9 @@ class Evidence:
     def fem(self, block: str, case: str) -> DeformableRun:
         """Deformable result of a load case, computed once; asked for where `deformable` allows."""
         key = (block, case)
-        if key not in self._fem:
-            self._fem[key] = self._run_fem(block, case)
-        return self._fem[key]
-
-    def rigid_runs(self) -> list[RigidRun]:
-        """All rigid-block results computed so far."""
-        return list(self._rigid.values())
-
-    def fem_runs(self) -> list[DeformableRun]:
-        """All deformable results computed so far."""
-        return list(self._fem.values())
+        if key not in self.fem_runs:
+            self.fem_runs[key] = self._run_fem(block, case)
+        return self.fem_runs[key]
 
     def fem_mesh(self, case: str, /) -> tuple[int, int, int]:
         """Elements of one deformable block: around, radial, axial."""

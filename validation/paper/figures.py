@@ -236,7 +236,7 @@ def draw_cost(evidence: Evidence, path: Path) -> None:
     printed = reference()["cost"]
     rows = list(evidence.study.rows.values())
     figure, panel = subplots(1, 1, size=(8.5, 5.5))
-    fine = [run for run in evidence.rigid_runs() if run.result.n_contacts > 20_000]
+    fine = [run for run in evidence.rigid_runs.values() if run.result.n_contacts > 20_000]
     series = (
         (
             [(row["n_contacts"], row["cpu_seconds"]) for row in rows],
@@ -251,7 +251,7 @@ def draw_cost(evidence: Evidence, path: Path) -> None:
         (
             [
                 (run.deformable.surfaces.n_facets, run.cpu_seconds["total"])
-                for run in evidence.fem_runs()
+                for run in evidence.fem_runs.values()
             ],
             {"marker": "^", "markersize": 6, "color": "#D55E00"},
             "deformable blocks, tubelock: static state, one sector or (beam) whole",

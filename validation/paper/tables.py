@@ -97,13 +97,12 @@ def compute_tables(console: Console, solve: Solve | None = None) -> Tables:
         mechanism = str(run.result.mechanism)
         tables.classes.append(ClassRow(block, case, printed["mechanism"], mechanism))
         if "p_max" in printed:
-            tables.rows.extend(_rows(block, case, run, _physical(solve, block, case, run)))
+            # As physics says, only the shaft's load differs.
+            physical = run
+            if case == "shaft":
+                physical = solve_row(solve, block, case, "load.as_printed=false")
+            tables.rows.extend(_rows(block, case, run, physical))
     return tables
-
-
-def _physical(solve: Solve, block: str, case: str, run: RigidRun) -> RigidRun:
-    """Return the row as physics says; only the shaft's load differs."""
-    return solve_row(solve, block, case, "load.as_printed=false") if case == "shaft" else run
 
 
 def _rows(block: str, case: str, run: RigidRun, physical: RigidRun) -> list[TableRow]:
