@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 
-from fem.explicit.kernels import motion
+from fem.explicit.contact import paired_kernel
+from fem.explicit.kernels import motion, stiffness
 from fem.explicit.step import System
 from validation.effects import proof as bare_build
 from validation.effects.costs import ready, undamped
 from validation.effects.proof import (
+    BareKernels,
     bare_run,
     prove_absent,
-    shared_kernels,
     solver_run,
     stripped_source,
 )
@@ -24,8 +26,8 @@ TINY = ["assembly.layers=1", "block.shift=0.5", "mesh.around=6", "mesh.radial=1"
 
 #: Forms of a process that has run the separate loop, then those that the solver adds.
 FORMS = """
-from tests.test_validation_bare_build import tiny_system
-from validation.effects.proof import bare_run, shared_kernels, solver_run
+from tests.test_validation_bare_build import shared_kernels, tiny_system
+from validation.effects.proof import bare_run, solver_run
 from validation.effects.costs import compiled_forms
 system = tiny_system()
 bare_run(system, 3, shared_kernels())
@@ -33,6 +35,26 @@ before = compiled_forms()
 solver_run(system, 3)
 print(",".join(sorted(name for name, _ in compiled_forms() - before)))
 """
+
+
+def shared_kernels() -> BareKernels:
+    """Kernels of the solver with None for every effect, in the form of the bare ones."""
+
+    def update(*arguments: Any) -> None:
+        lanes, chunks, time_step, gain, mass, internal, row, applied, *moving = arguments
+        motion.update.serial(
+            lanes, chunks, None, None, None, time_step, gain, None, mass, internal, None, None,
+            row, applied, None, *moving, None,
+        )  # fmt: skip
+
+    def product(*arguments: Any) -> None:
+        *first, lanes = arguments
+        stiffness.stiffness_product.serial(*first, None, lanes)
+
+    def contact(*arguments: Any) -> None:
+        paired_kernel.contact_forces.serial(*arguments, None, None, None)
+
+    return BareKernels(product, update, contact)
 
 
 def tiny_system() -> System:

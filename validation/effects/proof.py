@@ -136,26 +136,6 @@ def bare_kernels() -> BareKernels:
 # The loop
 
 
-def shared_kernels() -> BareKernels:
-    """Kernels of the solver with None for every effect, in the form of the bare ones."""
-
-    def update(*arguments: Any) -> None:
-        lanes, chunks, time_step, gain, mass, internal, row, applied, *moving = arguments
-        motion.update.serial(
-            lanes, chunks, None, None, None, time_step, gain, None, mass, internal, None, None,
-            row, applied, None, *moving, None,
-        )  # fmt: skip
-
-    def product(*arguments: Any) -> None:
-        *first, lanes = arguments
-        stiffness.stiffness_product.serial(*first, None, lanes)
-
-    def contact(*arguments: Any) -> None:
-        contact_kernels.contact_forces.serial(*arguments, None, None, None)
-
-    return BareKernels(product, update, contact)
-
-
 @dataclass
 class BareState:
     """What evolves in a loop without effects: one array for each group."""
