@@ -268,20 +268,23 @@ def two_to_rounded(typing_context: Any, shifted: Any) -> Any:
 
 @intrinsic
 def add_to(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
-    """Add a vector of float64 to an array of either precision, rounded once."""
+    """Add a vector to an array, either of either precision: summed in float64, rounded once."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         array_type, (array, index, value) = signature.args[0], args
+        wide = ir.VectorType(ir.DoubleType(), value.type.count)
         scalar = ir.DoubleType() if array_type.dtype == types.float64 else ir.FloatType()
         vector = ir.VectorType(scalar, value.type.count)
         align = array_type.dtype.bitwidth // 8
         pointer = _pointer(context, builder, array_type, array, index, vector)
-        old = builder.load(pointer, align=align)
-        if vector == value.type:
-            total = builder.fadd(old, value)
-        else:
-            total = builder.fptrunc(builder.fadd(builder.fpext(old, value.type), value), vector)
-        builder.store(total, pointer, align=align)
+        old, new = (
+            number if number.type == wide else builder.fpext(number, wide)
+            for number in (builder.load(pointer, align=align), value)
+        )
+        total = builder.fadd(old, new)
+        builder.store(
+            total if vector == wide else builder.fptrunc(total, vector), pointer, align=align
+        )
         return context.get_dummy_value()
 
     return types.void(array, types.intp, value), code

@@ -1,6 +1,9 @@
 # mypy: disable-error-code="no-untyped-def, untyped-decorator"
 
-"""Bulk viscosity: stress of the elements, forces of the nodes."""
+"""Bulk viscosity: stress of the elements, forces of the nodes.
+
+All copies of an element or a row before the next: so memory is read in the order in which it lies.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +14,20 @@ import numpy as np
 from numba import prange
 
 from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
-from fem.explicit.kernels.lanes import entry, lane_operations, multiply_add, smaller, store
+from fem.explicit.kernels.lanes import (
+    add_to,
+    lane_operations,
+    multiply_add,
+    smaller,
+    store,
+)
 from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.kernels.triples import cross, triple_operations
 from geometry.compilation import njit
 
 
 def _pressure_lanes(width: int) -> Callable[..., Any]:
-    """Make the viscous stress of a range of elements for ``width`` copies from ``first`` on."""
+    """Make the viscous stress of an element for ``width`` copies from ``first`` on."""
     load, zero = lane_operations(width)
 
     @njit(**OPTIONS)
@@ -26,7 +35,7 @@ def _pressure_lanes(width: int) -> Callable[..., Any]:
         first,
         lanes,
         c,
-        chunks,
+        e,
         element_rows,
         gradient,
         linear,
@@ -38,27 +47,23 @@ def _pressure_lanes(width: int) -> Callable[..., Any]:
         dissipated,
     ):
         none = zero(stress)
-        lost = none
-        for e in range(chunks[c], chunks[c + 1]):
-            # Three sums, one of each component, hide the latency of the additions.
-            by_x, by_y, by_z = none, none, none
-            for a in range(8):
-                g = 24 * e + 3 * a
-                node = np.int64(element_rows[8 * e + a]) * 3 * lanes + first
-                by_x = multiply_add(gradient[g], load(displacement, node), by_x)
-                by_y = multiply_add(gradient[g + 1], load(displacement, node + lanes), by_y)
-                by_z = multiply_add(gradient[g + 2], load(displacement, node + 2 * lanes), by_z)
-            fresh = by_x + by_y + by_z
-            at = e * lanes + first
-            change = fresh - load(strain, at)
-            rate = per_step * change
-            closing = smaller(rate, none)
-            q = linear[e] * rate - quadratic[e] * (closing * closing)
-            lost = multiply_add(load(stress, at) + q, change, lost)
-            store(strain, at, fresh)
-            store(stress, at, q)
-        for k in range(width):
-            dissipated[c * lanes + first + k] += 0.5 * np.float64(entry(lost, k))
+        # Three sums, one of each component, hide the latency of the additions.
+        by_x, by_y, by_z = none, none, none
+        for a in range(8):
+            g = 24 * e + 3 * a
+            node = np.int64(element_rows[8 * e + a]) * 3 * lanes + first
+            by_x = multiply_add(gradient[g], load(displacement, node), by_x)
+            by_y = multiply_add(gradient[g + 1], load(displacement, node + lanes), by_y)
+            by_z = multiply_add(gradient[g + 2], load(displacement, node + 2 * lanes), by_z)
+        fresh = by_x + by_y + by_z
+        at = e * lanes + first
+        change = fresh - load(strain, at)
+        rate = per_step * change
+        closing = smaller(rate, none)
+        q = linear[e] * rate - quadratic[e] * (closing * closing)
+        add_to(dissipated, c * lanes + first, 0.5 * ((load(stress, at) + q) * change))
+        store(strain, at, fresh)
+        store(stress, at, q)
 
     return run
 
@@ -89,32 +94,30 @@ def viscous_pressure(lanes, chunks, *elements):
           (n_chunks, lanes), float64 [N mm].
     """
     for c in prange(len(chunks) - 1):
-        _pressures(0, lanes, c, chunks, *elements)
+        for e in range(chunks[c], chunks[c + 1]):
+            _pressures(0, lanes, np.int64(c), e, *elements)
 
 
 def _viscous_lanes(width: int) -> Callable[..., Any]:
-    """Make the viscous nodal force of a range of rows for ``width`` copies from ``first`` on."""
+    """Make the viscous nodal force of a row for ``width`` copies from ``first`` on."""
     load, zero = lane_operations(width)
     load_triple, add_triple = triple_operations(width)
 
     @njit(**OPTIONS)
-    def run(
-        first, lanes, c, begin, end, displacement, force, torque, pointer, corner, gradient, stress
-    ):
+    def run(first, lanes, c, i, displacement, force, torque, pointer, corner, gradient, stress):
         none = zero(stress)
-        for i in range(begin, end):
-            fx, fy, fz = none, none, none
-            for n in range(pointer[i], pointer[i + 1]):
-                k = np.int64(corner[n])
-                q = load(stress, (k >> 3) * lanes + first)
-                fx = multiply_add(gradient[3 * k], q, fx)
-                fy = multiply_add(gradient[3 * k + 1], q, fy)
-                fz = multiply_add(gradient[3 * k + 2], q, fz)
-            at = i * 3 * lanes + first
-            add_triple(force, at, lanes, (fx, fy, fz))
-            if torque is not None:
-                moment = cross(load_triple(displacement, at, lanes), (fx, fy, fz))
-                add_triple(torque, c * 3 * lanes + first, lanes, moment)
+        fx, fy, fz = none, none, none
+        for n in range(pointer[i], pointer[i + 1]):
+            k = np.int64(corner[n])
+            q = load(stress, (k >> 3) * lanes + first)
+            fx = multiply_add(gradient[3 * k], q, fx)
+            fy = multiply_add(gradient[3 * k + 1], q, fy)
+            fz = multiply_add(gradient[3 * k + 2], q, fz)
+        at = i * 3 * lanes + first
+        add_triple(force, at, lanes, (fx, fy, fz))
+        if torque is not None:
+            moment = cross(load_triple(displacement, at, lanes), (fx, fy, fz))
+            add_triple(torque, c * 3 * lanes + first, lanes, moment)
 
     return run
 
@@ -141,4 +144,5 @@ def add_viscous_force(lanes, chunks, *rows):
         - stress: volume times viscous stress, (n_elements, lanes).
     """
     for c in prange(len(chunks) - 1):
-        _viscous(0, lanes, c, chunks[c], chunks[c + 1], *rows)
+        for i in range(chunks[c], chunks[c + 1]):
+            _viscous(0, lanes, np.int64(c), i, *rows)
