@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from fem.explicit import kernels
 from fem.explicit.kernels import SERIAL
 from fem.explicit.solve import initial_state, prepare, solve
+from fem.explicit.step import placed_internal_force
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.model import Model, ModelError, block_group, nodal_load
@@ -81,7 +82,7 @@ def test_forces_are_the_gradient_of_the_strain_energy():
         r = system.bodies[0].rows
         SERIAL.stiffness_product(*r.packed, now.frame.local.ravel(), force.ravel(), None, 2)
         kernels.dot_lanes(now.frame.local, force, total)
-        placed = now.internal_force[r.row].transpose(2, 0, 1)
+        placed = placed_internal_force(system.bodies[0], now)[r.row].transpose(2, 0, 1)
         return 0.5 * total.sum(), np.einsum("cij,cnj->cni", PLACEMENTS[:2], placed)
 
     _, force = evaluate(start)

@@ -160,6 +160,8 @@ def test_update_is_one_central_difference_step(dtype):
         dtype((1 - half) / (1 + half)),
         mass,
         internal.ravel(),
+        None,
+        None,
         ratio,
         old.ravel(),
         applied_row,
@@ -340,9 +342,19 @@ def test_block_frames_are_their_plain_statements(dtype, n_copies):
     np.testing.assert_allclose(local, expected, rtol=0, atol=tolerance)
     np.testing.assert_allclose(increment, expected - before, rtol=0, atol=tolerance)
 
-    force = f.copy()
-    SERIAL.placement_frame_force(
-        rows.chunks, turn.ravel(), spin.ravel(), mass, x, force.ravel(), lanes
-    )
-    expected = reference.placement_frame_force(rotation, spin, mass, x, f)
+    placing, force = np.concatenate([turn, spin[None]]), np.empty_like(f)
+    kernels.place_force(placing.ravel(), mass, x, f.ravel(), force.ravel(), lanes)
+    expected = reference.place_force(rotation, spin, mass, x, f)
     np.testing.assert_allclose(force, expected, rtol=0, atol=tolerance)
+
+    # The motion turns the force in passing, with the same operations.
+    def velocity(inner, *placing):
+        moved, v = np.zeros_like(f), np.zeros_like(f)
+        SERIAL.update(
+            *(lanes, rows.chunks, None, None, None, dtype(1.0), dtype(1.0), None, mass),
+            *(inner.ravel(), *placing, None, None, None, None, None, moved.ravel(), v.ravel()),
+            None,
+        )
+        return v
+
+    np.testing.assert_array_equal(velocity(f, placing.ravel(), x), velocity(force, None, None))

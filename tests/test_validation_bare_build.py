@@ -43,8 +43,8 @@ def shared_kernels() -> BareKernels:
     def update(*arguments: Any) -> None:
         lanes, chunks, time_step, gain, mass, internal, row, applied, *moving = arguments
         motion.update.serial(
-            lanes, chunks, None, None, None, time_step, gain, None, mass, internal, None, None,
-            row, applied, None, *moving, None,
+            lanes, chunks, None, None, None, time_step, gain, None, mass, internal,
+            *(None, None, None, None), row, applied, None, *moving, None,
         )  # fmt: skip
 
     def product(*arguments: Any) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fem.explicit.body import Body
-from fem.explicit.kernels import KernelSet, fit_frames
+from fem.explicit.kernels import KernelSet, fit_frames, place_force, set_spins
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros
 from geometry.mesh import FloatArray
 
@@ -30,8 +30,8 @@ class BlockFrame:
 
     quaternion: FloatArray
     """Rotation of each copy relative to its placement (w, x, y, z), (lanes, 4)."""
-    turn: LaneArray
-    """Q - 1, (3, 3, lanes)."""
+    placing: LaneArray
+    """Q - 1, then ψ [mm/s² per mm], (4, 3, lanes)."""
     mean: LaneArray
     """Displacement of the mass centroid, (3, lanes) [mm]."""
     compliance: FloatArray
@@ -45,6 +45,15 @@ class BlockFrame:
     moment: LaneArray
     """Partial sums of the fit, (n_chunks, 12, lanes)."""
 
+    @property
+    def turn(self) -> LaneArray:
+        """Q - 1, (3, 3, lanes)."""
+        return self.placing[:3]
+
+    def set_spin(self) -> None:
+        """What makes forces of known torque torque-free."""
+        set_spins(self.torque, self.compliance, self.placing[3])
+
 
 def block_frame(body: Body, *, keep_increment: bool) -> BlockFrame:
     """Frames of undeformed blocks."""
@@ -54,7 +63,7 @@ def block_frame(body: Body, *, keep_increment: bool) -> BlockFrame:
     quaternion[:, 0] = 1.0
     return BlockFrame(
         quaternion=quaternion,
-        turn=aligned_zeros((3, 3, lanes), body.dtype),
+        placing=aligned_zeros((4, 3, lanes), body.dtype),
         mean=aligned_zeros((3, lanes), body.dtype),
         compliance=np.zeros((3, 3, lanes)),
         local=aligned_zeros(shape, body.dtype),
@@ -96,19 +105,18 @@ def fit(body: Body, frame: BlockFrame, displacement: LaneArray, kernels: KernelS
     )
 
 
-def turn_back(body: Body, frame: BlockFrame, force: LaneArray, kernels: KernelSet) -> None:
-    """Make the forces of each block torque-free and turn them to the placement axes."""
-    torque = frame.torque.sum(axis=0, dtype=np.float64)
-    spin = np.einsum("ijk,jk->ik", frame.compliance, torque).astype(body.dtype)
-    kernels.placement_frame_force(
-        body.rows.chunks,
-        frame.turn.ravel(),
-        spin.ravel(),
+def placed_force(body: Body, frame: BlockFrame, force: LaneArray) -> LaneArray:
+    """Forces of each block made torque-free and turned to the placement axes."""
+    result = np.empty_like(force)
+    place_force(
+        frame.placing.ravel(),
         body.mass,
         body.reference,
         force.ravel(),
+        result.ravel(),
         body.lanes,
     )
+    return result
 
 
 def start_frames(frame: BlockFrame, displacement: LaneArray, body: Body) -> None:

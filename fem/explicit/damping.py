@@ -99,7 +99,7 @@ def residual(system: System, state: State) -> Residual:
     unbalanced = loads = internal = 0.0
     for body, now in zip(system.bodies, state.bodies, strict=True):
         weight = gravity_forces(system, body, time)
-        inner = damped_internal_force(system, now)
+        inner = damped_internal_force(system, body, now)
         total = applied_forces(body, now) + weight - inner
         unbalanced += _square(free_part(body, total))
         loads += _square(load_forces(body, now, time) + weight)
@@ -150,7 +150,7 @@ def settling(system: System, state: State) -> float | None:
 def restoring_forces(system: System, body: Body, now: BodyState, time: float) -> FloatArray:
     """Internal minus contact forces, free components, (n_rows, 3, lanes) [N]."""
     contact = applied_forces(body, now) - load_forces(body, now, time)
-    return free_part(body, damped_internal_force(system, now) - contact)
+    return free_part(body, damped_internal_force(system, body, now) - contact)
 
 
 def remember(system: System, state: State) -> None:

@@ -29,6 +29,7 @@ from fem.explicit.step import (
     System,
     bound,
     gravity_at,
+    placed_internal_force,
     set_applied_force,
     set_internal_force,
     step,
@@ -243,7 +244,8 @@ def acceleration(
     body: Body, now: BodyState, mass_damping: float | None, falling: LaneArray | None
 ) -> FloatArray:
     """Accelerations of the forces that the state holds, placement frame, (n_rows, 3, lanes)."""
-    force = applied_forces(body, now) - now.internal_force.astype(np.float64)
+    inner = placed_internal_force(body, now)
+    force = applied_forces(body, now) - inner.astype(np.float64)
     result: FloatArray = force / body.mass[:, None, None]
     if falling is not None:
         result += falling

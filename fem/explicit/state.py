@@ -98,7 +98,8 @@ class BodyState:
     velocity: LaneArray
     """Half a step earlier [mm/s]."""
     internal_force: LaneArray
-    """Of the last step [N]; without the damping force where there is `elastic_before`."""
+    """Of the last step [N], in the block frame where there is one; without the damping force where
+    there is `elastic_before`."""
     applied_force: LaneArray | None
     """Loads and contact of the last step, (n_applied, 3, lanes) [N]."""
     loads: LoadState | None

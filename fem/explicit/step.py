@@ -135,7 +135,7 @@ def set_internal_force(system: System, body: Body, now: BodyState, *, sample: bo
     if now.viscous is not None:
         add_bulk_viscosity(system, body, now, displacement, torque)
     if frame is not None:
-        block_frame.turn_back(body, frame, now.internal_force, kernels)
+        frame.set_spin()
 
 
 def set_rate_form_force(system: System, body: Body, now: BodyState, *, sample: bool) -> None:
@@ -199,10 +199,17 @@ def damping_ratio(system: System, now: BodyState) -> Any:
     return now.internal_force.dtype.type(coefficient / system.time_step)
 
 
-def damped_internal_force(system: System, now: BodyState) -> LaneArray:
-    """Internal force of the last step with all viscous terms, (n_rows, 3, lanes) [N]."""
-    if now.elastic_before is None:
+def placed_internal_force(body: Body, now: BodyState) -> LaneArray:
+    """Internal force of the last step in the placement axes, (n_rows, 3, lanes) [N]."""
+    if now.frame is None:
         return now.internal_force
+    return block_frame.placed_force(body, now.frame, now.internal_force)
+
+
+def damped_internal_force(system: System, body: Body, now: BodyState) -> LaneArray:
+    """Return the same with all viscous terms, (n_rows, 3, lanes) [N]."""
+    if now.elastic_before is None:
+        return placed_internal_force(body, now)
     change = now.internal_force - now.elastic_before.force
     return now.internal_force + damping_ratio(system, now) * change
 
@@ -324,7 +331,7 @@ def advance(
     """v_{n+½} = v_{n-½} + Δt a_n and u_{n+1} = u_n + Δt v_{n+½}."""
     real = body.dtype.type
     half = 0.0 if mass_damping is None else 0.5 * mass_damping * system.time_step
-    before = now.elastic_before
+    before, frame = now.elastic_before, now.frame
     damped = mass_damping is not None
     system.kernels.update(
         body.lanes,
@@ -337,6 +344,8 @@ def advance(
         real((1.0 - half) / (1.0 + half)) if damped else None,
         body.mass,
         now.internal_force.ravel(),
+        _flat(None if frame is None else frame.placing),
+        None if frame is None else body.reference,
         damping_ratio(system, now),
         _flat(None if before is None else before.force),
         body.applied_row,

@@ -16,6 +16,7 @@ from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import local_forces
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import world_vectors
+from fem.explicit.step import placed_internal_force
 from fem.problem.effects import Effects
 from fem.problem.model import Model, NodalLoad, nodal_load
 from fem.problem.recovery import block_displacements
@@ -146,6 +147,6 @@ def _internal_forces(
     system = prepare(plain, time_step=1.0)
     state = initial_state(system, displacements=displacements)
     return [
-        world_vectors(body, now.internal_force)
+        world_vectors(body, placed_internal_force(body, now))
         for body, now in zip(system.bodies, state.bodies, strict=True)
     ]

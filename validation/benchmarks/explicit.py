@@ -190,7 +190,7 @@ def bare_seconds(system: System, state: State) -> float:
             None,
             body.mass,
             now.internal_force.ravel(),
-            *(None, None, None, None, None),
+            *(None, None, None, None, None, None, None),
             now.displacement.ravel(),
             now.velocity.ravel(),
             None,

@@ -38,6 +38,8 @@ _EFFECTS: dict[types.ModuleType, tuple[set[str], set[str]]] = {
             "kinetic",
             "loss",
             "dissipated",
+            "placing",
+            "reference",
             "ratio",
             "elastic_before",
             "viscous_work",

@@ -18,7 +18,7 @@ from dataclasses import dataclass, fields
 
 from fem.explicit.kernels import damping, frame, motion, stiffness, viscosity
 from fem.explicit.kernels.forms import Forms
-from fem.explicit.kernels.frame import fit_frames
+from fem.explicit.kernels.frame import fit_frames, place_force, set_spins
 from fem.explicit.kernels.motion import dot_lanes, enforce, viscous_power
 from fem.explicit.kernels.runs import add_at, dot_at, hold
 
@@ -32,6 +32,8 @@ __all__ = [
     "enforce",
     "fit_frames",
     "hold",
+    "place_force",
+    "set_spins",
     "viscous_power",
 ]
 
@@ -47,7 +49,6 @@ class KernelSet:
     add_stiffness_damping: Callable[..., None]
     displacement_moments: Callable[..., None]
     block_frame_displacement: Callable[..., None]
-    placement_frame_force: Callable[..., None]
 
 
 def _kernel_sets() -> tuple[KernelSet, KernelSet]:

@@ -258,28 +258,65 @@ def block_frame_displacement(chunks, turn, mean, reference, displacement, local,
         )
 
 
+@njit(cache=True, **OPTIONS)
+def set_spins(torque, compliance, spin):
+    """Angular accelerations that take the torque from the forces of each block, ψ = J⁻¹ Σ u' × f.
+
+    Parameters
+    ----------
+    torque
+        Partial sums of u' × f, (n_chunks, 3, lanes).
+    compliance
+        J⁻¹ of `fit_frames`, (3, 3, lanes).
+    spin
+        Out: ψ, (3, lanes) [mm/s² per mm].
+    """
+    total = np.zeros(3)
+    for k in range(torque.shape[2]):
+        for j in range(3):
+            total[j] = 0.0
+            for c in range(torque.shape[0]):
+                total[j] += np.float64(torque[c, j, k])
+        for i in range(3):
+            spin[i, k] = (
+                compliance[i, 0, k] * total[0]
+                + compliance[i, 1, k] * total[1]
+                + compliance[i, 2, k] * total[2]
+            )
+
+
+def placed_force(width: int) -> Callable[..., Any]:
+    """Make ``placed(force, placing, reference, mass, i, at, first, lanes)``: see `place_force`."""
+    load_triple = triple_operations(width).load
+
+    @njit(**INLINED)
+    def placed(force, placing, reference, mass, i, at, first, lanes):
+        tx = load_triple(placing, first, lanes)
+        ty = load_triple(placing, first + 3 * lanes, lanes)
+        tz = load_triple(placing, first + 6 * lanes, lanes)
+        sx, sy, sz = load_triple(placing, first + 9 * lanes, lanes)
+        m = mass[i]
+        rx, ry, rz = m * reference[i, 0], m * reference[i, 1], m * reference[i, 2]
+        f = load_triple(force, at, lanes)
+        f = (
+            multiply_add(ry, sz, multiply_add(-rz, sy, f[0])),
+            multiply_add(rz, sx, multiply_add(-rx, sz, f[1])),
+            multiply_add(rx, sy, multiply_add(-ry, sx, f[2])),
+        )
+        return _with_row(tx, f, f[0]), _with_row(ty, f, f[1]), _with_row(tz, f, f[2])
+
+    return placed
+
+
 def _placement_lanes(width: int) -> Callable[..., Any]:
-    """Make the turn back to the placement frame of a range of rows for ``width`` copies."""
-    load_triple, _ = triple_operations(width)
+    """Make the turn back to the placement frame of a row for ``width`` copies."""
+    placed = placed_force(width)
 
     @njit(**OPTIONS)
-    def run(first, lanes, begin, end, turn, spin, mass, reference, force):
-        tx = load_triple(turn, first, lanes)
-        ty = load_triple(turn, first + 3 * lanes, lanes)
-        tz = load_triple(turn, first + 6 * lanes, lanes)
-        sx, sy, sz = load_triple(spin, first, lanes)
-        for i in range(begin, end):
-            m = mass[i]
-            rx, ry, rz = m * reference[i, 0], m * reference[i, 1], m * reference[i, 2]
-            at = i * 3 * lanes + first
-            f = load_triple(force, at, lanes)
-            f = (
-                multiply_add(ry, sz, multiply_add(-rz, sy, f[0])),
-                multiply_add(rz, sx, multiply_add(-rx, sz, f[1])),
-                multiply_add(rx, sy, multiply_add(-ry, sx, f[2])),
-            )
-            back = _with_row(tx, f, f[0]), _with_row(ty, f, f[1]), _with_row(tz, f, f[2])
-            store_triple(force, at, lanes, back)
+    def run(first, lanes, i, placing, mass, reference, force, result):
+        at = i * 3 * lanes + first
+        f = placed(force, placing, reference, mass, i, at, first, lanes)
+        store_triple(result, at, lanes, f)
 
     return run
 
@@ -287,24 +324,22 @@ def _placement_lanes(width: int) -> Callable[..., Any]:
 _placements = over_lanes(_placement_lanes, 8)
 
 
-@serial_and_parallel
-def placement_frame_force(chunks, turn, spin, mass, reference, force, lanes):
-    """Make block-frame forces torque-free and turn them back, in place: f ← Q (f - m ψ × X).
+@njit(cache=True, **OPTIONS)
+def place_force(placing, mass, reference, force, result, lanes):
+    """Make block-frame forces torque-free and turn them to the placement axes: Q (f - m ψ × X).
+
+    The motion does so in passing (`fem.explicit.kernels.motion.update`).
 
     Parameters
     ----------
-    chunks
-        Row boundaries.
-    turn
-        Q - 1, flat (3, 3, lanes).
-    spin
-        ψ, flat (3, lanes) [mm/s² per mm].
+    placing
+        Q - 1, then ψ, flat (4, 3, lanes).
     mass, reference
         (n_rows,) and X (n_rows, 3).
-    force
-        Flat (n_rows, 3, lanes).
+    force, result
+        Flat (n_rows, 3, lanes); the result is overwritten.
     lanes
         Padded number of copies.
     """
-    for c in prange(len(chunks) - 1):
-        _placements(0, lanes, chunks[c], chunks[c + 1], turn, spin, mass, reference, force)
+    for i in range(len(mass)):
+        _placements(0, lanes, i, placing, mass, reference, force, result)

@@ -10,6 +10,7 @@ import numpy as np
 from numba import prange
 
 from fem.explicit.kernels.forms import serial_and_parallel
+from fem.explicit.kernels.frame import placed_force
 from fem.explicit.kernels.lanes import add_to, lane_operations, load_like
 from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.kernels.triples import (
@@ -28,6 +29,7 @@ def _update_lanes(width: int) -> Callable[..., None]:
     """Make the motion of a chunk of rows, ``width`` copies at a time."""
     _, zero = lane_operations(width)
     load_triple = triple_operations(width).load
+    placed = placed_force(width)
 
     @njit(**INLINED)
     def doubles(sums, array, at, lanes):
@@ -55,6 +57,8 @@ def _update_lanes(width: int) -> Callable[..., None]:
         keep,
         mass,
         internal_force,
+        placing,
+        reference,
         ratio,
         elastic_before,
         applied_row,
@@ -79,6 +83,8 @@ def _update_lanes(width: int) -> Callable[..., None]:
                 at = 3 * i * lanes + first
                 before = load_triple(velocity, at, lanes)
                 force = load_triple(internal_force, at, lanes)
+                if placing is not None:
+                    force = placed(internal_force, placing, reference, mass, i, at, first, lanes)
                 if ratio is not None:
                     change = minus(force, load_triple(elastic_before, at, lanes))
                     force = plus(force, times(ratio, change))
@@ -149,7 +155,9 @@ def update(lanes, chunks, *motion):
           step; [:, 1] is overwritten with p · v₊, the half of it after the time of the force.
         - time_step, gain, keep: of the precision of the arrays; keep may be None.
         - mass: lumped mass of the rows, (n_rows,) [t].
-        - internal_force: (n_rows, 3, lanes).
+        - internal_force: (n_rows, 3, lanes), in the block frames where there are any.
+        - placing, reference: None, or what turns it to the placement axes, and X (n_rows, 3): see
+          `fem.explicit.kernels.frame.place_force`.
         - ratio, elastic_before: None, or β/Δt of the stiffness-proportional damping in the
           precision of the arrays and the internal force of the step before. With
           v = (u - u_old)/Δt the damping force is β K v = (β/Δt) (K u - K u_old): no second

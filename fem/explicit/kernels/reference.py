@@ -126,7 +126,7 @@ def block_frame_displacement(
     return np.einsum("jik,njk->nik", rotation, moved) - reference[:, :, None]
 
 
-def placement_frame_force(
+def place_force(
     rotation: FloatArray,
     spin: FloatArray,
     mass: FloatArray,

@@ -27,7 +27,7 @@ from fem.explicit.contact.paired import FaceContact
 from fem.explicit.contact.sliding import SlidingContact
 from fem.explicit.kernels.layout import LaneArray, to_lanes
 from fem.explicit.state import State
-from fem.explicit.step import Interaction, System
+from fem.explicit.step import Interaction, System, placed_internal_force
 from fem.problem.effects import EffectError, Effects
 from fem.problem.formulation import Formulation
 from fem.problem.model import (
@@ -88,7 +88,7 @@ class _BoundHold:
         self._forces = [f[:, rows].reshape(n, -1) for f, rows in zip(forces, touched, strict=True)]
         self._all = [m.reshape(n, -1) for m in self._all]
 
-    def add_force(self, system: System, state: State) -> None:  # noqa: ARG002 - as of all
+    def add_force(self, system: System, state: State) -> None:
         """Take from the applied forces what moves the cell as a whole."""
         share = np.zeros(len(self._inverse))
         for k, now in enumerate(state.bodies):
@@ -96,7 +96,7 @@ class _BoundHold:
             share += self._applied[k] @ now.applied_force.ravel()
             # Without block frames K u balances about the reference positions to round-off.
             if now.frame is not None:
-                share -= self._all[k] @ now.internal_force.ravel()
+                share -= self._all[k] @ placed_internal_force(system.bodies[k], now).ravel()
         size = self._inverse @ share
         for forces, now in zip(self._forces, state.bodies, strict=True):
             assert now.applied_force is not None
