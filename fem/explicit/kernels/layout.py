@@ -52,8 +52,9 @@ def aligned_zeros(shape: tuple[int, ...], dtype: npt.DTypeLike) -> LaneArray:
 class BlockRows:
     """A sparse stiffness as 3 × 3 node blocks, rows in the solver's node order.
 
-    Few copies are bound by loading the stiffness, so that each pair of neighbours in one chunk is
-    stored once, with the earlier of its rows: their rows are *half*, else they are *whole*.
+    Few copies are bound by loading the stiffness, so that each pair of neighbours in one chunk (of
+    one copy, each pair) is stored once, with the earlier of its rows: their rows are *half*, else
+    they are *whole*.
     """
 
     order: IntArray
@@ -64,7 +65,7 @@ class BlockRows:
     """First block of each row, (n_nodes + 1,)."""
     shared: IntArray | None
     """Half rows: first block (the diagonal) and end of those that stand for both rows of a pair,
-    (n_nodes, 2). None: whole rows."""
+    (n_nodes, 2): all blocks, where there is one copy. None: whole rows."""
     reach: int
     """Half rows of one copy: largest distance of two rows that share a block; else 0."""
     column: npt.NDArray[np.int32]
@@ -136,7 +137,9 @@ def block_rows(
     kept: Any = slice(None)
     shared, reach = None, 0
     if half:
-        kept, pointer, shared = _half_rows(pointer, column, chunks)
+        # One copy sends to rows of later chunks, too.
+        within = chunks if lanes > 1 else chunks[[0, -1]]
+        kept, pointer, shared = _half_rows(pointer, column, within)
         column = column[kept]
         reach = bandwidth if lanes == 1 else 0
     blocks = aligned_zeros((9 * len(column),), dtype)

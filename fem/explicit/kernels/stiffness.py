@@ -172,55 +172,60 @@ def _products(sums, lines, u):
 
 
 @njit(**INLINED)
-def _line_sums(sums, start, stop, column, blocks, displacement):
-    for k in range(start, stop):
-        sums = _products(sums, _lines(blocks, k), _load_4(displacement, 3 * np.int64(column[k])))
-    return sums
-
-
-@njit(**INLINED)
 def _total(lanes):
     return entry(lanes, 0) + entry(lanes, 1) + entry(lanes, 2)
 
 
 @njit(**OPTIONS)
-def _single_half(begin, end, pointer, shared, reach, column, blocks, displacement, force):
+def _single_half(c, begin, end, pointer, ring, column, blocks, displacement, force):
     """Product of a chunk of half rows with one copy: lanes are components, not copies.
 
-    What a row sends to later ones waits in a ring until their row comes.
+    What a row sends to later ones waits in a ring until their row comes, or the chunk has ended.
     """
     none = _zero_4(displacement)
-    size = 16
-    while size < 4 * (reach + 1):
-        size *= 2
-    ring = np.zeros(size, displacement.dtype)
+    size = ring.shape[1]
+    base = c * size
     for row in range(begin, end):
-        start, stop = pointer[row], pointer[row + 1]
-        diagonal, after = shared[row, 0], shared[row, 1]
+        diagonal = pointer[row]
         u = _load_4(displacement, 3 * row)
         x, y, z = filled(u, entry(u, 0)), filled(u, entry(u, 1)), filled(u, entry(u, 2))
-        slot = 4 * row & size - 1
+        slot = base + (4 * row & size - 1)
         sent = _load_4(ring, slot)
         store(ring, slot, none)
         sums = _products((none, none, none), _lines(blocks, diagonal), u)
-        for k in range(diagonal + 1, after):
+        for k in range(diagonal + 1, pointer[row + 1]):
             node = np.int64(column[k])
-            a, b, c = _lines(blocks, k)
-            sums = _products(sums, (a, b, c), _load_4(displacement, 3 * node))
-            there = 4 * node & size - 1
-            old = _load_4(ring, there)
-            store(ring, there, multiply_add(a, x, multiply_add(b, y, multiply_add(c, z, old))))
-        # Neighbours in other chunks.
-        sums = _line_sums(sums, start, diagonal, column, blocks, displacement)
-        sums = _line_sums(sums, after, stop, column, blocks, displacement)
+            lines = _lines(blocks, k)
+            sums = _products(sums, lines, _load_4(displacement, 3 * node))
+            there = base + (4 * node & size - 1)
+            old = multiply_add(lines[2], z, _load_4(ring, there))
+            store(ring, there, multiply_add(lines[0], x, multiply_add(lines[1], y, old)))
         force[3 * row] = _total(sums[0]) + entry(sent, 0)
         force[3 * row + 1] = _total(sums[1]) + entry(sent, 1)
         force[3 * row + 2] = _total(sums[2]) + entry(sent, 2)
 
 
 @njit(**OPTIONS)
+def _single_sent(chunks, ring, reach, displacement, force, torque):
+    """Add what the rows of a chunk of one copy send to rows of later ones."""
+    size = ring.shape[1]
+    for c in range(len(chunks) - 2):
+        end = chunks[c + 1]
+        for row in range(end, min(end + reach, chunks[-1])):
+            slot, at = 4 * row & size - 1, 3 * row
+            sent = ring[c, slot], ring[c, slot + 1], ring[c, slot + 2]
+            for j in range(3):
+                force[at + j] += sent[j]
+            if torque is not None:
+                u = displacement[at], displacement[at + 1], displacement[at + 2]
+                moment = cross(u, sent)
+                for j in range(3):
+                    torque[3 * c + j] += moment[j]
+
+
+@njit(**OPTIONS)
 def _product_chunk(
-    c, chunks, pointer, shared, reach, column, blocks, displacement, force, torque, lanes
+    c, chunks, pointer, shared, ring, column, blocks, displacement, force, torque, lanes
 ):
     begin, end = chunks[c], chunks[c + 1]
     if torque is not None:
@@ -235,7 +240,7 @@ def _product_chunk(
                 start, stop = pointer[row], pointer[row + 1]
                 _whole_rows(0, lanes, row, start, stop, column, blocks, displacement, force)
         elif lanes == 1:
-            _single_half(first, after, pointer, shared, reach, column, blocks, displacement, force)
+            _single_half(c, first, after, pointer, ring, column, blocks, displacement, force)
         else:
             _half_rows(0, lanes, first, after, pointer, shared, column, blocks, displacement, force)
         if torque is not None:
@@ -260,7 +265,23 @@ def stiffness_product(
     lanes
         Padded number of copies.
     """
+    size = 16
+    while size < 4 * (reach + 1):
+        size *= 2
+    ring = np.zeros((len(chunks) - 1 if reach > 0 else 0, size), displacement.dtype)
     for c in prange(len(chunks) - 1):
         _product_chunk(
-            c, chunks, pointer, shared, reach, column, blocks, displacement, force, torque, lanes
+            np.int64(c),
+            chunks,
+            pointer,
+            shared,
+            ring,
+            column,
+            blocks,
+            displacement,
+            force,
+            torque,
+            lanes,
         )
+    if reach > 0:
+        _single_sent(chunks, ring, reach, displacement, force, torque)
