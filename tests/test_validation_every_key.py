@@ -209,7 +209,7 @@ def test_every_parameter_of_a_rigid_study_changes_rows_or_is_named(tmp_path, key
         f"{json.dumps(list(SWEPT[key]))}\n[settings]\n{text}"
     )
     study = load_study(str(path))
-    first, second = (run_design(study.to_json(), number) for number in (0, 1))
+    first, second = (run_design(study, number) for number in (0, 1))
     assert first.status == second.status == "ok", first.message
     assert (first.results != second.results) != (key in second.unused)
     assert ("no part of this answer" in second.message) == (key in second.unused)

@@ -167,7 +167,7 @@ def test_a_rigid_study_of_what_rigid_blocks_do_not_have_is_refused(
     study = load_study(str(study_of(tmp_path, "rigid", key, values)))
     with pytest.raises(InputError, match=f"{key}: no answer of rigid blocks depends on it"):
         refuse_idle_parameters(study)
-    row = run_design(study.to_json(), 0)
+    row = run_design(study, 0)
     assert row.status == "ok"
     assert row.message == f"{key}: no part of this answer"
 
@@ -175,7 +175,7 @@ def test_a_rigid_study_of_what_rigid_blocks_do_not_have_is_refused(
 def test_a_study_of_what_matters_goes_on(tmp_path: Path) -> None:
     study = load_study(str(study_of(tmp_path, "rigid", "load.pressure", "[0.01, 0.02]")))
     refuse_idle_parameters(study)
-    assert not run_design(study.to_json(), 0).message
+    assert not run_design(study, 0).message
 
 
 def leaves(data: dict[str, object], place: str = "") -> list[tuple[str, object]]:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from geometry.assembly import Assembly
 from geometry.errors import unreadable
-from geometry.files.vtu import write_vtu
+from geometry.files.vtu import as_grid, write_vtu
 from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, QuadSurface, check_mesh
 
 if TYPE_CHECKING:
@@ -71,8 +71,8 @@ def _write(
     """Write whole or not at all: a killed run never leaves half a file under the final name."""
     given: dict[str, Any] = {"point_data": point_data or {}, "cell_data": cell_data or {}}
     if path.suffix.lower() == ".vtu":
-        number = _VTK_KINDS[kind]
-        _whole(path, lambda partial: write_vtu(partial, points, number, cells, **given))
+        grid = as_grid(points, _VTK_KINDS[kind], cells, **given)
+        _whole(path, lambda partial: write_vtu(partial, grid))
         return
     import meshio
 

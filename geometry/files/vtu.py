@@ -18,6 +18,8 @@ from geometry.mesh import FloatArray, IntArray
 #: zlib's fastest: files are a few per cent larger than by its default.
 _COMPRESSION = 1
 
+_Data = Mapping[str, npt.NDArray[Any]]
+
 
 def as_array(values: npt.NDArray[Any]) -> Any:
     """Numbers as VTK takes them."""
@@ -41,29 +43,36 @@ def as_cells(corners: IntArray) -> Any:
     return cells
 
 
-def write_vtu(
-    path: Path,
-    points: FloatArray,
-    kind: int,
-    cells: IntArray,
-    *,
-    point_data: Mapping[str, npt.NDArray[Any]],
-    cell_data: Mapping[str, npt.NDArray[Any]],
-) -> None:
-    """Write cells of one kind, the number that VTK gives it, with one row of data each."""
+def as_points(places: FloatArray) -> Any:
+    """Points, (n, 3), as VTK takes them."""
     from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
-    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
-    grid, places = vtkUnstructuredGrid(), vtkPoints()
-    places.SetData(as_array(points))
-    grid.SetPoints(places)
+    points = vtkPoints()
+    points.SetData(as_array(places))
+    return points
+
+
+def as_grid(
+    points: FloatArray, kind: int, cells: IntArray, point_data: _Data, cell_data: _Data
+) -> Any:
+    """Cells of one kind, the number that VTK gives it, with one row of data each."""
+    from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
+
+    grid = vtkUnstructuredGrid()
+    grid.SetPoints(as_points(points))
     grid.SetCells(kind, as_cells(cells))
     for found, data in ((grid.GetPointData(), point_data), (grid.GetCellData(), cell_data)):
         for name, values in data.items():
             array = as_array(values)
             array.SetName(name)
             found.AddArray(array)
+    return grid
+
+
+def write_vtu(path: Path, grid: Any) -> None:
+    """Write what `as_grid` makes."""
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
     writer = vtkXMLUnstructuredGridWriter()
     writer.SetInputData(grid)
     writer.SetDataModeToBinary()

@@ -61,7 +61,10 @@ for _name, _function in _COMMANDS.items():
     app.command(_name)(command(_function))
 for _function in _PARTS:
     reproduce.command()(command(_function))
-reproduce.callback(invoke_without_command=True)(paper.everything)
+reproduce.callback(
+    invoke_without_command=True,
+    help="Reproduce the paper: alone, this writes the whole report; the commands write parts.",
+)(paper.report)
 app.add_typer(reproduce, name="reproduce")
 
 

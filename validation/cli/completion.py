@@ -9,19 +9,17 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any
 
+from validation.scene.builtin import builtin_names
+
 
 def complete_scenes(incomplete: str) -> list[str]:
     """Names of built-in scenes; the shell offers files by itself where none fits."""
-    from validation.scene.builtin import builtin_names
-
     return [name for name in builtin_names() if name.startswith(incomplete)]
 
 
 def complete_studies(incomplete: str) -> list[str]:
     """Names of built-in studies."""
-    from validation.study.builtin import builtin_studies
-
-    return [name for name in builtin_studies() if name.startswith(incomplete)]
+    return [name for name in builtin_names("study") if name.startswith(incomplete)]
 
 
 def complete_effects(incomplete: str) -> list[str]:

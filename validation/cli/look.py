@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from validation.cli.completion import complete_scenes
-from validation.cli.options import SceneArgument, SetOption
+from validation.cli.options import SceneArgument, SetOption, print_builtin
 
 if TYPE_CHECKING:
     from validation.scene.read import SceneFile
@@ -26,15 +25,7 @@ def scenes(
     ] = None,
 ) -> None:
     """List the built-in scenes, or print one as TOML."""
-    from validation.scene.builtin import builtin_about, builtin_names, builtin_text
-
-    if name is not None:
-        sys.stdout.write(builtin_text(name))
-        return
-    names = builtin_names()
-    width = max(len(scene) for scene in names)
-    for scene in names:
-        print(f"{scene:{width}} {builtin_about(scene)}")
+    print_builtin("scene", name)
 
 
 def schema() -> None:
@@ -43,7 +34,7 @@ def schema() -> None:
 
     from validation.scene.schema import scene_schema
 
-    sys.stdout.write(json.dumps(scene_schema(), indent=1, ensure_ascii=False) + "\n")
+    print(json.dumps(scene_schema(), indent=1, ensure_ascii=False))
 
 
 def show(

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from validation.cli.completion import complete_effects, complete_scenes, complete_settings
+from validation.scene.builtin import builtin_about, builtin_names, builtin_text
 
 SceneArgument = Annotated[
     str,
@@ -66,6 +67,17 @@ def folder_option(what: str, default: str) -> Any:
 def default_folder(output: Path | None, json: str | None, name: str) -> Path | None:
     """Return the folder asked for; ``out/NAME`` where neither folder nor JSON is."""
     return Path("out") / name if output is None and json is None else output
+
+
+def print_builtin(kind: str, name: str | None) -> None:
+    """List what is built in of a kind, or print one as TOML."""
+    if name is not None:
+        print(builtin_text(name, kind), end="")
+        return
+    names = builtin_names(kind)
+    width = max(map(len, names))
+    for known in names:
+        print(f"{known:{width}} {builtin_about(known, kind)}")
 
 
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]

@@ -125,6 +125,7 @@ def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
 
 
 def report(
+    context: typer.Context,
     output: ReportFolder = Path("out/report"),
     *,
     quick: QuickOption = False,
@@ -132,6 +133,8 @@ def report(
     workers: WorkersOption = None,
 ) -> None:
     """Write one folder with everything: index.html needs no network."""
+    if context.invoked_subcommand is not None:
+        return  # it stands before every part, and is the whole where none is named
     from validation.output.console import text_console
     from validation.paper.report import Extent, write_report
 
@@ -147,16 +150,3 @@ def report(
             "run the same command again: the parameter study in it is kept"
         ) from None
     console.print(f"{'report':9} {page}")
-
-
-def everything(
-    context: typer.Context,
-    output: ReportFolder = Path("out/report"),
-    *,
-    quick: QuickOption = False,
-    full: FullOption = False,
-    workers: WorkersOption = None,
-) -> None:
-    """Reproduce the paper: alone, this writes the whole report; the commands write parts of it."""
-    if context.invoked_subcommand is None:
-        report(output, quick=quick, full=full, workers=workers)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from validation.cli.completion import complete_studies
-from validation.cli.options import JsonOption, SetOption
+from validation.cli.options import JsonOption, SetOption, print_builtin
 from validation.errors import InputError
 
 
@@ -24,14 +23,7 @@ def studies(
     ] = None,
 ) -> None:
     """List the built-in parameter studies, or print one as TOML."""
-    from validation.study.builtin import builtin_studies, builtin_study_text
-
-    if name is not None:
-        sys.stdout.write(builtin_study_text(name))
-        return
-    for study in builtin_studies():
-        first = builtin_study_text(study).splitlines()[0].lstrip("# ")
-        print(f"{study:14} {first}")
+    print_builtin("study", name)
 
 
 def sweep(

@@ -1,4 +1,4 @@
-"""The scenes that come with the program; reading their names and text imports nothing heavy."""
+"""Scenes and studies that come with the program; reading them imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -11,23 +11,17 @@ from validation.errors import InputError
 SCHEMA_DIRECTIVE = "#:schema"
 
 
-def toml_names(kind: str) -> list[str]:
-    """Names of what comes with the program as TOML, ``scenes`` or ``studies``, sorted."""
-    names = (path.name for path in (resources.files("validation") / kind).iterdir())
+#: Folder of what comes with the program as TOML, by what it is.
+_FOLDERS = {"scene": "scenes", "study": "studies"}
+
+
+def builtin_names(kind: str = "scene") -> list[str]:
+    """Names of the built-in scenes, or of what else comes as TOML, sorted."""
+    names = (path.name for path in (resources.files("validation") / _FOLDERS[kind]).iterdir())
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
-def toml_text(kind: str, name: str) -> str:
-    """TOML text of one of them."""
-    return (resources.files("validation") / kind / f"{name}.toml").read_text("utf-8")
-
-
-def builtin_names() -> list[str]:
-    """Names of the built-in scenes, sorted."""
-    return toml_names("scenes")
-
-
-def builtin_text(name: str) -> str:
+def builtin_text(name: str, kind: str = "scene") -> str:
     """TOML text of a built-in scene.
 
     Raises
@@ -35,14 +29,15 @@ def builtin_text(name: str) -> str:
     InputError
         For an unknown name, with the nearest ones.
     """
-    if name not in builtin_names():
-        near = difflib.get_close_matches(name, builtin_names(), n=3, cutoff=0.4)
-        hint = f"did you mean {' or '.join(near)}?" if near else "see `tubelock scenes`"
-        raise InputError(f"scene {name!r} is neither a file nor a built-in scene; {hint}")
-    return toml_text("scenes", name)
+    known, folder = builtin_names(kind), _FOLDERS[kind]
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"see `tubelock {folder}`"
+        raise InputError(f"{kind} {name!r} is neither a file nor a built-in {kind}; {hint}")
+    return (resources.files("validation") / folder / f"{name}.toml").read_text("utf-8")
 
 
-def builtin_about(name: str) -> str:
+def builtin_about(name: str, kind: str = "scene") -> str:
     """What a built-in scene is, in the words of its first comment that is no directive."""
-    lines = builtin_text(name).splitlines()
+    lines = builtin_text(name, kind).splitlines()
     return next(line.lstrip("# ") for line in lines if not line.startswith(SCHEMA_DIRECTIVE))

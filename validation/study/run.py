@@ -201,7 +201,6 @@ class LocalRunner:
             )
         self.study = study
         self.workers = available_cores() if workers is None else workers
-        self._text = study.to_json()
 
     def rows(self, numbers: Iterable[int]) -> Generator[Row, None, None]:
         """Rows in the order in which they are ready."""
@@ -256,7 +255,7 @@ class LocalRunner:
             placeholder: Future[Row] = Future()
             pending[placeholder] = number
             with _interrupts_held():
-                future = pool.submit(run_design, self._text, number)
+                future = pool.submit(run_design, self.study, number)
             del pending[placeholder]
             pending[future] = number
 
@@ -295,7 +294,6 @@ class DaskRunner:
         self.study = study
         self.address = address
         self._session = f"tubelock-{uuid.uuid4().hex[:12]}"
-        self._text = study.to_json()
         try:
             get_address_host_port(address, strict=True)
         except ValueError:
@@ -351,7 +349,7 @@ class DaskRunner:
     def _submit(self, numbers: Iterable[int]) -> dict[Any, int]:
         return {
             self._client.submit(
-                run_design, self._text, number, key=f"{self._session}-{number}", pure=False
+                run_design, self.study, number, key=f"{self._session}-{number}", pure=False
             ): number
             for number in numbers
         }

@@ -15,24 +15,26 @@ Its designs are numbered; the last parameter varies fastest.
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import json
 import math
+import os
 import time
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from decimal import Decimal
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from geometry.errors import unreadable
 from validation.errors import InputError
+from validation.scene.builtin import builtin_text
 from validation.scene.read import SceneFile, apply_overrides, check_scene, read_text, scene_data
 from validation.scene.sections import RigidSection
 from validation.scene.usage import recording, uncounted
-from validation.study.builtin import builtin_study_text, nearest
 
 if TYPE_CHECKING:
     from validation.build.blocks import BuiltScene
@@ -91,8 +93,6 @@ class Study:
     """``rigid`` or ``fem``."""
     scene: Mapping[str, Any]
     """Data of the scene, settings applied."""
-    scene_name: str
-    """Built-in scene or stem of its file."""
     parameters: tuple[tuple[str, tuple[Value, ...]], ...]
     """``section.key`` and its values, in the order of the file."""
     reads: tuple[Path, ...] = ()
@@ -152,25 +152,6 @@ class Study:
         """SHA-256 of `canonical`."""
         return hashlib.sha256(self.canonical.encode()).hexdigest()
 
-    def to_json(self) -> str:
-        """Everything a worker needs, as text."""
-        return json.dumps(
-            {
-                "name": self.name,
-                "quantity": self.quantity,
-                "scene": self.scene,
-                "scene_name": self.scene_name,
-                "parameters": self.parameters,
-            }
-        )
-
-    @staticmethod
-    def from_json(text: str) -> Study:
-        """Inverse of `to_json`."""
-        data = json.loads(text)
-        parameters = tuple((path, tuple(values)) for path, values in data.pop("parameters"))
-        return Study(parameters=parameters, **data)
-
 
 # ---------------------------------------------------------------------------------------------
 # Reading
@@ -193,7 +174,7 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
     """
     path = Path(source)
     builtin = path.suffix != ".toml" and unreadable(path) == "no such file"
-    text = builtin_study_text(source) if builtin else read_text(path, "a study in TOML")
+    text = builtin_text(source, "study") if builtin else read_text(path, "a study in TOML")
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -228,9 +209,9 @@ def check_study(
     known = ["scene", "quantity", "parameters", "settings"]
     for key in data:
         if key not in known:
-            raise InputError(
-                f"{name}: unknown key {key}{nearest(key, known)}; expected {', '.join(known)}"
-            )
+            near = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError(f"{name}: unknown key {key}{hint}; expected {', '.join(known)}")
     scene, quantity = data.get("scene"), data.get("quantity", "rigid")
     if not isinstance(scene, str):
         raise InputError(
@@ -255,11 +236,11 @@ def check_study(
     settings = dict(_flat(data.get("settings", {}), ()))
     _refuse_twice(name, parameters, settings)
     source = _scene_source(scene, folder)
-    scene_name, base = scene_data(source)
+    _, base = scene_data(source)
     base = apply_overrides(base, [*_assignments(settings), *overrides])
     files = [Path(source), *(Path(part["file"]) for part in base.get("parts", ()))]
     reads = tuple(file for file in files if file.is_file())
-    study = Study(name, quantity, base, scene_name, parameters, reads)
+    study = Study(name, quantity, base, parameters, reads)
     _check_count(study)
     _check_values(study)
     return study
@@ -408,24 +389,8 @@ class Row:
     """Keys of its scene on which its results do not depend; empty if failed."""
 
 
-@lru_cache(maxsize=4)
-def _parsed(text: str) -> Study:
-    return Study.from_json(text)
-
-
-def run_design(study_text: str, number: int) -> Row:
-    """Compute one design; whatever goes wrong with it becomes its message.
-
-    Parameters
-    ----------
-    study_text
-        `Study.to_json`.
-    number
-        From 0.
-    """
-    import os
-
-    study = _parsed(study_text)
+def run_design(study: Study, number: int) -> Row:
+    """Compute one design, counted from 0; whatever goes wrong with it becomes its message."""
     rigid = study.quantity == "rigid"
     # Other threads of the process may be at work on other designs; fem may use several itself.
     clock = time.thread_time if rigid else time.process_time

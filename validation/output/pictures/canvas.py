@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from geometry.files.vtu import as_array, as_cells
+from geometry.files.vtu import as_array, as_cells, as_points
 from geometry.mesh import FloatArray, IntArray
 
 Pixels = npt.NDArray[np.uint8]
@@ -214,14 +214,11 @@ def _aim(camera: Any, view: View, shape: float) -> None:
 
 
 def _actor(part: Part) -> Any:
-    from vtkmodules.vtkCommonCore import vtkPoints
     from vtkmodules.vtkCommonDataModel import vtkPolyData
     from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
 
-    points = vtkPoints()
-    points.SetData(as_array(np.asarray(part.points, dtype=np.float64)))
     data = vtkPolyData()
-    data.SetPoints(points)
+    data.SetPoints(as_points(part.points))
     mapper, actor = vtkPolyDataMapper(), vtkActor()
     look = actor.GetProperty()
     if isinstance(part, Surface):

@@ -455,19 +455,16 @@ def fill_axes(axes: Axes, view: View) -> None:
 
 
 def _pixels(view: View, width: float, height: float) -> Any:
-    """Exactly so many pixels of a view, from twice as many, so that lines are smooth.
+    """Exactly so many pixels of a view, from twice as many each way, so that lines are smooth.
 
     Where one window has not as many, from as many as it has.
     """
-    if 2.0 * max(width, height) <= LARGEST:
-        return _halved(view.render(round(2.0 * width), round(2.0 * height)))
-    part = min(LARGEST / max(width, height), 1.0)
-    pixels = view.render(round(part * width), round(part * height))
-    rows, columns = (
-        np.arange(round(side)) * count // round(side)
-        for side, count in zip((height, width), pixels.shape[:2], strict=True)
-    )
-    return pixels[np.ix_(rows, columns)]
+    from PIL import Image
+
+    size = max(round(width), 1), max(round(height), 1)
+    more = min(2.0, LARGEST / max(size))
+    rendered = Image.fromarray(view.render(*(round(more * side) for side in size)))
+    return np.asarray(rendered.resize(size, Image.Resampling.BOX))
 
 
 def _image(pixels: Any, x: float, y: float) -> Any:
@@ -486,16 +483,6 @@ def _image(pixels: Any, x: float, y: float) -> Any:
             renderer.draw_image(renderer.new_gc(), x * inch, y * inch, shown)
 
     return Image()
-
-
-def _halved(pixels: Any) -> Any:
-    """Mean of each square of four pixels."""
-    height, width = pixels.shape[0] // 2 * 2, pixels.shape[1] // 2 * 2
-    if min(height, width) < 2:
-        return pixels
-    wide = pixels[:height, :width].astype(np.uint16)
-    four = wide[::2, ::2] + wide[1::2, ::2] + wide[::2, 1::2] + wide[1::2, 1::2]
-    return (four // 4).astype(np.uint8)
 
 
 def round_length(most: float) -> float:

@@ -7,11 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from geometry.files.vtu import as_array, as_cells
+from geometry.files.vtu import as_grid
 from geometry.mesh import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from validation.output.pictures.drawn import DrawnState
+
+
+#: VTK's numbers of cells.
+_HEXAHEDRON, _QUAD = 12, 9
 
 
 @dataclass(frozen=True)
@@ -30,13 +34,15 @@ class Section:
 
 def section(run: DrawnState, z: float) -> Section:
     """Cut all deformable blocks by the plane at height z [mm]."""
-    points, triangles, values, borders, offset = [], [], [], [], 0
+    points, triangles = [np.zeros((0, 2))], [np.zeros((0, 3), np.int64)]
+    values, borders, offset = [np.zeros((0, 3))], [np.zeros((0, 2, 2))], 0
     for block in run.deformable.deformable_blocks.tolist():
         nodes = run.positions(block)
         if not nodes[:, 2].min() < z < nodes[:, 2].max():
             continue
         shape = run.drawn.shape(block)
-        cut = _cut(_grid(nodes, shape.mesh.elements, run.principal(block)), z)
+        fields = {"principal": run.principal(block)}
+        cut = _cut(as_grid(nodes, _HEXAHEDRON, shape.mesh.elements, fields, {}), z)
         corners = cut.GetPoints()
         if corners is None or not cut.GetNumberOfPolys():
             continue
@@ -45,36 +51,13 @@ def section(run: DrawnState, z: float) -> Section:
         values.append(_numbers(cut.GetPointData().GetArray("principal")))
         offset += len(points[-1])
         borders.append(_border(nodes, np.concatenate(list(shape.faces.values())), z))
-    if not points:
-        none = np.zeros((0, 2))
-        return Section(none, np.zeros((0, 3), np.int64), np.zeros((0, 3)), np.zeros((0, 2, 2)))
-    return Section(
-        np.concatenate(points),
-        np.concatenate(triangles),
-        np.concatenate(values),
-        np.concatenate(borders),
-    )
+    return Section(*map(np.concatenate, (points, triangles, values, borders)))
 
 
 def _numbers(array: Any) -> Any:
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     return np.array(vtk_to_numpy(array))
-
-
-def _grid(nodes: FloatArray, elements: IntArray, principal: FloatArray) -> Any:
-    """Hexahedra with nodal values."""
-    from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkCommonDataModel import VTK_HEXAHEDRON, vtkUnstructuredGrid
-
-    grid, points = vtkUnstructuredGrid(), vtkPoints()
-    points.SetData(as_array(nodes))
-    grid.SetPoints(points)
-    grid.SetCells(VTK_HEXAHEDRON, as_cells(elements))
-    values = as_array(principal)
-    values.SetName("principal")
-    grid.GetPointData().AddArray(values)
-    return grid
 
 
 def _cut(data: Any, z: float) -> Any:
@@ -94,14 +77,7 @@ def _cut(data: Any, z: float) -> Any:
 
 def _border(nodes: FloatArray, quads: IntArray, z: float) -> FloatArray:
     """Both ends of each piece in which a plane cuts a surface, (n, 2, 2) [mm]."""
-    from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkCommonDataModel import vtkPolyData
-
-    surface, points = vtkPolyData(), vtkPoints()
-    points.SetData(as_array(nodes))
-    surface.SetPoints(points)
-    surface.SetPolys(as_cells(quads))
-    cut = _cut(surface, z)
+    cut = _cut(as_grid(nodes, _QUAD, quads, {}, {}), z)
     if not cut.GetNumberOfLines():
         return np.zeros((0, 2, 2))
     corners = _numbers(cut.GetPoints().GetData())[:, :2]
