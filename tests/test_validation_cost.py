@@ -325,7 +325,7 @@ def test_hit_gives_the_same_bits_and_no_new_run(tmp_path, monkeypatch) -> None:
 def test_rungs_of_curved_elements_are_judged_by_the_finest(tmp_path, monkeypatch) -> None:
     """Two tiny rungs: the reference is the last, its error 1.5 times the change from the first."""
     rungs = tuple(Rung(2, 12, 1, axial, 1.0, 8.0) for axial in (2, 4))
-    monkeypatch.setattr("validation.cost.curved.LADDER", replace(LADDER, rungs=rungs))
+    monkeypatch.setattr("validation.cost.measure.LADDER", replace(LADDER, rungs=rungs))
     scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
     settings = (rigid_setting(Norm.PRESSURE, 1), curved_setting(1), curved_setting(2))
     plan = CostPlan(base_mesh(scene, "a"), settings, curved_rungs(1, 2))

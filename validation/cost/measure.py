@@ -6,9 +6,9 @@ import datetime
 import gc
 import math
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Self
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
 
 from fem.explicit.solve import Status
 from geometry.families.sine_block import SineBlockDivisions
@@ -16,11 +16,13 @@ from geometry.mesh import FloatArray
 from validation.build.blocks import build_assembly, build_scene
 from validation.build.deformable import build_deformable
 from validation.cost.calculix import MethodAnswer, solve_by_calculix
-from validation.cost.curved import solve_rungs
 from validation.cost.partition import PARTITION_LEVEL, partition_pressures
-from validation.cost.settings import BaseMesh, CostSetting, damped_constantly, with_setting
+from validation.cost.settings import BaseMesh, CostSetting, with_setting
 from validation.errors import InputError
 from validation.output.provenance import processor
+from validation.run.curved.accuracy import LADDER
+from validation.run.curved.fields import CurvedFields
+from validation.run.curved.solve import climbed, curved_run
 from validation.run.deformable import DeformableRun
 from validation.run.rigid.answer import analyse_rigid
 from validation.run.solve import run_explicit, run_static, scene_statement
@@ -61,24 +63,6 @@ class Measurement:
     def cost(self) -> float:
         """Least CPU time of the repeats: what others do to the machine only adds [s]."""
         return min(self.cpu_seconds)
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain data, numbers in full precision."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Self:
-        """Read what `as_json` gave.
-
-        Raises
-        ------
-        ValueError, TypeError
-            Other data.
-        """
-        found = cls(**data)
-        if len(found.pressures) != len(found.areas) or not found.cpu_seconds:
-            raise ValueError("not a measurement")
-        return found
 
 
 # ---------------------------------------------------------------------------------------------
@@ -131,7 +115,9 @@ def _timed(setting: CostSetting, scene: AssemblyScene, name: str) -> AssemblySce
     scene = scene.changed({"fem": changed})
     if setting.damping_ratio is not None:
         critical = 4.0 * math.pi * times.frequency
-        scene = damped_constantly(scene, setting.damping_ratio * critical)
+        coefficient = setting.damping_ratio * critical  # 1/s
+        constant = {"effects.rayleigh.mass_proportional": coefficient, "fem.damping": None}
+        scene = scene.changed(constant)
     return scene
 
 
@@ -184,10 +170,16 @@ def _rigid(where: str, scene: AssemblyScene, _: CostSetting) -> MethodAnswer:
 
 
 def _curved(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAnswer:
+    """All rungs of `fem --accuracy` up to one: what its answer costs a user."""
     assert isinstance(scene, TubeScene)
-    curved, values, seconds = solve_rungs(where, scene, setting)
-    scalars = {name: values[name] for name in SCALARS}
-    details = {"unknowns_per_block": curved.run.mesh.n_unknowns}
+    start = time.process_time()
+    waves = round(2 * scene.block.frequency)
+    meshes = (rung.mesh(waves) for rung in LADDER.rungs[: setting.level])
+    finest = climbed(where, scene, meshes)[-1]
+    seconds = time.process_time() - start
+    scalars = {name: finest.measures[name].value for name in SCALARS}
+    details = {"unknowns_per_block": finest.mesh.n_unknowns}
+    curved = CurvedFields(curved_run(where, scene, (finest,), {}, ""))
     assembly, state = curved.deformable.assembly, curved.contact_state
     assert state.interface is not None
     return MethodAnswer(assembly, scalars, state.interface, state.pressures, seconds, details)

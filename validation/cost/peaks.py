@@ -19,7 +19,7 @@ from fem.assembly.contact_state import CapAction, cap_action
 from validation.cost.references import Reference, references
 from validation.output.console import listing
 from validation.run.curved.accuracy import LADDER, Rung
-from validation.run.curved.solve import Solved, curved_scene, solve_curved
+from validation.run.curved.solve import climbed, curved_scene, solve_curved
 from validation.run.measures import Measure
 from validation.scene.read import TubeScene, load_scene
 
@@ -82,14 +82,13 @@ def judges() -> dict[str, Reference]:
 
 def refined(degree: int, judged: dict[str, Reference]) -> Refined:
     """Solve the meshes of one degree."""
-    scene, solved = tube(), list[Solved]()
-    elements = [tuple(cut * n for n in COARSEST) for cut in CUTS[degree]]
-    for around, radial, axial in elements:
-        mesh = Rung(degree, around, radial, axial, 1.0, GRADING).mesh(3)
-        solved.append(solve_curved(NAME, scene, mesh, solved[-1].state if solved else None))
+    around, radial, axial = COARSEST
+    elements = tuple((cut * around, cut * radial, cut * axial) for cut in CUTS[degree])
+    meshes = (Rung(degree, *counts, 1.0, GRADING).mesh(3) for counts in elements)
+    solved = climbed(NAME, tube(), meshes)
     return Refined(
         degree,
-        tuple((a, r, z) for a, r, z in elements),
+        elements,
         tuple(s.mesh.n_unknowns for s in solved),
         tuple(s.cpu_seconds for s in solved),
         {
@@ -117,11 +116,7 @@ def cap_comparison(rungs: tuple[Rung, ...] = LADDER.rungs[:2]) -> CapComparison:
     """Solve with both laws on the last of some meshes, one after the other."""
     scene, capped = tube(), tube(f"contact.maximum_stiffness={CAP}")
     assert capped.contact is not None
-    before: Solved | None = None
-    for rung in rungs:
-        state = None if before is None else before.state
-        before = solve_curved(NAME, scene, rung.mesh(3), state)
-    assert before is not None
+    before = climbed(NAME, scene, (rung.mesh(3) for rung in rungs))[-1]
     found = solve_curved(NAME, capped, before.mesh, before.state)
     action = cap_action(capped.contact.built, found.state.pressures, found.state.weights)
     assert action is not None

@@ -167,30 +167,23 @@ def explicit_setting(element: ElementType, level: int, **changes: str) -> CostSe
 
 def variants(level: int) -> list[CostSetting]:
     """Explicit C3D8I with one thing changed."""
-    plain = explicit_setting(ElementType.INCOMPATIBLE, level)
-    single = explicit_setting(ElementType.INCOMPATIBLE, level, precision="float32")
-    loose = explicit_setting(ElementType.INCOMPATIBLE, level, residual="1e-2")
-    tight = explicit_setting(ElementType.INCOMPATIBLE, level, residual="1e-6")
-    constant = explicit_setting(ElementType.INCOMPATIBLE, level)
-    heavy = explicit_setting(ElementType.INCOMPATIBLE, level, mass_scaling="2")
-    paper = explicit_setting(ElementType.INCOMPATIBLE, level, damping="paper")
-    name = plain.family
-    return [
+    found: dict[str, tuple[dict[str, str], dict[str, float]]] = {
         # Its round-off keeps the residual above any useful bound: time has to stop it.
-        replace(single, family=f"{name}, float32", hold_periods=4.0),
-        replace(loose, family=f"{name}, residual 1e-2"),
-        replace(tight, family=f"{name}, residual 1e-6"),
-        replace(heavy, family=f"{name}, mass scaling 2"),
-        replace(plain, family=f"{name}, ramp × 0.1", ramp_factor=0.1),
-        replace(plain, family=f"{name}, ramp × 10", ramp_factor=10.0),
-        replace(
-            constant,
-            family=f"{name}, constant damping",
-            hold_periods=4.0,
-            damping_ratio=1.0,
-        ),
-        replace(paper, family=f"{name}, α = 2 /s", ramp_factor=0.1, hold_periods=10.0),
-    ]
+        "float32": ({"precision": "float32"}, {"hold_periods": 4.0}),
+        "residual 1e-2": ({"residual": "1e-2"}, {}),
+        "residual 1e-6": ({"residual": "1e-6"}, {}),
+        "mass scaling 2": ({"mass_scaling": "2"}, {}),
+        "ramp × 0.1": ({}, {"ramp_factor": 0.1}),
+        "ramp × 10": ({}, {"ramp_factor": 10.0}),
+        "constant damping": ({}, {"hold_periods": 4.0, "damping_ratio": 1.0}),
+        "α = 2 /s": ({"damping": "paper"}, {"ramp_factor": 0.1, "hold_periods": 10.0}),
+    }
+    settings = []
+    for words, (changes, times) in found.items():
+        setting = explicit_setting(ElementType.INCOMPATIBLE, level, **changes)
+        given: dict[str, Any] = {"family": f"{setting.family}, {words}", **times}
+        settings.append(replace(setting, **given))
+    return settings
 
 
 def with_setting(scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> AssemblyScene:
@@ -204,9 +197,3 @@ def with_setting(scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> 
         usual = {**unset, "residual": 1.0e-4, "degree": 1}
         changes = {f"fem.{key}": value for key, value in usual.items()} | changes
     return scene.changed(changes)
-
-
-def damped_constantly(scene: AssemblyScene, coefficient: float) -> AssemblyScene:
-    """Scene with constant mass damping [1/s] in place of an adaptive one."""
-    damping = {"effects.rayleigh.mass_proportional": coefficient, "fem.damping": None}
-    return scene.changed(damping)

@@ -7,6 +7,7 @@ setting, and the program that answered.
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +72,7 @@ class CostStore(Store):
     def load(self, key: str) -> Measurement | None:
         """Return a measurement of this program to the last bit; None if there is none."""
         row = self.get(key)
-        return None if row is None else Measurement.from_json(json.loads(row["measurement"]))
+        return None if row is None else Measurement(**json.loads(row["measurement"]))
 
     def keep(self, key: str, name: str, setting: CostSetting, found: Measurement) -> None:
         """Write a measurement, whole or not at all."""
@@ -81,6 +82,6 @@ class CostStore(Store):
                 "scene": name,
                 "setting": setting.name,
                 "cpu_seconds": found.cost,
-                "measurement": json.dumps(found.as_json(), allow_nan=False),
+                "measurement": json.dumps(asdict(found), allow_nan=False),
             },
         )

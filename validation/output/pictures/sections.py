@@ -51,7 +51,8 @@ def section(run: DrawnState, z: float) -> Section:
         values.append(_numbers(cut.GetPointData().GetArray("principal")))
         offset += len(points[-1])
         borders.append(_border(nodes, np.concatenate(list(shape.faces.values())), z))
-    return Section(*map(np.concatenate, (points, triangles, values, borders)))
+    parts: Any = points, triangles, values, borders
+    return Section(*map(np.concatenate, parts))
 
 
 def _numbers(array: Any) -> Any:

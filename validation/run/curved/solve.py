@@ -8,6 +8,7 @@ are those over the facets of ``[mesh]``, whatever the elements.
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -271,6 +272,14 @@ def solve_curved(
     angle = waves / block.waves_per_block * block.block_angle
     measures = _measures(state, scene, law, block, angle)
     return Solved(mesh, state, measures, time.process_time() - start)
+
+
+def climbed(name: str, scene: TubeScene, meshes: Iterable[CurvedMesh]) -> list[Solved]:
+    """`solve_curved` on meshes from coarse to fine, each from the state of the one before."""
+    solved: list[Solved] = []
+    for mesh in meshes:
+        solved.append(solve_curved(name, scene, mesh, solved[-1].state if solved else None))
+    return solved
 
 
 def _force(lattice: Lattice, scene: TubeScene) -> FloatArray:
