@@ -177,10 +177,22 @@ LARGEST = 4096
 def _render(view: View, width: int, height: int) -> Pixels:
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+
+    width, height = min(max(width, 1), LARGEST), min(max(height, 1), LARGEST)
+    bytes_ = vtkUnsignedCharArray()
+    with rendered(view, width, height) as window, quiet():
+        window.GetPixelData(0, 0, width - 1, height - 1, 0, bytes_, 0)
+    # VTK counts rows from below.
+    pixels = vtk_to_numpy(bytes_).reshape(height, width, 3)[::-1]
+    return np.ascontiguousarray(pixels)
+
+
+@contextmanager
+def rendered(view: View, width: int, height: int) -> Iterator[Any]:
+    """VTK's window with a view in it."""
+    window = _window()  # before all else: it brings what renders
     from vtkmodules.vtkRenderingCore import vtkRenderer
 
-    window = _window()  # before all else: it brings what renders
-    width, height = min(max(width, 1), LARGEST), min(max(height, 1), LARGEST)
     renderer = vtkRenderer()
     renderer.SetBackground(1.0, 1.0, 1.0)
     for part in view.parts:
@@ -189,14 +201,10 @@ def _render(view: View, width: int, height: int) -> Pixels:
     _aim(renderer.GetActiveCamera(), view, width / height)
     window.SetSize(width, height)
     window.AddRenderer(renderer)
-    bytes_ = vtkUnsignedCharArray()
     with quiet():
         window.Render()
-        window.GetPixelData(0, 0, width - 1, height - 1, 0, bytes_, 0)
+    yield window
     window.RemoveRenderer(renderer)
-    # VTK counts rows from below.
-    pixels = vtk_to_numpy(bytes_).reshape(height, width, 3)[::-1]
-    return np.ascontiguousarray(pixels)
 
 
 def _aim(camera: Any, view: View, shape: float) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from validation.output.pictures.canvas import Dots, Lines, Part, Surface, View, quiet
+from validation.output.pictures.canvas import View, rendered
 from validation.output.pictures.gallery import Scale
 
 
@@ -95,50 +95,12 @@ def webp(pixels: Any, *, largest: int = 1600) -> bytes:
 
 def zipped_scene(view: View) -> bytes:
     """Scene as the zip file that the viewer loads."""
-    import pyvista
-
-    with quiet():
-        plotter = pyvista.Plotter(off_screen=True, window_size=(600, 600))
-    plotter.set_background("white")
-    for part in view.parts:
-        _add(plotter, part)
-    low, high = np.array(plotter.bounds[::2]), np.array(plotter.bounds[1::2])
-    centre, reach = (low + high) / 2, float(np.linalg.norm(high - low))
-    away = np.array(view.direction) / np.linalg.norm(view.direction)
-    plotter.camera_position = [(centre + 2 * reach * away).tolist(), centre.tolist(), (0, 0, 1)]
-    plotter.camera.view_angle = 30.0
-    plotter.camera.clipping_range = (0.1 * reach, 6 * reach)
-    with quiet():
-        plotter.render()
-    text = json.dumps(_serialized(plotter.render_window))
-    plotter.close()
+    with rendered(view, 600, 600) as window:
+        text = json.dumps(_serialized(window))
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         archive.writestr("index.json", text)
     return buffer.getvalue()
-
-
-def _add(plotter: Any, part: Part) -> None:
-    """Add a part to a plotter, with the colours as data: no lookup in the browser."""
-    import pyvista
-
-    if isinstance(part, Dots):
-        plotter.add_points(part.points, color=part.colour, point_size=part.size)
-        return
-    cells = part.polygons if isinstance(part, Surface) else part.segments
-    flat = np.insert(cells, 0, cells.shape[1], axis=1).ravel()
-    if isinstance(part, Lines):
-        mesh = pyvista.PolyData(part.points, lines=flat)
-        style = {"color": part.colour, "line_width": part.width, "opacity": part.opacity}
-        plotter.add_mesh(mesh, **style)
-        return
-    mesh = pyvista.PolyData(part.points, flat)
-    if isinstance(part.colour, str):
-        plotter.add_mesh(mesh, color=part.colour, lighting=part.lit, opacity=part.opacity)
-        return
-    of_cells = len(part.colour) == len(cells)
-    (mesh.cell_data if of_cells else mesh.point_data)["colour"] = part.colour
-    plotter.add_mesh(mesh.clean(), scalars="colour", rgb=True, lighting=part.lit)
 
 
 def _serialized(window: Any) -> dict[str, Any]:
@@ -151,11 +113,12 @@ def _serialized(window: Any) -> dict[str, Any]:
         serialize,
     )
 
+    camera = window.GetRenderers().GetFirstRenderer().GetActiveCamera()
+    camera.ParallelProjectionOff()
     initialize_serializers()
     context = SynchronizationContext()
     context.set_ignore_last_dependencies(True)
     scene = serialize(None, window, reference_id(window), context, 1)
-    camera = window.GetRenderers().GetFirstRenderer().GetActiveCamera()
     scene["extra"] = {
         "vtkRefId": reference_id(window),
         "centerOfRotation": camera.GetFocalPoint(),
