@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 from importlib import metadata, resources
+from pathlib import Path
 
 #: What answers depend on; pictures, tables and commands may change.
 _PACKAGES = (
@@ -30,18 +31,9 @@ def program() -> str:
     """Version and digest of the sources that answers come from, such as ``0.1.0+3f2a9c0d17b4``."""
     digest = hashlib.sha256()
     for package in _PACKAGES:
-        folder = resources.files(package)
-        for name, text in sorted(_sources(folder)):
+        folder = Path(str(resources.files(package)))
+        texts = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*.py")}
+        for name, path in sorted(texts.items()):
             digest.update(f"{package}/{name}".encode())
-            digest.update(text)
+            digest.update(path.read_bytes())
     return f"{version()}+{digest.hexdigest()[:12]}"
-
-
-def _sources(folder: resources.abc.Traversable, above: str = "") -> list[tuple[str, bytes]]:
-    found = []
-    for entry in folder.iterdir():
-        if entry.is_dir() and entry.name != "__pycache__":
-            found += _sources(entry, f"{above}{entry.name}/")
-        elif entry.name.endswith(".py"):
-            found.append((f"{above}{entry.name}", entry.read_bytes()))
-    return found

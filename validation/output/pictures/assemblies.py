@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,7 +41,7 @@ from validation.output.pictures.gallery import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from validation.run.rigid.answer import RigidRun
+    from validation.run.rigid.answer import RigidAnswer, RigidRun
 
 
 def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str) -> None:
@@ -279,12 +279,16 @@ def draw_mechanism(run: RigidRun, path: Path) -> None:
         coloured_blocks(assembly, blocks, size, scale, nodes=moved, faces=faces, lit=True),
         outlines(assembly, blocks, nodes=moved),
     ]
+    draw_motion(run, View(parts, EYE), length, path, height=8.0, scale=scale)
+
+
+def draw_motion(run: RigidAnswer, view: View, length: float, path: Path, **options: Any) -> None:
+    """Draw a certified mechanism whose largest motion is as long [mm]; options of `gallery`."""
     driven = run.carried.mechanism is not None
     words = "the load drives it" if driven else "the load does not drive it"
     gallery(
-        [[Panel(f"first-order motion, drawn {length:.3g} mm at its largest", View(parts, EYE))]],
+        [[Panel(f"first-order motion, drawn {length:.3g} mm at its largest", view)]],
         f"{run.name}: {run.scene.load_words}; {run.carried.words}; a mechanism exists, {words}",
         path,
-        height=8.0,
-        scale=scale,
+        **options,
     )

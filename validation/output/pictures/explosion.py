@@ -24,14 +24,13 @@ if TYPE_CHECKING:
 PANELS = (0.0, 0.25, 0.5, 1.0)
 
 
-def _inside_parts(
-    surfaces: PolyhedralAssembly, translations: FloatArray, tolerance: float
-) -> list[tuple[int, FloatArray]]:
-    """Block and (triangles, 3) corner coordinates of what lies inside another block."""
-    points = [
-        surfaces.shape(b).points @ surfaces.rotations[b].T + translations[b]
-        for b in range(surfaces.n_blocks)
-    ]
+def _inside_corners(
+    surfaces: PolyhedralAssembly,
+    points: list[FloatArray],
+    translations: FloatArray,
+    tolerance: float,
+) -> list[FloatArray]:
+    """Corners of the triangles of each block that lie inside another, (n_triangles, 3, 3)."""
     low = np.array([p.min(axis=0) for p in points])
     high = np.array([p.max(axis=0) for p in points])
     pairs = overlapping_boxes(low, high, low, high)
@@ -46,7 +45,7 @@ def _inside_parts(
         triangles = surfaces.shape(a).triangles
         inside = triangles[deep[triangles].all(axis=1)]
         if len(inside):
-            parts.append((a, points[a][inside]))
+            parts.append(points[a][inside])
     return parts
 
 
@@ -54,14 +53,16 @@ def _view(run: Explosion, distance: float) -> View:
     """Blocks moved outward, seen through where some are in each other."""
     surfaces = run.surfaces
     translations = surfaces.translations + distance * run.directions
-    inside = _inside_parts(surfaces, translations, run.finite.tolerance) if distance > 0 else []
     places = [
         surfaces.shape(b).points @ surfaces.rotations[b].T + translations[b]
         for b in range(surfaces.n_blocks)
     ]
+    inside = []
+    if distance > 0:
+        inside = _inside_corners(surfaces, places, translations, run.finite.tolerance)
     parts = polyhedra_parts(surfaces, places, opacity=0.35 if inside else 1.0)
     if inside:
-        corners = np.concatenate([found for _, found in inside]).reshape(-1, 3)
+        corners = np.concatenate(inside).reshape(-1, 3)
         triangles = np.arange(len(corners)).reshape(-1, 3)
         parts.append(Surface(corners, triangles, VERMILION, lit=False))
     return View(parts, EYE)

@@ -10,6 +10,7 @@ import numpy as np
 from geometry.measures import chain
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
+from validation.output.pictures.assemblies import draw_motion
 from validation.output.pictures.bodies import sharp_edges
 from validation.output.pictures.canvas import Direction, Dots, Lines, Part, Surface, View, merged
 from validation.output.pictures.gallery import (
@@ -145,12 +146,4 @@ def draw_polyhedral_mechanism(run: PolyhedralRun, motion: FloatArray, path: Path
         moved = motion[block, :3] + np.cross(motion[block, 3:], arm)
         places.append(assembly.points(block) + scale * moved)
     view = View(polyhedra_parts(assembly, places), _EYE)
-    driven = run.carried.mechanism is not None
-    words = "the load drives it" if driven else "the load does not drive it"
-    gallery(
-        [[Panel(f"first-order motion, drawn {scale:.3g} mm at its largest", view)]],
-        f"{run.name}: {run.scene.load_words}; {run.carried.words}; a mechanism exists, {words}",
-        path,
-        height=6.5,
-        legend=_block_legend(),
-    )
+    draw_motion(run, view, scale, path, height=6.5, legend=_block_legend())
