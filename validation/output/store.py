@@ -185,18 +185,11 @@ class Store:
         said = self._connection.execute("PRAGMA integrity_check(1)").fetchone()[0]
         if said != "ok":
             raise self._damaged(" ".join(str(said).split()))
-        statements = {
-            sql
-            for (sql,) in self._connection.execute(
-                "SELECT sql FROM sqlite_master WHERE type = 'table'"
-            )
-        }
-        if not any(sql.startswith("CREATE TABLE rows (") for sql in statements):
+        if not (_rows_statement(self._connection) or "").startswith("CREATE TABLE rows ("):
             raise self._damaged("its table of rows is missing")
-        if any(not is_whole(row) for row in self._connection.execute("SELECT * FROM rows")):
-            raise self._damaged("a row is not what was written")
-        if any(not is_whole(row) for row in self._connection.execute("SELECT * FROM about")):
-            raise self._damaged("what it belongs to is not what was written")
+        for table, words in (("rows", "a row"), ("about", "what it belongs to")):
+            if not all(map(is_whole, self._connection.execute(f"SELECT * FROM {table}"))):
+                raise self._damaged(f"{words} is not what was written")
 
     def _damaged(self, why: str) -> InputError:
         return InputError(
@@ -212,8 +205,7 @@ class Store:
                 f"{self.layout.kind}); give another file"
             )
         self._check_about(about)
-        statement = "SELECT sql FROM sqlite_master WHERE name = 'rows'"
-        if self._connection.execute(statement).fetchone()[0] != self.layout.table:
+        if _rows_statement(self._connection) != self.layout.table:
             raise InputError(
                 f"{self.path}: its columns are not those of this version of tubelock: it was "
                 "written by another one, or is damaged; give another file, or use the version "
@@ -332,13 +324,7 @@ class Store:
 
 
 def refuse_others(path: Path) -> None:
-    """Refuse a file that is no SQLite file; it is left alone.
-
-    Raises
-    ------
-    InputError
-        For a folder, or a file of another kind.
-    """
+    """Refuse a folder or a file that is no SQLite file; it is left alone."""
     why = unreadable(path)
     if why not in (None, "no such file"):
         raise InputError(f"{path}: {why}; expected a file of results, such as x.sqlite")
@@ -358,6 +344,13 @@ def _writable(path: Path) -> bool:
     if not path.exists():
         return True
     return os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)
+
+
+def _rows_statement(connection: sqlite3.Connection) -> str | None:
+    """Statement that made the rows; None without any."""
+    statement = "SELECT sql FROM sqlite_master WHERE name = 'rows'"
+    found = connection.execute(statement).fetchone()
+    return None if found is None else str(found[0])
 
 
 def make_tables(connection: sqlite3.Connection, table: str, about: str) -> None:
@@ -428,11 +421,11 @@ def rescue(path: Path, new: Path) -> tuple[int, int]:
 
 def _meaning(old: sqlite3.Connection) -> tuple[str, str]:
     """Statement that made the rows, and what they belong to."""
-    found = old.execute("SELECT sql FROM sqlite_master WHERE name = 'rows'").fetchone()
+    table = _rows_statement(old)
     about = next((row[0] for row in _readable(old, "about", 2) if row and is_whole(row)), None)
-    if found is None or about is None:
-        raise LookupError("no table of rows" if found is None else "both copies")
-    return str(found[0]), str(about)
+    if table is None or about is None:
+        raise LookupError("no table of rows" if table is None else "both copies")
+    return table, str(about)
 
 
 def _copy_rows(

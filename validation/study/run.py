@@ -46,7 +46,6 @@ class Tally:
     """What a sweep has done so far in this session."""
 
     computed: int = 0
-    failed: int = 0
     design_cpu_seconds: float = 0.0
     """CPU time inside the designs [s]."""
     unused: tuple[str, ...] | None = None
@@ -56,7 +55,6 @@ class Tally:
     def count(self, row: Row) -> None:
         """Take in one row."""
         self.computed += 1
-        self.failed += row.status == "failed"
         self.design_cpu_seconds += row.cpu_seconds
         if row.status == "ok":
             before = row.unused if self.unused is None else self.unused
@@ -84,17 +82,6 @@ def sweep(
 ) -> Tally:
     """Compute the designs that the result file lacks, and write each row when it is there.
 
-    Parameters
-    ----------
-    results
-        The open result file; it knows the study.
-    runner
-        Where the work is done.
-    retry_failed
-        Compute failed designs again.
-    on_row
-        Called after each row is written.
-
     Raises
     ------
     InputError
@@ -108,23 +95,13 @@ def sweep(
         # Another process may have added rows before this one was alone.
         done = results.done(failed_too=not retry_failed)
         missing = (number for number, there in enumerate(done) if not there)
-        _compute(results, runner.rows(missing), tally, on_row)
+        with closing(runner.rows(missing)) as rows:
+            for row in rows:
+                results.add(row)
+                tally.count(row)
+                if on_row is not None:
+                    on_row(row)
     return tally
-
-
-def _compute(
-    results: ResultFile,
-    found: Generator[Row, None, None],
-    tally: Tally,
-    on_row: Callable[[Row], None] | None,
-) -> None:
-    """Write rows as they come."""
-    with closing(found) as rows:
-        for row in rows:
-            results.add(row)
-            tally.count(row)
-            if on_row is not None:
-                on_row(row)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -268,16 +245,7 @@ class DaskRunner:
     """An existing Dask cluster; Dask itself moves the designs of a lost worker to another."""
 
     def __init__(self, study: Study, address: str, *, timeout: float = 10.0) -> None:
-        """Connect to a scheduler.
-
-        Parameters
-        ----------
-        study
-            What will be computed.
-        address
-            Of the scheduler, e.g. ``tcp://10.0.0.1:8786``.
-        timeout
-            Seconds to wait for it.
+        """Connect to a scheduler, such as ``tcp://10.0.0.1:8786``, within a time [s].
 
         Raises
         ------

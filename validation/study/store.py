@@ -60,16 +60,7 @@ class ResultFile(Store):
     """Rows of one study in one file of results (use it as a context manager)."""
 
     def __init__(self, path: Path, study: Study, older: Older | None = None) -> None:
-        """Open or create the file.
-
-        Parameters
-        ----------
-        path
-            SQLite file.
-        study
-            What the rows are of.
-        older
-            What is done with rows of other versions of the program; None: they are refused.
+        """Open or create the file; without ``older``, rows of other programs are refused.
 
         Raises
         ------
@@ -116,13 +107,7 @@ class ResultFile(Store):
         InputError
             When the disk is full or the file cannot be written; earlier rows stay.
         """
-        own = {
-            "number": row.number,
-            "status": row.status,
-            "message": row.message,
-            "cpu_seconds": row.cpu_seconds,
-        }
-        self.put(self.key(row.number), row.parameters | row.results | own)
+        self.put(self.key(row.number), row.parameters | row.results | vars(row))
 
     def done(self, *, failed_too: bool = True) -> bytearray:
         """Which designs have a row that counts: one byte per design, 1 if so."""

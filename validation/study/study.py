@@ -104,13 +104,7 @@ class Study:
         return math.prod(len(values) for _, values in self.parameters)
 
     def design(self, number: int) -> dict[str, Value]:
-        """Parameter values of a design.
-
-        Parameters
-        ----------
-        number
-            From 0; the last parameter varies fastest.
-        """
+        """Parameter values of a design, counted from 0; the last parameter varies fastest."""
         chosen: dict[str, Value] = {}
         for path, values in reversed(self.parameters):
             number, place = divmod(number, len(values))
@@ -158,14 +152,9 @@ class Study:
 
 
 def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
-    """Read and check a study.
+    """Read and check a study: a TOML file or a built-in one.
 
-    Parameters
-    ----------
-    source
-        Path of a TOML file or name of a built-in study.
-    overrides
-        ``section.key=value`` assignments, applied to the scene after ``[settings]``.
+    Overrides are ``section.key=value``, applied to the scene after ``[settings]``.
 
     Raises
     ------
@@ -188,18 +177,7 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
 def check_study(
     data: Mapping[str, Any], name: str, folder: Path | None = None, overrides: Iterable[str] = ()
 ) -> Study:
-    """Check a study's data.
-
-    Parameters
-    ----------
-    data
-        As read from TOML.
-    name
-        What messages and results call it.
-    folder
-        Where a relative scene file lies; None: the working folder.
-    overrides
-        As in `load_study`.
+    """Check a study's data; a relative scene file lies in the folder, or in the working one.
 
     Raises
     ------
@@ -423,11 +401,6 @@ def refuse_idle_parameters(study: Study) -> None:
 
     The first and the last design say it. Answers of deformable blocks take long: there each row
     says it (`Row.message`).
-
-    Raises
-    ------
-    InputError
-        Naming the parameters.
     """
     if study.quantity != "rigid":
         return
