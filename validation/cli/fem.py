@@ -90,13 +90,7 @@ def fem(
 def _targets(
     accuracy: list[str] | None, max_seconds: float | None, resume: Path | None
 ) -> dict[str, float]:
-    """Accuracies that are asked, none where none is.
-
-    Raises
-    ------
-    InputError
-        For what cannot be asked.
-    """
+    """Accuracies that are asked, none where none is; what cannot be asked is refused."""
     from validation.run.curved.accuracy import parse_targets
 
     if not accuracy:
@@ -118,13 +112,7 @@ def _read(resume: Path | None, folder: Path | None) -> tuple[Path, ...]:
 
 
 def refuse_resume(resume: Path | None) -> None:
-    """Refuse a checkpoint for a run that keeps none.
-
-    Raises
-    ------
-    InputError
-        When one is given.
-    """
+    """Refuse a checkpoint for a run that keeps none."""
     if resume is not None:
         raise InputError(
             f"--resume {resume}: a static run keeps no checkpoint; leave --resume out, or set "
@@ -133,13 +121,7 @@ def refuse_resume(resume: Path | None) -> None:
 
 
 def check_finished(result: ExplicitResult, outputs: Outputs) -> None:
-    """Say how to go on with a run that was interrupted.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        After having said it.
-    """
+    """Say how to go on with a run that was interrupted, and raise that it was."""
     from fem.explicit.solve import Status
 
     if result.status is not Status.INTERRUPTED:

@@ -149,18 +149,9 @@ def run_cost(
     *,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> CostStudy:
-    """Measure what the store lacks, and compare.
+    """Measure what the store lacks of a scene that `require_cost_scene` lets in, and compare.
 
-    Parameters
-    ----------
-    name, scene
-        A scene that `validation.cost.plan.require_cost_scene` lets in.
-    plan
-        Settings and reference.
-    store
-        Where measurements are and go.
-    progress
-        Called before each run with its number, the number of runs, and what it is.
+    ``progress`` is called before each run with its number, the number of runs, and what it is.
 
     Raises
     ------

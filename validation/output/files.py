@@ -80,13 +80,7 @@ def prepare_file(path: Path) -> Path:
 
 
 def require_picture(path: Path) -> None:
-    """Refuse a picture of a kind that is not drawn.
-
-    Raises
-    ------
-    InputError
-        For another ending.
-    """
+    """Refuse a picture of a kind that is not drawn."""
     if path.suffix.lower() not in PICTURES:
         raise InputError(
             f"-o {path}: expected a file name that ends in {', '.join(PICTURES[:-1])} or "
@@ -95,13 +89,7 @@ def require_picture(path: Path) -> None:
 
 
 def prepare_picture(path: Path) -> Path:
-    """`prepare_file` for a picture, of a kind that is drawn.
-
-    Raises
-    ------
-    InputError
-        For another ending, or where it cannot be written.
-    """
+    """`require_picture`, and `prepare_file`."""
     require_picture(path)
     return prepare_file(path)
 

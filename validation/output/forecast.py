@@ -28,13 +28,7 @@ class Forecast:
         self._paces: list[float] = []
 
     def left(self, done: float, total: float) -> str | None:
-        """Words for the time left, once, where it is long; None else.
-
-        Parameters
-        ----------
-        done, total
-            Parts of the work, in one unit.
-        """
+        """Words for the time left, once, where it is long; None else. Work is in any unit."""
         now = time.perf_counter()
         if self._last is None:
             self._last = (now, done)

@@ -13,6 +13,7 @@ from geometry.assembly import Assembly
 from geometry.files.mesh_io import write_lagrange_cells
 from validation.output.console import two_columns
 from validation.output.deformable.answers import add_measures, cap_words, write_state_files
+from validation.output.deformable.fields import principal_stresses
 from validation.output.outputs import Outputs
 from validation.run.curved.fields import CurvedFields
 from validation.run.curved.solve import CurvedRun
@@ -67,9 +68,7 @@ def _write_fields(run: CurvedRun, fields: CurvedFields, path: Path) -> None:
         grid_places(cells.degree),
         {
             "displacement": moved.reshape(-1, 3),
-            "sigma_1": cells.principal[..., 0].ravel(),
-            "sigma_2": cells.principal[..., 1].ravel(),
-            "sigma_3": cells.principal[..., 2].ravel(),
+            **principal_stresses([cells.principal]),
         },
         {
             "block": np.repeat(blocks, n_elements).astype(np.int32),

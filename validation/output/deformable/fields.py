@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,17 +36,20 @@ def groups_mesh(groups: Sequence[BlockGroup]) -> HexMesh:
     return HexMesh(np.concatenate(nodes), np.concatenate(elements))
 
 
+def principal_stresses(parts: Iterable[FloatArray]) -> dict[str, FloatArray]:
+    """``sigma_1`` to ``sigma_3`` of all parts in a row, each (…, 3) [MPa]."""
+    every = np.concatenate([part.reshape(-1, 3) for part in parts])
+    return {f"sigma_{k + 1}": every[:, k] for k in range(3)}
+
+
 def field_data(
     recovered: Sequence[Recovered], displacements: Sequence[FloatArray]
 ) -> dict[str, NDArray[Any]]:
     """Nodal fields of all groups: displacement, stress and principal stresses."""
-    principal = np.concatenate([found.principal.reshape(-1, 3) for found in recovered])
     return {
         "displacement": np.concatenate([u.reshape(-1, 3) for u in displacements]),
         "stress": np.concatenate([found.stress.reshape(-1, 6) for found in recovered]),
-        "sigma_1": principal[:, 0],
-        "sigma_2": principal[:, 1],
-        "sigma_3": principal[:, 2],
+        **principal_stresses(found.principal for found in recovered),
     }
 
 
@@ -58,19 +61,7 @@ def write_curved(
     *,
     finite_rotation: bool,
 ) -> None:
-    """Write elements of higher degree as Lagrange cells with nodes of their own.
-
-    Parameters
-    ----------
-    path
-        File to write, `.vtu`.
-    groups, displacements
-        Blocks, and their displacements in world axes, each (n_copies, n_nodes, 3) [mm].
-    owners
-        Of each element (`element_owners`).
-    finite_rotation
-        Whether the rigid rotation of each block is removed first.
-    """
+    """`write_fields` of elements of higher degree: Lagrange cells with nodes of their own."""
     positions, moved, principal = [], [], []
     for group, u in zip(groups, displacements, strict=True):
         local, _ = block_displacements(group, u, finite_rotation=finite_rotation)
@@ -81,10 +72,8 @@ def write_curved(
         placed = placed + group.translations[:, None, None]
         positions.append(placed.reshape(-1, *placed.shape[2:]))
         moved.append(world.reshape(-1, 3))
-        principal.append(cells.principal.reshape(-1, 3))
-    stress = np.concatenate(principal)
-    fields = {f"sigma_{k + 1}": stress[:, k] for k in range(3)}
-    fields["displacement"] = np.concatenate(moved)
+        principal.append(cells.principal)
+    fields = {"displacement": np.concatenate(moved), **principal_stresses(principal)}
     places = grid_places(cells.degree)
     write_lagrange_cells(path, np.concatenate(positions), places, fields, owners)
 
@@ -100,14 +89,9 @@ def write_fields(
 ) -> None:
     """Write the fields of one state as cells of the degree of its elements.
 
-    Parameters
-    ----------
-    path, groups, displacements, finite_rotation
-        As in `write_curved`.
-    recovered
-        Stresses, where they are known: then those at integration points are written, too.
-    owners
-        Of each element (`element_owners`).
+    Displacements are in world axes, each (n_copies, n_nodes, 3) [mm]; with finite rotation that of
+    each block is removed before stresses. Where these are known (``recovered``), those at
+    integration points are written, too. ``owners`` are those of `element_owners`.
     """
     if isinstance(groups[0].mesh, LagrangeMesh):
         given = {} if owners is None else owners

@@ -129,14 +129,9 @@ def block_surfaces(
     *,
     seen: Callable[[int], Sequence[str]] | None = None,
 ) -> Surface:
-    """Surfaces of some blocks as one part.
+    """Surfaces of some blocks as one part, in the colours of all blocks.
 
-    Parameters
-    ----------
-    colours
-        Of all blocks.
-    seen
-        Names of the faces of a block that anything is seen of; by default all.
+    ``seen`` names the faces of a block that anything is seen of; by default all.
     """
     bodies, shades = [], [np.zeros((0, 3), dtype=np.uint8)]
     known: dict[tuple[int, tuple[str, ...]], tuple[IntArray, IntArray]] = {}
@@ -262,14 +257,7 @@ def interface_facets(
 ) -> PressedFacets:
     """Facets of an assembly that match, before any displacement.
 
-    Parameters
-    ----------
-    assembly
-        Blocks and interfaces.
-    contacts
-        Positions in the assembly's interfaces, (n,).
-    pressures
-        Their contact pressures, (n,) [MPa].
+    Contacts are positions in its interfaces, (n,); each has a pressure, (n,) [MPa].
     """
     found = assembly.interfaces
     return PressedFacets(

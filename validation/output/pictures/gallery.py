@@ -340,16 +340,10 @@ def gallery(
     scale: Scale | None = None,
     legend: Sequence[Any] = (),
 ) -> None:
-    """Draw panels and write them as PNG, SVG or PDF by the ending of the path.
+    """Draw panels, those of each column from above, and write them as PNG, SVG or PDF.
 
     Parameters
     ----------
-    columns
-        Panels of each column from above.
-    title
-        Above all; as many lines as it needs.
-    path
-        File to write, whole or not at all.
     height
         Of the columns [in]; less where they would be wider than ``widest``.
     widest

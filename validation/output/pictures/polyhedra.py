@@ -37,14 +37,7 @@ def polyhedra_parts(
 ) -> list[Part]:
     """Blocks and their edges: held ones grey, free ones in two blues.
 
-    Parameters
-    ----------
-    assembly
-        Blocks.
-    places
-        Vertex coordinates of each block [mm]; where they stand by default.
-    opacity
-        Below 1, what is behind shows through.
+    ``places`` are the vertices of each block [mm]; by default where they stand.
     """
     points = [assembly.points(b) for b in range(assembly.n_blocks)] if places is None else places
     parts: list[Part] = []

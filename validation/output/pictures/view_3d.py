@@ -54,24 +54,9 @@ def colour_gradient(colours: str) -> str:
 
 
 def make_view(
-    name: str,
-    title: str,
-    note: str,
-    view: View,
-    *,
-    scale: Scale | None = None,
+    name: str, title: str, note: str, view: View, *, scale: Scale | None = None
 ) -> View3d:
-    """Render the poster and serialize the scene.
-
-    Parameters
-    ----------
-    name, title, note
-        As in `View3d`.
-    view
-        Parts, and from where they are first seen.
-    scale
-        Colours of the parts.
-    """
+    """Render the poster and serialize the scene of parts in the colours of a scale."""
     bar = None
     if scale is not None:
         low, high = (f"{value:.3g}" for value in (scale.low, scale.high))
