@@ -13,8 +13,8 @@ from validation.cli.options import (
     KeepOption,
     SceneArgument,
     SetOption,
-    default_folder,
     folder_option,
+    scene_outputs,
 )
 
 
@@ -34,14 +34,12 @@ def compare(
     from validation.build.cell import refuse_cell
     from validation.compare import answers, report
     from validation.output.console import explicit_progress
-    from validation.output.outputs import Outputs
     from validation.run.stages import peak_memory_mb
     from validation.scene.read import load_scene, require_deformable, with_auto
     from validation.scene.usage import recording
 
     file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
-    folder = default_folder(output, json, f"{file.name}-compare")
-    with Outputs(json, folder, (report.PICTURE,), scene=file) as outputs:
+    with scene_outputs(file, json, output, (report.PICTURE,), ending="-compare") as outputs:
         checked, added = require_deformable(file, "compare"), {}
         if checked.effects.auto is not None:
             from validation.effects.report import decided
@@ -80,14 +78,13 @@ def clearance(
 
     from validation.compare.clearance import GAPS, clearance_rows, draw_clearance, print_rows
     from validation.output.console import status
-    from validation.output.outputs import Outputs
     from validation.scene.read import load_scene, require_deformable
     from validation.scene.usage import recording
 
     file = load_scene(scene, settings or ())
-    folder = default_folder(output, json, f"{file.name}-clearance")
     checked = require_deformable(file, "clearance")
-    with Outputs(json, folder, ("clearance.png",), scene=file) as outputs:
+    names = ("clearance.png",)
+    with scene_outputs(file, json, output, names, ending="-clearance") as outputs:
         with status(outputs.console, f"{file.name}: static states"), recording(checked) as use:
             rows = clearance_rows(file.name, checked, tuple(gap) if gap else GAPS, kind)
         print_rows(file.name, rows, outputs.console)

@@ -13,8 +13,8 @@ from validation.cli.options import (
     JsonOption,
     SceneArgument,
     SetOption,
-    default_folder,
     folder_option,
+    scene_outputs,
 )
 
 
@@ -36,15 +36,13 @@ def cost(
     from validation.cost.store import CostStore
     from validation.cost.study import run_cost
     from validation.output.console import status
-    from validation.output.outputs import Outputs
     from validation.scene.read import load_scene
 
     file = load_scene(scene, settings or ())
     checked = require_cost_scene(file.scene, file.name)
     plan = (quick_plan if quick else full_plan)(file.name, checked, others=others)
-    folder = default_folder(output, json, f"{file.name}-cost")
-    stores = {"--store": store}
-    with Outputs(json, folder, ("cost.png",), stores=stores, scene=file) as outputs:
+    names, stores = ("cost.png",), {"--store": store}
+    with scene_outputs(file, json, output, names, ending="-cost", stores=stores) as outputs:
         with CostStore(store) as kept, status(outputs.console, "cost") as tell:
             study = run_cost(
                 file.name,

@@ -17,8 +17,8 @@ from validation.cli.options import (
     KeepOption,
     SceneArgument,
     SetOption,
-    default_folder,
     folder_option,
+    scene_outputs,
 )
 from validation.errors import InputError
 
@@ -64,14 +64,14 @@ def fem(
 ) -> None:
     """Deformable blocks: displacements, principal stresses, energies."""
     from validation.output.deformable.answers import FILES
-    from validation.output.outputs import Outputs
     from validation.scene.read import DeformableScene, load_scene, with_auto
 
     file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
-    folder = default_folder(output, json, f"{file.name}-fem")
     targets = _targets(accuracy, max_seconds, resume)
-    names = (*FILES, CHECKPOINT)
-    with Outputs(json, folder, names, reads=_read(resume, folder), scene=file) as outputs:
+    stated = scene_outputs(file, json, output, (*FILES, CHECKPOINT), ending="-fem")
+    if resume is not None and not _goes_on(resume, stated):
+        stated.reads = (resume,)
+    with stated as outputs:
         if not isinstance(file.scene, DeformableScene):
             raise InputError(
                 f"{file.name}: block.type {file.scene.block.type!r} has no hexahedral mesh for "
@@ -83,8 +83,8 @@ def fem(
             measures = _answer(file.name, file.scene, outputs, resume)
             if auto is None:
                 _tell_closer([scene, *_options("--set", settings)], file.scene, measures, outputs)
-        if folder is not None:
-            (folder / CHECKPOINT).unlink(missing_ok=True)
+        if outputs.folder is not None:
+            outputs.path(CHECKPOINT).unlink(missing_ok=True)
 
 
 def _targets(
@@ -102,13 +102,10 @@ def _targets(
     return parse_targets(accuracy)
 
 
-def _read(resume: Path | None, folder: Path | None) -> tuple[Path, ...]:
-    """Return the checkpoint that is read and must stay: not the one that this run goes on with."""
-    if resume is None or (
-        folder is not None and resume.resolve() == (folder / CHECKPOINT).resolve()
-    ):
-        return ()
-    return (resume,)
+def _goes_on(resume: Path, outputs: Outputs) -> bool:
+    """Whether a checkpoint is the one that this run keeps, and need not stay as it is."""
+    kept = outputs.folder
+    return kept is not None and resume.resolve() == (kept / CHECKPOINT).resolve()
 
 
 def refuse_resume(resume: Path | None) -> None:

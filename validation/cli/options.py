@@ -6,12 +6,16 @@ import functools
 import inspect
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from validation.cli.completion import complete_effects, complete_scenes, complete_settings
 from validation.scene.builtin import builtin_about, builtin_names, builtin_text
+
+if TYPE_CHECKING:
+    from validation.output.outputs import Outputs
+    from validation.scene.read import SceneFile
 
 SceneArgument = Annotated[
     str,
@@ -64,9 +68,21 @@ def folder_option(what: str, default: str) -> Any:
     return typer.Option("-o", "--output", metavar="DIR", help=words)
 
 
-def default_folder(output: Path | None, json: str | None, name: str) -> Path | None:
-    """Return the folder asked for; ``out/NAME`` where neither folder nor JSON is."""
-    return Path("out") / name if output is None and json is None else output
+def scene_outputs(
+    file: SceneFile,
+    json: str | None,
+    output: Path | None,
+    names: tuple[str, ...],
+    *,
+    ending: str = "",
+    **more: Any,
+) -> Outputs:
+    """Outputs of a scene, in the folder asked for; ``out/SCENE`` where neither that nor JSON is."""
+    from validation.output.outputs import Outputs
+
+    default = Path("out") / f"{file.name}{ending}"
+    folder = default if output is None and json is None else output
+    return Outputs(json, folder, names, scene=file, **more)
 
 
 def print_builtin(kind: str, name: str | None) -> None:

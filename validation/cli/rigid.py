@@ -11,8 +11,8 @@ from validation.cli.options import (
     JsonOption,
     SceneArgument,
     SetOption,
-    default_folder,
     folder_option,
+    scene_outputs,
 )
 
 
@@ -36,7 +36,6 @@ def mbd(
     ] = False,
 ) -> None:
     """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
-    from validation.output.outputs import Outputs
     from validation.output.rigid.answers import rigid_output
     from validation.run.rigid.changed import (
         frame_warning,
@@ -49,13 +48,12 @@ def mbd(
     from validation.scene.usage import recording
 
     file = load_scene(scene, settings or ())
-    folder = default_folder(output, json, file.name)
     if unlock:
         require_tube(file)
     if refine:
         require_mesh(file)
     rigid = rigid_output(file)
-    with Outputs(json, folder, rigid.files, scene=file) as outputs:
+    with scene_outputs(file, json, output, rigid.files) as outputs:
         with recording(file.scene) as use:
             run = rigid.run(file, outputs.console)
         rigid.tell(run, outputs.console)

@@ -11,8 +11,8 @@ from validation.cli.options import (
     JsonOption,
     SceneArgument,
     SetOption,
-    default_folder,
     folder_option,
+    scene_outputs,
 )
 
 
@@ -67,14 +67,12 @@ def effects(
     from validation.effects import report
     from validation.effects.costs import effect_costs, ready, undamped
     from validation.effects.proof import prove_absent
-    from validation.output.outputs import Outputs
     from validation.scene.read import load_scene, require_deformable
 
     file = load_scene(scene, settings or ())
     checked = require_deformable(file, "effects")
     bound = report.bound(checked, tolerance)
-    folder = default_folder(output, json, file.name)
-    with Outputs(json, folder, (report.PICTURE,), scene=file) as outputs:
+    with scene_outputs(file, json, output, (report.PICTURE,)) as outputs:
         console = outputs.console
         found = effect_costs(
             checked.changed({"effects.auto": None}),
