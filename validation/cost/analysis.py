@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.optimize import brentq
 
 from geometry.mesh import FloatArray
 
@@ -78,10 +79,7 @@ def observed_order(
     low, high = _LEAST_ORDER, _MOST_ORDER
     if not ratio(low) <= wanted <= ratio(high):
         return None
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if ratio(middle) < wanted else (low, middle)
-    return 0.5 * (low + high)
+    return float(brentq(lambda q: ratio(q) - wanted, low, high, xtol=1e-12))
 
 
 def _extrapolate(
@@ -150,9 +148,7 @@ def fitted_order(levels: Sequence[float], errors: Sequence[float], *, floor: flo
     ]
     if len(used) < 2:
         return None
-    x, y = np.array(used).T
-    x, y = x - x.mean(), y - y.mean()
-    return float(x @ y / (x @ x))
+    return float(np.polyfit(*np.array(used).T, 1)[0])
 
 
 def pareto_front(points: Sequence[Point]) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -80,10 +81,9 @@ def study_json(study: CostStudy) -> dict[str, Any]:
         "pareto": {q: [row.setting.name for row in study.front(q)] for q in QUANTITIES},
         "orders": {
             family: {
-                q: {"against_reference": order.against_reference, "by_itself": order.by_itself}
+                q: asdict(study.order(family, q))
                 for q in QUANTITIES
                 if any(q in row.errors for row in rows)
-                for order in (study.order(family, q),)
             }
             for family, rows in study.families().items()
         },
@@ -173,11 +173,10 @@ def draw_study(study: CostStudy, path: Path, *, title: str = "") -> None:
     axes = list(panels.ravel())
     for panel, quantity in zip(axes, QUANTITIES, strict=False):
         _draw_panel(panel, study, quantity)
-    handles, labels = axes[0].get_legend_handles_labels()
-    known = dict(zip(labels, handles, strict=True))
-    for panel in axes[1:-1]:
-        more, words = panel.get_legend_handles_labels()
-        known |= dict(zip(words, more, strict=True))
+    known: dict[str, Any] = {}
+    for panel in axes[:-1]:
+        handles, words = panel.get_legend_handles_labels()
+        known |= dict(zip(words, handles, strict=True))
     axes[-1].set_axis_off()
     axes[-1].legend(known.values(), known.keys(), loc="upper left", frameon=False, fontsize=9)
     for panel in axes[2:5]:

@@ -14,7 +14,7 @@ from geometry.files.mesh_io import interface_surface
 from geometry.loads import LoadCase
 from geometry.measures import facets_between
 from geometry.mesh import FloatArray, IntArray
-from validation.output.pictures.canvas import Direction, Lines, Pixels, Surface, merged
+from validation.output.pictures.canvas import Direction, Lines, Surface, merged, rgb
 from validation.output.pictures.gallery import (
     BLUE,
     GREY,
@@ -143,12 +143,8 @@ def block_surfaces(
             known[key] = _used(shape.faces[name] for name in names)
         used, corners = known[key]
         bodies.append((assembly.place(block, shape.mesh.nodes[used]), corners))
-        shades.append(np.tile(_rgb(colours[block]), (len(corners), 1)))
+        shades.append(np.tile(rgb(colours[block]), (len(corners), 1)))
     return Surface(*merged(bodies, 4), np.concatenate(shades))
-
-
-def _rgb(colour: str) -> Pixels:
-    return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)], dtype=np.uint8)
 
 
 def outlines(

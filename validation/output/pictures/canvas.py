@@ -234,7 +234,7 @@ def _actor(part: Part) -> Any:
         _colour_surface(part, data, mapper, look)
     elif isinstance(part, Lines):
         data.SetLines(as_cells(part.segments))
-        look.SetColor(*_rgb(part.colour))
+        look.SetColor(*(rgb(part.colour) / 255))
         look.SetLineWidth(part.width)
         look.SetOpacity(part.opacity)
         look.LightingOff()
@@ -243,7 +243,7 @@ def _actor(part: Part) -> Any:
         mapper.SetRelativeCoincidentTopologyLineOffsetParameters(-1.0, -4.0)
     else:
         data.SetVerts(as_cells(np.arange(len(part.points))[:, None]))
-        look.SetColor(*_rgb(part.colour))
+        look.SetColor(*(rgb(part.colour) / 255))
         look.SetPointSize(part.size)
         look.SetRenderPointsAsSpheres(True)
     mapper.SetInputData(data)
@@ -261,7 +261,7 @@ def _colour_surface(part: Surface, data: Any, mapper: Any, look: Any) -> None:
     else:
         look.LightingOff()
     if isinstance(part.colour, str):
-        look.SetColor(*_rgb(part.colour))
+        look.SetColor(*(rgb(part.colour) / 255))
         return
     shades = as_array(part.colour)
     of_points = len(part.colour) == len(part.points) != len(part.polygons)
@@ -270,7 +270,6 @@ def _colour_surface(part: Surface, data: Any, mapper: Any, look: Any) -> None:
     mapper.SetColorModeToDirectScalars()
 
 
-def _rgb(colour: str) -> tuple[float, float, float]:
-    """Channels of ``#rrggbb``, 0 to 1."""
-    red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
-    return red, green, blue
+def rgb(colour: str) -> Pixels:
+    """Channels of ``#rrggbb``, (3,)."""
+    return np.frombuffer(bytes.fromhex(colour[1:]), dtype=np.uint8)

@@ -146,15 +146,6 @@ def symmetric_scale(label: str, colours: str, values: Sequence[FloatArray]) -> S
 
 
 @dataclass(frozen=True)
-class Mark:
-    """A place in a view that its bar speaks of."""
-
-    point: FloatArray
-    """(3,) [mm]."""
-    words: str
-
-
-@dataclass(frozen=True)
 class Panel:
     """One view or one plot."""
 
@@ -166,9 +157,8 @@ class Panel:
     """Width over height of a plot."""
     scale: Scale | None = None
     """Colours of this panel alone: a bar stands below it."""
-    marks: tuple[Mark, ...] = ()
-    weight: float = 1.0
-    """Share of its column's height."""
+    ring: FloatArray | None = None
+    """Place in the view that its bar speaks of, (3,) [mm]."""
     bare: bool = False
     """Whether a plot has no numbers at its axes, and needs no room for them."""
 
@@ -291,11 +281,9 @@ class _Row:
     @staticmethod
     def _stack(column: Sequence[Panel], height: float) -> list[_Box]:
         """Boxes of a column from above, each with room for its title and bars."""
-        free = height - _fixed(column)
-        weights = [panel.weight for panel in column]
+        tall = (height - _fixed(column)) / len(column)
         boxes, top = [], height
-        for panel, weight in zip(column, weights, strict=True):
-            tall = free * weight / sum(weights)
+        for panel in column:
             _, above, below = panel.around
             top -= _head(panel) + above + tall
             boxes.append(_Box(panel, 0.0, top, tall * panel.aspect, tall))
@@ -418,7 +406,7 @@ def _draw_panel(figure: Figure, box: _Box) -> None:
 
 
 def _draw_view(figure: Figure, panel: Panel, view: View, box: _Box) -> None:
-    """Show a rendered view with a scale bar of a round length, and its marks."""
+    """Show a rendered view with a scale bar of a round length, and its ring."""
     from matplotlib.lines import Line2D
 
     wide, tall = figure.get_size_inches()
@@ -431,12 +419,11 @@ def _draw_view(figure: Figure, panel: Panel, view: View, box: _Box) -> None:
     bar.set_solid_capstyle("butt")
     figure.add_artist(bar)
     figure.text((end + 0.06) / wide, y, f"{length:g} mm", va="center", fontsize=_SMALL)
-    for mark in panel.marks:
-        x, y = view.place(mark.point)
+    if panel.ring is not None:
+        x, y = view.place(panel.ring)
         place = ((box.x + x / per_inch) / wide, (box.y + y / per_inch) / tall)
         ring = Line2D(*[[v] for v in place], marker="o", mfc="none", mec="black", ms=9, mew=1.4)
         figure.add_artist(ring)
-        figure.text(place[0] + 0.08 / wide, place[1], mark.words, fontsize=_SMALL, va="center")
 
 
 def fill_axes(axes: Axes, view: View) -> None:
@@ -594,5 +581,4 @@ def _read_no_formulas(figure: Figure) -> None:
 
 def marked(scale: Scale, panel: Panel, point: FloatArray, words: str) -> Panel:
     """Panel with a bar that names where the extreme value lies, and a ring there."""
-    marks = (*panel.marks, Mark(point, ""))
-    return replace(panel, scale=replace(scale, note=words), marks=marks)
+    return replace(panel, scale=replace(scale, note=words), ring=point)
