@@ -148,7 +148,8 @@ def fitted_order(levels: Sequence[float], errors: Sequence[float], *, floor: flo
     ]
     if len(used) < 2:
         return None
-    return float(np.polyfit(*np.array(used).T, 1)[0])
+    x, y = np.array(used).T
+    return float(np.polyfit(x, y, 1)[0])
 
 
 def pareto_front(points: Sequence[Point]) -> list[int]:

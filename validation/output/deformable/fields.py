@@ -186,7 +186,9 @@ class FrameWriter:
             self.kept, self.stride = {}, 1
         if frame.number % self.stride and not frame.last:
             return
-        self._write(self.folder / _frame_name(frame.number), frame.displacements)
+        path = self.folder / _frame_name(frame.number)
+        turning = self.finite_rotation
+        write_fields(path, self.groups, frame.displacements, finite_rotation=turning)
         self.kept[frame.number] = frame.time
         if frame.last:
             self._finish()
@@ -194,10 +196,6 @@ class FrameWriter:
             self.stride *= 2
             self._drop([number for number in self.kept if number % self.stride])
         self._write_collection()
-
-    def _write(self, path: Path, displacements: Sequence[FloatArray]) -> None:
-        """Write the fields of one state."""
-        write_fields(path, self.groups, displacements, finite_rotation=self.finite_rotation)
 
     def _finish(self) -> None:
         """Keep as many frames as were asked for, numbered one after the other."""
