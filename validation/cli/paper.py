@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from validation.cli.options import JsonOption
 from validation.errors import InputError
-
-if TYPE_CHECKING:
-    from validation.output.outputs import Outputs
-    from validation.paper.evidence import Evidence
 
 _DATA = Path("out/paper")
 
@@ -32,21 +28,6 @@ NamesArgument = Annotated[
 ReportFolder = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the report.")
 ]
-
-
-def _evidence(
-    folder: Path,
-    outputs: Outputs,
-    *,
-    fem: bool = False,
-    full: bool = False,
-    workers: int | None = None,
-) -> Evidence:
-    from validation.output.files import prepare_folder
-    from validation.paper.evidence import Evidence
-
-    prepare_folder(folder)
-    return Evidence(folder, outputs.console, deformable=fem, full=full, workers=workers)
 
 
 def tables(json: JsonOption = None) -> None:
@@ -74,10 +55,11 @@ def figures(
     from dataclasses import asdict
 
     from validation.output.outputs import Outputs
+    from validation.paper.evidence import Evidence
     from validation.paper.figures import cost_rows, draw_figures, print_costs
 
     with Outputs(json, output, ("*.png", "*.sqlite")) as outputs:
-        evidence = _evidence(output, outputs, fem=fem, full=full, workers=workers)
+        evidence = Evidence(output, outputs.console, deformable=fem, full=full, workers=workers)
         found = draw_figures(evidence, output)
         costs = cost_rows(evidence)
         print_costs(costs, outputs.console)
@@ -101,11 +83,12 @@ def claims(
     """
     from validation.output.outputs import Outputs
     from validation.paper.claims import judge
+    from validation.paper.evidence import Evidence
     from validation.paper.naming import chosen_by_name
 
     chosen_by_name(judge.claims(), names, "claim")
     with Outputs(json, _DATA, ("*.sqlite",)) as outputs:
-        evidence = _evidence(_DATA, outputs, fem=fem, full=full, workers=workers)
+        evidence = Evidence(_DATA, outputs.console, deformable=fem, full=full, workers=workers)
         found = judge.judge_claims(evidence, names)
         judge.print_claims(found, outputs.console)
         outputs.write_json(judge.claims_json(found))
@@ -115,11 +98,12 @@ def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
     """Show what the paper prints and cannot mean, each with a computation."""
     from validation.output.outputs import Outputs
     from validation.paper import errata
+    from validation.paper.evidence import Evidence
     from validation.paper.naming import chosen_by_name
 
     chosen_by_name(errata.errata(), names, "erratum")
     with Outputs(json, _DATA, ("*.sqlite",)) as outputs:
-        found = errata.show_errata(_evidence(_DATA, outputs), names)
+        found = errata.show_errata(Evidence(_DATA, outputs.console), names)
         errata.print_errata(found, outputs.console)
         outputs.write_json(errata.errata_json(found))
 
