@@ -231,13 +231,7 @@ def _answer_accurately(
     targets: dict[str, float],
     max_seconds: float | None,
 ) -> None:
-    """Solve from coarse to fine until the error bars are as narrow as asked.
-
-    Raises
-    ------
-    InputError
-        When they do not get there.
-    """
+    """Solve from coarse to fine until the error bars are as narrow as asked, or refuse."""
     from validation.output.console import status
     from validation.run.curved.accuracy import run_to_accuracy
     from validation.run.curved.solve import curved_scene, refused
@@ -261,10 +255,7 @@ def _answer_by_shares(
 ) -> None:
     """Solve shares of the scene's own mesh until the error bars are as narrow as asked.
 
-    Raises
-    ------
-    InputError
-        When the scene's own mesh, or the time, is not enough, or it asks for no error bars.
+    Refused where that mesh, or the time, is not enough, or the scene asks for no error bars.
     """
     from validation.run.curved.accuracy import FACET_MEANS, share_scenes, unmet, words_of
     from validation.run.deformable import run_json

@@ -43,7 +43,21 @@ _COLOURS = {
     "explicit": VERMILION,
     "calculix": "black",
 }
-_MARKERS = {"C3D8I": "o", "full": "^", "C3D8": "s", "C3D8R": "D", "curved": "h", "degree": "h"}
+_MARKERS = {"C3D8I": "o", "full": "^", "C3D8": "s", "C3D8R": "D", "curved": "h"}
+#: Of families that method and element do not tell from others, by their last words.
+_STYLES = {
+    "pressure norm": ("P", GREEN),
+    "static degree 2": ("<", GREEN),
+    "static degree 3": ("h", GREEN),
+    "float32": ("*", "black"),
+    "mass scaling 2": ("H", GREY),
+    "residual 1e-2": (">", ORANGE),
+    "residual 1e-6": ("<", ORANGE),
+    "ramp × 0.1": ("1", "black"),
+    "ramp × 10": ("2", "black"),
+    "constant damping": ("X", GREEN),
+    "α = 2 /s": ("h", GREEN),
+}
 
 
 # ---------------------------------------------------------------------------------------------
@@ -246,15 +260,8 @@ def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom
     graded = family.endswith(", graded")
     variant = "," in family and method != "rigid" and not graded
     element = "C3D8I" if method == "calculix" else family.split(" ")[1].rstrip(",")
-    marker, colour = _MARKERS.get(element, "v"), _COLOURS[method]
-    if element == "degree":
-        marker, colour = {"2": "<", "3": "h"}.get(family[-1], "*"), GREEN
-    elif variant:
-        marker, colour = _variant_style(family)
-    elif "pressure" in family:
-        marker, colour = "P", GREEN
-    elif graded:
-        marker = "p"
+    usual = ("p" if graded else _MARKERS.get(element, "v")), _COLOURS[method]
+    marker, colour = _STYLES.get(family.rpartition(", ")[2], usual)
     filled = element in ("C3D8I", "force", "curved", "degree") and not variant
     x = [row.found.cost for row in rows]
     y = [max(row.errors[quantity], bottom) for row in rows]
@@ -284,17 +291,3 @@ def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom
                 fontsize=8,
                 color=colour,
             )
-
-
-def _variant_style(family: str) -> tuple[str, str]:
-    styles = {
-        "float32": ("*", "black"),
-        "mass scaling 2": ("H", GREY),
-        "residual 1e-2": (">", ORANGE),
-        "residual 1e-6": ("<", ORANGE),
-        "ramp × 0.1": ("1", "black"),
-        "ramp × 10": ("2", "black"),
-        "constant damping": ("X", GREEN),
-        "α = 2 /s": ("h", GREEN),
-    }
-    return styles.get(family.rpartition(", ")[2], ("p", GREY))

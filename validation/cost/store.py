@@ -60,13 +60,7 @@ class CostStore(Store):
     """Measurements in a file of results (use it as a context manager)."""
 
     def __init__(self, path: Path) -> None:
-        """Open or create the file.
-
-        Raises
-        ------
-        InputError
-            When it cannot be read, is damaged, or holds something else.
-        """
+        """Open or create the file, or refuse it (`Store`)."""
         super().__init__(path, LAYOUT)
 
     def load(self, key: str) -> Measurement | None:

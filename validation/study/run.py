@@ -161,13 +161,7 @@ class LocalRunner:
     """Worker processes on this machine; a design that kills its worker is recorded as failed."""
 
     def __init__(self, study: Study, workers: int | None = None) -> None:
-        """Take a study and the number of processes (None: one per core).
-
-        Raises
-        ------
-        InputError
-            For less than one worker.
-        """
+        """Take a study and a number of processes, one per core unless told; refuse absurd ones."""
         if workers is not None and workers < 1:
             raise InputError(f"--workers {workers}: expected at least 1")
         most = _MOST_WORKERS * available_cores()

@@ -100,13 +100,7 @@ class ResultFile(Store):
         return content_key([self.study.digest, self.study.design(number)])
 
     def add(self, row: Row) -> None:
-        """Write one row, replacing an earlier one of the same design.
-
-        Raises
-        ------
-        InputError
-            When the disk is full or the file cannot be written; earlier rows stay.
-        """
+        """Write one row, in the place of an earlier one of the same design (`put`)."""
         self.put(self.key(row.number), row.parameters | row.results | vars(row))
 
     def done(self, *, failed_too: bool = True) -> bytearray:
@@ -168,13 +162,7 @@ def write_csv(results: ResultFile, path: Path) -> None:
 
 
 def require_parquet() -> None:
-    """Refuse early where Parquet cannot be written.
-
-    Raises
-    ------
-    InputError
-        With the remedy.
-    """
+    """Refuse early where Parquet cannot be written, with the remedy."""
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError:
@@ -185,13 +173,7 @@ def require_parquet() -> None:
 
 
 def write_parquet(results: ResultFile, path: Path) -> None:
-    """Write all rows as Parquet, types as in the result file.
-
-    Raises
-    ------
-    InputError
-        Without pyarrow.
-    """
+    """Write all rows as Parquet, types as in the result file; refused without pyarrow."""
     require_parquet()
     import pyarrow
     import pyarrow.parquet
