@@ -1,4 +1,4 @@
-"""Turnable 3D views for web pages: pyvista scenes in vtk.js, self-contained, without network.
+"""Turnable 3D views for web pages: scenes of vtk.js, self-contained, without network.
 
 The viewer is the static page of trame-vtk (vtk.js, BSD licence); scenes are serialized as it
 expects them. One viewer serves any number of scenes.
