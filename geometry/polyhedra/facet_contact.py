@@ -21,8 +21,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from geometry.mesh import FloatArray, IntArray, run_starts
-from geometry.polyhedra.box_tree import boxes_of_triangles, overlapping_boxes
 from geometry.polyhedra.options import ContactPlacement
+from geometry.polyhedra.placed import PlacedShapes
 from geometry.polyhedra.point_contact import PointContacts, crossing_edges, standing_corners
 from geometry.polyhedra.polyhedron import Polyhedron
 from geometry.polyhedra.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
@@ -93,36 +93,9 @@ class ContactPoints:
         return len(self.pair_start) - 1
 
 
-@dataclass(frozen=True)
-class _World:
-    """All triangles of all blocks in world coordinates."""
-
-    corners: FloatArray
-    normals: FloatArray
-    areas: FloatArray
-    block: IntArray
-    plane: IntArray
-
-
-def _world(
-    shapes: Sequence[Polyhedron], shape_of: IntArray, rotations: FloatArray, shifts: FloatArray
-) -> _World:
-    corners, normals, areas, blocks, planes = [], [], [], [], []
-    for block, number in enumerate(shape_of):
-        shape = shapes[number]
-        corners.append(shape.corners @ rotations[block].T + shifts[block])
-        normals.append(shape.normals @ rotations[block].T)
-        areas.append(shape.areas)
-        blocks.append(np.full(len(shape.areas), block))
-        planes.append(shape.plane_of)
-    return _World(*(np.concatenate(x) for x in (corners, normals, areas, blocks, planes)))
-
-
-def _opposing(world: _World, tolerance: float, cosine: float) -> IntArray:
+def _opposing(world: PlacedShapes, cosine: float) -> IntArray:
     """Pairs of triangles of different blocks that face each other, block m < block s; (n, 2)."""
-    low, high = boxes_of_triangles(world.corners)
-    low, high = low - 0.5 * tolerance, high + 0.5 * tolerance
-    pairs = overlapping_boxes(low, high, low, high, (world.block, world.block))
+    pairs = world.tree.pairs(*world.boxes, world.block)
     pairs = pairs[world.block[pairs[:, 0]] < world.block[pairs[:, 1]]]
     dot = np.einsum("pi,pi->p", world.normals[pairs[:, 0]], world.normals[pairs[:, 1]])
     return pairs[dot <= -cosine]
@@ -151,15 +124,15 @@ def find_contacts(
     placement
         Where the contact points lie.
     """
-    world = _world(shapes, shape_of, rotations, translations)
-    pairs = _opposing(world, tolerance, float(np.cos(np.radians(angle))))
+    world = PlacedShapes(shapes, shape_of, rotations, translations, tolerance)
+    pairs = _opposing(world, float(np.cos(np.radians(angle))))
     corners = np.empty((len(pairs), MOST_CORNERS, 3))
     count, area = np.zeros(len(pairs), dtype=np.int64), np.zeros(len(pairs))
     clip_pairs(world.corners, world.normals, pairs, tolerance, corners, count, area)
     least = _SLIVER * np.minimum(world.areas[pairs[:, 0]], world.areas[pairs[:, 1]])
     kept = np.flatnonzero((count >= 3) & (area > least))
     m, s = pairs[kept, 0], pairs[kept, 1]
-    keys = (world.plane[s], world.plane[m], world.block[s], world.block[m])
+    keys = (world.planes[s], world.planes[m], world.block[s], world.block[m])
     order = np.lexsort((s, m, *keys))
     kept, m, s = kept[order], m[order], s[order]
     patch_start = run_starts(*(key[order] for key in keys))
@@ -189,8 +162,7 @@ def find_contacts(
         return _at_centroids(patches, polygons, direction)
     flat_contacts = _at_vertices(patches, polygons)
     for found in (crossing_edges, standing_corners):
-        extra = found(shapes, shape_of, rotations, translations, tolerance)
-        flat_contacts = _with_points(flat_contacts, extra, tolerance)
+        flat_contacts = _with_points(flat_contacts, found(world), tolerance)
     return flat_contacts
 
 

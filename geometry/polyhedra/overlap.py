@@ -23,7 +23,9 @@ from geometry.polyhedra.polyhedron import Polyhedron
 from geometry.polyhedra.triangle_search import Surface, enclosed, segment_piercings
 
 #: Points along each edge of the lattice in the shared box.
-_LATTICE = 7
+_EDGE = 7
+#: The lattice in a box from 0 to 1, (343, 3).
+_LATTICE = (np.indices((_EDGE,) * 3).reshape(3, -1).T + 0.5) / _EDGE
 #: Surfaces with more triangles than this are fine enough to be judged by their vertices.
 _FINE = 2000
 #: Part of the tolerance within which a point that is deeper can be moved and stays inside.
@@ -146,10 +148,10 @@ def penetration(
     middles_a = _inner_middles(local(a.points), a.edges, b.surface) @ rotation.T + translation
     of_b, of_a = [b_points, middles_b], [a.points, middles_a]
     if len(b.triangles) <= _FINE:
-        of_b.append(b_points[b.triangles].mean(axis=1))
+        of_b.append(b.middles @ rotation.T + translation)
     if len(a.triangles) <= _FINE:
-        of_a.append(a.corners.mean(axis=1))
-    lattice = low + (high - low) * (np.indices((_LATTICE,) * 3).reshape(3, -1).T + 0.5) / _LATTICE
+        of_a.append(a.middles)
+    lattice = low + (high - low) * _LATTICE
     depth, where = 0.0, np.zeros(3)
     # Distances take long: they are asked for where something is deep inside.
     for points, depths in (

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.polyhedra.box_tree import boxes_of_triangles, overlapping_boxes
+from geometry.polyhedra.box_tree import overlapping_boxes
+from geometry.polyhedra.placed import PlacedShapes
 from geometry.polyhedra.polyhedron import Polyhedron
 
-#: Edges flatter than this are the facets of a curved face, not edges [°].
-_SHARP = 25.0
 #: Edges closer to parallel than this do not cross (sine of the angle).
 _PARALLEL = 0.02
 #: How far beside an edge a corner may be that stands on it, over the tolerance of contact: it lies
@@ -54,43 +53,19 @@ class _Edges:
     """Normals of the two faces, (n, 2, 3)."""
 
 
-def _sharp_edges(shape: Polyhedron) -> tuple[IntArray, FloatArray]:
-    """Corners (n, 2) and face normals (n, 2, 3) of convex edges with a real dihedral angle."""
-    t = shape.triangles
-    directed = t[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    face = np.repeat(np.arange(len(t)), 3)
-    key = np.sort(directed, axis=1)
-    order = np.lexsort((key[:, 1], key[:, 0]))
-    same = (key[order][1:] == key[order][:-1]).all(axis=1)
-    first = np.flatnonzero(same)
-    # Edges used by more than two triangles (solids that touch themselves) have no single wedge.
-    repeated = np.zeros(len(first), dtype=bool)
-    repeated[1:] |= np.diff(first) == 1
-    repeated[:-1] |= np.diff(first) == 1
-    one, two = order[first[~repeated]], order[first[~repeated] + 1]
-    normals = np.stack([shape.normals[face[one]], shape.normals[face[two]]], axis=1)
-    along = shape.points[directed[one, 1]] - shape.points[directed[one, 0]]
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    # Walking along the first triangle's edge, a convex edge turns the normal towards +along.
-    sine = np.einsum("ei,ei->e", np.cross(normals[:, 0], normals[:, 1]), along)
-    cosine = np.einsum("ei,ei->e", normals[:, 0], normals[:, 1])
-    sharp = (sine > 0) & (cosine < np.cos(np.radians(_SHARP)))
-    return directed[one][sharp], normals[sharp]
+def _world_edges(world: PlacedShapes) -> _Edges:
+    def corners(end: int) -> FloatArray:
+        def placed(shape: Polyhedron, block: int) -> FloatArray:
+            return world.placed(shape.points, block)[shape.sharp_edges[0][:, end]]
 
+        return world.of_blocks(placed)
 
-def _world_edges(
-    shapes: Sequence[Polyhedron], shape_of: IntArray, rotations: FloatArray, shifts: FloatArray
-) -> _Edges:
-    local = {int(k): _sharp_edges(shapes[k]) for k in np.unique(shape_of)}
-    blocks, starts, ends, normals = [], [], [], []
-    for block, number in enumerate(shape_of.tolist()):
-        corners, faces = local[number]
-        placed = shapes[number].points @ rotations[block].T + shifts[block]
-        blocks.append(np.full(len(corners), block))
-        starts.append(placed[corners[:, 0]])
-        ends.append(placed[corners[:, 1]])
-        normals.append(faces @ rotations[block].T)
-    return _Edges(*(np.concatenate(x) for x in (blocks, starts, ends, normals)))
+    return _Edges(
+        world.of_blocks(lambda shape, block: np.full(len(shape.sharp_edges[0]), block)),
+        corners(0),
+        corners(1),
+        world.of_blocks(lambda shape, block: world.turned(shape.sharp_edges[1], block)),
+    )
 
 
 def _in_cone(direction: FloatArray, normals: FloatArray) -> BoolArray:
@@ -104,23 +79,9 @@ def _in_cone(direction: FloatArray, normals: FloatArray) -> BoolArray:
     return np.minimum(alpha, beta) >= -_CONE
 
 
-def crossing_edges(
-    shapes: Sequence[Polyhedron],
-    shape_of: IntArray,
-    rotations: FloatArray,
-    translations: FloatArray,
-    tolerance: float,
-) -> PointContacts:
-    """Points where sharp convex edges of two blocks cross and touch.
-
-    Parameters
-    ----------
-    shapes, shape_of, rotations, translations
-        As in `geometry.polyhedra.assembly.PolyhedralAssembly`.
-    tolerance
-        Largest distance of the two edges [mm].
-    """
-    edges = _world_edges(shapes, shape_of, rotations, translations)
+def crossing_edges(world: PlacedShapes) -> PointContacts:
+    """Points where sharp convex edges of two blocks cross and touch, within the tolerance."""
+    edges, tolerance = _world_edges(world), world.tolerance
     low = np.minimum(edges.start, edges.end) - 0.5 * tolerance
     high = np.maximum(edges.start, edges.end) + 0.5 * tolerance
     pairs = overlapping_boxes(low, high, low, high, (edges.block, edges.block))
@@ -174,52 +135,36 @@ def _rays(shapes: Sequence[Polyhedron], used: Sequence[int]) -> _Rays:
     return _Rays(np.concatenate(units)[np.argsort(corner, kind="stable")], first, base)
 
 
-def standing_corners(
-    shapes: Sequence[Polyhedron],
-    shape_of: IntArray,
-    rotations: FloatArray,
-    translations: FloatArray,
-    tolerance: float,
-) -> PointContacts:
+def standing_corners(world: PlacedShapes) -> PointContacts:
     """Corners of one block that stand inside a face of another, alone or as ends of an edge.
 
     Only pointed ones: every edge and face of the corner leaves the face at an angle, but for one
     edge that may lie in it.
-
-    Parameters
-    ----------
-    shapes, shape_of, rotations, translations, tolerance
-        As in `crossing_edges`.
     """
-    used = np.unique(shape_of).tolist()
-    rays = _rays(shapes, used)
-    pointed = {k: np.unique(_sharp_edges(shapes[k])[0]) for k in used}
-    points, owner, corner = [], [], []
-    triangles, normals, face_owner = [], [], []
-    for block, number in enumerate(shape_of.tolist()):
-        shape = shapes[number]
-        placed = shape.points @ rotations[block].T + translations[block]
-        sharp = pointed[number]
-        points.append(placed[sharp])
-        corner.append(rays.base[number] + sharp)
-        owner.append(np.full(len(sharp), block))
-        triangles.append(placed[shape.triangles])
-        normals.append(shape.normals @ rotations[block].T)
-        face_owner.append(np.full(len(shape.triangles), block))
-    p, p_block, p_corner = (np.concatenate(x) for x in (points, owner, corner))
-    tri, n, t_block = (np.concatenate(x) for x in (triangles, normals, face_owner))
-    i, j = overlapping_boxes(
-        p - tolerance, p + tolerance, *boxes_of_triangles(tri), (p_block, t_block)
-    ).T
+    tolerance, tri, n, t_block = world.tolerance, world.corners, world.normals, world.block
+    used = np.unique(world.shape_of).tolist()
+    rays = _rays(world.shapes, used)
+    pointed = {k: np.unique(world.shapes[k].sharp_edges[0]) for k in used}
+    count = [len(pointed[k]) for k in world.shape_of]
+    p_block = np.repeat(np.arange(len(count)), count)
+    p_corner = np.concatenate([rays.base[k] + pointed[k] for k in world.shape_of])
+    p = np.concatenate(
+        [
+            world.placed(world.shapes[k].points, block)[pointed[k]]
+            for block, k in enumerate(world.shape_of)
+        ]
+    )
+    i, j = world.tree.pairs(p - tolerance, p + tolerance, p_block).T
     height = np.einsum("ni,ni->n", p[i] - tri[j, 0], n[j])
-    inside = np.abs(height) <= tolerance
+    near = np.abs(height) <= tolerance
+    i, j, inside = i[near], j[near], np.ones(np.count_nonzero(near), dtype=bool)
     for edge in range(3):
         along = tri[j, (edge + 1) % 3] - tri[j, edge]
         along = along / np.linalg.norm(along, axis=1, keepdims=True)
         inward = np.einsum("ni,ni->n", np.cross(n[j], along), p[i] - tri[j, edge])
         inside &= inward > -_ON_EDGE * tolerance
     i, j = i[inside], j[inside]
-    local = np.einsum("nji,nj->ni", rotations[p_block[i]], n[j])
+    local = np.einsum("nji,nj->ni", world.rotations[p_block[i]], n[j])
     stands = _stand(rays, p_corner[i], local)
     i, j = i[stands], j[stands]
     swap = p_block[i] > t_block[j]

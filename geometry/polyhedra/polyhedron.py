@@ -26,6 +26,8 @@ from geometry.polyhedra.triangle_search import (
     surface_edges,
 )
 
+#: Edges flatter than this are the facets of a curved face, not edges [°].
+_SHARP = 25.0
 #: 1 + cos of the angle between neighbours that lie on each other: half a thousandth of a radian.
 _FLAT = 1e-7
 
@@ -65,6 +67,11 @@ class Polyhedron:
         return self.area_vectors / self.areas[:, None]
 
     @cached_property
+    def middles(self) -> FloatArray:
+        """Centroids of triangles, (n_triangles, 3) [mm]."""
+        return self.corners.mean(axis=1)
+
+    @cached_property
     def edges(self) -> IntArray:
         """Undirected edges, (n_edges, 2)."""
         return surface_edges(self.triangles)
@@ -99,6 +106,30 @@ class Polyhedron:
         second -= volume * np.outer(centroid, centroid)
         inertia = np.trace(second) * np.eye(3) - second
         return MassProperties(volume, volume, reference + centroid, inertia)
+
+    @cached_property
+    def sharp_edges(self) -> tuple[IntArray, FloatArray]:
+        """Corners (n, 2) and face normals (n, 2, 3) of convex edges with a real dihedral angle."""
+        t = self.triangles
+        directed = t[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        face = np.repeat(np.arange(len(t)), 3)
+        key = np.sort(directed, axis=1)
+        order = np.lexsort((key[:, 1], key[:, 0]))
+        same = (key[order][1:] == key[order][:-1]).all(axis=1)
+        first = np.flatnonzero(same)
+        # Edges used by more than two triangles (solids that touch themselves) have no single wedge.
+        repeated = np.zeros(len(first), dtype=bool)
+        repeated[1:] |= np.diff(first) == 1
+        repeated[:-1] |= np.diff(first) == 1
+        one, two = order[first[~repeated]], order[first[~repeated] + 1]
+        normals = np.stack([self.normals[face[one]], self.normals[face[two]]], axis=1)
+        along = self.points[directed[one, 1]] - self.points[directed[one, 0]]
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        # Walking along the first triangle's edge, a convex edge turns the normal towards +along.
+        sine = np.einsum("ei,ei->e", np.cross(normals[:, 0], normals[:, 1]), along)
+        cosine = np.einsum("ei,ei->e", normals[:, 0], normals[:, 1])
+        sharp = (sine > 0) & (cosine < np.cos(np.radians(_SHARP)))
+        return directed[one][sharp], normals[sharp]
 
     @property
     def volume(self) -> float:
