@@ -126,23 +126,23 @@ def penetration(
     """
     (rotation, translation), (to_a, to_b) = motion, distances
     b_points = b.points @ rotation.T + translation
-    low = np.maximum(a.points.min(axis=0), b_points.min(axis=0))
-    high = np.minimum(a.points.max(axis=0), b_points.max(axis=0))
+    a_low, a_high = a.points.min(axis=0), a.points.max(axis=0)
+    b_low, b_high = b_points.min(axis=0), b_points.max(axis=0)
+    low, high = np.maximum(a_low, b_low), np.minimum(a_high, b_high)
     if (low >= high).any():
         return 0.0, np.zeros(3)
+    margin = _SURELY * tolerance
 
     def local(points: FloatArray) -> FloatArray:
         return (points - translation) @ rotation
 
-    def within(*points: FloatArray) -> FloatArray:
-        found = np.concatenate(points)
-        return found[((found >= low) & (found <= high)).all(axis=1)]
-
     def deep_in_a(points: FloatArray) -> FloatArray:
-        return points[enclosed(points, a.surface, _SURELY * tolerance)]
+        points = points[((points > a_low + margin) & (points < a_high - margin)).all(axis=1)]
+        return points[enclosed(points, a.surface, margin)]
 
     def deep_in_b(points: FloatArray) -> FloatArray:
-        return points[enclosed(local(points), b.surface, _SURELY * tolerance)]
+        points = points[((points > b_low + margin) & (points < b_high - margin)).all(axis=1)]
+        return points[enclosed(local(points), b.surface, margin)]
 
     middles_b = _inner_middles(b_points, b.edges, a.surface)
     middles_a = _inner_middles(local(a.points), a.edges, b.surface) @ rotation.T + translation
@@ -156,8 +156,8 @@ def penetration(
     # Distances take long: they are asked for where something is deep inside.
     for points, depths in (
         (deep_in_b(deep_in_a(lattice)), lambda p: np.minimum(-to_a(p), -to_b(local(p)))),
-        (deep_in_a(within(*of_b)), lambda p: -to_a(p)),
-        (deep_in_b(within(*of_a)), lambda p: -to_b(local(p))),
+        (deep_in_a(np.concatenate(of_b)), lambda p: -to_a(p)),
+        (deep_in_b(np.concatenate(of_a)), lambda p: -to_b(local(p))),
     ):
         found = depths(points)
         if found.max(initial=0.0) > depth:
