@@ -9,6 +9,7 @@ import pytest
 from geometry.families.masonry import circular_arch
 from geometry.files import mesh_io
 from geometry.files.block_files import read_blocks
+from geometry.files.obj import read_obj
 from geometry.mesh import FloatArray, IntArray, MeshError
 from geometry.polyhedra.polygons import triangles_of_polygons
 from geometry.polyhedra.polyhedron import convex_polyhedron, polyhedron
@@ -180,6 +181,25 @@ def test_obj_as_a_modelling_program_writes_it(tmp_path: Path) -> None:
     for faces in (forward, backward):
         (tmp_path / "cube.obj").write_text("\n".join([*start, *vertices, *beside, *faces]))
         assert volumes(tmp_path / "cube.obj") == pytest.approx([SIDE**3])
+
+
+def test_an_obj_says_the_same_however_it_is_written(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).standard_normal((9, 3)) * 10.0 ** np.arange(-4, 5)[:, None]
+    faces = np.random.default_rng(1).integers(1, 10, (7, 4))
+    vertices = [f"v {x!r} {y!r} {z!r}" for x, y, z in points.tolist()]
+    ways = {
+        "plain": ("f {} {} {} {}", faces),
+        "remarked": ("# a face\nf {} {} {} {} # with words behind", faces),
+        "slashed": ("f {}/1 {}//2 {}/1/2 {}", faces),
+        "indented": ("\tf {} {} {} {}", faces),
+        "backward": ("f {} {} {} {}", faces - 10),
+    }
+    for name, (line, corners) in ways.items():
+        lines = [*vertices, *(line.format(*row) for row in corners.tolist())]
+        (tmp_path / f"{name}.obj").write_text("\n".join(lines))
+        found, (group,) = read_obj(tmp_path / f"{name}.obj")
+        np.testing.assert_array_equal(found, points)
+        np.testing.assert_array_equal(group, faces - 1)
 
 
 @pytest.mark.parametrize(
