@@ -126,9 +126,8 @@ def penetration(
     """
     (rotation, translation), (to_a, to_b) = motion, distances
     b_points = b.points @ rotation.T + translation
-    a_low, a_high = a.points.min(axis=0), a.points.max(axis=0)
-    b_low, b_high = b_points.min(axis=0), b_points.max(axis=0)
-    low, high = np.maximum(a_low, b_low), np.minimum(a_high, b_high)
+    low = np.maximum(a.points.min(axis=0), b_points.min(axis=0))
+    high = np.minimum(a.points.max(axis=0), b_points.max(axis=0))
     if (low >= high).any():
         return 0.0, np.zeros(3)
     margin = _SURELY * tolerance
@@ -137,11 +136,9 @@ def penetration(
         return (points - translation) @ rotation
 
     def deep_in_a(points: FloatArray) -> FloatArray:
-        points = points[((points > a_low + margin) & (points < a_high - margin)).all(axis=1)]
         return points[enclosed(points, a.surface, margin)]
 
     def deep_in_b(points: FloatArray) -> FloatArray:
-        points = points[((points > b_low + margin) & (points < b_high - margin)).all(axis=1)]
         return points[enclosed(local(points), b.surface, margin)]
 
     middles_b = _inner_middles(b_points, b.edges, a.surface)

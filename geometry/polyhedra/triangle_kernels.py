@@ -189,41 +189,50 @@ def _turns(point, corners):
 
 
 @njit(cache=True)
-def wound_round(points, corners, tree, order, stack):
-    """Whether a closed surface has more triangles above points that face up than down, (n,).
-
-    True as well where that cannot be told. The tree is that of the triangles, as in
-    `boxes_in_tree`.
-    """
+def _wound_round(point, corners, tree, order, stack):
+    """Whether more triangles above a point face up than down, or nobody can tell."""
     first_leaf = len(tree) // 2
-    inside = np.zeros(len(points), np.bool_)
+    stack[0] = 0
+    top = 1
+    turns = 0
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if (
+            point[0] > tree[node, 3]
+            or point[1] > tree[node, 4]
+            or point[2] > tree[node, 5]
+            or point[0] < tree[node, 0]
+            or point[1] < tree[node, 1]
+        ):
+            continue
+        if node < first_leaf:
+            stack[top] = 2 * node + 2
+            stack[top + 1] = 2 * node + 1
+            top += 2
+            continue
+        found = _turns(point, corners[order[node - first_leaf]])
+        if found == 2:
+            return True
+        turns += found
+    return turns > 0
+
+
+@njit(cache=True)
+def enclosed_points(points, ways, corners, tree, order, stack, inside):
+    """Say of each point whether it is inside a closed surface wherever ``ways`` move it.
+
+    The tree is that of the triangles, as in `boxes_in_tree`.
+    """
+    moved = np.empty(3)
     for i in range(len(points)):
-        stack[0] = 0
-        top = 1
-        turns = 0
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            if (
-                points[i, 0] > tree[node, 3]
-                or points[i, 1] > tree[node, 4]
-                or points[i, 2] > tree[node, 5]
-                or points[i, 0] < tree[node, 0]
-                or points[i, 1] < tree[node, 1]
-            ):
-                continue
-            if node < first_leaf:
-                stack[top] = 2 * node + 2
-                stack[top + 1] = 2 * node + 1
-                top += 2
-                continue
-            found = _turns(points[i], corners[order[node - first_leaf]])
-            if found == 2:
-                turns = 1
+        inside[i] = True
+        for way in range(len(ways)):
+            for axis in range(3):
+                moved[axis] = points[i, axis] + ways[way, axis]
+            if not _wound_round(moved, corners, tree, order, stack):
+                inside[i] = False
                 break
-            turns += found
-        inside[i] = turns > 0
-    return inside
 
 
 @njit(cache=True)

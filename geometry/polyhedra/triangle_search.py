@@ -8,7 +8,12 @@ import numpy as np
 
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.polyhedra.box_tree import BoxTree
-from geometry.polyhedra.triangle_kernels import DEEPEST, flood_planes, segments_in_tree, wound_round
+from geometry.polyhedra.triangle_kernels import (
+    DEEPEST,
+    enclosed_points,
+    flood_planes,
+    segments_in_tree,
+)
 
 #: Triangles belong to one plane if their normals differ by less than this [rad] …
 _PLANE_ANGLE = 1e-3
@@ -25,11 +30,11 @@ def distinct_rows(rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """
     size, digits = int(rows.max(initial=0)) + 1, np.arange(rows.shape[1])[::-1]
     if rows.min(initial=0) >= 0 and size ** len(digits) < 2**63:
-        order = np.argsort(rows @ size**digits, kind="stable")  # one number sorts twice as fast
-    else:
-        order = np.lexsort(rows.T[::-1])
+        rows = (rows @ size**digits)[:, None]  # one number sorts in half the time
+    order = np.lexsort(rows.T[::-1])
+    ordered = rows[order]
     change = np.ones(len(rows), dtype=bool)
-    change[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    change[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
     start = np.flatnonzero(change)
     inverse = np.empty(len(rows), dtype=np.int64)
     inverse[order] = np.cumsum(change) - 1
@@ -181,9 +186,7 @@ def enclosed(points: FloatArray, surface: Surface, margin: float) -> BoolArray:
     margin
         [mm]
     """
-    searched = surface.corners, surface.tree.boxes, surface.tree.order
-    inside, stack = np.ones(len(points), dtype=bool), np.empty(DEEPEST, dtype=np.int64)
-    for way in (*_ASKEW, *-_ASKEW):
-        rest = np.flatnonzero(inside)
-        inside[rest] = wound_round(points[rest] + margin * way, *searched, stack)
+    inside, stack = np.empty(len(points), dtype=bool), np.empty(DEEPEST, dtype=np.int64)
+    tree, ways = surface.tree, margin * np.concatenate([_ASKEW, -_ASKEW])
+    enclosed_points(points, ways, surface.corners, tree.boxes, tree.order, stack, inside)
     return inside
