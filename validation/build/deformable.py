@@ -90,12 +90,8 @@ def build_friction(effects: EffectsSection) -> CoulombFriction | None:
     FrictionError
         For a coefficient that cannot be used.
     """
-    section = effects.friction
-    if section is None:
-        return None
-    if section.stick_stiffness is None:
-        return CoulombFriction(section.coefficient)
-    return CoulombFriction(section.coefficient, section.stick_stiffness)
+    given = effects.friction
+    return None if given is None else CoulombFriction(**given.model_dump(exclude_none=True))
 
 
 def build_effects(section: EffectsSection, fem: FemSection) -> Effects:

@@ -213,34 +213,20 @@ def scene_statement(
             raise
 
 
-def _time_step(fem: FemSection) -> dict[str, float]:
-    """Either the time step that is given or the part of the critical one that is taken."""
-    if fem.time_step is not None:
-        return {"time_step": fem.time_step}
-    return {"safety_factor": fem.safety_factor}
-
-
-def _frame_interval(fem: FemSection, end_time: float, ramp_time: float) -> float:
-    """Time between two frames [s].
+def _frames(
+    fem: FemSection, stated: ExplicitStatement, on_frame: Callable[[Frame], None] | None
+) -> dict[str, Any]:
+    """Who is called with frames and how often; nothing where nobody asks for any.
 
     A run that is damped to the static state may end any time after the ramp: frames come so
     often that as many as were asked for lie in the ramp, and the writer thins them out.
     """
-    intervals = max(fem.frames - 1, 1)
-    if fem.damping is not Damping.STATIC:
-        return end_time / intervals
-    first = ramp_time if ramp_time > 0.0 else end_time / _FINE
-    return min(first, end_time) / intervals
-
-
-def _frames(
-    fem: FemSection, stated: ExplicitStatement, on_frame: Callable[[Frame], None] | None
-) -> dict[str, Any]:
-    """Who is called with frames and how often; nothing where nobody asks for any."""
     if on_frame is None or fem.frames == 0:
         return {}
-    interval = _frame_interval(fem, stated.end_time, stated.ramp_time)
-    return {"on_frame": on_frame, "frame_interval": interval}
+    spread = stated.end_time
+    if fem.damping is Damping.STATIC:
+        spread = min(stated.ramp_time or stated.end_time / _FINE, stated.end_time)
+    return {"on_frame": on_frame, "frame_interval": spread / max(fem.frames - 1, 1)}
 
 
 def run_explicit(
@@ -272,13 +258,14 @@ def run_explicit(
         built = build_deformable(scene, name) if deformable is None else deformable
         stated = scene_statement(scene, name, built) if statement is None else statement
         watch.lap("build")
+        key = "safety_factor" if fem.time_step is None else "time_step"
         with named(name):
             answer = explicit_answer(
                 stated,
                 lambda counted: scene_statement(scene, name, built, counted_pressure=counted),
                 # A run that is not damped to the static state watches the residual and goes on.
                 residual=fem.residual if fem.damping is Damping.STATIC else 0.0,
-                **_time_step(fem),
+                **{key: getattr(fem, key)},
                 precision=fem.precision,
                 threads=fem.threads,
                 sample_interval=fem.sample_interval,

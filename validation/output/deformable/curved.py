@@ -21,12 +21,7 @@ from validation.run.curved.solve import CurvedRun
 
 def print_curved(run: CurvedRun, console: Console) -> None:
     """Print the numbers of a run with curved elements."""
-    layers = run.scene.assembly.layers
-    mesh = run.mesh
-    table = two_columns(
-        f"{run.name}, {layers} layer{'s' if layers > 1 else ''}: {run.scene.load_words}; static "
-        f"FEM, {mesh.n_elements} curved elements of degree {mesh.degree} per block"
-    )
+    table = two_columns(run.title)
     for k, (solved, seconds) in enumerate(zip(run.meshes, run.seconds, strict=True)):
         across, around, along = (len(line) - 1 for line in solved.lines)
         table.add_row(
@@ -34,8 +29,8 @@ def print_curved(run: CurvedRun, console: Console) -> None:
             f"{around} × {across} × {along} elements of degree {solved.degree}, "
             f"{solved.n_unknowns} unknowns: {seconds:.2f}",
         )
-    table.add_row("Newton iterations", f"{run.iterations}")
-    table.add_row("force residual", f"{run.residual:.2e}")
+    table.add_row("Newton iterations", f"{run.state.iterations}")
+    table.add_row("force residual", f"{run.state.residual:.2e}")
     add_measures(table, run.measures)
     if run.cap is not None:
         table.add_row("cap of the contact law", cap_words(run.cap))

@@ -62,13 +62,7 @@ class CurvedFields:
     @property
     def title(self) -> str:
         """Scene, load, method and mesh, for pictures."""
-        run = self.run
-        layers = run.scene.assembly.layers
-        return (
-            f"{run.name}, {layers} layer{'s' if layers > 1 else ''}: {run.scene.load_words}; "
-            f"static FEM, {run.mesh.n_elements} curved elements of degree {run.mesh.degree} per "
-            f"block{run.scene.gap_words}"
-        )
+        return self.run.title
 
     @property
     def drawing_scale(self) -> float:

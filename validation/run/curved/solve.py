@@ -96,14 +96,14 @@ class CurvedRun:
         return self.meshes[-1]
 
     @property
-    def iterations(self) -> int:
-        """Linear problems of the last mesh."""
-        return self.state.iterations
-
-    @property
-    def residual(self) -> float:
-        """Contact forces that the law does not have, over all [-]."""
-        return self.state.residual
+    def title(self) -> str:
+        """Scene, load, method and mesh."""
+        layers, mesh = self.scene.assembly.layers, self.mesh
+        return (
+            f"{self.name}, {layers} layer{'s' if layers > 1 else ''}: {self.scene.load_words}; "
+            f"static FEM, {mesh.n_elements} curved elements of degree {mesh.degree} per block"
+            f"{self.scene.gap_words}"
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
@@ -115,8 +115,8 @@ class CurvedRun:
             "n_unknowns": self.mesh.n_unknowns,
             "measures": {name: measure.as_json() for name, measure in self.measures.items()},
             "contact_cap": None if self.cap is None else asdict(self.cap),
-            "newton_iterations": self.iterations,
-            "residual": self.residual,
+            "newton_iterations": self.state.iterations,
+            "residual": self.state.residual,
             "meshes": [
                 {
                     "degree": mesh.degree,

@@ -163,6 +163,11 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
+def _rows(motion: FloatArray | None) -> list[list[float]] | None:
+    """Motion of each block, where there is one."""
+    return None if motion is None else motion.reshape(-1, 6).tolist()
+
+
 def further_json(further: Further | None) -> dict[str, Any]:
     """Answers as plain data, with the keys of what was asked for."""
     data: dict[str, Any] = {}
@@ -174,7 +179,7 @@ def further_json(further: Further | None) -> dict[str, Any]:
             "holds": f.holds,
             "residual": f.residual,
             "largest_normal_force": float(f.forces[:, 0].max(initial=0.0)) if f.holds else None,
-            "mechanism": None if f.mechanism is None else f.mechanism.reshape(-1, 6).tolist(),
+            "mechanism": _rows(f.mechanism),
             "work": f.work,
             "smallest_contact_work": f.smallest_contact_work,
             "status": f.status,
@@ -188,7 +193,7 @@ def further_json(further: Further | None) -> dict[str, Any]:
             "certified": c.certified,
             "residual": c.residual,
             "smallest_contact_work": c.smallest_contact_work,
-            "mechanism": None if c.mechanism is None else c.mechanism.reshape(-1, 6).tolist(),
+            "mechanism": _rows(c.mechanism),
             "status": c.status,
         }
     if further.sliding is not None:
@@ -208,13 +213,12 @@ def further_json(further: Further | None) -> dict[str, Any]:
 
 def _sliding_json(found: SlidingCollapse) -> dict[str, Any]:
     check = None if found.check is None else asdict(found.check)
-    mechanism = found.mechanism
     return {
         "factor": _finite(found.factor),
         "associated_factor": _finite(found.associated),
         "certified": found.certified,
         "check": check,
-        "mechanism": None if mechanism is None else mechanism.reshape(-1, 6).tolist(),
+        "mechanism": _rows(found.mechanism),
         "status": found.status,
     }
 

@@ -11,6 +11,8 @@ from validation.scene.family import AssemblyScene, BlockSection
 from validation.scene.sections import Finite, NonNegative, Positive, Section, TubeLoadSection
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from geometry.assembly import Assembly
 
 
@@ -19,6 +21,27 @@ class WallAssemblySection(Section):
 
     columns: Annotated[int, Field(ge=1)]
     layers: Annotated[int, Field(ge=1)]
+
+
+class _WallScene(AssemblyScene):
+    """What planar walls have in common."""
+
+    assembly: WallAssemblySection
+    mesh: DivisionsSection
+    load: TubeLoadSection
+
+    def _wall(self, build: Callable[..., Assembly], *shape: float) -> Assembly:
+        """Wall of the scene's blocks, whose further numbers are the shape."""
+        from geometry.families.planar_wall import WallBlock
+
+        block: Any = self.block
+        return build(
+            WallBlock(block.width, block.thickness, block.height, block.amplitude),
+            *shape,
+            self.mesh.divisions,
+            columns=self.assembly.columns,
+            layers=self.assembly.layers,
+        )
 
 
 class PlanarSineSection(BlockSection):
@@ -39,27 +62,16 @@ class PlanarSineSection(BlockSection):
     """s, in units of π."""
 
 
-class PlanarSineScene(AssemblyScene):
+class PlanarSineScene(_WallScene):
     """A planar wall of Sine Blocks."""
 
     block: PlanarSineSection
-    assembly: WallAssemblySection
-    mesh: DivisionsSection
-    load: TubeLoadSection
 
     def build(self) -> Assembly:
         """Build the wall."""
-        from geometry.families.planar_wall import WallBlock, planar_sine_wall
+        from geometry.families.planar_wall import planar_sine_wall
 
-        block, counts = self.block, self.assembly
-        return planar_sine_wall(
-            WallBlock(block.width, block.thickness, block.height, block.amplitude),
-            block.frequency,
-            block.shift,
-            self.mesh.divisions,
-            columns=counts.columns,
-            layers=counts.layers,
-        )
+        return self._wall(planar_sine_wall, self.block.frequency, self.block.shift)
 
     def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
         """Limit the elements along the waves, across and up."""
@@ -84,25 +96,16 @@ class OsteomorphicSection(BlockSection):
     """Of the joints [mm]."""
 
 
-class OsteomorphicScene(AssemblyScene):
+class OsteomorphicScene(_WallScene):
     """A planar wall of osteomorphic blocks."""
 
     block: OsteomorphicSection
-    assembly: WallAssemblySection
-    mesh: DivisionsSection
-    load: TubeLoadSection
 
     def build(self) -> Assembly:
         """Build the wall."""
-        from geometry.families.planar_wall import WallBlock, osteomorphic_wall
+        from geometry.families.planar_wall import osteomorphic_wall
 
-        block, counts = self.block, self.assembly
-        return osteomorphic_wall(
-            WallBlock(block.width, block.thickness, block.height, block.amplitude),
-            self.mesh.divisions,
-            columns=counts.columns,
-            layers=counts.layers,
-        )
+        return self._wall(osteomorphic_wall)
 
     def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
         """Limit the elements along, across and up; one across would miss the joints' amplitude."""
