@@ -54,7 +54,6 @@ def show(
     """Draw a scene: blocks, frame, load and supports."""
     from validation.output.files import picture_file
     from validation.output.outputs import Outputs
-    from validation.output.rigid.answers import draw_scene
     from validation.scene.read import load_scene
 
     file = load_scene(scene, settings or ())
@@ -63,8 +62,26 @@ def show(
         if block:
             _draw_one_block(file, picture)
         else:
-            draw_scene(file, picture)
+            _draw_scene(file, picture)
         outputs.say("picture", picture)
+
+
+def _draw_scene(file: SceneFile, path: Path) -> None:
+    """Draw the blocks before any answer, with load and supports where they are of the scene."""
+    from validation.scene.polyhedra import PolyhedralScene
+
+    title = f"{file.name}: {file.scene.load_words}"
+    if isinstance(file.scene, PolyhedralScene):
+        from validation.build.polyhedra import build_polyhedra
+        from validation.output.pictures.polyhedra import draw_blocks
+
+        draw_blocks(build_polyhedra(file.scene, file.folder), path, title=title)
+        return
+    from validation.build.blocks import build_scene
+    from validation.output.pictures.assemblies import draw_assembly
+
+    built = build_scene(file, command="show")
+    draw_assembly(built.assembly, built.load, path, title=title)
 
 
 def _draw_one_block(file: SceneFile, output: Path) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,6 +17,14 @@ from validation.cli.options import (
     folder_option,
     scene_outputs,
 )
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from validation.output.outputs import Outputs
+    from validation.run.rigid.answer import RigidAnswer
+    from validation.scene.polyhedra import PolyhedralScene
+    from validation.scene.read import SceneFile
 
 
 def mbd(
@@ -36,7 +47,6 @@ def mbd(
     ] = False,
 ) -> None:
     """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
-    from validation.output.rigid.answers import rigid_output
     from validation.run.rigid.changed import (
         frame_warning,
         layers_to_unlock,
@@ -52,7 +62,7 @@ def mbd(
         require_tube(file)
     if refine:
         require_mesh(file)
-    rigid = rigid_output(file)
+    rigid = _output(file)
     with scene_outputs(file, json, output, rigid.files) as outputs:
         with recording(file.scene) as use:
             run = rigid.run(file, outputs.console)
@@ -74,6 +84,49 @@ def mbd(
             outputs.console.print(f"{'refined':9} {change.words}")
             added["refinement"] = change.as_json()
         outputs.write_json(run.json() | added)
+
+
+@dataclass(frozen=True)
+class _Output:
+    """What `tubelock mbd` does with one kind of blocks."""
+
+    files: tuple[str, ...]
+    """Names of the files that may be written."""
+    run: Callable[[SceneFile, Console], RigidAnswer]
+    """Build and analyse; the console tells of what takes long."""
+    tell: Callable[[Any, Console], None]
+    """Print the answer."""
+    write: Callable[[Any, Outputs], None]
+    """Write its files."""
+
+
+def _output(file: SceneFile) -> _Output:
+    """Find what asks and shows the answer; what only other blocks need is not loaded."""
+    from validation.scene.polyhedra import PolyhedralScene
+
+    if isinstance(file.scene, PolyhedralScene):
+        return _of_triangles(file.scene)
+    from validation.output.rigid import assembly
+    from validation.run.rigid.answer import run_rigid
+
+    return _Output(
+        assembly.FILES, lambda file, _: run_rigid(file), assembly.print_rigid, assembly.write_rigid
+    )
+
+
+def _of_triangles(scene: PolyhedralScene) -> _Output:
+    from validation.output.console import status, told_of_compilation
+    from validation.output.rigid import polyhedra
+    from validation.run.rigid.polyhedra import run_polyhedra
+
+    def run(file: SceneFile, console: Console) -> RigidAnswer:
+        words = f"{file.name}: reads the blocks and finds where they touch"
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(status(console, words))
+            stack.enter_context(told_of_compilation())
+            return run_polyhedra(file, scene)
+
+    return _Output(polyhedra.FILES, run, polyhedra.print_polyhedra, polyhedra.write_polyhedra)
 
 
 def explode(

@@ -13,7 +13,7 @@ from validation.output.console import two_columns
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures.assemblies import draw_mechanism, draw_pressures
-from validation.output.text import (
+from validation.output.rigid.words import (
     CLASS_WORDS,
     add_further_rows,
     certificate_words,

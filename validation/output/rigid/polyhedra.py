@@ -15,7 +15,7 @@ from validation.output.console import two_columns
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
-from validation.output.text import add_further_rows, certificate_words, held_words
+from validation.output.rigid.words import add_further_rows, certificate_words, held_words
 from validation.run.rigid.polyhedra import PolyhedralRun, contact_triangles, mechanism_motion
 from validation.scene.polyhedra import STRAIGHT_EDGES, MeshScene
 

@@ -32,7 +32,6 @@ from validation.run.rigid.further import (
     further_answers,
     further_json,
 )
-from validation.run.stages import summed
 from validation.scene.family import AssemblyScene, RoundScene
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene, SceneFile
@@ -85,10 +84,11 @@ class RigidAnswer(ABC):
         scene, assembly, load = (stated[name] for name in ("scene", "assembly", "load"))
         result = analyse(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
         further = further_answers(assembly, load.fixed, wrenches, scene.rigid)
-        seconds = summed({"build": 0.0, **result.cpu_seconds}, built)
+        seconds = {"build": 0.0} | result.cpu_seconds | built
+        seconds["total"] += result.cpu_seconds["total"]
         if further is not None:
-            beside = {"further": further.cpu_seconds, "total": further.cpu_seconds}
-            seconds = summed(seconds, beside)
+            seconds["further"] = further.cpu_seconds
+            seconds["total"] += further.cpu_seconds
         return cls(result=result, further=further, cpu_seconds=seconds, **stated)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Words that several results share."""
+"""Words that rigid answers share, whatever their blocks are made of."""
 
 from __future__ import annotations
 
