@@ -2,15 +2,15 @@
 
 import pytest
 
-from validation.output import forecast
-from validation.output.forecast import WINDOW, WINDOWS, Forecast, duration_words
+from validation.output import console
+from validation.output.console import WINDOW, WINDOWS, Forecast, duration_words
 
 
 @pytest.fixture
 def clock(monkeypatch):
     """A clock that a test turns."""
     now = [0.0]
-    monkeypatch.setattr(forecast.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(console.time, "perf_counter", lambda: now[0])
     return now
 
 

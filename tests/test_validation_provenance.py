@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 
 from validation.output.outputs import Outputs
-from validation.output.program import program
-from validation.output.provenance import Provenance, stamp_vtu, stamped
+from validation.output.provenance import Provenance, program, stamp_vtu, stamped
 from validation.scene.builtin import builtin_text
 from validation.scene.read import check_scene, load_scene
 

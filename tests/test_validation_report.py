@@ -12,7 +12,7 @@ import pytest
 
 from tests.chromium import BROWSER, Page
 from tests.test_validation_paper import coarse_evidence, picture_is_drawn
-from validation.output.program import program
+from validation.output.provenance import program
 
 pytestmark = pytest.mark.slow
 

@@ -28,8 +28,7 @@ from validation.benchmarks.kernels import internal_force_work, update_work
 from validation.benchmarks.roofline import Roofline, Work, roofline
 from validation.errors import InputError
 from validation.output.files import prepare_file, write_whole
-from validation.output.program import program
-from validation.output.provenance import processor
+from validation.output.provenance import processor, program
 
 HISTORY = Path(__file__).with_name("history.jsonl")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -16,7 +17,6 @@ from rich.text import Text
 
 from geometry.compilation import compiling
 from validation.output.files import prepare_json, prepare_picture
-from validation.output.forecast import Forecast
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Progress as Sample
@@ -25,6 +25,11 @@ T = TypeVar("T")
 
 #: Columns of tables in a pipe or a log, which have no width of their own.
 _WIDTH = 118
+
+#: Times over which the pace is measured and their number, least time left that is said [s].
+WINDOW, WINDOWS, LONG = 2.0, 3, 600.0
+
+_UNITS = ((365.0 * 86400.0, "years"), (86400.0, "days"), (3600.0, "h"), (60.0, "min"))
 
 #: Whether a call says nothing but errors (``--quiet``).
 quiet: ContextVar[bool] = ContextVar("quiet", default=False)
@@ -143,6 +148,39 @@ def told_of_compilation() -> Iterator[None]:
 
     with compiling(tell):
         yield
+
+
+def duration_words(seconds: float) -> str:
+    """A time in the largest unit of which there are at least two: ``5.6 h``."""
+    size, unit = next(((s, u) for s, u in _UNITS if seconds >= 2.0 * s), (1.0, "s"))
+    return f"{seconds / size:.2g} {unit}"
+
+
+class Forecast:
+    """Tells once how long the rest takes at the best pace of its first seconds.
+
+    The best one: functions are compiled and processes started meanwhile, which comes once.
+    """
+
+    def __init__(self, window: float = WINDOW) -> None:
+        self._window = window
+        self._last: tuple[float, float] | None = None
+        self._paces: list[float] = []
+
+    def left(self, done: float, total: float) -> str | None:
+        """Words for the time left, once, where it is long; None else. Work is in any unit."""
+        now = time.perf_counter()
+        if self._last is None:
+            self._last = (now, done)
+        start, before = self._last
+        if len(self._paces) == WINDOWS or now - start < self._window or done <= before:
+            return None
+        self._paces.append((now - start) / (done - before))
+        self._last = (now, done)
+        if len(self._paces) < WINDOWS:
+            return None
+        seconds = min(self._paces) * (total - done)
+        return duration_words(seconds) if seconds > LONG else None
 
 
 @contextmanager

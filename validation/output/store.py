@@ -24,7 +24,7 @@ from filelock import FileLock, Timeout
 from geometry.errors import unreadable
 from validation.errors import InputError
 from validation.output.files import prepare_file, write_whole
-from validation.output.program import program
+from validation.output.provenance import program
 
 MAGIC = b"SQLite format 3\x00"
 #: Marks our files among SQLite's: "tubl".

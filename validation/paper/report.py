@@ -24,8 +24,7 @@ from validation.output.pictures.canvas import Part, View
 from validation.output.pictures.gallery import PRESSURE_MAP, scale_from_zero
 from validation.output.pictures.tubes import all_faces, stress_scale
 from validation.output.pictures.view_3d import View3d, make_view, viewer_page, webp
-from validation.output.program import program
-from validation.output.provenance import Provenance, stamped
+from validation.output.provenance import Provenance, program, stamped
 from validation.paper.claims.claim import Truth
 from validation.paper.claims.judge import JudgedClaim, claims_json, judge_claims
 from validation.paper.errata import ShownErratum, errata_json, show_errata

@@ -13,8 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
 from validation.errors import InputError
-from validation.output.console import error_console, progress, two_columns
-from validation.output.forecast import Forecast
+from validation.output.console import Forecast, error_console, progress, two_columns
 from validation.output.outputs import Outputs
 from validation.scene.usage import unused_words
 from validation.study.run import Tally

@@ -11,7 +11,7 @@ from typing import Any
 
 from validation.errors import InputError
 from validation.output import files
-from validation.output.program import version
+from validation.output.provenance import version
 from validation.output.store import Layout, Store, content_key
 from validation.study.study import COLUMNS, Row, Study, Value
 

@@ -20,7 +20,7 @@ from geometry.mesh import FloatArray
 from validation.output.files import write_whole
 from validation.output.pictures.canvas import LARGEST, View
 from validation.output.pictures.look import PRINT, look, magnify
-from validation.output.program import program
+from validation.output.provenance import program
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
