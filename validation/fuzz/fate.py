@@ -161,7 +161,7 @@ def judge(status: int, out: Path, said: str, folder: Path) -> tuple[Fate, str]:
         fate = Fate.TRACEBACK
     elif odd:
         fate, end = Fate.ODD, f"{odd}: {end}"
-    elif os.WEXITSTATUS(status) in (0, 1) and "error" not in said.lower():
+    elif os.WEXITSTATUS(status) in (0, 1) and "error:" not in said.lower():
         fate = Fate.RIGHT
     else:
         fate = _refusal(os.WEXITSTATUS(status), said.strip())
