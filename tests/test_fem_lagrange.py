@@ -31,7 +31,8 @@ from geometry.mesh import FloatArray, MeshError
 from tests.test_validation_own_fem import deformable
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
-from validation.run.curved.solve import CurvedRun, run_curved, sine_lattice
+from validation.run.curved.accuracy import run_curved
+from validation.run.curved.solve import CurvedRun, sine_lattice
 from validation.run.solve import run_static
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)

@@ -45,7 +45,7 @@ from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable, build_hexahedra, build_problem
 from validation.compare.calculix import calculix_available, run_calculix
 from validation.errors import InputError
-from validation.run.curved.solve import run_curved
+from validation.run.curved.accuracy import run_curved
 from validation.run.estimate import estimated_errors
 from validation.run.solve import run_static
 from validation.scene.read import load_scene

@@ -20,6 +20,7 @@ from validation.run.curved.accuracy import (
     QUANTITIES,
     SAFETY,
     closer,
+    curved_scene,
     error_bar,
     graded_to_both_ends,
     parse_targets,
@@ -27,7 +28,7 @@ from validation.run.curved.accuracy import (
     run_to_accuracy,
     unmet,
 )
-from validation.run.curved.solve import Solved, curved_scene, solve_curved
+from validation.run.curved.solve import Solved, solve_curved
 from validation.run.measures import Measure
 from validation.scene.read import TubeScene
 

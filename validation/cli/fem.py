@@ -178,7 +178,7 @@ def _answer(
 ) -> dict[str, Measure]:
     """Solve a scene, write what the command promises, and return its measures."""
     from validation.output.console import status
-    from validation.run.curved.solve import refused, run_curved
+    from validation.run.curved.accuracy import refused, run_curved
     from validation.scene.usage import recording
 
     if scene.fem is not None and scene.fem.degree > 1 and refused(scene) is None:
@@ -233,8 +233,7 @@ def _answer_accurately(
 ) -> None:
     """Solve from coarse to fine until the error bars are as narrow as asked, or refuse."""
     from validation.output.console import status
-    from validation.run.curved.accuracy import run_to_accuracy
-    from validation.run.curved.solve import curved_scene, refused
+    from validation.run.curved.accuracy import curved_scene, refused, run_to_accuracy
     from validation.scene.usage import recording
 
     if refused(scene) is not None:

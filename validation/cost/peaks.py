@@ -18,8 +18,8 @@ from rich.console import Console
 from fem.assembly.contact_state import CapAction, cap_action
 from validation.cost.references import Reference, references
 from validation.output.console import listing
-from validation.run.curved.accuracy import LADDER, Rung
-from validation.run.curved.solve import climbed, curved_scene, solve_curved
+from validation.run.curved.accuracy import LADDER, Rung, curved_scene
+from validation.run.curved.solve import climbed, solve_curved
 from validation.run.measures import Measure
 from validation.scene.read import TubeScene, load_scene
 

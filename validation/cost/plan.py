@@ -30,7 +30,7 @@ from validation.cost.settings import (
     variants,
 )
 from validation.errors import InputError
-from validation.run.curved.solve import refused
+from validation.run.curved.accuracy import refused
 from validation.scene.family import AssemblyScene
 
 #: What errors are measured in: the scalars, and the pressure field in L2.

@@ -14,6 +14,9 @@ elements. Where nothing else is asked, that ladder is taken. Peaks at edges gain
 the first and the second power of the degree, so that an error is up to four times the change from 4
 to 5, and their bars are wider.
 
+With the degree and the mesh of a scene each measure has the change from one degree less as the
+estimate of its error.
+
 Other scenes take shares of their own mesh, static ones with cubic elements beside trilinear ones
 (`validation.run.estimate`).
 """
@@ -28,6 +31,7 @@ from typing import Any
 import numpy as np
 
 from geometry.families.sine_block import SineBlockDivisions
+from geometry.loads import CASES
 from geometry.mesh import FloatArray
 from validation.errors import InputError
 from validation.run.curved.solve import (
@@ -35,7 +39,7 @@ from validation.run.curved.solve import (
     CurvedRun,
     Solved,
     curved_run,
-    refused,
+    facet_lines,
     solve_curved,
 )
 from validation.run.measures import Measure
@@ -72,6 +76,8 @@ _SHARES_AND_DEGREES = (
 #: Means over facets, which other facets do not estimate.
 FACET_MEANS = frozenset({"p_eff", "p_max"})
 
+#: Contact points of one sector at most: the contact problem is dense.
+_MOST_POINTS = 12000
 #: CPU time grows with this power of the unknowns, memory with the next one, by measurement.
 _TIME_POWER = 1.7
 _MEMORY_POWER, _BYTES = 1.4, 150.0
@@ -190,6 +196,99 @@ def share_scenes(
         if given is not None and given != before:
             before = given
             yield share, degree, given
+
+
+def run_curved(name: str, scene: DeformableScene) -> CurvedRun:
+    """Solve a tube for its static state with the curved elements that the scene asks for.
+
+    Raises
+    ------
+    InputError
+        What the solver of layered tubes does not do, by name, or a state that was not found.
+    """
+    assert scene.fem is not None
+    degree = scene.fem.degree
+    tube = curved_scene(name, scene, f"fem.degree = {degree}")
+    waves = round(2 * tube.block.frequency)
+    if tube.mesh.around % waves:
+        raise InputError(
+            f"{name}: mesh.around: got {tube.mesh.around}; expected a multiple of {waves}, the "
+            "waves of a block, so that layers meet"
+        )
+    points = (degree + 2) ** 2 * _facets(tube)
+    if points > _MOST_POINTS:
+        raise InputError(
+            f"{name}: fem.degree = {degree}: got a mesh with {points} contact points in a sector; "
+            f"expected at most {_MOST_POINTS}: curved elements need few, try mesh.around = "
+            f"{4 * waves}, mesh.radial = 2, mesh.axial = 4"
+        )
+    lines = facet_lines(tube)
+    less = solve_curved(name, tube, CurvedMesh(degree - 1, lines))
+    found = solve_curved(name, tube, CurvedMesh(degree, lines), less.state)
+    changes = {
+        key: abs(measure.value - less.measures[key].value)
+        for key, measure in found.measures.items()
+    }
+    return curved_run(name, tube, (less, found), changes, f"changes from degree {degree - 1}")
+
+
+def refused(scene: DeformableScene) -> tuple[str, str] | None:
+    """What of a scene the solver of layered tubes does not do, and what is expected; else None.
+
+    The general static solver has elements of higher degree for that.
+    """
+    if not isinstance(scene, TubeScene):
+        return "blocks of this family", "a tube of Sine Blocks"
+    if scene.fem is None or scene.material is None or scene.contact is None:
+        return "no [material], [contact] or [fem]", "all three"
+    fem, case, effects = scene.fem, scene.load.case, scene.effects
+    checks = [
+        (fem.method is Method.STATIC, f'fem.method = "{fem.method}"', 'fem.method = "static"'),
+        (
+            fem.symmetry in ("auto", "sector"),
+            f'fem.symmetry = "{fem.symmetry}"',
+            '"auto" or "sector"',
+        ),
+        (not fem.frames, "fem.frames", "none"),
+        (CASES[case].every_layer, f"load case {case}", "pipe or tunnel"),
+        (not scene.contact.spacing, "contact.spacing", "contact.clearance"),
+        (
+            effects.gravity is None or not any(effects.gravity[:2]),
+            "effects.gravity across the axis",
+            "gravity along the axis alone, such as [0, 0, -9810]",
+        ),
+        *(
+            (not getattr(effects, key), f"effects.{key}", "no effect but gravity")
+            for key in type(effects).model_fields
+            if key != "gravity"
+        ),
+    ]
+    return next(((what, expected) for good, what, expected in checks if not good), None)
+
+
+def curved_scene(name: str, scene: DeformableScene, asked: str) -> TubeScene:
+    """Refuse by name what the solver of layered tubes does not do.
+
+    Raises
+    ------
+    InputError
+        What, and what is expected.
+    """
+    found = refused(scene)
+    if found is not None:
+        what, expected = found
+        raise InputError(
+            f"{name}: {asked} with {what}: the solver of layered tubes does not do that; expected "
+            f"{expected}, or the general static solver"
+        )
+    assert isinstance(scene, TubeScene)
+    return scene
+
+
+def _facets(scene: TubeScene) -> int:
+    """Facets of all joints of one sector."""
+    mesh, layers = scene.mesh, scene.assembly.layers
+    return mesh.radial * ((layers + 1) * mesh.around + layers * mesh.axial)
 
 
 def parse_targets(texts: list[str]) -> dict[str, float]:
