@@ -211,6 +211,9 @@ def initial_state(
     for body, now in zip(system.bodies, state.bodies, strict=True):
         if body.rate_form is None:
             set_internal_force(system, body, now, sample=False)
+            if now.viscous is not None or now.stiffness_damping is not None:
+                # What dampers keep is the start now: its whole strain is not one step's rate.
+                set_internal_force(system, body, now, sample=False)
             forget_rates(now)
         set_applied_force(system, body, now, 0.0)
     for interaction in system.interactions:
@@ -231,8 +234,6 @@ def forget_rates(now: BodyState) -> None:
     if now.elastic_before is not None:
         now.elastic_before.force[:] = now.internal_force
     if damping is not None:
-        if now.frame is None:
-            now.internal_force[:] = damping.elastic
         damping.viscous[:] = 0.0
         damping.dissipated[:] = 0.0
     if viscous is not None:
