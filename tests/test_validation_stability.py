@@ -59,6 +59,16 @@ def test_command_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFix
     assert "layers-1" in capsys.readouterr().out
 
 
+def test_the_list_is_written_where_json_is_asked(tmp_path: Path) -> None:
+    from validation.cli.app import app
+
+    file = tmp_path / "list.json"
+    app(["stability", "--list", "--only", "numbers", "--json", str(file)], standalone_mode=False)
+    listed = json.loads(file.read_text())["cases"]
+    assert [case["name"] for case in listed] == [case.name for case in chosen(["numbers"])]
+    assert all(case["law"] for case in listed)
+
+
 def test_unknown_case_is_refused() -> None:
     with pytest.raises(InputError, match="--only: got 'nonsense'"):
         chosen(["nonsense"])

@@ -36,6 +36,7 @@ def stability(
     with Outputs(json) as outputs:
         if listed:
             report.list_cases(cases, outputs.console)
+            outputs.write_json({"cases": [report.case_json(case) for case in cases]})
             return
         found = report.run_cases(cases)
         report.print_cases(found, outputs.console)

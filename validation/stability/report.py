@@ -61,14 +61,17 @@ def print_cases(found: Sequence[Outcome], console: Console) -> None:
     console.print(f"{len(found)} cases: {parts}; {data['cpu_seconds']:.1f} CPU s")
 
 
+def case_json(case: Case) -> dict[str, Any]:
+    """Return what a case claims as plain data."""
+    return {"name": case.name, "subject": case.subject, "law": case.law}
+
+
 def stability_json(found: Sequence[Outcome]) -> dict[str, Any]:
     """Return the outcomes as plain data."""
     return {
         "cases": [
             {
-                "name": outcome.case.name,
-                "subject": outcome.case.subject,
-                "law": outcome.case.law,
+                **case_json(outcome.case),
                 "verdict": str(outcome.verdict),
                 "proof": outcome.proof,
                 "cpu_seconds": outcome.cpu_seconds,
