@@ -229,16 +229,12 @@ def initial_state(
 
 
 def forget_rates(now: BodyState) -> None:
-    """Start rates from zero: the first evaluation has no step before it."""
-    damping, viscous = now.stiffness_damping, now.viscous
+    """Start rates from zero: no step came before the first evaluation, and nothing is lost yet."""
     if now.elastic_before is not None:
         now.elastic_before.force[:] = now.internal_force
-    if damping is not None:
-        damping.viscous[:] = 0.0
-        damping.dissipated[:] = 0.0
-    if viscous is not None:
-        viscous.stress[:] = 0.0
-        viscous.dissipated[:] = 0.0
+    for damper in (now.stiffness_damping, now.viscous):
+        if damper is not None:
+            damper.dissipated[:] = 0.0
 
 
 def acceleration(
