@@ -1,14 +1,27 @@
-"""Deformable blocks: finite elements, explicit dynamics and statics.
+"""Deformable blocks: finite elements, statics and explicit dynamics.
 
 What most need::
 
     from fem import Problem, concrete, solve_explicit, solve_static
 
     answer = solve_static(Problem(blocks, pipe(0.01), concrete))
-    answer.contact_pressures, answer.principal_stresses, answer.displacements
+    print(answer)
+    answer["p_max_point"], answer.fields["principal_stress"], answer.contacts["pressure"]
 
-``fem.solve(model, end_time=...)`` runs explicit dynamics of any model; see
-`fem.explicit.solve.solve`.
+| | |
+|---|---|
+| `Problem` | blocks, load, material and what acts between blocks, stated once |
+| `Material`, `concrete` | isotropic elasticity and density; the paper's concrete |
+| `ExponentialLaw`, `LinearPenalty`, `TabularLaw` | contact pressure over overclosure |
+| `CoulombFriction` | friction of all joints |
+| `Frames`, `ElementType` | how held blocks are modelled; hexahedra of degree 1 |
+| `solve_static` | the static state by Newton's method |
+| `StaticOptions` | its tolerance, symmetry and load steps |
+| `solve_explicit` | explicit dynamics, to the static state or in time |
+| `write_deck` | the problem as an input deck for Abaqus or CalculiX |
+| `solve` | explicit dynamics of any `fem.problem.model.Model` |
+
+Both solvers return a `geometry.Answer`.
 """
 
 from __future__ import annotations
@@ -17,11 +30,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fem.answer import Answer
     from fem.assembly.deformable import Frames
     from fem.assembly.statement import Problem
     from fem.contact.friction import CoulombFriction
     from fem.contact.law import ExponentialLaw, LinearPenalty
+    from fem.contact.own_law import TabularLaw
+    from fem.decks.problem import write_deck
     from fem.element.hexahedron import ElementType
     from fem.element.material import Material, concrete
     from fem.explicit.solve import solve
@@ -29,7 +43,6 @@ if TYPE_CHECKING:
     from fem.static.solve import StaticOptions
 
 __all__ = [
-    "Answer",
     "CoulombFriction",
     "ElementType",
     "ExponentialLaw",
@@ -38,15 +51,16 @@ __all__ = [
     "Material",
     "Problem",
     "StaticOptions",
+    "TabularLaw",
     "concrete",
     "solve",
     "solve_explicit",
     "solve_static",
+    "write_deck",
 ]
 
 #: Where each name comes from: imported, and with solvers the compiler, when it is asked for.
 _PLACES = {
-    "Answer": ("fem.answer", "Answer"),
     "CoulombFriction": ("fem.contact.friction", "CoulombFriction"),
     "ElementType": ("fem.element.hexahedron", "ElementType"),
     "ExponentialLaw": ("fem.contact.law", "ExponentialLaw"),
@@ -54,11 +68,13 @@ _PLACES = {
     "LinearPenalty": ("fem.contact.law", "LinearPenalty"),
     "Material": ("fem.element.material", "Material"),
     "Problem": ("fem.assembly.statement", "Problem"),
+    "TabularLaw": ("fem.contact.own_law", "TabularLaw"),
     "StaticOptions": ("fem.static.solve", "StaticOptions"),
     "concrete": ("fem.element.material", "concrete"),
     "solve": ("fem.explicit.solve", "solve"),
     "solve_explicit": ("fem.solvers", "solve_explicit"),
     "solve_static": ("fem.solvers", "solve_static"),
+    "write_deck": ("fem.decks.problem", "write_deck"),
 }
 
 
@@ -67,3 +83,7 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'fem' has no attribute {name!r}")
     module, there = _PLACES[name]
     return getattr(import_module(module), there)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,168 +1,253 @@
-"""The answer of deformable blocks as arrays and meshes that a notebook goes on with."""
+"""The answer of a static or explicit solver, in the type that all solvers share."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
-from fem.assembly.contact_state import ContactMeasures, ContactState, contact_measures
-from fem.assembly.deformable import DeformableAssembly
-from fem.explicit.setup.statement import ExplicitStatement
-from fem.explicit.solve import ExplicitResult
-from fem.problem.recovery import Recovered, recover
-from fem.static.result import StaticResult
-from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    import pyvista as pv
+from fem.element.stress import von_mises
+from fem.measures import contact_on, measures_of
+from fem.problem.time_step import added_mass_share
+from fem.solution import Solution
+from geometry.answer import Answer, Array, Lazy, face_names, interface_contacts
+from geometry.assembly import Assembly
+from geometry.mesh import FloatArray
 
 
-class AnswerError(RefusedError):
-    """What an answer does not have."""
+def answer_of(
+    solution: Solution,
+    errors: Mapping[str, float] | None = None,
+    *,
+    facets: tuple[Assembly, FloatArray] | None = None,
+    remarks: Mapping[str, str] | None = None,
+    title: str | None = None,
+    beside: Callable[[], dict[str, Any]] | None = None,
+) -> Answer:
+    """Make the answer of what a solver found; what takes time is computed when it is read.
 
-
-@dataclass(frozen=True)
-class Answer:
-    """A state of deformable blocks; world axes, mm, N, MPa.
-
-    Nodes are those of all blocks that deform, block after block (`block_of_node`); blocks share no
-    nodes. Contacts are the facets on which blocks meet.
+    Parameters
+    ----------
+    solution
+        What the solver found.
+    errors
+        Estimated error of measures by name, in their units; those not named have none.
+    facets
+        Another mesh of the same blocks and the mean pressure on each of its `interfaces`, (n,)
+        [MPa]: `p_eff`, `p_max`, `p_max_facet` and `contacts` are then those of its facets.
+    remarks
+        Why values are none to use, by the name of the measure.
+    title
+        What was solved, in a line; None: load, blocks and mesh.
+    beside
+        More of the report, as plain data; it is asked when the report is read.
     """
+    layer = solution.deformable.assembly.layer
+    return Answer(
+        title=title or _title(solution),
+        method=_method(solution),
+        measures=measures_of(solution, errors, facets=facets, remarks=remarks),
+        fields=_fields(solution),
+        points=solution.positions,
+        cells=solution.hexahedra,
+        block_of_point=solution.block_of_node,
+        layer_of_point=layer[solution.block_of_node],
+        contacts=Lazy(_contacts(solution) if facets is None else _contacts_of(*facets)),
+        reported=lambda: report_of(solution, facets) | ({} if beside is None else beside()),
+        details=solution,
+    )
 
-    deformable: DeformableAssembly
-    """What was solved."""
-    group_displacements: tuple[FloatArray, ...]
-    """Of each group of congruent blocks, (n_copies, n_nodes_of_a_block, 3) [mm]."""
-    contact_state: ContactState
-    """Contact point by point."""
-    finite_rotation: bool
-    """Whether the rigid rotation of each block is no strain."""
-    solver: StaticResult | ExplicitResult
-    """What the solver says of itself: residual, energies, steps."""
-    statement: ExplicitStatement | None = None
-    """What an explicit run solved, with its times; None for a static state."""
-    restarts: int = 0
-    """How often an explicit run began again because contact outgrew its time step."""
 
-    @property
-    def static(self) -> StaticResult | None:
-        """What a static solver says; None for an explicit run."""
-        return self.solver if isinstance(self.solver, StaticResult) else None
+def _method(solution: Solution) -> str:
+    return "static" if solution.static is not None else "explicit"
 
-    @property
-    def explicit(self) -> ExplicitResult | None:
-        """What an explicit run says; None for a static state."""
-        return self.solver if isinstance(self.solver, ExplicitResult) else None
 
-    @cached_property
-    def displacements(self) -> FloatArray:
-        """Of all nodes, (n_nodes, 3) [mm]."""
-        return np.concatenate([u.reshape(-1, 3) for u in self.group_displacements])
+def _title(solution: Solution) -> str:
+    found = solution.deformable
+    blocks, elements = len(found.deformable_blocks), found.model.n_elements
+    return f"{found.assembly.name}: {_method(solution)}, {blocks} blocks, {elements} elements"
 
-    @cached_property
-    def positions(self) -> FloatArray:
-        """Of all nodes before the load acts, (n_nodes, 3) [mm]."""
-        groups = self.deformable.model.groups
-        return np.concatenate([g.reference_positions().reshape(-1, 3) for g in groups])
 
-    @cached_property
-    def block_of_node(self) -> IntArray:
-        """Number of the block of each node, (n_nodes,)."""
-        whole = self.deformable
-        parts = []
-        for number, group in enumerate(whole.model.groups):
-            mine = whole.deformable_blocks[whole.group_of[whole.deformable_blocks] == number]
-            mine = mine[np.argsort(whole.copy_of[mine])]
-            parts.append(np.repeat(mine, group.n_nodes))
-        return np.concatenate(parts)
+def _fields(solution: Solution) -> Lazy[Array]:
+    """Nodal fields of all blocks."""
 
-    @cached_property
-    def recovered(self) -> tuple[Recovered, ...]:
-        """Stresses of each group of congruent blocks at its nodes and integration points."""
-        return tuple(
-            recover(group, moved, finite_rotation=self.finite_rotation)
-            for group, moved in zip(
-                self.deformable.model.groups, self.group_displacements, strict=True
-            )
-        )
+    def principal() -> FloatArray:
+        return np.concatenate([r.principal.reshape(-1, 3) for r in solution.recovered])
 
-    @cached_property
-    def stresses(self) -> FloatArray:
-        """At all nodes in the order xx, yy, zz, xy, yz, xz, (n_nodes, 6) [MPa]."""
-        return np.concatenate([r.stress.reshape(-1, 6) for r in self.recovered])
+    return Lazy(
+        {
+            "displacement": lambda: solution.displacements,
+            "stress": lambda: np.concatenate([r.stress.reshape(-1, 6) for r in solution.recovered]),
+            "principal_stress": principal,
+            "mises": lambda: von_mises(principal()),
+        }
+    )
 
-    @cached_property
-    def principal_stresses(self) -> FloatArray:
-        """σ₁ ≥ σ₂ ≥ σ₃ at all nodes, tension positive, (n_nodes, 3) [MPa]."""
-        return np.concatenate([r.principal.reshape(-1, 3) for r in self.recovered])
 
-    @property
-    def contact_pressures(self) -> FloatArray:
-        """Mean over each contact facet, compression positive, (n_contacts,) [MPa]."""
-        return self.contact_state.pressures
+# ---------------------------------------------------------------------------------------------
+# Contacts
 
-    @property
-    def contact_areas(self) -> FloatArray:
-        """Of the contact facets, (n_contacts,) [mm²]."""
-        return self.contact_state.areas
 
-    @property
-    def contact_blocks(self) -> IntArray:
-        """The two blocks of each contact facet, (n_contacts, 2)."""
-        return np.column_stack([self.contact_state.block_m, self.contact_state.block_s])
+def _contacts(solution: Solution) -> dict[str, Callable[[], Array]]:
+    """Contact facets as they are solved, in the order of the interfaces that they are.
 
-    @cached_property
-    def measures(self) -> ContactMeasures:
-        """p_max, p_eff and the other measures of the paper.
+    Facets that a search found are none: they come in the order of their blocks and of the facets
+    of the second one.
+    """
+    state, assembly = solution.contact_state, solution.deformable.assembly
+    if not solution.deformable.meets:
+        return {}
+    values: dict[str, Callable[[], Array]] = {"pressure": lambda: state.pressures}
+    if state.interface is not None:
+        found = values | interface_contacts(assembly, state.interface)
+        return found | {"area": lambda: state.areas}
+    assert state.position_s is not None
+    position = state.position_s
+    order = np.lexsort((position, state.block_s, state.block_m))
 
-        Raises
-        ------
-        AnswerError
-            For single bodies.
-        """
-        if not self.deformable.meets:
-            raise AnswerError(
-                "measures: got single bodies, which have no contact; expected blocks that meet"
-            )
-        return contact_measures(self.deformable.assembly, self.contact_state)
+    def sides() -> Array:
+        of_s = face_names(assembly, state.block_s, position)
+        return np.column_stack([np.full_like(of_s, ""), of_s])
 
-    @property
-    def residual(self) -> float | None:
-        """Unbalanced over applied force [-]; None where an explicit run did not watch it."""
-        return self.solver.residual
+    blocks = np.column_stack([state.block_m, state.block_s])
+    values |= {
+        "area": lambda: state.areas,
+        "blocks": lambda: blocks,
+        "layer": lambda: assembly.layer[blocks],
+        "side": sides,
+        "centroid": lambda: state.centroids,
+        "normal": lambda: state.mean_normals,
+        "corners": lambda: state.corners,
+    }
+    return {name: _ordered(maker, order) for name, maker in values.items()}
 
-    def mesh(self) -> pv.UnstructuredGrid:
-        """Blocks before the load acts, with displacement [mm] and stresses [MPa] at the nodes.
 
-        ``answer.mesh().warp_by_vector("displacement [mm]", factor=1000)`` is the deformed shape.
-        """
-        import pyvista as pv
+def _ordered(maker: Callable[[], Array], order: Array) -> Callable[[], Array]:
+    return lambda: maker()[order]
 
-        elements, first = [], 0
-        for group in self.deformable.model.groups:
-            starts = first + group.n_nodes * np.arange(group.n_copies)
-            elements.append((group.mesh.elements[None] + starts[:, None, None]).reshape(-1, 8))
-            first += group.n_nodes * group.n_copies
-        grid = pv.UnstructuredGrid(
-            {pv.CellType.HEXAHEDRON: np.concatenate(elements)}, self.positions
-        )
-        grid.point_data["block"] = self.block_of_node
-        grid.point_data["displacement [mm]"] = self.displacements
-        grid.point_data["stress [MPa]"] = self.stresses
-        grid.point_data["principal stresses [MPa]"] = self.principal_stresses
-        return grid
 
-    def contacts(self) -> pv.PolyData:
-        """Contact facets where they are now, with pressure [MPa] and the blocks that meet."""
-        import pyvista as pv
+def _contacts_of(assembly: Assembly, pressures: FloatArray) -> dict[str, Callable[[], Array]]:
+    """Interfaces of a mesh with pressures given for all of them; frames do not press on frames."""
+    found = assembly.interfaces
+    index = np.flatnonzero(~(assembly.fixed[found.block_m] & assembly.fixed[found.block_s]))
+    values: dict[str, Callable[[], Array]] = {"pressure": lambda: pressures[index]}
+    return values | interface_contacts(assembly, index)
 
-        corners = self.contact_state.corners
-        faces = np.arange(corners.shape[0] * 4).reshape(-1, 4)
-        surface = pv.PolyData.from_regular_faces(corners.reshape(-1, 3), faces)
-        surface.cell_data["contact pressure [MPa]"] = self.contact_pressures
-        surface.cell_data["blocks"] = self.contact_blocks
-        return surface
+
+# ---------------------------------------------------------------------------------------------
+# Report
+
+
+def report_of(
+    solution: Solution, facets: tuple[Assembly, FloatArray] | None = None
+) -> dict[str, Any]:
+    """What the solver says of itself and of the state, as plain data."""
+    found = solution.deformable
+    principal = [r.principal for r in solution.recovered]
+    if found.meets:
+        beside = contact_report(solution, facets)
+    else:
+        beside = {"faces": face_displacements(solution)}
+    return {
+        "n_blocks": len(found.deformable_blocks),
+        "n_elements": found.model.n_elements,
+        "n_nodes": found.model.n_nodes,
+        "max_displacement": solution.largest_displacement,
+        "principal_stress": {
+            "max": max(float(p[..., 0].max()) for p in principal),
+            "min": min(float(p[..., 2].min()) for p in principal),
+        },
+        **beside,
+        **_static_report(solution),
+        **_explicit_report(solution),
+    }
+
+
+def contact_report(
+    solution: Solution, facets: tuple[Assembly, FloatArray] | None = None
+) -> dict[str, Any]:
+    """What only blocks that meet have."""
+    found = vars(contact_on(solution, facets))
+    numbers = {name: value for name, value in found.items() if name != "per_block"}
+    return {
+        "slip": solution.slip,
+        "n_contacts": solution.contact_state.n_facets,
+        "joints": solution.joints.as_json(),
+        "contact": numbers,
+        "contact_cap": None if solution.cap is None else asdict(solution.cap),
+    }
+
+
+def face_displacements(solution: Solution) -> dict[str, dict[str, list[float]]]:
+    """Mean displacement of each named face of the first block, weighted by facet area."""
+    found, whole = {}, solution.deformable
+    block = whole.assembly.shape(0)
+    moved = solution.group_displacements[int(whole.group_of[0])][int(whole.copy_of[0])]
+    for name in block.faces:
+        surface = block.surface(name)
+        mean = surface.areas @ moved[surface.quads].mean(axis=1) / surface.areas.sum()
+        found[name] = {"mean_displacement": mean.tolist()}
+    return found
+
+
+def _static_report(solution: Solution) -> dict[str, Any]:
+    """What a static solver says of itself."""
+    result = solution.static
+    if result is None:
+        return {}
+    energies = ("strain_energy", "contact_energy", "external_work", "frictional_dissipation")
+    data = {
+        "status": result.status,
+        "residual": result.residual,
+        "newton_iterations": result.newton_iterations,
+        "symmetry": result.symmetry,
+        "loose_blocks": result.loose_blocks.tolist(),
+        "load_steps": result.load_steps,
+        "energies": {name: getattr(result, name) for name in energies},
+        "cpu_seconds": result.cpu_seconds,
+    }
+    balance = solution.energy_balance
+    return data if balance is None else data | {"energy_balance": balance}
+
+
+def _explicit_report(solution: Solution) -> dict[str, Any]:
+    """What an explicit run says of itself."""
+    result, stated = solution.explicit, solution.statement
+    if result is None or stated is None:
+        return {}
+    energies, n_bytes = result.energies, result.state_bytes + result.constant_bytes
+    data: dict[str, Any] = {
+        "status": str(result.status),
+        "n_steps": result.n_steps,
+        "time": result.time,
+        "time_step": result.time_step,
+        "critical_time_step": result.critical.critical_time_step,
+        "residual": result.residual,
+        "newton_iterations": None,
+        "energies": None
+        if energies is None
+        else asdict(energies)
+        | {"viscous_dissipation": energies.viscous_dissipation, "total": energies.total},
+        "energy_balance": result.energy_balance,
+        "element_updates_per_cpu_second": result.element_updates_per_cpu_second,
+        "added_mass": added_mass_share(stated.assembly.model),
+        "bytes_per_node": n_bytes / stated.assembly.model.n_nodes,
+        "cpu_seconds": {"loop": result.cpu_seconds},
+    }
+    return data | _quasi_static_report(solution)
+
+
+def _quasi_static_report(solution: Solution) -> dict[str, Any]:
+    """How static the end is, where a static state is expected."""
+    stated, report = solution.statement, solution.quasi_static
+    if stated is None or stated.recommended is None or report is None:
+        return {}
+    return {
+        "counted_pressure": stated.counted_pressure,
+        "released_at_start": solution.released_at_start,
+        "quasi_static": asdict(report),
+        "recommended": asdict(stated.recommended),
+        "restarts": solution.restarts,
+    }

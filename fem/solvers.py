@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from fem.answer import Answer
-from fem.assembly.deformable import DeformableAssembly
+from fem.accuracy.converge import (
+    MOST_WORK,
+    TARGETS,
+    AccuracyError,
+    checked_targets,
+    converge,
+    default_options,
+    why_not_refined,
+)
+from fem.accuracy.converge import Progress as Refinement
+from fem.accuracy.one_mesh import static_errors, static_solution
+from fem.answer import answer_of
 from fem.assembly.statement import Problem, ProblemError
+from fem.element.hexahedron import ElementType
 from fem.explicit.output.checkpoint import OtherProblemError
 from fem.explicit.setup.assembly import ExplicitAssembly
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
@@ -24,18 +35,22 @@ from fem.explicit.solve import (
     solve,
 )
 from fem.problem.effects import AdaptiveMassDamping, Effects
-from fem.static.linear_step.condensed import FlexibilityStore
-from fem.static.result import LOAD_TOLERANCE, StaticError
-from fem.static.rotation import solve_static_with_rotation
+from fem.solution import RESIDUAL, Solution
 from fem.static.solve import StaticOptions
-from fem.static.solve import solve_static as solve_blocks
-
-#: Relative force residual at which a run to the static state stops [-].
-RESIDUAL = 1.0e-4
+from geometry.answer import Answer
 
 
-def solve_static(problem: Problem, options: StaticOptions | None = None) -> Answer:
-    """Find the static state by Newton's method.
+def solve_static(
+    problem: Problem,
+    options: StaticOptions | None = None,
+    *,
+    mesh: Literal["converged", "scene"] | None = None,
+    accuracy: Mapping[str, float] | None = None,
+    error_bars: bool = True,
+    max_seconds: float | None = None,
+    progress: Callable[[Refinement], None] | None = None,
+) -> Answer:
+    """Solve for the static state, by Newton's method, on meshes as fine as its accuracy needs.
 
     Parameters
     ----------
@@ -44,48 +59,90 @@ def solve_static(problem: Problem, options: StaticOptions | None = None) -> Answ
     options
         Tolerance, symmetry, load steps. None: with friction as many load steps as it takes for
         the answer to change by less than 1 % when they are doubled.
+    mesh
+        ``converged``: finer and finer meshes until the requested error bars are reached; the mesh
+        of the problem gives the facets of `p_eff`, `p_max` and `p_max_facet`. ``scene``: exactly
+        the mesh of the problem. None: ``converged``, unless the problem states a degree or an
+        element, or cannot be refined.
+    accuracy
+        Relative error bars [-] by measure, such as ``{"p_max_point": 0.03}``; None: 5 % of
+        displacement, p_eff, pressure at a point and averaged tension.
+    error_bars
+        Whether measures on the mesh of the problem have error bars, from coarser meshes.
+    max_seconds
+        CPU time that refining may take [s]; None: a fixed amount of work, about 20 CPU s, so that a
+        problem has one answer on every machine; no limit with an accuracy.
+    progress
+        Called before each mesh.
+
+    Returns
+    -------
+    Answer
+        Its report says under ``accuracy`` what was reached, and what ended the refinement.
 
     Raises
     ------
     ProblemError
         An initial motion, which needs an explicit run.
+    AccuracyError
+        A requested accuracy of a problem that cannot be refined, or beside ``mesh = "scene"``.
     StaticError
-        No equilibrium, or none that was found.
+        Without an equilibrium, or where Newton's method did not converge.
     ContactError, DeformableAssemblyError, SymmetryError
         What cannot be solved.
     """
+    _require_problem(problem)
     problem.refuse_motion()
-    options = StaticOptions(load_tolerance=LOAD_TOLERANCE) if options is None else options
-    return static_answer(problem.deformable, options, finite_rotation=problem.finite_rotation)
+    if refines(problem, mesh, accuracy):
+        found = converge(
+            problem,
+            TARGETS if accuracy is None else checked_targets(accuracy),
+            options=options,
+            max_seconds=max_seconds,
+            most_work=MOST_WORK if accuracy is None else None,
+            progress=progress,
+        )
+        return answer_of(
+            found.solution,
+            found.errors,
+            facets=found.facets,
+            remarks=found.remarks,
+            beside=lambda: found.report,
+        )
+    options = default_options() if options is None else options
+
+    def solve_on(stated: Problem) -> Solution:
+        return static_solution(stated.deformable, options, finite_rotation=stated.finite_rotation)
+
+    solution = solve_on(problem)
+    return answer_of(solution, static_errors(problem, solution, solve_on) if error_bars else {})
 
 
-def static_answer(
-    deformable: DeformableAssembly,
-    options: StaticOptions | None = None,
-    *,
-    finite_rotation: bool = False,
-    store: FlexibilityStore | None = None,
-) -> Answer:
-    """Find the static state of blocks that are built: see `solve_static`.
+def _require_problem(problem: object) -> None:
+    """Refuse what is no statement of a problem."""
+    if not isinstance(problem, Problem):
+        raise ProblemError(
+            f"problem: got a {type(problem).__name__}; expected "
+            "Problem(blocks, pipe(0.01), concrete)"
+        )
 
-    Runs that share a ``store`` condense the same blocks once.
+
+def refines(problem: Problem, mesh: str | None, accuracy: Mapping[str, float] | None) -> bool:
+    """Whether a static problem is solved on finer and finer meshes.
 
     Raises
     ------
-    StaticError, SymmetryError
-        As `solve_static`.
+    AccuracyError
+        An accuracy that is requested of one mesh.
     """
-    run = solve_static_with_rotation if finite_rotation else solve_blocks
-    result = run(deformable, options, store=store)
-    if not result.converged:
-        raise StaticError(result.status)
-    return Answer(
-        deformable=deformable,
-        group_displacements=result.displacements,
-        contact_state=result.contact_state,
-        finite_rotation=finite_rotation,
-        solver=result,
-    )
+    if mesh == "scene" and accuracy is not None:
+        raise AccuracyError(
+            'accuracy: got one beside mesh = "scene", which is one mesh; expected one of the two'
+        )
+    if mesh is not None or accuracy is not None:
+        return mesh != "scene"
+    stated = problem.degree > 1 or problem.element is not ElementType.INCOMPATIBLE
+    return not stated and why_not_refined(problem) is None
 
 
 def solve_explicit(
@@ -123,6 +180,7 @@ def solve_explicit(
     UnstableRun
         A run that gained energy.
     """
+    _require_problem(problem)
     if problem.degree > 1:
         raise ProblemError(
             f"degree: got {problem.degree}; explicit runs have elements of degree 1: expected "
@@ -144,12 +202,13 @@ def solve_explicit(
         end_time=end_time,
         motion=problem.motion,
     )
-    return explicit_answer(
+    found = explicit_answer(
         state(),
         lambda counted: state(counted_pressure=counted),
         residual=residual if static else 0.0,
         threads=threads,
     )
+    return answer_of(replace(found, static_below=residual))
 
 
 def explicit_answer(
@@ -164,7 +223,7 @@ def explicit_answer(
     sample_interval: int = 50,
     output: Output | None = None,
     resume: Path | None = None,
-) -> Answer:
+) -> Solution:
     """Run what is stated: see `solve_explicit`.
 
     Parameters
@@ -201,7 +260,7 @@ def explicit_answer(
                 sample_interval=sample_interval,
                 velocities=stated.velocities,
                 stop=StopCriterion(residual, stated.ramp_time) if watched else None,
-                output=None if output is None else _of_all_blocks(output, whole),
+                output=None if output is None else _of_all_blocks(output, whole, restarts),
                 resume=resume,
             )
             break
@@ -213,7 +272,7 @@ def explicit_answer(
             if isinstance(error, UnstableRun):
                 resume, restarts = None, restarts + 1
             stated = again(counted)
-    return Answer(
+    return Solution(
         deformable=whole.deformable,
         group_displacements=whole.expand(result.displacements),
         contact_state=whole.contact_state(result.displacements),
@@ -224,13 +283,14 @@ def explicit_answer(
     )
 
 
-def _of_all_blocks(output: Output, whole: ExplicitAssembly) -> Output:
+def _of_all_blocks(output: Output, whole: ExplicitAssembly, restarts: int) -> Output:
     """Callbacks that are told of all blocks where one of so many sectors is computed."""
     on_frame, progress = output.on_frame, output.progress
 
     def frame(found: Frame) -> None:
         assert on_frame is not None
-        on_frame(replace(found, displacements=whole.expand(found.displacements)))
+        moved = whole.expand(found.displacements)
+        on_frame(replace(found, displacements=moved, restart=restarts))
 
     def tell(found: Progress) -> None:
         assert progress is not None

@@ -1,4 +1,4 @@
-"""What is built, supported and loaded: meshes, blocks, assemblies, load cases.
+"""What is built, supported and loaded: meshes, blocks, assemblies, load cases; and answers.
 
 What most need::
 
@@ -9,6 +9,16 @@ What most need::
                   inner_radius=120, thickness=40),
         layers=2, mesh=(24, 2, 4),
     )
+
+| | |
+|---|---|
+| `SineBlock`, `HexagonBlock` | parameters of a block of a tube |
+| `tube` | layers of such blocks between two frames |
+| `Assembly` | any blocks with hexahedra, placed by rigid motions |
+| `pipe`, `tunnel`, `pillar`, `beam`, `shaft` | the load cases of a tube, from a pressure in MPa |
+| `Load` | a load before it is put on blocks |
+| `Answer`, `Measure` | what a solver returns, and one number of it |
+| `contact_mesh` | contact facets of an assembly as a pyvista mesh |
 """
 
 from __future__ import annotations
@@ -17,6 +27,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from geometry.answer import Answer, Measure
     from geometry.assembly import Assembly
     from geometry.families.hexagon_block import HexagonBlockParameters as HexagonBlock
     from geometry.families.sine_block import SineBlockParameters as SineBlock
@@ -25,9 +36,11 @@ if TYPE_CHECKING:
     from geometry.loads import Load, beam, pillar, pipe, shaft, tunnel
 
 __all__ = [
+    "Answer",
     "Assembly",
     "HexagonBlock",
     "Load",
+    "Measure",
     "SineBlock",
     "beam",
     "contact_mesh",
@@ -40,9 +53,11 @@ __all__ = [
 
 #: Where each name comes from: imported when it is asked for, for commands start sooner without.
 _PLACES = {
+    "Answer": ("geometry.answer", "Answer"),
     "Assembly": ("geometry.assembly", "Assembly"),
     "HexagonBlock": ("geometry.families.hexagon_block", "HexagonBlockParameters"),
     "Load": ("geometry.loads", "Load"),
+    "Measure": ("geometry.answer", "Measure"),
     "SineBlock": ("geometry.families.sine_block", "SineBlockParameters"),
     "beam": ("geometry.loads", "beam"),
     "contact_mesh": ("geometry.files.mesh_io", "contact_mesh"),
@@ -59,3 +74,7 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'geometry' has no attribute {name!r}")
     module, there = _PLACES[name]
     return getattr(import_module(module), there)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -21,6 +21,10 @@ from geometry.mesh import BoolArray, FloatArray, IntArray
 SMALLEST_BLOCK, LARGEST_BLOCK = 1.0, 1e5
 
 
+#: Kinds of numbers, as people call them.
+_KINDS: dict[type, str] = {np.integer: "integers", np.floating: "floats", np.bool_: "True or False"}
+
+
 class AssemblyError(RefusedError):
     """An assembly that cannot be built as asked."""
 
@@ -84,6 +88,34 @@ class PlacedBlocks(ABC, Generic[AnyShape]):
     """Rigid translation of each block, (n_blocks, 3) [mm]."""
     fixed: BoolArray
     """Whether the block belongs to the frame or is the image of another one, (n_blocks,)."""
+
+    def __post_init__(self) -> None:
+        self._check_shapes()
+        for what, unit in (("rotations", ""), ("translations", " in mm")):
+            values = getattr(self, what)
+            wrong = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+            if wrong.any():
+                block = int(np.argmax(wrong))
+                raise AssemblyError(
+                    f"{self.name}: {what} of block {block}: got {values[block].tolist()}, expected "
+                    f"finite numbers{unit}"
+                )
+
+    def _check_shapes(self) -> None:
+        """Refuse arrays that do not say where each block is and which of them are fixed."""
+        n = len(self.shape_of)
+        for what, kind, shape in (
+            ("shape_of", np.integer, (n,)),
+            ("rotations", np.floating, (n, 3, 3)),
+            ("translations", np.floating, (n, 3)),
+            ("fixed", np.bool_, (n,)),
+        ):
+            values = np.asarray(getattr(self, what))
+            if values.shape != shape or not np.issubdtype(values.dtype, kind):
+                raise AssemblyError(
+                    f"{self.name}: {what}: got {values.dtype} of shape {values.shape}; expected "
+                    f"{_KINDS[kind]} of shape {shape}, one row for each of {n} blocks"
+                )
 
     @property
     def n_blocks(self) -> int:
@@ -196,6 +228,13 @@ class Assembly(PlacedBlocks[Block]):
     image_of: IntArray | None = None
     """Block whose translated image each block is, itself where it is none, (n_blocks,): what a
     periodic cell meets at its end. None: no images."""
+
+    def __repr__(self) -> str:
+        """Name and size: arrays are not printed."""
+        free = self.free_blocks
+        elements = sum(self.shape(block).mesh.n_elements for block in free)
+        parts = f"{self.n_blocks} blocks, {len(free)} of them free with {elements} elements"
+        return f"<{self.name}: {parts}>"
 
     @cached_property
     def originals(self) -> IntArray:

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
+from geometry.charts import Charts, Lines, grid_charts, unit_lines
 from geometry.mesh import (
     FloatArray,
     HexMesh,
@@ -49,6 +50,8 @@ class Block:
     """Names of the groups that can meet another block."""
     curve: Curve | None = None
     """The exact shape; None: the mesh is the shape."""
+    charts: Charts | None = None
+    """How it is meshed anew; None: hexahedron by hexahedron (`geometry.charts.charts_of`)."""
 
     @cached_property
     def _extent(self) -> tuple[float, FloatArray]:
@@ -87,17 +90,41 @@ def box_block(
     *,
     name: str = "box",
     contact_faces: tuple[str, ...] = (),
+    face_names: dict[str, str] | None = None,
 ) -> Block:
     """Box [0, size] [mm] meshed by equal bricks, faces named ``x-``, ``x+``, … ``z+``.
 
-    ``divisions`` are the elements along x, y, z; ``contact_faces`` can meet another block.
+    ``divisions`` are the elements along x, y, z; ``contact_faces`` can meet another block;
+    ``face_names`` are other names of the six faces.
     """
-    x, y, z = (np.linspace(0.0, s, n + 1) for s, n in zip(size, divisions, strict=True))
-    mesh = HexMesh(grid_points(x, y, z), structured_hexahedra(*divisions))
+    lines = unit_lines(*(np.linspace(0.0, 1.0, n + 1) for n in divisions))
+    return _box(size, name, face_names or {}, contact_faces, lines)
+
+
+def _box(
+    size: tuple[float, float, float],
+    name: str,
+    face_names: dict[str, str],
+    contact_faces: tuple[str, ...],
+    lines: Lines,
+) -> Block:
+    counts = [len(line) - 1 for line in lines]
+    places = (_scaled(line, length) for line, length in zip(lines, size, strict=True))
+    mesh = HexMesh(grid_points(*places), structured_hexahedra(*counts))
     check_mesh(mesh, name)
     axis = {"u": "x", "v": "y", "w": "z"}
-    faces = {axis[key[0]] + key[1]: quads for key, quads in grid_faces(*divisions).items()}
-    return Block(name, mesh, faces, contact_faces)
+    faces = {axis[key[0]] + key[1]: quads for key, quads in grid_faces(*counts).items()}
+    faces = {new: faces[old] for old, new in (face_names or {key: key for key in faces}).items()}
+    build = partial(_box, size, name, face_names, contact_faces)
+    charts = grid_charts(("along", "across", "upward"), (1, 1, 1), lines, build)
+    return Block(name, mesh, faces, contact_faces, charts=charts)
+
+
+def _scaled(line: FloatArray, length: float) -> FloatArray:
+    """Line from 0 to a length; equal parts are those of the length: 50, not 49.99999999999999."""
+    n = len(line)
+    even = np.array_equal(line, np.linspace(0.0, 1.0, n))
+    return np.linspace(0.0, length, n) if even else line * length
 
 
 def mapped_block(
@@ -106,6 +133,9 @@ def mapped_block(
     shape: Callable[[FloatArray], FloatArray],
     faces: dict[str, str],
     contact_faces: tuple[str, ...],
+    *,
+    directions: tuple[str, str, str],
+    parts: tuple[int, int, int] = (1, 1, 1),
 ) -> Block:
     """Block of an exact shape: the image of a grid of three parameters, right-handed.
 
@@ -121,10 +151,28 @@ def mapped_block(
         Name of each side of the grid, ``u-`` to ``w+``.
     contact_faces
         Faces that can meet another block.
+    directions, parts
+        What each parameter is, and equal parts of it that every mesh keeps (`Charts`).
     """
     counts = [len(line) - 1 for line in lines]
     mesh = HexMesh(shape(grid_points(*lines)), structured_hexahedra(*counts))
     check_mesh(mesh, name)
     named = {faces[side]: quads for side, quads in grid_faces(*counts).items()}
     curve = Curve(lambda: grid_points(*lines)[mesh.elements], shape)
-    return Block(name, mesh, named, contact_faces, curve)
+
+    def build(unit: Lines) -> Block:
+        first, second, third = (
+            line[0] + (line[-1] - line[0]) * at for line, at in zip(lines, unit, strict=True)
+        )
+        return mapped_block(
+            name,
+            (first, second, third),
+            shape,
+            faces,
+            contact_faces,
+            directions=directions,
+            parts=parts,
+        )
+
+    charts = grid_charts(directions, parts, unit_lines(*lines), build)
+    return Block(name, mesh, named, contact_faces, curve, charts)

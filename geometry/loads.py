@@ -138,6 +138,12 @@ class LoadCase:
     points; (n_blocks, 6) [N, N mm]."""
 
     def __post_init__(self) -> None:
+        fixed, n = np.asarray(self.fixed), self.assembly.n_blocks
+        if fixed.dtype != np.bool_ or fixed.shape != (n,):
+            raise LoadCaseError(
+                f"fixed: got {fixed.dtype} of shape {fixed.shape}; expected True or False for each "
+                f"of {n} blocks, ({n},)"
+            )
         for load in self.faces:
             for number in np.unique(self.assembly.shape_of[load.blocks]):
                 shape = self.assembly.shapes[number]
@@ -242,7 +248,7 @@ def face_pressure(assembly: Assembly, blocks: IntArray, face: str, pressure: flo
     return LoadCase(assembly, "pressure", faces, assembly.fixed.copy())
 
 
-def check_finite(pressure: float) -> None:
+def check_finite(pressure: object) -> None:
     """Refuse a pressure that is not finite.
 
     Raises
@@ -250,8 +256,9 @@ def check_finite(pressure: float) -> None:
     LoadCaseError
         Saying so.
     """
-    if not np.isfinite(pressure):
-        raise LoadCaseError(f"load.pressure: got {pressure}, expected a finite pressure in MPa")
+    number = isinstance(pressure, float | int | np.number) and not isinstance(pressure, bool)
+    if not number or not np.isfinite(pressure):  # type: ignore[call-overload]
+        raise LoadCaseError(f"load.pressure: got {pressure!r}, expected a finite number of MPa")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -340,6 +347,9 @@ class Load:
     """Loaded layer of a case that loads one; None: ⌊L/2⌋ + 1."""
     as_printed: bool = False
     """The reading that reproduces the paper's tables."""
+
+    def __post_init__(self) -> None:
+        check_finite(self.pressure)
 
     def on(self, assembly: Assembly) -> LoadCase:
         """Tractions on the facets of an assembly, and what it is held by.

@@ -150,6 +150,12 @@ class JointResultants:
     """F, (n_joints, 3) [N]."""
     moments: FloatArray
     """M about the centroid, (n_joints, 3) [N mm]."""
+    without_friction: bool = False
+    """Whether friction acts that these forces leave out: they come from contact pressures alone."""
+
+    def name(self, resultant: str) -> str:
+        """Name of a resultant in files: ``force``, or ``force_without_friction``."""
+        return f"{resultant}_without_friction" if self.without_friction else resultant
 
     @property
     def normal_force(self) -> FloatArray:
@@ -192,9 +198,10 @@ class JointResultants:
         ``force`` and ``moment`` act on the second of ``blocks``, the moment about ``centroid``,
         that of the contact area; ``normal`` points from the first to the second. ``normal_force``
         is positive where blocks press and acts at ``point``, ``eccentricity`` from the centroid.
-        Lengths in mm, forces in N, moments in N mm, world axes.
+        Lengths in mm, forces in N, moments in N mm, world axes. Where friction acts and is left
+        out, the names of all that follows from forces end in ``_without_friction``.
         """
-        columns = {
+        resultants = {
             "force": self.forces,
             "moment": self.moments,
             "normal_force": self.normal_force,
@@ -203,6 +210,8 @@ class JointResultants:
             "twisting_moment": self.twisting_moment,
             "eccentricity": self.eccentricity,
             "point": self.points,
+        }
+        columns = {self.name(key): values for key, values in resultants.items()} | {
             "centroid": self.centroids,
             "normal": self.normals,
             "area": self.areas,

@@ -1,7 +1,34 @@
-"""Rigid blocks: contact Jacobian, equilibrium by LP and QP, mechanism classes, measures."""
+"""Rigid blocks: contact Jacobian, equilibrium by LP and QP, mechanism classes, measures.
+
+What most need::
+
+    from mbd import analyse
+
+    answer = analyse(problem)
+    print(answer)
+    answer["p_max_facet"], answer.report["mechanism"], answer.contacts["pressure"]
+
+| | |
+|---|---|
+| `analyse` | the rigid answer to a problem, or to blocks and a load: a `geometry.Answer` |
+| `rigid_result`, `RigidResult` | the same with certificates, forces and equilibrium as objects |
+| `Norm`, `Solver` | what contact forces minimise; which solver finds them |
+| `contact_jacobian`, `Contacts` | velocities of gaps by motions of blocks |
+| `PairJacobian`, `MatrixJacobian` | the Jacobian by pairs of blocks, and as a matrix |
+| `generalized_force`, `block_wrenches` | loads as forces and moments on blocks |
+| `classify`, `Classification`, `MechanismClass` | locked, activated or suppressed, certified |
+| `SelfStress`, `Mechanism` | the certificates |
+| `solve_linear_programs`, `LinearPrograms` | the linear programs behind them |
+| `equilibrium`, `Equilibrium` | contact forces that balance a load |
+| `newton_equilibrium`, `clarabel_equilibrium` | the two solvers of it |
+| `column_weights`, `EQUILIBRIUM_TOLERANCE` | weights of its norm; its largest residual |
+| `measures`, `Measures` | the paper's measures of contact pressures |
+| `block_measures`, `BlockMeasures` | the same of each block |
+"""
 
 from geometry.measures import BlockMeasures, Measures, block_measures, measures
-from mbd.analysis import RigidResult, analyse
+from mbd.analysis import RigidResult, rigid_result
+from mbd.answer import analyse
 from mbd.contact_jacobian import (
     Contacts,
     MatrixJacobian,
@@ -56,5 +83,10 @@ __all__ = [
     "generalized_force",
     "measures",
     "newton_equilibrium",
+    "rigid_result",
     "solve_linear_programs",
 ]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -6,7 +6,8 @@ import time
 from dataclasses import dataclass
 from typing import Protocol, cast
 
-from geometry.assembly import AnyBlocks
+from geometry.assembly import AnyBlocks, PlacedBlocks
+from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.measures import BlockMeasures, Measures, block_measures, measures
 from geometry.mesh import FloatArray, IntArray
@@ -66,11 +67,31 @@ class RigidStatement(Protocol):
         """Loads and supports, weight included."""
 
 
-def analyse(
+class AnalysisError(RefusedError):
+    """What cannot be analysed: the argument and what is expected."""
+
+
+def check_types(assembly: object, load: object) -> None:
+    """Refuse what is neither blocks with a load case nor a statement of both."""
+    blocks = isinstance(assembly, PlacedBlocks)
+    if load is None and (blocks or getattr(type(assembly), "rigid_load", None) is None):
+        given = "blocks without a load case" if blocks else f"a {type(assembly).__name__}"
+        raise AnalysisError(
+            f"analyse: got {given}; expected a Problem, or blocks and a load case: "
+            "analyse(blocks, pipe(0.01).on(blocks))"
+        )
+    if load is not None and not (blocks and isinstance(load, LoadCase)):
+        raise AnalysisError(
+            f"analyse: got a {type(assembly).__name__} and a {type(load).__name__}; expected "
+            "blocks and a load case: analyse(blocks, pipe(0.01).on(blocks))"
+        )
+
+
+def rigid_result(
     assembly: AnyBlocks | RigidStatement,
     load: LoadCase | None = None,
     *,
-    norm: Norm = Norm.FORCE,
+    norm: Norm = Norm.PRESSURE,
     solver: Solver = Solver.NEWTON,
 ) -> RigidResult:
     """Classify an assembly and solve for its contact forces (Algorithm 1).
@@ -82,7 +103,8 @@ def analyse(
     load
         Tractions and supports of blocks that come without.
     norm
-        What the contact forces minimise: ``force`` as printed, ``pressure`` for design.
+        What the contact forces minimise: ``pressure``, which does not depend on the mesh, or
+        ``force``, as the paper prints it.
     solver
         ``newton`` (ours) or ``clarabel``.
 
@@ -92,9 +114,10 @@ def analyse(
         `RigidResult.equilibrium` says whether the load is carried; nothing is called
         equilibrium above a relative residual of 1e-6.
     """
+    check_types(assembly, load)
     if load is None:
         statement = cast("RigidStatement", assembly)
-        return analyse(statement.blocks, statement.rigid_load, norm=norm, solver=solver)
+        return rigid_result(statement.blocks, statement.rigid_load, norm=norm, solver=solver)
     assembly = cast("AnyBlocks", assembly)
     seconds: dict[str, float] = {}
     clock = time.process_time()

@@ -52,6 +52,8 @@ class PlaneProblem:
     """Rows of the problem in space that are kept, (3 n_free,)."""
     kept: IntArray
     """Contacts of the problem in space that are kept, (n,)."""
+    behind: FloatArray
+    """From the face of these contacts to the other one, (3,) [mm]."""
 
     def load(self, load: FloatArray) -> FloatArray:
         """Rows in the plane of a generalized force in space.
@@ -103,7 +105,8 @@ def plane_problem(
     columns = (3 * kept[:, None] + np.arange(3)).ravel()
     matrix = sp.csc_array(sp.csr_array(frictional.matrix)[rows].tocsc()[:, columns])
     reduced = replace(frictional, matrix=matrix, tangents=frictional.tangents[kept])
-    return PlaneProblem(reduced, rows, kept)
+    behind = np.eye(3)[axis] * (height[~front].mean() - height[front].mean())
+    return PlaneProblem(reduced, rows, kept, behind)
 
 
 #: Joints whose range is narrower than this fraction of the load count as determined: linear

@@ -138,7 +138,8 @@ def frictional_contacts(
             "angle of friction φ is given as its tangent: 30° is 0.577"
         )
     normals = assembly.interfaces.normals[contacts.index]
-    axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    # Rounded: joints that mirror each other have mirrored tangents where two axes are as far.
+    axis = np.eye(3)[np.abs(normals).round(6).argmin(axis=1)]
     first = np.cross(normals, axis)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     second = np.cross(normals, first)
@@ -258,10 +259,13 @@ def _checked_mechanism(
     return None
 
 
-def frictional_equilibrium(contacts: FrictionalContacts, load: FloatArray) -> FrictionalEquilibrium:
+def frictional_equilibrium(
+    contacts: FrictionalContacts, load: FloatArray, *, weights: FloatArray | None = None
+) -> FrictionalEquilibrium:
     """Smallest admissible forces that balance a load (n_rows,) [N], or a certified mechanism.
 
-    Undecided (neither holds nor a mechanism) at the edge of what can be carried.
+    Smallest by the column scaling of `mbd.equilibrium.column_weights`, (n_contacts,), ones by
+    default. Undecided (neither holds nor a mechanism) at the edge of what can be carried.
     """
     size = float(np.linalg.norm(load))
     if size == 0.0:
@@ -269,7 +273,7 @@ def frictional_equilibrium(contacts: FrictionalContacts, load: FloatArray) -> Fr
         status = "equilibrium: no load"
         return FrictionalEquilibrium(holds=True, forces=nothing, residual=0.0, status=status)
     unit = load / size
-    forces, residual, direction = _least_forces(contacts, unit)
+    forces, residual, direction = _least_forces(contacts, unit, weights)
     answer = partial(FrictionalEquilibrium, forces=size * forces, residual=residual)
     if residual <= EQUILIBRIUM_TOLERANCE:
         return answer(holds=True, status=f"can be carried, relative residual {residual:.1e}")
@@ -290,15 +294,16 @@ def frictional_equilibrium(contacts: FrictionalContacts, load: FloatArray) -> Fr
 
 
 def _least_forces(
-    contacts: FrictionalContacts, unit: FloatArray
+    contacts: FrictionalContacts, unit: FloatArray, weights: FloatArray | None
 ) -> tuple[FloatArray, float, FloatArray]:
     """Smallest admissible forces that come nearest to balance, what is left, and its dual."""
     n = contacts.n_contacts
     if n == 0:
         return np.zeros((0, 3)), 1.0, unit
+    column = np.ones(n) if weights is None else weights
     rows, cones = _cones(contacts)
     solution = solve_conic(
-        quadratic=sp.eye_array(3 * n, format="csc"),
+        quadratic=sp.diags_array(np.repeat(column**-2.0, 3)),
         cost=np.zeros(3 * n),
         equal=contacts.matrix,
         target=-unit,
@@ -315,7 +320,8 @@ class CollapseLoad:
     """How far a live load can grow on top of a dead load until the first mechanism."""
 
     factor: float
-    """Largest α for which dead + α live can be carried; infinity if it never collapses."""
+    """Largest α for which dead + α live can be carried with associated friction and infinite
+    strength; infinity where there is none."""
     upper_bound: float = np.inf
     """-f_deadᵀd / f_liveᵀd of the mechanism: no larger α can be carried."""
     forces: FloatArray
@@ -323,7 +329,7 @@ class CollapseLoad:
     residual: float
     """Relative residual of those forces."""
     mechanism: FloatArray | None = None
-    """Collapse mechanism d, f_liveᵀd > 0, ‖d‖ = 1; None if it never collapses."""
+    """Collapse mechanism d, f_liveᵀd > 0, ‖d‖ = 1; None at an infinite factor."""
     smallest_contact_work: float = 0.0
     """Least work of an admissible unit force on the mechanism; zero to round-off."""
     status: str
@@ -360,7 +366,9 @@ def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArr
             factor=np.inf,
             forces=alone.forces,
             residual=alone.residual,
-            status="never collapses: the live load alone can be carried, however large",
+            status="no limit: with associated friction (joints that slide dilate) and infinite "
+            "strength the live load alone can be carried, however large; dry joints may slide "
+            "under less (rigid.sliding = true searches)",
         )
     factor, forces, dual = _largest_factor(contacts, dead, live)
     total = dead + factor * live

@@ -14,6 +14,9 @@ This is a mathematical program with equilibrium constraints. All products togeth
 only the sum is bilinear. α + ρ · defect is minimised by sequential linear programs in a trust
 region (HiGHS) from the associated state, ρ rising until the defect is nil.
 
+Where associated friction jams and knows no limit, the descent starts from joints whose limits of
+friction are frozen at the pressures of the last state, step by step, as Gilbert et al. do.
+
 A solution proves itself (`check_sliding`): at α the blocks can begin to slide with every law of
 dry friction obeyed. Nothing proves that no smaller α exists: the program is not convex, the answer
 a local minimum. Between it and the associated factor the blocks may stand or slide, depending on
@@ -35,7 +38,13 @@ import scipy.sparse as sp
 
 from geometry.mesh import FloatArray
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
-from mbd.friction import FrictionalContacts, collapse_load, solve_conic
+from mbd.friction import (
+    CollapseLoad,
+    FrictionalContacts,
+    collapse_load,
+    frictional_equilibrium,
+    solve_conic,
+)
 from mbd.options import FrictionLaw
 
 #: Largest violation of any law in a certified state; see `SlidingCheck` for what it is relative to.
@@ -213,6 +222,32 @@ class _Programs:
         forces = self.contacts.projected(found.x[: 3 * n].reshape(-1, 3))
         return self.state(forces, float(found.x[load]), found.x[motion]), predicted
 
+    def frozen(self, pressed: FloatArray) -> _State | None:
+        """Largest factor, its forces and motion, with limits μ · ``pressed`` (n,) of friction.
+
+        None where no factor is the largest.
+        """
+        from scipy.optimize import linprog
+
+        n, rows = self.contacts.n_contacts, len(self.dead)
+        each = np.array([[0, 1, 1], [0, 1, -1], [0, -1, 1], [0, -1, -1]], dtype=np.float64)
+        above = sp.hstack([sp.kron(sp.eye_array(n), each), sp.csr_array((4 * n, 1))])
+        bounds = np.full((3 * n + 1, 2), [-np.inf, np.inf])
+        bounds[: 3 * n : 3, 0] = 0.0
+        constraints: dict[str, Any] = {
+            "A_eq": self.equal[:rows, : 3 * n + 1],
+            "b_eq": self.target[:rows],
+            "A_ub": sp.csc_array(above),
+            "b_ub": np.repeat(self.contacts.friction * pressed, 4),
+            "bounds": bounds,
+        }
+        found = linprog(-np.eye(3 * n + 1)[-1], method="highs", **constraints)
+        if found.x is None or not found.success:
+            return None
+        # Multipliers of balance are the motion that the live load drives, with a work of one.
+        forces = found.x[:-1].reshape(-1, 3)
+        return self.state(forces, float(found.x[-1]), -found.eqlin.marginals)
+
 
 def _programs(contacts: FrictionalContacts, dead: FloatArray, live: FloatArray) -> _Programs:
     n, rows, mu = contacts.n_contacts, len(dead), contacts.friction
@@ -279,15 +314,13 @@ def sliding_collapse(
     """
     linear = replace(contacts, law=FrictionLaw.PYRAMID)
     start = collapse_load(linear, dead, live)
-    if start.mechanism is None:
-        return SlidingCollapse(
-            start.factor, start.factor, start.forces, None, None, 0, f"not sought: {start.status}"
-        )
     scale, size = float(np.linalg.norm(dead)) or 1.0, float(np.linalg.norm(live))
     programs = _programs(linear, dead / scale, live / size)
-    motion = start.mechanism / float(start.mechanism @ programs.live)
-    state = programs.state(start.forces / scale, start.factor * size / scale, motion)
-    solved = 0
+    state, solved = _first_state(programs, start, (scale, size))
+    if state is None:
+        return SlidingCollapse(
+            start.factor, start.factor, start.forces, None, None, solved, _NOT_FOUND
+        )
     for penalty in _PENALTIES:
         state, count = _descend(programs, state, penalty)
         solved += count
@@ -301,6 +334,41 @@ def sliding_collapse(
         found = _judged(contacts, scale * state.forces, motion, (dead, live, factor))
     found = replace(found, associated=start.factor, programs=solved)
     return replace(found, status=_status(found))
+
+
+#: Most linear programs with frozen friction, and the change of pressures at which they settle.
+_MOST_FROZEN, _FROZEN = 60, 1e-9
+#: Factors beyond this, in sizes of dead over live load, are taken for a jam without limit.
+_JAMMED = 1e6
+_NOT_FOUND = (
+    "no state of sliding without dilation was found: friction jams the blocks, and an unknown "
+    "prestress decides (see the ranges of the joints)"
+)
+
+
+def _first_state(
+    programs: _Programs, start: CollapseLoad, sizes: tuple[float, float]
+) -> tuple[_State | None, int]:
+    """State that the descent starts from, and the linear programs solved; None in a jam.
+
+    The associated collapse where there is one. Where friction with dilation jams, limits of
+    friction are frozen at the pressures of the last state, so that joints slide without dilation
+    (Gilbert et al. 2006); the first pressures are those of the dead load.
+    """
+    scale, size = sizes
+    if start.mechanism is not None:
+        motion = start.mechanism / float(start.mechanism @ programs.live)
+        return programs.state(start.forces / scale, start.factor * size / scale, motion), 0
+    pressed = frictional_equilibrium(programs.contacts, programs.dead).forces[:, 0]
+    for count in range(1, _MOST_FROZEN + 1):
+        found = programs.frozen(pressed)
+        if found is None or found.factor > _JAMMED:
+            return None, count
+        change = float(np.abs(found.forces[:, 0] - pressed).max(initial=0.0))
+        if change <= _FROZEN * max(float(pressed.max(initial=0.0)), 1.0):
+            break
+        pressed = 0.5 * (pressed + found.forces[:, 0])
+    return found, count
 
 
 def _judged(
@@ -351,9 +419,12 @@ def _least_dissipation(
 
 def _status(found: SlidingCollapse) -> str:
     if found.certified:
+        beyond = f"cannot stand beyond {found.associated:.6g}"
+        if np.isinf(found.associated):
+            beyond = "associated friction, which dilates, knows no limit"
         return (
             f"can slide without dilation from {found.factor:.6g} times the live load (certified; "
-            f"a local minimum), cannot stand beyond {found.associated:.6g}"
+            f"a local minimum); {beyond}"
         )
     return (
         f"no certified state of sliding without dilation: the best violates a law by "

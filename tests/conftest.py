@@ -1,16 +1,48 @@
-"""Tiny named problems, shared by the tests."""
+"""Tiny named problems, shared by the tests, and what a quick test may cost."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Generator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from geometry.assembly import Assembly
+from geometry.compilation import compiling
 from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import TSB1, SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
+
+#: CPU seconds that a test marked ``quick`` may take, not counting what is compiled; one that takes
+#: longer is marked ``slow`` beside it.
+QUICK = 2.0
+
+
+def _cpu_seconds() -> float:
+    """Of this process and of those that it waited for."""
+    return sum(os.times()[:4])
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, Any]:
+    """Fail a quick test that is not, where quick tests are chosen (`make check`).
+
+    No law depends on the speed of a machine: `make test` does not measure.
+    """
+    chosen = "quick" in str(item.config.option.markexpr)
+    marked = item.get_closest_marker("quick") is not None
+    if not chosen or not marked or item.get_closest_marker("slow") is not None:
+        return (yield)
+    with compiling() as compiled:
+        start = _cpu_seconds()
+        result = yield
+    spent = _cpu_seconds() - start - compiled.cpu_seconds
+    if spent > QUICK:
+        pytest.fail(f"took {spent:.1f} CPU s; a quick test takes {QUICK:g}: mark it slow")
+    return result
 
 
 def tsb(shift: float = 0.0, **changes: float) -> SineBlockParameters:

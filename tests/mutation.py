@@ -42,6 +42,7 @@ SUBJECTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "test_mbd_sliding_collapse.py",
             "test_mbd_resultants.py",
             "test_mbd_force_range.py",
+            "test_mbd_constants.py",
             "test_validation_paper.py",
         ),
     ),

@@ -40,6 +40,8 @@ from geometry.loads import PressureLoad, TractionLoad, load_case
 from geometry.mesh import HEX_FACES
 from tests.conftest import random_rotation, tsb
 
+pytestmark = pytest.mark.quick
+
 CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
 EXPLICIT = DeckStep(Procedure.EXPLICIT, 0.5, 0.1, safety_factor=0.9)
 BODY_FORCE = BodyForceLoad(np.array([5]), np.array([[1e-3, 0.2 / 3.0, -2e-5]]))

@@ -27,8 +27,7 @@ from geometry.families.tube import sine_tube
 from geometry.loads import load_case
 from geometry.mesh import HexMesh
 from tests.conftest import tsb
-from validation.compare.calculix import CalculixError, calculix_available, run_calculix
-from validation.compare.calculix_check import (
+from tests.verification.calculix import (
     bar_deck,
     bar_rows,
     calculix_of,
@@ -42,6 +41,9 @@ from validation.compare.calculix_check import (
     tube_deck,
     tube_rows,
 )
+from validation.comparison.calculix import CalculixError, calculix_available, run_calculix
+
+pytestmark = pytest.mark.quick
 
 needs_ccx = pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")
 needs_converter = pytest.mark.skipif(not converter_available(), reason="abq2ccx is not installed")
@@ -223,6 +225,7 @@ def test_column_through_the_converter(tmp_path: Path) -> None:
 
 @needs_ccx
 @needs_converter
+@pytest.mark.slow
 def test_instance_deck_and_flat_deck_are_the_same_problem(tmp_path: Path) -> None:
     """CalculiX twice: instances expanded by abq2ccx, and our flat deck.
 

@@ -16,6 +16,8 @@ from fem.static.linear_step.linearisation import SparseSolver, SparseSolverError
 from geometry.block import box_block
 from geometry.mesh import HexMesh
 
+pytestmark = pytest.mark.quick
+
 
 @pytest.fixture(scope="module", params=[ElementType.INCOMPATIBLE, ElementType.REDUCED])
 def distorted(request):

@@ -29,6 +29,8 @@ from geometry.families.tube import sine_tube
 from geometry.loads import load_case
 from tests.fem_problems import deformable_assembly
 
+pytestmark = pytest.mark.quick
+
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 TSB1 = SineBlockParameters(
     height=200.0,

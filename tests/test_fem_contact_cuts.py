@@ -6,6 +6,8 @@ import pytest
 from fem.contact.cuts import carry_over, clip, fine_points, moment_points
 from fem.contact.search import BlockSurface, FacingPoints
 
+pytestmark = pytest.mark.quick
+
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
 
 
@@ -28,6 +30,7 @@ def grid(turn, size, cells):
     return (SQUARE / 2.0 * size + shifts.reshape(-1, 1, 2)) @ rotation.T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 0.3, np.pi / 4])
 def test_pieces_fill_the_facet(turn):
     """Areas add up to rounding, and so do the moments of order one and two of their points: those

@@ -7,6 +7,8 @@ import pytest
 
 from fem.contact.law import ContactLawError, ExponentialLaw, LinearPenalty
 
+pytestmark = pytest.mark.quick
+
 UNCAPPED = ExponentialLaw()
 CAPPED = ExponentialLaw(maximum_stiffness=1000.0)
 LAWS = [

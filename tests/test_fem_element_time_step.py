@@ -14,6 +14,8 @@ from fem.problem.time_step import (
 from geometry.block import box_block
 from tests.fem_problems import CONCRETE, distorted_box
 
+pytestmark = pytest.mark.quick
+
 every_element = pytest.mark.parametrize("element", list(ElementType), ids=lambda e: e.value)
 
 

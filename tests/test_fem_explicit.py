@@ -28,6 +28,8 @@ from fem.problem.time_step import TimeStepError, critical_time_step
 from geometry.block import box_block
 from tests.fem_problems import CONCRETE, degrees_of_freedom, static_displacement
 
+pytestmark = pytest.mark.quick
+
 MESH = box_block((40.0, 8.0, 8.0), (6, 2, 2)).mesh
 HELD = np.flatnonzero(MESH.nodes[:, 0] == 0.0)
 

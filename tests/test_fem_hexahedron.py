@@ -44,6 +44,8 @@ from tests.fem_problems import (
     tip_deflection,
 )
 
+pytestmark = pytest.mark.quick
+
 every_element = pytest.mark.parametrize("element", list(ElementType), ids=lambda e: e.value)
 
 

@@ -20,6 +20,8 @@ from fem.problem.effects import BulkViscosity
 from fem.problem.model import block_group
 from tests.fem_problems import CONCRETE, distorted_box
 
+pytestmark = pytest.mark.quick
+
 EPS = {np.float64: 2.0**-53, np.float32: 2.0**-24}
 
 

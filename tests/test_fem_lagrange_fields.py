@@ -7,35 +7,37 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyvista as pv
+from scipy.spatial import cKDTree
 
+from fem import StaticOptions, solve_static
+from fem.accuracy.transfer import interpolation
 from fem.element.lagrange import LagrangeElement
-from fem.element.lagrange_stress import MovedBodies, averaged_tension, grid_places
-from fem.static.lagrange_block import face_pressure, windows
-from fem.static.lagrange_fields import GridFields, every_layer, lagrange_cells
-from fem.static.lagrange_tube import LayeredJoints, TubeState, solve_layered_tube
+from fem.element.lagrange_mesh import LagrangeMesh, with_degree
+from fem.element.lagrange_stress import (
+    MovedBodies,
+    averaged_tension,
+    cells_of,
+    grid_places,
+    nodal_stress_of,
+)
+from fem.static.linear_step.grid_block import windows
+from geometry.charts import Places
 from geometry.files.mesh_io import write_lagrange_cells
-from tests.test_fem_lagrange import CONCRETE, lattice
-from tests.test_validation_accuracy import scene
+from geometry.refinement import charts_of
+from tests.test_fem_lagrange import CONCRETE, block, curved
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from validation.run.curved.accuracy import Rung
-from validation.run.curved.solve import Solved, solve_curved
 
 GRADIENT = 1e-4 * np.array([[1.0, 0.3, -0.2], [0.1, -0.5, 0.4], [0.0, 0.2, 0.7]])
 
 
-@pytest.fixture(scope="module")
-def halved() -> Solved:
-    """Two layers of TSB1, computed by one block."""
-    tube = scene("tsb1-pipe", "assembly.layers=2")
-    return solve_curved("tube", tube, Rung(2, 12, 1, 2, 1.0, 2.0).mesh(3))
-
-
-def affine(degree: int) -> TubeState:
-    """A constant displacement gradient in one layer."""
-    block = lattice(degree)
-    moved = (block.positions @ GRADIENT.T)[None]
-    layered = LayeredJoints(1, ())
-    return TubeState(block, layered, np.zeros(0), np.zeros(0), moved, 0, 0.0)
+def affine(degree: int) -> MovedBodies:
+    """A constant displacement gradient in one block."""
+    mesh = with_degree(block(), degree).mesh
+    members = mesh.elements[:, [0, 4, 3, 7, 1, 5, 2, 6]]  # last direction fastest
+    if isinstance(mesh, LagrangeMesh):
+        members = mesh.members
+    moved = (mesh.nodes @ GRADIENT.T)[None]
+    return MovedBodies(LagrangeElement(degree, CONCRETE), mesh.nodes, members, moved)
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
@@ -46,16 +48,22 @@ def test_affine_fields_are_exact_at_any_place(degree: int) -> None:
     stress = lame * np.trace(strain) * np.eye(3) + 2.0 * shear * strain
     expected = np.linalg.eigvalsh(stress)[::-1]
     state = affine(degree)
-    places = (np.array([0.0, 0.3, 1.0]), np.linspace(0.0, 1.0, 9), np.array([0.5, 0.9]))
-    found = GridFields(state, places)
-    positions = state.lattice.at(state.lattice.positions, places).reshape(-1, 3)
-    assert found.displacement[0] == pytest.approx(positions @ GRADIENT.T, abs=1e-14)
-    assert found.principal == pytest.approx(np.tile(expected, (1, 54, 1)), abs=1e-9)
-    cells = lagrange_cells(state)
+    first, second, third = np.indices((3, 9, 2)).reshape(3, -1)
+    places = (np.linspace(0.0, 1.0, 9)[second], np.array([0.0, 0.3, 1.0])[first])
+    at = Places(np.zeros(54, np.int64), np.column_stack([*places, np.array([0.5, 0.9])[third]]))
+    shape = with_degree(block(), degree)
+    assert charts_of(shape).elements.shape[0] == 1
+    to = interpolation(shape, at)
+    found = to @ state.displacements[0]
+    assert found == pytest.approx((to @ shape.mesh.nodes) @ GRADIENT.T, abs=1e-14)
+    cells = cells_of(state)
     assert cells.principal == pytest.approx(
         np.broadcast_to(expected, cells.principal.shape), abs=1e-9
     )
     assert cells.displacement[0] == pytest.approx(cells.positions @ GRADIENT.T, abs=1e-14)
+    nodal = nodal_stress_of(state)
+    voigt = stress[[0, 1, 2, 0, 1, 2], [0, 1, 2, 1, 2, 0]]
+    assert nodal == pytest.approx(np.broadcast_to(voigt, nodal.shape), abs=1e-9)
 
 
 @pytest.mark.parametrize("counts", [(1, 1, 1), (3, 4, 2)])
@@ -80,16 +88,38 @@ def test_tension_is_averaged_over_the_part_of_a_ball_in_the_body(counts: tuple[i
     assert found.position[0] == pytest.approx(size)
 
 
-def test_the_upper_half_is_the_lower_one_turned(halved: Solved) -> None:
-    """All layers computed: the same states up to the residual of Newton's method, 1e-9 of u."""
-    tube, state = scene("tsb1-pipe", "assembly.layers=2"), halved.state
-    assert state.layered.halved
-    assert tube.contact is not None
-    force = face_pressure(state.lattice, "inner", tube.load.pressure)
-    layered = LayeredJoints(2, state.layered.turned)
-    full = solve_layered_tube(state.lattice, layered, force, tube.contact.built)
-    size = np.abs(full.displacements).max()
-    assert every_layer(state) == pytest.approx(full.displacements, abs=1e-6 * size)
+def test_the_upper_layer_is_the_lower_one_turned() -> None:
+    """A turn by π about a radius maps the tube of two layers, whose waves are odd, onto itself.
+
+    Both are computed; the same states up to the residual of Newton's method, 1e-9 of u.
+    """
+    options = StaticOptions(tolerance=1e-10)
+    found = solve_static(curved(2, 2), options, error_bars=False)
+    points, layer, u = found.points, found.layer_of_point, found.fields["displacement"]
+    lower, upper = np.flatnonzero(layer == 1), np.flatnonzero(layer == 2)
+    middle = 0.5 * (points[lower, 2].mean() + points[upper, 2].mean())
+    tree = cKDTree(points[upper])
+    for angle in np.pi / 48.0 * np.arange(48):
+        axis = np.array([np.cos(angle), np.sin(angle), 0.0])
+        turn = 2.0 * np.outer(axis, axis) - np.eye(3)
+        images = (points[lower] - [0.0, 0.0, middle]) @ turn.T + [0.0, 0.0, middle]
+        away, where = tree.query(images)
+        same_joints = np.array_equal(_shared(points[lower]), _shared(points[upper])[where])
+        if away.max() < 1e-9 and same_joints:
+            break
+    assert away.max() < 1e-9
+    assert same_joints
+    # Blocks share places, not nodes: those that meet at a place have each its own displacement.
+    inside = ~_shared(points[lower])
+    turned = u[lower] @ turn.T
+    difference = np.abs(turned - u[upper][where])[inside]
+    assert inside.sum() > 0.5 * len(lower)
+    assert difference.max() < 1e-6 * np.abs(u).max()
+
+
+def _shared(points: np.ndarray) -> np.ndarray:
+    """Points at whose place another one is."""
+    return cKDTree(points).query(points, k=2)[0][:, 1] < 1e-9
 
 
 @pytest.mark.parametrize("degree", [2, 3])
@@ -99,7 +129,7 @@ def test_lagrange_cells_hold_the_volume_of_the_block(degree: int, tmp_path: Path
     VTK splits a cell of degree k into k³ pieces of straight edges; round a sine of 20 mm with
     twelve pieces a wave that loses less than one per cent, a wrong order of nodes far more.
     """
-    cells = lagrange_cells(affine(degree))
+    cells = cells_of(affine(degree))
     n_cells = len(cells.positions)
     file = tmp_path / "cells.vtu"
     moved = cells.displacement.reshape(-1, 3)
@@ -125,5 +155,5 @@ def test_command_writes_fields_pictures_and_joints(tubelock) -> None:  # type: i
     written = {path.name for path in Path("curved").iterdir()}
     assert {"fields.vtu", "stresses.png", "contact_pressures.vtu", "joints.csv"} <= written
     grid = pv.read("curved/fields.vtu")
-    assert grid.n_cells == 24
+    assert grid.n_cells == 4 * 24
     assert "fields" in out

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fem.contact.friction import CoulombFriction
+from fem.measures import load_step_change
 from fem.static.result import (
     LOAD_TOLERANCE,
     MOST_PARTS,
@@ -133,4 +134,4 @@ def test_the_answer_names_its_member_and_the_width():
 def test_without_friction_there_is_no_set():
     run = run_static("plate", plate("static", rough=False))
     assert friction_set(run) is None
-    assert run.load_step_change == {}
+    assert load_step_change(run.solution) == {}

@@ -21,6 +21,8 @@ from geometry.loads import CircumferentialLoad
 from geometry.mesh import QuadSurface, boundary_quads
 from tests.fem_problems import distorted_box
 
+pytestmark = pytest.mark.quick
+
 
 def test_pressure_on_an_element_s_surface_is_minus_p_times_dv_dx() -> None:
     """Divergence theorem: ∫ N_a n dA over the six warped faces is V B_a; both sides are exact."""

@@ -16,6 +16,8 @@ from fem.problem.time_step import (
 from geometry.block import box_block
 from geometry.mesh import HexMesh
 
+pytestmark = pytest.mark.quick
+
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
 

@@ -6,6 +6,8 @@ import pytest
 from fem.element.hexahedron import VOIGT
 from fem.element.material import Material, MaterialError
 
+pytestmark = pytest.mark.quick
+
 
 @pytest.mark.parametrize("nu", [-0.5, 0.0, 0.2, 0.4999])
 def test_elasticity_matrix_is_hookes_law(nu: float) -> None:

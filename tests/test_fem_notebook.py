@@ -2,18 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import inspect
+import json
+import pickle
+from dataclasses import fields, replace
+from functools import partial
 
 import numpy as np
 import pytest
 
-from fem import Answer, Frames, Problem, concrete, solve_explicit, solve_static
+import fem
+import geometry
+import mbd
+import validation
+from fem import Frames, Problem, concrete, solve_explicit, solve_static
+from fem.answer import answer_of
 from fem.assembly.statement import ProblemError
 from fem.element.material import Material
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
-from geometry import HexagonBlock, SineBlock, beam, contact_mesh, pillar, pipe, shaft, tube, tunnel
+from geometry import (
+    Answer,
+    HexagonBlock,
+    SineBlock,
+    beam,
+    contact_mesh,
+    pillar,
+    pipe,
+    shaft,
+    tube,
+    tunnel,
+)
+from geometry.answer import AnswerError
 from geometry.assembly import AssemblyError
+from geometry.errors import RefusedError
+from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.sine_block import BlockParameterError
+from geometry.loads import face_pressure
 from mbd import analyse
 from validation.run.solve import run_static
 from validation.scene.read import load_scene
@@ -35,41 +59,101 @@ def problem() -> Problem:
 
 @pytest.fixture(scope="module")
 def static(problem) -> Answer:
-    return solve_static(problem)
+    return solve_static(problem, mesh="scene", error_bars=False)
 
 
 def test_shapes_are_those_that_are_documented(problem, static) -> None:
-    n_nodes, n_contacts = 4 * 13 * 3 * 3, len(static.contact_pressures)
-    assert static.displacements.shape == static.positions.shape == (n_nodes, 3)
-    assert static.principal_stresses.shape == (n_nodes, 3)
-    assert static.stresses.shape == (n_nodes, 6)
-    assert (np.diff(static.principal_stresses, axis=1) <= 0.0).all()
-    assert np.unique(static.block_of_node).tolist() == [4, 5, 6, 7]
-    assert static.contact_areas.shape == (n_contacts,)
-    assert static.contact_blocks.shape == (n_contacts, 2)
-    assert static.residual < 1e-8
+    n_points, n_contacts = 4 * 13 * 3 * 3, len(static.contacts["pressure"])
+    assert list(static.fields) == ["displacement", "stress", "principal_stress", "mises"]
+    shapes = {name: values.shape for name, values in static.fields.items()}
+    assert shapes["displacement"] == shapes["principal_stress"] == (n_points, 3)
+    assert (shapes["stress"], shapes["mises"]) == ((n_points, 6), (n_points,))
+    assert static.points.shape == (n_points, 3)
+    assert (np.diff(static.fields["principal_stress"], axis=1) <= 0.0).all()
+    assert np.unique(static.block_of_point).tolist() == [4, 5, 6, 7]
+    assert np.unique(static.layer_of_point).tolist() == [1]
+    assert {len(values) for values in static.contacts.values()} == {n_contacts}
+    assert static.contacts["blocks"].shape == static.contacts["side"].shape == (n_contacts, 2)
+    assert static.report["residual"] < 1e-8
 
 
-def test_nodes_are_those_of_their_blocks(static) -> None:
-    whole = static.deformable
-    for block in np.unique(static.block_of_node).tolist():
-        mine = static.block_of_node == block
-        assert np.allclose(static.positions[mine], whole.assembly.nodes(block), atol=1e-12)
+def test_arrays_cannot_be_changed(static) -> None:
+    arrays = (static.fields["mises"], static.contacts["pressure"], static.points, static.cells)
+    for array in arrays:
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+
+
+def test_von_mises_is_that_of_the_stress(static) -> None:
+    """√(3/2 s:s) of the deviator s, from the six components: rounding alone."""
+    stress = static.fields["stress"]
+    deviator = stress[:, :3] - stress[:, :3].mean(axis=1, keepdims=True)
+    squares = (deviator**2).sum(axis=1) + 2.0 * (stress[:, 3:] ** 2).sum(axis=1)
+    expected = np.sqrt(1.5 * squares)
+    assert np.allclose(static.fields["mises"], expected, rtol=1e-9, atol=1e-12)
+
+
+def test_a_measure_is_a_number_with_error_unit_and_place(static) -> None:
+    found = static["p_max_point"]
+    assert found is static.measures["p_max_point"]
+    assert float(found) == found.value > static["p_max_facet"].value
+    assert found.unit == "MPa"
+    assert set(found.place) >= {"blocks", "layer", "face", "position", "radius"}
+    assert static["u"] is static["max_displacement"]
+    pressures = static.contacts["pressure"]
+    assert static["p_max_facet"].value == pressures.max()
+    largest = np.zeros(12)
+    for side in range(2):
+        np.maximum.at(largest, static.contacts["blocks"][:, side], pressures)
+    # The paper's p_max: the mean over the free blocks of their largest facet pressure.
+    assert static["p_max"].value == pytest.approx(largest[4:8].mean(), rel=1e-12)
+    with pytest.raises(AnswerError, match="got 'sigma_1'; expected one of"):
+        static["sigma_1"]
+
+
+def test_the_table_is_the_repr(static) -> None:
+    lines = repr(static).splitlines()
+    assert lines[0] == static.title
+    assert len(lines) == 1 + len(static.measures)
+    for word in ("largest displacement", "pressure at a point", "von Mises", "MPa", "block"):
+        assert word in repr(static)
+        assert word in static._repr_html_()
+
+
+def test_an_answer_goes_to_another_process_and_back(static) -> None:
+    again = pickle.loads(pickle.dumps(static))
+    assert repr(again) == repr(static)
+    assert again.as_dict() == static.as_dict()
+    assert again.as_dict() == json.loads(json.dumps(static.as_dict()))
+    for name in static.fields:
+        assert np.array_equal(again.fields[name], static.fields[name])
+    for name in static.contacts:
+        assert np.array_equal(again.contacts[name], static.contacts[name])
+    assert again.mesh().n_points == static.mesh().n_points
+    assert not again.fields["displacement"].flags.writeable
+
+
+def test_nodes_are_those_of_their_blocks(problem, static) -> None:
+    for block in np.unique(static.block_of_point).tolist():
+        mine = static.block_of_point == block
+        assert np.allclose(static.points[mine], problem.blocks.nodes(block), atol=1e-12)
 
 
 def test_meshes_carry_the_arrays(problem, static) -> None:
     mesh = static.mesh()
-    assert mesh.n_points == len(static.displacements)
+    assert mesh.n_points == len(static.points)
     assert mesh.n_cells == 4 * 12 * 2 * 2
     volume = problem.blocks.volumes[problem.blocks.free_blocks].sum()
     # Hexahedra with curved faces: split into tetrahedra by VTK, into Gauss points by us.
     assert mesh.volume == pytest.approx(volume, rel=1e-2)
-    assert np.array_equal(mesh.point_data["displacement [mm]"], static.displacements)
-    contacts = static.contacts()
-    assert np.array_equal(contacts.cell_data["contact pressure [MPa]"], static.contact_pressures)
-    rigid = analyse(problem)
+    assert set(mesh.point_data.keys()) == {"block", "layer", *static.fields}
+    assert np.array_equal(mesh.point_data["displacement"], static.fields["displacement"])
+    contacts = static.contact_mesh()
+    assert np.array_equal(contacts.cell_data["pressure"], static.contacts["pressure"])
+    assert np.allclose(contacts.cell_centers().points, static.contacts["centroid"], atol=1e-3)
+    rigid = analyse(problem).details
     joints = contact_mesh(problem.blocks, rigid.contact_index, pressure=rigid.contact_pressures)
-    assert joints.n_cells == rigid.n_contacts
+    assert joints.n_cells == rigid.n_contacts == len(static.contacts["pressure"])
 
 
 def test_three_answers_are_those_of_the_scene(problem, static) -> None:
@@ -78,33 +162,95 @@ def test_three_answers_are_those_of_the_scene(problem, static) -> None:
     settings = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
     scene = load_scene("tsb1-pipe", settings).scene
     run = run_static("scene", scene)  # type: ignore[arg-type]
-    assert np.array_equal(run.facet_pressures, static.contact_pressures)
+    pressures = static.contacts["pressure"]
+    assert np.array_equal(run.facet_pressures, pressures)
+    assert {name: m.value for name, m in run.measures.items()} == {
+        name: m.value for name, m in static.measures.items()
+    }
     explicit = solve_explicit(problem)
-    assert explicit.residual is not None
-    assert explicit.residual <= 1e-4
-    largest = static.contact_pressures.max()
-    assert np.abs(explicit.contact_pressures - static.contact_pressures).max() < 1e-2 * largest
+    assert explicit.method == "explicit"
+    assert explicit.report["residual"] <= 1e-4
+    difference = np.abs(explicit.contacts["pressure"] - pressures)
+    assert difference.max() < 1e-2 * pressures.max()
+    for name in ("blocks", "layer", "side", "centroid"):
+        assert np.array_equal(explicit.contacts[name], static.contacts[name])
     rigid = analyse(problem)
     again = analyse(problem.blocks, problem.load_case)
-    assert np.array_equal(rigid.contact_pressures, again.contact_pressures)
+    assert np.array_equal(rigid.contacts["pressure"], again.contacts["pressure"])
+    for name in ("blocks", "layer", "side", "centroid", "normal"):
+        assert np.array_equal(rigid.contacts[name], static.contacts[name])
+
+
+def test_the_rigid_answer_has_the_same_type(problem) -> None:
+    rigid = analyse(problem)
+    assert (rigid.method, rigid.report["mechanism"]) == ("rigid", "locked")
+    assert rigid["p_max"].value == rigid.details.measures.p_max
+    assert rigid["p_max_facet"].value == rigid.contacts["pressure"].max()
+    assert rigid.contact_mesh().n_cells == len(rigid.contacts["pressure"])
+    blocks = problem.blocks
+    n_elements = sum(blocks.shape(b).mesh.n_elements for b in range(blocks.n_blocks))
+    assert rigid.mesh().n_cells == n_elements
+    again = pickle.loads(pickle.dumps(rigid))
+    assert again.as_dict() == rigid.as_dict()
+    assert again.details is None
+    assert "locked, carries the load" in repr(again)
+
+
+def test_options_of_the_rigid_analysis_are_words(problem) -> None:
+    assert analyse(problem, norm="pressure")["p_eff"] == analyse(problem)["p_eff"]
+    assert analyse(problem, norm="force")["p_eff"] != analyse(problem)["p_eff"]
+    with pytest.raises(RefusedError, match="norm: got 'forces'; expected 'force', 'pressure'"):
+        analyse(problem, norm="forces")
+
+
+def test_rigid_blocks_that_move_show_how(problem) -> None:
+    """Two boxes pulled apart: nothing balances the load, and the upper one goes up by one."""
+    boxes = box_column([ColumnBox((40.0, 40.0, 60.0), (2, 2, 2))] * 2)
+    load = face_pressure(boxes, np.array([1]), "z+", -1e-3)
+    answer = analyse(boxes, replace(load, fixed=np.array([True, False])))
+    assert answer.title.endswith("does not carry the load")
+    assert not answer.measures
+    assert not answer.contacts
+    motion = answer.fields["mechanism"]
+    assert np.allclose(motion[answer.block_of_point == 1], [0.0, 0.0, 1.0], atol=1e-9)
+    assert not motion[answer.block_of_point == 0].any()
+
+
+def test_measures_over_the_facets_of_another_mesh(problem, static) -> None:
+    """What a refined solution says of the facets of the scene's mesh: given the solution's own
+    pressures on its own mesh nothing changes but the areas, a facet's quadrature against its
+    corners (1e-3 of a facet of this curvature)."""
+    found = problem.blocks.interfaces
+    given = np.zeros(found.n_contacts)
+    given[static.details.contact_state.interface] = static.contacts["pressure"]
+    answer = answer_of(static.details, {"p_eff": 0.5}, facets=(problem.blocks, given))
+    for name in ("p_eff", "p_max", "p_max_facet"):
+        assert answer[name].value == pytest.approx(static[name].value, rel=1e-3)
+    assert answer["p_eff"].error == 0.5
+    assert answer["p_max"].error is None
+    assert np.array_equal(answer.contacts["pressure"], static.contacts["pressure"])
+    assert np.array_equal(answer.contacts["side"], static.contacts["side"])
 
 
 def test_all_three_carry_the_weight(problem) -> None:
     """Gravity stated once moves all answers; the rigid one by the weight of the free blocks."""
     heavy = replace(problem, gravity=(0.0, 0.0, -9.81e5))
+    on_its_mesh = partial(solve_static, mesh="scene", error_bars=False)
     weight = heavy.rigid_load.body_wrenches
     mass = concrete.density * problem.blocks.volumes
     assert np.allclose(weight[:, 2], -9.81e5 * mass, rtol=1e-14)
-    for solve in (solve_static, solve_explicit):
+    for solve in (on_its_mesh, solve_explicit):
         light, loaded = solve(problem), solve(heavy)
-        assert loaded.displacements[:, 2].mean() < light.displacements[:, 2].mean() - 1e-4
+        moved = [answer.fields["displacement"][:, 2].mean() for answer in (loaded, light)]
+        assert moved[0] < moved[1] - 1e-4
 
 
 def test_damping_is_a_matter_of_the_run(problem) -> None:
     paper = Effects(rayleigh=RayleighDamping(2.0, 1e-8), bulk_viscosity=BulkViscosity())
     short = solve_explicit(problem, damping=paper, end_time=1e-5, ramp_time=0.0)
     free = solve_explicit(problem, damping=None, end_time=1e-5, ramp_time=0.0)
-    assert not np.array_equal(short.displacements, free.displacements)
+    moved = [answer.fields["displacement"] for answer in (short, free)]
+    assert not np.array_equal(*moved)
 
 
 @pytest.mark.parametrize("load", [pipe, tunnel, pillar, beam, shaft])
@@ -161,3 +307,46 @@ def test_absurd_blocks_are_refused() -> None:
         tube(SineBlock(**metres), layers=1, mesh=(12, 2, 2))
     with pytest.raises(AssemblyError, match="3 numbers of elements"):
         tube(SineBlock(**SHAPE), layers=1, mesh=(12, 2))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"blocks": None}, "blocks: got a NoneType"),
+        ({"degree": 0}, "degree: got 0; expected a whole number"),
+        ({"degree": 1.5}, r"degree: got 1\.5"),
+        ({"frames": "soft"}, r"frames: got 'soft'; expected one of Frames\.RIGID"),
+        ({"element": "C3D8"}, r"element: got 'C3D8'; expected one of ElementType\."),
+        ({"friction": -0.2}, r"friction\.coefficient: got -0\.2"),
+    ],
+)
+def test_what_no_solver_has_is_refused_when_a_problem_is_made(problem, changes, words) -> None:
+    with pytest.raises(RefusedError, match=words):
+        replace(problem, **changes)
+
+
+@pytest.mark.parametrize("package", [fem, geometry, mbd, validation])
+def test_packages_list_their_public_names(package) -> None:
+    """<TAB>, dir and help show every public name, and each is said in a line."""
+    assert set(dir(package)) == set(package.__all__)
+    for name in package.__all__:
+        assert getattr(package, name) is not None
+        assert f"`{name}`" in package.__doc__, name
+
+
+def test_a_problem_is_shown_without_arrays(problem) -> None:
+    shown = repr(replace(problem, friction=0.3, degree=2))
+    assert shown == (
+        "Problem(<sine-tube: 12 blocks, 4 of them free with 192 elements>, load 'pipe', degree=2, "
+        "friction=0.3)"
+    )
+
+
+def test_help_explains_every_keyword_of_a_problem() -> None:
+    text = inspect.getdoc(Problem)
+    parameters = text.split("Parameters")[1].split("Raises")[0]
+    for found in fields(Problem):
+        assert f"\n{found.name}\n" in parameters, found.name
+        if any(found.default is value for value in (0.0, 1, True, False, None)):
+            words = parameters.split(f"\n{found.name}\n")[1]
+            assert f"Default {found.default}".removesuffix(".0") in words.split("\n\n")[0]

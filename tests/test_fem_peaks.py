@@ -9,11 +9,11 @@ from fem.assembly.peaks import ball_averages, joint_forces, largest_pressure, st
 from fem.contact.surfaces import ContactNormals, corner_overclosures, point_kinematics
 from fem.element.facet import FACET_VALUES
 from fem.element.stress import integration_points
+from geometry.answer import Measure
 from tests.test_validation_own_fem import column
 from validation.build.deformable import build_deformable
 from validation.output.deformable.answers import print_run
 from validation.run.deformable import DeformableRun
-from validation.run.measures import Measure, value_words
 from validation.run.solve import run_static
 
 PRESSURE = 0.5
@@ -136,10 +136,13 @@ def test_pressure_peaks_at_the_corner_that_is_pressed_most() -> None:
 
 
 def test_values_print_the_digits_their_error_leaves() -> None:
-    assert value_words(Measure(1.2345, "MPa", 0.0432)) == "1.234 ± 0.043 MPa"
-    assert value_words(Measure(1.2345, "MPa", 4.0)) == "1.2 ± 4.0 MPa"
-    assert value_words(Measure(123.45, "MPa", 43.0)) == "123 ± 43 MPa"
-    assert value_words(Measure(0.5, "MPa")) == "0.5 MPa"
+    assert Measure(1.2345, "MPa", 0.0432).value_words == "1.234 ± 0.043 MPa"
+    assert Measure(1.2345, "MPa", 0.3).value_words == "1.23 ± 0.30 MPa"
+    assert Measure(123.45, "MPa", 23.0).value_words == "123 ± 23 MPa"
+    assert Measure(0.5, "MPa").value_words == "0.5 MPa"
+    # An error bar wider than 30 % of the value is no number to use.
+    wide = Measure(1.2345, "MPa", 4.0).value_words
+    assert wide == "not resolved on this mesh: 1.2 MPa ± 324 %"
 
 
 def test_places_are_printed(pressed: DeformableRun, capsys: pytest.CaptureFixture[str]) -> None:
@@ -147,5 +150,5 @@ def test_places_are_printed(pressed: DeformableRun, capsys: pytest.CaptureFixtur
 
     print_run(pressed, Console(width=300))
     text = capsys.readouterr().out
-    assert "p_max at a point" in text
+    assert "largest contact pressure at a point" in text
     assert "blocks 0 and 1, layer 0" in text or "blocks 1 and 2, layer" in text

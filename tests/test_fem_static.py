@@ -29,8 +29,10 @@ from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
 from geometry.loads import LoadCase, PressureLoad, TractionLoad, load_case
 from geometry.mesh import HexMesh
-from mbd import Norm, analyse
+from mbd import Norm, rigid_result
 from tests.fem_problems import contact_corner_forces, deformable_assembly, pair_resultants
+
+pytestmark = pytest.mark.quick
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 #: Without lateral strain a column is one-dimensional.
@@ -198,7 +200,7 @@ def test_values_of_twelve_layers():
     assert result.max_displacement == pytest.approx(0.0269, abs=5.1e-5)
     measured = contact_measures(result.deformable.assembly, result.contact_state)
     assert measured.p_eff == pytest.approx(0.347, abs=5.1e-4)
-    assert measured.p_max_face == pytest.approx(0.586, abs=5.1e-4)
+    assert measured.p_max == pytest.approx(0.586, abs=5.1e-4)
 
 
 def same(a, b, tolerance):
@@ -346,14 +348,14 @@ def rigid_limit(divisions):
     )
     result = solve_static(model)
     assert result.converged
-    rigid = analyse(assembly, load, norm=Norm.PRESSURE)
+    rigid = rigid_result(assembly, load, norm=Norm.PRESSURE)
     ours = contact_measures(model.assembly, result.contact_state)
     where = np.searchsorted(model.surfaces.facet, rigid.contact_index)
     correlation = np.corrcoef(result.facet_pressures[where], rigid.contact_pressures)[0, 1]
     assert rigid.measures is not None
     return (
         ours.p_eff / rigid.measures.p_eff - 1,
-        ours.p_max_face / rigid.measures.p_max - 1,
+        ours.p_max / rigid.measures.p_max - 1,
         (correlation),
     )
 
@@ -482,6 +484,7 @@ def slides_to_rest(model, options):
         return False
 
 
+@pytest.mark.slow
 def test_friction_stiffens_the_tube_and_both_methods_agree():
     """The work of dead loads falls when sliding costs; the same equations in other unknowns."""
     free = solve_static(pipe(2))
@@ -517,7 +520,7 @@ def test_options_and_starts_are_checked(coarse):
 def test_too_few_iterations_are_not_called_equilibrium():
     result = solve_static(pipe(), StaticOptions(max_iterations=2))
     assert not result.converged
-    assert "no equilibrium" in result.status
+    assert "Newton did not converge" in result.status
 
 
 def test_blocks_that_are_the_same_are_condensed_once(monkeypatch):

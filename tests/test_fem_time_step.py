@@ -17,6 +17,8 @@ from fem.problem.time_step import (
 from geometry.block import box_block
 from tests.fem_problems import CONCRETE, distorted_box
 
+pytestmark = pytest.mark.quick
+
 
 def dense_frequency(group) -> float:
     mass = np.diag(np.repeat(group.lumped_mass, 3))

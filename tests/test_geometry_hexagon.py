@@ -16,6 +16,8 @@ from geometry.families.hexagon_block import (
 from geometry.families.sine_block import BlockParameterError
 from geometry.families.tube import hexagon_tube
 
+pytestmark = pytest.mark.quick
+
 THB0 = HexagonBlockParameters(blocks_per_layer=4, inner_radius=120.0, thickness=40.0)
 
 

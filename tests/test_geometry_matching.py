@@ -8,6 +8,8 @@ from geometry.assembly import Assembly
 from geometry.files.hexahedral_solids import hexahedral_block
 from geometry.mesh import HexMesh, structured_hexahedra
 
+pytestmark = pytest.mark.quick
+
 SIDE = 20.0
 CORNERS = SIDE * np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], dtype=float)
 

@@ -7,6 +7,8 @@ import pytest
 
 from mbd import block_measures, measures
 
+pytestmark = pytest.mark.quick
+
 
 def one_block(pressure: list[float], area: list[float] | None = None):
     p = np.array(pressure)

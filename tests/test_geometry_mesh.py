@@ -25,6 +25,8 @@ from geometry.mesh import (
 )
 from tests.conftest import tsb
 
+pytestmark = pytest.mark.quick
+
 EPS = np.finfo(float).eps
 
 

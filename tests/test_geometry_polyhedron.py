@@ -19,7 +19,7 @@ from geometry.families.platonic_layers import cube, octahedron, tetrahedron
 from geometry.files.block_files import read_blocks, step_hexahedra
 from geometry.files.mesh_io import read_hex_mesh, write_hex_mesh
 from geometry.mesh import FloatArray, IntArray, MeshError, boundary_quads
-from geometry.polyhedra.assembly import polyhedral_assembly
+from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly, find_overlaps
@@ -31,6 +31,8 @@ from geometry.polyhedra.polyhedron import (
 )
 from geometry.polyhedra.triangle_search import enclosed, segment_piercings
 from tests.conftest import random_rotation
+
+pytestmark = pytest.mark.quick
 
 I = np.eye(3)  # noqa: E741
 
@@ -198,6 +200,50 @@ def _stack(gap: float, size: float = 100.0, **options: float) -> None:
     )
 
 
+def test_every_overlap_beyond_the_tolerance_is_named() -> None:
+    """A joint deeper than the tolerance is no contact: the verdict is that without it."""
+    shape, tolerance = box((300.0, 300.0, 300.0)), 0.03
+
+    def cubes(sunk: float) -> PolyhedralAssembly:
+        places = [[0.0, 0.0, 0.0], [0.0, 0.0, 300.0 - sunk], [300.0 - sunk, 0.0, 300.0]]
+        return polyhedral_assembly(
+            "cubes",
+            [(shape, I, np.array(place)) for place in places],
+            np.array([True, False, False]),
+            DetectionOptions(tolerance=tolerance),
+        )
+
+    within = cubes(0.9 * tolerance)
+    check_assembly(within)
+    found = within.interfaces
+    assert {(0, 1), (1, 2)} <= set(zip(found.block_m.tolist(), found.block_s.tolist(), strict=True))
+    for sunk in (1.1 * tolerance, 1.9 * tolerance, 3.0 * tolerance):
+        with pytest.raises(AssemblyError) as error:
+            check_assembly(cubes(sunk))
+        for pair in ("blocks 0 and 1", "blocks 1 and 2"):
+            assert f"{pair} overlap by {sunk:.3g} mm" in str(error.value)
+
+
+@pytest.mark.parametrize("what", ["rotations", "translations"])
+def test_placements_without_numbers_are_refused(what: str) -> None:
+    """Compiled loops read beyond their arrays where every comparison of a box was false."""
+    shape = box((1.0, 1.0, 1.0))
+    turns, shifts = np.array([I, I]), np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    (turns if what == "rotations" else shifts)[1] = np.nan
+    blocks = [(shape, turn, shift) for turn, shift in zip(turns, shifts, strict=True)]
+    with pytest.raises(AssemblyError, match=f"{what} of block 1: got .*nan.* expected finite"):
+        polyhedral_assembly("stack", blocks, np.array([True, False]))
+
+
+@pytest.mark.parametrize("n", [1, 3, 5, 100])
+def test_boxes_without_numbers_overlap_nothing(n: int) -> None:
+    """Leaves that hold no box are never read, whatever is asked."""
+    low = np.arange(3.0 * n).reshape(n, 3)
+    asked = np.vstack([low, np.full((2, 3), np.nan)])
+    found = overlapping_boxes(asked, asked + 0.5, low, low + 0.5)
+    np.testing.assert_array_equal(found, np.column_stack([np.arange(n), np.arange(n)]))
+
+
 def test_assemblies_that_cannot_be_meant_are_refused() -> None:
     _stack(0.0)
     _stack(0.5, tolerance=0.6)
@@ -244,7 +290,12 @@ def test_hexahedra_and_tetrahedra_give_their_boundary(tmp_path: Path) -> None:
     mesh = hexagon_block(parameters, HexagonBlockDivisions(4, 2)).mesh
     write_hex_mesh(tmp_path / "block.vtu", mesh)
     (block,) = read_blocks(tmp_path / "block.vtu")
-    assert len(block.triangles) == 2 * len(boundary_quads(mesh))
+    # Its facets are warped: four triangles round the middle of each, whose volume is that of
+    # bilinear facets; 4e5 mm³ are a sum of 400 terms.
+    assert len(block.triangles) == 4 * len(boundary_quads(mesh))
+    assert block.volume == pytest.approx(
+        hexagon_block(parameters, HexagonBlockDivisions(4, 2)).volume
+    )
     assert read_hex_mesh(tmp_path / "block.vtu").n_elements == mesh.n_elements
     tetra = meshio.Mesh(tetrahedron(10.0).points, [("tetra", np.array([[0, 1, 2, 3]]))])
     meshio.write(tmp_path / "tetra.vtu", tetra)

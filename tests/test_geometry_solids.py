@@ -11,9 +11,11 @@ from geometry.files import mesh_io
 from geometry.files.block_files import read_blocks
 from geometry.files.obj import read_obj
 from geometry.mesh import FloatArray, IntArray, MeshError
-from geometry.polyhedra.polygons import triangles_of_polygons
+from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.polyhedron import convex_polyhedron, polyhedron
 from geometry.polyhedra.solids import one_solid
+
+pytestmark = pytest.mark.quick
 
 #: Outline of an L of 500 mm², counter-clockwise.
 L_OUTLINE = np.array([[0, 0], [30, 0], [30, 10], [10, 10], [10, 30], [0, 30]], dtype=float)
@@ -144,7 +146,8 @@ def test_triangles_cover_a_polygon_once(offset: float) -> None:
         points = np.column_stack([outline, np.zeros(len(outline))]) + offset
         for turn in (1, -1):
             corners = np.arange(len(outline))[None, ::turn]
-            p = points[triangles_of_polygons("face", points, corners)]
+            nodes, triangles = surface_of_polygons("face", points, [corners])
+            p = nodes[triangles]
             area = 0.5 * np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
             # Coordinates are rounded to 1e-16 of the offset, lengths are about 10.
             assert area.sum() == pytest.approx(outline_area(outline), rel=1e-8)
@@ -155,7 +158,7 @@ def test_faces_that_cross_themselves_are_refused() -> None:
     angle = np.radians([0, 144, 288, 72, 216])
     points = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(5)])
     with pytest.raises(MeshError, match="crosses or touches itself"):
-        triangles_of_polygons("pentagram", points, np.arange(5)[None])
+        surface_of_polygons("pentagram", points, [np.arange(5)[None]])
 
 
 def test_triangles_folded_on_each_other_are_refused(tmp_path: Path) -> None:

@@ -33,12 +33,12 @@ from mbd import (
     Norm,
     SelfStress,
     Solver,
-    analyse,
     block_wrenches,
     classify,
     contact_jacobian,
     equilibrium,
     newton_equilibrium,
+    rigid_result,
     solve_linear_programs,
 )
 from mbd.friction import (
@@ -52,6 +52,8 @@ from mbd.friction import (
 from mbd.margin import held_against, interlocking_margin
 from tests.conftest import random_rotation, tsb
 from validation.scene.read import load_scene
+
+pytestmark = pytest.mark.quick
 
 I = np.eye(3)  # noqa: E741
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -220,9 +222,9 @@ def test_detected_contacts_agree_with_the_conforming_ones_on_the_sine_block() ->
     area, exact = mixed.interfaces.areas.sum(), fine.interfaces.areas.sum()
     assert area == pytest.approx(exact, rel=0.005)
     load = load_case(fine, "pipe", 0.01)
-    expected = analyse(fine, load, norm=Norm.PRESSURE)
+    expected = rigid_result(fine, load, norm=Norm.PRESSURE)
     bodies = replace(load, faces=(), body_wrenches=block_wrenches(fine, load))
-    found = analyse(mixed, bodies, norm=Norm.PRESSURE)
+    found = rigid_result(mixed, bodies, norm=Norm.PRESSURE)
     assert found.mechanism is expected.mechanism
     assert found.measures is not None
     assert expected.measures is not None
@@ -456,7 +458,7 @@ def test_what_weighs_on_a_floor_in_a_corner_is_held_against_what_it_leans_on() -
     load = LoadCase(assembly, "weight", (), assembly.fixed, body_wrenches=weight)
     held = held_against(assembly, load)
     assert held == {"+x": True, "-x": False, "+y": False, "-y": False, "+z": True, "-z": True}
-    assert str(analyse(assembly, load).mechanism) == "suppressed"
+    assert str(rigid_result(assembly, load).mechanism) == "suppressed"
     turn = Rotation.from_euler("z", 90.0, degrees=True).as_matrix()
     aside = replace(
         assembly,
@@ -492,7 +494,13 @@ def test_loads_of_body_scenes_are_weights_and_pushes(tmp_path: Path) -> None:
 
 
 def test_limits_shown_beside_closed_forms() -> None:
-    from validation.compare.closed_forms import ARCH_LIMIT, arch_limit, groove, incline, tilt_limit
+    from validation.comparison.closed_forms import (
+        ARCH_LIMIT,
+        arch_limit,
+        groove,
+        incline,
+        tilt_limit,
+    )
 
     assert tilt_limit(incline(), 0.3) == pytest.approx(np.arctan(0.3), abs=1e-7)
     assert tilt_limit(groove(0.5), 0.0) == pytest.approx(0.5, abs=1e-6)

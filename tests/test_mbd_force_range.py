@@ -16,7 +16,9 @@ from mbd import contact_jacobian, newton_equilibrium
 from mbd.force_range import ForceRanges, force_ranges, plane_problem
 from mbd.friction import FrictionLaw, frictional_contacts, frictional_equilibrium
 from validation.cli.app import app
-from validation.compare.closed_forms import body_force
+from validation.comparison.closed_forms import body_force
+
+pytestmark = pytest.mark.quick
 
 DOWN = np.array([0.0, 0.0, -1.0])
 

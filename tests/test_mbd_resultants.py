@@ -18,6 +18,8 @@ from validation.run.rigid.polyhedra import PolyhedralRun, run_polyhedra
 from validation.run.solve import run_static
 from validation.scene.read import load_scene
 
+pytestmark = pytest.mark.quick
+
 ARCH = (
     "block.thickness=200.0",
     "block.depth=200.0",

@@ -12,7 +12,7 @@ from fem.assembly.contact_state import contact_measures
 from fem.static.solve import StaticOptions, solve_static
 from tests.fem_problems import pair_resultants
 from validation.cli.app import app
-from validation.compare.answers import compare
+from validation.comparison.answers import compare
 from validation.effects.auto import EffectsDecision, decide_effects, without_effect
 from validation.effects.probe import Answer, Change, change
 from validation.errors import InputError
@@ -30,7 +30,7 @@ ACCEPTED = "plausibility.accept=['contact.clearance']"
 
 
 def answer_of_run(run: DeformableRun) -> Answer:
-    return Answer(run.contact.p_max_face, run.contact.p_eff, run.largest_displacement)
+    return Answer(run.contact.p_max, run.contact.p_eff, run.largest_displacement)
 
 
 def scene_of(*settings: str, case: str = "tsb1-pipe") -> DeformableScene:
@@ -266,7 +266,7 @@ def test_static_tube_carries_its_weight() -> None:
     force, _ = pair_resultants(result)
     on_free = force[fixed[m] & ~fixed[s]].sum(axis=0) - force[fixed[s] & ~fixed[m]].sum(axis=0)
     assert on_free[2] == pytest.approx(-weight, rel=1e-6)
-    assert contact_measures(found.assembly, result.contact_state).p_max_face > 0
+    assert contact_measures(found.assembly, result.contact_state).p_max > 0
 
 
 def test_sideways_weight_breaks_the_sector() -> None:
@@ -283,7 +283,7 @@ def test_rigid_blocks_of_a_comparison_weigh_as_much() -> None:
     # The frame carries the weight of the free blocks, to the residual of the equilibrium.
     scene = scene_of(*COARSE, "effects.gravity=[0,0,-9806.65]")
     found = compare("tube", scene, explicit=False)
-    assembly = found.static.deformable.assembly
+    assembly = found.rigid.assembly
     weight = 2.4e-9 * 9806.65 * assembly.volumes[assembly.free_blocks].sum()
     interfaces, fixed = assembly.interfaces, assembly.fixed
     pair = np.searchsorted(interfaces.pair_start, found.contacts, side="right") - 1

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from validation.cli.app import main
+from validation.output.files import write_json
 from validation.scene.builtin import builtin_names
 from validation.scene.read import load_scene
+
+pytestmark = pytest.mark.quick
 
 SMALL = ["--set", "assembly.layers=1", "--set", "mesh.around=24", "--set", "mesh.radial=2"]
 
@@ -39,6 +44,10 @@ def test_json_of_mbd_has_the_promised_keys_in_full_precision(tubelock) -> None:
     assert data["equilibrium"]["holds"] is True
     assert 0 <= data["equilibrium"]["residual"] < 1e-9
     assert set(data["measures"]) == {
+        "p_max_facet",
+        "least_joint_force",
+        "largest_joint_force",
+        "total_reaction",
         "effective_count_percent",
         "participation_percent",
         "effective_area_percent",
@@ -176,11 +185,17 @@ def test_tables_come_out_of_the_open_code(tubelock) -> None:
         # A check of a whole section names its keys and does not print the section.
         (["fem", "tsb1-pipe", "--set", "contact.law=linear"], "pipe: contact.stiffness is missing"),
         (["fem", "cantilever", "--set", "effects.auto=0.01"], "cantilever: effects.auto compares"),
+        # Products of such numbers are no floats: tracebacks of libraries.
+        (["mbd", "tsb1-pipe", "--set", "load.pressure=1e308"], "load.pressure: got 1e+308; expec"),
+        (["mbd", "tsb1-pipe", "--set", "block.frequency=1e308"], "frequency: got 1e+308; expect"),
+        (["mbd", "tsb1-pipe", "--set", "block.frequency=1e-308"], "frequency: got 1e-308; expe"),
+        (["mbd", "tsb1-pipe", "--set", "block.frequency=1e-40"], "2 f whole: try 0.5"),
+        (["mbd", "arch", "--set", "block.radius=1e308"], "block.radius: got 1e+308; expected"),
         # Facets so unequal that they cannot be told apart.
         (["mbd", "tsb1-pipe", "--set", "mesh.radial_grading=1e9"], "or equal to 1000"),
         # More memory than any machine has: 6.7e9 facets for a million layers.
         (["mbd", "tsb1-pipe", "--set", "assembly.layers=1000000000"], "fewer blocks"),
-        (["fem", "tsb1-pipe", "--set", "load.pressure=1e300"], "more than material.young_modulus"),
+        (["fem", "tsb1-pipe", "--set", "load.pressure=1e30"], "more than material.young_modulus"),
         # A static run would ignore the checkpoint.
         (["fem", "tsb1-pipe", "--resume", "x.npz"], "a static run keeps no checkpoint"),
     ],
@@ -202,7 +217,8 @@ def test_broken_toml_and_missing_keys(tubelock) -> None:
     Path("b.toml").write_text('[block]\ntype = "sine"\n')
     status, _, err = tubelock("mbd", "b.toml")
     assert status == 2
-    assert "is missing" in err
+    assert "are missing" in err
+    assert "block.height, block.amplitude" in err
     Path("c.toml").write_bytes(b"\xff\xfe\x00")
     assert "no UTF-8 text" in tubelock("mbd", "c.toml")[2]
 
@@ -224,3 +240,29 @@ def test_a_full_disk_is_one_line(tubelock, monkeypatch) -> None:
     assert status == 2
     assert "error: No space left on device" in err
     assert "Traceback" not in err
+
+
+def test_printed_times_count_error_bars_and_what_was_loaded(tubelock) -> None:
+    """The stages add up to the total; the process has spent at least that."""
+    settings = ("assembly.layers=1", "mesh.around=12", 'fem.mesh="scene"')
+    few = [part for s in settings for part in ("--set", s)]
+    before = time.process_time()
+    status, out, _ = tubelock("fem", "tsb1-pipe", *few, *SMALL, "-o", "o")
+    after = time.process_time()
+    assert status == 0
+    words = out.split("CPU seconds")[1].split("peak memory")[0]
+    spent = dict(re.findall(r"([a-z][a-z ]*?) (\d+\.\d{3})", words.replace("│", " ")))
+    stages = {key.strip(): float(value) for key, value in spent.items()}
+    whole, total = stages.pop("this process so far"), stages.pop("total")
+    assert {"build", "solve", "error bars"} <= set(stages)
+    # Each of four or five numbers is rounded to a thousandth.
+    assert sum(stages.values()) == pytest.approx(total, abs=5e-3, rel=0.02)
+    assert stages["error bars"] > 0.0
+    assert before + total <= whole <= after
+
+
+def test_json_has_null_where_a_number_is_not_finite(tmp_path: Path) -> None:
+    """JSON knows no infinity: a ratio over nothing was a traceback after the work."""
+    path = tmp_path / "a.json"
+    write_json(str(path), {"ratio": float("inf"), "rows": [(1.5, float("nan"))], "n": 3})
+    assert json.loads(path.read_text("utf-8")) == {"ratio": None, "rows": [[1.5, None]], "n": 3}

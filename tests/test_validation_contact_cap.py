@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from fem.decks.statement import Flavour
+from fem.explicit.solve import Frame
 from fem.problem.time_step import critical_time_step
 from tests.test_validation_own_fem import column, overclosure
 from validation.build.deck import build_deck
@@ -39,8 +41,6 @@ def test_a_scene_without_a_cap_follows_the_law_of_the_text() -> None:
 
 
 def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
-    from rich.console import Console
-
     capped = changed(PRESSURE, contact={"maximum_stiffness": 1000.0})
     run = run_static("column", capped)
     found = run_json(run)["contact_cap"]
@@ -72,17 +72,27 @@ def run_law(scene: DeformableScene) -> object:
     return scene.contact.built
 
 
-def test_a_run_that_outgrows_its_time_step_starts_again() -> None:
+def test_a_run_that_outgrows_its_time_step_starts_again(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     """8 MPa is eight times what the first time step counts in, beyond its margin of safety."""
     pressure = 8.0
     stated = scene_statement(column(pressure), "column", build_deformable(column(pressure), ""))
     longest = critical_time_step(stated.assembly.model).critical_time_step
-    run = run_explicit("column", column(pressure))
+    frames: list[Frame] = []
+    run = run_explicit("column", changed(pressure, fem={"frames": 5}), on_frame=frames.append)
     result = run.explicit
     assert result is not None
     assert result.critical.critical_time_step < longest
-    assert run.answer.restarts >= 1
-    assert run.answer.statement.counted_pressure >= 4.0
+    assert run.solution.restarts >= 1
+    print_run(run, Console(width=200))
+    assert f"{run.solution.restarts}: contact outgrew the time step" in capsys.readouterr().out
+    # Frames of abandoned runs are marked: the others are one history from its start to its end.
+    kept = [frame for frame in frames if frame.restart == run.solution.restarts]
+    assert len(kept) < len(frames)
+    assert [frame.number for frame in kept] == list(range(len(kept)))
+    assert kept[-1].last
+    assert run.solution.statement.counted_pressure >= 4.0
     top = 2 * overclosure(pressure) + pressure * 160.0 / 33e3
     # Damped until the residual is 1e-4 of the load.
     assert run.largest_displacement == pytest.approx(top, rel=1e-3)

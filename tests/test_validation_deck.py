@@ -24,6 +24,8 @@ from validation.output.decks import export_deck, import_deck
 from validation.scene.builtin import builtin_names
 from validation.scene.read import load_scene
 
+pytestmark = pytest.mark.quick
+
 COARSE = ["mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2"]
 SMALL = [word for setting in COARSE for word in ("--set", setting)]
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 from rich.console import Console
 
+from geometry.answer import WIDEST
 from tests.test_validation_own_fem import column, deformable
 from validation.build.deformable import build_deformable
-from validation.cost.references import references
+from validation.costs.references import references
 from validation.output.deformable.answers import print_run
 from validation.run.deformable import DeformableRun, run_json
 from validation.run.estimate import estimated_errors
@@ -30,7 +31,7 @@ def solved(name: str, factor: int) -> DeformableRun:
 
 
 def test_estimates_cover_nine_of_ten_errors() -> None:
-    """Seven measures of four scenes, judged by meshes twice as fine in every direction.
+    """Nine measures of four scenes, judged by meshes twice as fine in every direction.
 
     The error against the finer mesh is not all of the error: where a measure falls like the size
     of an element it is half of it. What is asked is what the estimate promises for that half.
@@ -45,14 +46,15 @@ def test_estimates_cover_nine_of_ten_errors() -> None:
             true = abs(run.measures[measure].value - reference.measures[measure].value)
             if true > error:
                 missed.append((name, measure, true, error))
-    assert judged == 28
+    assert judged == 36
     assert len(missed) <= judged // 10, missed
 
 
 def test_estimates_of_higher_degree_cover_nine_of_ten_errors() -> None:
     """Seven measures of three scenes in two degrees, judged by degree 4 on finer meshes.
 
-    Families, loads and values are those of `validation/cost/references.toml`; what these are known
+    Values that are printed as not resolved promise nothing and are left out. Families, loads and
+    values are those of `validation/costs/references.toml`; what these are known
     to is not added: peaks at corners are known to little.
     """
     missed, judged = [], 0
@@ -64,11 +66,14 @@ def test_estimates_of_higher_degree_cover_nine_of_ten_errors() -> None:
             run = run_static(name, deformable(name, *settings, f"fem.degree={degree}"))
             errors = estimated_errors(run)
             for measure, reference in known.items():
+                found = run.measures[measure]
+                if not found.resolved or errors[measure] > WIDEST * abs(found.value):
+                    continue  # printed as not resolved on this mesh
                 judged += 1
-                true = abs(run.measures[measure].value - reference.value)
+                true = abs(found.value - reference.value)
                 if true > errors[measure]:
                     missed.append((name, degree, measure, true, errors[measure]))
-    assert judged == 42
+    assert judged >= 20
     assert len(missed) <= judged // 10, missed
 
 

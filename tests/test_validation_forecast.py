@@ -5,6 +5,8 @@ import pytest
 from validation.output import console
 from validation.output.console import WINDOW, WINDOWS, Forecast, duration_words
 
+pytestmark = pytest.mark.quick
+
 
 @pytest.fixture
 def clock(monkeypatch):

@@ -1,4 +1,4 @@
-"""Whole command lines at random, a few of those that ``python -m validation.fuzz`` tries."""
+"""Whole command lines at random, a few of those that ``python -m tests.fuzz`` tries."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ import pytest
 from geometry.errors import unreadable
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.mesh import HexMesh
+from tests.fuzz import Fate, judge, try_line
 from validation.errors import InputError
-from validation.fuzz.fate import Fate, judge, try_line
 from validation.scene.read import load_scene
 from validation.study.study import load_study
+
+pytestmark = pytest.mark.quick
 
 CUBE = 10.0 * np.array(
     [[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], dtype=np.float64

@@ -46,7 +46,7 @@ def test_plates_slide_just_beyond_the_friction_angle(monkeypatch: pytest.MonkeyP
     # slide where slope · W > μ (W + P), first the lower one, which has more weight on it.
     weight = 2 * 10.0 * 50.0**2 * 2.4e-9 * 9810.0
     limit = 0.3 * (weight + 2.5) / weight
-    monkeypatch.setattr(solve, "static_answer", _solver_called)
+    monkeypatch.setattr(solve, "static_solution", _solver_called)
     with pytest.raises(InputError) as refused:
         run_static("pile", _pile(1.01 * limit, 0.3))
     words = str(refused.value)
@@ -59,14 +59,14 @@ def test_plates_slide_just_beyond_the_friction_angle(monkeypatch: pytest.MonkeyP
 
 def test_blocks_that_are_built_already_are_asked_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """As commands call it: they build before they solve."""
-    monkeypatch.setattr(solve, "static_answer", _solver_called)
+    monkeypatch.setattr(solve, "static_solution", _solver_called)
     scene = _pile(1.0, 0.3)
     with pytest.raises(InputError, match="block 1 slides on block 0"):
         run_static("pile", scene, deformable=build_deformable(scene, "pile"))
 
 
 def test_without_friction_nothing_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solve, "static_answer", _solver_called)
+    monkeypatch.setattr(solve, "static_solution", _solver_called)
     with pytest.raises(_Started):
         run_static("pile", _pile(1.0, None))
 
@@ -78,7 +78,7 @@ def test_a_tall_plate_tips_before_it_slides(monkeypatch: pytest.MonkeyPatch) -> 
     weight = 200.0 * 50.0**2 * 2.4e-9 * 9810.0
     limit = 25.0 * (1.05 * weight + 2.5) / (110.25 * weight)
     assert limit < 0.25 * (weight + 2.5) / weight
-    monkeypatch.setattr(solve, "static_answer", _solver_called)
+    monkeypatch.setattr(solve, "static_solution", _solver_called)
     with pytest.raises(InputError, match="block 1 tips on block 0"):
         run_static("pile", _pile(1.02 * limit, 2.0, 200.0))
     with pytest.raises(_Started):

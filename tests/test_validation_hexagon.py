@@ -13,6 +13,8 @@ from validation.run.rigid.answer import run_rigid
 from validation.run.solve import run_static
 from validation.scene.read import DeformableScene, load_scene
 
+pytestmark = pytest.mark.quick
+
 CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
 
 

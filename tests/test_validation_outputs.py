@@ -142,7 +142,7 @@ def test_quiet_says_nothing_but_errors(tubelock) -> None:  # noqa: F811
 def test_version_and_documented_exit_status(tubelock) -> None:  # noqa: F811
     assert re.fullmatch(r"tubelock \d+\.\d+\.\d+.*\n", tubelock("--version")[1])
     said = " ".join(tubelock("--help")[1].split())
-    for words in ("Exit status: 0 done", "2 refused", "130 interrupted", "NO_COLOR"):
+    for words in ("Exit status: 0 done", "2 input error", "130 interrupted", "NO_COLOR"):
         assert words in said
 
 

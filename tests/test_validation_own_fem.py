@@ -22,10 +22,13 @@ from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable
-from validation.compare.answers import compare
+from validation.comparison.answers import compare
 from validation.errors import InputError
+from validation.output.joints import JOINT_FILES, write_joints
+from validation.output.outputs import Outputs
 from validation.output.pictures.tubes import run_facets
-from validation.run.solve import run_explicit, run_static
+from validation.run.deformable import run_json
+from validation.run.solve import run_explicit, run_static, scene_statement
 from validation.scene.read import DeformableScene, SceneFile, check_scene, load_scene
 
 SECTIONS = """
@@ -221,6 +224,57 @@ places = [{at = [0, 0, 100]}]
     assert run.contact.force == pytest.approx(3 * weight, rel=1e-7)
 
 
+@pytest.mark.parametrize(
+    ("gap", "clearance", "sliding", "periods"),
+    [(0.0, 0.0, False, 16), (0.3, 0.0, False, 64), (0.3, 0.0, True, 64), (0.0, 0.3, False, 64)],
+)
+def test_friction_loads_as_slowly_whatever_made_the_gap(
+    tmp_path: Path, gap: float, clearance: float, sliding: bool, periods: int
+) -> None:
+    """Blocks fly through a gap and slide where they land, whether it is placed or a clearance."""
+    write_hex_mesh(tmp_path / "brick.inp", box_block((100.0, 80.0, 50.0), (2, 2, 1)).mesh)
+    places = f"[{{at = [0, 0, 0], fixed = true}}, {{at = [0, 0, {50.0 + gap}]}}]"
+    scene = own_scene(
+        tmp_path,
+        f'[[parts]]\nfile = "brick.inp"\nplaces = {places}\n',
+        load="[load]\ngravity = [0, 0, -9810]\n[effects.friction]\ncoefficient = 0.5\n",
+    ).changed(
+        {
+            "fem.method": "explicit",
+            "detection.tolerance": 0.5,
+            "contact.clearance": clearance,
+            "effects.finite_sliding": sliding,
+        }
+    )
+    stated = scene_statement(scene, "own", build_deformable(scene, "own"))
+    assert stated.recommended is not None
+    assert stated.ramp_time * stated.recommended.frequency == pytest.approx(periods, rel=1e-12)
+
+
+@pytest.mark.parametrize("friction", [True, False])
+def test_joint_forces_that_leave_friction_out_are_named_so(tmp_path: Path, friction: bool) -> None:
+    """2 N sideways are carried by friction: a shear force of 0.0 N would be no balance."""
+    write_hex_mesh(tmp_path / "brick.inp", box_block((100.0, 80.0, 50.0), (2, 2, 1)).mesh)
+    places = "[{at = [0, 0, 0], fixed = true}, {at = [0, 0, 50]}]"
+    load = "[load]\ngravity = [0, 0, -9810]\n"
+    if friction:
+        load += "[[load.forces]]\nblock = 1\nforce = [2.0, 0.0, 0.0]\n"
+        load += "[effects.friction]\ncoefficient = 0.5\n"
+    parts = f'[[parts]]\nfile = "brick.inp"\nplaces = {places}\n'
+    run = run_static("own", own_scene(tmp_path, parts, load=load))
+    (joint,) = run_json(run)["joints"]
+    end = "_without_friction" if friction else ""
+    weight = 2.4e-9 * 400_000.0 * 9810.0
+    assert joint[f"normal_force{end}"] == pytest.approx(weight, rel=1e-6)
+    assert joint[f"shear_force{end}"] < 1e-3 * weight
+    assert ("shear_force" in joint) == (not friction)
+    with Outputs(folder=tmp_path / "out", names=JOINT_FILES) as outputs:
+        write_joints(run.joints, outputs)
+    head = (tmp_path / "out" / "joints.csv").read_text("utf-8").splitlines()[0].split(",")
+    assert (f"shear_force{end}_N" in head, "shear_force_N" in head) == (True, not friction)
+    assert f"force{end}" in meshio.read(tmp_path / "out" / "joints.vtu").point_data
+
+
 def test_an_arch_of_own_wedges(tmp_path: Path) -> None:
     write_stl(tmp_path / "wedge.stl", wedge())
     parts = """
@@ -235,7 +289,7 @@ places = [{axis = [0, 1, 0], angle = 0, fixed = true}, {axis = [0, 1, 0], angle 
     # displacement over a facet's size, 25 mm.
     turned = found.static.largest_displacement / 25.0
     assert found.static.contact.force == pytest.approx(2 * weight, rel=turned)
-    areas = found.static.deformable.assembly.interfaces.areas
+    areas = found.rigid.assembly.interfaces.areas
     for answer in found.answers:
         if answer.method.startswith("rigid"):
             assert answer.pressures @ areas == pytest.approx(2 * weight, rel=1e-6)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from validation.cost.peaks import Refined, cap_comparison
-from validation.run.curved.accuracy import Rung
+from fem.accuracy.ladder import Rung
+from validation.costs.peaks import Refined, cap_comparison
 
 
 @pytest.mark.parametrize("order", [1.0, 2.5])

@@ -136,7 +136,7 @@ def test_explicit_cell_ends_at_the_static_one(cell: DeformableRun) -> None:
     np.testing.assert_allclose(
         run.displacements[0], cell.displacements[0], rtol=0, atol=1e-4 * size
     )
-    assert run.contact.p_max_face == pytest.approx(cell.contact.p_max_face, rel=1e-4)
+    assert run.contact.p_max == pytest.approx(cell.contact.p_max, rel=1e-4)
     assert run.contact.p_eff == pytest.approx(cell.contact.p_eff, rel=1e-4)
 
 
@@ -162,7 +162,7 @@ def test_nothing_turns_an_explicit_cell(case: str, mesh: list[str], finite_rotat
     for found, expected in zip(run.displacements, still.displacements, strict=True):
         size = np.abs(expected).max()
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4 * size)
-    assert run.contact.p_max_face == pytest.approx(still.contact.p_max_face, rel=1e-4)
+    assert run.contact.p_max == pytest.approx(still.contact.p_max, rel=1e-4)
 
 
 def test_friction_and_clearance_close_the_cell_too() -> None:
@@ -186,7 +186,7 @@ def test_hexagon_blocks_have_a_cell() -> None:
     assert run.static.newton_iterations < 12
     sparse = solve_static(run.deformable, StaticOptions(method=StaticMethod.SPARSE))
     np.testing.assert_allclose(
-        sparse.facet_pressures, run.facet_pressures, rtol=0, atol=1e-4 * run.contact.p_max_face
+        sparse.facet_pressures, run.facet_pressures, rtol=0, atol=1e-4 * run.contact.p_max
     )
     errors = []
     for n in (2, 12):
@@ -262,7 +262,7 @@ def test_blocks_that_float_in_their_gaps_are_named(monkeypatch) -> None:
                 raise StaticError("no equilibrium after 500 iterations")
 
             with monkeypatch.context() as patched:
-                patched.setattr(solve, "static_answer", wanders)
+                patched.setattr(solve, "static_solution", wanders)
                 with pytest.raises(InputError, match=r"cell: blocks 0, 1, 2.* float in their gaps"):
                     solve.run_static("cell", scene)
     assert words[0.01, "tunnel"] is not None

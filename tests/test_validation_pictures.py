@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from matplotlib import rc_context
 from PIL import Image
-from pypdf import PdfReader
 
 from geometry.assembly import Assembly
 from geometry.block import box_block
@@ -21,23 +23,22 @@ from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import column
 from tests.test_validation_tubes import tube
 from validation.build.blocks import build_scene
-from validation.compare.answers import compare
-from validation.compare.report import draw_comparison
+from validation.comparison.answers import compare
+from validation.comparison.report import draw_comparison
 from validation.errors import InputError
 from validation.output.files import PICTURES, require_picture
 from validation.output.pictures import assemblies, tubes
-from validation.output.pictures.bodies import block_edges, sharp_edges
+from validation.output.pictures.bodies import block_edges, labelled, sharp_edges
 from validation.output.pictures.canvas import Lines, Surface, View
 from validation.output.pictures.gallery import (
     Panel,
     Scale,
-    _Layout,
     gallery,
     round_length,
     scale_from_zero,
     symmetric_scale,
 )
-from validation.output.pictures.look import Look
+from validation.output.pictures.look import Look, looking
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
 from validation.output.pictures.sections import section
 from validation.run.rigid.answer import run_rigid
@@ -144,13 +145,39 @@ def test_bars_have_an_arrow_where_values_go_beyond_their_colours() -> None:
     scale = symmetric_scale("σ₁ [MPa]", "RdBu_r", [values])
     assert scale.high < 1.01
     assert scale.beyond == "both"
-    assert scale.words == "σ₁ [MPa], from −1 to 5"
+    assert scale.words == "σ₁ [MPa], min. −1, max. 5"
     assert scale_from_zero("p", "YlGnBu", [values]).beyond == "min"
     whole = Scale("p", "YlGnBu", 0.0, 1.0, (0.0, 1.0))
     assert (whole.beyond, whole.words) == ("neither", "p")
     assert (whole.of(np.array([-1.0, 2.0])) == whole.of(np.array([0.0, 1.0]))).all()
     nothing = scale_from_zero("p", "YlGnBu", [np.zeros(0)])
     assert nothing.high > nothing.low
+
+
+def test_joints_without_pressure_are_grey_and_bars_are_labelled_at_both_ends() -> None:
+    values = np.array([0.0, 1e-6, 0.293])
+    scale = scale_from_zero("p", "YlGnBu", [values], nothing="open joint")
+    plain = replace(scale, nothing="")
+    assert (scale.of(values)[0] == 0xE4).all()
+    assert (scale.of(values)[1:] == plain.of(values)[1:]).all()
+    assert scale.lines == ["p", "grey: open joint"]
+    for count in (3, 6):
+        ticks = scale.ticks(count)
+        assert (ticks[0], ticks[-1]) == (0.0, 0.293)
+        assert min(np.diff(ticks)) > 0.293 / (2 * count)
+
+
+@given(st.floats(0.01, 10.0), st.floats(0.01, 10.0))
+def test_colours_about_zero_are_the_same_on_both_sides_however_far_each_goes(low, high) -> None:
+    """Equal stresses have equal colours, and zero is the middle of the map at any range."""
+    scale = Scale("σ", "RdBu_r", -low, high, (-low, high), diverging=True)
+    reach = max(low, high)
+    both = Scale("σ", "RdBu_r", -reach, reach, (-reach, reach), diverging=True)
+    values = np.linspace(-low, high, 7)
+    assert (scale.of(values) == both.of(values)).all()
+    assert (scale.of(np.zeros(1)) == both.of(np.zeros(1))).all()
+    shown = np.array(scale.map.colors)[[0, -1]]
+    np.testing.assert_allclose(shown, both.of(np.array([-low, high])) / 255, atol=1e-12)
 
 
 @given(st.floats(1e-6, 1e6))
@@ -176,6 +203,41 @@ def test_unrolled_facets_keep_their_place_and_area() -> None:
         np.sum(angle * np.roll(radius**2 / 2, -1, 1) - np.roll(angle, -1, 1) * radius**2 / 2, 1)
     )
     assert area.sum() == pytest.approx(np.pi * (160.0**2 - 120.0**2), rel=1e-2)
+
+
+def test_unrolled_side_joints_lie_apart_and_keep_their_area() -> None:
+    """Four joints of TSB1 between the waves of a layer: thickness times height each."""
+    run = run_rigid(load_scene("tsb1-tunnel", COARSE))
+    facets = assemblies.interface_facets(
+        run.assembly, run.result.contact_index, run.result.contact_pressures
+    )
+    rows = facets.within(1)
+    flat, middles = assemblies.side_by_side(facets, rows)
+    x, z = flat[..., 0], flat[..., 1]
+    area = 0.5 * np.abs(np.sum(x * np.roll(z, -1, 1) - np.roll(x, -1, 1) * z, 1))
+    assert area.sum() == pytest.approx(4 * 40.0 * 200.0, rel=1e-9)
+    pair = facets.pair(rows)
+    spans = sorted((x[pair == k].min(), x[pair == k].max()) for k in np.unique(pair))
+    assert len(spans) == len(middles) == 4
+    assert all(end < start for (_, end), (start, _) in pairwise(spans))
+    angles = sorted(middles, key=lambda angle: middles[angle])
+    assert np.diff(angles).tolist() == [90, 90, 90]
+
+
+def test_sections_show_both_neighbours() -> None:
+    """Where a layer's waves end, its neighbours fill the ring: nothing looks like a bite."""
+    run = run_static("tsb1-pipe", tube("tsb1-pipe", "mesh.around=48"))
+    for z in tubes.section_heights(run):
+        cut = section(run, z)
+        area = 0.0
+        for triangles in (cut.triangles, cut.rigid):
+            a, b, c = (cut.points[triangles[:, k]] for k in range(3))
+            (x, y), (u, v) = (b - a).T, (c - a).T
+            area += float(0.5 * np.abs(x * v - y * u).sum())
+        polygon = 48 * 4 * 0.5 * np.sin(2 * np.pi / (48 * 4))
+        # Ruled faces between layers are cut at heights that differ by what a facet is not flat.
+        assert area == pytest.approx(polygon * (160.0**2 - 120.0**2), rel=1e-3)
+    assert len(cut.rigid)
 
 
 def test_sections_have_the_area_of_the_tube_and_the_lines_of_its_joints() -> None:
@@ -294,12 +356,57 @@ def test_no_words_of_a_comparison_overlap_or_leave_the_page(
 
 
 def test_titles_name_scene_load_and_program(figures: list[Figure], tmp_path: Path) -> None:
-    from matplotlib.text import Text
-
     assemblies.draw_pressures(run_rigid(load_scene("tsb1-pipe", COARSE)), tmp_path / "p.png")
-    words = " ".join(t.get_text() for t in figures[0].findobj(Text))
+    words = " ".join(words_of(figures[0]))
     for part in ("tsb1-pipe", "internal pressure 0.01 MPa", "tubelock 0.1.0+", "layer 1"):
         assert part in words
+
+
+def test_a_third_stress_is_one_line(figures: list[Figure], tmp_path: Path, monkeypatch) -> None:
+    """What is made of principal stresses gets its panel, its bar and its mark."""
+    scene = load_scene("cantilever", ["fem.method=static", "mesh.divisions=[8,2,2]"]).scene
+    run = run_static("cantilever", scene)  # type: ignore[arg-type]
+    middle = tubes.Stress("σ₂", lambda principal: principal[:, 1], "largest", "sigma_1_max")
+    monkeypatch.setattr(tubes, "STRESSES", (*tubes.STRESSES, middle))
+    tubes.draw_stresses(run, tmp_path / "s.png")
+    titles = [axes.get_title(loc="left") for axes in figures[0].axes]
+    assert [title for title in titles if title] == [
+        "σ₁",
+        "σ₃",
+        "σ₂",
+        f"deformed shape,\nscale factor {run.drawing_scale:g}",
+    ]
+
+
+def words_of(figure: Figure) -> list[str]:
+    from matplotlib.text import Text
+
+    return [t.get_text() for t in figure.findobj(Text)]
+
+
+def test_the_line_at_the_foot_can_be_left_out(figures: list[Figure], tmp_path: Path) -> None:
+    columns = [[Panel("a square", View([square()], (0.0, 0.0, 1.0)))]]
+    for footer in (True, False):
+        with looking(Look(footer=footer)):
+            gallery(columns, "title", tmp_path / "a.png")
+        assert any("tubelock" in text for text in words_of(figures[-1])) is footer
+
+
+def test_numbers_stand_on_the_blocks_that_are_seen_and_gravity_has_an_arrow(
+    figures: list[Figure], tmp_path: Path
+) -> None:
+    """Of two squares above each other only the upper one is named, in its middle."""
+    lower, upper = square(), square(0.5, (0.5, 0.5, 1.0))
+    hidden = square(0.2, (0.6, 0.6, 0.5))
+    view = View([lower, upper, hidden], (0.0, 0.0, 1.0), weight=(0.0, -9810.0, 0.0))
+    bodies = [(s.points, s.polygons) for s in (lower, upper, hidden)]
+    panel = labelled(Panel("squares", view), ["0", "1", "2"], bodies)
+    assert set(panel.labels) == {"0", "1"}
+    np.testing.assert_allclose(panel.labels["1"], (0.75, 0.75), atol=0.01)
+    gallery([[panel]], "title", tmp_path / "a.png")
+    assert {"0", "1", "x", "y", "g"} <= set(words_of(figures[0]))
+    gallery([[replace(panel, view=replace(view, weight=None))]], "title", tmp_path / "a.png")
+    assert "g" not in words_of(figures[1])
 
 
 @pytest.mark.parametrize("ending", PICTURES)
@@ -325,12 +432,12 @@ def test_bodies_stand_where_they_are_seen_in_every_kind_of_file(tmp_path: Path) 
     seen = [v.min() / width for v in (places,)] + [places.max() / width]
     seen += [1 - rows.max() / height, 1 - rows.min() / height]
 
-    gallery(columns, "title", tmp_path / "a.pdf")
-    page = PdfReader(tmp_path / "a.pdf").pages[0]
-    drawn = page.get_contents().get_data().decode("latin1")
+    with rc_context({"pdf.compression": 0}):
+        gallery(columns, "title", tmp_path / "a.pdf")
+    drawn = (tmp_path / "a.pdf").read_bytes().decode("latin1")
     (place,) = re.findall(r"q ([\d.]+) 0 0 ([\d.]+) ([\d.]+) ([\d.]+) cm /I1 Do", drawn)
     across, tall, x, y = (float(v) for v in place)
-    wide, high = float(page.mediabox.width), float(page.mediabox.height)
+    wide, high = page_size(tmp_path / "a.pdf")
     found = [x / wide, (x + across) / wide, y / high, (y + tall) / high]
     np.testing.assert_allclose(found, seen, atol=2.5 / min(width, height))
 
@@ -341,6 +448,12 @@ def test_bodies_stand_where_they_are_seen_in_every_kind_of_file(tmp_path: Path) 
     upper = high - y - tall
     for name, value in (("x", x), ("width", across), ("height", tall), ("y", -upper)):
         assert float(re.findall(rf' {name}="([-\d.]+)"', image)[0]) == pytest.approx(value, abs=0.1)
+
+
+def page_size(path: Path) -> tuple[float, float]:
+    """Width and height of the one page of a PDF [pt]."""
+    (box,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", path.read_bytes())
+    return float(box[0]), float(box[1])
 
 
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
@@ -363,13 +476,12 @@ def test_pictures_have_the_width_and_the_font_that_a_scene_asks_for(kind, tubelo
             assert shown == pytest.approx(72 * inches, rel=1e-4)
             assert "DejaVu Serif" in text
         else:
-            box = PdfReader(path).pages[0].mediabox
-            assert float(box.width) == pytest.approx(72 * inches, rel=1e-4)
+            assert page_size(path)[0] == pytest.approx(72 * inches, rel=1e-4)
 
 
 def test_a_name_and_a_scene_that_ask_for_two_formats_are_refused(tubelock) -> None:  # noqa: F811
     pdf = _set((*COARSE, "pictures.format=pdf"))
-    for command, name in (("show", "tube"), ("explode", "explosion")):
+    for command, name in (("show", "assembly"), ("explode", "explosion")):
         status, _, error = tubelock(command, "tsb1-pipe", *pdf, "-o", "a.png")
         assert status == 2
         assert "another than pictures.format = 'pdf'" in error
@@ -399,25 +511,32 @@ def test_a_width_and_a_font_without_meaning_are_refused(tubelock) -> None:  # no
         assert len(error.strip().splitlines()) == 1
 
 
+@settings(
+    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(
-    st.lists(st.lists(st.floats(0.1, 8.0), min_size=1, max_size=3), min_size=1, max_size=5),
+    st.lists(st.lists(st.floats(0.1, 8.0), min_size=1, max_size=3), min_size=1, max_size=4),
     st.floats(40.0, 400.0),
     st.floats(4.0, 14.0),
 )
-def test_panels_of_any_shape_lie_apart_on_the_page_asked_for(shapes, width, font_size) -> None:
+def test_panels_of_any_shape_lie_apart_on_the_page_asked_for(
+    figures: list[Figure], tmp_path: Path, shapes, width, font_size
+) -> None:
     """No panel covers another or leaves the page, in as many rows as there must be."""
-    columns = [[Panel("p", plot=print, shape=s) for s in column] for column in shapes]
-    layout = _Layout(columns, "title", 7.5, 16.0, False, None, Look(width, None, font_size).widest)
-    assert len(layout.boxes) == sum(map(len, shapes))
-    for number, box in enumerate(layout.boxes):
-        assert box.x >= 0
-        assert box.y >= 0
-        assert box.x + box.width <= layout.width
-        assert box.y + box.height <= layout.tall
-        for other in layout.boxes[:number]:
-            beside = box.x + box.width <= other.x or other.x + other.width <= box.x
-            below = box.y + box.height <= other.y or other.y + other.height <= box.y
-            assert beside or below
+    columns = [[Panel("p", plot=lambda _: None, shape=s) for s in column] for column in shapes]
+    figures.clear()
+    with looking(Look(width, None, font_size)):
+        gallery(columns, "title", tmp_path / "p.png")
+    (figure,) = figures
+    assert figure.get_size_inches()[0] == pytest.approx(width / 25.4)
+    boxes = [axes.get_tightbbox() for axes in figure.axes]
+    assert len(boxes) == sum(map(len, shapes))
+    for number, box in enumerate(boxes):
+        assert box.x0 >= 0
+        assert box.y0 >= 0
+        assert box.x1 <= figure.bbox.width
+        assert box.y1 <= figure.bbox.height
+        assert not any(box.overlaps(other) for other in boxes[:number])
 
 
 def test_other_endings_are_refused(tubelock) -> None:  # noqa: F811

@@ -8,15 +8,22 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from geometry.errors import RefusedError
+from geometry.families.masonry import box
 from geometry.families.platonic_layers import tetrahedra_layer, tetrahedron
-from geometry.polyhedra.polyhedron import Polyhedron
+from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
+from mbd import contact_jacobian, generalized_force, solve_linear_programs
+from validation.build.deformable import build_deformable
+from validation.build.polyhedra import motion
 from validation.cli.app import app
 from validation.errors import InputError
+from validation.output.rigid.polyhedra import print_polyhedra
+from validation.run.held_by_faces import faces_words
 from validation.run.rigid.polyhedra import run_polyhedra
-from validation.scene.polyhedra import PolyhedralScene
+from validation.scene.polyhedra import MeshScene, PlaceSection, PolyhedralScene
 from validation.scene.read import SceneFile, load_scene
 
 EDGE = 60.0
@@ -153,6 +160,20 @@ def test_bad_own_blocks_are_refused_with_one_line(tmp_path: Path) -> None:
     assert "numbered 0 to" in _refusal(scene, bad)
 
 
+def test_places_are_turned_about_any_axis_by_angles_that_mean_something(tmp_path: Path) -> None:
+    """1e300 degrees ended in a segmentation fault; lengths of axes overflowed or vanished."""
+    for size in (1e-200, 1.0, 1e200):
+        turn, _ = motion(PlaceSection(axis=(0.0, size, 0.0), angle=90.0))
+        np.testing.assert_allclose(turn @ [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], atol=1e-15)
+    scene = _layer_scene(tmp_path)
+    first = "angle = 0.0"
+    text = scene.read_text()
+    assert first in text
+    for angle in ("1e300", "-1e5"):
+        scene.write_text(text.replace(first, f"axis = [0.0, 1.0, 0.0]\nangle = {angle}", 1))
+        assert "angle: got" in _refusal(scene)
+
+
 def test_scales_that_look_wrong_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "small.toml"
     path.write_text('[block]\ntype = "cubes"\nedge = 0.2\n[assembly]\nrings = 0\n')
@@ -187,23 +208,6 @@ def test_other_commands_know_these_scenes(tmp_path: Path) -> None:
     assert "tubelock mbd" in str(refused.exception)
 
 
-def test_our_side_of_the_peer_comparison_agrees_with_theory() -> None:
-    from validation.compare.compas_cra import ours, problems
-
-    for problem in problems():
-        if problem.name in ("wall 3 × 3", "arch t/R = 0.12", "arch t/R = 0.1"):
-            assert ours(problem)[0].stands is problem.stands
-
-
-def test_compas_cra_agrees_where_it_is_installed() -> None:
-    pytest.importorskip("compas_cra")
-    from validation.compare.compas_cra import compas_answers, problems
-
-    for problem in problems():
-        if problem.name in ("wall 3 × 3", "arch t/R = 0.12", "arch t/R = 0.1"):
-            assert compas_answers(problem, ("rbe",))[0].stands is problem.stands
-
-
 def test_blocks_beyond_the_digits_of_coordinates_are_refused(tmp_path: Path) -> None:
     """1e12 mm away coordinates are rounded to 1e-4 mm; gaps of 6e-3 mm are told apart."""
     scene = _layer_scene(tmp_path)
@@ -214,3 +218,97 @@ def test_blocks_beyond_the_digits_of_coordinates_are_refused(tmp_path: Path) -> 
     scene.write_text(far)
     with pytest.raises(RefusedError, match=r"1e\+12 mm from the origin.*move the assembly"):
         _answer(load_scene(str(scene)))
+
+
+# ---------------------------------------------------------------------------------------------
+# Contacts without area
+
+
+def _panel(folder: Path, extra: str = "") -> Path:
+    """Truncated tetrahedra: grid of 100 mm, 25°, 60 mm thick, 3 × 3 free in a fixed ring."""
+    half, lean = 30.0, 30.0 * np.tan(np.radians(25.0))
+    corners = [
+        [a * (50.0 + up * lean), b * (50.0 - up * lean), up * half]
+        for up in (-1, 1)
+        for a in (-1, 1)
+        for b in (-1, 1)
+    ]
+    _save(folder / "truncated.stl", convex_polyhedron("truncated", corners))
+    lines = ["[block]", 'type = "mesh"', "[material]", "young_modulus = 30000.0"]
+    lines += ["poisson_ratio = 0.2", "density = 2.4e-9", "[contact]", 'law = "linear"']
+    lines += ["stiffness = 1000.0", "[fem]", 'method = "static"', "[load]"]
+    lines += ["gravity = [0.0, 0.0, -9810.0]", extra, "[[parts]]", 'file = "truncated.stl"']
+    for i in range(5):
+        for j in range(5):
+            ring = str(i in (0, 4) or j in (0, 4)).lower()
+            lines += ["[[parts.places]]", f"at = [{100.0 * i}, {100.0 * j}, 0.0]"]
+            lines += [f"angle = {90.0 * ((i + j) % 2)}", f"fixed = {ring}"]
+    path = folder / "panel.toml"
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_what_point_contacts_alone_lock_is_said_to_be(tmp_path: Path) -> None:
+    """Locked by edges that cross; by the faces it is a mechanism that the weight drives."""
+    file = load_scene(str(_panel(tmp_path)))
+    assert isinstance(file.scene, PolyhedralScene)
+    run = run_polyhedra(file, file.scene)
+    answer = run.json()
+    assert (answer["mechanism"], answer["n_crossing_edges"]) == ("locked", 32)
+    assert answer["certificate"]["kind"] == "self-stress"
+    faces = answer["by_faces_alone"]
+    assert (faces["mechanism"], faces["certificate"]["kind"]) == ("activated", "mechanism")
+    # The certificate by multiplication, and by another program on the same contacts.
+    bare = contact_jacobian(run.assembly.with_faces_alone())
+    assert len(bare.index) == run.result.n_contacts - 28
+    motion = np.array(faces["certificate"]["virtual_displacement"]).ravel()
+    assert bare.jacobian.gap_rates(motion).min() > -1e-12
+    force = generalized_force(run.assembly, run.load, bare.free_blocks, bare.length)
+    assert force @ motion > 0.5 * np.linalg.norm(force)
+    assert str(solve_linear_programs(bare.jacobian, force).mechanism) == "activated"
+    console = Console(record=True, width=200)
+    print_polyhedra(run, console)
+    words = console.export_text()
+    assert "locked by 32 edge-edge contacts; by faces alone: activated" in words
+    assert "certificate of the faces" in words
+
+
+@pytest.mark.parametrize("command", ["fem", "compare"])
+def test_deformable_blocks_name_the_mechanism_of_their_faces(tmp_path: Path, command: str) -> None:
+    result = CliRunner().invoke(app, [command, str(_panel(tmp_path)), "--json", "-"])
+    assert result.exit_code == 1
+    assert isinstance(result.exception, InputError)
+    words = "panel: no equilibrium: the load drives a mechanism of the faces (block"
+    assert str(result.exception).startswith(words)
+
+
+def test_faces_alone_are_no_verdict_where_every_contact_has_an_area() -> None:
+    answer = _answer(load_scene("cubes"))
+    assert answer["n_points_without_area"] == 0
+    assert answer["by_faces_alone"] is None
+
+
+@pytest.mark.parametrize(("lift", "carried"), [(5.0, True), (8.0, False)])
+@pytest.mark.parametrize("weight", ["[load]", "[effects]"])
+def test_weight_holds_faces_together(
+    tmp_path: Path, weight: str, lift: float, carried: bool
+) -> None:
+    """A brick of 6.4 N on another one, lifted by 5 N or by 8 N, wherever gravity is stated."""
+    _save(tmp_path / "brick.stl", box((80.0, 60.0, 56.6)))
+    lines = ["[block]", 'type = "mesh"', "[material]", "young_modulus = 30000.0"]
+    lines += ["poisson_ratio = 0.2", "density = 2.4e-9", "[contact]", 'law = "linear"']
+    lines += ["stiffness = 1000.0", "[fem]", 'method = "static"', weight]
+    lines += ["gravity = [0.0, 0.0, -9810.0]"]
+    lines += ["[[load.forces]]", "block = 1", f"force = [0.0, 0.0, {lift}]"]
+    for height, fixed in ((0.0, "true"), (56.6, "false")):
+        lines += ["[[parts]]", 'file = "brick.stl"', f"fixed = {fixed}"]
+        lines += ["[[parts.places]]", f"at = [0.0, 0.0, {height}]"]
+    path = tmp_path / "bricks.toml"
+    path.write_text("\n".join(lines))
+    file = load_scene(str(path))
+    assert isinstance(file.scene, MeshScene)
+    deformable = build_deformable(file.scene, file.name)
+    words = faces_words(file.name, file.scene, deformable.assembly)
+    assert (words is None) is carried
+    if words is not None:
+        assert "block 1 lifts off block 0" in words

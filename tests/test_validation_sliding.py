@@ -71,7 +71,7 @@ def test_patch_test_of_a_column_that_does_not_match() -> None:
     data = run_json(run)
     assert data["contact_search"] == "finite sliding (joints do not match)"
     assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
-    assert data["contact"]["p_max_face"] == pytest.approx(0.5, rel=1e-6)
+    assert data["contact"]["p_max"] == pytest.approx(0.5, rel=1e-6)
     assert data["contact"]["force"] == pytest.approx(2 * 0.5 * 8000.0, rel=1e-6)
     assert data["contact"]["mean_overclosure"] == pytest.approx(overclosure(0.5), rel=1e-6)
     # Two boxes are free: the middle one is pressed on both faces, the upper one on one of two.

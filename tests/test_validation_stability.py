@@ -11,11 +11,39 @@ from validation.errors import InputError
 from validation.stability.case import Case, Check, Finding, Verdict, refusal, run_case
 from validation.stability.suite import cases, chosen
 
+#: Of every subject one or two that take less than half a CPU second.
+QUICK = [
+    "amplitude-too-large",
+    "arch-of-27",
+    "checkpoint-truncated",
+    "cone-inside-1e-9",
+    "corner-on-face",
+    "dice-on-a-facet",
+    "edge-on-face",
+    "ferris-tin-loi-w1",
+    "incline-of-a-half",
+    "inverted-element",
+    "mechanism-driven",
+    "parallel-normals",
+    "rank-deficient",
+    "thickness-2",
+    "time-step-1.01",
+    "zero-load-explicit",
+    "zero-load-rigid",
+    "zero-load-static",
+]
 
-@pytest.mark.parametrize(
-    "case",
-    [pytest.param(c, id=c.name, marks=[pytest.mark.slow] if c.slow else []) for c in cases()],
-)
+
+def marks(case: Case) -> list[pytest.MarkDecorator]:
+    """How the tests of a case are chosen."""
+    return [pytest.mark.quick] if case.name in QUICK else [pytest.mark.slow] if case.slow else []
+
+
+def test_quick_cases_exist() -> None:
+    assert set(QUICK) <= {case.name for case in cases()}
+
+
+@pytest.mark.parametrize("case", [pytest.param(c, id=c.name, marks=marks(c)) for c in cases()])
 def test_hard_case_holds_or_is_refused(case: Case) -> None:
     # Each law and the derivation of its bounds stand beside the case.
     outcome = run_case(case)

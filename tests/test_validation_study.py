@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import io
 import itertools
 import json
+import math
 import os
 import pickle
 import signal
@@ -18,9 +20,10 @@ from pathlib import Path
 import pytest
 
 from validation.errors import InputError
+from validation.study.design import Row, run_design
 from validation.study.run import DaskRunner, LocalRunner, sweep
 from validation.study.store import ResultFile, write_csv, write_parquet
-from validation.study.study import Row, Study, check_study, load_study, run_design
+from validation.study.study import Study, check_study, load_study
 
 #: Sixteen walls of which four cannot be built (no rows), each a few milliseconds.
 WALLS = """
@@ -140,6 +143,8 @@ def test_the_half_block_study_is_its_designs_of_f_2_turned_otherwise() -> None:
         ({"parameters": {}}, "name at least one parameter"),
         ({"scene": "tsb1-pip"}, "did you mean tsb1-pipe"),
         ({"scene": 3}, "expected a scene"),
+        ({"accuracy": "10%"}, "rigid designs have no error bars"),
+        ({"accuracy": 10, "quantity": "fem"}, "accuracy: got 10, expected a share"),
         ({"quantity": "fme"}, "expected one of rigid, fem"),
         ({"parameter": {}}, "did you mean 'parameters'"),
         ({"settings": {"mesh.around": 24, "block.amplitude": 3}}, "in [parameters] and [settings]"),
@@ -199,6 +204,54 @@ def test_a_result_file_takes_only_its_own_study(walls, tmp_path) -> None:
     assert path.read_bytes() == before
 
 
+RANGE = "{ from = 0.01, to = 0.04, step = 0.01 }"
+
+
+@pytest.mark.parametrize(
+    ("start", "pressures", "layers", "new"),
+    [
+        (RANGE, "[0.01, 0.02, 0.03, 0.04, 0.05]", "[1, 2, 3, 9]", 4),
+        (RANGE, "[0.05, 0.04, 0.03, 0.02, 0.015, 0.01]", "[9, 3, 2, 1]", 8),  # another order
+        ("[1, 2]", "[1, 1.5, 2]", "[1, 2, 3, 9]", 4),  # no integers any more
+    ],
+)
+def test_longer_lists_compute_only_the_designs_that_are_new(
+    tmp_path, start, pressures, layers, new
+) -> None:
+    (tmp_path / "walls.toml").write_text(WALLS.replace(RANGE, start))
+    walls = load_study(str(tmp_path / "walls.toml"))
+    path = tmp_path / "grown.sqlite"
+    with ResultFile(path, walls) as results:
+        sweep(results, Here(walls))
+    text = WALLS.replace(RANGE, pressures)
+    (tmp_path / "longer.toml").write_text(text.replace("[1, 2, 3, 9]", layers))
+    longer = load_study(str(tmp_path / "longer.toml"))
+    with ResultFile(path, longer) as results:
+        assert sweep(results, Here(longer)).computed == new
+    with ResultFile(tmp_path / "straight.sqlite", longer) as results:
+        sweep(results, Here(longer))
+    assert content(path) == content(tmp_path / "straight.sqlite")
+    before = path.read_bytes()
+    with pytest.raises(InputError, match=r"another study .*parameters.load.*there"):
+        ResultFile(path, walls)  # fewer values: rows of the others would have no number
+    assert path.read_bytes() == before
+
+
+def test_a_study_that_another_process_extends_meanwhile_writes_no_rows(walls, tmp_path) -> None:
+    """Its designs have other numbers by then."""
+    path = tmp_path / "grown.sqlite"
+    text = WALLS.replace("to = 0.04", "to = 0.06")
+    (tmp_path / "longer.toml").write_text(text)
+    longer = load_study(str(tmp_path / "longer.toml"))
+    with ResultFile(path, walls) as first:
+        sweep(first, Here(walls, limit=3))
+        ResultFile(path, longer).close()
+        with pytest.raises(InputError, match="extended its study since"):
+            sweep(first, Here(walls))
+    with ResultFile(path, longer) as results:
+        assert results.counts() == (3, 0)
+
+
 def test_files_that_are_no_result_files_are_left_alone(walls, tmp_path) -> None:
     text = tmp_path / "notes.txt"
     text.write_text("a thesis")
@@ -240,7 +293,11 @@ def test_exports_hold_the_same_rows(walls, reference, tmp_path) -> None:
         rows = list(results.rows())
     with (tmp_path / "rows.csv").open(newline="") as file:
         read = list(csv.DictReader(file))
-    assert [float(r["load.pressure"]) for r in read] == [r["load.pressure"] for r in rows]
+    pressures = [float(r["load.pressure [MPa]"]) for r in read]
+    assert pressures == [r["load.pressure"] for r in rows]
+    # Digests prove the rows of the store; nobody reads them.
+    assert not {"key", "digest", "program"} & (set(read[0]) | set(rows[0]))
+    assert {"p_max [MPa]", "effective_area_percent [%]", "cpu_seconds [s]"} <= set(read[0])
     assert [r["residual"] == "" for r in read] == [r["residual"] is None for r in rows]
     parquet = pytest.importorskip("pyarrow.parquet")
     assert parquet.read_table(tmp_path / "rows.parquet").to_pylist() == rows
@@ -253,6 +310,146 @@ def test_parquet_without_pyarrow_says_what_to_install(walls, tmp_path, monkeypat
         pytest.raises(InputError, match=r"tubelock\[parquet\]"),
     ):
         write_parquet(results, tmp_path / "x.parquet")
+
+
+# ---------------------------------------------------------------------------------------------
+# Deformable designs
+
+COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
+
+
+def deformable(**changes: object) -> Study:
+    """A short tube on a coarse mesh."""
+    data = {"scene": "tsb1-pipe", "quantity": "fem", "parameters": {"block.amplitude": [20.0]}}
+    return check_study(data | {"settings": COARSE} | changes, "tube")
+
+
+@pytest.mark.slow
+def test_a_deformable_design_is_refined_as_the_command_does() -> None:
+    from validation.run.accuracy import DEFAULT_TARGETS
+    from validation.run.solve import run_converged
+
+    study = deformable(accuracy="30%")
+    row = run_design(study, 0)
+    assert row.status == "ok", row.message
+    scene = study.scene_file(0).scene
+    reference = run_converged("tube", scene, dict.fromkeys(DEFAULT_TARGETS, 0.3)).measures
+    for name in DEFAULT_TARGETS:
+        value, error = row.results[name], row.results[f"{name}_error"]
+        assert (value, error) == (reference[name].value, reference[name].error)
+        assert error <= 0.3 * abs(value)
+
+
+@pytest.mark.parametrize("settings", [{"fem.mesh": "scene"}, {"fem.element": "incompatible"}])
+def test_a_deformable_design_keeps_the_mesh_that_it_states(settings) -> None:
+    study = deformable(settings=COARSE | settings)
+    row = run_design(study, 0)
+    blocks = COARSE["mesh.around"] * COARSE["mesh.radial"] * COARSE["mesh.axial"]
+    assert row.results["n_elements"] % blocks == 0
+    # The coarse mesh is what was asked: its error bars are as wide as they are.
+    assert row.results["p_max_point_error"] > 0.1 * row.results["p_max_point"]
+
+
+def test_an_accuracy_of_one_mesh_is_a_failed_design() -> None:
+    row = run_design(deformable(settings=COARSE | {"fem.mesh": "scene"}, accuracy=0.1), 0)
+    assert row.status == "failed"
+    assert 'got fem.mesh = "scene", which is one mesh' in row.message
+
+
+def test_the_accuracy_is_part_of_the_question() -> None:
+    assert deformable(accuracy=0.1).digest == deformable(accuracy="10%").digest
+    assert deformable(accuracy=0.1).digest != deformable(accuracy=0.2).digest
+
+
+# ---------------------------------------------------------------------------------------------
+# What is printed and drawn
+
+
+@pytest.fixture(scope="module")
+def tubes(tmp_path_factory) -> tuple[Study, Path]:
+    """Six tubes, of which one needs a mesh of another count around; and their rows."""
+    study = check_study(
+        {
+            "scene": "tsb1-pipe",
+            "parameters": {"block.amplitude": [10, 20, 15], "block.frequency": [1.0, 2.5]},
+            "settings": COARSE,
+        },
+        "tubes",
+    )
+    path = tmp_path_factory.mktemp("tubes") / "tubes.sqlite"
+    with ResultFile(path, study) as results:
+        sweep(results, Here(study))
+    return study, path
+
+
+def test_the_table_ranks_designs_and_ends_with_those_that_failed(tubes) -> None:
+    from rich.console import Console
+
+    from validation.study.report import print_table
+
+    study, path = tubes
+    console = Console(width=400, record=True, file=io.StringIO())
+    with ResultFile(path, study) as results:
+        print_table(results, console)
+        rows = {row["number"]: row for row in results.rows()}
+    text = console.export_text()
+    shown = [line.strip("│ ").split() for line in text.splitlines() if line.startswith("│")]
+    numbers = [int(cells[0]) for cells in shown]
+    ok = [number for number in numbers if rows[number]["status"] == "ok"]
+    assert ok == sorted(ok, key=lambda number: rows[number]["p_max"])
+    assert len(ok) == 3
+    assert numbers[len(ok) :] == [1, 3, 5]
+    assert all("mesh.around: got 12" in line for line in text.splitlines()[-4:-1])
+    assert "[MPa]" in text
+
+
+def test_curves_hold_the_rows_and_failed_designs_are_gaps(tubes) -> None:
+    from validation.study.picture import study_figure
+
+    study, path = tubes
+    with ResultFile(path, study) as results:
+        rows = list(results.rows())
+    (axes,) = study_figure(study, rows, "block.amplitude", "p_max").axes
+    first, second = (curve.lines[0].get_xydata() for curve in axes.containers)
+    expected = {row["block.amplitude"]: row["p_max"] for row in rows if row["status"] == "ok"}
+    assert first.tolist() == sorted([a, p] for a, p in expected.items())
+    assert all(math.isnan(y) for _, y in second.tolist())
+    assert axes.get_xlabel() == "block.amplitude [mm]"
+    assert axes.get_ylabel() == "p_max [MPa]"
+    assert [t.get_text() for t in axes.get_legend().get_texts()] == ["1", "2.5"]
+
+
+@pytest.mark.parametrize(
+    ("axes", "message"),
+    [
+        (("block.height", "p_max"), "block.height does not vary in tubes"),
+        (("block.amplitude", "p_mx"), "got p_mx, expected one of equilibrium"),
+        (("block.amplitude", "mechanism"), "got mechanism, expected one of equilibrium"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_before_the_work(tubes, axes, message) -> None:
+    from validation.study.picture import check_axes
+
+    with pytest.raises(InputError, match=message):
+        check_axes(tubes[0], *axes)
+
+
+def test_the_expected_time_is_printed_first_and_where_it_changes() -> None:
+    from validation.study.report import Expected
+
+    def row(seconds: float, status: str = "ok") -> Row:
+        return Row(0, status, "", {}, {}, seconds)
+
+    expected = Expected(11)
+    assert expected.words(row(0.0, "failed")) == ""
+    assert "100 s of CPU time for 10 designs (the first one took 10 s)" in expected.words(row(10.0))
+    assert expected.words(row(12.0)) == ""
+    assert expected.words(row(59.0)) == ""  # one slow design of three
+    assert "5.9 min of CPU time for 10 designs (the median of 4 is 36 s)" in expected.words(
+        row(60.0)
+    )
+    assert Expected(10).words(row(0.1)) == ""
+    assert Expected(1000).words(row(0.3)) == ""  # most of it the machine code that is loaded once
 
 
 # ---------------------------------------------------------------------------------------------
@@ -466,6 +663,7 @@ def test_sweep_on_the_command_line(walls, reference, tmp_path, monkeypatch, caps
     assert data["n_designs"] == data["n_rows"] == len(data["rows"]) == 16
     assert data["n_failed"] == 4
     assert content(tmp_path / "out/walls.sqlite") == reference
+    assert not (tmp_path / "out/walls.png").exists()  # no wall is in equilibrium
     status, out, _ = tubelock("sweep", "walls.toml")
     assert "16, of which 0 computed now" in out
     assert "4; the first, design 3: load.layer: got 9" in out
@@ -474,6 +672,7 @@ def test_sweep_on_the_command_line(walls, reference, tmp_path, monkeypatch, caps
         (["nothing.toml"], "no such file"),
         (["walls.toml", "--csv", "/proc/nowhere/x.csv"], "cannot be written"),
         (["walls.toml", "--set", "assembly.layers=5"], "another study"),
+        (["walls.toml", "--plot", "load.presure", "p_max"], "does not vary in walls"),
         (["walls.toml", "-o", "walls.toml"], "is a file that this call reads"),
     ):
         status, out, err = tubelock("sweep", *arguments)

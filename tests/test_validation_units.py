@@ -13,6 +13,8 @@ from validation.scene.quantities import parse_unit
 from validation.scene.read import apply_overrides, check_scene, load_scene
 from validation.scene.schema import scene_schema
 
+pytestmark = pytest.mark.quick
+
 
 def number(scene: str, key: str, text: str) -> float:
     found = load_scene(scene, [f"{key}={text}"]).scene
@@ -122,6 +124,7 @@ def test_accepted_keys_must_exist() -> None:
         load_scene("tsb1-pipe", ["plausibility.accept=['material.densty']"])
 
 
+@pytest.mark.slow
 def test_editors_know_texts_with_units() -> None:
     judge = jsonschema.Draft7Validator(scene_schema())
     data = tomllib.loads(builtin_text("tsb1-pipe"))

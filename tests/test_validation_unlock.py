@@ -13,6 +13,8 @@ from validation.run.rigid.answer import run_rigid
 from validation.run.rigid.changed import class_with_layers, frame_warning, layers_to_unlock
 from validation.scene.read import load_scene
 
+pytestmark = pytest.mark.quick
+
 COARSE = ("mesh.edge=4", "mesh.radial=2")
 
 

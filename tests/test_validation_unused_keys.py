@@ -19,7 +19,8 @@ from validation.run.solve import run_explicit, run_static
 from validation.scene.builtin import builtin_names
 from validation.scene.read import SceneFile, apply_overrides, check_scene, load_scene, scene_data
 from validation.scene.usage import KeyUse, recording
-from validation.study.study import load_study, refuse_idle_parameters, run_design
+from validation.study.design import refuse_idle_parameters, run_design
+from validation.study.study import load_study
 
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1")
 #: Keys that methods tell apart, each with a value that would matter where it acts.

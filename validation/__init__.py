@@ -1,1 +1,48 @@
-"""Scenes, the paper, comparisons, cost, stability and the command line."""
+"""Scenes, files of answers, pictures, comparisons, studies, the paper and the command line.
+
+What most need::
+
+    from validation import compare, load_scene, plot, read_answer, write
+
+    problem = load_scene("tsb1-pipe", {"assembly.layers": 2}).problem()
+    write(answer, "out/")
+    plot(answer, "mises")
+
+| | |
+|---|---|
+| `load_scene`, `Scene` | a scene by its name or from TOML; its ``problem()`` |
+| `write`, `read_answer` | an answer as files, and back |
+| `plot` | a field of an answer as a matplotlib figure |
+| `compare` | answers of several solvers beside each other |
+| `sweep` | a scene with every combination of some values |
+| `cost` | error against CPU time of every method and mesh |
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from validation.calls import (
+        Scene,
+        compare,
+        cost,
+        load_scene,
+        plot,
+        read_answer,
+        sweep,
+        write,
+    )
+
+__all__ = ["Scene", "compare", "cost", "load_scene", "plot", "read_answer", "sweep", "write"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'validation' has no attribute {name!r}")
+    return getattr(import_module("validation.calls"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

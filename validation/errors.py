@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import json
+import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn, get_args, get_origin
 
@@ -34,8 +36,37 @@ def _stop(words: str, status: int = 2) -> NoReturn:
     raise SystemExit(status)
 
 
+#: Exit status after Ctrl-C, and after a reader of standard output went away (128 + SIGPIPE).
+INTERRUPTED, READER_GONE = 130, 141
+
+
 def run_command(command: Callable[[], object]) -> None:
-    """Run a command; the only place that turns errors into exit statuses."""
+    """Run a command; the only place that turns errors into exit statuses.
+
+    What cannot be printed ends no command (`validation.lasting`): its files are written, and
+    the exit status tells.
+    """
+    from validation.lasting import lasting_output
+
+    try:
+        with lasting_output() as output:
+            status = _status(command)
+    except KeyboardInterrupt:
+        _stop("interrupted", INTERRUPTED)
+    failure = None if output is None else output.failure
+    if isinstance(failure, BrokenPipeError):
+        status = status or READER_GONE
+    elif failure is not None and not status:
+        _stop(
+            f"error: standard output: {failure.strerror or failure}; what was printed is lost, "
+            "files, if any, are written: make room, or print to another place"
+        )
+    if status is not None:
+        raise SystemExit(status)
+
+
+def _status(command: Callable[[], object]) -> int | str | None:
+    """Exit status of a command, after its error is printed."""
     try:
         command()
     except RefusedError as error:
@@ -51,15 +82,28 @@ def run_command(command: Callable[[], object]) -> None:
             f"error: {where}{error.strerror or error}; the output could not be written or a file "
             "not be read: make room, or choose another place"
         )
-    except KeyboardInterrupt:
-        _stop("interrupted", 130)
+    except SystemExit as end:
+        if end.code == INTERRUPTED:  # typer has caught it
+            _stop("interrupted", INTERRUPTED)
+        return end.code
+    return None
 
 
 # ---------------------------------------------------------------------------------------------
 # What is wrong with a scene
 
+#: A number as much of the world writes it.
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
+
 #: Places named beside the first mistake.
 _MOST_NAMED = 3
+
+
+#: Keys of earlier versions, and why they are gone.
+_REMOVED = {
+    "fem.formulation": "the rate form of C3D8R was removed, every explicit run has the shared "
+    "stiffness of a block; remove the key",
+}
 
 
 def _known_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
@@ -78,6 +122,56 @@ def _known_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str
     return list(model.model_fields)
 
 
+#: What other programs call keys of scenes, and what stands here instead.
+_ELSEWHERE = {
+    "alpha": "effects.rayleigh.mass_proportional",
+    "beta": "effects.rayleigh.stiffness_proportional",
+    "friction": "effects.friction.coefficient",
+    "mu": "effects.friction.coefficient",
+    "hard": 'contact.law = "linear" with a stiff contact.stiffness',
+}
+
+
+def places_of(key: str, model: type[BaseModel], above: str = "") -> Iterator[str]:
+    """Dotted places of a scene at which a key of that name stands, tables in lists left out."""
+    for name, field in model.model_fields.items():
+        place = f"{above}{name}"
+        inner = field.annotation
+        sections = [kind for kind in (inner, *get_args(inner)) if hasattr(kind, "model_fields")]
+        if sections and get_origin(inner) not in (tuple, list, dict):
+            yield from places_of(key, sections[0], f"{place}.")
+        elif name == key and above:
+            yield place
+
+
+def _unknown_key(path: tuple[int | str, ...], model: type[BaseModel]) -> str:
+    """Name a key that is not known, and the one that was meant."""
+    place, key = ".".join(str(k) for k in path), str(path[-1])
+    if place in _REMOVED:
+        return f"unknown key {place}: {_REMOVED[place]}"
+    if len(path) > 1 and key in model.model_fields:
+        return f"unknown key {place}: {key} stands above the first [section] of a scene"
+    known = _known_keys(model, path[:-1])
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    if near:
+        return f"unknown key {place}: did you mean {near[0]!r}?"
+    there = _ELSEWHERE.get(key) or next(places_of(key, model), None)
+    if there is not None and there != place:
+        return f"unknown key {place}: did you mean {there}?"
+    hint = f": expected one of {', '.join(known)}" if known else "; remove it"
+    return f"unknown key {place}{hint}"
+
+
+def _first(problems: list[Any]) -> Any:
+    """The problem to tell: a key that is misspelt explains why another one is missing."""
+    for problem in problems:
+        if problem["type"] == "extra_forbidden" and problems[0]["type"] == "missing":
+            missing = [str(p["loc"][-1]) for p in problems if p["type"] == "missing"]
+            if difflib.get_close_matches(str(problem["loc"][-1]), missing, n=1, cutoff=0.5):
+                return problem
+    return problems[0]
+
+
 def _some(words: list[str]) -> str:
     """The first of some words, and how many more there are."""
     more = len(words) - _MOST_NAMED
@@ -85,23 +179,75 @@ def _some(words: list[str]) -> str:
     return f"{named} and {more} more" if more > 0 else named
 
 
-def one_line(error: ValidationError, model: type[BaseModel]) -> str:
-    """First wrong value of a model's data in one line, and where there are more."""
-    problems = error.errors(include_url=False)
-    first = problems[0]
+def one_line(
+    error: ValidationError, model: type[BaseModel], example: Mapping[str, Any] | None = None
+) -> str:
+    """First wrong value of a model's data in one line, and where there are more.
+
+    An example of the same kind has the lines that are missing.
+    """
+    problems = [
+        problem
+        for problem in error.errors(include_url=False)
+        if problem["type"] != "default_factory_not_called"
+    ]
+    missing = [p["loc"] for p in problems if p["type"] == "missing"]
+    lines = _lines_to_add(missing, model, example or {})
+    if lines and len(missing) == len(problems):
+        return f"{_and([_place(path) for path in missing])} missing; add, with your values: {lines}"
+    first = _first(problems)
     place = ".".join(str(key) for key in first["loc"])
     if first["type"] == "extra_forbidden":
-        known = _known_keys(model, first["loc"][:-1])
-        near = difflib.get_close_matches(str(first["loc"][-1]), known, n=1, cutoff=0.5)
-        hint = f": expected one of {', '.join(known)}" if known else "; remove it"
-        line = f"unknown key {place}{f': did you mean {near[0]!r}?' if near else hint}"
+        line = _unknown_key(first["loc"], model)
     else:
         line = _wrong_value(first, place, model)
-    others = dict.fromkeys(".".join(str(key) for key in p["loc"]) for p in problems[1:])
+    others = dict.fromkeys(
+        ".".join(str(key) for key in p["loc"]) for p in problems if p is not first
+    )
     others.pop(place, None)
     line += f"; wrong, too: {_some(list(others))}" if others else ""
     # Names of keys may hold anything, line breaks too.
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
+
+
+def _place(path: tuple[int | str, ...]) -> str:
+    """Section or key, as scenes write it."""
+    return f"[{path[0]}]" if len(path) == 1 else ".".join(str(key) for key in path)
+
+
+def _and(words: list[str]) -> str:
+    return f"{words[0]} is" if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]} are"
+
+
+def _lines_to_add(
+    missing: list[tuple[int | str, ...]], model: type[BaseModel], example: Mapping[str, Any]
+) -> str:
+    """Sections and keys that are missing, with the values of an example; empty without one."""
+    lines: dict[str, dict[str, Any]] = {}
+    for section, *key in missing:
+        known = example.get(str(section))
+        field: Any = model.model_fields.get(str(section))
+        if not isinstance(known, Mapping) or len(key) > 1:
+            return ""
+        inner = getattr(field.annotation, "model_fields", {})
+        required = [name for name, value in inner.items() if value.is_required()]
+        names = [str(part) for part in key] or required
+        if not names or not all(name in known for name in names):
+            return ""
+        lines.setdefault(str(section), {}).update({name: known[name] for name in names})
+    return "; ".join(
+        f"[{section}] " + ", ".join(f"{k} = {_toml(v)}" for k, v in keys.items())
+        for section, keys in lines.items()
+    )
+
+
+def _toml(value: Any) -> str:
+    """Value as TOML writes it."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{k} = {_toml(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    return json.dumps(value)
 
 
 def _wrong_value(problem: Any, place: str, model: type[BaseModel]) -> str:
@@ -115,11 +261,20 @@ def _wrong_value(problem: Any, place: str, model: type[BaseModel]) -> str:
     if kind == "value_error":
         # Checks of a whole section name their keys; the section itself, in braces, helps nobody.
         words = str(problem["ctx"]["error"])
-        return words if isinstance(got, dict) else f"{place}: got {got!r}; {words}"
+        return words if isinstance(got, dict) else f"{place}: got {got!r}; {words}{_meant(got)}"
     if kind in ("model_type", "dict_type"):
         keys = ", ".join(_known_keys(model, path))
         return f"{place}: got {got!r}; expected a section" + (f" with {keys}" if keys else "")
     if kind in ("tuple_type", "list_type"):
         return f"{place}: got {got!r}; expected a list of values in brackets, [ … ]"
     message = problem["msg"]
-    return f"{place}: got {got!r}; {message[0].lower()}{message[1:]}"
+    return f"{place}: got {got!r}; {message[0].lower()}{message[1:]}{_meant(got)}"
+
+
+def _meant(got: Any) -> str:
+    """What a text in the place of a value was meant to be, where that is known."""
+    if isinstance(got, str) and _DECIMAL_COMMA.fullmatch(got.strip()):
+        return f"; did you mean {got.strip().replace(',', '.')}?"
+    if isinstance(got, str) and got in _ELSEWHERE:
+        return f"; did you mean {_ELSEWHERE[got]}?"
+    return ""

@@ -16,27 +16,41 @@ _INNER = ("fem/explicit/kernels",)
 
 
 def write_api(folder: Path) -> None:
-    """Write the overview and one page for each folder; `API=off` leaves the pages out."""
+    """Write the public names, and one page for each folder; `API=off` leaves those pages out."""
     emptied(folder)
-    if os.environ.get("API") == "off":
-        (folder / "index.md").write_text("# API\n\nLeft out of this build (`API=off`).\n", "utf-8")
-        return
-    rooms = [room for package in _SHOWN for room in _rooms(ROOT / package)]
+    public = "\n".join(_public_rows())
+    rooms: list[Path] = []
+    if os.environ.get("API") != "off":
+        rooms = [room for package in _SHOWN for room in _rooms(ROOT / package)]
     for room in rooms:
         (folder / f"{_name(room)}.md").write_text(_page(room), "utf-8")
     rows = [f"| [`{_name(room)}`]({_name(room)}.md) | {_first(_name(room))} |" for room in rooms]
     listed = "\n".join(_name(room) for room in rooms)
-    text = _INDEX.format(rows="\n".join(rows), names=listed)
-    (folder / "index.md").write_text(text, "utf-8")
+    modules = _MODULES.format(rows="\n".join(rows), names=listed) if rooms else _NO_MODULES
+    (folder / "index.md").write_text(_INDEX.format(public=public) + modules, "utf-8")
 
+
+#: The packages whose `__all__` is the public interface.
+_PUBLIC = ("geometry", "fem", "mbd")
 
 _INDEX = """# API
 
-Three packages answer questions, a fourth asks them. Arrays are `(n, 3)`, units mm, N, MPa, s,
-tonne; shapes, units, errors and sources stand in the docstrings. `validation` is shown as far as
-programs need it.
+## Public names
 
-| package | what is in it |
+These names are the public interface. Arrays are `(n, 3)`, units mm, N, MPa, s, tonne. Docstrings
+give shapes, units, errors and sources.
+
+| import | definition | purpose |
+|---|---|---|
+{public}
+"""
+
+_MODULES = """
+## All modules
+
+The modules behind the public names, for development.
+
+| package | content |
 |---|---|
 {rows}
 
@@ -46,6 +60,27 @@ programs need it.
 {names}
 ```
 """
+
+_NO_MODULES = "\nThe pages of all modules are not part of this build (`API=off`).\n"
+
+
+def _public_rows() -> Iterator[str]:
+    """One row for each public name: import, definition, first line of the docstring."""
+    for package in _PUBLIC:
+        module = importlib.import_module(package)
+        for name in module.__all__:
+            value = getattr(module, name)
+            if isinstance(value, type) or callable(value):
+                full, words = f"{value.__module__}.{value.__qualname__}", _summary(value)
+            else:
+                full, words = f"{package}.{name}", f"`{value!r}`"
+            yield f"| `from {package} import {name}` | `{full}` | {words} |"
+
+
+def _summary(value: object) -> str:
+    """First paragraph of a docstring, for a cell of a table."""
+    words = (value.__doc__ or "").strip().split("\n\n")[0]
+    return " ".join(words.split()).replace("``", "`").replace("|", "\\|")
 
 
 def _rooms(package: Path) -> Iterator[Path]:
@@ -61,8 +96,7 @@ def _name(path: Path) -> str:
 
 
 def _first(module: str) -> str:
-    words = (importlib.import_module(module).__doc__ or "").strip().split("\n\n")[0]
-    return " ".join(words.split()).replace("``", "`").replace("|", "\\|")
+    return _summary(importlib.import_module(module))
 
 
 def _page(room: Path) -> str:

@@ -17,8 +17,8 @@ def write_commands(path: Path) -> None:
     lines = [
         "# Commands",
         "",
-        "As `tubelock --help` and `tubelock COMMAND --help` print it. Exit status 0: done; 2: the",
-        "input cannot be used, one line says why; 130: interrupted.",
+        "The text of `tubelock --help` and `tubelock COMMAND --help`. Exit status 0: done; 2:",
+        "input error, with a one-line diagnostic; 130: interrupted.",
         "",
         "| command | what it does |",
         "|---|---|",

@@ -20,7 +20,7 @@ from pydantic_core import PydanticUndefined
 
 from validation.scene.docstrings import field_docstrings
 
-_UNIT = re.compile(r"\[([^\]\[]{1,12})\]")
+_UNIT = re.compile(r"\s*\[([^\]\[]{1,12})\]")
 _BOUNDS = (("gt", ">"), ("ge", "≥"), ("lt", "<"), ("le", "≤"))
 
 
@@ -71,7 +71,8 @@ def _defaults(section: type) -> Iterator[tuple[str, Any]]:
     """Names of the fields and their defaults; PydanticUndefined where there is none."""
     if issubclass(section, BaseModel):
         for name, field in section.model_fields.items():
-            yield name, field.get_default(call_default_factory=True)
+            made = field.default_factory_takes_validated_data  # from what other sections say
+            yield name, None if made else field.get_default(call_default_factory=True)
         return
     for plain in dataclasses.fields(section):
         if plain.name.startswith("_") or not plain.init:

@@ -43,8 +43,8 @@ def _overview(groups: list[tuple[str, list[str]]], pages: dict[str, Page]) -> st
     lines = [
         "# Gallery",
         "",
-        "Every built-in scene, made by running it: `tubelock scenes` lists them, `tubelock scenes",
-        "NAME > mine.toml` is the start of your own.",
+        "Results of every built-in scene. `tubelock scenes` lists them; `tubelock scenes NAME >",
+        "mine.toml` writes a copy for your own scene.",
         "",
     ]
     for title, names in groups:
@@ -100,12 +100,12 @@ def _view(found: Run, name: str, folder: Path) -> list[str]:
     if not fields or not write_view(fields[0], folder / f"{name}-view.html"):
         return []
     return [
-        "## Turn it",
+        "## Interactive view",
         "",
-        "Contact pressures on the joints; drag to turn, scroll to zoom.",
+        "Contact pressures on the joints; drag to rotate, scroll to zoom.",
         "",
         "```{raw} html",
-        f'<iframe class="view" loading="lazy" title="{name}: contact pressures to turn" '
+        f'<iframe class="view" loading="lazy" title="{name}: interactive contact pressures" '
         f'src="{name}-view.html"></iframe>',
         "```",
         "",

@@ -1,4 +1,4 @@
-"""Results that trust rests on: tables, errata, hard cases, orders, as the program prints them."""
+"""Verification results: tables, errata, robustness cases, orders, as the program prints them."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ from ext.runs import emptied, run, shown
 _PAGES = (
     (
         "tables",
-        "The paper's tables beside ours",
-        "Every row that the paper prints for rigid blocks: read as printed, and as physics says.",
+        "The paper's tables and tubelock",
+        "All rigid-block values of the paper, with its assumptions and physically consistent.",
         "reproduce tables",
     ),
     (
         "errata",
         "Errata",
-        "What the paper prints and cannot mean, each with a computation that shows it.",
+        "Errors in the paper, each with a computation.",
         "reproduce errata",
     ),
     (
         "stability",
-        "Hard cases",
-        "Cases at and beyond the limits, each with the law that it must obey: they hold, or they "
-        "are refused with the message shown.",
+        "Robustness cases",
+        "Limits of the input, each with the law that must hold. A case holds, or the input is "
+        "rejected with the message shown.",
         "stability",
     ),
     (
         "convergence",
-        "Observed orders",
-        "Errors of the elements against the size of the mesh, of the scheme against the step.",
+        "Convergence orders",
+        "Errors of the elements against mesh size, of the time integration against the time step.",
         "convergence -o convergence.png",
     ),
     (
         "peaks",
-        "Orders in peaks",
-        "Relative errors of curved elements of degree 1 to 3 in displacements, pressures, stresses "
-        "of two layers of TSB1 pipe, and what a cap on the contact law changes.",
+        "Convergence orders of peaks",
+        "Relative errors of isoparametric elements of degree 1 to 3 in displacements, pressures, "
+        "stresses (TSB1 pipe, two layers), and the effect of a contact stiffness cap.",
         "peaks",
     ),
 )

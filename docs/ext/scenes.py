@@ -32,16 +32,16 @@ def _index() -> str:
     names = "\n".join(SCENE_TYPES)
     return f"""# Scene reference
 
-A scene is a TOML file. The `type` of its `[block]` decides which sections it has; what it does not
-name is off, and a key that is not known is refused with the nearest known one.
+A scene is a TOML file. The `type` of its `[block]` determines its sections. Optional effects that
+it does not list are inactive. An unknown key is rejected; the error names the most similar key.
 `--set section.key=value` overrides a key from the command line. Units are mm, N, MPa, s, tonne.
 
-| `[block] type` | what it is |
+| `[block] type` | description |
 |---|---|
 {chr(10).join(rows)}
 
-The sections that several types share, `[load]`, `[rigid]`, `[material]`, `[contact]`, `[effects]`,
-`[fem]` and others, are on [one page](shared.md).
+Several types share the sections `[load]`, `[rigid]`, `[material]`, `[contact]`, `[effects]`,
+`[fem]` and others, listed on [one page](shared.md).
 
 ```{{toctree}}
 :hidden:
@@ -89,7 +89,7 @@ def _shared_page(shared: list[type]) -> str:
         for key in keys(scene):
             if key.section in shared:
                 names.setdefault(key.section, key)
-    lines = ["# Shared sections", "", "Sections that scenes of several block types have.", ""]
+    lines = ["# Shared sections", "", "Sections that several block types share.", ""]
     often = Counter(key.name for key in names.values())
     for section, key in names.items():
         users = [kind for kind, scene in SCENE_TYPES.items() if section in _sections(scene)]

@@ -112,7 +112,7 @@ def facing_points(
     orbits
         Points are those of one block of each orbit; None: of all blocks.
     """
-    reach = -deformable.contact.law.constants.start - deformable.surfaces.clearance
+    reach = -deformable.contact.law.start - deformable.surfaces.clearance
     order = 1 if orbits is None else orbits.order
     points = FacingPoints(block_surfaces(deformable, orbits), reach=reach, symmetry=order)
     if displacements is not None:
@@ -376,7 +376,7 @@ class ContactMeasures:
     """Mean over blocks of the mean of their K largest facet pressures [MPa]."""
     p_eff_pooled: float
     """The same pooled over blocks: mean of the K largest of all of them together [MPa]."""
-    p_max_face: float
+    p_max: float
     """Mean over blocks of their largest facet pressure, the paper's max-mean [MPa]."""
     p_max_point: float
     """Largest pressure at any integration point [MPa]."""
@@ -410,7 +410,7 @@ def contact_measures(assembly: Assembly, state: ContactState) -> ContactMeasures
     return ContactMeasures(
         p_eff=overall.p_eff,
         p_eff_pooled=overall.p_eff_pooled,
-        p_max_face=overall.p_max,
+        p_max=overall.p_max,
         p_max_point=float(state.point_pressures.max(initial=0.0)),
         effective_count_percent=overall.effective_count_percent,
         effective_area_percent=overall.effective_area_percent,

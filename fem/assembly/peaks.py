@@ -1,10 +1,13 @@
 """Largest pressures and stresses of a deformed assembly, with their place.
 
-Pressures are largest at corners of facets: between them a gap is bilinear, so the law evaluated
-there is what the solution says at a point, and it converges like the displacement, where the mean
-over a facet converges like the size of the facet. Stresses are sampled at the integration points
-inside elements and never averaged across them: at the acute edge of a block the limit depends on
-the direction from which it is approached, and a nodal average of it means nothing.
+Pressures are largest at corners of facets: between them a gap is bilinear. The law evaluated there
+converges like the displacement, the mean over a facet like the size of the facet. Where the
+integration points of a facet do not resolve the pressure at its corners, their largest pressure
+counts, and the peak is marked as not resolved (`fem.contact.facet_peaks`).
+
+Stresses are sampled at the integration points inside elements and never averaged across them: at
+the acute edge of a block the limit depends on the direction from which it is approached, and a
+nodal average of it means nothing.
 
 No criterion of cracking lives at a point. `averaged` stresses are means over the part of a ball
 that lies in the block, of the radius of a material length.
@@ -12,7 +15,7 @@ that lies in the block, of the radius of a material length.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -20,6 +23,7 @@ from scipy.spatial import cKDTree
 
 from fem.assembly.contact_state import ContactState
 from fem.assembly.deformable import DeformableAssembly
+from fem.contact.facet_peaks import FacetPeaks, facet_peaks
 from fem.contact.law import ContactLaw
 from fem.element.hexahedron import point_volumes
 from fem.element.lagrange_mesh import LagrangeMesh
@@ -34,6 +38,7 @@ from fem.element.stress import (
     integration_point_stress,
     integration_points,
     principal_stress,
+    von_mises,
 )
 from fem.problem.model import BlockGroup
 from fem.problem.recovery import block_displacements, moved_bodies
@@ -58,6 +63,8 @@ class Peak:
     """World axes, before the load acts, (3,) [mm]."""
     face: str | None
     """Named face of the first block that the element or facet lies on; None inside."""
+    resolved: bool = True
+    """Whether the integration points resolve the value."""
 
 
 def largest_pressure(
@@ -65,24 +72,41 @@ def largest_pressure(
 ) -> Peak | None:
     """Largest contact pressure at a point; None without contact.
 
-    At corners of matched facets, on a grid of those of higher degree; where a search found facets,
-    at their integration points.
+    At corners of matched facets, on a grid of those of higher degree, where their integration
+    points resolve it; else, and where a search found facets, at an integration point.
     """
     if not state.n_facets:
         return None
-    if state.corner_overclosures is None:
+    found = _matched_peaks(law, state)
+    if found is None:
         point = int(np.argmax(state.point_pressures))
         facet, where = int(state.facet[point]), state.positions[point]
-        value = float(state.point_pressures[point])
+        value, resolved = float(state.point_pressures[point]), True
     else:
-        overclosures, surfaces = state.corner_overclosures, deformable.surfaces
-        facet, look = divmod(int(np.argmax(overclosures)), overclosures.shape[1])
-        value = float(law.pressure(overclosures[facet, look]))
-        block = int(surfaces.block_m[facet])
-        nodes = deformable.assembly.nodes(block)[surfaces.quads_m[facet]]
-        where = surfaces.basis.looks[look] @ nodes + deformable.offsets[block]
+        facet = int(np.argmax(found.values))
+        value, resolved = float(found.values[facet]), found.all_resolved
+        where = _place_of_peak(deformable, found, facet)
     pair = int(state.block_m[facet]), int(state.block_s[facet])
-    return Peak(value, pair, where, _nearest_face(deformable, pair[0], where))
+    return Peak(value, pair, where, _nearest_face(deformable, pair[0], where), resolved)
+
+
+def _matched_peaks(law: ContactLaw, state: ContactState) -> FacetPeaks | None:
+    """Largest pressure of each matched facet; None where a search found the facets."""
+    looks = state.corner_overclosures
+    if looks is None:
+        return None
+    return facet_peaks(law, looks, state.point_overclosures.reshape(len(looks), -1))
+
+
+def _place_of_peak(deformable: DeformableAssembly, found: FacetPeaks, facet: int) -> FloatArray:
+    """Where the largest pressure of a facet is, before the load acts, (3,) [mm]."""
+    surfaces = deformable.surfaces
+    block, basis = int(surfaces.block_m[facet]), surfaces.basis
+    nodes = deformable.assembly.nodes(block)[surfaces.quads_m[facet]]
+    at_edge = bool(found.resolved[facet])
+    functions = basis.looks[found.look[facet]] if at_edge else basis.values[found.point[facet]]
+    where: FloatArray = functions @ nodes + deformable.offsets[block]
+    return where
 
 
 def mean_of_block_maxima(
@@ -90,14 +114,15 @@ def mean_of_block_maxima(
 ) -> float:
     """Mean over free blocks of their largest pressure at a corner of a facet [MPa].
 
-    The limit of the same mean over facets as these shrink; that of integration points where a
-    search found facets.
+    The limit of the same mean over facets as these shrink; that of integration points where these
+    do not resolve the pressure at corners, or where a search found facets.
     """
-    if state.corner_overclosures is None:
+    found = _matched_peaks(law, state)
+    if found is None:
         pressure = np.zeros(state.n_facets)
         np.maximum.at(pressure, state.facet, state.point_pressures)
     else:
-        pressure = law.pressure(state.corner_overclosures.max(axis=1))
+        pressure = found.values
     assembly = deformable.assembly
     largest = np.zeros(assembly.n_blocks)
     for block in (state.block_m, state.block_s):
@@ -127,6 +152,8 @@ class StressPeaks:
     """Largest first principal stress at an integration point."""
     sigma_3: Peak
     """Least third principal stress there."""
+    mises: Peak
+    """Largest von Mises stress there."""
     sigma_1_averaged: Peak
     """Largest first principal stress of the stress averaged over a ball; the ball's centre."""
     averaging_radius: float
@@ -136,6 +163,8 @@ class StressPeaks:
     points: what those may hide [MPa]."""
     sigma_3_at_corners: float
     """Least third principal stress there [MPa]."""
+    mises_at_corners: float
+    """Largest von Mises stress there [MPa]."""
 
 
 def stress_peaks(
@@ -163,12 +192,14 @@ def stress_peaks(
         for k, u in enumerate(displacements)
     ]
     return StressPeaks(
-        sigma_1=max((f[0] for f in found), key=_value),
-        sigma_3=min((f[1] for f in found), key=_value),
-        sigma_1_averaged=max((f[2] for f in found), key=_value),
+        sigma_1=max((f.sigma_1 for f in found), key=_value),
+        sigma_3=min((f.sigma_3 for f in found), key=_value),
+        mises=max((f.mises for f in found), key=_value),
+        sigma_1_averaged=max((f.sigma_1_averaged for f in found), key=_value),
         averaging_radius=averaging_radius,
-        sigma_1_at_corners=max(f[3] for f in found),
-        sigma_3_at_corners=min(f[4] for f in found),
+        sigma_1_at_corners=max(f.sigma_1_at_corners for f in found),
+        sigma_3_at_corners=min(f.sigma_3_at_corners for f in found),
+        mises_at_corners=max(f.mises_at_corners for f in found),
     )
 
 
@@ -183,7 +214,7 @@ def _group_peaks(
     radius: float,
     *,
     finite_rotation: bool,
-) -> tuple[Peak, Peak, Peak, float, float]:
+) -> StressPeaks:
     group = deformable.model.groups[number]
     local, _ = block_displacements(group, displacement, finite_rotation=finite_rotation)
     if isinstance(group.mesh, LagrangeMesh):
@@ -199,22 +230,28 @@ def _group_peaks(
         face = None if element is None else _element_face(deformable, block, element, at[row])
         return Peak(float(values[copy, row]), (block,), where, face)
 
-    first, third = principal[:, :, 0], principal[:, :, 2]
-    copy, row = np.unravel_index(int(first.argmax()), first.shape)
-    largest = peak(first, points, int(copy), int(row), int(row) // per_element)
-    copy, row = np.unravel_index(int(third.argmin()), third.shape)
-    least = peak(third, points, int(copy), int(row), int(row) // per_element)
+    def inside(values: FloatArray, flat: int) -> Peak:
+        copy, row = np.unravel_index(flat, values.shape)
+        return peak(values, points, int(copy), int(row), int(row) // per_element)
+
+    first, third, mises = principal[:, :, 0], principal[:, :, 2], von_mises(principal)
     balls = ball_averages(group, points, radius)
     averaged = principal_stress(balls.averaged(stress))[:, :, 0]
     copy, row = np.unravel_index(int(averaged.argmax()), averaged.shape)
-    mean = peak(averaged, balls.centres, int(copy), int(row), None)
     at_corners = _corner_extremes(group, stress, principal)
-    return largest, least, mean, *at_corners
+    return StressPeaks(
+        inside(first, int(first.argmax())),
+        inside(third, int(third.argmin())),
+        inside(mises, int(mises.argmax())),
+        peak(averaged, balls.centres, int(copy), int(row), None),
+        radius,
+        *at_corners,
+    )
 
 
 def _lagrange_peaks(
     deformable: DeformableAssembly, number: int, local: FloatArray, radius: float
-) -> tuple[Peak, Peak, Peak, float, float]:
+) -> StressPeaks:
     """The same of elements of higher degree, which hide nothing towards their corners.
 
     There their polynomials overshoot (`fem.element.lagrange_stress.everywhere`). Copies that have
@@ -230,25 +267,35 @@ def _lagrange_peaks(
         return Peak(found.value, (block,), where + deformable.offsets[block], None)
 
     sampled = everywhere(bodies)
-    first, third = sampled.extreme(0), sampled.extreme(2)
+    first, third, mises = sampled.extreme(0), sampled.extreme(2), sampled.largest_mises()
     averaged = averaged_tension(bodies, radius)
-    return peak(first), peak(third), peak(averaged), first.value, third.value
+    at_points = peak(first), peak(third), peak(mises), peak(averaged)
+    return StressPeaks(*at_points, radius, first.value, third.value, mises.value)
 
 
 def _corner_extremes(
     group: BlockGroup, stress: FloatArray, principal: FloatArray
-) -> tuple[float, float]:
-    """Largest σ₁ and least σ₃ at corners of the elements that hold half of the extreme inside."""
+) -> tuple[float, float, float]:
+    """Largest σ₁, least σ₃ and largest von Mises stress at corners of elements.
+
+    Of those elements that hold half of the extreme inside.
+    """
     weights = corner_extrapolation(group.element)
     per_element = weights.shape[1]
     stress = stress.reshape(-1, per_element, 6)
     values = principal.reshape(-1, per_element, 3)
     first, third = values[:, :, 0].max(axis=1), values[:, :, 2].min(axis=1)
+    mises = von_mises(values).max(axis=1)
     high = stress[first >= first.max() - 0.5 * abs(first.max())]
     low = stress[third <= third.min() + 0.5 * abs(third.min())]
+
+    def corners(inside: FloatArray) -> FloatArray:
+        return principal_stress(np.einsum("cp,epi->eci", weights, inside))
+
     return (
-        float(principal_stress(np.einsum("cp,epi->eci", weights, high))[:, :, 0].max()),
-        float(principal_stress(np.einsum("cp,epi->eci", weights, low))[:, :, 2].min()),
+        float(corners(high)[:, :, 0].max()),
+        float(corners(low)[:, :, 2].min()),
+        float(von_mises(corners(stress[mises >= 0.5 * mises.max()])).max()),
     )
 
 
@@ -349,14 +396,18 @@ def _nearest_face(deformable: DeformableAssembly, block: int, where: FloatArray)
 # Joints
 
 
-def joint_forces(state: ContactState) -> JointResultants:
-    """Resultants of every pair of blocks in contact, on the higher one; friction is not in them."""
+def joint_forces(state: ContactState, *, friction: bool = False) -> JointResultants:
+    """Resultants of every pair of blocks in contact, on the higher one, of the pressures alone.
+
+    With ``friction`` they are marked as leaving out what it carries.
+    """
     m, s = state.block_m[state.facet], state.block_s[state.facet]
     onwards = np.where(s > m, 1.0, -1.0)[:, None]
-    return summed_by_joint(
+    found = summed_by_joint(
         np.column_stack([np.minimum(m, s), np.maximum(m, s)]),
         points=state.positions,
         normals=onwards * state.normals,
         areas=state.point_areas,
         forces=onwards * state.point_forces,
     )
+    return replace(found, without_friction=friction)

@@ -7,8 +7,10 @@ of it refuses it by name.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from functools import cached_property
+from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +30,7 @@ from fem.assembly.deformable import (
 )
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw, ExponentialLaw
+from fem.contact.own_law import PressureLaw, as_law
 from fem.contact.surfaces import ContactNormals
 from fem.element.hexahedron import ElementType
 from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND, Material
@@ -37,6 +40,9 @@ from geometry.assembly import Assembly, spacing_offsets
 from geometry.errors import RefusedError
 from geometry.loads import Load, LoadCase, with_body_wrenches
 from geometry.mesh import FloatArray
+
+#: Highest degree of elements that anybody has use for.
+_HIGHEST_DEGREE = 8
 
 
 class ProblemError(RefusedError):
@@ -62,65 +68,110 @@ class Motion:
         return tuple(found)
 
 
+#: What the parts of a problem are.
+_KINDS: dict[str, Any] = {
+    "blocks": Assembly,
+    "load": Load | LoadCase,
+    "material": Material,
+    "clearance": Real,
+    "spacing": Real,
+    "friction": CoulombFriction | Real | None,
+}
+
+#: Accelerations below this are m/s² in all likelihood [mm/s²].
+LEAST_GRAVITY = 50.0
+
+
 @dataclass(frozen=True)
 class Problem:
-    """Blocks that touch, held and loaded.
+    """Blocks that touch, held and loaded: what rigid, static and explicit answers are asked of.
 
-    Lengths are in mm, forces in N, stresses in MPa, times in s, masses in t.
+    Lengths are in mm, forces in N, stresses in MPa, times in s, masses in t. All but the first
+    three are keywords; ``dataclasses.replace(problem, friction=0.3)`` is a variant.
+
+    Parameters
+    ----------
+    blocks
+        What is built, frame included: from `geometry.tube`, or any `geometry.Assembly`.
+    load
+        What acts and which blocks are held: `geometry.pipe` and its like are put on the blocks, a
+        `geometry.loads.LoadCase` names facets.
+    material
+        Of all blocks: density [t/mm³], modulus [MPa], Poisson's ratio [-], radius of the averaged
+        tension [mm]; `fem.concrete` is the paper's.
+    element
+        Hexahedron of degree 1. Default: incompatible modes.
+    degree
+        Of the elements [-]. Default 1; 2 to 8, of static answers alone, have nodes between the
+        corners of the mesh, on the exact shape of a block that has one.
+    law
+        Contact pressure [MPa] as a function of overclosure [mm]: `ExponentialLaw` (default, with
+        the paper's constants), `LinearPenalty`, `TabularLaw`, or an object of one's own with the
+        methods ``pressure`` and ``stiffness`` (`fem.contact.own_law`).
+    normals
+        Which normals measure gaps. Default: those of the current surfaces.
+    clearance
+        Gap along the normal of every facet before the load acts [mm]: blocks made too small by half
+        of it; negative: an interference fit. Default 0.
+    spacing
+        Distance by which neighbours are moved apart, their size kept [mm]
+        (`geometry.assembly.spacing_offsets`): inclined faces open by less or more. Default 0. Both
+        gaps may be given: they add up.
+    frames
+        How held blocks are modelled: `Frames.RIGID` (default) or `Frames.DEFORMABLE`, held at their
+        outer faces.
+    friction
+        Of all joints: `CoulombFriction`, or its coefficient [-]. Default None: absent.
+    finite_sliding
+        Whether a search finds the facets that face each other; else facets stay paired as built.
+        Default False.
+    finite_rotation
+        Whether blocks may turn by any angle. Default False: small rotations.
+    gravity
+        Uniform acceleration, (3,) [mm/s²], such as ``(0, 0, -9810)``. Default None: absent.
+    motion
+        Rigid motion of every block at time 0, of explicit runs alone. Default None: at rest.
+    check_units
+        Whether constants in which sound travels as in no solid are refused. Default True.
 
     Raises
     ------
     ProblemError
-        Constants or loads in other units, a gravity that is no finite vector, clearances that are
-        not finite.
+        What is no load or material, constants or loads in other units, a gravity that is no finite
+        vector, clearances that are not finite, a degree or effects that cannot go together.
+    ContactLawError
+        What is no contact law.
     """
 
     blocks: Assembly
-    """What is built, frame included."""
     load: Load | LoadCase
-    """What acts and which blocks are held; a `Load` is put on the blocks."""
     material: Material
-    """Of all blocks."""
     _: KW_ONLY
     element: ElementType = ElementType.INCOMPATIBLE
-    """Hexahedron of degree 1."""
     degree: int = 1
-    """Of the elements; above 1, of static answers alone, they have nodes between the corners of the
-    mesh, on the exact shape of a block that has one (`fem.element.lagrange_mesh`)."""
-    law: ContactLaw = field(default_factory=ExponentialLaw)
-    """Contact pressure as a function of overclosure."""
+    law: ContactLaw | PressureLaw = field(default_factory=ExponentialLaw)
     normals: ContactNormals = ContactNormals.CURRENT
-    """Which normals measure gaps."""
     clearance: float = 0.0
-    """Gap along the normal of every facet before the load acts [mm]: blocks made too small by half
-    of it; negative: an interference fit."""
     spacing: float = 0.0
-    """Distance by which neighbours are moved apart, their size kept [mm]
-    (`geometry.assembly.spacing_offsets`): inclined faces open by less or more. Both may be given:
-    gaps add up."""
     frames: Frames = Frames.RIGID
-    """How held blocks are modelled."""
     friction: CoulombFriction | float | None = None
-    """Of all joints; a number is the coefficient [-]; None: absent."""
     finite_sliding: bool = False
-    """Whether a search finds the facets that face each other."""
     finite_rotation: bool = False
-    """Whether blocks may turn by any angle."""
     gravity: Sequence[float] | FloatArray | None = None
-    """Uniform acceleration, (3,) [mm/s²]; None: absent."""
     motion: Motion | None = None
-    """At time 0, of explicit runs alone; None: at rest."""
     check_units: bool = True
-    """Whether constants in which sound travels as in no solid are refused."""
 
     def __post_init__(self) -> None:
-        for name, kinds in (("load", Load | LoadCase), ("material", Material)):
+        for name, kinds in _KINDS.items():
             value = getattr(self, name)
-            if not isinstance(value, kinds):
+            if not isinstance(value, kinds) or isinstance(value, bool):
                 raise ProblemError(
-                    f"{name}: got a {type(value).__name__}; expected blocks, load and material"
+                    f"{name}: got a {type(value).__name__}; expected blocks, load and material, "
+                    "numbers for clearance, spacing and friction"
                 )
         self._check_units()
+        _ = self.contact_law, self.coulomb  # what is no law is refused here
+        self._check_options()
         for name in ("clearance", "spacing"):
             value = getattr(self, name)
             if not np.isfinite(value):
@@ -128,6 +179,40 @@ class Problem:
         gravity = self.acceleration
         if gravity is not None and (gravity.shape != (3,) or not np.isfinite(gravity).all()):
             raise ProblemError(f"gravity: got {self.gravity}, expected three finite mm/s²")
+        size = 0.0 if gravity is None else float(np.linalg.norm(gravity))
+        if self.check_units and 0.0 < size < LEAST_GRAVITY:
+            raise ProblemError(
+                f"gravity: got {self.gravity} mm/s², a thousandth of the earth's or less; did you "
+                "mean m/s²? Expected (0, 0, -9810) there (check_units=False if it is meant)"
+            )
+
+    def __repr__(self) -> str:
+        """What is stated beside the defaults, without arrays."""
+        given = [f"{self.blocks!r}", f"load {self.load_case.name!r}"]
+        for part in fields(self)[3:]:
+            value = getattr(self, part.name)
+            default = part.default_factory() if callable(part.default_factory) else part.default
+            if value is not default and str(value) != str(default):
+                given.append(f"{part.name}={value}")
+        return f"Problem({', '.join(given)})"
+
+    def _check_options(self) -> None:
+        """Refuse options that no solver has, and such as exclude each other."""
+        if self.degree not in range(1, _HIGHEST_DEGREE + 1):
+            raise ProblemError(
+                f"degree: got {self.degree!r}; expected a whole number from 1 to {_HIGHEST_DEGREE}"
+            )
+        for name, kind in (
+            ("element", ElementType),
+            ("normals", ContactNormals),
+            ("frames", Frames),
+        ):
+            value = getattr(self, name)
+            if not isinstance(value, kind):
+                expected = ", ".join(f"{kind.__name__}.{member.name}" for member in kind)
+                raise ProblemError(f"{name}: got {value!r}; expected one of {expected}")
+        if self.blocks.image_of is not None:
+            check_cell(self.blocks, self.frames, finite_sliding=self.finite_sliding)
 
     def _check_units(self) -> None:
         """Refuse constants and loads that no solid in mm, N, MPa and t has."""
@@ -159,7 +244,27 @@ class Problem:
     @property
     def acceleration(self) -> FloatArray | None:
         """Gravity, (3,) [mm/s²]; None: absent."""
-        return None if self.gravity is None else np.asarray(self.gravity, dtype=np.float64)
+        if self.gravity is None:
+            return None
+        try:
+            return np.asarray(self.gravity, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ProblemError(
+                f"gravity: got {self.gravity!r}, expected three finite mm/s²"
+            ) from None
+
+    @cached_property
+    def contact_law(self) -> ContactLaw:
+        """The law with all that solvers ask of one."""
+        return as_law(self.law)
+
+    @property
+    def coulomb(self) -> CoulombFriction | None:
+        """Friction with its constants; None: absent."""
+        friction = self.friction
+        if isinstance(friction, int | float):
+            return CoulombFriction(friction) if friction else None
+        return friction
 
     @cached_property
     def load_case(self) -> LoadCase:
@@ -225,12 +330,7 @@ class Problem:
         FrictionError
             A coefficient that cannot be used.
         """
-        friction = self.friction
-        if isinstance(friction, int | float):
-            friction = CoulombFriction(friction) if friction else None
         assembly, load, sliding = self.blocks, self.load_case, self.finite_sliding
-        if assembly.image_of is not None:
-            check_cell(assembly, self.frames, finite_sliding=sliding)
         if self.degree > 1:
             assembly = curved(assembly, self.degree)
         rigid = self.frames is Frames.RIGID
@@ -244,7 +344,7 @@ class Problem:
         elif assembly.interfaces.n_contacts:
             check_held(assembly, load)
         offsets = spacing_offsets(assembly, self.spacing)
-        surfaces = touching_surfaces(assembly, deforms, offsets, self.clearance, self.law)
+        surfaces = touching_surfaces(assembly, deforms, offsets, self.clearance, self.contact_law)
         groups, group_of, copy_of = block_groups(
             assembly, deforms, offsets, self.material, self.element
         )
@@ -260,5 +360,5 @@ class Problem:
             copy_of=copy_of[assembly.originals],
             offsets=offsets,
             surfaces=surfaces,
-            contact=Contact(self.law, self.normals, friction, sliding),
+            contact=Contact(self.contact_law, self.normals, self.coulomb, sliding),
         )

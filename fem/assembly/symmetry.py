@@ -62,13 +62,31 @@ def cyclic_orbits(deformable: DeformableAssembly, order: int) -> Orbits:
         return no_symmetry(deformable)
     image = _images(deformable, order)
     _check_loads(deformable, image, order)
+    representative = _smallest(deformable, image, order)
+    facets, point_of = _facet_orbits(deformable, representative)
+    return Orbits(order, representative, facets, point_of)
+
+
+def representatives(deformable: DeformableAssembly, order: int) -> IntArray:
+    """Block that stands for each block after turns by 2π / order, (n_blocks,).
+
+    Raises
+    ------
+    SymmetryError
+        When the turn does not map blocks onto each other.
+    """
+    if order == 1:
+        return deformable.assembly.originals
+    return _smallest(deformable, _images(deformable, order), order)
+
+
+def _smallest(deformable: DeformableAssembly, image: IntArray, order: int) -> IntArray:
+    """Smallest number of the blocks onto which each is mapped, from the image of each."""
     representative = np.arange(len(image), dtype=np.int64)
     for _ in range(order):
         np.minimum(representative, representative[image], out=representative)
     # A turn and a shift along the axis commute: an image is equal to its original.
-    representative = representative[deformable.assembly.originals]
-    facets, point_of = _facet_orbits(deformable, representative)
-    return Orbits(order, representative, facets, point_of)
+    return representative[deformable.assembly.originals]
 
 
 def largest_cyclic_orbits(deformable: DeformableAssembly) -> Orbits:

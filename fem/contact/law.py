@@ -21,7 +21,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -128,8 +128,11 @@ def _stored_energies(x: FloatArray, law: LawConstants, out: FloatArray) -> None:
         out[i] = law_stored_energy(x[i], law)
 
 
-class _Law:
-    """What all laws do with their constants; scenes name them, and their constants, as they do."""
+class ContactLaw:
+    """What all laws do with their constants; scenes name them, and their constants, as they do.
+
+    A law of one's own needs none of it: see `fem.contact.own_law`.
+    """
 
     name: ClassVar[str]
     """What scenes call it."""
@@ -140,6 +143,11 @@ class _Law:
     def constants(self) -> LawConstants:
         """Numbers for the compiled functions."""
         raise NotImplementedError
+
+    @property
+    def start(self) -> float:
+        """Overclosure at which contact begins [mm]; negative: before the surfaces touch."""
+        return self.constants.start
 
     def pressure(self, overclosure: npt.ArrayLike) -> FloatArray:
         """Pressure [MPa] at overclosures [mm] of any shape."""
@@ -199,7 +207,12 @@ class _Law:
         micrometre is always allowed, which the coordinates of a mesh may well be off by.
         """
         hard = float(self.overclosure(LARGEST_INITIAL_PRESSURE))
-        return max(min(self.constants.linear_start, hard), 1e-3)
+        return max(min(self._curve_end, hard), 1e-3)
+
+    @property
+    def _curve_end(self) -> float:
+        """Overclosure at which the exponential ends [mm]."""
+        return self.constants.linear_start
 
 
 def _require_positive(law: str, name: str, value: float, *, finite: bool = True) -> None:
@@ -210,7 +223,7 @@ def _require_positive(law: str, name: str, value: float, *, finite: bool = True)
 
 
 @dataclass(frozen=True)
-class ExponentialLaw(_Law):
+class ExponentialLaw(ContactLaw):
     """Abaqus' exponential pressure-overclosure law.
 
     p = p_c0 / (e - 1) X (eˣ - 1) with X = overclosure / c0 + 1, zero for X <= 0. With a maximum
@@ -232,8 +245,8 @@ class ExponentialLaw(_Law):
     pressure_at_zero_clearance: float = 1e-4
     """p_c0 of the exponential law [MPa]."""
     maximum_stiffness: float = math.inf
-    """Slope at which the exponential law goes on linearly [MPa/mm]; None: nowhere, the law as it is
-    written. A run says where a cap acted."""
+    """Stiffness cap [MPa/mm]: the exponential law continues linearly beyond this slope. By default
+    no cap. A run prints where a cap acted."""
 
     def __post_init__(self) -> None:
         for name in ("clearance_at_zero_pressure", "pressure_at_zero_clearance"):
@@ -281,7 +294,7 @@ class ExponentialLaw(_Law):
 
 
 @dataclass(frozen=True)
-class LinearPenalty(_Law):
+class LinearPenalty(ContactLaw):
     """p = stiffness · overclosure, zero where the surfaces are apart.
 
     Raises
@@ -304,7 +317,7 @@ class LinearPenalty(_Law):
         return LawConstants(0.0, 1.0, 0.0, 0.0, 0.0, self.stiffness_per_area, 0.0)
 
 
-ContactLaw: TypeAlias = ExponentialLaw | LinearPenalty
-
-#: All laws by their names.
-LAWS: dict[str, type[ContactLaw]] = {law.name: law for law in (ExponentialLaw, LinearPenalty)}
+#: Laws that scenes name.
+LAWS: dict[str, type[ExponentialLaw | LinearPenalty]] = {
+    law.name: law for law in (ExponentialLaw, LinearPenalty)
+}

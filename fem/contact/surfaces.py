@@ -251,7 +251,7 @@ def point_kinematics(
     normals: ContactNormals = ContactNormals.CURRENT,
 ) -> PointKinematics:
     """Overclosures and their gradients at displacements of corners, (n, nodes of both, 3) [mm]."""
-    d = surfaces.offsets + np.einsum("pa,fai->fpi", surfaces.basis.difference, corner_displacements)
+    d = surfaces.offsets + surfaces.basis.difference @ corner_displacements
     if normals is ContactNormals.REFERENCE:
         return PointKinematics(
             -np.einsum("fpi,fpi->fp", surfaces.normals, d) - surfaces.clearance,
@@ -282,15 +282,27 @@ class _CurrentFrame:
 def _current_frame(
     surfaces: ContactSurfaces, corner_displacements: FloatArray, d: FloatArray
 ) -> _CurrentFrame:
-    tangents = surfaces.tangents + np.einsum(
-        "pak,fai->fpki", surfaces.basis.mean_slopes, corner_displacements
-    )
+    slopes = surfaces.basis.mean_slopes
+    by_each = slopes.transpose(0, 2, 1).reshape(-1, slopes.shape[1]) @ corner_displacements
+    tangents = surfaces.tangents + by_each.reshape(surfaces.tangents.shape)
     vector = np.cross(tangents[:, :, 0], tangents[:, :, 1])
     area = np.linalg.norm(vector, axis=2)
     normal = vector / area[:, :, None]
     gap = np.einsum("fpi,fpi->fp", normal, d)
     slip = (d - gap[:, :, None] * normal) / area[:, :, None]
     return _CurrentFrame(tangents, normal, area, gap, slip)
+
+
+def point_overclosures(
+    surfaces: ContactSurfaces,
+    corner_displacements: FloatArray,
+    normals: ContactNormals = ContactNormals.CURRENT,
+) -> FloatArray:
+    """Overclosures alone of `point_kinematics`, (n, n_points) [mm]."""
+    d = surfaces.offsets + surfaces.basis.difference @ corner_displacements
+    if normals is ContactNormals.REFERENCE:
+        return -np.einsum("fpi,fpi->fp", surfaces.normals, d) - surfaces.clearance
+    return -_current_frame(surfaces, corner_displacements, d).gap - surfaces.clearance
 
 
 def point_normals(

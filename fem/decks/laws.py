@@ -11,6 +11,7 @@ from math import isfinite
 import numpy as np
 
 from fem.contact.law import ContactLaw, ExponentialLaw, LinearPenalty
+from fem.contact.own_law import TabularLaw
 from fem.decks.keywords import DeckError, real, reals
 from geometry.mesh import FloatArray
 
@@ -28,6 +29,8 @@ def law_lines(law: ContactLaw, *, explicit: bool) -> tuple[str, str]:
     """Keyword and data of a law for Abaqus."""
     if isinstance(law, LinearPenalty):
         return "*Surface Behavior, pressure-overclosure=LINEAR", f"{real(law.stiffness_per_area)},"
+    if not isinstance(law, ExponentialLaw):
+        raise no_lines_for(law)
     values = [law.clearance_at_zero_pressure, law.pressure_at_zero_clearance]
     if explicit and isfinite(law.maximum_stiffness):
         # Abaqus/Standard has no third value; the heading keeps it.
@@ -35,9 +38,24 @@ def law_lines(law: ContactLaw, *, explicit: bool) -> tuple[str, str]:
     return "*Surface Behavior, pressure-overclosure=EXPONENTIAL", reals(values)
 
 
+def no_lines_for(law: ContactLaw) -> DeckError:
+    """Refusal of a law that a deck cannot state: another one would be exported in its place."""
+    return DeckError(
+        f"contact.law: got {law.name!r}, which decks have no lines for; expected "
+        f"{ExponentialLaw.name!r} or {LinearPenalty.name!r}, for CalculiX also a table"
+    )
+
+
+def _require_lines(law: ContactLaw) -> None:
+    """Reject a law that no program has lines for."""
+    if not isinstance(law, ExponentialLaw | LinearPenalty | TabularLaw):
+        raise no_lines_for(law)
+
+
 def law_heading(law: ContactLaw) -> str | None:
     """What of a law no data line says in every step, for the heading; None where there is none."""
-    if isinstance(law, LinearPenalty):
+    _require_lines(law)
+    if not isinstance(law, ExponentialLaw):
         return None
     cap = law.maximum_stiffness
     return f"maximum contact stiffness: {real(cap) if isfinite(cap) else 'none'}"
@@ -45,7 +63,8 @@ def law_heading(law: ContactLaw) -> str | None:
 
 def law_notes(law: ContactLaw) -> list[str]:
     """Where a program takes another law than the one that a scene states."""
-    if isinstance(law, LinearPenalty) or isfinite(law.maximum_stiffness):
+    _require_lines(law)
+    if not isinstance(law, ExponentialLaw) or isfinite(law.maximum_stiffness):
         return []
     return [
         "contact: the law has no maximum stiffness; Abaqus/Explicit takes one of its own where "
@@ -93,6 +112,10 @@ def law_table(law: ContactLaw, clearance: float = 0.0) -> FloatArray:
     linear end or on its tangent at 10 MPa.
     """
     overclosure = np.zeros(1)
+    if isinstance(law, TabularLaw):
+        overclosure = law.table[:, 0]
+    else:
+        _require_lines(law)
     if isinstance(law, ExponentialLaw):
         c0 = law.clearance_at_zero_pressure
         end = min(law.constants.linear_start, float(law.overclosure(LAST_PRESSURE))) / c0 + 1.0

@@ -230,13 +230,6 @@ def hourglass_shape(coordinates: FloatArray, mean: FloatArray) -> FloatArray:
     return HOURGLASS_VECTORS - mean @ (np.swapaxes(coordinates, 1, 2) @ HOURGLASS_VECTORS)
 
 
-def hourglass_coefficient(
-    mean: FloatArray, volume: FloatArray, material: Material, scale: float = HOURGLASS_SCALE
-) -> FloatArray:
-    """Stiffness of one hourglass mode, scale · mu · V · B:B; (n_elements,) [N/mm]."""
-    return scale * material.shear_modulus * volume * np.einsum("eai,eai->e", mean, mean)
-
-
 def hourglass_stiffness(coordinates: FloatArray, material: Material) -> FloatArray:
     """Hourglass part of the stiffness of the reduced element, (n_elements, 24, 24) [N/mm].
 
@@ -245,7 +238,8 @@ def hourglass_stiffness(coordinates: FloatArray, material: Material) -> FloatArr
     """
     mean, volume = mean_gradients(*gauss_gradients(coordinates))
     shape = hourglass_shape(coordinates, mean)
-    coefficient = hourglass_coefficient(mean, volume, material)
+    coefficient = HOURGLASS_SCALE * material.shear_modulus * volume
+    coefficient *= np.einsum("eai,eai->e", mean, mean)
     scalar = _symmetric(coefficient[:, None, None] * (shape @ np.swapaxes(shape, 1, 2)))
     return np.einsum("eab,ij->eaibj", scalar, np.eye(3)).reshape(-1, 24, 24)
 

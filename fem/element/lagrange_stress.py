@@ -22,7 +22,7 @@ from fem.element.lagrange import (
     lobatto_points,
     tensor_points,
 )
-from fem.element.stress import principal_stress, stress_of_gradient
+from fem.element.stress import principal_stress, stress_of_gradient, von_mises
 from geometry.mesh import FloatArray, IntArray
 
 #: Size of cells over the radius of a ball.
@@ -50,6 +50,8 @@ class PointValue:
     """In the body's own position, (3,) [mm]."""
     face: str | None
     """Face that it lies on; None inside."""
+    resolved: bool = True
+    """Whether the integration points resolve the value (`fem.contact.facet_peaks`)."""
 
 
 @dataclass(frozen=True)
@@ -77,12 +79,24 @@ class SampledStress:
     stress: FloatArray
     """(n_bodies, n_elements, n_points, 6) [MPa]"""
 
+    @cached_property
+    def principal(self) -> FloatArray:
+        """Principal stresses there, (n_bodies, n_elements, n_points, 3) [MPa]."""
+        return principal_stress(self.stress)
+
     def extreme(self, component: int) -> PointValue:
         """Largest first (0) or least third (2) principal stress."""
-        principal = principal_stress(self.stress)[..., component]
-        flat = int(principal.argmax() if component == 0 else principal.argmin())
-        layer, element, point = np.unravel_index(flat, principal.shape)
-        value = float(principal[layer, element, point])
+        values = self.principal[..., component]
+        return self._at(values, int(values.argmax() if component == 0 else values.argmin()))
+
+    def largest_mises(self) -> PointValue:
+        """Largest von Mises stress."""
+        values = von_mises(self.principal)
+        return self._at(values, int(values.argmax()))
+
+    def _at(self, values: FloatArray, flat: int) -> PointValue:
+        layer, element, point = np.unravel_index(flat, values.shape)
+        value = float(values[layer, element, point])
         return PointValue(value, int(layer) + 1, self.positions[element, point], None)
 
 

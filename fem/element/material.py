@@ -30,7 +30,7 @@ class Material:
     Raises
     ------
     MaterialError
-        Density or modulus not finite and positive, Poisson's ratio outside (-1, 0.5).
+        Density, modulus or radius not finite and positive, Poisson's ratio outside (-1, 0.5).
     """
 
     density: float
@@ -39,9 +39,13 @@ class Material:
     """[MPa]"""
     poisson_ratio: float
     """[-]"""
+    averaging_radius: float = 10.0
+    """Radius of the ball over which the averaged tension of an answer is taken [mm]: a length of
+    the material, such as its largest grain. No solver reads it."""
 
     def __post_init__(self) -> None:
-        for name, unit in (("density", "t/mm³"), ("young_modulus", "MPa")):
+        units = {"density": "t/mm³", "young_modulus": "MPa", "averaging_radius": "mm"}
+        for name, unit in units.items():
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise MaterialError(

@@ -163,6 +163,13 @@ def rotate_stress(stress: FloatArray, rotations: FloatArray) -> FloatArray:
     return np.stack([turned[..., i, j] for i, j in VOIGT], axis=-1)
 
 
+def von_mises(principal: FloatArray) -> FloatArray:
+    """Von Mises stress √(½ Σ (σᵢ - σⱼ)²) of principal stresses, (...,) of (..., 3) [MPa]."""
+    first, second, third = np.moveaxis(principal, -1, 0)
+    squares = (first - second) ** 2 + (second - third) ** 2 + (third - first) ** 2
+    return np.asarray(np.sqrt(0.5 * squares))
+
+
 def principal_stress(stress: FloatArray) -> FloatArray:
     """Principal stresses, sigma_1 >= sigma_2 >= sigma_3: (..., 3) of (..., 6) [MPa]."""
     ascending = np.linalg.eigvalsh(stress_tensor(stress)).astype(np.float64, copy=False)

@@ -25,9 +25,7 @@ from fem.explicit.kernels.layout import (
     padded_lanes,
     runs,
 )
-from fem.explicit.rate_form import RateFormModel
 from fem.problem.effects import BulkViscosity
-from fem.problem.formulation import Formulation
 from fem.problem.model import (
     Amplitude,
     BlockGroup,
@@ -37,7 +35,7 @@ from fem.problem.model import (
     Support,
 )
 from fem.problem.time_step import characteristic_length
-from geometry.mesh import FloatArray, HexMesh, IntArray
+from geometry.mesh import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from fem.problem.model import BlockGroup
@@ -54,8 +52,8 @@ class ElementViscosity:
         q = b₁ ρ c L ε̇ + ρ (b₂ L)² |ε̇| min(0, ε̇),
 
     Abaqus Theory Manual, "Explicit dynamic analysis". Nodal forces are V q times the averaged
-    gradients. Differences from the rate form (`fem.explicit.rate_form`): reference gradients in the
-    block frame, ε̇ the backward difference of the strain, which is the rate at the half step.
+    gradients. Differences from C3D8R: reference gradients in the block frame, ε̇ the backward
+    difference of the strain, which is the rate at the half step.
     """
 
     element_rows: npt.NDArray[np.int32]
@@ -189,9 +187,7 @@ class Body:
     acceleration: LaneArray | None
     """Gravity in the placement frames, (3, lanes) [mm/s²]."""
     viscosity: ElementViscosity | None
-    """Bulk viscosity data of the shared stiffness."""
-    rate_form: RateFormModel | None
-    """Internal force element by element, instead of the shared stiffness."""
+    """Bulk viscosity data."""
 
     @cached_property
     def total_mass(self) -> float:
@@ -262,7 +258,6 @@ def make_body(
     hourglass = group.hourglass_stiffness
     held, support = _body_supports(group, rows, lanes, supports)
     viscosity = model.effects.bulk_viscosity
-    rate_form = _rate_form(model, group, rows)
     return Body(
         group=group,
         rows=rows,
@@ -277,24 +272,8 @@ def make_body(
         support=support,
         acceleration=_lane_gravity(group, model.effects.gravity, lanes, dtype),
         viscosity=None
-        if viscosity is None or rate_form is not None
+        if viscosity is None
         else element_viscosity(group, rows.row, viscosity, dtype),
-        rate_form=rate_form,
-    )
-
-
-def _rate_form(model: Model, group: BlockGroup, rows: BlockRows) -> RateFormModel | None:
-    """The rate form in the solver's node order, with the effects it has built in."""
-    if model.formulation is not Formulation.RATE_FORM:
-        return None
-    viscosity = model.effects.bulk_viscosity
-    mesh = HexMesh(group.mesh.nodes[rows.order], rows.row[group.mesh.elements])
-    return RateFormModel(
-        mesh,
-        group.material,
-        linear_bulk_viscosity=None if viscosity is None else viscosity.linear_bulk_viscosity,
-        quadratic_bulk_viscosity=None if viscosity is None else viscosity.quadratic_bulk_viscosity,
-        stiffness_damping=model.effects.stiffness_damping,
     )
 
 

@@ -66,7 +66,7 @@ def load_forces(body: Body, now: BodyState, time: float) -> FloatArray:
 
 def gravity_forces(system: System, body: Body, time: float) -> FloatArray | float:
     """Weight of the rows at a time, (n_rows, 3, lanes) [N]."""
-    falling = gravity_at(system, body, time)
+    falling = None if body.acceleration is None else gravity_at(system, body, time)
     if falling is None:
         return 0.0
     return body.mass.astype(np.float64)[:, None, None] * falling

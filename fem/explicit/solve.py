@@ -87,6 +87,8 @@ class Frame:
     """Of each group, (n_copies, n_nodes, 3) [mm]."""
     last: bool = False
     """Whether the run ended here."""
+    restart: int = 0
+    """How often the run had started again: frames with a smaller number are of an abandoned run."""
 
 
 class Status(StrEnum):
@@ -209,21 +211,18 @@ def initial_state(
         else model.effects.mass_damping,
     )
     for body, now in zip(system.bodies, state.bodies, strict=True):
-        if body.rate_form is None:
+        set_internal_force(system, body, now, sample=False)
+        if now.viscous is not None or now.stiffness_damping is not None:
+            # What dampers keep is the start now: its whole strain is not one step's rate.
             set_internal_force(system, body, now, sample=False)
-            if now.viscous is not None or now.stiffness_damping is not None:
-                # What dampers keep is the start now: its whole strain is not one step's rate.
-                set_internal_force(system, body, now, sample=False)
-            forget_rates(now)
+        forget_rates(now)
         set_applied_force(system, body, now, 0.0)
     for interaction in system.interactions:
         interaction.add_force(system, state)
     for body, now in zip(system.bodies, state.bodies, strict=True):
-        now.velocity -= (
-            0.5
-            * system.time_step
-            * acceleration(body, now, state.mass_damping, gravity_at(system, body, 0.0))
-        )
+        falling = None if body.acceleration is None else gravity_at(system, body, 0.0)
+        start = acceleration(body, now, state.mass_damping, falling)
+        now.velocity -= 0.5 * system.time_step * start
         _stop_supported(body, now)
     return state
 

@@ -9,8 +9,6 @@ import numpy as np
 from fem.explicit.block_frame import BlockFrame, block_frame, start_frames
 from fem.explicit.body import Body
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros, from_lanes, to_lanes
-from fem.explicit.rate_form import RateFormState
-from fem.explicit.rate_form import initial_state as initial_rate_form
 from fem.problem.effects import Effects
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
@@ -121,8 +119,6 @@ class BodyState:
     """With stiffness-proportional damping and neither."""
     mass_damping_work: FloatArray | None
     """With mass-proportional damping, (n_chunks, 2, lanes): see `update`."""
-    rate_form: RateFormState | None
-    """With the rate form: stresses of all elements."""
     remembered: FloatArray | None
     """With adaptive damping: displacement and restoring force, (2, n_rows, 3, lanes)."""
     external_work: Work = field(default_factory=Work)
@@ -162,8 +158,7 @@ def initial_body_state(
     """
     shape = (body.n_rows, 3, body.lanes)
     n_chunks = len(body.rows.chunks) - 1
-    shared = body.rate_form is None
-    damped = effects.stiffness_damping is not None and shared
+    damped = effects.stiffness_damping is not None
     alone = not effects.finite_rotation and body.viscosity is None
     mass_damped = effects.mass_damping is not None or effects.adaptive_mass_damping is not None
     state = BodyState(
@@ -179,14 +174,11 @@ def initial_body_state(
         else np.full(3 * body.lanes, np.nan, body.dtype),
         kinetic=np.zeros((n_chunks, body.lanes)),
         strain_energy=np.zeros(body.lanes),
-        frame=block_frame(body, keep_increment=damped)
-        if effects.finite_rotation and shared
-        else None,
+        frame=block_frame(body, keep_increment=damped) if effects.finite_rotation else None,
         viscous=_viscous_state(body),
         stiffness_damping=_stiffness_damping_state(body) if damped and not alone else None,
         elastic_before=_elastic_force_before(body) if damped and alone else None,
         mass_damping_work=np.zeros((n_chunks, 2, body.lanes)) if mass_damped else None,
-        rate_form=None if shared else _rate_form_state(body, displacement),
         remembered=None
         if effects.adaptive_mass_damping is None
         else np.zeros((2, body.n_rows, 3, body.lanes)),
@@ -207,18 +199,6 @@ def _placement_lanes(body: Body, world: FloatArray | None, name: str) -> LaneArr
         )
     local = np.einsum("cij,cni->cnj", body.group.rotations, world)
     return to_lanes(local, body.rows.order, body.dtype)
-
-
-def _rate_form_state(body: Body, displacement: FloatArray | None) -> RateFormState:
-    assert body.rate_form is not None
-    if displacement is not None and displacement.any():
-        raise StateError(
-            f"initial displacement of {body.group.name}: the rate form integrates stresses from "
-            "the stress-free shape; expected zero displacements"
-        )
-    if body.dtype != np.float64:
-        raise StateError("rate form: got float32, expected fem.precision = float64")
-    return initial_rate_form(body.rate_form, body.lanes)
 
 
 def _viscous_state(body: Body) -> ViscousState | None:

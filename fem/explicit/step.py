@@ -14,7 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from fem.explicit import block_frame, rate_form
+from fem.explicit import block_frame
 from fem.explicit.body import Body, BodyLoad
 from fem.explicit.kernels import KernelSet, add_at, dot_at, dot_lanes, enforce, hold, viscous_power
 from fem.explicit.kernels.layout import LaneArray
@@ -97,17 +97,26 @@ def step(system: System, state: State, *, sample: bool = False) -> None:
     """
     for body, now in zip(system.bodies, state.bodies, strict=True):
         set_internal_force(system, body, now, sample=sample)
-        set_applied_force(system, body, now, system.time(state))
+        if now.applied_force is not None:
+            set_applied_force(system, body, now, system.time(state))
     for interaction in system.interactions:
         interaction.add_force(system, state)
     for body, now in zip(system.bodies, state.bodies, strict=True):
         time = system.time(state)
-        falling = gravity_at(system, body, time)
-        before = load_power(body, now, time) + ramped_gravity_power(body, now, falling)
+        falling = None if body.acceleration is None else gravity_at(system, body, time)
+        ramped = None if now.momentum is None else falling
+        before = after = 0.0
+        if body.loads:
+            before = load_power(body, now, time)
+        if ramped is not None:
+            before += ramped_gravity_power(body, now, ramped)
         advance(system, body, now, state.mass_damping, falling, sample=sample)
-        enforce_support(system, body, now, state)
-        after = load_power(body, now, time, moved=True)
-        after += ramped_gravity_power(body, now, falling, moved=True)
+        if body.held is not None or body.support is not None:
+            enforce_support(system, body, now, state)
+        if body.loads:
+            after = load_power(body, now, time, moved=True)
+        if ramped is not None:
+            after += ramped_gravity_power(body, now, ramped, moved=True)
         half = 0.5 * system.time_step
         now.external_work.add(half * before, half * after)
     state.step += 1
@@ -115,9 +124,6 @@ def step(system: System, state: State, *, sample: bool = False) -> None:
 
 def set_internal_force(system: System, body: Body, now: BodyState, *, sample: bool) -> None:
     """Stress divergence f = K u in the block frame, with the viscous terms that act on it."""
-    if body.rate_form is not None:
-        set_rate_form_force(system, body, now, sample=sample)
-        return
     frame, kernels = now.frame, system.kernels
     if frame is not None:
         block_frame.fit(body, frame, now.displacement, kernels)
@@ -136,18 +142,6 @@ def set_internal_force(system: System, body: Body, now: BodyState, *, sample: bo
         add_bulk_viscosity(system, body, now, displacement, torque)
     if frame is not None:
         frame.set_spin()
-
-
-def set_rate_form_force(system: System, body: Body, now: BodyState, *, sample: bool) -> None:
-    """Stresses of every element advanced to the present, and their nodal forces."""
-    assert body.rate_form is not None
-    assert now.rate_form is not None
-    position = body.reference[:, :, None] + now.displacement
-    now.internal_force[:] = rate_form.internal_force(
-        body.rate_form, now.rate_form, position, now.velocity, system.time_step
-    )
-    if sample:
-        now.strain_energy[:] = now.rate_form.work[0] + now.rate_form.work[1]
 
 
 def stiffness_force(
@@ -305,15 +299,14 @@ def gravity_at(system: System, body: Body, time: float) -> LaneArray | None:
 
 
 def ramped_gravity_power(
-    body: Body, now: BodyState, falling: LaneArray | None, *, moved: bool = False
+    body: Body, now: BodyState, falling: LaneArray, *, moved: bool = False
 ) -> float:
-    """Power of a gravity that changes in time [N mm/s]; 0 where it does not and has a potential.
+    """Power of a gravity that changes in time [N mm/s]; another one has a potential.
 
     The momentum is summed anew where the velocity has ``moved`` since the last call.
     """
     known = now.momentum
-    if falling is None or known is None:
-        return 0.0
+    assert known is not None
     if moved or np.isnan(known[0]):
         np.matmul(body.mass, now.velocity.reshape(len(body.mass), -1), out=known)
     return float(known @ falling.ravel())
@@ -363,7 +356,8 @@ def _flat(array: LaneArray | None) -> LaneArray | None:
 
 def enforce_support(system: System, body: Body, now: BodyState, state: State) -> None:
     """Prescribed components of displacement and velocity, and the work of moving supports."""
-    viscous_before = supported_viscous_power(system, body, now)
+    damper = now.elastic_before
+    viscous_before = 0.0 if damper is None else supported_viscous_power(system, body, now)
     loss = None if state.mass_damping is None else 0.5 * state.mass_damping * system.time_step
     u, v = now.displacement.ravel(), now.velocity.ravel()
     lost_before = lost_after = 0.0
@@ -390,10 +384,10 @@ def enforce_support(system: System, body: Body, now: BodyState, state: State) ->
         lost_before, lost_after = lost_before + more_before, lost_after + more_after
     if loss is not None:
         now.support_loss.add(lost_before, lost_after)
-    if now.elastic_before is not None:
+    if damper is not None:
         # `update` took the velocity before this correction.
         change = supported_viscous_power(system, body, now) - viscous_before
-        now.elastic_before.support_loss.add(0.0, 0.5 * change)
+        damper.support_loss.add(0.0, 0.5 * change)
 
 
 def supported_viscous_power(system: System, body: Body, now: BodyState) -> float:

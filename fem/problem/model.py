@@ -24,7 +24,6 @@ from fem.element.hexahedron import (
 from fem.element.lagrange_mesh import LagrangeMesh
 from fem.element.material import Material
 from fem.problem.effects import Effects
-from fem.problem.formulation import Formulation
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, HexMesh, IntArray
 
@@ -299,14 +298,10 @@ class Model:
     """Damping, viscosity, rotation, gravity."""
     interactions: tuple[InteractionModel, ...] = ()
     """Contact; empty when blocks do not meet."""
-    formulation: Formulation = Formulation.SHARED_STIFFNESS
-    """Internal force of the explicit solver."""
 
     def __post_init__(self) -> None:
         if not self.groups:
             raise ModelError("model: got no blocks; expected at least one group")
-        if self.formulation is Formulation.RATE_FORM:
-            _check_rate_form(self)
         for k, support in enumerate(self.supports):
             _check_entries(self, f"support {k}", support.group, support.copies, support.nodes)
             _check_support(k, support)
@@ -351,19 +346,6 @@ def _check_group(group: BlockGroup) -> None:
         raise ModelError(
             f"{group.name}: node {bad} has mass {group.lumped_mass[bad]} t; expected positive "
             "masses (every node must belong to an element)"
-        )
-
-
-def _check_rate_form(model: Model) -> None:
-    for group in model.groups:
-        if group.element is not ElementType.REDUCED:
-            raise ModelError(
-                f"{group.name}: got element {group.element.value!r}; "
-                "the rate form expects 'reduced'"
-            )
-    if any(load.follows_block for load in model.loads):
-        raise ModelError(
-            "rate form: it has no block frames; expected loads that do not follow them"
         )
 
 

@@ -125,7 +125,7 @@ def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
     stiffness = float(law.stiffness(law.overclosure(pressure)))
     holding = _FIRST_HOLDING * stiffness * area / system.n_slots
     if start is not None:
-        displacement = _localised(system, start)
+        displacement = localised(system, start)
         at = system.kinematics(displacement, contact.normals).overclosure
         holding *= _RESCUE_HOLDING
     return StaticState(
@@ -138,8 +138,8 @@ def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
     )
 
 
-def _localised(system: LocalSystem, start: StaticResult) -> FloatArray:
-    """Displacements of a result on the representatives, in block frames."""
+def localised(system: LocalSystem, start: StaticResult) -> FloatArray:
+    """Displacements of a result on the representatives, in block frames; (n_nodes, 3) [mm]."""
     deformable = system.deformable
     expected = [(g.n_copies, g.n_nodes, 3) for g in deformable.model.groups]
     if [u.shape for u in start.displacements] != expected:
@@ -373,11 +373,18 @@ def _residual(problem: StaticProblem, state: StaticState) -> float:
 
 
 def _relative(problem: StaticProblem, unbalanced: FloatArray, contact_forces: FloatArray) -> float:
-    size = max(
-        float(np.linalg.norm(problem.system.external_force)),
-        _CONTACT_SHARE * float(np.linalg.norm(contact_forces)),
-    )
     if problem.free is not None:
         unbalanced = problem.free.without(unbalanced)
+    return relative_residual(problem.system, unbalanced, contact_forces)
+
+
+def relative_residual(
+    system: LocalSystem, unbalanced: FloatArray, contact_forces: FloatArray
+) -> float:
+    """Norm of unbalanced nodal forces over that of the loads, or 1 % of the contacts' [-]."""
+    size = max(
+        float(np.linalg.norm(system.external_force)),
+        _CONTACT_SHARE * float(np.linalg.norm(contact_forces)),
+    )
     left = float(np.linalg.norm(unbalanced))
     return left / size if size > 0.0 else left

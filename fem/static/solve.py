@@ -10,6 +10,7 @@ repeated where they are then, until points follow the motion to a small share of
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from dataclasses import dataclass, replace
@@ -25,9 +26,11 @@ from fem.assembly.symmetry import Orbits, cyclic_orbits, largest_cyclic_orbits, 
 from fem.contact.friction import friction_tractions
 from fem.contact.search import FacingPoints, SearchedSurfaces, searched_surfaces
 from fem.contact.surfaces import ContactSurfaces
+from fem.static.contact_forces import grid_blocks, solve_in_contact_forces
 from fem.static.friction import friction_rows
 from fem.static.linear import solve_apart
 from fem.static.linear_step.condensed import CondensedStep, FlexibilityStore
+from fem.static.linear_step.grid_block import GridBlock
 from fem.static.linear_step.linearisation import LinearStep, SparseSolver, SparseStep
 from fem.static.newton import (
     StaticProblem,
@@ -36,6 +39,7 @@ from fem.static.newton import (
     converge,
     descend,
     has_potential,
+    localised,
     start_state,
 )
 from fem.static.result import StaticError, StaticResult, load_factors, loose_blocks, refined
@@ -160,9 +164,13 @@ def _load(
     start: StaticResult | None,
     store: FlexibilityStore,
 ) -> StaticResult:
-    """Apply the load in the parts that are asked for."""
+    """Apply the load in the requested parts."""
     clock = time.process_time()
     orbits = _orbits(deformable, options.symmetry)
+    grids = grid_blocks(deformable) if options.method is StaticMethod.CONDENSED else None
+    if grids is not None:
+        with contextlib.suppress(StaticError):  # what it does not solve, the general solver may
+            return _in_contact_forces(local_system(deformable, orbits), options, grids, start)
     points = None
     if deformable.contact.finite_sliding:
         points = facing_points(deformable, None if start is None else start.displacements, orbits)
@@ -188,7 +196,43 @@ def _load(
     seconds = {"setup": ready - clock, "newton": solved - ready}
     seconds["recovery"] = time.process_time() - solved
     seconds["total"] = time.process_time() - clock
-    return _result(problem, options, state, displacement, seconds, searched=points is not None)
+    internal = system.internal_force(displacement)
+    outcome = _Outcome(displacement, internal, state, seconds)
+    return _result(system, options, outcome, searched=points is not None)
+
+
+def _in_contact_forces(
+    system: LocalSystem,
+    options: StaticOptions,
+    grids: tuple[GridBlock, ...],
+    start: StaticResult | None,
+) -> StaticResult:
+    """Solve frictionless structured blocks in their contact forces: no history, so no load steps.
+
+    Raises
+    ------
+    StaticError
+        Where the iteration does not converge.
+    """
+    clock = time.process_time()
+    solve = partial(solve_in_contact_forces, system, grids, tolerance=options.tolerance)
+    before = None if start is None else localised(system, start)
+    found = solve(start=before)
+    path = []
+    if options.keep_steps:
+        factors = options.load_path or load_factors(options.load_steps, friction=False)
+        for factor in factors[:-1]:
+            path.append((factor, solve(start=factor * found.displacement, load_factor=factor)))
+    state = replace(
+        start_state(system, None),
+        residuals=found.residuals,
+        converged=True,
+        path=(*((share, step.displacement) for share, step in path), (1.0, found.displacement)),
+    )
+    spent = time.process_time() - clock
+    seconds = {"setup": 0.0, "newton": spent, "recovery": 0.0, "total": spent}
+    outcome = _Outcome(found.displacement, found.internal_force, state, seconds)
+    return _result(system, options, outcome, searched=False)
 
 
 def _problem(
@@ -389,16 +433,25 @@ def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatAr
 # Result
 
 
+@dataclass(frozen=True)
+class _Outcome:
+    """What a solver found on the representative blocks."""
+
+    displacement: FloatArray
+    """Of all nodes in block frames, (n_nodes, 3) [mm]."""
+    internal_force: FloatArray
+    """K u, (n_nodes, 3) [N]."""
+    state: StaticState
+    """Residuals, dissipation and load steps."""
+    seconds: dict[str, float]
+    """CPU time by stage [s]."""
+
+
 def _result(
-    problem: StaticProblem,
-    options: StaticOptions,
-    state: StaticState,
-    displacement: FloatArray,
-    seconds: dict[str, float],
-    *,
-    searched: bool,
+    system: LocalSystem, options: StaticOptions, outcome: _Outcome, *, searched: bool
 ) -> StaticResult:
-    system = problem.system
+    """Expand a solution to the whole assembly."""
+    state, displacement = outcome.state, outcome.displacement
     deformable, orbits = system.deformable, system.orbits
     law = deformable.contact.law
     displacements = tuple(system.expand(displacement))
@@ -416,7 +469,7 @@ def _result(
     loose = np.zeros(0, dtype=np.int64)
     if deformable.contact.friction is None:
         loose = loose_blocks(deformable, displacements, pressures, surfaces)
-    strain = 0.5 * displacement * system.internal_force(displacement)
+    strain = 0.5 * displacement * outcome.internal_force
     work = displacement * system.external_force
     stored = surfaces.weights * law.stored_energy(overclosure)
     return StaticResult(
@@ -437,7 +490,7 @@ def _result(
         symmetry=orbits.order,
         n_unknowns=displacement.size,
         load_steps=options.load_steps,
-        cpu_seconds=seconds,
+        cpu_seconds=outcome.seconds,
         points=points,
         searched=surfaces if isinstance(surfaces, SearchedSurfaces) else None,
     )
@@ -465,7 +518,7 @@ def _status(state: StaticState, options: StaticOptions, loose: IntArray) -> str:
             f"equilibrium after {count} iterations, residual {residual:.1e}{unheld}{undetermined}"
         )
     return (
-        f"no equilibrium after {count} iterations: residual {residual:.1e}, expected "
-        f"{options.tolerance:.1e}{unheld}; use more load steps, reference normals, a smaller "
-        "initial clearance or an explicit run"
+        f"Newton did not converge in {count} iterations: residual {residual:.1e}, expected "
+        f"{options.tolerance:.1e}{unheld}; raise fem.load_steps, lower contact.clearance or "
+        'contact.spacing, or set fem.method = "explicit"'
     )

@@ -28,9 +28,8 @@ _FACES = {"y-": "inner", "y+": "outer", "x-": "left", "x+": "right", "z-": "bott
 
 def brick(size: tuple[float, float, float], divisions: tuple[int, int, int]) -> Block:
     """Brick [0, size] whose faces are named like a tube block's, y pointing outward."""
-    box = box_block(size, divisions, name="brick")
-    faces = {name: box.faces[side] for side, name in _FACES.items()}
-    return Block("brick", box.mesh, faces, ("bottom", "top", "left", "right"))
+    contact = ("bottom", "top", "left", "right")
+    return box_block(size, divisions, name="brick", contact_faces=contact, face_names=_FACES)
 
 
 def brick_stack(

@@ -17,11 +17,13 @@ counter-clockwise seen from outside the tube, so edge 0 is the right-hand one.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from geometry.assembly import require_length
 from geometry.block import Block, Curve
+from geometry.charts import Charts, Lines
 from geometry.families.sine_block import BlockParameterError
 from geometry.mesh import FloatArray, HexMesh, IntArray, check_mesh, grid_points
 
@@ -167,14 +169,28 @@ def _build(
 ) -> Block:
     """Mesh some kites; ``flat`` names the cut through the middle, if there is one."""
     check_hexagon(block, divisions)
-    m, n_r = divisions.edge // 2, divisions.radial
-    s = np.linspace(0.0, 1.0, m + 1)
-    y = np.linspace(0.0, 1.0, n_r + 1)
-    # Kites share nodes: found on the straight middle section, whose nodes are 0.4/m apart or more
-    # (the offset keeps round-off away from the edges of the rounding intervals).
+    s = np.linspace(0.0, 1.0, divisions.edge // 2 + 1)
+    y = np.linspace(0.0, 1.0, divisions.radial + 1)
+    return _on_lines(block, kites, name, flat, (s, s, y))
+
+
+def _on_lines(
+    block: HexagonBlockParameters,
+    kites: tuple[int, ...],
+    name: str,
+    flat: str | None,
+    lines: Lines,
+) -> Block:
+    """Mesh some kites with lines along both sides of a kite, the same ones, and across the wall."""
+    s, _, y = lines
+    m, n_r = len(s) - 1, len(y) - 1
+    # Kites share nodes: found on the straight middle section, whose nodes are 0.4 of a line's
+    # distance apart or more (the offset keeps round-off away from the edges of the rounding
+    # intervals).
+    fine = round(1.0 / float(np.diff(s).min()))
     a, b = np.meshgrid(s, s, indexing="ij")
     straight = np.concatenate([_kite(k, a, b, np.zeros_like(a)).reshape(-1, 2) for k in kites])
-    key = np.round(straight * (100 * m) + 1 / np.pi).astype(np.int64)
+    key = np.round(straight * (100 * fine) + 1 / np.pi).astype(np.int64)
     _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
     n_plane = len(first)
     number = dict(zip(kites, inverse.reshape(len(kites), m + 1, m + 1), strict=True))
@@ -206,7 +222,16 @@ def _build(
     faces = {"inner": quads[:, ::-1], "outer": quads + n_r * n_plane, **sides}
     contact_faces = tuple(edge for edge in EDGE_NAMES if edge in sides)
     curve = Curve(lambda: _corner_parameters(in_plane, m, y), shape)
-    return Block(name, mesh, faces, contact_faces, curve)
+    numbers = np.arange(len(elements)).reshape(n_r, len(kites), m, m).transpose(1, 2, 3, 0)
+    charts = Charts(
+        ("along", "along", "across"),
+        (1, 1, 1),
+        lines,
+        numbers,
+        partial(_on_lines, block, kites, name, flat),
+        natural=(1, 0, 2),
+    )
+    return Block(name, mesh, faces, contact_faces, curve, charts)
 
 
 def _corner_parameters(in_plane: FloatArray, m: int, y: FloatArray) -> FloatArray:

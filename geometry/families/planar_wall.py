@@ -71,9 +71,10 @@ def _block(
     name: str,
     outline: WallBlock,
     divisions: tuple[int, int, int],
-    bottom: tuple[float, Profile],
-    top: tuple[float, Profile],
+    ends: tuple[tuple[float, Profile], tuple[float, Profile]],
+    parts: int,
 ) -> Block:
+    bottom, top = ends
     x1 = outline.width * np.linspace(-0.5, 0.5, divisions[0] + 1)
     y1 = outline.thickness * np.linspace(0.0, 1.0, divisions[1] + 1)
     w1 = np.linspace(0.0, 1.0, divisions[2] + 1)
@@ -83,7 +84,15 @@ def _block(
         z = (1 - w) * (bottom[0] + bottom[1](x, y)) + w * (top[0] + top[1](x, y))
         return np.column_stack([x, y, z])
 
-    return mapped_block(name, (x1, y1, w1), shape, _FACES, ("bottom", "top", "left", "right"))
+    return mapped_block(
+        name,
+        (x1, y1, w1),
+        shape,
+        _FACES,
+        ("bottom", "top", "left", "right"),
+        directions=("along", "across", "upward"),
+        parts=(parts, 1, 1),
+    )
 
 
 def _flat(x: FloatArray, y: FloatArray) -> FloatArray:
@@ -116,18 +125,22 @@ def _wall(
     profiles: tuple[Profile, Profile],
     *,
     offset: float,
+    parts: int,
     columns: int,
     layers: int,
 ) -> Assembly:
-    """Stack rows whose blocks have joints ``profiles`` (below, above), odd rows moved by offset."""
+    """Stack rows whose blocks have joints ``profiles`` (below, above), odd rows moved by offset.
+
+    The offset is a whole number of equal ``parts`` of a block.
+    """
     below, above = profiles
     _check_sampled(outline, divisions, above)
     h = outline.height
     half = (divisions[0], divisions[1], max(1, round(divisions[2] / 2)))
     shapes = (
-        _block(name, outline, divisions, (0.0, below), (h, above)),
-        _block("bottom-frame", outline, half, (-h / 2, _flat), (0.0, above)),
-        _block("top-frame", outline, half, (0.0, below), (h / 2, _flat)),
+        _block(name, outline, divisions, ((0.0, below), (h, above)), parts),
+        _block("bottom-frame", outline, half, ((-h / 2, _flat), (0.0, above)), parts),
+        _block("top-frame", outline, half, ((0.0, below), (h / 2, _flat)), parts),
     )
     column, layer = (i.ravel() for i in np.meshgrid(np.arange(columns + 2), np.arange(layers + 2)))
     x = (column - 0.5 * (columns + 1)) * outline.width + np.where(layer % 2 == 1, offset, 0.0)
@@ -197,6 +210,7 @@ def planar_sine_wall(
         divisions,
         (profile, profile),
         offset=int(frequency) * block.width / waves,
+        parts=waves,
         columns=columns,
         layers=layers,
     )
@@ -243,6 +257,7 @@ def osteomorphic_wall(
         divisions,
         (below, above),
         offset=block.width / 2,
+        parts=2,
         columns=columns,
         layers=layers,
     )

@@ -196,12 +196,12 @@ def check_parameters(block: SineBlockParameters) -> None:
             f"block.frequency: got {block.frequency}, expected 0.5, 1, 1.5, 2, …"
         )
     waves = 2 * block.frequency
-    if abs(waves - round(waves)) > 1e-12:
-        lower = max(np.floor(waves), 1) / 2
+    if round(waves) < 1 or abs(waves - round(waves)) > 1e-12:
+        near = (max(np.floor(waves), 1) / 2, np.ceil(waves) / 2)
+        remedy = " or ".join(dict.fromkeys(f"{frequency:g}" for frequency in near))
         raise BlockParameterError(
             f"block.frequency: got {block.frequency}, so a block would carry {waves:g} waves and "
-            f"its neighbours would not be congruent; expected 2 f whole: try {lower:g} or "
-            f"{np.ceil(waves) / 2:g}"
+            f"its neighbours would not be congruent; expected 2 f whole: try {remedy}"
         )
     if block.amplitude >= block.height / 2:
         raise BlockParameterError(
@@ -336,7 +336,15 @@ def _build(
         z = bottom * (1 - w) + top * w + weight * wave(block, u, r)
         return np.column_stack([r * np.cos(theta), r * np.sin(theta), z])
 
-    return mapped_block(name, (r1, u1, w1), shape, _FACE_NAMES, contact_faces)
+    return mapped_block(
+        name,
+        (r1, u1, w1),
+        shape,
+        _FACE_NAMES,
+        contact_faces,
+        directions=("across", "along", "upward"),
+        parts=(1, block.waves_per_block, 1),
+    )
 
 
 def sine_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Block:

@@ -5,6 +5,8 @@ And what a long tube repeats: a periodic cell of two layers.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from geometry.assembly import Assembly, AssemblyError, check_size
@@ -28,6 +30,11 @@ from geometry.families.sine_block import (
     waves_of_turn,
 )
 from geometry.mesh import FloatArray
+
+
+def is_count(value: object) -> bool:
+    """Whether a value is a whole number from 1 on; truth is no number."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= 1
 
 
 def axial_rotations(angles: FloatArray) -> FloatArray:
@@ -144,9 +151,18 @@ def tube(
     AssemblyError, BlockParameterError
         When no such tube exists, or its lengths cannot be millimetres.
     """
+    if not isinstance(block, SineBlockParameters | HexagonBlockParameters):
+        raise AssemblyError(
+            f"block: got {type(block).__name__}, expected a SineBlock or a HexagonBlock"
+        )
     expected = 3 if isinstance(block, SineBlockParameters) else 2
-    if len(mesh) != expected:
-        raise AssemblyError(f"mesh: got {mesh}, expected {expected} numbers of elements")
+    given: object = mesh
+    counted = isinstance(given, Sequence) and all(map(is_count, given))
+    if not counted or len(mesh) != expected:
+        raise AssemblyError(
+            f"mesh: got {mesh!r}, expected {expected} numbers of elements, such as "
+            f"{(24, 2, 4)[:expected]}"
+        )
     if isinstance(block, HexagonBlockParameters) and turn != LayerTurn.HALF_BLOCK:
         raise AssemblyError(f"turn: got {turn}, but hexagon-based blocks turn by half a block")
     if isinstance(block, SineBlockParameters):
@@ -193,8 +209,10 @@ def hexagon_cell(block: HexagonBlockParameters, divisions: HexagonBlockDivisions
 
 
 def _check_layers(layers: int) -> None:
-    if layers < 1:
-        raise AssemblyError(f"assembly.layers: got {layers}, expected at least 1 free layer")
+    if not is_count(layers):
+        raise AssemblyError(
+            f"assembly.layers: got {layers!r}, expected a whole number of free layers, at least 1"
+        )
 
 
 def _tube(

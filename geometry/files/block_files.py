@@ -14,7 +14,7 @@ from geometry.errors import unreadable
 from geometry.files.mesh_io import read_any_mesh
 from geometry.files.obj import read_obj
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray, MeshError, check_mesh
-from geometry.polyhedra.polygons import triangles_of_polygons
+from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.polyhedron import Polyhedron, merge_points, merged_polyhedron
 from geometry.polyhedra.solids import closed_solids, one_solid
 from geometry.polyhedra.triangle_search import distinct_rows
@@ -77,8 +77,8 @@ def _cells(mesh: Any, path: Path) -> dict[str, IntArray]:
     return cells
 
 
-def _surface(mesh: Any, path: Path) -> IntArray:
-    """Boundary triangles of what meshio read, oriented as the file orients its cells."""
+def _surface(mesh: Any, path: Path) -> tuple[FloatArray, IntArray]:
+    """Points and boundary triangles of what meshio read, oriented as the file orients its cells."""
     cells = _cells(mesh, path)
     points = np.asarray(mesh.points, dtype=np.float64)
     faces: dict[int, list[IntArray]] = {}
@@ -94,9 +94,7 @@ def _surface(mesh: Any, path: Path) -> IntArray:
     shells = [data for kind, data in cells.items() if kind not in solid_cells]
     # A mesh of solid cells may name the faces of their boundary too: the same faces, not more.
     shells = [_others(shell, outside) for shell in shells]
-    return np.concatenate(
-        [triangles_of_polygons(str(path), points, group) for group in [*outside, *shells]]
-    )
+    return surface_of_polygons(str(path), points, [*outside, *shells])
 
 
 def _faces_outward(
@@ -135,8 +133,7 @@ def _read_meshio(path: Path) -> tuple[FloatArray, IntArray, bool]:
     if path.suffix.lower() == ".obj":
         points, faces = read_obj(path)
         _check_finite(path, points)
-        groups = [triangles_of_polygons(str(path), points, group) for group in faces]
-        return points, np.concatenate(groups), False
+        return *surface_of_polygons(str(path), points, faces), False
     mesh = read_any_mesh(path)
     points = np.asarray(mesh.points, dtype=np.float64)
     if not points.size:
@@ -144,7 +141,7 @@ def _read_meshio(path: Path) -> tuple[FloatArray, IntArray, bool]:
     if points.ndim != 2 or points.shape[1] != 3:
         raise MeshError(f"{path}: expected points in space, got an array {points.shape}")
     _check_finite(path, points)
-    return points, _surface(mesh, path), any(cells.type in _CORNERS for cells in mesh.cells)
+    return *_surface(mesh, path), any(cells.type in _CORNERS for cells in mesh.cells)
 
 
 def _check_finite(path: Path, points: FloatArray) -> None:

@@ -34,8 +34,8 @@ from geometry.polyhedra.polyhedron import Polyhedron
 
 #: Face of a block made of hexahedra without names: its whole surface.
 SURFACE = "surface"
-#: Largest distance of a solid's centroid from that of its hexahedra, in block sizes: warped facets
-#: are cut along one diagonal there.
+#: Largest distance of a solid's centroid from that of its hexahedra, in block sizes: the faces of
+#: curved hexahedra are straightened there.
 _SAME_PLACE = 0.1
 #: Largest sine of the angle at a corner that still counts as a straight side.
 _STRAIGHT = 1e-6

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: Line of a deck that turns and moves a part.
 _INSTANCE = re.compile(rb"^\s*\*instance\b", re.IGNORECASE | re.MULTILINE)
+#: Its type of elements.
+_ELEMENT_TYPE = re.compile(r"^\s*\*element\b.*?\btype\s*=\s*(\w+)", re.IGNORECASE | re.MULTILINE)
 
 
 #: Hexahedra that files hold, by meshio's names.
@@ -204,7 +206,24 @@ def read_any_mesh(path: Path) -> Any:
         reason = " ".join(str(error).split()) or type(error).__name__
         known = ("1", "0")  # statuses of meshio's exits
         words = "not as its ending says" if reason in known else reason
+        words = _unknown_elements(path) or words
         raise MeshError(f"{path}: cannot be read as a mesh ({words})") from None
+
+
+def _unknown_elements(path: Path) -> str | None:
+    """Say which element types of an Abaqus file its reader does not know; None for other files."""
+    if path.suffix.lower() != ".inp":
+        return None
+    from meshio.abaqus._abaqus import abaqus_to_meshio_type
+
+    found = _ELEMENT_TYPE.findall(path.read_text("utf-8", errors="replace"))
+    unknown = [kind for kind in dict.fromkeys(found) if kind.upper() not in abaqus_to_meshio_type]
+    if not unknown:
+        return None
+    return (
+        f"element type {', '.join(unknown)}; expected C3D8 or C3D20 in INP, or VTU for hexahedra "
+        "of 27 nodes"
+    )
 
 
 def hexahedra_of(mesh: Any, path: Path) -> tuple[HexMesh, IntArray]:

@@ -32,6 +32,10 @@ NATURAL: FloatArray = np.concatenate(
 _SHARED = 1e-6
 
 
+class FoldedElementError(MeshError):
+    """A curved element whose middles turn it inside out: no rigid answer has its shape either."""
+
+
 def quadratic_curve(path: Path, corners: IntArray, places: FloatArray) -> Curve:
     """Exact shape of hexahedra with nodes on their edges.
 
@@ -135,7 +139,7 @@ def _check_folds(path: Path, nodes: FloatArray) -> None:
             f"its node {edge + 8} does not stand in the middle half of the edge from its node {a} "
             f"to {b}: expected the order of VTK and Abaqus"
         )
-    raise MeshError(
+    raise FoldedElementError(
         f"{path}: {int((worst <= 0.0).sum())} of {len(nodes)} curved hexahedra fold, worst element "
         f"{bad} (counted from 0, Jacobian {worst[bad]:.3g} mm³); {where}"
     )

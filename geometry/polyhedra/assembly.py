@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
@@ -52,6 +52,11 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
             placement=self.detection.placement,
         )
 
+    def with_faces_alone(self) -> PolyhedralAssembly:
+        """The same blocks, which touch where contacts have an area and nowhere else."""
+        same = {part.name: getattr(self, part.name) for part in fields(self)}
+        return _WithFacesAlone(found=self.interfaces, **same)
+
     def eligible_facets(self) -> IntArray:
         """Contact points of each block, (n_blocks,)."""
         found, n = self.interfaces, self.n_blocks
@@ -63,6 +68,17 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
         np.add.at(areas, found.block_m, found.areas)
         np.add.at(areas, found.block_s, found.areas)
         return areas
+
+
+@dataclass(frozen=True, kw_only=True)
+class _WithFacesAlone(PolyhedralAssembly):
+    """Blocks that edges and corners do not touch."""
+
+    found: ContactPoints
+
+    @cached_property
+    def interfaces(self) -> ContactPoints:
+        return self.found.of_faces
 
 
 def polyhedral_assembly(

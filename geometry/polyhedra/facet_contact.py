@@ -15,7 +15,7 @@ faces one point at the *centroid* of each polygon converges faster and is what t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -27,6 +27,10 @@ from geometry.polyhedra.point_contact import PointContacts, crossing_edges, stan
 from geometry.polyhedra.polyhedron import Polyhedron
 from geometry.polyhedra.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
 
+#: What stands for a patch at contacts without area: an edge that crosses an edge …
+CROSSING_EDGES = -1
+#: … and a corner that stands on a face.
+STANDING_CORNER = -2
 #: Area that a contact without area stands for, as a part of the mean area of the others.
 _POINT_AREA = 1e-2
 #: Overlaps smaller than this fraction of the smaller triangle are edges that touch.
@@ -74,11 +78,12 @@ class ContactPoints:
     normals: FloatArray
     """Unit normal from block m to block s, (n_contacts, 3)."""
     areas: FloatArray
-    """Area that each point stands for, nominal where `patch` is -1; (n_contacts,) [mm²]."""
+    """Area that each point stands for, nominal where it has no patch; (n_contacts,) [mm²]."""
     pair_start: IntArray
     """First contact of each block pair, and the total; (n_pairs + 1,)."""
     patch: IntArray
-    """Patch of each contact, -1 for crossing edges and standing corners; (n_contacts,)."""
+    """Patch of each contact; `CROSSING_EDGES` or `STANDING_CORNER` where there is none, both
+    negative; (n_contacts,)."""
     patches: ContactPatches
     polygons: ContactPolygons
 
@@ -91,6 +96,22 @@ class ContactPoints:
     def n_pairs(self) -> int:
         """Number of block pairs that touch."""
         return len(self.pair_start) - 1
+
+    @property
+    def of_faces(self) -> ContactPoints:
+        """Contacts that have an area, alone."""
+        kept = self.patch >= 0
+        block_m, block_s = self.block_m[kept], self.block_s[kept]
+        return replace(
+            self,
+            block_m=block_m,
+            block_s=block_s,
+            centroids=self.centroids[kept],
+            normals=self.normals[kept],
+            areas=self.areas[kept],
+            pair_start=run_starts(block_m, block_s),
+            patch=self.patch[kept],
+        )
 
 
 def _opposing(world: PlacedShapes, cosine: float) -> IntArray:
@@ -161,13 +182,15 @@ def find_contacts(
     if placement is ContactPlacement.CENTROIDS:
         return _at_centroids(patches, polygons, direction)
     flat_contacts = _at_vertices(patches, polygons)
-    for found in (crossing_edges, standing_corners):
-        flat_contacts = _with_points(flat_contacts, found(world), tolerance)
+    for kind, found in ((CROSSING_EDGES, crossing_edges), (STANDING_CORNER, standing_corners)):
+        flat_contacts = _with_points(flat_contacts, found(world), kind, tolerance)
     return flat_contacts
 
 
-def _with_points(contacts: ContactPoints, extra: PointContacts, tolerance: float) -> ContactPoints:
-    """Add contacts without area, but for those that say what is said already."""
+def _with_points(
+    contacts: ContactPoints, extra: PointContacts, kind: int, tolerance: float
+) -> ContactPoints:
+    """Add contacts without area of one kind, but for those that say what is said already."""
     n_known = contacts.n_contacts
     block_m = np.concatenate([contacts.block_m, extra.block_m])
     block_s = np.concatenate([contacts.block_s, extra.block_s])
@@ -198,7 +221,7 @@ def _with_points(contacts: ContactPoints, extra: PointContacts, tolerance: float
         normals=normals[kept][order],
         areas=np.concatenate([contacts.areas, np.full(n, nominal)])[order],
         pair_start=run_starts(block_m[order], block_s[order]),
-        patch=np.concatenate([contacts.patch, np.full(n, -1)])[order],
+        patch=np.concatenate([contacts.patch, np.full(n, kind)])[order],
         patches=contacts.patches,
         polygons=contacts.polygons,
     )

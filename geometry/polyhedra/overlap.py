@@ -212,6 +212,9 @@ def find_overlaps(
     return sorted(found, key=lambda overlap: -overlap.depth)
 
 
+#: Overlapping pairs that one message names.
+_MOST_NAMED = 20
+
 #: Coordinates may be rounded to this part of the contact tolerance.
 _ROUNDING = 0.01
 
@@ -250,28 +253,35 @@ def check_contacts(assembly: PolyhedralAssembly) -> None:
 
 
 def check_overlaps(assembly: PolyhedralAssembly) -> None:
-    """Refuse blocks that are deeper in each other than twice the contact tolerance.
+    """Refuse blocks that are deeper in each other than the contact tolerance.
+
+    Facets deeper in each other than that are no contact: the joint would be lost.
 
     Raises
     ------
     AssemblyError
-        Naming the deepest pair, how deep and where.
+        Naming the pairs, deepest first, how deep and where.
     """
     found = find_overlaps(
         assembly.shapes,
         assembly.shape_of,
         assembly.rotations,
         assembly.translations,
-        2 * assembly.tolerance,
+        assembly.tolerance,
     )
-    if found:
-        worst = found[0]
-        raise AssemblyError(
-            f"{assembly.name}: blocks {worst.block_a} and {worst.block_b} overlap by "
-            f"{worst.depth:.3g} mm near {np.round(worst.point, 2).tolist()} mm "
-            f"({len(found)} overlapping pairs); expected blocks that touch within "
-            f"{assembly.tolerance:.3g} mm: move them apart or set detection.tolerance"
-        )
+    if not found:
+        return
+    pairs = "; ".join(
+        f"blocks {o.block_a} and {o.block_b} overlap by {o.depth:.3g} mm near "
+        f"{np.round(o.point, 2).tolist()} mm"
+        for o in found[:_MOST_NAMED]
+    )
+    more = f"; and {len(found) - _MOST_NAMED} more" if len(found) > _MOST_NAMED else ""
+    count = f" ({len(found)} overlapping pairs)" if len(found) > 1 else ""
+    raise AssemblyError(
+        f"{assembly.name}: {pairs}{more}{count}; expected blocks that touch within "
+        f"{assembly.tolerance:.3g} mm: move them apart or set detection.tolerance"
+    )
 
 
 def check_assembly(assembly: PolyhedralAssembly) -> None:

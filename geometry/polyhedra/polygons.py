@@ -1,6 +1,13 @@
-"""Triangles of polygons, concave ones too; refused where no triangles cover just the polygon."""
+"""Triangles of polygons, concave and warped ones too, whichever corner comes first.
+
+A flat polygon may be cut along any diagonal. A warped one has another surface for each, and two
+blocks that share it may start it at different corners: it is cut round its middle, the mean of its
+corners, as `polyhedron_from_block` does.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -8,9 +15,74 @@ from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
 
 #: Smallest area of a triangle that counts, and smallest share of it that faces the right way.
 _TINY = 1e-9
+#: Corners this close to the plane of a polygon, in polygon sizes, lie in it to round-off.
+_FLAT = 1e-9
 
 
-def triangles_of_polygons(name: str, points: FloatArray, polygons: IntArray) -> IntArray:
+def surface_of_polygons(
+    name: str, points: FloatArray, groups: Sequence[IntArray]
+) -> tuple[FloatArray, IntArray]:
+    """Triangulated surface of polygons; one surface whichever corner of a polygon comes first.
+
+    Parameters
+    ----------
+    name
+        What messages call the surface.
+    points
+        (n_points, 3).
+    groups
+        Polygons with the same number of corners together, (n_polygons, n_corners) each.
+
+    Returns
+    -------
+    FloatArray
+        The points, followed by the middles of warped polygons; (n, 3).
+    IntArray
+        Corners of the triangles, (n_triangles, 3), turned as the polygons are.
+
+    Raises
+    ------
+    MeshError
+        For a polygon that crosses itself or has no area.
+    """
+    nodes, triangles = [points], []
+    count = len(points)
+    for group in groups:
+        round_middle = _seen_from_middle(points, group)
+        middles, cut = _cut_round_middles(points, group[round_middle], count)
+        count += len(middles)
+        nodes.append(middles)
+        triangles += [cut, _triangles_of_polygons(name, points, group[~round_middle])]
+    return np.concatenate(nodes), np.concatenate(triangles)
+
+
+def _seen_from_middle(points: FloatArray, polygons: IntArray) -> BoolArray:
+    """Which polygons are warped and show all of themselves to their middle, (n_polygons,)."""
+    p = points[polygons]
+    arms = p - p.mean(axis=1, keepdims=True)
+    vectors = np.cross(arms, np.roll(arms, -1, axis=1))
+    total = vectors.sum(axis=1)
+    area = np.maximum(np.linalg.norm(total, axis=1), np.finfo(np.float64).tiny)
+    size = np.linalg.norm(arms, axis=2).max(axis=1)
+    height = np.abs(np.einsum("pci,pi->pc", arms, total / area[:, None])).max(axis=1)
+    return (height > _FLAT * size) & _same_way(vectors)
+
+
+def _cut_round_middles(
+    points: FloatArray, polygons: IntArray, first: int
+) -> tuple[FloatArray, IntArray]:
+    """Middles of polygons, numbered from ``first``, and the triangles between them and the edges.
+
+    The middle is a sum in the order of size, coordinate by coordinate: the same number for the
+    blocks on both sides, whatever their corners' order.
+    """
+    middles = np.sort(points[polygons], axis=1).mean(axis=1)
+    number = np.repeat(first + np.arange(len(polygons)), polygons.shape[1])
+    start, end = polygons.ravel(), np.roll(polygons, -1, axis=1).ravel()
+    return middles, np.column_stack([start, end, number])
+
+
+def _triangles_of_polygons(name: str, points: FloatArray, polygons: IntArray) -> IntArray:
     """Cut polygons with the same number of corners into triangles that stay inside them.
 
     Where all triangles from one corner face as the polygon does (it is convex, or sees all of
@@ -56,7 +128,11 @@ def _covers(points: FloatArray, triangles: IntArray) -> BoolArray:
     Triangles (n_polygons, n, 3) that share the edges inside a polygon then lie side by side.
     """
     p = points[triangles]
-    vectors = np.cross(p[:, :, 1] - p[:, :, 0], p[:, :, 2] - p[:, :, 0])
+    return _same_way(np.cross(p[:, :, 1] - p[:, :, 0], p[:, :, 2] - p[:, :, 0]))
+
+
+def _same_way(vectors: FloatArray) -> BoolArray:
+    """Whether the area vectors of each row, (n_rows, n, 3), all face as their sum does."""
     total = vectors.sum(axis=1)
     along = np.einsum("pti,pi->pt", vectors, total)
     square = np.einsum("pi,pi->p", total, total)

@@ -17,6 +17,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from geometry.block import Block
 from geometry.mesh import FloatArray, IntArray, MassProperties, MeshError
 from geometry.polyhedra.box_tree import BoxTree, boxes_of_triangles
+from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.solids import across_matter
 from geometry.polyhedra.triangle_search import (
     Surface,
@@ -294,7 +295,7 @@ def convex_polyhedron(name: str, points: FloatArray | Sequence[Sequence[float]])
 
 
 def polyhedron_from_quads(name: str, points: FloatArray, quads: IntArray) -> Polyhedron:
-    """Block bounded by quadrilaterals: each is split along one diagonal.
+    """Block bounded by quadrilaterals, cut as `surface_of_polygons` does.
 
     Parameters
     ----------
@@ -305,7 +306,7 @@ def polyhedron_from_quads(name: str, points: FloatArray, quads: IntArray) -> Pol
     quads
         Closed boundary, counter-clockwise seen from outside, (n_quads, 4).
     """
-    return polyhedron(name, points, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
+    return polyhedron(name, *surface_of_polygons(name, points, [quads]))
 
 
 def polyhedron_from_block(block: Block) -> Polyhedron:

@@ -53,15 +53,15 @@ def boxes_in_tree(boxes, group, tree, tree_group, order, stack, pairs):
         while top > 0:
             top -= 1
             node = stack[top]
-            if (
-                boxes[i, 0] > tree[node, 3]
-                or boxes[i, 1] > tree[node, 4]
-                or boxes[i, 2] > tree[node, 5]
-                or boxes[i, 3] < tree[node, 0]
-                or boxes[i, 4] < tree[node, 1]
-                or boxes[i, 5] < tree[node, 2]
-                or (group[i] >= 0 and tree_group[node] == group[i])
-            ):
+            # Comparisons with a number that is none are false: such a box overlaps nothing.
+            if not (
+                boxes[i, 0] <= tree[node, 3]
+                and boxes[i, 1] <= tree[node, 4]
+                and boxes[i, 2] <= tree[node, 5]
+                and boxes[i, 3] >= tree[node, 0]
+                and boxes[i, 4] >= tree[node, 1]
+                and boxes[i, 5] >= tree[node, 2]
+            ) or (group[i] >= 0 and tree_group[node] == group[i]):
                 continue
             if node < first_leaf:
                 stack[top] = 2 * node + 2
@@ -135,12 +135,12 @@ def segments_in_tree(
             node = stack[top]
             if group[i] >= 0 and tree_group[node] == group[i]:
                 continue
-            apart = False
+            near = True
             for axis in range(3):
                 one, other = start[i, axis], end[i, axis]
-                apart |= min(one, other) > tree[node, axis + 3]
-                apart |= max(one, other) < tree[node, axis]
-            if apart:
+                near &= min(one, other) <= tree[node, axis + 3]
+                near &= max(one, other) >= tree[node, axis]
+            if not near:
                 continue
             if node < first_leaf:
                 stack[top] = 2 * node + 2
@@ -198,12 +198,12 @@ def _wound_round(point, corners, tree, order, stack):
     while top > 0:
         top -= 1
         node = stack[top]
-        if (
-            point[0] > tree[node, 3]
-            or point[1] > tree[node, 4]
-            or point[2] > tree[node, 5]
-            or point[0] < tree[node, 0]
-            or point[1] < tree[node, 1]
+        if not (
+            point[0] <= tree[node, 3]
+            and point[1] <= tree[node, 4]
+            and point[2] <= tree[node, 5]
+            and point[0] >= tree[node, 0]
+            and point[1] >= tree[node, 1]
         ):
             continue
         if node < first_leaf:
@@ -283,15 +283,18 @@ def _copy(point, to):
 
 @njit(cache=True)
 def _cut(polygon, n, inside, value):
-    """Keep the part of a convex polygon where ``value`` >= 0 (Sutherland-Hodgman, one edge)."""
+    """Keep the part of a convex polygon where ``value`` >= 0 (Sutherland-Hodgman, one edge).
+
+    Never more than `MOST_CORNERS`, whatever round-off makes of convex.
+    """
     kept = 0
     for k in range(n):
         following = (k + 1) % n
         a, b = value[k], value[following]
-        if a >= 0.0:
+        if a >= 0.0 and kept < MOST_CORNERS:
             _copy(polygon[k], inside[kept])
             kept += 1
-        if (a > 0.0 and b < 0.0) or (a < 0.0 and b > 0.0):
+        if ((a > 0.0 and b < 0.0) or (a < 0.0 and b > 0.0)) and kept < MOST_CORNERS:
             t = a / (a - b)
             for axis in range(3):
                 inside[kept, axis] = polygon[k, axis] + t * (

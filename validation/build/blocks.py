@@ -71,19 +71,9 @@ def build_weight(scene: DeformableScene, assembly: Assembly) -> FloatArray | Non
     -------
     FloatArray | None
         (n_blocks, 6) [N, N mm]; None where the scene names no gravity.
-
-    Raises
-    ------
-    InputError
-        Gravity without a density.
     """
     if scene.effects.gravity is None:
         return None
-    if scene.material is None:
-        raise InputError(
-            "effects.gravity: blocks weigh by material.density, and [material] is missing; add it, "
-            "or remove effects.gravity"
-        )
     wrenches = np.zeros((assembly.n_blocks, 6))
     wrenches[:, :3] = np.outer(scene.material.density * assembly.volumes, scene.effects.gravity)
     return wrenches

@@ -6,25 +6,25 @@ in its heading says so.
 
 from __future__ import annotations
 
-import textwrap
 from dataclasses import replace
 
 import numpy as np
 
-from fem.assembly.deformable import Frames, held_faces
-from fem.assembly.statement import Problem
-from fem.decks.abaqus import check_abaqus
-from fem.decks.calculix import check_calculix
-from fem.decks.laws import law_notes
-from fem.decks.model import as_nodal_forces, deck_model
+from fem.decks.model import deck_model
 from fem.decks.placement import canonical
-from fem.decks.statement import Deck, DeckStep, Flavour, Hold, Joint, Procedure, loads_of_case
+from fem.decks.problem import (
+    QUASI_STATIC_END,
+    QUASI_STATIC_RAMP,
+    around_as_forces,
+    contact_notes,
+    deck_of,
+    quadratic,
+    with_notes,
+)
+from fem.decks.statement import Deck, DeckStep, Flavour, Joint, Procedure
 from fem.element.hexahedron import ElementType
-from fem.element.lagrange_mesh import serendipity_block
 from fem.problem.effects import Effects
 from fem.problem.time_step import critical_time_step
-from geometry.assembly import Assembly
-from geometry.loads import CircumferentialLoad
 from validation.build.blocks import HexahedralBlocks
 from validation.build.cell import refuse_cell
 from validation.build.deformable import (
@@ -39,14 +39,6 @@ from validation.scene.deformable import Damping, EffectsSection, FemSection, Met
 from validation.scene.polyhedra import STRAIGHT_EDGES
 from validation.scene.read import DeformableScene, SceneFile
 from validation.scene.usage import count, uncounted
-
-#: Explicit run to a static state where the scene names no times [s]: with the paper's damping of
-#: 2 /s, amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.
-QUASI_STATIC_RAMP = 2.0
-QUASI_STATIC_END = 8.0
-
-#: Longest note: heading lines stay below what every program reads.
-_NOTE_WIDTH = 110
 
 
 def build_deck(file: SceneFile, flavour: Flavour) -> Deck:
@@ -74,75 +66,54 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
     blocks = build_hexahedra(scene, name)
     assembly = canonical(blocks.assembly)
     if fem.degree > 1:
-        assembly = _quadratic(name, scene, fem.degree, flavour, assembly)
+        assembly = quadratic(assembly, fem.degree, flavour, meets=scene.meets)
     case = scene_load(scene, name, assembly)
     with uncounted((EffectsSection, "finite_sliding")):
         problem = build_problem(scene, name, HexahedralBlocks(assembly, case, blocks.unmatched))
-        joint = _joint(problem, effects) if scene.meets else None
     # CalculiX has no contact in explicit steps; single bodies do what the scene says.
     needs_static = flavour is Flavour.CALCULIX and scene.meets
     asks_static = flavour is not Flavour.GENERAL and fem.method is Method.STATIC
     static = needs_static or asks_static
     _count_keys(scene, flavour, static=static)
     large = scene.meets or effects.finite_rotation
-    deck = Deck(
+    step = _static_step(effects) if static else _explicit_step(name, fem, large_rotations=large)
+    deck = replace(
+        deck_of(
+            problem,
+            flavour,
+            step,
+            _effects(effects, fem, static=static),
+            meets=scene.meets,
+            searched=bool(blocks.unmatched),
+        ),
         name=name,
-        flavour=flavour,
-        assembly=assembly,
-        material=problem.material,
-        element=problem.element,
-        step=_static_step(effects) if static else _explicit_step(name, fem, large_rotations=large),
-        holds=tuple(_holds(problem)),
-        loads=loads_of_case(case),
-        joint=joint,
-        effects=replace(_effects(effects, fem, static=static), gravity=problem.acceleration),
-        motion=problem.motion,
-        clearance=problem.clearance,
-        spacing=problem.spacing,
-        searched=bool(blocks.unmatched),
     )
-    notes = (
-        _contact_notes(scene, flavour, static=static, searched=deck.searched) if scene.meets else []
-    )
+    if deck.joint is not None:
+        deck = replace(deck, joint=_as_written(deck.joint, effects))
+    notes = contact_notes(deck, static=static)
+    if scene.meets and not static and not effects.finite_rotation:
+        notes.append("large rotations: nlgeom=YES, though effects.finite_rotation is off")
     if scene.straightened(assembly):
         notes.append(f"edges: {STRAIGHT_EDGES}")
-    around = [load for load in deck.loads if isinstance(load, CircumferentialLoad)]
-    if flavour is Flavour.PAIRS and around:
-        deck = replace(deck, loads=(as_nodal_forces(deck, around[0]),))
-        notes.append("loads: the traction around the axis as nodal forces, which converters take")
+    deck, more = around_as_forces(deck)
+    notes += more
     if flavour is Flavour.CALCULIX and not static:
         deck = _with_time_step(deck, fem)
     # Notes also say what a deck leaves out, which is no use of a key.
     with uncounted((FemSection, "symmetry"), *_idle_keys(fem, static=static)):
         notes += _step_notes(fem, effects, flavour, static=static)
-    return _with_notes(deck, notes)
+    return with_notes(deck, notes)
 
 
-def _quadratic(
-    name: str, scene: DeformableScene, degree: int, flavour: Flavour, assembly: Assembly
-) -> Assembly:
-    """Give all blocks hexahedra of 20 nodes.
+def _as_written(joint: Joint, effects: EffectsSection) -> Joint:
+    """Leave to the program what the scene does not say.
 
-    Raises
-    ------
-    InputError
-        What decks do not have with them.
+    Surfaces that do not match are searched; whether pairs follow them is what the scene says.
     """
-    if degree > 2:
-        raise InputError(
-            f"{name}: fem.degree: got {degree}; decks have C3D20, of degree 2: expected 1 or 2"
-        )
-    if flavour is Flavour.GENERAL:
-        raise InputError(
-            f"{name}: fem.degree: got 2 with --flavour general, an explicit step, which has no "
-            "C3D20; expected 1, or --flavour pairs or calculix"
-        )
-    if flavour is Flavour.CALCULIX and scene.meets:
-        raise InputError(
-            f"{name}: fem.degree: got 2 with --flavour calculix, whose contact presses at nodes "
-            "and finds no increment with C3D20; expected 1, or --flavour pairs"
-        )
-    return replace(assembly, shapes=tuple(serendipity_block(s) for s in assembly.shapes))
+    friction = effects.friction
+    stick = None if friction is None else friction.stick_stiffness
+    with uncounted((EffectsSection, "finite_sliding")):
+        return replace(joint, stick_stiffness=stick, finite_sliding=effects.finite_sliding)
 
 
 def _idle_keys(fem: FemSection, *, static: bool) -> tuple[tuple[type, str], ...]:
@@ -153,63 +124,10 @@ def _idle_keys(fem: FemSection, *, static: bool) -> tuple[tuple[type, str], ...]
 
 def _count_keys(scene: DeformableScene, flavour: Flavour, *, static: bool) -> None:
     """Count the keys that a deck states, though not every answer to its problem depends on them."""
-    assert scene.material is not None
     count(scene.material, "density")
     if static and flavour is not Flavour.GENERAL:
         # Elsewhere blocks slide as far as they do: general contact, and pairs in explicit steps.
         count(scene.effects, "finite_sliding")
-
-
-def _holds(problem: Problem) -> list[Hold]:
-    """Held blocks: all nodes, or the outer faces of frame blocks that deform; and held faces."""
-    blocks, load = problem.blocks, problem.load_case
-    if problem.frames is Frames.DEFORMABLE:
-        return [Hold(held.block, held.face) for held in held_faces(blocks, load)]
-    whole = [Hold(block) for block in np.flatnonzero(load.fixed).tolist()]
-    return whole + [Hold(held.block, held.face) for held in load.held]
-
-
-def _joint(problem: Problem, effects: EffectsSection) -> Joint:
-    friction = effects.friction
-    return Joint(
-        problem.law,
-        None if friction is None else friction.coefficient,
-        None if friction is None else friction.stick_stiffness,
-        effects.finite_sliding,
-    )
-
-
-def _contact_notes(
-    scene: DeformableScene, flavour: Flavour, *, static: bool, searched: bool
-) -> list[str]:
-    notes: list[str] = []
-    contact = scene.contact
-    if contact is not None:
-        notes += law_notes(contact.built)
-    if flavour is Flavour.GENERAL:
-        notes.append(
-            "contact: all outer faces may meet and slide; tubelock pairs facets that match, else "
-            "searches"
-        )
-    if flavour is Flavour.CALCULIX:
-        notes += [
-            "contact: the law is a table of 200 points, linear between them and above 10 MPa"
-            + (", moved by the clearance" if contact is not None and contact.clearance else ""),
-            "contact: no spring where surfaces are apart by more than 1e-3 sqrt(area of a node)",
-            "contact: NODE TO SURFACE; the normal at a node is that of one facet of the other "
-            "surface",
-            "contact: nodes that slide over a rim by more than 1e-3 sqrt(area of a node) are lost",
-        ]
-        if searched:
-            notes.append(
-                "contact: nodes on facets of another mesh pass no uniform pressure; with a table "
-                "for SURFACE TO SURFACE CalculiX 2.20 ends in a fault of memory"
-            )
-    if flavour is Flavour.PAIRS and static:
-        notes.append("contact: Abaqus/Standard has no maximum stiffness; it is in the heading only")
-    if not static and not scene.effects.finite_rotation:
-        notes.append("large rotations: nlgeom=YES, though effects.finite_rotation is off")
-    return notes
 
 
 def _with_time_step(deck: Deck, fem: FemSection) -> Deck:
@@ -303,14 +221,3 @@ def _calculix_explicit_notes(effects: EffectsSection, fem: FemSection) -> list[s
     if effects.bulk_viscosity is not None or fem.damping is Damping.PAPER or _quasi_static(fem):
         notes.append("bulk viscosity: CalculiX has none; it is not written")
     return notes
-
-
-def _with_notes(deck: Deck, notes: list[str]) -> Deck:
-    """Attach the notes, and refuse what no deck of this flavour can say."""
-    lines = [line for note in notes for line in textwrap.wrap(note.strip(), _NOTE_WIDTH)]
-    deck = replace(deck, notes=tuple(lines))
-    if deck.flavour is Flavour.CALCULIX:
-        check_calculix(deck)
-    else:
-        check_abaqus(deck)
-    return deck

@@ -8,16 +8,15 @@ from fem.assembly.deformable import DeformableAssembly, Frames
 from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
 from fem.contact.surfaces import ContactNormals
+from fem.decks.problem import PAPER_RAYLEIGH
 from fem.element.material import Material
 from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
-from fem.problem.formulation import Formulation
 from geometry.assembly import Assembly
 from geometry.loads import LoadCase
 from validation.build.blocks import HexahedralBlocks, build_blocks
 from validation.build.cell import build_cell
 from validation.errors import InputError, named
 from validation.scene.deformable import (
-    ContactSection,
     Damping,
     EffectsSection,
     FemSection,
@@ -30,20 +29,20 @@ from validation.scene.polyhedra import MeshScene
 from validation.scene.read import DeformableScene
 from validation.scene.usage import count, uncounted
 
-#: The paper's damping of its Abaqus runs (Table material_parameters): α [1/s] and β [s].
-PAPER_RAYLEIGH = RayleighDamping(mass_proportional=2.0, stiffness_proportional=1.0e-8)
-
 
 def build_material(section: MaterialSection) -> Material:
-    """Material of a scene; its density counts as read where something weighs or is accelerated.
+    """Material of a scene.
+
+    Its density counts as read where something weighs or is accelerated, its averaging radius where
+    measures are asked for.
 
     Raises
     ------
     MaterialError
         For constants no elastic material has.
     """
-    with uncounted((MaterialSection, "density")):
-        return Material(**section.model_dump(exclude={"averaging_radius"}))
+    with uncounted((MaterialSection, "density"), (MaterialSection, "averaging_radius")):
+        return Material(**section.model_dump(exclude={"name"}))
 
 
 def fem_section(scene: DeformableScene, name: str) -> FemSection:
@@ -52,15 +51,8 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
     Raises
     ------
     InputError
-        When a section is missing.
+        Effects that are still to be decided, elements that the method lacks, or too many of them.
     """
-    for section in ("material", "contact", "fem"):
-        if getattr(scene, section) is None and (scene.meets or section != "contact"):
-            raise InputError(
-                f"{name}: [{section}] is missing: deformable blocks need it "
-                "(`tubelock scenes tsb1-pipe` shows one)"
-            )
-    assert scene.fem is not None
     if scene.effects.auto is not None:
         raise InputError(
             f"{name}: effects.auto is decided by `tubelock fem` and `compare`; here, write the "
@@ -71,15 +63,29 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
             f'{name}: fem.degree: got {scene.fem.degree} with fem.method = "{scene.fem.method}"; '
             'explicit runs have elements of degree 1: expected 1, or fem.method = "static"'
         )
-    if scene.fem.formulation is Formulation.RATE_FORM and scene.meets:
-        raise InputError(
-            f'{name}: fem.formulation: got "rate form", which has no contact; expected "shared '
-            'stiffness" (boxes take both)'
-        )
+    refuse_linear_keys(scene.fem, name)
     large = too_large_to_deform(scene, static=scene.fem.method is Method.STATIC)
     if large is not None:
         raise InputError(f"{name}: {large}")
     return scene.fem
+
+
+def refuse_linear_keys(fem: FemSection, name: str) -> None:
+    """Refuse kinds of elements that only those of degree 1 have.
+
+    Raises
+    ------
+    InputError
+        Naming the key.
+    """
+    for key in ("element", "precision") if fem.degree > 1 else ():
+        value = getattr(fem, key)
+        shown = getattr(value, "value", value)
+        if value != FemSection.model_fields[key].default:
+            raise InputError(
+                f'{name}: fem.{key}: got "{shown}" with fem.degree = {fem.degree}, whose elements '
+                "have one kind and one precision; remove it, or take fem.degree = 1"
+            )
 
 
 def build_friction(effects: EffectsSection) -> CoulombFriction | None:
@@ -175,9 +181,7 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
     InputError
         When it describes nothing that can be solved.
     """
-    fem = fem_section(scene, name)
-    assert scene.material is not None
-    contact = scene.contact or ContactSection()  # single bodies have none
+    fem, contact = fem_section(scene, name), scene.contact
     element = {"element": fem.element} if fem.degree == 1 else {"degree": fem.degree}
     if scene.effects.gravity is not None:
         count(scene.material, "density")

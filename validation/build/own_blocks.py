@@ -16,6 +16,7 @@ from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.files.block_files import read_blocks
 from geometry.files.hexahedral_solids import file_blocks
+from geometry.files.quadratic import FoldedElementError
 from geometry.loads import LoadCase
 from geometry.measures import UnmatchedJoint, matched_area
 from geometry.mesh import IntArray, MeshError
@@ -41,7 +42,7 @@ def build_own_blocks(scene: MeshScene, name: str) -> HexahedralBlocks:
         For input that describes no assembly, and for one that stays rigid: which block has no
         hexahedra.
     """
-    if scene.contact is not None and scene.contact.spacing > 0.0:
+    if scene.contact.spacing > 0.0:
         raise InputError(
             f"{name}: contact.spacing: got {scene.contact.spacing:g} mm, but own blocks have no "
             "layers to move apart; expected contact.clearance, or places with gaps"
@@ -85,6 +86,8 @@ def _part_blocks(path: Path, scene: MeshScene) -> Sequence[Block]:
     solids = read_blocks(path, units=scene.block.units, element_size=scene.block.element_size)
     try:
         return file_blocks(path, solids, units=scene.block.units, divisions=scene.mesh.divisions)
+    except FoldedElementError:
+        raise
     except MeshError as error:
         raise MeshError(f"stays rigid, `tubelock mbd` gives the answer: {error}") from None
 
@@ -173,16 +176,15 @@ def own_load(scene: MeshScene, name: str, assembly: Assembly) -> LoadCase:
     InputError
         Two densities, or a force on a block that does not exist.
     """
-    assert scene.material is not None
-    density, given = scene.material.density, scene.load.density
+    density = scene.material.density
     refuse_two_weights(scene, name)
-    if "density" in scene.load.model_fields_set and given != density:
+    if "density" in scene.load.model_fields_set and scene.load.density != density:
         raise InputError(
-            f"{name}: load.density is {given:g} and material.density {density:g} t/mm³; expected "
-            "one density: remove load.density"
+            f"{name}: load.density is {scene.load.density:g} and material.density {density:g} "
+            "t/mm³; expected one density: remove load.density"
         )
     bodies = assembly
-    if scene.fem is not None and scene.fem.degree > 1:
+    if scene.fem.degree > 1:
         # Blocks of curved elements weigh what is within their curved faces.
         shapes = tuple(with_degree(shape, scene.fem.degree) for shape in assembly.shapes)
         bodies = replace(assembly, shapes=shapes)

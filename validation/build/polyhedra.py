@@ -40,6 +40,9 @@ from validation.scene.polyhedra import (
 Shape = TypeVar("Shape")
 
 
+#: Places are turned by at most this, ten turns [°].
+LARGEST_ANGLE = 3600.0
+
 #: Builder of each family from its scene and what counts as contact.
 _FAMILIES: dict[type, Callable[[Any, DetectionOptions], PolyhedralAssembly]] = {
     TetrahedraScene: lambda s, d: tetrahedra_layer(
@@ -89,13 +92,19 @@ def motion(place: PlaceSection) -> tuple[FloatArray, FloatArray]:
     Raises
     ------
     AssemblyError
-        An axis without direction.
+        An axis without direction, or an angle that no number of turns makes sense of.
     """
     axis = np.array(place.axis)
-    size = float(np.linalg.norm(axis))
+    size = float(np.abs(axis).max())
     if size == 0.0:
         raise AssemblyError("parts.places.axis: got [0, 0, 0], expected a direction")
-    turn = Rotation.from_rotvec(np.radians(place.angle) * axis / size).as_matrix()
+    if not abs(place.angle) <= LARGEST_ANGLE:
+        raise AssemblyError(
+            f"parts.places.angle: got {place.angle:g}, expected degrees between "
+            f"-{LARGEST_ANGLE:g} and {LARGEST_ANGLE:g}"
+        )
+    axis = axis / size  # first: the square of a component may be no float
+    turn = Rotation.from_rotvec(np.radians(place.angle) * axis / np.linalg.norm(axis)).as_matrix()
     return np.asarray(turn, dtype=np.float64), np.array(place.at)
 
 
@@ -178,11 +187,9 @@ def build_body_loads(section: BodyLoadSection, assembly: AnyBlocks) -> BodyLoads
         For a force on a block that does not exist.
     """
     dead, live = np.zeros((assembly.n_blocks, 6)), np.zeros((assembly.n_blocks, 6))
-    mass = section.density * assembly.volumes
-    if section.gravity is not None:
-        dead[:, :3] += mass[:, None] * np.array(section.gravity)
-    if section.acceleration is not None:
-        live[:, :3] += mass[:, None] * np.array(section.acceleration)
+    for wrenches, given in ((dead, section.gravity), (live, section.acceleration)):
+        if given is not None:
+            wrenches[:, :3] += np.outer(section.density * assembly.volumes, given)
     for push in section.forces:
         if push.block >= assembly.n_blocks:
             raise InputError(

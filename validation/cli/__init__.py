@@ -1,1 +1,33 @@
 """The command line."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from types import FrameType
+from typing import NoReturn
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C.
+
+    Python ends a process by the signal where a `KeyboardInterrupt` itself passed through ``exec``,
+    which dataclasses call as they are made, though it was caught afterwards.
+    """
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> NoReturn:
+    raise Interrupted
+
+
+def main() -> None:
+    """Run the command line; Ctrl-C while it is loaded ends it as later."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _interrupt)
+    try:
+        from validation.cli.app import main as run
+
+        run()
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        raise SystemExit(130) from None

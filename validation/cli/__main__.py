@@ -1,5 +1,5 @@
 """``python -m validation.cli``: the command line without its installed name."""
 
-from validation.cli.app import main
+from validation.cli import main
 
 main()

@@ -1,4 +1,4 @@
-"""Commands that put answers side by side: methods, initial clearances, meshes and time steps."""
+"""Commands that compare analyses: methods, initial gaps, mesh sizes and time steps."""
 
 from __future__ import annotations
 
@@ -25,15 +25,16 @@ def compare(
     json: JsonOption = None,
     output: Annotated[Path | None, folder_option("the figure", "out/SCENE-compare")] = None,
     explicit: Annotated[
-        bool, typer.Option(help="Run explicit dynamics to the static state too.")
-    ] = True,
+        bool, typer.Option(help="Also run a quasi-static explicit analysis.")
+    ] = False,
     auto: AutoOption = None,
     keep: KeepOption = None,
 ) -> None:
-    """Rigid, static and explicit answers on the same mesh, side by side."""
+    """Compare rigid, static and explicit results on the same facets."""
     from validation.build.cell import refuse_cell
-    from validation.compare import answers, report
-    from validation.output.console import explicit_progress
+    from validation.comparison import answers, report
+    from validation.output.console import explicit_progress, status, told_of_compilation
+    from validation.run.accuracy import progress_words
     from validation.run.stages import peak_memory_mb
     from validation.scene.read import load_scene, require_deformable, with_auto
     from validation.scene.usage import recording
@@ -48,8 +49,18 @@ def compare(
             added["effects_decision"] = decision.as_json()
         refuse_cell(checked, file.name, "compare")
         answers.build_comparable(checked, file.name)
-        with explicit_progress() as progress, recording(checked) as use:
-            found = answers.compare(file.name, checked, explicit=explicit, progress=progress)
+        with (
+            explicit_progress() if explicit else told_of_compilation() as progress,
+            status(outputs.console, f"{file.name}: rigid blocks, then static") as tell,
+            recording(checked) as use,
+        ):
+            found = answers.compare(
+                file.name,
+                checked,
+                explicit=explicit,
+                progress=progress,
+                refinement=lambda now: tell(f"{file.name}: static, {progress_words(now)}"),
+            )
         report.print_comparison(found, outputs.console)
         outputs.tell_unused(use)
         peak = peak_memory_mb()
@@ -63,20 +74,26 @@ def clearance(
     *,
     gap: Annotated[
         list[float] | None,
-        typer.Option("--gap", metavar="MM", help="Initial gap; repeatable."),
+        typer.Option("--gap", metavar="MM", help="Initial gap [mm]; repeatable."),
     ] = None,
     kind: Annotated[
         Literal["clearance", "spacing"],
-        typer.Option(help="Gaps along every normal, or blocks moved apart, as in the paper."),
+        typer.Option(
+            help="clearance: a uniform gap along the facet normals; spacing: blocks moved apart, "
+            "as in the paper."
+        ),
     ] = "clearance",
     settings: SetOption = None,
     json: JsonOption = None,
     output: Annotated[Path | None, folder_option("the figure", "out/SCENE-clearance")] = None,
 ) -> None:
-    """What the initial gap between the blocks does to displacements and pressures."""
+    """Vary the initial gap between the blocks.
+
+    Prints displacements and contact pressures (static analysis) for each gap.
+    """
     from dataclasses import asdict
 
-    from validation.compare.clearance import GAPS, clearance_rows, draw_clearance, print_rows
+    from validation.comparison.clearance import GAPS, clearance_rows, draw_clearance, print_rows
     from validation.output.console import status
     from validation.scene.read import load_scene, require_deformable
     from validation.scene.usage import recording
@@ -101,10 +118,10 @@ def convergence(
     ] = Path("convergence.png"),
     json: JsonOption = None,
 ) -> None:
-    """Observed orders of the elements in mesh size and of the scheme in time step."""
+    """Measure convergence orders in mesh size and time step."""
     from dataclasses import asdict
 
-    from validation.compare.convergence import (
+    from validation.comparison.convergence import (
         draw_convergence,
         mesh_curves,
         print_convergence,

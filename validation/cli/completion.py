@@ -1,6 +1,6 @@
-"""What the shell offers after TAB: names of scenes and studies, keys of `--set`, effects.
+"""Shell completion: names of scenes and studies, keys of `--set`, effects.
 
-A shell asks at every key, so nothing is imported before it is needed.
+The shell runs this at every TAB, so imports are deferred until they are needed.
 """
 
 from __future__ import annotations

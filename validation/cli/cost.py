@@ -1,4 +1,4 @@
-"""Commands that say what an accuracy costs and how errors fall."""
+"""Commands that measure computational cost versus accuracy, and convergence orders."""
 
 from __future__ import annotations
 
@@ -22,19 +22,24 @@ def cost(
     scene: SceneArgument,
     *,
     settings: SetOption = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Coarse meshes only, in seconds.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Coarse meshes only; takes seconds.")
+    ] = False,
     others: Annotated[
-        bool, typer.Option("--others", help="Other programs too, where installed: CalculiX.")
+        bool, typer.Option("--others", help="Include other installed programs (CalculiX).")
     ] = False,
     json: JsonOption = None,
     output: Annotated[Path | None, folder_option("the figure", "out/SCENE-cost")] = None,
     store: CostStoreOption = COST_STORE,
 ) -> None:
-    """Error against CPU time of every method and mesh: what an accuracy costs."""
-    from validation.cost.plan import full_plan, quick_plan, require_cost_scene
-    from validation.cost.report import draw_study, print_study, study_json
-    from validation.cost.store import CostStore
-    from validation.cost.study import run_cost
+    """Measure computational cost versus accuracy.
+
+    Runs every method on a sequence of meshes; prints and plots error against CPU time.
+    """
+    from validation.costs.plan import full_plan, quick_plan, require_cost_scene
+    from validation.costs.report import draw_study, print_study, study_json
+    from validation.costs.store import CostStore
+    from validation.costs.study import run_cost
     from validation.output.console import status
     from validation.scene.read import load_scene
 
@@ -58,8 +63,11 @@ def cost(
 
 
 def peaks(json: JsonOption = None) -> None:
-    """Observed orders of curved elements in pressures and stresses, and what a cap changes."""
-    from validation.cost.peaks import peaks, peaks_json, print_peaks
+    """Measure convergence orders of peak pressures and stresses.
+
+    Uses high-order (isoparametric) elements; also prints the effect of a contact stiffness cap.
+    """
+    from validation.costs.peaks import peaks, peaks_json, print_peaks
     from validation.output.console import status
     from validation.output.outputs import Outputs
 

@@ -1,4 +1,4 @@
-"""Commands that write and read what other programs take."""
+"""Commands that write and read the input files of other programs."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from validation.errors import InputError
 def export(
     scene: SceneArgument,
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE.inp", help="Deck to write.")
+        Path, typer.Option("-o", "--output", metavar="FILE.inp", help="Input deck to write.")
     ],
     flavour: Annotated[
         str,
         typer.Option(
             metavar="general|pairs|calculix",
-            help="Abaqus/Explicit; Abaqus with contact pairs; flat for CalculiX.",
+            help="general: Abaqus/Explicit, general contact; pairs: Abaqus with contact pairs; "
+            "calculix: no parts or instances.",
             autocompletion=lambda incomplete: [
                 word for word in ("general", "pairs", "calculix") if word.startswith(incomplete)
             ],
@@ -28,7 +29,7 @@ def export(
     ] = "general",
     settings: SetOption = None,
 ) -> None:
-    """Write a scene as an input deck for Abaqus or CalculiX."""
+    """Write an input deck for Abaqus or CalculiX."""
     from fem.decks.statement import Flavour
     from validation.output.decks import export_deck, print_export
     from validation.output.outputs import Outputs
@@ -46,16 +47,21 @@ def export(
 
 
 def import_(
-    deck: Annotated[Path, typer.Argument(metavar="FILE", help="Deck (.inp) or mesh to read.")],
+    deck: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Input deck (.inp) or mesh to read.")
+    ],
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", metavar="FILE", help="Write it again: a deck (.inp) or a mesh (.vtu)."
+            "-o", "--output", metavar="FILE", help="File to write: a deck (.inp) or a mesh (.vtu)."
         ),
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Read a deck that `export` wrote, or a mesh of hexahedra, and say what is in it."""
+    """Read an exported deck or a hexahedral mesh.
+
+    Prints a summary of its content.
+    """
     from validation.output.decks import import_file
     from validation.output.outputs import Outputs
 

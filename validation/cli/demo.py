@@ -1,4 +1,4 @@
-"""The command behind `make demo`: the main job from start to end, in about two minutes."""
+"""The command behind `make demo`: a complete example in about two minutes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def demo(
         Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the pictures.")
     ] = Path("out/demo"),
 ) -> None:
-    """Run the main job: the paper's tables beside ours, and pictures of the tubes."""
+    """Run the example: the paper's tables, the tubes, input decks."""
     from validation.output.outputs import Outputs
 
     with Outputs(folder=output, names=("*.json", "*.png", "*.vtu", "*.inp")) as outputs:
@@ -60,15 +60,15 @@ def _rigid(outputs: Outputs) -> None:
 
 
 def _deformable(outputs: Outputs) -> None:
-    """Solve the reduced-layer case by statics and explicit dynamics, and compare."""
-    from validation.compare.answers import compare
-    from validation.compare.report import draw_comparison, print_comparison
+    """Solve the reduced-layer case by statics and compare it with rigid blocks."""
+    from validation.comparison.answers import compare
+    from validation.comparison.report import draw_comparison, print_comparison
     from validation.output.pictures.tubes import draw_sections, draw_stresses
     from validation.scene.read import load_scene, require_deformable
 
     outputs.console.print(
-        "The same tube with two layers of deformable blocks, static and explicit, against the "
-        "rigid answer (the first run compiles the kernels, about half a minute):"
+        "The same tube with two layers, rigid blocks and deformable ones (static, refined until "
+        "the error bars are small; about half a minute):"
     )
     scene = require_deformable(load_scene("tsb1-pipe", REDUCED), "demo")
     found = compare("tsb1-pipe", scene)

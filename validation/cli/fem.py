@@ -1,9 +1,8 @@
-"""The command of deformable blocks: checks, progress, checkpoint and files around a run."""
+"""The finite-element command: input checks, progress, checkpoint and output files."""
 
 from __future__ import annotations
 
 import shlex
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -25,14 +24,14 @@ from validation.errors import InputError
 if TYPE_CHECKING:
     from fem.explicit.solve import ExplicitResult
     from fem.problem.model import BlockGroup
+    from fem.solution import Solution
     from validation.output.outputs import Outputs
-    from validation.run.curved.solve import CurvedRun
     from validation.run.deformable import DeformableRun
-    from validation.run.measures import Measure
     from validation.scene.read import DeformableScene
-    from validation.scene.usage import KeyUse
 
 CHECKPOINT = "checkpoint.npz"
+#: Exit status of an answer whose requested accuracy was not reached.
+NOT_REACHED = 3
 
 
 def fem(
@@ -51,18 +50,25 @@ def fem(
         list[str] | None,
         typer.Option(
             metavar="QUANTITY=3%",
-            help="Find degree, mesh and grading for an error bar of u, p_eff, p_max, p_max_point, "
-            "sigma_1_max or sigma_1_averaged; repeatable.",
+            help="Requested error bar; selects polynomial order, mesh density and mesh bias. "
+            "Quantities: u, p_eff, p_max, p_max_point, sigma_1_max, sigma_1_averaged; repeatable.",
         ),
     ] = None,
     max_seconds: Annotated[
         float | None,
-        typer.Option(metavar="S", min=0.0, help="CPU time that --accuracy may take."),
+        typer.Option(metavar="S", min=0.0, help="CPU time limit of --accuracy [s]."),
     ] = None,
+    static_reference: Annotated[
+        bool,
+        typer.Option(help="Beside an explicit run to the static state, its converged value."),
+    ] = True,
     auto: AutoOption = None,
     keep: KeepOption = None,
 ) -> None:
-    """Deformable blocks: displacements, principal stresses, energies."""
+    """Finite-element analysis of deformable blocks.
+
+    Static or explicit: displacements, principal stresses, contact pressures, energies.
+    """
     from validation.output.deformable.answers import FILES
     from validation.scene.read import DeformableScene, load_scene, with_auto
 
@@ -75,28 +81,37 @@ def fem(
         if not isinstance(file.scene, DeformableScene):
             raise InputError(
                 f"{file.name}: block.type {file.scene.block.type!r} has no hexahedral mesh for "
-                "deformable blocks; `tubelock mbd` gives the rigid answer"
+                "deformable blocks; `tubelock mbd` gives the rigid-body solution"
             )
-        if targets:
-            _answer_accurately(file.name, file.scene, outputs, targets, max_seconds)
-        else:
-            measures = _answer(file.name, file.scene, outputs, resume)
-            if auto is None:
-                _tell_closer([scene, *_options("--set", settings)], file.scene, measures, outputs)
+        missed = _answer(
+            file.name,
+            file.scene,
+            outputs,
+            targets=targets,
+            max_seconds=max_seconds,
+            resume=resume,
+            reference=static_reference,
+        )
+        if missed and not targets:
+            _print_tighter([scene, *_options(settings)], missed, outputs)
         if outputs.folder is not None:
             outputs.path(CHECKPOINT).unlink(missing_ok=True)
+    if targets and missed:
+        raise typer.Exit(NOT_REACHED)
 
 
 def _targets(
     accuracy: list[str] | None, max_seconds: float | None, resume: Path | None
 ) -> dict[str, float]:
-    """Accuracies that are asked, none where none is; what cannot be asked is refused."""
-    from validation.run.curved.accuracy import parse_targets
+    """Requested accuracies, none where there are none; what cannot be requested is rejected."""
+    from validation.run.accuracy import parse_targets
 
     if not accuracy:
         if max_seconds is not None:
             raise InputError("--max-seconds: limits what --accuracy takes; give both or none")
         return {}
+    if max_seconds == 0.0:
+        raise InputError("--max-seconds: got 0, expected a positive CPU time in s")
     if resume is not None:
         raise InputError(f"--resume {resume}: goes on with one mesh; leave out --accuracy")
     return parse_targets(accuracy)
@@ -144,178 +159,121 @@ def _kept(
 
     if outputs.folder is None:
         return {}
-    fem = scene.fem
-    assert fem is not None
     writer = FrameWriter(
         outputs.folder,
         groups,
-        fem.frames,
+        scene.fem.frames,
         finite_rotation=scene.effects.finite_rotation,
         resumed=resumed,
     )
     return {"checkpoint": outputs.path(CHECKPOINT), "on_frame": writer}
 
 
-def _options(name: str, values: list[str] | None) -> list[str]:
-    """A repeated option as it is typed."""
-    return [part for value in values or () for part in (name, value)]
+def _options(settings: list[str] | None) -> list[str]:
+    """The settings as they are typed."""
+    return [part for value in settings or () for part in ("--set", value)]
 
 
-def _tell_closer(
-    given: list[str], scene: DeformableScene, measures: dict[str, Measure], outputs: Outputs
-) -> None:
-    """Name the command that gives narrower error bars, where they are wide and there is one."""
-    from validation.run.curved.accuracy import closer
-
-    asked = closer(scene, measures)
-    if asked is not None:
-        words = shlex.join(["tubelock", "fem", *given, "--accuracy", asked])
-        outputs.console.print(f"{'closer':9} {words}", soft_wrap=True)
+def _print_tighter(given: list[str], missed: list[str], outputs: Outputs) -> None:
+    """Print the command for tighter error bars of what was not reached."""
+    asked = [part for name in missed for part in ("--accuracy", f"{name}=5%")]
+    words = shlex.join(["tubelock", "fem", *given, *asked])
+    outputs.console.print(f"for tighter error bars: {words}", soft_wrap=True)
 
 
 def _answer(
-    name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None
-) -> dict[str, Measure]:
-    """Solve a scene, write what the command promises, and return its measures."""
-    from validation.output.console import status
-    from validation.run.curved.accuracy import refused, run_curved
+    name: str,
+    scene: DeformableScene,
+    outputs: Outputs,
+    *,
+    targets: dict[str, float],
+    max_seconds: float | None,
+    resume: Path | None,
+    reference: bool,
+) -> list[str]:
+    """Solve a scene, print and write its answer; names of the measures that were not reached."""
+    from validation.output.deformable.answers import print_run, write_run_files
+    from validation.run.accuracy import refined
     from validation.scene.usage import recording
-
-    if scene.fem is not None and scene.fem.degree > 1 and refused(scene) is None:
-        refuse_resume(resume)
-        with recording(scene) as use, status(outputs.console, f"{name}: curved elements"):
-            curved = run_curved(name, scene)
-        _write_curved(curved, outputs, use)
-        return curved.measures
-    from validation.run.deformable import run_json
 
     with recording(scene) as use:
-        run, added = _solved(name, scene, outputs, resume)
-        data = run_json(run) | added
-    _write(run, data, outputs, use)
-    return run.measures
-
-
-def _write(run: DeformableRun, data: dict[str, Any], outputs: Outputs, use: KeyUse) -> None:
-    """Print a run and write its files and data."""
-    from validation.output.deformable.answers import print_run, write_run_files
-
-    print_run(run, outputs.console)
-    outputs.tell_unused(use)
+        scene, added = _decided(name, scene, outputs)
+        if refined(name, scene, targets):
+            refuse_resume(resume)
+            run = _converged(name, scene, outputs, targets, max_seconds)
+        else:
+            run, beside = _solved(name, scene, outputs, resume)
+            added |= beside
+            run = _with_errors(run, outputs, reference=reference)
+        data = run.answer.as_dict() | added
     if outputs.folder is not None:
         write_run_files(run, outputs)
-    outputs.write_json(data)
-
-
-def _write_curved(run: CurvedRun, outputs: Outputs, use: KeyUse) -> None:
-    """Print a run with curved elements and write its files and data."""
-    from validation.output.deformable.curved import print_curved, write_curved_files
-    from validation.run.curved.fields import CurvedFields
-    from validation.run.stages import peak_memory_mb
-
-    print_curved(run, outputs.console)
+    print_run(run, outputs.console)
     outputs.tell_unused(use)
-    fields = CurvedFields(run)
-    if outputs.folder is not None:
-        write_curved_files(run, fields, outputs)
-    if outputs.json is None:
-        return
-    joints = {"joints": fields.joints.as_json()}
-    outputs.write_json(run.as_json() | joints | {"peak_memory_mb": peak_memory_mb()})
+    outputs.write_json(data)
+    missed: list[str] = run.refinement.get("accuracy", {}).get("not_reached", [])
+    return missed
 
 
-def _answer_accurately(
+def _decided(
+    name: str, scene: DeformableScene, outputs: Outputs
+) -> tuple[DeformableScene, dict[str, Any]]:
+    """The scene with its effects decided where it leaves that to the program."""
+    if scene.effects.auto is None:
+        return scene, {}
+    from validation.effects.report import decided
+
+    found, decision = decided(scene, name, outputs.console)
+    return found, {"effects_decision": decision.as_json()}
+
+
+def _converged(
     name: str,
     scene: DeformableScene,
     outputs: Outputs,
     targets: dict[str, float],
     max_seconds: float | None,
-) -> None:
-    """Solve from coarse to fine until the error bars are as narrow as asked, or refuse."""
-    from validation.output.console import status
-    from validation.run.curved.accuracy import curved_scene, refused, run_to_accuracy
-    from validation.scene.usage import recording
+) -> DeformableRun:
+    """Solve a scene on finer and finer meshes."""
+    from fem.accuracy.converge import MOST_WORK
+    from validation.output.console import status, told_of_compilation
+    from validation.output.deformable.fields import FrameWriter
+    from validation.run.accuracy import DEFAULT_TARGETS, progress_words
+    from validation.run.solve import run_converged
 
-    if refused(scene) is not None:
-        _answer_by_shares(name, scene, outputs, targets, max_seconds)
-        return
-    with recording(scene) as use, status(outputs.console, name) as tell:
-        tube = curved_scene(name, scene, "--accuracy")
-        run = run_to_accuracy(name, tube, targets, seconds=max_seconds, tell=tell)
-    _write_curved(run, outputs, use)
+    def frames(found: Solution) -> FrameWriter | None:
+        if outputs.folder is None:
+            return None
+        return FrameWriter(
+            outputs.folder,
+            found.deformable.model.groups,
+            scene.fem.frames,
+            finite_rotation=found.finite_rotation,
+        )
 
-
-def _answer_by_shares(
-    name: str,
-    scene: DeformableScene,
-    outputs: Outputs,
-    targets: dict[str, float],
-    max_seconds: float | None,
-) -> None:
-    """Solve shares of the scene's own mesh until the error bars are as narrow as asked.
-
-    Refused where that mesh, or the time, is not enough, or the scene asks for no error bars.
-    """
-    from validation.run.curved.accuracy import FACET_MEANS, share_scenes, unmet, words_of
-    from validation.run.deformable import run_json
-    from validation.scene.usage import recording
-
-    if scene.fem is not None and not scene.fem.error_estimate:
-        raise InputError(f"{name}: --accuracy: needs error bars; remove fem.error_estimate = false")
-    asked = ", ".join(f"{key}={100 * share:g}%" for key, share in targets.items())
-    start, found = time.process_time(), "nothing yet"
-    left_out: set[str] = set()
-    for share, degree, given in share_scenes(scene, targets):
-        with recording(given) as use:
-            try:
-                run, added = _solved(name, given, outputs, None)
-            except InputError as error:
-                if degree == 1 or scene.fem is None or scene.fem.degree == degree:
-                    raise
-                if str(error) not in left_out:
-                    outputs.console.print(f"without elements of degree {degree}: {error}")
-                left_out.add(str(error))
-                continue
-            if degree > 1 and share < 1.0:
-                run = replace(run, left_out=FACET_MEANS)
-            missing = [key for key in targets if key not in run.measures]
-            if missing:
-                raise InputError(f"{name}: --accuracy: this run has no {missing[0]}")
-            data = run_json(run) | added
-        if not unmet(run.measures, targets):
-            _write(run, data, outputs, use)
-            return
-        found, spent = words_of(run.measures, list(targets)), time.process_time() - start
-        elements = f"{run.deformable.model.n_elements} elements of degree {degree}"
-        outputs.console.print(f"{elements}: {found}, {spent:.3g} CPU s so far")
-        if max_seconds is not None and spent > max_seconds:
-            raise InputError(
-                f"{name}: --accuracy {asked}: reached {found} in {spent:.2g} CPU s, more than "
-                f"--max-seconds {max_seconds:g}; ask for that, or allow more"
-            )
-    raise InputError(
-        f"{name}: --accuracy {asked}: [mesh] of the scene reaches {found}; ask for that, or refine "
-        "[mesh]"
-    )
+    with status(outputs.console, f"{name}: first mesh") as tell, told_of_compilation():
+        return run_converged(
+            name,
+            scene,
+            targets or DEFAULT_TARGETS,
+            max_seconds=max_seconds,
+            most_work=None if targets else MOST_WORK,
+            progress=lambda now: tell(f"{name}: {progress_words(now)}"),
+            frames=frames,
+        )
 
 
 def _solved(
     name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None
 ) -> tuple[DeformableRun, dict[str, Any]]:
-    """Decide the effects, build, solve and estimate errors; what is told beside the run."""
+    """Solve on the mesh of the scene; what is reported beside the run."""
     from validation.build.deformable import build_deformable, fem_section
     from validation.output.console import explicit_progress, status, told_of_compilation
-    from validation.run.estimate import estimated_errors
     from validation.run.solve import run_explicit, run_static, scene_statement
     from validation.run.stages import stages, summed
     from validation.scene.deformable import Method
 
     added = {}
-    if scene.effects.auto is not None:
-        from validation.effects.report import decided
-
-        scene, decision = decided(scene, name, outputs.console)
-        added["effects_decision"] = decision.as_json()
     fem = fem_section(scene, name)
     if fem.method is Method.STATIC:
         refuse_resume(resume)
@@ -350,13 +308,37 @@ def _solved(
             )
     if run.explicit is not None:
         check_finished(run.explicit, outputs)
-    run = replace(run, cpu_seconds=summed(run.cpu_seconds, built))
-    if fem.error_estimate:
+    return replace(run, cpu_seconds=summed(run.cpu_seconds, built)), added
+
+
+def _with_errors(run: DeformableRun, outputs: Outputs, *, reference: bool) -> DeformableRun:
+    """Estimate the errors of a run on the mesh of its scene.
+
+    An explicit run to the static state is compared with the converged one if ``reference``.
+    """
+    from validation.output.console import status
+    from validation.run.accuracy import progress_words
+    from validation.run.estimate import estimated_errors
+    from validation.run.reference import static_reference
+    from validation.run.stages import stages, summed
+
+    name, scene, fem = run.name, run.scene, run.scene.fem
+    if reference:
+        with status(outputs.console, f"{name}: converged static state") as tell:
+            found = static_reference(run, lambda now: tell(f"{name}: {progress_words(now)}"))
+        run = replace(run, reference=found)
+        if found is not None and fem.error_estimate and not found.why_not:
+            return replace(run, errors=found.bars(run.measures))
+    if not fem.error_estimate:
+        return run
+    with stages() as watch:
         with status(outputs.console, f"{name}: two coarser meshes, for the errors"):
             run = replace(run, errors=estimated_errors(run))
-    if fem.error_estimate and scene.effects.friction is not None:
-        from validation.run.friction_set import friction_set
+        watch.lap("error bars")
+        if scene.effects.friction is not None:
+            from validation.run.friction_set import friction_set
 
-        with status(outputs.console, f"{name}: how wide the set of answers with friction is"):
-            run = replace(run, friction=friction_set(run))
-    return run, added
+            with status(outputs.console, f"{name}: how wide the set of answers with friction is"):
+                run = replace(run, friction=friction_set(run))
+            watch.lap("range of friction")
+    return replace(run, cpu_seconds=summed(run.cpu_seconds, watch.seconds()))

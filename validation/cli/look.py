@@ -1,4 +1,4 @@
-"""Commands that look at scenes: list them, print one, draw one."""
+"""Commands that list, print and draw scenes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def scenes(
         str | None,
         typer.Argument(
             metavar="[NAME]",
-            help="Print this scene, to copy and change.",
+            help="Print this scene as TOML, as a template.",
             autocompletion=complete_scenes,
         ),
     ] = None,
@@ -29,7 +29,7 @@ def scenes(
 
 
 def schema() -> None:
-    """Print the JSON schema of scenes, with which editors complete and check them."""
+    """Print the JSON schema of scene files, for editors."""
     import json
 
     from validation.scene.schema import scene_schema
@@ -42,22 +42,26 @@ def show(
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", metavar="FILE.png|svg|pdf", help="Picture to write; tube.png."
+            "-o",
+            "--output",
+            metavar="FILE.png|svg|pdf",
+            help="Picture to write; out/SCENE/assembly.png, or block.png.",
         ),
     ] = None,
     settings: SetOption = None,
     *,
     block: Annotated[
-        bool, typer.Option("--block", help="One Sine Block with its measures instead.")
+        bool, typer.Option("--block", help="Draw one Sine Block with its dimensions.")
     ] = False,
 ) -> None:
-    """Draw a scene: blocks, frame, load and supports."""
+    """Draw a scene: blocks, fixed end rings, load and supports."""
     from validation.output.files import picture_file
     from validation.output.outputs import Outputs
     from validation.scene.read import load_scene
 
     file = load_scene(scene, settings or ())
-    picture = picture_file(output, Path("tube.png"), file)
+    name = "block.png" if block else "assembly.png"
+    picture = picture_file(output, Path("out") / file.name / name, file)
     with Outputs(files={"-o": picture}, scene=file) as outputs:
         if block:
             _draw_one_block(file, picture)
@@ -73,15 +77,16 @@ def _draw_scene(file: SceneFile, path: Path) -> None:
     title = f"{file.name}: {file.scene.load_words}"
     if isinstance(file.scene, PolyhedralScene):
         from validation.build.polyhedra import build_polyhedra
-        from validation.output.pictures.polyhedra import draw_blocks
+        from validation.output.pictures.polyhedra import draw_blocks, weight_of
 
-        draw_blocks(build_polyhedra(file.scene, file.folder), path, title=title)
+        blocks = build_polyhedra(file.scene, file.folder)
+        draw_blocks(blocks, path, title=title, weight=weight_of(file.scene))
         return
     from validation.build.blocks import build_scene
     from validation.output.pictures.assemblies import draw_assembly
 
     built = build_scene(file, command="show")
-    draw_assembly(built.assembly, built.load, path, title=title)
+    draw_assembly(built.assembly, built.load, path, title=title, weight=file.scene.weight)
 
 
 def _draw_one_block(file: SceneFile, output: Path) -> None:

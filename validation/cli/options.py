@@ -1,4 +1,4 @@
-"""Options that several commands share, and what every command takes."""
+"""Options that several or all commands share."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SceneArgument = Annotated[
     str,
     typer.Argument(
         metavar="SCENE",
-        help="A built-in scene (see `scenes`) or a TOML file.",
+        help="Built-in scene (see `scenes`) or TOML file.",
         autocompletion=complete_scenes,
     ),
 ]
@@ -30,21 +30,23 @@ SetOption = Annotated[
     typer.Option(
         "--set",
         metavar="SECTION.KEY=VALUE",
-        help="Replace or add a value of the scene; repeatable.",
+        help="Set a value of the scene; repeatable.",
         autocompletion=complete_settings,
     ),
 ]
 #: Where `cost` keeps its measurements unless told.
 COST_STORE = Path("out/cost.sqlite")
 CostStoreOption = Annotated[
-    Path, typer.Option("--store", metavar="FILE.sqlite", help="Measurements of `cost`.")
+    Path,
+    typer.Option("--store", metavar="FILE.sqlite", help="Store of the measurements of `cost`."),
 ]
 AutoOption = Annotated[
     str | None,
     typer.Option(
         "--auto",
         metavar="1%",
-        help="Leave out effects that change p_max, p_eff and displacement by less.",
+        help="Disable effects whose influence on p_max, p_eff and displacement is below this "
+        "tolerance.",
     ),
 ]
 KeepOption = Annotated[
@@ -52,13 +54,15 @@ KeepOption = Annotated[
     typer.Option(
         "--keep",
         metavar="EFFECT",
-        help="Effect that --auto leaves as it is; repeatable.",
+        help="Effect that --auto must not change; repeatable.",
         autocompletion=complete_effects,
     ),
 ]
 JsonOption = Annotated[
     str | None,
-    typer.Option("--json", metavar="FILE|-", help="Write the result as JSON (- : to the screen)."),
+    typer.Option(
+        "--json", metavar="FILE|-", help="Write the result as JSON; - writes to standard output."
+    ),
 ]
 
 
@@ -96,7 +100,7 @@ def print_builtin(kind: str, name: str | None) -> None:
         print(f"{known:{width}} {builtin_about(known, kind)}")
 
 
-QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:

@@ -1,4 +1,4 @@
-"""Commands that reproduce the paper: tables, figures, claims, errata, and all of it as a report."""
+"""Commands that reproduce the paper: tables, figures, claims, errata and a report of all."""
 
 from __future__ import annotations
 
@@ -13,17 +13,20 @@ from validation.errors import InputError
 _DATA = Path("out/paper")
 
 FemOption = Annotated[
-    bool, typer.Option("--fem", help="Compute the deformable blocks too: some minutes.")
+    bool, typer.Option("--fem", help="Also run the finite-element analyses (some minutes).")
 ]
 FullOption = Annotated[
-    bool, typer.Option("--full", help="Fine meshes, in the parameter study as well.")
+    bool, typer.Option("--full", help="Use fine meshes, also in the parameter study.")
 ]
-QuickOption = Annotated[bool, typer.Option("--quick", help="Rigid blocks only: three CPU minutes.")]
+QuickOption = Annotated[
+    bool, typer.Option("--quick", help="Rigid blocks only (three CPU minutes).")
+]
 WorkersOption = Annotated[
-    int | None, typer.Option("--workers", metavar="N", help="Processes; by default one per core.")
+    int | None,
+    typer.Option("--workers", metavar="N", help="Number of processes; by default one per core."),
 ]
 NamesArgument = Annotated[
-    list[str] | None, typer.Argument(metavar="[NAME]...", help="Only these; by default all.")
+    list[str] | None, typer.Argument(metavar="[NAME]...", help="Names to evaluate; by default all.")
 ]
 ReportFolder = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the report.")
@@ -31,7 +34,10 @@ ReportFolder = Annotated[
 
 
 def tables(json: JsonOption = None) -> None:
-    """Every number of the paper's tables beside ours, and which rounds to the printed digits."""
+    """Print the paper's tables with the values of tubelock.
+
+    Marks the values that match to the printed precision.
+    """
     from validation.output.outputs import Outputs
     from validation.paper.tables import compute_tables, print_tables, tables_json
 
@@ -51,7 +57,7 @@ def figures(
     workers: WorkersOption = None,
     json: JsonOption = None,
 ) -> None:
-    """Draw the paper's figures from our own results, and the cost table beside the printed one."""
+    """Draw the paper's figures and its cost table from results of tubelock."""
     from dataclasses import asdict
 
     from validation.output.outputs import Outputs
@@ -77,9 +83,10 @@ def claims(
     workers: WorkersOption = None,
     json: JsonOption = None,
 ) -> None:
-    """Judge the paper's statements: true, false or not decidable, with the number.
+    """Check the paper's statements: true, false or not decidable.
 
-    What was not run is "not computed here".
+    Prints the number behind each verdict. Statements whose analysis was not requested are
+    "not computed here".
     """
     from validation.output.outputs import Outputs
     from validation.paper.claims import judge
@@ -95,7 +102,7 @@ def claims(
 
 
 def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
-    """Show what the paper prints and cannot mean, each with a computation."""
+    """List the errors in the paper, each with a computation."""
     from validation.output.outputs import Outputs
     from validation.paper import errata
     from validation.paper.evidence import Evidence
@@ -116,7 +123,7 @@ def report(
     full: FullOption = False,
     workers: WorkersOption = None,
 ) -> None:
-    """Write one folder with everything: index.html needs no network."""
+    """Write a report of all parts; index.html works offline."""
     if context.invoked_subcommand is not None:
         return  # it stands before every part, and is the whole where none is named
     from validation.output.console import text_console

@@ -1,4 +1,4 @@
-"""Commands of rigid blocks: what holds, and what an outward push of all blocks does."""
+"""Commands of rigid-block analysis: equilibrium and mechanisms, disassembly test."""
 
 from __future__ import annotations
 
@@ -38,15 +38,20 @@ def mbd(
     unlock: Annotated[
         bool,
         typer.Option(
-            "--layers-to-unlock", help="Also find with how many layers a locked tube no longer is."
+            "--layers-to-unlock",
+            help="Also determine the number of layers at which the tube ceases to be locked.",
         ),
     ] = False,
     refine: Annotated[
         bool,
-        typer.Option("--refine", help="Also say what facets of half the length change."),
+        typer.Option("--refine", help="h-refinement check: also solve with half the facet size."),
     ] = False,
 ) -> None:
-    """Rigid blocks: is the tube locked, does it carry the load, with which contact pressures."""
+    """Rigid-block analysis: locked or not, equilibrium, pressures.
+
+    Prints the kinematic classification with its proof, the equilibrium residual and the contact
+    pressures.
+    """
     from validation.run.rigid.changed import (
         frame_warning,
         layers_to_unlock,
@@ -139,11 +144,14 @@ def explode(
             "-o",
             "--output",
             metavar="FILE.png|svg|pdf",
-            help="Strip of pictures; out/SCENE/explosion.png unless --json is given.",
+            help="Pictures of the motion; out/SCENE/explosion.png unless --json is given.",
         ),
     ] = None,
 ) -> None:
-    """Move all blocks of a tube outward at once, frame released: does it explode, and how far."""
+    """Disassembly test: all blocks move outward, rings released.
+
+    Prints how far the blocks of a tube can move radially before they overlap.
+    """
     from validation.output.files import picture_file
     from validation.output.outputs import Outputs
     from validation.output.rigid.assembly import print_explosion
@@ -161,7 +169,7 @@ def explode(
         print_explosion(run, outputs.console)
         outputs.tell_unused(use)
         if picture is not None:
-            from validation.output.pictures.explosion import draw_explosion
+            from validation.output.pictures.polyhedra import draw_explosion
 
             draw_explosion(run, picture)
             outputs.say("picture", picture)

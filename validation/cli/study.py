@@ -1,7 +1,8 @@
-"""Commands of parameter studies: list them, print one, compute one."""
+"""Commands that list, print and run parameter studies."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +18,7 @@ def studies(
         str | None,
         typer.Argument(
             metavar="[NAME]",
-            help="Print this study, to copy and change.",
+            help="Print this study as TOML, as a template.",
             autocompletion=complete_studies,
         ),
     ] = None,
@@ -31,7 +32,7 @@ def sweep(
         str,
         typer.Argument(
             metavar="STUDY",
-            help="A built-in study (see `studies`) or TOML file.",
+            help="Built-in study (see `studies`) or TOML file.",
             autocompletion=complete_studies,
         ),
     ],
@@ -40,14 +41,17 @@ def sweep(
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", metavar="FILE.sqlite", help="Results; by default out/STUDY.sqlite."
+            "-o",
+            "--output",
+            metavar="FILE.sqlite",
+            help="Store of the results; by default out/STUDY.sqlite.",
         ),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Processes; by default one per core.")
+        int | None, typer.Option(metavar="N", help="Number of processes; by default one per core.")
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Run on this Dask cluster instead.")
+        str | None, typer.Option(metavar="ADDRESS", help="Run on this Dask cluster.")
     ] = None,
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="FILE", help="Export all rows as CSV.")
@@ -55,34 +59,47 @@ def sweep(
     parquet: Annotated[
         Path | None, typer.Option("--parquet", metavar="FILE", help="Export all rows as Parquet.")
     ] = None,
+    plot: Annotated[
+        tuple[str, str] | None,
+        typer.Option(
+            "--plot",
+            metavar="X Y",
+            help="Parameter and measure of the picture; by default the first ones.",
+        ),
+    ] = None,
     retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Compute failed designs again.")
+        bool, typer.Option("--retry-failed", help="Recompute failed designs.")
     ] = False,
     older: Annotated[
         str | None,
         typer.Option(
             "--older",
             metavar="keep|renew",
-            help="Rows of another version of tubelock: they count as done, or are computed again.",
+            help="Rows computed by another version of tubelock: keep or recompute.",
         ),
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Compute a parameter study; a run that was stopped goes on where it was."""
+    """Run a parameter study, or resume an interrupted one."""
     import logging
     import time
 
     from validation.output.outputs import Outputs
     from validation.study import report
     from validation.study import run as runs
+    from validation.study.design import refuse_idle_parameters
+    from validation.study.picture import check_axes
     from validation.study.store import Older, ResultFile, require_parquet
-    from validation.study.study import load_study, refuse_idle_parameters
+    from validation.study.study import load_study
 
     stated = load_study(study, settings or ())
     path = Path("out") / f"{stated.name}.sqlite" if output is None else output
     if older is not None and older not in set(Older):
         raise InputError(f"--older {older}: expected one of {', '.join(Older)}")
-    files = {"--csv": csv, "--parquet": parquet}
+    if plot is not None:
+        check_axes(stated, *plot)
+    picture = _picture(path, asked=plot is not None)
+    files = {"--csv": csv, "--parquet": parquet, "--plot": picture}
     with Outputs(json, files=files, stores={"-o": path}, reads=stated.reads) as outputs:
         if parquet is not None:
             require_parquet()
@@ -103,6 +120,9 @@ def sweep(
             ):
                 tally = runs.sweep(results, runner, retry_failed=retry_failed, on_row=show)
             summary = report.summary(results, tally, time.perf_counter() - start)
+            report.print_table(results, outputs.console)
+            if picture is not None:
+                report.draw(results, plot, picture, outputs)
             report.print_summary(results, summary, outputs.console)
             report.export(results, csv, parquet, outputs)
             if json is not None:
@@ -115,15 +135,25 @@ def sweep(
                 )
 
 
+def _picture(store: Path, *, asked: bool) -> Path | None:
+    """Place of the picture, beside the store; none where nothing can be written and none is asked.
+
+    Results on a disk that cannot be written are read.
+    """
+    read_only = store.exists() and not os.access(store.parent, os.W_OK)
+    return None if read_only and not asked else store.with_suffix(".png")
+
+
 def rescue(
-    damaged: Annotated[
-        Path, typer.Argument(metavar="FILE.sqlite", help="A damaged file of results.")
-    ],
+    damaged: Annotated[Path, typer.Argument(metavar="FILE.sqlite", help="Damaged results file.")],
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="NEW.sqlite", help="File to make.")
+        Path, typer.Option("-o", "--output", metavar="NEW.sqlite", help="Results file to write.")
     ],
 ) -> None:
-    """Copy the results that are whole in a damaged file into a new one, which goes on."""
+    """Recover the intact results of a damaged results file.
+
+    `sweep` can continue with the new file.
+    """
     from validation.output.outputs import Outputs
     from validation.output.store import rescue as copy_whole_rows
 

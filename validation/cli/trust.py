@@ -1,4 +1,4 @@
-"""Commands that say how far answers can be believed: hard cases, effects, the periodic cell."""
+"""Commands of verification: robustness cases, effects, the periodic cell."""
 
 from __future__ import annotations
 
@@ -20,14 +20,17 @@ def stability(
     *,
     only: Annotated[
         list[str] | None,
-        typer.Option("--only", metavar="NAME", help="Run this case or subject; repeatable."),
+        typer.Option("--only", metavar="NAME", help="Case or subject to run; repeatable."),
     ] = None,
     listed: Annotated[
-        bool, typer.Option("--list", help="List the cases and their laws; run nothing.")
+        bool, typer.Option("--list", help="List the cases and their laws without running them.")
     ] = False,
     json: JsonOption = None,
 ) -> None:
-    """Run the hard cases: each with its law, the numbers that prove it, and a verdict."""
+    """Run the numerical robustness suite (not a buckling analysis).
+
+    Each case has a law, the numbers that verify it, and a verdict.
+    """
     from validation.output.outputs import Outputs
     from validation.stability import report
     from validation.stability.suite import chosen
@@ -51,23 +54,19 @@ def effects(
     settings: SetOption = None,
     tolerance: Annotated[
         str | None,
-        typer.Option(metavar="1%", help="Change beyond which an effect matters; 1% by default."),
-    ] = None,
-    proof: Annotated[
-        bool,
         typer.Option(
-            "--proof", help="Also build the loop without effects: bits and instructions, 35 CPU s."
+            metavar="1%", help="Change above which an effect is significant; by default 1%."
         ),
-    ] = False,
+    ] = None,
     json: JsonOption = None,
     output: Annotated[Path | None, folder_option("the figure", "out/SCENE")] = None,
 ) -> None:
-    """Measure what each effect changes in the answer of a tube, and what it costs."""
-    from dataclasses import asdict
+    """Measure the influence and the cost of each effect.
 
+    Adds one effect at a time to the reference run of a tube.
+    """
     from validation.effects import report
-    from validation.effects.costs import effect_costs, ready, undamped
-    from validation.effects.proof import prove_absent
+    from validation.effects.costs import effect_costs
     from validation.scene.read import load_scene, require_deformable
 
     file = load_scene(scene, settings or ())
@@ -82,16 +81,14 @@ def effects(
         )
         console.print(report.effects_table(found, bound))
         outputs.write("picture", report.PICTURE, lambda path: report.draw_effects(found, path))
-        data = report.effects_json(found, bound)
-        if proof:
-            proven = prove_absent(ready(undamped(checked), file.name)[0])
-            console.print(report.proof_table(proven))
-            data["proof"] = asdict(proven) | {"holds": proven.holds}
-        outputs.write_json(data)
+        outputs.write_json(report.effects_json(found, bound))
 
 
 def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption = None) -> None:
-    """Measure the error of the two-layer periodic cell against the whole tube."""
+    """Measure the error of the two-layer periodic unit cell.
+
+    The reference is the full tube.
+    """
     from validation.build.deformable import fem_section
     from validation.effects.cell import cell_error, cell_table
     from validation.output.console import status

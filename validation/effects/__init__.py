@@ -1,1 +1,1 @@
-"""Which effects matter, what each costs, and proof that what is off is absent."""
+"""Which effects matter, what each costs, and that what is off is absent."""

@@ -16,6 +16,7 @@ from typing import Any
 
 from rich.table import Table
 
+from fem.solution import largest_slip
 from fem.static.linear_step.condensed import FlexibilityStore
 from geometry.errors import RefusedError
 from validation.build.deformable import build_deformable, fem_section
@@ -33,7 +34,6 @@ from validation.effects.probe import (
 )
 from validation.errors import InputError
 from validation.output.console import listing
-from validation.run.measures import largest_slip
 from validation.scene.deformable import AutoSection, Damping, EffectName, Method
 from validation.scene.family import AssemblyScene
 from validation.scene.read import DeformableScene
@@ -102,7 +102,7 @@ class EffectsDecision:
 def has_effect(scene: DeformableScene, effect: EffectName) -> bool:
     """Whether a scene has an effect."""
     if effect in _GAPS:
-        return scene.contact is not None and getattr(scene.contact, effect) > 0.0
+        return bool(getattr(scene.contact, effect) > 0.0)
     return bool(getattr(scene.effects, effect))
 
 
@@ -134,7 +134,7 @@ def candidates(scene: DeformableScene, name: str, auto: AutoSection) -> tuple[Ef
                     "expected its value beside it, or another list"
                 )
         return auto.decide
-    explicit = scene.fem is not None and scene.fem.method is Method.EXPLICIT
+    explicit = scene.fem.method is Method.EXPLICIT
     found = []
     for effect in EffectName:
         if effect in auto.keep:
@@ -304,7 +304,6 @@ class _Probe:
     def _damping(self, effect: EffectName) -> Decision:
         """Decide about a viscous force: it is zero at rest, so no static state has it."""
         fem, at_rest = self._whole.fem, Change(0.0, 0.0, 0.0)
-        assert fem is not None
         if fem.method is Method.STATIC:
             return self._decision(effect, at_rest, "zero at rest: a static run")
         if fem.damping is Damping.STATIC:

@@ -84,7 +84,7 @@ def offered_cell(scene: DeformableScene, name: str) -> CellError | None:
     """
     tube = _static(scene, "auto")
     cell = tube.changed({"effects.elastic_frame": False})
-    if scene.fem is None or scene.fem.symmetry != "auto":
+    if scene.fem.symmetry != "auto":
         return None
     try:
         check_cell(cell, name)

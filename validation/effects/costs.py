@@ -15,13 +15,14 @@ from typing import Any
 
 import numpy as np
 
+from fem.decks.problem import PAPER_RAYLEIGH
 from fem.explicit.output.checkpoint import state_arrays
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import State
 from fem.explicit.step import System, step
 from fem.problem.time_step import critical_time_step
 from validation.build.cell import refuse_cell
-from validation.build.deformable import PAPER_RAYLEIGH, build_deformable, fem_section
+from validation.build.deformable import build_deformable, fem_section
 from validation.effects.probe import Answer, Change, answer_of, change
 from validation.errors import InputError
 from validation.run.solve import run_explicit, scene_statement
@@ -104,11 +105,6 @@ def bare(scene: DeformableScene) -> DeformableScene:
     return scene.changed({"fem": still, "contact": closed, "effects": EffectsSection()})
 
 
-def undamped(scene: DeformableScene) -> DeformableScene:
-    """Return the scene without any effect, adaptive damping included."""
-    return bare(scene).changed({"fem.damping": None})
-
-
 def effects_of(scene: DeformableScene, mass_damping: float) -> tuple[Effect, ...]:
     """Every effect with the scene's own value, or a usual one where the scene has none."""
     own = scene.effects
@@ -117,7 +113,7 @@ def effects_of(scene: DeformableScene, mass_damping: float) -> tuple[Effect, ...
     viscosity = own.bulk_viscosity or BulkViscositySection()
     friction = own.friction or FrictionSection(coefficient=FRICTION)
     gravity = own.gravity or GRAVITY
-    clearance = (scene.contact.clearance if scene.contact else 0.0) or CLEARANCE
+    clearance = scene.contact.clearance or CLEARANCE
     return (
         Effect("friction", f"μ = {friction.coefficient:g}", {"effects.friction": friction}),
         Effect(
@@ -208,7 +204,7 @@ def effect_costs(
 ) -> EffectReport:
     """Measure every effect of a deformable tube, and tell what is measured next.
 
-    Without ``answers``, no runs to the static state are made: costs and proofs alone.
+    Without ``answers``, no runs to the static state are made: costs alone.
 
     Raises
     ------
@@ -254,7 +250,6 @@ def _measure(base: _Base, say: Callable[[str], None]) -> Iterator[EffectCost]:
     for effect in effects_of(base.scene, 4.0 * np.pi * base.frequency):
         say(effect.name)
         scene = base.scene.changed(effect.changes)
-        assert scene.fem is not None
         times = {"ramp_time": base.ramp_time}
         if scene.fem.damping is None:
             times["end_time"] = base.ramp_time + _PERIODS / base.frequency

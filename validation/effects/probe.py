@@ -58,7 +58,7 @@ class Change(Answer):
 
 def answer_of(run: DeformableRun) -> Answer:
     """Quantities of a run."""
-    return Answer(run.contact.p_max_face, run.contact.p_eff, run.largest_displacement)
+    return Answer(run.contact.p_max, run.contact.p_eff, run.largest_displacement)
 
 
 def change(before: Answer, after: Answer) -> Change:
@@ -85,7 +85,7 @@ class Solved:
     def answer(self) -> Answer:
         """The quantities."""
         found = contact_measures(self.deformable.assembly, self.result.contact_state)
-        return Answer(found.p_max_face, found.p_eff, self.result.max_displacement)
+        return Answer(found.p_max, found.p_eff, self.result.max_displacement)
 
 
 def solve_probe(scene: DeformableScene, name: str, store: FlexibilityStore | None = None) -> Solved:
@@ -98,7 +98,6 @@ def solve_probe(scene: DeformableScene, name: str, store: FlexibilityStore | Non
     """
     start = time.process_time()
     deformable = build_deformable(without_motion(scene), name)
-    assert scene.fem is not None
     result = _static_state(deformable, name, whole=scene.fem.symmetry == "none", store=store)
     return Solved(deformable, result, time.process_time() - start)
 

@@ -15,7 +15,6 @@ from validation.effects.auto import EffectsDecision, decide_effects, decision_ta
 from validation.effects.cell import offer_words, offered_cell
 from validation.effects.costs import EffectCost, EffectReport
 from validation.effects.probe import Change
-from validation.effects.proof import BareProof
 from validation.errors import InputError
 from validation.output.console import listing, status
 from validation.scene.deformable import parse_share
@@ -47,18 +46,6 @@ def decided(
     return scene, decision
 
 
-def proof_table(found: BareProof) -> Table:
-    """Return one row for each kernel of the loop."""
-    bits = "the same bits" if found.same_bits else "NOT the same bits"
-    title = "the loop with all effects off, beside one built without them: "
-    heads = ("kernel", "instructions, off", "instructions, built without", "")
-    table = listing(f"{title}{bits} after {found.steps} steps", *heads)
-    for count in found.kernels:
-        verdict = "the same" if count.same else "NOT the same"
-        table.add_row(count.kernel, str(count.off), str(count.without), verdict)
-    return table
-
-
 def bound(scene: DeformableScene, tolerance: str | None) -> float:
     """Change beyond which an effect matters: as asked, as ``effects.auto`` says, or 1 %.
 
@@ -83,7 +70,7 @@ def _percents(found: Change | None) -> Iterable[str]:
     return ("0" if abs(value) < 5e-6 else f"{100 * value:+.3g} %" for value in found.values)
 
 
-def _proof(cost: EffectCost) -> str:
+def _absent(cost: EffectCost) -> str:
     if cost.off_compiles or not cost.same_bits:
         return f"NOT ABSENT: {cost.off_compiles} forms, same bits {cost.same_bits}"
     return f"yes ({cost.new_forms})"
@@ -115,7 +102,7 @@ def effects_table(report: EffectReport, tolerance: float = TOLERANCE) -> Table:
             *_percents(cost.change),
             {True: "yes", False: "no", None: "–"}[cost.matters(tolerance)],
             *(f"× {v:.2f}" for v in (cost.step, cost.memory, cost.time_step)),
-            _proof(cost),
+            _absent(cost),
         )
     return table
 

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
@@ -16,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from geometry.compilation import compiling
-from validation.output.files import prepare_json, prepare_picture
+from validation.output.files import prepare_json
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Progress as Sample
@@ -61,10 +60,8 @@ def _console(*, stderr: bool) -> Console:
     return console if console.is_terminal else make(_WIDTH)
 
 
-def measuring(
-    about: str | None, width: int, *, picture: str | None = None, **flags: str
-) -> tuple[argparse.Namespace, Console]:
-    """What a program that measures is asked, and its console: ``--json FILE|-``, a picture, flags.
+def measuring(about: str | None, width: int, **flags: str) -> tuple[argparse.Namespace, Console]:
+    """What a program that measures is asked, and its console: ``--json FILE|-`` and flags.
 
     Raises
     ------
@@ -75,12 +72,8 @@ def measuring(
     parser.add_argument("--json", metavar="FILE|-")
     for flag, words in flags.items():
         parser.add_argument(f"--{flag}", action="store_true", help=words)
-    if picture is not None:
-        parser.add_argument("-o", "--output", type=Path, metavar="FILE.png", help=picture)
     asked = parser.parse_args()
     prepare_json(asked.json)
-    if picture is not None and asked.output is not None:
-        prepare_picture(asked.output)
     return asked, Console(stderr=asked.json == "-", width=width, markup=False)
 
 
@@ -144,7 +137,7 @@ def told_of_compilation() -> Iterator[None]:
     def tell() -> None:
         if not _TOLD.get():
             _TOLD.set(True)
-            console.print("compiling the loops of this kind of run: half a minute, once")
+            console.print("compiling the loops of this kind of run, once")
 
     with compiling(tell):
         yield
@@ -153,7 +146,8 @@ def told_of_compilation() -> Iterator[None]:
 def duration_words(seconds: float) -> str:
     """A time in the largest unit of which there are at least two: ``5.6 h``."""
     size, unit = next(((s, u) for s, u in _UNITS if seconds >= 2.0 * s), (1.0, "s"))
-    return f"{seconds / size:.2g} {unit}"
+    number = seconds / size
+    return f"{number:.0f} {unit}" if number >= 10.0 else f"{number:.2g} {unit}"
 
 
 class Forecast:
@@ -205,7 +199,7 @@ def explicit_progress() -> Iterator[Callable[[Sample], None]]:
             left = forecast.left(sample.step, sample.n_steps)
             if left is not None:
                 console.print(
-                    f"long: about {left} for {sample.n_steps:.3g} steps, unless the run settles "
+                    f"long: at most {left} for {sample.n_steps:.3g} steps; a run that settles ends "
                     "before; Ctrl-C ends it; fem.end_time, fem.time_step, fem.mass_scaling or "
                     'fem.method = "static" make it shorter'
                 )

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import os
+import secrets
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
@@ -29,6 +31,9 @@ def prepare_folder(folder: Path) -> Path:
     InputError
         When it cannot.
     """
+    taken = next((f for f in (folder, *folder.parents) if f.is_file()), None)
+    if taken is not None:
+        raise InputError(f"{taken}: is a file; expected a folder, or a name that is free")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -88,12 +93,6 @@ def require_picture(path: Path) -> None:
         )
 
 
-def prepare_picture(path: Path) -> Path:
-    """`require_picture`, and `prepare_file`."""
-    require_picture(path)
-    return prepare_file(path)
-
-
 def picture_file(given: Path | None, default: Path, scene: SceneFile) -> Path:
     """Where the picture of a scene goes: by default with the ending that the scene asks for.
 
@@ -115,8 +114,13 @@ def picture_file(given: Path | None, default: Path, scene: SceneFile) -> Path:
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` fill a temporary sibling with the same suffix, then rename it to ``path``."""
-    partial = path.with_name(f".partial-{path.name}")
+    """Let ``write`` fill a temporary sibling with the same suffix, then rename it to ``path``.
+
+    Its name is new and nobody can foresee it: calls that write the same file at once each publish a
+    whole one, and no link that lies there leads elsewhere.
+    """
+    partial = path.with_name(f".partial-{secrets.token_hex(8)}{path.suffix}")
+    os.close(os.open(partial, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     try:
         write(partial)
         os.replace(partial, path)
@@ -142,11 +146,23 @@ def prepare_json(target: str | None) -> None:
         prepare_file(Path(target))
 
 
+def _finite(data: Any) -> Any:
+    """Return the same data with None in place of numbers that are not finite."""
+    if isinstance(data, dict):
+        return {key: _finite(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_finite(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
+
+
 def write_json(target: str | None, data: Any) -> None:
-    """Write data as JSON, numbers in full precision, to a file or to standard output (``-``)."""
+    """Write data as JSON, numbers in full precision, to a file or to standard output (``-``).
+
+    JSON has no infinity: a quantity that is none, or has no value, is null.
+    """
     if target is None:
         return
-    text = json.dumps(data, indent=2, allow_nan=False) + "\n"
+    text = json.dumps(_finite(data), indent=2, allow_nan=False) + "\n"
     if target == "-":
         sys.stdout.write(text)
         sys.stdout.flush()

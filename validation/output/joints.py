@@ -26,19 +26,20 @@ def write_joints(joints: JointResultants, outputs: Outputs) -> None:
 
 def _write_table(joints: JointResultants, path: Path) -> None:
     """One row a joint; forces and moments act on block s, moments about the centroid."""
+    name = joints.name
     columns = {
         "block_m": joints.block_m,
         "block_s": joints.block_s,
         "area_mm2": joints.areas,
         **_components("centroid", joints.centroids, "mm"),
         **_components("normal", joints.normals, ""),
-        **_components("force", joints.forces, "N"),
-        **_components("moment", joints.moments, "Nmm"),
-        "normal_force_N": joints.normal_force,
-        "shear_force_N": joints.shear_force,
-        "bending_moment_Nmm": joints.bending_moment,
-        "twisting_moment_Nmm": joints.twisting_moment,
-        **_components("thrust_point", joints.points, "mm"),
+        **_components(name("force"), joints.forces, "N"),
+        **_components(name("moment"), joints.moments, "Nmm"),
+        f"{name('normal_force')}_N": joints.normal_force,
+        f"{name('shear_force')}_N": joints.shear_force,
+        f"{name('bending_moment')}_Nmm": joints.bending_moment,
+        f"{name('twisting_moment')}_Nmm": joints.twisting_moment,
+        **_components(name("thrust_point"), joints.points, "mm"),
     }
 
     write_csv(path, columns, zip(*(values.tolist() for values in columns.values()), strict=True))
@@ -55,13 +56,13 @@ def _write_points(joints: JointResultants, path: Path) -> None:
         path,
         joints.centroids,
         {
-            "force": joints.forces,
-            "moment": joints.moments,
+            joints.name("force"): joints.forces,
+            joints.name("moment"): joints.moments,
             "normal": joints.normals,
-            "normal_force": joints.normal_force,
-            "shear_force": joints.shear_force,
-            "bending_moment": joints.bending_moment,
-            "eccentricity": joints.eccentricity,
+            joints.name("normal_force"): joints.normal_force,
+            joints.name("shear_force"): joints.shear_force,
+            joints.name("bending_moment"): joints.bending_moment,
+            joints.name("eccentricity"): joints.eccentricity,
             "area": joints.areas,
             "block_m": joints.block_m.astype(np.int32),
             "block_s": joints.block_s.astype(np.int32),

@@ -48,6 +48,7 @@ class Outputs:
     scene: SceneFile | None = None
     """Scene that the call is about; what is written names it."""
     _unused: tuple[str, ...] | None = field(default=None, repr=False)
+    _defaults: dict[str, str] = field(default_factory=dict, repr=False)
     _open: ExitStack = field(default_factory=ExitStack, repr=False)
 
     @cached_property
@@ -147,7 +148,7 @@ class Outputs:
         if self.scene is None:
             return Look()
         asked = self.scene.scene.pictures
-        return Look(asked.width, asked.font, asked.font_size)
+        return Look(asked.width, asked.font, asked.font_size, asked.footer, asked.labels)
 
     def _as_drawn(self, name: str) -> str:
         """Name of a file in the folder, a picture's with the ending that the scene asks for."""
@@ -177,7 +178,11 @@ class Outputs:
             self.say(words, path)
 
     def tell_unused(self, use: KeyUse) -> None:
-        """Name the keys of the scene on which the answer does not depend, here and in the data."""
+        """Name the defaults on which the answer depends and the keys on which it does not."""
+        self._defaults = use.defaults
+        if self._defaults:
+            words = ", ".join(f"{name} {value}" for name, value in self._defaults.items())
+            self.console.print(f"{'defaults':9} {words}")
         if self.scene is not None and self._draws:
             use.count(self.scene.scene.pictures)
         self._unused = use.unused
@@ -187,7 +192,8 @@ class Outputs:
     def write_json(self, data: Any) -> None:
         """Write the data where ``--json`` says, with the version of its keys and its origin."""
         if self.json is not None:
-            write_json(self.json, stamped(data, self.origin, self._unused))
+            data = stamped(data, self.origin, self._unused)
+            write_json(self.json, data | ({"defaults": self._defaults} if self._defaults else {}))
 
 
 def _same(a: Path, b: Path) -> bool:

@@ -13,7 +13,7 @@ import json
 import math
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -154,17 +154,18 @@ class Store:
             with self._transaction():
                 # Another process may have made them since.
                 if not self._tables():
-                    about = {"kind": self.layout.kind, **self.layout.about}
-                    make_tables(self._connection, self.layout.table, json.dumps(about))
+                    self._make_tables()
         self._check_format()
         self._check_whole()
         self._check_layout()
 
+    def _make_tables(self) -> None:
+        about = {"kind": self.layout.kind, **self.layout.about}
+        make_tables(self._connection, self.layout.table, json.dumps(about))
+
     def _check_format(self) -> None:
         ours = self._connection.execute("PRAGMA application_id").fetchone()[0] == APPLICATION
         found = self._connection.execute("PRAGMA user_version").fetchone()[0]
-        if not ours and ("study",) in self._tables():
-            found, ours = 1, True
         if not ours:
             raise InputError(
                 f"{self.path}: is an SQLite file, but not a file of results; choose another name"
@@ -198,7 +199,7 @@ class Store:
         )
 
     def _check_layout(self) -> None:
-        about = json.loads(self._connection.execute("SELECT content FROM about").fetchone()[0])
+        about = self.about()
         if about.get("kind") != self.layout.kind:
             raise InputError(
                 f"{self.path}: holds results of another kind ({about.get('kind')}; this is "
@@ -212,6 +213,12 @@ class Store:
                 "that wrote it"
             )
 
+    def about(self) -> dict[str, str]:
+        """Read what the file belongs to."""
+        statement = "SELECT content FROM about"
+        found: dict[str, str] = json.loads(self._connection.execute(statement).fetchone()[0])
+        return found
+
     def _check_about(self, about: Mapping[str, str]) -> None:
         """Refuse a file that belongs to something else; nothing by default."""
 
@@ -223,6 +230,8 @@ class Store:
         """Say what is true of the file when SQLite gives up."""
         try:
             yield
+        except UnicodeDecodeError as error:  # a byte of a column's name
+            raise self._damaged(f"a name in it is no text: {error}") from None
         except sqlite3.DatabaseError as error:
             if error.sqlite_errorcode & 0xFF not in _PASSING:
                 raise self._damaged(str(error)) from None
@@ -281,17 +290,37 @@ class Store:
         InputError
             When the disk is full or the file cannot be written; earlier rows stay.
         """
-        proven = {"program": program(), "key": key}
+        with self._clear_errors():
+            self._insert({**values, "program": program(), "key": key})
+
+    def _insert(self, values: Mapping[str, Any]) -> None:
         row = [
-            _stored({**values, **proven}.get(name), kind)
+            _stored(values.get(name), kind)
             for name, kind in self.columns.items()
             if name != "digest"
         ]
         marks = ", ".join("?" * len(self.columns))
-        with self._clear_errors():
-            self._connection.execute(
-                f"INSERT OR REPLACE INTO rows VALUES ({marks})", [*row, row_digest(row)]
-            )
+        self._connection.execute(
+            f"INSERT OR REPLACE INTO rows VALUES ({marks})", [*row, row_digest(row)]
+        )
+
+    def renew(self, change: Callable[[dict[str, Any]], Mapping[str, Any]]) -> None:
+        """Make the tables anew for this layout, each row changed: all of it is done, or nothing.
+
+        Raises
+        ------
+        InputError
+            When the disk is full or the file cannot be written; it stays as it was.
+        """
+        with self._clear_errors(), self._transaction():
+            cursor = self._connection.execute("SELECT * FROM rows")
+            names = [column[0] for column in cursor.description]
+            rows = [dict(zip(names, values, strict=True)) for values in cursor.fetchall()]
+            self._connection.execute("DROP TABLE rows")
+            self._connection.execute("DROP TABLE about")
+            self._make_tables()
+            for row in rows:
+                self._insert(change(row))
 
     def get(self, key: str) -> dict[str, Any] | None:
         """Return the row that this program wrote under a key; None where there is none."""
@@ -311,10 +340,11 @@ class Store:
         statement = "SELECT program, count(*) FROM rows WHERE program != :program GROUP BY program"
         return dict(self.ask(statement))
 
-    def batches(self, order: str) -> Iterator[list[tuple[Any, ...]]]:
-        """All rows as tuples in the order of `columns`, by a column, some at a time."""
+    def batches(self, order: str, columns: Iterable[str]) -> Iterator[list[tuple[Any, ...]]]:
+        """Some columns of all rows as tuples, in the order of one column, some rows at a time."""
+        shown = ", ".join(quoted(name) for name in columns)
         with self._clear_errors():
-            cursor = self._connection.execute(f"SELECT * FROM rows ORDER BY {quoted(order)}")
+            cursor = self._connection.execute(f"SELECT {shown} FROM rows ORDER BY {quoted(order)}")
             while batch := cursor.fetchmany(_BATCH):
                 yield batch
 
@@ -411,7 +441,7 @@ def rescue(path: Path, new: Path) -> tuple[int, int]:
         size = path.stat().st_size
         write_whole(new, lambda made: counts.append(_copy_rows(old, size, made, table, about)))
         return counts[0]
-    except (sqlite3.DatabaseError, LookupError) as error:
+    except (sqlite3.DatabaseError, UnicodeDecodeError, LookupError) as error:
         raise InputError(
             f"{path}: nothing can be rescued: what its rows mean is damaged too ({error})"
         ) from None
@@ -459,7 +489,7 @@ def _readable(old: sqlite3.Connection, table: str, last: int) -> Iterator[tuple[
     for number in range(1, last + 1):
         try:
             row = old.execute(f"SELECT * FROM {table} WHERE rowid = ?", (number,)).fetchone()
-        except sqlite3.DatabaseError:
+        except (sqlite3.DatabaseError, UnicodeDecodeError):
             yield None
             continue
         if row is not None:

@@ -75,7 +75,7 @@ def draw_layer_comparison(evidence: Evidence, path: Path) -> None:
             largest = float(values.max())
             title = f"{block} {case}, {side}, {words}\nlargest {largest:.3g} MPa"
             plot = partial(_draw_facets, corners=corners, values=values / largest, scale=scale)
-            columns[2 * (number % 2) + offset].append(Panel(title, plot=plot, bare=True))
+            columns[2 * (number % 2) + offset].append(Panel(title, plot=plot))
     title = "Contact pressures on the top and bottom faces of layer 7, seen along the axis"
     gallery(columns, title, path, height=16.0, scale=scale)
 
@@ -145,16 +145,16 @@ def _draw_outer(
                 x + turn * circle,
                 z,
                 values,
-                cmap=scale.colours,
+                cmap=scale.map,
                 vmin=scale.low,
                 vmax=scale.high,
                 shading="gouraud",
                 rasterized=True,
             )
     axes.set_xlim(0, circle)
-    axes.set_xlabel("arc length [mm]", fontsize=9)
-    axes.set_ylabel("z [mm]", fontsize=9)
-    axes.tick_params(labelsize=8)
+    axes.set_xlabel("arc length [mm]", fontsize="small")
+    axes.set_ylabel("z [mm]", fontsize="small")
+    axes.tick_params(labelsize="small")
 
 
 # ---------------------------------------------------------------------------------------------
@@ -169,7 +169,7 @@ def draw_displacements(evidence: Evidence, path: Path) -> None:
         blocks = run.deformable.deformable_blocks.tolist()
         scale = scale_from_zero("|u| [mm]", MOTION_MAP, [size(block) for block in blocks])
         view = blocks_view(run, size, scale, all_faces(run), EYE, factor=run.drawing_scale)
-        words = f"{BLOCKS[row]} {CASES[column]}\ndrawn × {run.drawing_scale:g}"
+        words = f"{BLOCKS[row]} {CASES[column]}\ndeformed, scale factor {run.drawing_scale:g}"
         columns[column].append(Panel(words, view, scale=scale))
     title = "Displacements at 0.01 MPa, static state, no initial gaps"
     gallery(columns, title, path, height=14.5)

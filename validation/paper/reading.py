@@ -15,7 +15,7 @@ import numpy as np
 
 from geometry.loads import LoadCase, PressureLoad, TractionLoad, surface_means
 from geometry.measures import Measures
-from mbd import analyse
+from mbd import rigid_result
 from validation.paper.reference import reference
 from validation.run.rigid.answer import RigidRun
 
@@ -137,7 +137,7 @@ def _with_load(change: Callable[[RigidRun], LoadCase], only: str) -> Without:
         if case != only:
             return None
         run = solve_row(solve, block, case)
-        return as_read(analyse(run.assembly, change(run), norm=run.scene.rigid.norm).measures)
+        return as_read(rigid_result(run.assembly, change(run), norm=run.scene.rigid.norm).measures)
 
     return without
 

@@ -193,7 +193,7 @@ def _pressure_view(run: RigidRun, title: str, name: str) -> View3d:
 
 def _stress_view(run: DeformableRun) -> View3d:
     """All faces of the middle layers' blocks, coloured by σ₁, moved by exaggerated displacement."""
-    assembly, scale = run.deformable.assembly, replace(stress_scale(run, 0), label="MPa")
+    assembly, scale = run.deformable.assembly, replace(stress_scale(run), label="MPa")
     shown = np.flatnonzero(np.isin(assembly.layer, _SHOWN)).tolist()
     surface = coloured_blocks(
         assembly,

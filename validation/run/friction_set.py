@@ -15,26 +15,18 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
+from fem.measures import load_step_change
 from fem.static.linear_step.condensed import FlexibilityStore
 from geometry.errors import RefusedError
 from validation.run.deformable import DeformableRun
+from validation.run.friction_path import PAST_AND_BACK, seeks_static_state, straight_up
 from validation.run.measures import FrictionSet
 from validation.run.solve import run_static
-from validation.scene.deformable import Damping, Method
+from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 
 #: Elements along an edge of the meshes on which the width is sought, over those of the run.
 _SHARES = (0.5, 2.0 / 3.0)
-#: Load factors of the way past the load and back.
-PAST_AND_BACK = (0.09, 0.38, 0.84, 1.5, 1.25, 1.0)
-
-
-def seeks_static_state(scene: DeformableScene) -> bool:
-    """Whether blocks with friction are asked for a static state, which then is a set."""
-    fem = scene.fem
-    if fem is None or scene.effects.friction is None or not scene.meets:
-        return False
-    return fem.method is Method.STATIC or fem.damping is Damping.STATIC
 
 
 def friction_set(
@@ -48,7 +40,7 @@ def friction_set(
     if not seeks_static_state(run.scene):
         return None
     solve = partial(run_static, store=FlexibilityStore()) if solve is None else solve
-    change, member = run.load_step_change, _member(run)
+    change, member = load_step_change(run.solution), _member(run)
     found, reason = None, ""
     for scene in _meshes(run.scene):
         try:
@@ -73,7 +65,6 @@ def friction_set(
 
 def _meshes(scene: DeformableScene) -> Iterator[DeformableScene]:
     """The scene for the static solver, on coarser meshes first; some are too coarse for blocks."""
-    assert scene.fem is not None
     static: dict[str, Any] = {"method": Method.STATIC, "frames": 0}
     if scene.fem.symmetry == "sector":
         static["symmetry"] = "auto"
@@ -85,8 +76,7 @@ def _meshes(scene: DeformableScene) -> Iterator[DeformableScene]:
 def _member(run: DeformableRun) -> str:
     """How the load was applied."""
     if run.static is not None:
-        steps = run.static.load_steps
-        return f"loaded straight up in {steps} step{'s' if steps > 1 else ''}"
-    stated = run.answer.statement
+        return straight_up(run.static.load_steps)
+    stated = run.solution.statement
     assert stated is not None
     return f"loaded up smoothly in {1e3 * stated.ramp_time:.3g} ms, damped"

@@ -24,7 +24,7 @@ from validation.errors import InputError
 from validation.scene.read import DeformableScene
 
 #: More contact points than this are left to the static solver: the cone program takes minutes.
-_MOST_POINTS = 20_000
+MOST_POINTS = 20_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +89,7 @@ def sliding_words(assembly: Assembly, load: LoadCase, friction: float) -> str | 
 
     Facets of the blocks match; the load is tractions, weights and supports, friction is μ.
     """
-    if not 0 < 4 * assembly.interfaces.n_contacts <= _MOST_POINTS:
+    if not 0 < 4 * assembly.interfaces.n_contacts <= MOST_POINTS:
         return None
     points = _at_corners(assembly)
     contacts = contact_jacobian(points, load.fixed)
@@ -100,10 +100,10 @@ def sliding_words(assembly: Assembly, load: LoadCase, friction: float) -> str | 
     answer = frictional_equilibrium(frictional, force)
     if answer.mechanism is None:
         return None
-    return _motion_words(contacts, frictional, answer.mechanism)
+    return motion_words(contacts, frictional, answer.mechanism)
 
 
-def _motion_words(contacts: Contacts, frictional: FrictionalContacts, motion: FloatArray) -> str:
+def motion_words(contacts: Contacts, frictional: FrictionalContacts, motion: FloatArray) -> str:
     """Name the joint that moves most and how."""
     relative = frictional.slip(motion)
     most = int(np.linalg.norm(relative, axis=1).argmax())

@@ -2,29 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fem.accuracy.converge import Converged, converge
+from fem.accuracy.converge import Progress as Refinement
+from fem.accuracy.one_mesh import static_solution
 from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.statement import Problem
 from fem.assembly.symmetry import SymmetryError
 from fem.contact.law import LinearPenalty
 from fem.explicit.setup.assembly import COUNTED_PRESSURE
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
 from fem.explicit.solve import Frame, Output, Progress, Status
-from fem.solvers import explicit_answer, static_answer
+from fem.measures import load_step_change
+from fem.solution import Solution
+from fem.solvers import explicit_answer
 from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.result import LOAD_TOLERANCE
 from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
-from validation.build.deformable import build_deformable, build_effects, fem_section
+from validation.build.deformable import (
+    build_deformable,
+    build_effects,
+    build_hexahedra,
+    build_problem,
+    fem_section,
+)
 from validation.errors import InputError, named
 from validation.run.deformable import DeformableRun
+from validation.run.friction_path import friction_width, seeks_static_state
+from validation.run.held_by_faces import faces_words, require_held_by_faces
 from validation.run.held_by_friction import require_held_by_friction
+from validation.run.measures import FrictionSet
 from validation.run.stages import stages
 from validation.scene.deformable import Damping, FemSection, Method
 from validation.scene.read import DeformableScene
@@ -67,9 +83,8 @@ def load_steps(scene: DeformableScene, fem: FemSection) -> int:
     """Parts in which the load is applied; with friction the first number of them that is tried."""
     if fem.load_steps is not None:
         return fem.load_steps
-    closing = scene.contact is not None and scene.contact.opened
-    least = _CLOSING_STEPS if closing and scene.effects.friction is not None else 1
-    return max(least, fem.frames - 1)  # each frame after the first is a load step
+    closing = scene.contact.opened
+    return _CLOSING_STEPS if closing and scene.effects.friction is not None else 1
 
 
 def static_options(scene: DeformableScene, fem: FemSection) -> StaticOptions:
@@ -89,7 +104,7 @@ def floating_words(
     For a search that found no equilibrium: springs in the joints find one where the exponential
     law, which is flat in a gap, wanders; blocks that none of them holds have no place of their own.
     """
-    if scene.contact is None or not scene.contact.opened or scene.effects.friction is not None:
+    if not scene.contact.opened or scene.effects.friction is not None:
         return None
     springs = replace(deformable.contact, law=LinearPenalty(_SPRINGS))
     once = replace(options, load_steps=1, keep_steps=False)
@@ -134,25 +149,130 @@ def run_static(
             require_held_by_friction(name, scene, scene.effects.friction.coefficient)
         if deformable is None:
             deformable = build_deformable(scene, name)
-        keep = on_frame is not None and fem.frames > 0
-        options = replace(static_options(scene, fem), keep_steps=keep, load_path=load_path)
+        require_held_by_faces(name, scene, deformable.assembly)
+        options = replace(static_options(scene, fem), load_path=load_path)
+        turning = scene.effects.finite_rotation is True
         watch.lap("build")
-        try:
-            turning = scene.effects.finite_rotation is True
-            answer = static_answer(deformable, options, finite_rotation=turning, store=store)
-        except RefusedError as error:
-            why = floating_words(scene, deformable, options)
-            raise InputError(f"{name}: {why or error}") from None
+        with _floating_named(name, scene, deformable, options):
+            solution = static_solution(deformable, options, finite_rotation=turning, store=store)
         watch.lap("solve")
-    result = answer.static
-    assert result is not None
-    if scene.meets and fem.symmetry == "sector" and result.symmetry == 1:
+    _require_sector(name, scene, fem, solution)
+    if on_frame is not None:
+        write_static_frames(fem.frames, solution, options, on_frame)
+    return DeformableRun(name=name, scene=scene, solution=solution, cpu_seconds=watch.seconds())
+
+
+def run_converged(
+    name: str,
+    scene: DeformableScene,
+    targets: Mapping[str, float],
+    *,
+    max_seconds: float | None = None,
+    most_work: float | None = None,
+    progress: Callable[[Refinement], None] | None = None,
+    frames: Callable[[Solution], Callable[[Frame], None] | None] | None = None,
+) -> DeformableRun:
+    """Solve the blocks of a scene on finer and finer meshes: see `fem.accuracy.converge`.
+
+    Raises
+    ------
+    InputError
+        Input that cannot be solved or refined, or a run that found no equilibrium.
+    """
+    with stages() as watch:
+        fem = fem_section(scene, name)
+        if scene.effects.friction is not None:
+            require_held_by_friction(name, scene, scene.effects.friction.coefficient)
+        options = static_options(scene, fem)
+        with named(name):
+            problem = build_problem(scene, name, build_hexahedra(scene, name))
+        require_held_by_faces(name, scene, problem.blocks)
+        watch.lap("build")
+        with _floating_named(name, scene, problem, options):
+            found = converge(
+                problem,
+                targets,
+                options=options,
+                max_seconds=max_seconds,
+                most_work=most_work,
+                progress=progress,
+            )
+        watch.lap("solve")
+    _require_sector(name, scene, fem, found.solution)
+    on_frame = None if frames is None else frames(found.solution)
+    if on_frame is not None:
+        write_static_frames(fem.frames, found.solution, options, on_frame)
+    return DeformableRun(
+        name=name,
+        scene=scene,
+        solution=found.solution,
+        cpu_seconds=watch.seconds(),
+        errors=found.errors,
+        facets=found.facets,
+        remarks=found.remarks,
+        refinement=found.report,
+        friction=_friction_of(problem, scene, found, options),
+    )
+
+
+def _friction_of(
+    problem: Problem, scene: DeformableScene, found: Converged, options: StaticOptions
+) -> FrictionSet | None:
+    """How wide the set of answers with friction is, on the first of the meshes."""
+    assert found.solution.static is not None
+    if not seeks_static_state(scene):
+        return None
+    change = load_step_change(found.solution)
+    return friction_width(problem, found.solution.static.load_steps, change, options)
+
+
+@contextmanager
+def _floating_named(
+    name: str,
+    scene: DeformableScene,
+    stated: DeformableAssembly | Problem,
+    options: StaticOptions,
+) -> Iterator[None]:
+    """Name the scene where a static run ends without an answer, and blocks that float in gaps."""
+    try:
+        yield
+    except RefusedError as error:
+        built = stated.deformable if isinstance(stated, Problem) else stated
+        why = floating_words(scene, built, options) or str(error)
+        faces = faces_words(name, scene, built.assembly)
+        raise InputError(f"{name}: {why}{f'; {faces}' if faces else ''}") from None
+
+
+def _require_sector(name: str, scene: DeformableScene, fem: FemSection, solution: Solution) -> None:
+    assert solution.static is not None
+    if scene.meets and fem.symmetry == "sector" and solution.static.symmetry == 1:
         raise InputError(f"{name}: {_NO_SECTOR}")
-    seconds = watch.seconds()
-    if on_frame is not None and keep:
-        for found in _static_frames(fem.frames, [*result.steps[:-1], (1.0, result.displacements)]):
-            on_frame(found)
-    return DeformableRun(name=name, scene=scene, answer=answer, cpu_seconds=seconds)
+
+
+def write_static_frames(
+    count: int, solution: Solution, options: StaticOptions, on_frame: Callable[[Frame], None]
+) -> None:
+    """Call back with so many states on the way to the load: the answer does not depend on them.
+
+    With friction they are those of the load steps, of which there may be fewer.
+    """
+    if count == 0:
+        return
+    result = solution.static
+    assert result is not None
+    parts = max(1, count - 1)
+    if solution.deformable.contact.friction is not None:
+        parts = result.load_steps
+    kept = replace(options, keep_steps=True, load_steps=parts, load_tolerance=None)
+    turning = solution.finite_rotation
+    if parts > 1:
+        again = static_solution(solution.deformable, kept, finite_rotation=turning)
+        assert again.static is not None
+        steps = again.static.steps
+    else:
+        steps = ()
+    for found in _static_frames(count, [*steps[:-1], (1.0, result.displacements)]):
+        on_frame(found)
 
 
 def _static_frames(
@@ -192,7 +312,6 @@ def scene_statement(
         When its effects or its symmetry do not fit.
     """
     fem = fem_section(scene, name)
-    assert scene.material is not None
     count(scene.material, "density")
     with named(name):
         try:
@@ -204,7 +323,6 @@ def scene_statement(
                 end_time=fem.end_time,
                 mass_scaling=fem.mass_scaling,
                 counted_pressure=counted_pressure,
-                formulation=fem.formulation,
                 motion=scene.motion,
             )
         except SymmetryError:
@@ -260,7 +378,7 @@ def run_explicit(
         watch.lap("build")
         key = "safety_factor" if fem.time_step is None else "time_step"
         with named(name):
-            answer = explicit_answer(
+            solution = explicit_answer(
                 stated,
                 lambda counted: scene_statement(scene, name, built, counted_pressure=counted),
                 # A run that is not damped to the static state watches the residual and goes on.
@@ -275,7 +393,9 @@ def run_explicit(
                 resume=resume,
             )
         watch.lap("solve")
-    result = answer.explicit
+    result = solution.explicit
     assert result is not None
     seconds = {**watch.seconds(), "loop": result.cpu_seconds}
-    return DeformableRun(name=name, scene=scene, answer=answer, cpu_seconds=seconds)
+    if stated.recommended is not None:  # else no static state is expected
+        solution = replace(solution, static_below=fem.residual)
+    return DeformableRun(name=name, scene=scene, solution=solution, cpu_seconds=seconds)

@@ -51,6 +51,12 @@ def summed(spent: dict[str, float], before: dict[str, float]) -> dict[str, float
     return spent | {name: spent.get(name, 0.0) + seconds for name, seconds in before.items()}
 
 
+def cpu_words(seconds: dict[str, float]) -> str:
+    """CPU time of each stage, and of the process so far: what was loaded before the run too."""
+    told = ", ".join(f"{stage} {value:.3f}" for stage, value in seconds.items())
+    return f"{told}; this process so far {time.process_time():.3f}"
+
+
 def children_cpu_seconds() -> float:
     """CPU time of the processes that this one has started and waited for [s]."""
     found = resource.getrusage(resource.RUSAGE_CHILDREN)

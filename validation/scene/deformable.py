@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
 
 from pydantic import (
+    AfterValidator,
     Field,
     GetJsonSchemaHandler,
+    ModelWrapValidatorHandler,
     create_model,
     field_validator,
     model_validator,
@@ -18,8 +21,16 @@ from pydantic.json_schema import JsonSchemaValue
 
 from fem.contact.law import LAWS, ContactLaw
 from fem.element.hexahedron import ElementType
-from fem.problem.formulation import Formulation
 from validation.scene.docstrings import field_docstrings
+from validation.scene.ranges import (
+    ACCELERATION,
+    CLEARANCE,
+    DENSITY,
+    END_TIME,
+    FRICTION,
+    OF_LAWS,
+    YOUNG_MODULUS,
+)
 from validation.scene.sections import (
     NoAngle,
     NonNegative,
@@ -36,18 +47,72 @@ if TYPE_CHECKING:
     from geometry.assembly import Assembly
 
 
-class MaterialSection(Section):
-    """``[material]``: isotropic linear elasticity."""
+#: Materials that a scene can name.
+MATERIALS: Mapping[str, Mapping[str, float]] = {
+    "concrete": {"density": 2.4e-9, "young_modulus": 33000.0, "poisson_ratio": 0.2},
+    "steel": {"density": 7.85e-9, "young_modulus": 210000.0, "poisson_ratio": 0.3},
+}
 
-    density: Positive
+
+def _known_material(name: str) -> str:
+    if name not in MATERIALS:
+        raise ValueError(f"expected one of {', '.join(MATERIALS)}, or constants in [material]")
+    return name
+
+
+#: Name of a material.
+MaterialName = Annotated[
+    str, AfterValidator(_known_material), Field(json_schema_extra={"enum": [*MATERIALS]})
+]
+
+
+class MaterialSection(Section):
+    """``[material]``: isotropic linear elasticity.
+
+    ``material = "concrete"``, above the first section of a scene, is short for its constants.
+    """
+
+    name: MaterialName | None = None
+    """A material whose constants are known; those that the scene gives replace its own."""
+    density: Annotated[Positive, DENSITY]
     """[t/mm³]"""
-    young_modulus: Positive
+    young_modulus: Annotated[Positive, YOUNG_MODULUS]
     """[MPa]"""
     poisson_ratio: Annotated[float, Field(gt=-1.0, lt=0.5, allow_inf_nan=False)]
     """[-]"""
     averaging_radius: Positive = 10.0
-    """Radius of the ball over which tension is averaged, for concrete of the order of its
-    aggregate [mm]."""
+    """Radius of the sphere for the averaged (non-local) maximum principal stress [mm]; for
+    concrete about the aggregate size."""
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _by_name(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Take the constants of a material by its name; only given keys count as set."""
+        given = {"name": data} if isinstance(data, str) else data
+        name = given.get("name") if isinstance(given, Mapping) else None
+        if name is None:
+            return handler(given)
+        known = MATERIALS.get(str(name), MATERIALS["concrete"])  # another name is wrong itself
+        section = handler({**known, **given})
+        object.__setattr__(section, "__pydantic_fields_set__", set(given))
+        return section
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: Any, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Accept a name in place of the section, and require either a name or all constants."""
+        section = handler(core)
+        found = handler.resolve_ref_schema(section)
+        constants = found.pop("required")
+        found["anyOf"] = [{"required": ["name"]}, {"required": constants}]
+        return {"anyOf": [{"enum": [*MATERIALS]}, section]}
+
+    @property
+    def words(self) -> str:
+        """Its constants."""
+        constants = f"{self.young_modulus:g} MPa, {self.poisson_ratio:g}, {self.density:g} t/mm³"
+        return f"{self.name or 'material'} ({constants})"
 
 
 def _law_keys() -> dict[str, Any]:
@@ -59,7 +124,8 @@ def _law_keys() -> dict[str, Any]:
             own = constant.default is not MISSING and math.isfinite(constant.default)
             kind, default = (Positive, constant.default) if own else (Positive | None, None)
             field = Field(default, description=about[constant.name])
-            keys[law.keys.get(constant.name, constant.name)] = (kind, field)
+            key = law.keys.get(constant.name, constant.name)
+            keys[key] = (Annotated[kind, OF_LAWS[key]] if key in OF_LAWS else kind, field)
     return keys
 
 
@@ -69,10 +135,10 @@ _LawKeys: Any = create_model("_LawKeys", __base__=Section, **_law_keys())
 class ContactSection(_LawKeys):  # type: ignore[misc]
     """``[contact]``: soft contact between blocks."""
 
-    clearance: NonNegative = 0.0
+    clearance: Annotated[NonNegative, CLEARANCE] = 0.0
     """Gap along the normal of every facet before the load acts [mm]: blocks made too small by
     half of it."""
-    spacing: NonNegative = 0.0
+    spacing: Annotated[NonNegative, CLEARANCE] = 0.0
     """Distance by which neighbouring blocks are moved apart before the load acts, their size kept
     [mm], as the paper's group did: inclined joints open by less or more. Both add up."""
 
@@ -88,6 +154,16 @@ class ContactSection(_LawKeys):  # type: ignore[misc]
         law = LAWS[self.law]
         given = {c.name: getattr(self, law.keys.get(c.name, c.name)) for c in fields(law)}
         return law(**{name: value for name, value in given.items() if value is not None})
+
+    @property
+    def words(self) -> str:
+        """The law and its constants."""
+        law = LAWS[self.law]
+        given = {
+            key: getattr(self, key) for c in fields(law) if (key := law.keys.get(c.name, c.name))
+        }
+        shown = [f"{k.replace('_', ' ')} {v:g}" for k, v in given.items() if v is not None]
+        return f"{self.law} ({', '.join(shown)}; mm, MPa)"
 
     @property
     def opened(self) -> bool:
@@ -128,7 +204,7 @@ class ContactSection(_LawKeys):  # type: ignore[misc]
 
 
 class RayleighSection(Section):
-    """``[effects.rayleigh]``: viscous damping α M + β K; what is not named is absent."""
+    """``[effects.rayleigh]``: Rayleigh damping α M + β K; unlisted terms are inactive."""
 
     mass_proportional: NonNegative | None = None
     """α [1/s]"""
@@ -146,10 +222,10 @@ class BulkViscositySection(Section):
 class FrictionSection(Section):
     """``[effects.friction]``: Coulomb friction with regularised stick."""
 
-    coefficient: Annotated[Positive, NoAngle]
+    coefficient: Annotated[Positive, NoAngle, FRICTION]
     """μ [-]"""
     stick_stiffness: Positive | None = None
-    """Tangential slope while sticking [MPa/mm]; None: the solver's default."""
+    """Tangential stiffness while sticking [MPa/mm]; by default set by the solver."""
 
 
 class EffectName(StrEnum):
@@ -179,15 +255,15 @@ def parse_share(value: object) -> float | None:
 
 
 class AutoSection(Section):
-    """``[effects.auto]``: leave out what changes the answer by less than a tolerance."""
+    """``[effects.auto]``: disable effects whose influence is below a tolerance."""
 
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 0.01
-    """Of p_max, p_eff and the largest displacement, relative [-]; also "1%"."""
+    """Relative change of p_max, p_eff and the largest displacement [-]; also "1%"."""
     decide: tuple[EffectName, ...] | None = None
-    """What is decided; None: every effect with a value, and those that need none and are not
-    written in the scene."""
+    """Candidates; by default every effect with a value, and switches that the scene does not
+    set."""
     keep: tuple[EffectName, ...] = ()
-    """What stays as the scene says, whatever a probe finds."""
+    """Effects that do not change."""
 
     @field_validator("tolerance", mode="before")
     @classmethod
@@ -206,22 +282,23 @@ class AutoSection(Section):
 
 
 class EffectsSection(Section):
-    """``[effects]``: each absent unless named here."""
+    """``[effects]``: unlisted effects are inactive."""
 
     auto: AutoSection | None = None
-    """Decide which effects matter before the run; ``auto = 0.01`` is short for a tolerance."""
+    """Disable negligible effects before the run; ``auto = 0.01`` sets the tolerance."""
 
     rayleigh: RayleighSection | None = None
     bulk_viscosity: BulkViscositySection | None = None
     finite_rotation: bool = False
-    gravity: Vector | None = None
+    gravity: Annotated[Vector | None, ACCELERATION] = None
     """Uniform acceleration [mm/s²]."""
     friction: FrictionSection | None = None
     finite_sliding: bool = False
-    """Blocks may slide by more than a facet: a search finds opposing faces. On by itself
-    where joints do not match."""
+    """General (segment-to-segment) contact: blocks may slide by more than a facet. Automatic for
+    non-matching meshes."""
     elastic_frame: bool = False
-    """Frame blocks deform and are held at their outer faces; else they are rigid."""
+    """Blocks of the boundary ring deform and are fixed at their outer faces; otherwise they are
+    rigid."""
 
     @model_validator(mode="before")
     @classmethod
@@ -283,53 +360,62 @@ class Damping(StrEnum):
 
 
 class FemSection(Section):
-    """``[fem]``: how the deformable blocks are solved."""
+    """``[fem]``: finite-element analysis of deformable blocks."""
 
-    method: Method = Method.EXPLICIT
+    method: Method = Method.STATIC
     element: ElementType = ElementType.INCOMPATIBLE
     degree: Annotated[int, Field(ge=1, le=4)] = 1
     """Of the elements: 2, 3 or 4 for static runs, on the exact shape of blocks that have one."""
-    formulation: Formulation = Formulation.SHARED_STIFFNESS
-    """Of an explicit run on boxes: "shared stiffness", or "rate form", the slow C3D8R reference."""
-    end_time: Positive | None = None
+    mesh: Literal["converged", "scene"] | None = None
+    """Of a static run. Converged: finer and finer meshes until error bars are narrow; ``[mesh]``
+    then gives the facets of p_eff, p_max and p_max_facet. Scene: the elements of ``[mesh]``. None:
+    converged, unless the scene states an element or a degree."""
+    end_time: Annotated[Positive | None, END_TIME] = None
     """End of an explicit run [s]; with damping = "static" the latest end."""
     ramp_time: NonNegative | None = None
-    """Duration of the smooth step that applies the load [s]; 0: at once; None: recommended."""
+    """Duration of the smooth step of the load [s]; 0: at once; by default from the lowest excited
+    frequency."""
     damping: Damping | None = None
-    """None: only the effects that ``[effects]`` names."""
+    """By default no damping except that of the section ``effects``."""
     residual: Positive = 1.0e-4
     """Relative force residual at which a run with damping = "static" stops."""
-    load_steps: Annotated[int, Field(ge=1)] | None = None
-    """Parts in which a static run applies the load, equal ones; with friction, where the way to the
-    load matters, their squares. None: one; with friction doubled until that changes p_max, p_eff
-    and the displacement by less than 1 %."""
+    load_steps: Annotated[int, Field(ge=1, le=10_000)] | None = None
+    """Number of equal load steps of a static run; with friction their load factors are squares.
+    By default one; with friction doubled until p_max, p_eff and the displacement change by less
+    than 1 %."""
     time_step: Positive | None = None
-    """[s]; None: safety_factor times the critical time step."""
+    """Time step [s]; by default safety_factor times the critical time step."""
     safety_factor: Annotated[float, Field(gt=0, le=1)] = 0.9
     mass_scaling: Annotated[float, Field(ge=1, allow_inf_nan=False)] | None = None
-    """Of an explicit run: step that every element is to allow, over the shortest; None: absent."""
+    """Mass scaling of an explicit run: time step that every element must allow, relative to the
+    shortest one; inactive by default."""
     precision: Literal["float64", "float32"] = "float64"
     threads: Annotated[int, Field(ge=1)] = 1
     symmetry: Literal["auto", "none", "sector", "periodic cell"] = "auto"
-    """Sector: one block of each layer stands for all; exact for cyclic loads. Auto: where exact.
-    Periodic cell: two layers stand for the middle of a long tube."""
-    frames: Annotated[int, Field(ge=0)] = 0
+    """Sector: cyclic symmetry, exact for cyclic loads. Auto: sector where exact. Periodic cell: two
+    layers represent the middle of a long tube."""
+    frames: Annotated[int, Field(ge=0, le=10_000)] = 0
     """Frames written for ParaView, spread over what was run, the first and the end included; of a
-    static run the load steps, of which there are then at least as many."""
+    static run states under parts of the load, with friction those of its load steps."""
     error_estimate: bool = True
     """Whether `tubelock fem` solves two coarser meshes to estimate the error of every measure: a
     quarter more time."""
     sample_interval: Annotated[int, Field(ge=1)] = 50
-    """Steps between two samples of the energies."""
+    """Increments between two samples of the energies."""
+
+    @property
+    def words(self) -> str:
+        """How the blocks are solved."""
+        return str(self.method)
 
 
 class DeformableSections(WholeScene):
     """Sections of scenes whose blocks may also be deformable; not needed for the rigid answer."""
 
-    material: MaterialSection | None = None
-    contact: ContactSection | None = None
+    material: MaterialSection = MaterialSection.model_validate("concrete")
+    contact: ContactSection = ContactSection()
     effects: EffectsSection = EffectsSection()
-    fem: FemSection | None = None
+    fem: FemSection = FemSection()
 
     #: Whether blocks meet; else they are single bodies, and contact says nothing.
     meets: ClassVar[bool] = True
@@ -374,15 +460,13 @@ class DeformableSections(WholeScene):
     def is_cell(self) -> bool:
         """Whether a periodic cell is asked for."""
         with uncounted((FemSection, "symmetry")):
-            return self.fem is not None and self.fem.symmetry == "periodic cell"
+            return self.fem.symmetry == "periodic cell"
 
     @property
     def gap_words(self) -> str:
         """Gaps before the load acts, to follow other words; nothing where there are none."""
         found = self.contact
-        given = (
-            () if found is None else (("clearance", found.clearance), ("spacing", found.spacing))
-        )
+        given = (("clearance", found.clearance), ("spacing", found.spacing))
         return "".join(f", {name} {value:g} mm" for name, value in given if value)
 
     @property
@@ -406,6 +490,11 @@ class DivisionsSection(Section):
     divisions: tuple[
         Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]
     ]
+
+    @property
+    def words(self) -> str:
+        """Elements of a block along x, y, z."""
+        return " × ".join(map(str, self.divisions)) + " facets along x, y, z of a block"
 
     def share(self, share: float, multiple: int) -> dict[str, Any]:
         """Divisions with about a share of the elements, along x a multiple of a number."""

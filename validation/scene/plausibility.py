@@ -1,8 +1,8 @@
 """Scenes that can hardly be meant, or that no machine at hand can hold.
 
-A table of what values of this field are like, and the slips that lead out of it: numbers in another
-unit than the scene's mm, t, s, N, MPa. What is meant all the same is named in ``[plausibility]
-accept``.
+Keys have ranges of what their values are like, and the slips that lead out of them: numbers in
+another unit than the scene's mm, t, s, N, MPa. What is meant all the same is named in
+``[plausibility] accept``.
 """
 
 from __future__ import annotations
@@ -12,74 +12,17 @@ import math
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel
 
 from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND
 from geometry.assembly import AnyBlocks, AssemblyError, check_size
+from validation.scene.ranges import YOUNG_MODULUS, Range, ranges
 from validation.scene.sections import WholeScene
 
-
-@dataclass(frozen=True)
-class Range:
-    """What a quantity is like."""
-
-    low: float
-    high: float
-    """Smallest and largest size that is plausible; zero always is."""
-    unit: str
-    compared: float
-    """A value that everyone knows …"""
-    word: str
-    """… and whose it is."""
-    slips: tuple[tuple[str, float], ...] = ()
-    """Units that are written by mistake, and what they are in the unit of the key."""
-    vector: bool = False
-    """Whether the length of the vector counts, not each number."""
-    only_slips: bool = False
-    """Whether values out of the range pass where no slip leads to a usual one."""
-
-
-_LENGTHS = (("m", 1e3), ("cm", 10.0), ("µm", 1e-3))
-_STRESSES = (("Pa", 1e-6), ("kPa", 1e-3), ("GPa", 1e3))
-_ACCELERATION = Range(
-    50.0, 1e8, "mm/s²", 9810.0, "gravity", (("m/s²", 1e3), ("g", 9810.0)), vector=True
-)
-_FRICTION = Range(1e-4, 3.0, "", 0.6, "concrete on concrete", (("an angle in degrees", 0.0),))
-_CLEARANCE = Range(1e-4, 20.0, "mm", 0.01, "a fine joint", _LENGTHS)
-_SIZE = Range(0.5, 1e5, "mm", 200.0, "a block of the paper", _LENGTHS)
-_DENSITIES = (("kg/m³", 1e-12), ("g/cm³ or t/m³", 1e-9), ("kg/mm³", 1e-3))
-_DENSITY = Range(1e-11, 3e-8, "t/mm³", 2.4e-9, "concrete", _DENSITIES)
-
-#: By key; a star stands for any one name. Numbers in lists are judged one by one.
-TABLE: dict[str, Range] = {
-    "material.density": _DENSITY,
-    "load.density": _DENSITY,
-    "material.young_modulus": Range(0.1, 1.3e6, "MPa", 33000.0, "concrete", _STRESSES),
-    "contact.clearance_at_zero_pressure": Range(
-        1e-5, 10.0, "mm", 1e-3, "the paper's law", _LENGTHS
-    ),
-    "contact.pressure_at_zero_clearance": Range(
-        1e-9, 1e2, "MPa", 1e-4, "the paper's law", _STRESSES
-    ),
-    "load.pressure": Range(
-        0.0, 1e3, "MPa", 0.01, "the paper's load", (("Pa", 1e-6), ("kPa", 1e-3)), only_slips=True
-    ),
-    "contact.clearance": _CLEARANCE,
-    "contact.spacing": _CLEARANCE,
-    "effects.gravity": _ACCELERATION,
-    "load.gravity": _ACCELERATION,
-    "load.acceleration": _ACCELERATION,
-    "rigid.friction": _FRICTION,
-    "effects.friction.coefficient": _FRICTION,
-    # Other sizes of blocks are judged by their volumes, when the blocks are there.
-    "block.size": _SIZE,
-    "block.boxes.size": _SIZE,
-    "fem.end_time": Range(1e-7, 1e3, "s", 0.05, "an explicit run", (("ms", 1e-3), ("µs", 1e-6))),
-}
-
+#: Sizes of numbers whose products with a few others are still floats.
+SMALLEST, LARGEST = 1e-50, 1e50
 _SOUND = "material.sound_speed"
 #: The key that says that blocks of another size than 1 mm to 100 m are meant, whatever makes them.
 _BLOCK_SIZE = "block.size"
@@ -105,24 +48,41 @@ def implausible(scene: BaseModel, accept: tuple[str, ...]) -> str | None:
 
     Its types are checked; ``accept`` are keys of values that are meant.
     """
-    known = [*TABLE, _SOUND]
+    table = dict(ranges(type(scene)))
+    known = list(dict.fromkeys([*table, _SOUND, _BLOCK_SIZE]))
     for key in accept:
         if key not in known:
             near = difflib.get_close_matches(key, known, n=1)
             return f"plausibility.accept: got {key!r}" + (
                 f", did you mean {near[0]!r}?" if near else f"; expected keys of {', '.join(known)}"
             )
-    values = dict(
-        _numbers(scene.model_dump(exclude_none=True, exclude={"plausibility", "pictures"}), "")
-    )
+    data = scene.model_dump(exclude_none=True, exclude={"plausibility", "pictures"})
+    values = dict(_numbers(data, "", table))
     for place, size in values.items():
+        if size and not SMALLEST <= abs(size) <= LARGEST:
+            return (
+                f"{place}: got {size:g}; expected 0 or a size from {SMALLEST:g} to {LARGEST:g}: "
+                "products of other numbers are no floats"
+            )
         key = re.sub(r"\.\d+(?=\.|$)", "", place)
-        expected = TABLE.get(key)
+        pulls = key == "load.pressure" and size < 0.0 and _case(scene) == "tunnel"
+        if pulls and key not in accept:
+            return (
+                f"{place}: got {size:g} MPa, a suction, which turns the load around; expected a "
+                f'positive pressure, which load.case = "tunnel" lets push inward{_if_meant(key)}'
+            )
+        expected = table.get(key)
         if expected is not None and key not in accept:
-            words = _out_of_range(size, expected)
+            words = _out_of_range(abs(size), expected)
             if words:
                 return f"{place}: got {words}{_if_meant(key)}"
     return None if _SOUND in accept else _sound_speed(values)
+
+
+def _case(scene: Any) -> str | None:
+    """Load case of a scene, where it has one."""
+    case: str | None = getattr(getattr(scene, "load", None), "case", None)
+    return case
 
 
 def check_block_size(scene: WholeScene, assembly: AnyBlocks) -> None:
@@ -141,20 +101,20 @@ def check_block_size(scene: WholeScene, assembly: AnyBlocks) -> None:
         raise AssemblyError(f"{error}{_if_meant(_BLOCK_SIZE)}") from None
 
 
-def _numbers(data: Any, place: str) -> Iterator[tuple[str, float]]:
+def _numbers(data: Any, place: str, table: dict[str, Range]) -> Iterator[tuple[str, float]]:
     """Numbers of a scene by their place; of a vector that counts as one, its length."""
     if isinstance(data, dict):
         for key, value in data.items():
-            yield from _numbers(value, f"{place}.{key}" if place else str(key))
+            yield from _numbers(value, f"{place}.{key}" if place else str(key), table)
     elif isinstance(data, list | tuple):
-        expected = TABLE.get(place)
+        expected = table.get(place)
         if expected is not None and expected.vector:
             yield place, math.hypot(*data)
         else:
             for number, value in enumerate(data):
-                yield from _numbers(value, f"{place}.{number}")
+                yield from _numbers(value, f"{place}.{number}", table)
     elif isinstance(data, float):  # what is counted has no unit
-        yield place, abs(data)
+        yield place, data
 
 
 def _out_of_range(size: float, expected: Range) -> str | None:
@@ -185,12 +145,11 @@ def _sound_speed(values: dict[str, float]) -> str | None:
     speed = math.sqrt(modulus / density)
     if SLOWEST_SOUND <= speed <= FASTEST_SOUND:
         return None
-    stiff = TABLE["material.young_modulus"]
     slip = next(
         (
             f": material.young_modulus in {name}? write {modulus * scale:.6g}"
-            for name, scale in stiff.slips
-            if _like(modulus * scale, stiff)
+            for name, scale in YOUNG_MODULUS.slips
+            if _like(modulus * scale, YOUNG_MODULUS)
             and SLOWEST_SOUND <= math.sqrt(modulus * scale / density) <= FASTEST_SOUND
         ),
         "",

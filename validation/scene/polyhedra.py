@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Field
 
 from geometry.assembly import Assembly
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement
 from validation.scene.deformable import DeformableSections
+from validation.scene.ranges import ACCELERATION, DENSITY, SIZE
 from validation.scene.sections import (
+    BlockSize,
     Finite,
     Positive,
     RigidSection,
@@ -33,20 +35,22 @@ class PointForceSection(Section):
     force: Vector
     """[N]"""
     point: Vector | None = None
-    """Where it acts in world coordinates [mm]; by default at the mass centroid."""
+    """Point of application in world coordinates [mm]; by default the centre of mass."""
 
 
 class BodyLoadSection(Section):
-    """``[load]`` of free-form assemblies; what is not named is absent."""
+    """``[load]`` of free-form assemblies; unlisted loads are absent."""
 
-    density: Positive = 2.4e-9
+    weighty: ClassVar[tuple[str, ...]] = ("density",)
+
+    density: Annotated[Positive, DENSITY] = 2.4e-9
     """[t/mm³]; only accelerations use it."""
-    gravity: Vector | None = None
+    gravity: Annotated[Vector | None, ACCELERATION] = None
     """Dead load: acceleration of every block [mm/s²], e.g. [0, 0, -9810]."""
-    acceleration: Vector | None = None
+    acceleration: Annotated[Vector | None, ACCELERATION] = None
     """Live load: acceleration of every block, which `rigid.collapse` lets grow [mm/s²]."""
     forces: tuple[PointForceSection, ...] = ()
-    """Live load: forces on single blocks."""
+    """Variable load: forces on single blocks."""
 
     @property
     def words(self) -> str:
@@ -63,12 +67,12 @@ class BodyLoadSection(Section):
 
 
 class DetectionSection(Section):
-    """``[detection]``: what counts as contact between blocks whose meshes do not match."""
+    """``[detection]``: contact detection of non-matching meshes."""
 
     tolerance: Positive | None = None
     """Largest gap or overlap of touching facets [mm]; by default 1e-4 of a block."""
     angle: Annotated[float, Field(gt=0, le=60)] = 5.0
-    """Largest angle between facing facets [°]; raise it for coarsely meshed curved faces."""
+    """Largest angle between facing facets [°]; increase it for coarsely meshed curved faces."""
     points: ContactPlacement = ContactPlacement.VERTICES
     """``vertices``: exact for flat faces; ``centroids``: for finely meshed curved faces."""
 
@@ -90,7 +94,7 @@ class TetrahedraSection(Section):
 
 
 class GridSection(Section):
-    """``[assembly]`` of a rectangular layer: free blocks along x and y, a ring round them fixed."""
+    """``[assembly]`` of a rectangular layer: free blocks along x and y within a fixed ring."""
 
     columns: Count
     rows: Count
@@ -112,7 +116,7 @@ class OctahedraSection(Section):
 
 
 class RingsSection(Section):
-    """``[assembly]`` round a middle block: free rings, one more ring fixed."""
+    """``[assembly]`` around a middle block: free rings and one fixed ring."""
 
     rings: Annotated[int, Field(ge=0)]
 
@@ -145,7 +149,7 @@ class WallSection(Section):
     """``[block] type = "wall"``: bricks in running bond."""
 
     type: Literal["wall"]
-    size: tuple[Positive, Positive, Positive]
+    size: BlockSize
     """Length, depth and height of a brick [mm]."""
 
 
@@ -187,7 +191,7 @@ class VoxelsSection(Section):
     """``[block] type = "voxels"``: pieces drawn with letters, layer by layer from the bottom."""
 
     type: Literal["voxels"]
-    size: Positive
+    size: Annotated[Positive, SIZE]
     """Edge of a unit cube [mm]."""
     layers: tuple[tuple[str, ...], ...]
     """Each layer a list of rows; the same letter is the same piece, a dot is empty."""
@@ -197,7 +201,7 @@ class FixedLettersSection(Section):
     """``[assembly]`` of a voxel puzzle."""
 
     fixed: str
-    """Letters of the pieces that are held."""
+    """Letters of the fixed pieces."""
 
 
 class VoxelScene(_PolyhedralScene):
@@ -212,13 +216,13 @@ class MeshBlockSection(Section):
 
     type: Literal["mesh"]
     units: Literal["mm", "cm", "m", "inch"] = "mm"
-    """Unit of the files; STEP files name theirs."""
+    """Unit of the files; STEP files contain their unit."""
     element_size: Positive | None = None
     """Largest triangle on curved STEP faces [mm]."""
 
 
 class PlaceSection(Section):
-    """Where a copy of a part stands: turned about an axis through the origin, then moved."""
+    """Position of a copy: rotated about an axis through the origin, then translated."""
 
     at: Vector = (0.0, 0.0, 0.0)
     """[mm]"""
@@ -229,25 +233,25 @@ class PlaceSection(Section):
 
 
 class PartSection(Section):
-    """``[[parts]]``: a mesh file and where its copies stand."""
+    """``[[parts]]``: a mesh file and the positions of its copies."""
 
     file: str
     """STL, OBJ, PLY, VTU, INP, STEP; relative to the scene's folder. Each closed surface in it is
     a block."""
     fixed: bool = False
-    """Whether all its copies are held."""
+    """Whether all its copies are fixed."""
     places: Annotated[tuple[PlaceSection, ...], Field(min_length=1)] = (PlaceSection(),)
 
 
 class FixedBlocksSection(Section):
-    """``[assembly]`` of own blocks."""
+    """``[assembly]`` of imported blocks."""
 
     fixed: tuple[Annotated[int, Field(ge=0)], ...] = ()
-    """Numbers of held blocks, counted from 0 in the order of parts, places and solids."""
+    """Numbers of fixed blocks, counted from 0 in the order of parts, places and solids."""
 
 
 class OwnMeshSection(Section):
-    """``[mesh]`` of own blocks without hexahedra of their own."""
+    """``[mesh]`` of imported blocks whose files contain no hexahedra."""
 
     divisions: Annotated[int, Field(ge=1)] = 4
     """Elements along each edge of a block that can be divided into hexahedra."""

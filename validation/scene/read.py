@@ -6,7 +6,9 @@ A scene is checked by pydantic at the door. What a scene does not name is off. T
 
 from __future__ import annotations
 
+import difflib
 import json
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -17,12 +19,15 @@ from pydantic import ValidationError
 
 from geometry.errors import unreadable
 from validation.errors import InputError, one_line
-from validation.scene.builtin import builtin_text
+from validation.scene.builtin import builtin_names, builtin_text
 from validation.scene.deformable import AutoSection, DeformableSections, EffectName, parse_share
 from validation.scene.families import sine
 from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import implausible, too_large
 from validation.scene.polyhedra import POLYHEDRAL_TYPES, MeshScene, PolyhedralScene
+
+#: A value with a decimal comma, which is no TOML.
+_DECIMAL_COMMA = re.compile(r"^\s*\w+\s*=\s*([-+]?\d+,\d+)\s*(?:#.*)?$", re.MULTILINE)
 
 TubeScene = sine.TubeScene
 #: Scenes of blocks that meet and can be hexahedra: what deformable blocks are for.
@@ -65,6 +70,9 @@ def _read(source: str) -> tuple[str, str]:
     """Name and TOML text of a built-in scene or a file."""
     path = Path(source)
     if path.suffix != ".toml" and unreadable(path) == "no such file":
+        beside = path.with_name(f"{path.name}.toml") if path.name else path
+        if source not in builtin_names() and unreadable(beside) is None:
+            raise InputError(f"{source}: no such file or built-in scene; did you mean {beside}?")
         return source, builtin_text(source)
     return path.stem, read_text(path, "a scene in TOML, or a name from `tubelock scenes`")
 
@@ -209,7 +217,15 @@ def scene_data(source: str) -> tuple[str, dict[str, Any]]:
     try:
         return name, tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{source}: is not TOML: {error}") from None
+        comma = _DECIMAL_COMMA.search(text)
+        hint = "" if comma is None else f" (in {comma[1]}: numbers have a point, no comma)"
+        raise InputError(f"{source}: is not TOML: {error}{hint}") from None
+
+
+def _example(kind: str) -> dict[str, Any]:
+    """Data of a built-in scene with a type of block; empty where there is none."""
+    every = (tomllib.loads(builtin_text(name)) for name in builtin_names())
+    return next((data for data in every if data["block"]["type"] == kind), {})
 
 
 def check_scene(data: Mapping[str, Any], source: str = "scene") -> Scene:
@@ -225,12 +241,15 @@ def check_scene(data: Mapping[str, Any], source: str = "scene") -> Scene:
     if not isinstance(kind, str) or kind not in SCENE_TYPES:
         known = ", ".join(f'"{k}"' for k in SCENE_TYPES)
         got = "no [block] section" if not isinstance(block, dict) else f"got {kind!r}"
+        near = difflib.get_close_matches("block", [k for k in data if k != "block"], cutoff=0.6)
+        if near and not isinstance(block, dict):
+            raise InputError(f"{source}: unknown section [{near[0]}]: did you mean [block]?")
         raise InputError(f"{source}: block.type: {got}, expected one of {known}")
     model = SCENE_TYPES[kind]
     try:
         scene = model.model_validate(data)
     except ValidationError as error:
-        raise InputError(f"{source}: {one_line(error, model)}") from None
+        raise InputError(f"{source}: {one_line(error, model, _example(kind))}") from None
     slip = implausible(scene, scene.plausibility.accept)
     if slip is not None:
         raise InputError(f"{source}: {slip}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -22,12 +22,15 @@ from mbd.options import FrictionLaw, Norm, Solver
 from validation.errors import InputError, one_line
 from validation.scene.docstrings import field_docstrings
 from validation.scene.quantities import Unit, converted, parse_unit, unit_of
+from validation.scene.ranges import FRICTION, PRESSURE, SIZE, leaves
 from validation.scene.usage import Recorded, unrecorded
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
+#: Edges of a block.
+BlockSize = Annotated[tuple[Positive, Positive, Positive], SIZE]
 
 
 def _no_angle(value: Any) -> Any:
@@ -57,12 +60,6 @@ def _known_load(name: str) -> str:
 LoadName = Annotated[str, AfterValidator(_known_load), Field(json_schema_extra={"enum": [*CASES]})]
 
 
-def _leaves(annotation: Any) -> set[Any]:
-    """Return the types that an annotation is made of: {float, None} for ``float | None``."""
-    inner = get_args(annotation)
-    return set().union(*(_leaves(part) for part in inner)) if inner else {annotation}
-
-
 def _as_number(value: Any, unit: Unit) -> Any:
     number = converted(value, unit) if isinstance(value, str) else None
     return value if number is None else number
@@ -77,7 +74,7 @@ class Section(Recorded):
     @classmethod
     def _no_truth_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse true and false where a number is meant; they would be read as 1 and 0."""
-        kinds = _leaves(cls.model_fields[str(info.field_name)].annotation)
+        kinds = leaves(cls.model_fields[str(info.field_name)].annotation)
         given = value if isinstance(value, list | tuple) else (value,)
         if kinds & {int, float} and bool not in kinds and any(isinstance(v, bool) for v in given):
             raise ValueError("expected a number")
@@ -90,7 +87,7 @@ class Section(Recorded):
         name = str(info.field_name)
         given = value if isinstance(value, list | tuple) else (value,)
         # Names are text as well: sources are read for the few numbers with a unit alone.
-        numeric = float in _leaves(cls.model_fields[name].annotation)
+        numeric = float in leaves(cls.model_fields[name].annotation)
         if not numeric or not any(isinstance(v, str) for v in given):
             return value
         unit = unit_of(field_docstrings(cls).get(name, ""))
@@ -142,17 +139,17 @@ class TubeAssemblySection(Section):
     """``[assembly]`` of a tube."""
 
     layers: Annotated[int, Field(ge=1)]
-    """Free layers L, the two frame layers not counted."""
+    """Free layers L, without the two end rings."""
 
 
 class TubeLoadSection(Section):
     """``[load]`` of a tube: one of the five load cases."""
 
     case: LoadName
-    pressure: Finite = 0.01
+    pressure: Annotated[Finite, PRESSURE] = 0.01
     """Load pressure [MPa]."""
     as_printed: bool = False
-    """The reading that reproduces the paper's tables instead of what physics says."""
+    """Load of the paper's tables instead of the physically consistent one."""
     layer: Annotated[int, Field(ge=1)] | None = None
     """Loaded layer of beam and shaft; by default the middle one, ⌊L/2⌋ + 1."""
 
@@ -166,26 +163,27 @@ class TubeLoadSection(Section):
 
 
 class RigidSection(Section):
-    """``[rigid]``: how the rigid-block equilibrium is solved."""
+    """``[rigid]``: rigid-block analysis."""
 
-    norm: Norm = Norm.FORCE
+    norm: Norm = Norm.PRESSURE
+    """``pressure`` does not depend on the mesh; ``force`` is the paper's, and does."""
     solver: Solver = Solver.NEWTON
-    friction: Annotated[NonNegative | None, NoAngle] = None
+    friction: Annotated[NonNegative | None, NoAngle, FRICTION] = None
     """Coefficient of friction μ: asks whether the load can be carried with Coulomb friction."""
     friction_law: FrictionLaw = FrictionLaw.CONE
-    """``cone`` (exact) or ``pyramid`` (inside it, linear)."""
+    """``cone`` (exact) or ``pyramid`` (linear, inside the cone)."""
     collapse: bool = False
-    """Asks how far the live load can grow until the first mechanism."""
+    """Limit analysis: collapse load factor of the variable load (associated friction)."""
     sliding: bool = False
-    """Asks at which live load joints can begin to slide without opening (`collapse` lets them)."""
+    """Non-associated limit load: joints slide without opening."""
     ranges: bool = False
-    """Asks for the least and the largest normal force of each joint over all admissible states."""
+    """Smallest and largest normal force of each joint over all admissible states."""
     margin: bool = False
-    """Asks which load on a single block is carried worst, and how well."""
+    """Interlocking margin: the load on a single block that is carried worst."""
 
 
 class PlausibilitySection(Section):
-    """``[plausibility]``: values that are meant although they look like a slip of units."""
+    """``[plausibility]``: implausible values to accept."""
 
     read_at_the_door: ClassVar[bool] = True
 
@@ -194,16 +192,21 @@ class PlausibilitySection(Section):
 
 
 class PicturesSection(Section):
-    """``[pictures]``: how pictures are drawn; no number depends on it."""
+    """``[pictures]``: format of the pictures; results do not depend on it."""
 
     format: Literal["png", "svg", "pdf"] = "png"
     """Kind of file: ``png``, ``svg`` or ``pdf`` (lines and letters, for print)."""
     width: Annotated[float, Field(ge=40.0, le=2000.0)] | None = None
-    """Width of a picture [mm], such as a journal's column; by default as its panels need."""
+    """Width of a picture [mm], such as a journal's column; by default set by its panels."""
     font: str | None = None
-    """Family of fonts, as the system names it; by default DejaVu Sans."""
-    font_size: Annotated[float, Field(ge=3.0, le=72.0)] | None = None
+    """Font family; by default DejaVu Sans."""
+    font_size: Annotated[float, Field(ge=3.0, le=36.0)] | None = None
     """Small print [pt]; titles are larger in proportion. By default 9."""
+    footer: bool = True
+    """Whether a line at the foot names program, version and day."""
+    labels: Literal["none", "numbers", "names"] = "none"
+    """Labels on the blocks of a drawn assembly: their ``numbers``, as in tables and JSON, or the
+    ``names`` of their shapes."""
 
     @field_validator("font")
     @classmethod

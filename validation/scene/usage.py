@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 
+from validation.scene.docstrings import field_docstrings
+from validation.scene.quantities import unit_of
+
 #: A key by the class of its section and its name there.
 _Key = tuple[type, str]
 _READ: ContextVar[set[_Key] | None] = ContextVar("keys that are read", default=None)
@@ -24,6 +27,8 @@ class Recorded(BaseModel):
 
     read_at_the_door: ClassVar[bool] = False
     """Whether reading the scene itself uses all its keys, before any method runs."""
+    weighty: ClassVar[tuple[str, ...]] = ()
+    """Keys whose default is named wherever an answer depends on it."""
 
     if not TYPE_CHECKING:  # a type checker would take every name for a value
 
@@ -70,6 +75,28 @@ class KeyUse:
             idle = not inner and (kind, name) not in self._read
             if idle and not _nothing(values[name]) and not _single(kind, name):
                 yield f"{place}{name}"
+
+    @property
+    def defaults(self) -> dict[str, str]:
+        """What the scene leaves out and the answer depends on, in words, by section or key."""
+        found = {}
+        for name in type(self.scene).model_fields:
+            section = self.scene.__dict__[name]
+            if not isinstance(section, Recorded) or section.read_at_the_door:
+                continue
+            words = getattr(section, "words", "")
+            given = name in self.scene.model_fields_set
+            if not given and words and self._reads(section, *type(section).model_fields):
+                found[name] = words
+            for key in section.weighty:
+                if given and key not in section.model_fields_set and self._reads(section, key):
+                    unit = unit_of(field_docstrings(type(section))[key])
+                    value = f"{section.__dict__[key]:g}"
+                    found[f"{name}.{key}"] = value if unit is None else f"{value} {unit.name}"
+        return found
+
+    def _reads(self, section: BaseModel, *keys: str) -> bool:
+        return any((type(section), key) in self._read for key in keys)
 
     def count(self, section: BaseModel) -> None:
         """Count all keys of a section as read."""

@@ -18,7 +18,7 @@ from geometry.families.platonic_layers import octahedra_layer, tetrahedra_layer
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
-from mbd import analyse, contact_jacobian
+from mbd import contact_jacobian, rigid_result
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from validation.build.blocks import build_blocks
 from validation.build.polyhedra import build_body_loads, build_polyhedra
@@ -68,7 +68,7 @@ def _rigid_answer(subject: Subject, view: View) -> _Answer:
     built, stated, friction = subject
     assembly = seen(built, view)
     load = seen_load(stated, assembly, view)
-    result = analyse(assembly, load)
+    result = rigid_result(assembly, load)
     balance = result.equilibrium
     classes = (str(result.mechanism), str(result.supported_classification.mechanism))
     words: tuple[object, ...] = (*classes, balance.holds, result.n_contacts)

@@ -1,14 +1,14 @@
 """Numbers that others printed: walls, an arch, an incline.
 
-Sources and closed forms stand in `validation.compare.others`; `python -m validation.compare.others`
-prints the same numbers as a table.
+Sources stand in `validation.comparison.others`; `python -m tests.verification printed` prints the
+same numbers as a table.
 """
 
 from __future__ import annotations
 
 from functools import partial
 
-from validation.compare import others
+from validation.comparison import others
 from validation.stability.case import Cases, Check, Finding
 
 CASES = Cases("numbers")

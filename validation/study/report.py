@@ -4,28 +4,47 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
+from geometry.answer import Measure
 from validation.errors import InputError
-from validation.output.console import Forecast, error_console, progress, two_columns
+from validation.output.console import (
+    LONG,
+    duration_words,
+    error_console,
+    progress,
+    tabled,
+    two_columns,
+)
 from validation.output.outputs import Outputs
 from validation.scene.usage import unused_words
+from validation.study.design import Row
 from validation.study.run import Tally
 from validation.study.store import ResultFile, write_csv, write_parquet
-from validation.study.study import Row, Study
+from validation.study.study import MEASURES, Study
+
+#: Rows of a table in full, and rows of a longer one: best ones, and failed ones.
+_WHOLE, _BEST, _FAILED = 20, 10, 3
+#: Columns that say what became of a rigid design without pressures.
+_STATES = {"rigid": ("mechanism",), "fem": ()}
+#: Expected times that are not told [s], and the change that is told.
+_SHORT, _CHANGE = 5.0, 1.5
+#: CPU time that must be measured before [s]: the first design also loads machine code.
+_MEASURED = 1.0
 
 
 @contextmanager
 def sweep_progress(results: ResultFile, *, retry_failed: bool = False) -> Iterator[Any]:
     """Live bar with failures and remaining time on a terminal; yields what takes each row.
 
-    A sweep that will take long says so as soon as rows come, in a log file too.
+    The expected CPU time is printed after the first row, and again where it changes much.
     """
     done, failed = results.counts()
     if retry_failed:
@@ -38,7 +57,8 @@ def sweep_progress(results: ResultFile, *, retry_failed: bool = False) -> Iterat
         TimeRemainingColumn(),
         TextColumn("left"),
     )
-    forecast, total = Forecast(window=4.0), results.study.n_designs
+    total = results.study.n_designs
+    expected = Expected(total - done)
     with progress(*columns) as bar:
         task = bar.add_task(results.study.name, total=total, completed=done, failed="")
 
@@ -46,15 +66,44 @@ def sweep_progress(results: ResultFile, *, retry_failed: bool = False) -> Iterat
             nonlocal done, failed
             done += 1
             failed += row.status == "failed"
-            left = forecast.left(done, total)
-            if left is not None:
-                error_console().print(
-                    f"long: about {left} for {total - done} more designs; Ctrl-C ends it, all rows "
-                    "so far are kept, and the same command goes on"
-                )
+            words = expected.words(row)
+            if words:
+                error_console().print(words)
             bar.update(task, advance=1, failed=f"{failed} failed" if failed else "")
 
         yield show
+
+
+class Expected:
+    """Expected CPU time of a sweep, from the designs that are computed so far."""
+
+    def __init__(self, total: int) -> None:
+        self._total = total
+        self._seconds: list[float] = []
+        self._told = 0.0
+
+    def words(self, row: Row) -> str:
+        """Words for the expected time; empty where it is short or is told already.
+
+        Designs that fail are quick, and say nothing of the others.
+        """
+        self._total -= row.status == "failed"
+        if row.status == "failed":
+            return ""
+        self._seconds.append(row.cpu_seconds)
+        usual = median(self._seconds)
+        expected = usual * self._total
+        changed = not self._told / _CHANGE < expected < self._told * _CHANGE
+        measured = sum(self._seconds) >= _MEASURED and len(self._seconds) < self._total
+        if expected < _SHORT or not changed or not measured:
+            return ""
+        self._told, count = expected, len(self._seconds)
+        which = "the first one took" if count == 1 else f"the median of {count} is"
+        words = f"expected: {duration_words(expected)} of CPU time for {self._total} designs ("
+        words += f"{which} {duration_words(usual)})"
+        if expected > LONG:
+            words += "; Ctrl-C ends it, all rows so far are kept, and the same command goes on"
+        return words
 
 
 @contextmanager
@@ -70,6 +119,20 @@ def goes_on(results: ResultFile) -> Iterator[None]:
             file=sys.stderr,
         )
         raise
+
+
+def draw(results: ResultFile, axes: tuple[str, str] | None, path: Path, outputs: Outputs) -> None:
+    """Draw a measure against a parameter; by default the first ones, where there are some."""
+    if axes is None:
+        measure, varied = results.first_measure(), results.study.varied
+        if measure is None or not varied:
+            return
+        axes = varied[0], measure
+    from validation.output.pictures.gallery import save_figure
+    from validation.study.picture import study_figure
+
+    save_figure(study_figure(results.study, results.rows(), *axes), path)
+    outputs.say("picture", path)
 
 
 def export(results: ResultFile, csv: Path | None, parquet: Path | None, outputs: Outputs) -> None:
@@ -91,6 +154,48 @@ def export(results: ResultFile, csv: Path | None, parquet: Path | None, outputs:
                 f"{results.path}: make room and run the same command again"
             ) from None
         outputs.say(words, target)
+
+
+def print_table(results: ResultFile, console: Console) -> None:
+    """Print designs and measures, the least first measure first, then failed designs."""
+    study, (total, failed) = results.study, results.counts()
+    whole = total <= _WHOLE
+    shown = results.ranked(_WHOLE if whole else _BEST, status="ok")
+    shown += results.ranked(_WHOLE if whole else _FAILED, status="failed")
+    columns = {"design": _cell("number")}
+    columns |= {_head(study, path): _cell(path) for path in study.varied}
+    for name in _STATES[study.quantity] + MEASURES[study.quantity]:
+        if any(row[name] is not None for row in shown):
+            columns[_head(study, name)] = _cell(name)
+    if shown and shown[-1]["status"] == "failed":
+        columns["message"] = lambda row: row["message"] if row["status"] == "failed" else ""
+    console.print(tabled(_table_title(results, len(shown)), shown, columns))
+    if not whole:
+        console.print(f"all {total} rows, of which {failed} failed: --csv FILE")
+
+
+def _table_title(results: ResultFile, n_shown: int) -> str:
+    first, total = results.first_measure(), results.counts()[0]
+    order = "" if first is None else f", least {first} first"
+    count = f"{n_shown} of {total}" if n_shown < total else str(total)
+    return f"{results.study.name}: {count} designs{order}"
+
+
+def _head(study: Study, column: str) -> str:
+    """Name of a column, its section above and its unit below."""
+    return study.head(column).replace(" [", "\n[").replace(".", ".\n")
+
+
+def _cell(name: str) -> Callable[[Mapping[str, Any]], str]:
+    """Return what makes the words of a column: value and error bar; the unit is in the head."""
+
+    def words(row: Mapping[str, Any]) -> str:
+        value, error = row[name], row.get(f"{name}_error")
+        if isinstance(value, float):
+            return Measure(value, "", error).value_words.rstrip()
+        return "–" if value is None else str(value)
+
+    return words
 
 
 def summary(results: ResultFile, tally: Tally, wall_seconds: float) -> dict[str, Any]:

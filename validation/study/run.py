@@ -21,8 +21,9 @@ from multiprocessing.synchronize import Event
 from typing import Any, Protocol
 
 from validation.errors import InputError
+from validation.study.design import Row, failed_row, run_design
 from validation.study.store import ResultFile
-from validation.study.study import Row, Study, failed_row, run_design
+from validation.study.study import Study
 
 #: Most processes for each core.
 _MOST_WORKERS = 16

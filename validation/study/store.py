@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from enum import StrEnum
 from itertools import chain
 from pathlib import Path
@@ -12,8 +14,9 @@ from typing import Any
 from validation.errors import InputError
 from validation.output import files
 from validation.output.provenance import version
-from validation.output.store import Layout, Store, content_key
-from validation.study.study import COLUMNS, Row, Study, Value
+from validation.output.store import PROVEN, Layout, Store, content_key, quoted
+from validation.study.design import Row
+from validation.study.study import COLUMNS, MEASURES, Study, Value
 
 #: Whole numbers that SQLite takes.
 _WHOLE = range(-(2**63), 2**63)
@@ -68,13 +71,17 @@ class ResultFile(Store):
             When it cannot be read, is damaged, no file of results, or belongs to another study.
         """
         self.study = study
-        super().__init__(path, study_layout(study))
         self.older = older
-        if older is None:
-            self._refuse_older()
+        super().__init__(path, study_layout(study))
+        self._refuse_older()
 
     def _check_about(self, about: Mapping[str, str]) -> None:
         if about.get("digest") == self.study.digest:
+            return
+        shorter = _with_values_of(self.study, about)
+        if shorter.digest == about.get("digest"):
+            self._refuse_older()
+            self._extend(shorter)
             return
         difference = _first_difference(
             _named(about.get("canonical", "{}")), _named(self.study.canonical)
@@ -84,8 +91,33 @@ class ResultFile(Store):
             "give another file with -o, or remove this one"
         )
 
+    def _extend(self, shorter: Study) -> None:
+        """Number the rows of a study with fewer values anew: they are designs of this one."""
+
+        def renumbered(row: dict[str, Any]) -> dict[str, Any]:
+            number = self.study.number(shorter.design(row["number"]))
+            return row | {"number": number, "key": self.key(number)} | self.study.design(number)
+
+        with super().alone():
+            self._require_study(shorter)
+            self.renew(renumbered)
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """As `Store.alone`; the rows must still be numbered as those of this study."""
+        with super().alone():
+            self._require_study(self.study)
+            yield
+
+    def _require_study(self, study: Study) -> None:
+        if self.about().get("digest") != study.digest:
+            raise InputError(
+                f"{self.path}: another process has extended its study since this one opened it; "
+                "run the same command again"
+            )
+
     def _refuse_older(self) -> None:
-        others = self.of_other_programs()
+        others = self.of_other_programs() if self.older is None else {}
         if others:
             self.close()
             count, names = sum(others.values()), ", ".join(sorted(others))
@@ -117,16 +149,52 @@ class ResultFile(Store):
         total, failed = self.ask(f"SELECT {numbers} FROM rows WHERE {self._counts}")[0]
         return total, failed
 
+    def first_measure(self) -> str | None:
+        """Return the first of the study's `MEASURES` that a row has; None where none has any."""
+        measures = MEASURES[self.study.quantity]
+        found = ", ".join(f"count({quoted(name)})" for name in measures)
+        counts = self.ask(f"SELECT {found} FROM rows WHERE {self._counts}")[0]
+        return next((name for name, n in zip(measures, counts, strict=True) if n), None)
+
+    def ranked(self, most: int, *, status: str) -> list[dict[str, Any]]:
+        """Rows of one status, the least value of the first measure first, so many at most."""
+        columns = self.shown
+        first = quoted(self.first_measure() or "number")
+        shown = ", ".join(quoted(name) for name in columns)
+        found = self.ask(
+            f"SELECT {shown} FROM rows WHERE {self._counts} AND status = '{status}' "
+            f"ORDER BY {first} IS NULL, {first}, number LIMIT {most}"
+        )
+        return [dict(zip(columns, values, strict=True)) for values in found]
+
     @property
     def _counts(self) -> str:
         """Condition of rows that count as done."""
         return "program = :program" if self.older is Older.RENEW else "TRUE"
 
+    @property
+    def shown(self) -> dict[str, str]:
+        """Columns that people read, and their types: no digests.
+
+        The program that computed a row is named where some rows are of another one.
+        """
+        hidden = {"key", "digest"} if self.of_other_programs() else set(PROVEN)
+        return {name: kind for name, kind in self.columns.items() if name not in hidden}
+
     def rows(self) -> Iterator[dict[str, Any]]:
-        """All rows by column name, in the order of the designs."""
-        for batch in self.batches("number"):
+        """All rows by the names of `shown`, in the order of the designs."""
+        columns = self.shown
+        for batch in self.batches("number", columns):
             for values in batch:
-                yield dict(zip(self.columns, values, strict=True))
+                yield dict(zip(columns, values, strict=True))
+
+
+def _with_values_of(study: Study, about: Mapping[str, str]) -> Study:
+    """Return a study with the lists of values of a file, where they are parts of its own lists."""
+    listed = json.loads(about.get("canonical", "{}")).get("parameters", [])
+    if not study.extends(listed):
+        return study
+    return replace(study, parameters=tuple((path, tuple(values)) for path, values in listed))
 
 
 def _named(canonical: str) -> dict[str, Any]:
@@ -157,8 +225,10 @@ def _short(value: Any) -> str:
 
 
 def write_csv(results: ResultFile, path: Path) -> None:
-    """Write all rows as CSV."""
-    files.write_csv(path, results.columns, chain.from_iterable(results.batches("number")))
+    """Write all rows as CSV; the header names the units."""
+    columns = results.shown
+    heads = [results.study.head(name) for name in columns]
+    files.write_csv(path, heads, chain.from_iterable(results.batches("number", columns)))
 
 
 def require_parquet() -> None:
@@ -178,18 +248,16 @@ def write_parquet(results: ResultFile, path: Path) -> None:
     import pyarrow
     import pyarrow.parquet
 
+    columns = results.shown
     types = {"INTEGER": pyarrow.int64(), "REAL": pyarrow.float64(), "TEXT": pyarrow.string()}
-    schema = pyarrow.schema(
-        [(name, types[kind.split()[0]]) for name, kind in results.columns.items()]
-    )
+    schema = pyarrow.schema([(name, types[kind.split()[0]]) for name, kind in columns.items()])
 
     def write(partial: Path) -> None:
         with pyarrow.parquet.ParquetWriter(partial, schema) as writer:
-            for batch in results.batches("number"):
-                columns = zip(*batch, strict=True)
+            for batch in results.batches("number", columns):
                 arrays = [
                     pyarrow.array(values, type=field.type)
-                    for values, field in zip(columns, schema, strict=True)
+                    for values, field in zip(zip(*batch, strict=True), schema, strict=True)
                 ]
                 writer.write_table(pyarrow.Table.from_arrays(arrays, schema=schema))
 

@@ -19,25 +19,22 @@ import difflib
 import hashlib
 import json
 import math
-import os
-import time
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
+from geometry.answer import TITLES
 from geometry.errors import unreadable
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
+from validation.scene.deformable import parse_share
+from validation.scene.docstrings import field_docstrings
+from validation.scene.quantities import unit_of
 from validation.scene.read import SceneFile, apply_overrides, check_scene, read_text, scene_data
-from validation.scene.sections import RigidSection
-from validation.scene.usage import recording, uncounted
-
-if TYPE_CHECKING:
-    from validation.build.blocks import BuiltScene
 
 Quantity = Literal["rigid", "fem"]
 Value = Any
@@ -59,17 +56,27 @@ COLUMNS: dict[Quantity, dict[str, str]] = {
         "iterations": "INTEGER",
     },
     "fem": {
-        "max_displacement": "REAL",
-        "sigma_1_max": "REAL",
-        "sigma_3_min": "REAL",
-        "p_eff": "REAL",
-        "p_eff_pooled": "REAL",
-        "p_max": "REAL",
+        **{name: "REAL" for measure in TITLES for name in (measure, f"{measure}_error")},
         "residual": "REAL",
         "energy_balance": "REAL",
         "n_elements": "INTEGER",
     },
 }
+#: Numbers by which designs are ranked and drawn, the first one first: less is better.
+MEASURES: dict[Quantity, tuple[str, ...]] = {
+    "rigid": ("p_max", "p_eff", "effective_area_percent"),
+    "fem": ("p_max_point", "sigma_1_averaged", "max_displacement", "p_eff"),
+}
+#: Units of columns; what is not named has none.
+UNITS = {
+    **{name: "mm" if name == "max_displacement" else "MPa" for name in TITLES},
+    "p_eff_pooled": "MPa",
+    "effective_count_percent": "%",
+    "effective_area_percent": "%",
+    "cpu_seconds": "s",
+}
+#: Relative error bars of deformable designs where the study states none [-]: enough to rank them.
+RANKING = 0.1
 
 #: Of this version is the canonical text that identifies a study.
 _FORMAT = 1
@@ -95,6 +102,9 @@ class Study:
     """Data of the scene, settings applied."""
     parameters: tuple[tuple[str, tuple[Value, ...]], ...]
     """``section.key`` and its values, in the order of the file."""
+    accuracy: float | None = None
+    """Requested relative error bars of the measures of deformable designs [-]; None: `RANKING`,
+    within a limit of work."""
     reads: tuple[Path, ...] = ()
     """Files that say what the study is: its own and that of its scene."""
 
@@ -110,6 +120,50 @@ class Study:
             number, place = divmod(number, len(values))
             chosen[path] = values[place]
         return {path: chosen[path] for path, _ in self.parameters}
+
+    def number(self, design: Mapping[str, Value]) -> int:
+        """Return the number of a design: the inverse of `design`."""
+        found = 0
+        for path, values in self.parameters:
+            found = found * len(values) + self._positions[path][value_text(design[path])]
+        return found
+
+    @cached_property
+    def _positions(self) -> dict[str, dict[str, int]]:
+        """Position of each value in its list, by parameter and text of the value."""
+        return {
+            path: {value_text(value): place for place, value in enumerate(values)}
+            for path, values in self.parameters
+        }
+
+    def extends(self, parameters: Iterable[tuple[str, Iterable[Value]]]) -> bool:
+        """Whether lists of values of the same parameters, in the same order, are parts of these."""
+        listed = [(path, list(values)) for path, values in parameters]
+        return [path for path, _ in listed] == [path for path, _ in self.parameters] and all(
+            value_text(value) in self._positions[path]
+            for path, values in listed
+            for value in values
+        )
+
+    def head(self, column: str) -> str:
+        """Name of a column with its unit."""
+        unit = UNITS.get(column.removesuffix("_error")) or self._unit(column)
+        return f"{column} [{unit}]" if unit else column
+
+    def _unit(self, path: str) -> str | None:
+        """Unit of a key of the scene; None where it has none."""
+        *sections, key = path.split(".")
+        section: Any = self.scene_file(0).scene if sections else None
+        for name in sections:
+            section = getattr(section, name, None)
+        kind: type = type(section)
+        unit = unit_of(field_docstrings(kind).get(key, "")) if sections else None
+        return None if unit is None else unit.name
+
+    @property
+    def varied(self) -> list[str]:
+        """Parameters of more than one value, the one that varies slowest first."""
+        return [path for path, values in self.parameters if len(values) > 1]
 
     def scene_file(self, number: int) -> SceneFile:
         """Checked scene of a design.
@@ -133,12 +187,14 @@ class Study:
             weight = _weight(scene)
             scene = {key: value for key, value in scene.items() if key not in _DEFORMABLE}
             scene |= weight
-        content = {
+        content: dict[str, Any] = {
             "format": _FORMAT,
             "quantity": self.quantity,
             "scene": scene,
             "parameters": [[path, list(values)] for path, values in self.parameters],
         }
+        if self.accuracy is not None:
+            content["accuracy"] = self.accuracy
         return json.dumps(content, sort_keys=True, allow_nan=False)
 
     @cached_property
@@ -184,7 +240,7 @@ def check_study(
     InputError
         One line naming the first thing that is wrong.
     """
-    known = ["scene", "quantity", "parameters", "settings"]
+    known = ["scene", "quantity", "accuracy", "parameters", "settings"]
     for key in data:
         if key not in known:
             near = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
@@ -199,6 +255,7 @@ def check_study(
         raise InputError(
             f"{name}: quantity: got {quantity!r}, expected one of {', '.join(COLUMNS)}"
         )
+    accuracy = _accuracy(name, data["accuracy"], quantity) if "accuracy" in data else None
     for section in ("parameters", "settings"):
         if not isinstance(data.get(section, {}), dict):
             raise InputError(f"{name}: [{section}]: expected a section of section.key = values")
@@ -218,7 +275,7 @@ def check_study(
     base = apply_overrides(base, [*_assignments(settings), *overrides])
     files = [Path(source), *(Path(part["file"]) for part in base.get("parts", ()))]
     reads = tuple(file for file in files if file.is_file())
-    study = Study(name, quantity, base, parameters, reads)
+    study = Study(name, quantity, base, parameters, accuracy, reads)
     _check_count(study)
     _check_values(study)
     return study
@@ -254,11 +311,32 @@ def _values(place: str, given: Any) -> tuple[Value, ...]:
         )
     if not given:
         raise InputError(f"{place}: the list is empty; give at least one value")
-    texts = [json.dumps(value, default=str) for value in given]
+    texts = [value_text(value) for value in given]
     for text in texts:
         if texts.count(text) > 1:
             raise InputError(f"{place}: {text} is given twice; every design is computed once")
     return tuple(given)
+
+
+def _accuracy(name: str, given: Any, quantity: Quantity) -> float:
+    """Read the error bars that a study requests of its deformable designs."""
+    share = parse_share(given)
+    if quantity != "fem":
+        raise InputError(
+            f"{name}: accuracy: rigid designs have no error bars; remove the key, or write "
+            'quantity = "fem"'
+        )
+    if share is None:
+        raise InputError(
+            f'{name}: accuracy: got {given!r}, expected a share between 0 and 1, e.g. "10%"'
+        )
+    return share
+
+
+def value_text(value: Value) -> str:
+    """Text that is the same for equal values: 10 and 10.0 are one value."""
+    whole = type(value) is int and abs(value) < 2**53
+    return json.dumps(float(value) if whole else value, default=str)
 
 
 def _range(place: str, given: Mapping[str, Any]) -> tuple[Value, ...]:
@@ -340,142 +418,3 @@ def _check_values(study: Study) -> None:
             except InputError as error:
                 if path in str(error):
                     raise
-
-
-# ---------------------------------------------------------------------------------------------
-# One design
-
-
-@dataclass(frozen=True)
-class Row:
-    """One design of a study and what came out."""
-
-    number: int
-    status: Literal["ok", "failed"]
-    """``failed``: nothing could be computed, `message` says why. A tube that carries no load is
-    ``ok``: that is an answer."""
-    message: str
-    """Why it failed; of an answer, the parameters on which it does not depend."""
-    parameters: dict[str, Value]
-    results: dict[str, Any]
-    """By the names in `COLUMNS`; empty if failed."""
-    cpu_seconds: float
-    """CPU time of the design [s]."""
-    worker: tuple[int, float] = (0, 0.0)
-    """Process that computed it and the CPU time it had used by then [s]."""
-    unused: tuple[str, ...] = ()
-    """Keys of its scene on which its results do not depend; empty if failed."""
-
-
-def run_design(study: Study, number: int) -> Row:
-    """Compute one design, counted from 0; whatever goes wrong with it becomes its message."""
-    rigid = study.quantity == "rigid"
-    # Other threads of the process may be at work on other designs; fem may use several itself.
-    clock = time.thread_time if rigid else time.process_time
-    start = clock()
-    failure, results = "", {}
-    unused: tuple[str, ...] = ()
-    try:
-        file = study.scene_file(number)
-        with recording(file.scene) as use:
-            results = _rigid_results(file) if rigid else _fem_results(file)
-        unused = use.unused
-    except Exception as error:
-        words = " ".join(str(error).split()) or "no message"
-        failure = words if isinstance(error, ValueError) else f"{type(error).__name__}: {words}"
-    idle = [path for path, _ in study.parameters if path in unused]
-    return Row(
-        number=number,
-        status="failed" if failure else "ok",
-        message=failure or "; ".join(f"{path}: no part of this answer" for path in idle),
-        parameters=study.design(number),
-        results=results,
-        cpu_seconds=clock() - start,
-        worker=(os.getpid(), time.process_time()),
-        unused=unused,
-    )
-
-
-def refuse_idle_parameters(study: Study) -> None:
-    """Refuse a rigid study that varies what no rigid answer depends on: its rows would be equal.
-
-    The first and the last design say it. Answers of deformable blocks take long: there each row
-    says it (`Row.message`).
-    """
-    if study.quantity != "rigid":
-        return
-    idle = {path for path, values in study.parameters if len(values) > 1}
-    for number in (0, study.n_designs - 1):
-        try:
-            file = study.scene_file(number)
-            with recording(file.scene) as use:
-                _rigid_results(file)
-        except ValueError:
-            return  # a design that cannot be computed says nothing; its row will say why
-        idle &= set(use.unused)
-    if idle:
-        raise InputError(
-            f"{study.name}: {', '.join(sorted(idle))}: no answer of rigid blocks depends on it, so "
-            'rows would be equal; remove it from [parameters], or ask quantity = "fem"'
-        )
-
-
-def failed_row(study: Study, number: int, message: str) -> Row:
-    """Row of a design whose process did not live to report it."""
-    return Row(number, "failed", message, study.design(number), {}, 0.0)
-
-
-#: What ``[rigid]`` can ask and no column shows.
-_NO_COLUMN = ("collapse", "sliding", "ranges", "margin")
-
-
-def _of_the_columns(built: BuiltScene) -> BuiltScene:
-    """Return a scene that asks for nothing that no column of a study shows."""
-    return replace(built, scene=built.scene.changed({"rigid": dict.fromkeys(_NO_COLUMN, False)}))
-
-
-def _rigid_results(file: SceneFile) -> dict[str, Any]:
-    from validation.build.blocks import build_scene
-    from validation.run.rigid.answer import analyse_rigid
-
-    built = build_scene(file, command="sweep")
-    with uncounted(*((RigidSection, key) for key in _NO_COLUMN)):
-        run = analyse_rigid(_of_the_columns(built))
-    result = run.result
-    # With friction asked, the forces and the verdict are those with it.
-    friction = None if run.further is None else run.further.friction
-    found: dict[str, Any] = {
-        "mechanism": str(result.mechanism),
-        "equilibrium": int(run.carried.holds),
-        "residual": result.equilibrium.residual if friction is None else friction.residual,
-        "n_blocks": result.n_blocks,
-        "n_contacts": result.n_contacts,
-        "iterations": result.equilibrium.iterations,
-    }
-    measures = run.measures
-    names = ("effective_count_percent", "effective_area_percent", "p_eff", "p_eff_pooled", "p_max")
-    for name in names:
-        found[name] = None if measures is None else getattr(measures, name)
-    return found
-
-
-def _fem_results(file: SceneFile) -> dict[str, Any]:
-    from validation.run.solve import run_scene
-    from validation.scene.read import DeformableScene
-
-    if not isinstance(file.scene, DeformableScene):
-        raise InputError(f"block.type {file.scene.block.type!r} is not built for `fem` yet")
-    run = run_scene(file.name, file.scene)
-    principal = [run.principal(b) for b in run.deformable.deformable_blocks.tolist()]
-    contact = run.contact if run.meets else None
-    return {
-        "max_displacement": run.largest_displacement,
-        "sigma_1_max": max(float(p[:, 0].max()) for p in principal),
-        "sigma_3_min": min(float(p[:, 2].min()) for p in principal),
-        "p_eff": None if contact is None else contact.p_eff,
-        "p_eff_pooled": None if contact is None else contact.p_eff_pooled,
-        "p_max": None if contact is None else contact.p_max_face,
-        "residual": run.answer.residual,
-        "energy_balance": run.energy_balance,
-        "n_elements": run.deformable.model.n_elements,
-    }

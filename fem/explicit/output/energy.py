@@ -103,8 +103,6 @@ def _mass_damping(now: BodyState) -> float:
 
 
 def _stiffness_damping(system: System, now: BodyState) -> float:
-    if now.rate_form is not None:
-        return float(now.rate_form.work[3].sum())
     before, damping = now.elastic_before, now.stiffness_damping
     if before is not None:
         done = float(before.work[:, 0].sum() - before.work[:, 1].sum())
@@ -117,8 +115,6 @@ def _stiffness_damping(system: System, now: BodyState) -> float:
 
 
 def _bulk_viscosity(now: BodyState) -> float:
-    if now.rate_form is not None:
-        return float(now.rate_form.work[2].sum())
     return 0.0 if now.viscous is None else float(now.viscous.dissipated.sum())
 
 
@@ -142,8 +138,6 @@ def hourglass_energy(system: System, body: Body, now: BodyState) -> float:
     it is stepped back.
     """
     rows = body.hourglass
-    if now.rate_form is not None:
-        return float(now.rate_form.work[1].sum())
     if rows is None:
         return 0.0
     local = now.local_displacement

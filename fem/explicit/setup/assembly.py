@@ -29,7 +29,6 @@ from fem.explicit.kernels.layout import LaneArray, to_lanes
 from fem.explicit.state import State
 from fem.explicit.step import Interaction, System, placed_internal_force
 from fem.problem.effects import EffectError, Effects
-from fem.problem.formulation import Formulation
 from fem.problem.model import (
     Amplitude,
     BlockGroup,
@@ -234,7 +233,6 @@ def explicit_assembly(
     effects: Effects | None = None,
     amplitude: Amplitude | None = None,
     counted_pressure: float = COUNTED_PRESSURE,
-    formulation: Formulation = Formulation.SHARED_STIFFNESS,
 ) -> ExplicitAssembly:
     """State the explicit problem of an assembly.
 
@@ -251,8 +249,6 @@ def explicit_assembly(
         them; else it acts at once, as in Abaqus' steps.
     counted_pressure
         Pressure whose stiffness the critical time step counts in, see `counted_stiffness` [MPa].
-    formulation
-        Where internal forces come from.
 
     Raises
     ------
@@ -287,7 +283,6 @@ def explicit_assembly(
             loads=tuple(replace(_some(f, kept[f.group]), amplitude=amplitude) for f in model.loads),
             effects=_with_gravity(effects, deformable.gravity, amplitude),
             interactions=tuple(interactions),
-            formulation=formulation,
         ),
         sliding=contact if isinstance(contact, SlidingContact) else None,
     )

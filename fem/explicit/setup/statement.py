@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Motion
 from fem.assembly.symmetry import Orbits, SymmetryError, largest_cyclic_orbits
@@ -25,13 +27,15 @@ from fem.explicit.setup.quasi_static import (
     recommended_times,
 )
 from fem.problem.effects import Effects
-from fem.problem.formulation import Formulation
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.time_step import TimeStepError, scale_masses
 from geometry.mesh import FloatArray
 
 #: Contact pressures that the critical time step counts in, one after the other [MPa].
 _COUNTED_PRESSURES = tuple(COUNTED_PRESSURE * 4.0**k for k in range(6))
+
+#: Gaps beyond this part of the size of a block are no rounding of single precision.
+_APART = 1e-6
 
 
 @dataclass(frozen=True)
@@ -73,7 +77,6 @@ def explicit_statement(
     end_time: float | None = None,
     mass_scaling: float | None = None,
     counted_pressure: float = COUNTED_PRESSURE,
-    formulation: Formulation = Formulation.SHARED_STIFFNESS,
     motion: Motion | None = None,
 ) -> ExplicitStatement:
     """State the explicit problem of an assembly.
@@ -93,8 +96,6 @@ def explicit_statement(
         Step that every element is to allow, over the shortest; None: absent.
     counted_pressure
         Pressure whose contact stiffness the critical time step counts in [MPa].
-    formulation
-        Where internal forces come from.
     motion
         Of every block at time 0; None: at rest.
 
@@ -127,7 +128,6 @@ def explicit_statement(
         effects=effects,
         amplitude=SmoothStepAmplitude(ramp) if ramp > 0 else None,
         counted_pressure=counted_pressure,
-        formulation=formulation,
     )
     velocities = None if motion is None else motion.velocities(stated.model)
     return ExplicitStatement(stated, times, ramp, end, counted_pressure, velocities)
@@ -160,8 +160,30 @@ def _times(
     if plain.sliding is not None:
         start = plain.sliding.at_start
         refuse_overlap(start.block_m, start.block_s, start.deepest, deformable.contact.law)
-    closing = deformable.surfaces.clearance > 0.0 or bool(deformable.offsets.any())
+    closing = _apart(deformable, plain)
     damped = effects.adaptive_mass_damping is not None
     times = recommended_times(plain.model, damped=damped, closing=closing)
     ramp = times.ramp_time if ramp_time is None else ramp_time
     return times, ramp, ramp + times.end_time - times.ramp_time if end_time is None else end_time
+
+
+def _apart(deformable: DeformableAssembly, plain: ExplicitAssembly) -> bool:
+    """Whether two blocks that face each other are apart before any load acts.
+
+    A clearance, a spacing or the placement of the blocks makes the gap. With a search, a free block
+    that faces nothing is apart as well.
+    """
+    if plain.sliding is None:
+        state = deformable.surfaces
+        block_m, block_s, gaps = state.block_m, state.block_s, state.initial_gaps.min(axis=1)
+    else:
+        start = plain.sliding.at_start
+        block_m, block_s, gaps = start.block_m, start.block_s, -start.deepest
+        moving = [s.block for s in plain.sliding.surfaces if s.group >= 0]
+        if not np.isin(moving, np.concatenate([block_m, block_s])).all():
+            return True
+    pairs = np.column_stack([np.minimum(block_m, block_s), np.maximum(block_m, block_s)])
+    _, joint = np.unique(pairs, axis=0, return_inverse=True)
+    smallest = np.full(joint.max(initial=-1) + 1, np.inf)
+    np.minimum.at(smallest, joint.ravel(), gaps)
+    return bool((smallest > _APART * deformable.assembly.characteristic_length).any())

@@ -137,7 +137,7 @@ class CondensedStep:
         self._kind_of, self._kinds = self._make_kinds()
         self._reduce_loads()
         self._number_variables()
-        self._level_of = _levels(system)
+        self._level_of = levels_of(system)
 
     # -----------------------------------------------------------------------------------------
     # Once
@@ -534,7 +534,7 @@ class _Factored:
         return np.concatenate([q for q, _ in solved]), motions
 
 
-def _levels(system: LocalSystem) -> IntArray:
+def levels_of(system: LocalSystem) -> IntArray:
     """Level of each slot: contacts lie within a level or between neighbouring ones.
 
     The layers of the assembly where they are such levels, else distances from an end of the

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -15,17 +15,20 @@ from rich.table import Table
 from fem.assembly.contact_state import CapAction
 from fem.problem.model import element_words
 from fem.problem.time_step import added_mass_share
+from geometry.answer import TITLES, Measure, measure_rows
+from geometry.assembly import Assembly
 from geometry.files.mesh_io import write_surface
-from geometry.mesh import QuadSurface
-from validation.output.console import two_columns
+from geometry.measures import block_measures, measures
+from geometry.mesh import FloatArray, QuadSurface
+from validation.output.console import listing, two_columns
 from validation.output.deformable.fields import element_owners, facet_owners, write_fields
 from validation.output.files import write_whole
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
 from validation.output.pictures.energies import draw_energies
-from validation.run.measures import Measure, place_words, value_words
-from validation.run.stages import peak_memory_mb
+from validation.run.accuracy import reached_rows
+from validation.run.stages import cpu_words, peak_memory_mb
 from validation.scene.deformable import FemSection
 from validation.scene.polyhedra import STRAIGHT_EDGES
 
@@ -34,7 +37,7 @@ if TYPE_CHECKING:
     from fem.explicit.solve import ExplicitResult
     from validation.output.pictures.drawn import DrawnState
     from validation.run.deformable import DeformableRun
-    from validation.run.measures import FrictionSet
+    from validation.run.measures import FrictionSet, StaticReference
 
 #: Files of a run.
 FILES = (
@@ -75,8 +78,8 @@ def _write_fields(run: DeformableRun, path: Path) -> None:
         path,
         run.deformable.model.groups,
         run.displacements,
-        finite_rotation=run.answer.finite_rotation,
-        recovered=run.answer.recovered,
+        finite_rotation=run.solution.finite_rotation,
+        recovered=run.solution.recovered,
         owners=element_owners(run.deformable),
     )
 
@@ -121,9 +124,9 @@ def _write_history(history: History, name: str, outputs: Outputs) -> None:
     outputs.write("picture", "energies.png", lambda path: draw_energies(history, path, title=name))
 
 
-def _name_frames(fem: FemSection | None, outputs: Outputs) -> None:
+def _name_frames(fem: FemSection, outputs: Outputs) -> None:
     """Name the frames written on the way."""
-    if fem is not None and fem.frames > 0 and outputs.folder is not None:
+    if fem.frames > 0 and outputs.folder is not None:
         outputs.say("frames", outputs.path("frames.pvd"))
 
 
@@ -142,41 +145,98 @@ def _add_slip(table: Table, slip: dict[str, float] | None) -> None:
 
 
 def print_run(run: DeformableRun, console: Console) -> None:
-    """Print the numbers of a run."""
+    """Print the numbers of a run: the answer, what proves it, how it was computed."""
     table = two_columns(run.title)
+    add_measures(table, run.answer.measures)
+    _add_accuracy(table, run)
+    if run.meets:
+        _add_contact(table, run)
+    if run.explicit is not None:
+        _add_explicit(table, run, run.explicit)
+    if run.solution.residual is not None:
+        table.add_row("force residual", f"{run.solution.residual:.2e}")
+    if run.static is not None and run.meets:
+        table.add_row("Newton iterations", f"{run.static.newton_iterations}")
+    if run.straightened:
+        table.add_row("edges", STRAIGHT_EDGES)
     model = run.deformable.model
     table.add_row("method, element", f"{run.method}, {element_words(model.groups[0])}")
     table.add_row(
         "blocks, elements, nodes",
         f"{len(run.deformable.deformable_blocks)} deformable, {model.n_elements}, {model.n_nodes}",
     )
-    if run.straightened:
-        table.add_row("edges", STRAIGHT_EDGES)
-    if run.explicit is not None:
-        _add_explicit(table, run, run.explicit)
-    if run.static is not None and run.meets:
-        table.add_row("Newton iterations", f"{run.static.newton_iterations}")
-    if run.answer.residual is not None:
-        table.add_row("force residual", f"{run.answer.residual:.2e}")
-    add_measures(table, run.measures)
-    if run.meets:
-        _add_contact(table, run)
-    seconds = ", ".join(f"{k} {v:.3f}" for k, v in run.cpu_seconds.items())
-    table.add_row("CPU seconds", seconds)
+    for k, mesh in enumerate(run.refinement.get("meshes", ())):
+        words = (
+            f"{mesh['elements_per_block']} elements of degree {mesh['degree']} per block, "
+            f"{mesh['unknowns']} unknowns: {mesh['cpu_seconds']:.2f} CPU s"
+        )
+        table.add_row("" if k else "meshes", words)
+    table.add_row("CPU seconds", cpu_words(run.cpu_seconds))
     table.add_row("peak memory", f"{peak_memory_mb():.0f} MB")
     console.print(table)
+    if run.reference is not None:
+        _print_reference(run, run.reference, console)
+
+
+def _print_reference(run: DeformableRun, found: StaticReference, console: Console) -> None:
+    """Print each value of an explicit run beside the converged one, and the two kinds of error."""
+    if found.why_not:
+        console.print(f"no converged static state to compare with: {found.why_not}")
+        return
+    measures = run.measures
+    errors = found.errors(measures)
+    heads = ("this mesh", "converged static state", "discretisation error")
+    table = listing(f"{run.name}: this mesh and the converged static state", "", numbers=heads)
+    for name, title in TITLES.items():
+        if name in measures and name in found.measures:
+            own, converged = measures[name], found.measures[name]
+            error = _error_words(errors.get(name), converged)
+            value = f"{own.value:.5g} {own.unit}"
+            table.add_row(title.words, value, converged.value_words, error)
+    console.print(table)
+    state = run.solution.quasi_static
+    left = "" if state is None else f", remaining displacement {100 * state.settling:.2g} %"
+    console.print(
+        "distance to the static state of this mesh: force residual "
+        f"{run.solution.residual or 0.0:.1e}{left}"
+    )
+
+
+def _error_words(error: float | None, converged: Measure) -> str:
+    """A discretisation error in its unit and as a share of the converged value."""
+    if error is None:
+        return "–"
+    share = f" ({100 * error / abs(converged.value):+.3g} %)" if converged.value else ""
+    return f"{error:+.2g} {converged.unit}{share}"
+
+
+def _add_accuracy(table: Table, run: DeformableRun) -> None:
+    """Print each requested accuracy with what was reached, and what ended the refinement."""
+    found = run.refinement.get("accuracy")
+    if found is None:
+        return
+    measures = run.answer.measures
+    for k, row in enumerate(reached_rows(measures, found["requested"])):
+        table.add_row("" if k else "requested error bars", row)
+    table.add_row("refinement ended by", found["ended_by"])
 
 
 def _add_explicit(table: Table, run: DeformableRun, result: ExplicitResult) -> None:
     """Print the steps of an explicit run, and how static its end is."""
-    stated, state = run.answer.statement, run.quasi_static
+    stated, state = run.solution.statement, run.solution.quasi_static
     assert stated is not None
     table.add_row(
         "steps, time step",
         f"{result.n_steps} to {1e3 * result.time:.4g} ms ({result.status}), "
         f"{result.time_step:.4g} s (critical {result.critical.critical_time_step:.4g} s)",
     )
-    if run.scene.fem is not None and run.scene.fem.mass_scaling is not None:
+    if run.solution.restarts:
+        table.add_row(
+            "restarts",
+            f"{run.solution.restarts}: contact outgrew the time step, and the run started again "
+            "with a shorter one; give contact.maximum_stiffness, or a shorter fem.time_step",
+        )
+    if run.scene.fem.mass_scaling is not None:
         share = 100 * added_mass_share(stated.assembly.model)
         table.add_row("mass scaling", f"{share:.3g} % more mass; it does not change the end")
     rate = result.element_updates_per_cpu_second / 1e6
@@ -192,7 +252,7 @@ def _add_explicit(table: Table, run: DeformableRun, result: ExplicitResult) -> N
             f"{state.kinetic_over_internal_energy:.2e} (small is necessary, not sufficient)",
         )
         table.add_row(
-            "velocity (rms), way to go",
+            "rms velocity, remaining displacement",
             f"{state.velocity_norm:.3g} mm/s, {100 * state.settling:.2g} %",
         )
         table.add_row("verdict", state.verdict)
@@ -201,26 +261,40 @@ def _add_explicit(table: Table, run: DeformableRun, result: ExplicitResult) -> N
         shown = [f"{key.replace('_', ' ')} {value:.5g}" for key, value in values if value != 0.0]
         table.add_row("energies [N mm]", ", ".join(shown) or "all zero")
     table.add_row("energy balance", f"{result.energy_balance:.2e}")
-    if run.released_at_start is not None:
-        table.add_row("start", _start_words(run.released_at_start))
+    if run.solution.released_at_start is not None:
+        table.add_row("start", _start_words(run.solution.released_at_start))
 
 
 def _add_contact(table: Table, run: DeformableRun) -> None:
     """Print what only blocks that meet have."""
-    contact = run.contact
+    if run.facets is not None:
+        _add_facets(table, run.facets)
     table.add_row("contact search", str(run.contact_search))
     if run.friction is not None:
         table.add_row("friction", _friction_words(run.friction))
-    _add_slip(table, run.slip)
-    if run.left_out:
-        words = "means over the facets of the scene's [mesh], not of this one: ask for them by name"
-        table.add_row(", ".join(sorted(run.left_out)), words)
-    else:
+    _add_slip(table, run.solution.slip)
+    if run.facets is None:
+        contact = run.contact
         table.add_row("p_eff, pooled", f"{contact.p_eff_pooled:.5g} MPa as the paper's tables")
         table.add_row("effective contact elements", f"{contact.effective_count_percent:.2f} %")
-    if run.cap is not None:
-        table.add_row("cap of the contact law", cap_words(run.cap))
-    table.add_row("mean overclosure", f"{contact.mean_overclosure:.4g} mm where surfaces press")
+    if run.solution.cap is not None:
+        table.add_row("cap of the contact law", cap_words(run.solution.cap))
+    overclosure = run.contact.mean_overclosure
+    table.add_row("mean penetration", f"{overclosure:.4g} mm over the closed contacts")
+
+
+def _add_facets(table: Table, facets: tuple[Assembly, FloatArray]) -> None:
+    """Print the measures of the paper that depend on its facets, and how large these are."""
+    assembly, pressures = facets
+    found, free = assembly.interfaces, assembly.free_blocks
+    per_block = block_measures(free, found.block_m, found.block_s, pressures, found.areas)
+    all_blocks = measures(
+        per_block, assembly.eligible_facets()[free], assembly.eligible_areas()[free]
+    )
+    size = float(np.sqrt(found.areas.mean()))
+    table.add_row("facets of these means", f"those of [mesh], {size:.3g} mm (root of their area)")
+    table.add_row("p_eff, pooled", f"{all_blocks.p_eff_pooled:.5g} MPa as the paper's tables")
+    table.add_row("effective contact elements", f"{all_blocks.effective_count_percent:.2f} %")
 
 
 def _friction_words(found: FrictionSet) -> str:
@@ -249,26 +323,10 @@ def _start_words(share: float) -> str:
     )
 
 
-#: How measures are named in the table, and what is to be known of each beside its place.
-_MEASURES = {
-    "max_displacement": ("largest displacement", ""),
-    "p_eff": ("p_eff", "mean of the effective elements"),
-    "p_max": ("p_max", "mean of block maxima (facets)"),
-    "p_max_point": ("p_max at a point", ""),
-    "sigma_1_max": ("tension σ₁ at a point", ""),
-    "sigma_3_min": ("compression σ₃ at a point", ""),
-    "sigma_1_averaged": ("tension σ₁ averaged", "over a ball of radius {averaging_radius:g} mm; "),
-}
-
-
-def add_measures(table: Table, found: dict[str, Measure]) -> None:
+def add_measures(table: Table, found: Mapping[str, Measure]) -> None:
     """Print each measure with its error and its place."""
-    for name, (title, remark) in _MEASURES.items():
-        if name not in found:
-            continue
-        measure = found[name]
-        told = remark.format(**measure.place) if measure.place is not None else remark
-        table.add_row(title, f"{value_words(measure)} {told}{place_words(measure)}".rstrip())
+    for title, words in measure_rows(found):
+        table.add_row(title, words)
 
 
 def cap_words(cap: CapAction) -> str:

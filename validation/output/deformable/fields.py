@@ -12,6 +12,7 @@ import numpy as np
 from fem.assembly.deformable import DeformableAssembly
 from fem.element.lagrange_mesh import LagrangeMesh
 from fem.element.lagrange_stress import cells_of, equidistant, grid_places
+from fem.element.stress import von_mises
 from fem.problem.model import BlockGroup
 from fem.problem.recovery import Recovered, block_displacements, moved_bodies, recover
 from geometry.assembly import Assembly
@@ -36,10 +37,10 @@ def groups_mesh(groups: Sequence[BlockGroup]) -> HexMesh:
     return HexMesh(np.concatenate(nodes), np.concatenate(elements))
 
 
-def principal_stresses(parts: Iterable[FloatArray]) -> dict[str, FloatArray]:
-    """``sigma_1`` to ``sigma_3`` of all parts in a row, each (…, 3) [MPa]."""
-    every = np.concatenate([part.reshape(-1, 3) for part in parts])
-    return {f"sigma_{k + 1}": every[:, k] for k in range(3)}
+def stress_fields(principal: Iterable[FloatArray]) -> dict[str, FloatArray]:
+    """``sigma_1`` to ``sigma_3`` and ``mises`` of principal stresses in parts (…, 3) [MPa]."""
+    every = np.concatenate([part.reshape(-1, 3) for part in principal])
+    return {f"sigma_{k + 1}": every[:, k] for k in range(3)} | {"mises": von_mises(every)}
 
 
 def field_data(
@@ -49,7 +50,7 @@ def field_data(
     return {
         "displacement": np.concatenate([u.reshape(-1, 3) for u in displacements]),
         "stress": np.concatenate([found.stress.reshape(-1, 6) for found in recovered]),
-        **principal_stresses(found.principal for found in recovered),
+        **stress_fields(found.principal for found in recovered),
     }
 
 
@@ -73,7 +74,7 @@ def write_curved(
         positions.append(placed.reshape(-1, *placed.shape[2:]))
         moved.append(world.reshape(-1, 3))
         principal.append(cells.principal)
-    fields = {"displacement": np.concatenate(moved), **principal_stresses(principal)}
+    fields = {"displacement": np.concatenate(moved), **stress_fields(principal)}
     places = grid_places(cells.degree)
     write_lagrange_cells(path, np.concatenate(positions), places, fields, owners)
 

@@ -1,4 +1,4 @@
-"""Pictures of assemblies of rigid blocks: what is built, contact pressures, mechanisms."""
+"""Pictures of assemblies of blocks: what is built, contact pressures, mechanisms."""
 
 from __future__ import annotations
 
@@ -16,42 +16,57 @@ from validation.output.pictures.bodies import (
     FROM_ABOVE,
     FROM_BELOW,
     PressedFacets,
+    above_and_below,
+    block_legend,
     block_surfaces,
     coloured_blocks,
     colours_of_blocks,
+    eye,
     far_side,
     interface_facets,
     is_tube,
+    labelled,
     load_arrows,
+    middle_layer,
     outlines,
+    turns,
 )
-from validation.output.pictures.canvas import Part, Pixels, Surface, View
+from validation.output.pictures.canvas import Part, Pixels, View
 from validation.output.pictures.gallery import (
-    BLUE,
-    GREY,
     ORANGE,
     PRESSURE_MAP,
     VERMILION,
     Panel,
     Scale,
-    fill_axes,
     gallery,
 )
+from validation.output.pictures.look import look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from validation.run.rigid.answer import RigidAnswer, RigidRun
 
+#: Width over height of unrolled joints.
+_UNROLLED = 2.6
+#: Distance of side joints in their picture, in wall thicknesses.
+_APART = 1.6
 
-def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str) -> None:
-    """Draw blocks, fixed frame, and load: from outside, and with the near side removed."""
+
+def draw_assembly(
+    assembly: Assembly,
+    load: LoadCase,
+    path: Path,
+    *,
+    title: str,
+    weight: Sequence[float] | None = None,
+) -> None:
+    """Draw blocks, fixed blocks, and load: from outside, and with the near side removed."""
     from matplotlib.patches import Patch
 
     released = assembly.fixed & ~load.fixed
-    colours = colours_of_blocks(assembly, load.fixed)
+    colours = colours_of_blocks(load.fixed, turns(assembly))
     colours = [ORANGE if released[b] else colour for b, colour in enumerate(colours)]
-
     tube = is_tube(assembly)
 
     def outside(block: int) -> Sequence[str]:
@@ -59,36 +74,34 @@ def draw_assembly(assembly: Assembly, load: LoadCase, path: Path, *, title: str)
         shape = assembly.shape(block)
         return ("outer",) if tube and not assembly.fixed[block] else tuple(shape.faces)
 
-    def view(blocks: IntArray, direction: tuple[float, float, float]) -> View:
+    def panel(title: str, blocks: IntArray, direction: tuple[float, float, float]) -> Panel:
         shown = blocks.tolist()
-        whole = len(shown) == assembly.n_blocks
+        seen = outside if len(shown) == assembly.n_blocks else None
         parts: list[Part] = [
-            block_surfaces(assembly, shown, colours, seen=outside if whole else None),
+            block_surfaces(assembly, shown, colours, seen=seen),
             outlines(assembly, shown),
             load_arrows(assembly, load, shown),
         ]
-        return View(parts, direction)
+        drawn = Panel(title, View(parts, direction, weight=weight))
+        if look().labels == "none":
+            return drawn
+        names = [assembly.shape(b).name if look().labels == "names" else str(b) for b in shown]
+        surfaces = [block_surfaces(assembly, [b], colours) for b in shown]
+        return labelled(drawn, names, [(s.points, s.polygons) for s in surfaces])
 
-    everything = np.arange(assembly.n_blocks)
     far = np.flatnonzero(far_side(assembly, assembly.centroids))
     behind = EYE if tube else (-EYE[0], -EYE[1], EYE[2])
     second = "near side removed" if tube else "from the other side"
-    legend = [Patch(color=BLUE, label="free blocks")]
-    if load.fixed.any():
-        legend.append(Patch(color=GREY, label="held blocks"))
+    legend = block_legend("fixed blocks" if load.fixed.any() else "")
     if released.any():
-        legend.append(Patch(color=ORANGE, label="frame, released"))
-    legend.append(Patch(color=VERMILION, label="load"))
-    gallery(
-        [
-            [Panel("from outside", view(everything, EYE))],
-            [Panel(second, view(far, behind))],
-        ],
-        title,
-        path,
-        height=9.0,
-        legend=legend,
-    )
+        legend.append(Patch(color=ORANGE, label="end ring, released"))
+    if load.facets:
+        legend.append(Patch(color=VERMILION, label="load"))
+    columns = [
+        [panel("from outside", np.arange(assembly.n_blocks), EYE)],
+        [panel(second, far, behind)],
+    ]
+    gallery(columns, title, path, height=9.0, legend=legend)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -101,8 +114,9 @@ def pressure_title(run: RigidRun) -> str:
     text = f"{run.name}: {run.scene.load_words}; {run.carried.words}"
     if measures is not None:
         text += (
-            f"\nmean of block maxima {measures.p_max:.3g} MPa, effective mean "
-            f"{measures.p_eff:.3g} MPa, effective elements {measures.effective_count_percent:.1f} %"
+            f"\np_max {measures.p_max:.3g} MPa (mean of the blocks' peak pressures), p_eff "
+            f"{measures.p_eff:.3g} MPa; {measures.effective_count_percent:.1f} % of the contact "
+            "facets loaded"
         )
     return text
 
@@ -110,42 +124,37 @@ def pressure_title(run: RigidRun) -> str:
 def draw_pressures(run: RigidRun, path: Path) -> None:
     """Draw the contact pressures of a rigid result in equilibrium."""
     facets = interface_facets(run.assembly, run.result.contact_index, run.contact_pressures)
-    draw_pressed_facets(facets, path, title=pressure_title(run))
+    draw_pressed_facets(facets, path, title=pressure_title(run), weight=run.scene.weight)
 
 
-def draw_pressed_facets(facets: PressedFacets, path: Path, *, title: str) -> None:
-    """Draw contact pressures: the tube cut open, and the middle layer's faces, seen and unrolled.
+def draw_pressed_facets(
+    facets: PressedFacets, path: Path, *, title: str, weight: Sequence[float] | None = None
+) -> None:
+    """Draw contact pressures on faces that can meet another block, as in the paper's figures.
 
-    Only faces that can meet another block are shown, as in the paper's figures.
+    A tube is cut open; the joints of its middle layer are seen and unrolled. Of other assemblies
+    all joints are seen from above and from below.
     """
-    assembly = facets.assembly
-    scale = facets.scale
-    far = np.flatnonzero(far_side(assembly, facets.corners.mean(axis=1)))
-    behind = np.flatnonzero(far_side(assembly, assembly.centroids))
-    whole = View([facets.surface(far, scale), facets.outlines(behind.tolist())], EYE)
+    assembly, scale = facets.assembly, facets.scale
     tube = is_tube(assembly)
-    columns = [[Panel("tube cut open" if tube else "joints of the wall", whole)]]
-    columns.append(
-        [
-            ring_panel(facets, layer, side, scale, _middle(assembly))
-            for layer, side in _joints(assembly)
-        ]
-    )
-    if tube:
-        columns.append(
-            [unrolled_panel(facets, layer, side, scale) for layer, side in _joints(assembly)]
-        )
-    gallery(columns, title, path, height=9.0, scale=scale)
-
-
-def _middle(assembly: Assembly) -> int:
-    return assembly.n_layers // 2 + 1
-
-
-def _joints(assembly: Assembly) -> list[tuple[int, str]]:
-    """Layer below each joint of the middle layer, and which of its faces lie there."""
-    layer = _middle(assembly)
-    return [(layer, "top"), (layer - 1, "bottom")]
+    shown = far_side(assembly, facets.corners.mean(axis=1))
+    behind = np.flatnonzero(far_side(assembly, assembly.centroids)).tolist()
+    parts: list[Part] = [facets.surface(np.flatnonzero(shown), scale), facets.outlines(behind)]
+    if not tube:
+        panels = above_and_below(parts, eye(assembly), title="all joints")
+        gallery([[p] for p in panels], title, path, height=6.0, scale=scale)
+        return
+    layer = middle_layer(assembly)
+    joints = {"top": layer, "bottom": layer - 1}
+    unrolled = [unrolled_panel(facets, lower, side, scale) for side, lower in joints.items()]
+    if len(facets.within(layer)):
+        unrolled.append(side_joints_panel(facets, layer, scale))
+    columns = [
+        [Panel("tube, near half removed", View(parts, EYE, weight=weight))],
+        [ring_panel(facets, lower, side, scale, layer) for side, lower in joints.items()],
+        unrolled,
+    ]
+    gallery(columns, title, path, height=9.5, scale=scale)
 
 
 def ring_panel(facets: PressedFacets, lower: int, side: str, scale: Scale, layer: int) -> Panel:
@@ -156,7 +165,8 @@ def ring_panel(facets: PressedFacets, lower: int, side: str, scale: Scale, layer
         facets.outlines(blocks),
     ]
     top = side == "top"
-    words = f"layer {layer}, {side} faces from {'above' if top else 'below'}"
+    where = "" if layer != middle_layer(facets.assembly) else " (mid-height)"
+    words = f"layer {layer}{where}:\n{side} faces from {'above' if top else 'below'}"
     return Panel(words, View(parts, FROM_ABOVE if top else FROM_BELOW))
 
 
@@ -168,8 +178,56 @@ def unrolled_panel(
     return Panel(
         f"{side} faces, unrolled" if title is None else title,
         plot=lambda axes: draw_unrolled(axes, facets, rows, scale),
-        shape=2.6,
+        shape=_UNROLLED,
     )
+
+
+def side_joints_panel(facets: PressedFacets, layer: int, scale: Scale) -> Panel:
+    """Joints between the blocks of a layer of a tube beside each other, over radius and height."""
+    rows = facets.within(layer)
+    flat, middles = side_by_side(facets, rows)
+    margin = 0.05 * float(np.ptp(flat[..., 0]))
+
+    def plot(axes: Axes) -> None:
+        draw_facets(axes, flat, scale.of(facets.pressures[rows]), facets.pair(rows))
+        axes.set_xticks(
+            list(middles.values()), [f"{angle}°".replace("-", "−") for angle in middles]
+        )
+        axes.set_xlim(flat[..., 0].min() - margin, flat[..., 0].max() + margin)
+        _limit_height(axes, flat)
+        axes.set_xlabel("joint at this angle; inner edge at the left", fontsize="small")
+        axes.set_ylabel("z [mm]", fontsize="small")
+        axes.tick_params(labelsize="small")
+
+    return Panel(f"side joints of layer {layer}, unrolled", plot=plot, shape=_UNROLLED)
+
+
+def side_by_side(facets: PressedFacets, rows: IntArray) -> tuple[FloatArray, dict[int, float]]:
+    """Place the joints of some facets beside each other.
+
+    Returns
+    -------
+    tuple[FloatArray, dict[int, float]]
+        Corners over a place that grows with the radius, and height, (n, 4, 2) [mm]; the middle of
+        each joint [mm] by its angle [°].
+    """
+    flat = unrolled_corners(facets.assembly, facets.corners[rows])
+    angle, radius = flat[..., 0], flat[..., 1]
+    _, joint = np.unique(facets.pair(rows), return_inverse=True)
+    # Angles of a joint across ±180° have one mean where they count from its first facet.
+    first = angle[np.unique(joint, return_index=True)[1], 0][joint][:, None]
+    turned = angle - 360.0 * np.round((angle - first) / 360.0)
+    mean = np.bincount(joint, turned.mean(axis=1)) / np.bincount(joint)
+    means = np.asarray(np.round(np.where(mean > 180.0, mean - 360.0, mean)))
+    place = np.argsort(np.argsort(means, kind="stable"), kind="stable")
+    low, high = float(radius.min()), float(radius.max())
+    step = _APART * (high - low)
+    height = (facets.corners[rows] - facets.assembly.origin) @ facets.assembly.axis
+    x = radius - low + (step * place[joint])[:, None]
+    middles = {
+        int(m): step * int(k) + 0.5 * (high - low) for m, k in zip(means, place, strict=True)
+    }
+    return np.stack([x, height], axis=2), middles
 
 
 def unrolled_corners(assembly: Assembly, corners: FloatArray) -> FloatArray:
@@ -191,54 +249,60 @@ def unrolled_corners(assembly: Assembly, corners: FloatArray) -> FloatArray:
 
 def draw_unrolled(axes: Axes, facets: PressedFacets, rows: IntArray, scale: Scale) -> None:
     """Draw facets over angle and radius, and where one pair of blocks ends."""
-    draw_flat(
-        axes,
-        unrolled_corners(facets.assembly, facets.corners[rows]),
-        scale.of(facets.pressures[rows]),
-        facets.block_m[rows] * facets.assembly.n_blocks + facets.block_s[rows],
-    )
+    axes.set_xlim(-180, 180)
+    axes.set_xticks(range(-180, 181, 60))
+    axes.set_xlabel("angle from x towards y [°]", fontsize="small")
+    axes.set_ylabel("radius [mm]", fontsize="small")
+    axes.tick_params(labelsize="small")
+    flat = unrolled_corners(facets.assembly, facets.corners[rows])
+    if not len(flat):
+        return
+    # A facet that crosses the cut shows on both sides.
+    turned = np.concatenate([flat + np.array([turn, 0.0]) for turn in (0.0, 360.0, -360.0)])
+    angle, which = turned[..., 0], np.tile(rows, 3)
+    seen = (angle.max(axis=1) > -180.0) & (angle.min(axis=1) < 180.0)
+    shades = scale.of(facets.pressures[which[seen]])
+    draw_facets(axes, turned[seen], shades, facets.pair(which[seen]))
+    _limit_height(axes, flat)
 
 
-def draw_flat(axes: Axes, flat: FloatArray, shades: Pixels, pair: IntArray) -> None:
-    """Draw coloured facets over angle and radius.
+def _limit_height(axes: Axes, flat: FloatArray) -> None:
+    """End the axes where facets end, with round numbers between."""
+    from matplotlib.ticker import MaxNLocator
+
+    low, high = float(flat[..., 1].min()), float(flat[..., 1].max())
+    axes.set_ylim(low, high)
+    inside = np.array(MaxNLocator(4).tick_values(low, high))
+    axes.set_yticks(inside[(inside >= low) & (inside <= high)])
+
+
+def draw_facets(axes: Axes, flat: FloatArray, shades: Pixels, pair: IntArray) -> None:
+    """Draw coloured facets in the plane, and where one pair of blocks ends.
 
     Parameters
     ----------
     flat
-        Corners by angle [°] and radius [mm], (n, 4, 2).
+        Corners, (n, 4, 2).
     shades
         Colours, (n, 3).
     pair
         Number of the joint that a facet belongs to, (n,): lines part them.
     """
-    axes.set_xticks(range(-180, 181, 60))
-    axes.set_xlabel("angle [°]", fontsize=9)
-    axes.set_ylabel("radius [mm]", fontsize=9)
-    axes.tick_params(labelsize=8.5)
-    axes.set_xlim(-180, 180)
-    if not len(flat):
-        return
-    low, high = float(flat[..., 1].min()), float(flat[..., 1].max())
-    # A facet that crosses the cut shows on both sides.
-    turns = np.array([[0.0, 0.0], [360.0, 0.0], [-360.0, 0.0]])
-    turned = (flat + turns[:, None, None]).reshape(-1, 4, 2)
-    shown = (turned[..., 0].max(axis=1) > -180.0) & (turned[..., 0].min(axis=1) < 180.0)
-    turned[..., 0] = np.clip(turned[..., 0], -180.0, 180.0)
-    # Angles as long as the map is wide: the view has the shape of the axes.
-    x = turned[shown, :, 0] * (axes.bbox.width / axes.bbox.height) * (high - low) / 360.0
-    points = np.stack([x, turned[shown, :, 1], np.zeros_like(x)], axis=2).reshape(-1, 3)
-    quads = np.arange(len(points)).reshape(-1, 4)
-    part = Surface(points, quads, np.tile(shades, (3, 1))[shown], lit=False)
-    view = View([part], (0.0, 0.0, 1.0), margin=0.0)
-    fill_axes(axes, view)
-    axes.set_ylim(low, high)
-    _draw_joint_lines(axes, flat, pair)
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    # Arrays are much faster than the sequences that their type asks for.
+    corners: Any = flat
+    edges: Any = _joint_edges(flat, pair)
+    faces = PolyCollection(corners, facecolors=shades / 255.0, linewidths=0.0)
+    faces.set(antialiased=False, rasterized=True, in_layout=False)
+    axes.add_collection(faces)
+    lines = LineCollection(edges, colors="#303030", linewidths=0.8)
+    lines.set_in_layout(False)
+    axes.add_collection(lines)
 
 
-def _draw_joint_lines(axes: Axes, flat: FloatArray, pair: IntArray) -> None:
-    """Draw the edges that facets of one pair of blocks do not share among themselves."""
-    from matplotlib.collections import LineCollection
-
+def _joint_edges(flat: FloatArray, pair: IntArray) -> FloatArray:
+    """Edges that facets of one pair of blocks do not share among themselves, (n, 2, 2)."""
     ends = np.stack([flat, np.roll(flat, -1, axis=1)], axis=2).reshape(-1, 2, 2)
     place = np.round(1e4 * ends).astype(np.int64)
     corner = np.sort(place[..., 0] * 2**31 + place[..., 1], axis=1).astype(np.uint64)
@@ -246,8 +310,7 @@ def _draw_joint_lines(axes: Axes, flat: FloatArray, pair: IntArray) -> None:
     odd = np.uint64(0x9E3779B97F4A7C15)
     edge = (corner[:, 0] * odd + corner[:, 1]) * odd + np.repeat(pair, 4).astype(np.uint64)
     _, which, count = np.unique(edge, return_inverse=True, return_counts=True)
-    alone = ends[count[which] == 1]
-    axes.add_collection(LineCollection(list(alone), colors="#303030", linewidths=0.8))
+    return np.asarray(ends[count[which] == 1])
 
 
 # ---------------------------------------------------------------------------------------------
@@ -279,16 +342,16 @@ def draw_mechanism(run: RigidRun, path: Path) -> None:
         coloured_blocks(assembly, blocks, size, scale, nodes=moved, faces=faces, lit=True),
         outlines(assembly, blocks, nodes=moved),
     ]
-    draw_motion(run, View(parts, EYE), length, path, height=8.0, scale=scale)
+    draw_motion(run, View(parts, EYE, weight=run.scene.weight), length, path, scale=scale)
 
 
 def draw_motion(run: RigidAnswer, view: View, length: float, path: Path, **options: Any) -> None:
     """Draw a certified mechanism whose largest motion is as long [mm]; options of `gallery`."""
     driven = run.carried.mechanism is not None
-    words = "the load drives it" if driven else "the load does not drive it"
+    words = "the load activates it" if driven else "the load does not activate it"
     gallery(
-        [[Panel(f"first-order motion, drawn {length:.3g} mm at its largest", view)]],
+        [[Panel(f"first-order motion, largest displacement drawn {length:.3g} mm", view)]],
         f"{run.name}: {run.scene.load_words}; {run.carried.words}; a mechanism exists, {words}",
         path,
-        **options,
+        **{"height": 7.0, **options},
     )

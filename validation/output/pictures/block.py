@@ -10,7 +10,12 @@ import numpy as np
 from geometry.assembly import Assembly
 from geometry.families.sine_block import SineBlockParameters
 from geometry.mesh import FloatArray
-from validation.output.pictures.bodies import block_surfaces, colours_of_blocks, outlines
+from validation.output.pictures.bodies import (
+    block_surfaces,
+    colours_of_blocks,
+    outlines,
+    turns,
+)
 from validation.output.pictures.canvas import Part, View
 from validation.output.pictures.gallery import GREY, VERMILION, Panel, gallery
 
@@ -27,7 +32,7 @@ _PALE = "#A6CBE3"
 def draw_block(assembly: Assembly, block: SineBlockParameters, path: Path, *, title: str) -> None:
     """Draw the first free block of a tube of such: in space, from above, and its faces unrolled."""
     first = int(np.flatnonzero(~assembly.fixed)[0])
-    colours = colours_of_blocks(assembly, assembly.fixed)
+    colours = colours_of_blocks(assembly.fixed, turns(assembly))
     middle = np.arctan2(*assembly.centroids[first, 1::-1])
     parts: list[Part] = [block_surfaces(assembly, [first], colours), outlines(assembly, [first])]
     view = View(parts, _turned(_EYE, float(middle)))
@@ -35,12 +40,11 @@ def draw_block(assembly: Assembly, block: SineBlockParameters, path: Path, *, ti
         [
             [Panel("the block", view)],
             [
-                Panel("from above", plot=lambda axes: _plan(axes, block), shape=1.5, bare=True),
+                Panel("from above", plot=lambda axes: _plan(axes, block), shape=1.5),
                 Panel(
                     "outer face unrolled; dashed: inner face",
                     plot=lambda axes: _elevation(axes, block),
                     shape=1.5,
-                    bare=True,
                 ),
             ],
         ],
@@ -85,7 +89,7 @@ def _plan(axes: Axes, block: SineBlockParameters) -> None:
     for angle in (own[:1], end):
         axes.plot(*np.stack([np.zeros(2), inner * _unit(angle)[0]]).T, color=GREY, lw=0.6)
     words = f"2π/n, n = {block.blocks_per_layer}"
-    axes.text(0.0, -0.1 * outer, words, ha="center", va="top", color=VERMILION, fontsize=10)
+    axes.text(0.0, -0.1 * outer, words, ha="center", va="top", color=VERMILION, fontsize="medium")
     _frame(axes, (-1.5 * outer, 1.5 * outer), (-0.35 * outer, 1.15 * outer))
 
 
@@ -118,7 +122,7 @@ def _elevation(axes: Axes, block: SineBlockParameters) -> None:
         (x[0], wave[0]),
         xytext=(-0.05 * width, 0.35 * h),
         color=VERMILION,
-        fontsize=10,
+        fontsize="medium",
         ha="right",
         arrowprops={"arrowstyle": "-", "color": VERMILION, "lw": 0.8},
     )
@@ -166,4 +170,6 @@ def _dimension(
         )
     if away is not None and away[0] < 0:
         across = "right"
-    axes.text(middle[0], middle[1], f"  {words}  ", color=VERMILION, fontsize=10, ha=across, va=up)
+    axes.text(
+        middle[0], middle[1], f"  {words}  ", color=VERMILION, fontsize="medium", ha=across, va=up
+    )

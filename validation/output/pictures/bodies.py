@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,13 +15,22 @@ from geometry.files.mesh_io import interface_surface
 from geometry.loads import LoadCase
 from geometry.measures import facets_between
 from geometry.mesh import FloatArray, IntArray
-from validation.output.pictures.canvas import Direction, Lines, Surface, merged, rgb
+from validation.output.pictures.canvas import (
+    Direction,
+    Lines,
+    Part,
+    Surface,
+    View,
+    merged,
+    rgb,
+)
 from validation.output.pictures.gallery import (
     BLUE,
     GREY,
     PRESSURE_MAP,
     SKY,
     VERMILION,
+    Panel,
     Scale,
     scale_from_zero,
 )
@@ -32,6 +42,9 @@ FROM_BELOW: Direction = (1.2, -0.8, -1.6)
 
 #: A value by less above those that are drawn is not said: three digits are.
 _SHOWN = 1.005
+#: Pixels along the longer side of the picture that finds visible bodies, and the part of it
+#: that a body's visible part is to be wide and high.
+_PROBE, _SEEN_OF_BODY = 700, 0.02
 #: Sides of an arrow.
 _SIDES = 10
 
@@ -49,6 +62,36 @@ def far_side(assembly: Assembly, points: FloatArray) -> npt.NDArray[np.bool_]:
         return np.ones(len(points), dtype=bool)
     arm = (points - assembly.origin)[:, :2]
     return np.asarray(arm @ np.array(EYE[:2]) < 1e-6 * assembly.characteristic_length)
+
+
+def eye(assembly: Assembly) -> Direction:
+    """Direction from which all blocks are seen: against the assembly's smallest extent."""
+    if is_tube(assembly):
+        return EYE
+    points = np.concatenate([assembly.nodes(b) for b in range(assembly.n_blocks)])
+    extent = np.ptp(points, axis=0)
+    if extent[1] < 0.5 * min(extent[0], extent[2]):
+        return (0.9, 2.4, 0.9)
+    if extent[2] < 0.5 * min(extent[0], extent[1]):
+        return (0.9, -1.2, 2.4)
+    return EYE
+
+
+def above_and_below(
+    parts: Sequence[Part], direction: Direction, *, title: str = "", scale: Scale | None = None
+) -> list[Panel]:
+    """Two views of what would hide itself: from above with a title, and from below."""
+    x, y, z = direction
+    first = f"{title}, from above" if title else "from above"
+    return [
+        Panel(first, View(parts, (x, y, abs(z))), scale=scale),
+        Panel("from below", View(parts, (x, y, -abs(z))), scale=scale),
+    ]
+
+
+def middle_layer(assembly: Assembly) -> int:
+    """Return the layer at mid-height, or the one above it."""
+    return assembly.n_layers // 2 + 1
 
 
 # ---------------------------------------------------------------------------------------------
@@ -105,14 +148,51 @@ def block_edges(shape: Block) -> IntArray:
     return sharp_edges(shape.mesh.nodes, np.concatenate(list(shape.faces.values())), group=group)
 
 
-def colours_of_blocks(assembly: Assembly, fixed: npt.NDArray[np.bool_]) -> list[str]:
-    """Held blocks grey, neighbours in a layer in turns of two blues."""
-    colours = []
-    for block in range(assembly.n_blocks):
-        in_layer = np.flatnonzero(assembly.layer == assembly.layer[block])
-        turn = int(np.flatnonzero(in_layer == block)[0]) + int(assembly.layer[block])
-        colours.append(GREY if fixed[block] else (BLUE, SKY)[turn % 2])
-    return colours
+def colours_of_blocks(fixed: npt.NDArray[np.bool_], turn: IntArray) -> list[str]:
+    """Fixed blocks grey, the others in turns of two blues."""
+    return [GREY if f else (BLUE, SKY)[k % 2] for f, k in zip(fixed, turn.tolist(), strict=True)]
+
+
+def turns(assembly: Assembly) -> IntArray:
+    """Number of each block in its layer, beginning with that of the layer, (n_blocks,)."""
+    order = [np.sum(assembly.layer[:b] == assembly.layer[b]) for b in range(assembly.n_blocks)]
+    return np.array(order, dtype=np.int64) + assembly.layer
+
+
+def block_legend(fixed: str = "fixed blocks", free: str = "free blocks") -> list[Any]:
+    """Return what the colours of blocks mean, for a legend of matplotlib."""
+    from matplotlib.patches import Patch
+
+    words = {free: BLUE, fixed: GREY}
+    return [Patch(color=colour, label=name) for name, colour in words.items() if name]
+
+
+def labelled(
+    panel: Panel, names: Sequence[str], bodies: Sequence[tuple[FloatArray, IntArray]]
+) -> Panel:
+    """Panel with the names of those bodies that its view shows, each in the middle of what is seen.
+
+    Bodies are points (n, 3) [mm] and polygons, all of one number of corners.
+    """
+    view = panel.view
+    if view is None or not bodies:
+        return panel
+    number = np.repeat(np.arange(1, len(bodies) + 1), [len(polygons) for _, polygons in bodies])
+    shades = np.stack([number >> 16, number >> 8, number], axis=1).astype(np.uint8)
+    points, polygons = merged(bodies, bodies[0][1].shape[1])
+    probe = View([Surface(points, polygons, shades, lit=False)], view.direction, margin=0.0)
+    shape = np.array(probe.size)
+    wide, high = np.maximum((_PROBE * shape / shape.max()).astype(int), 1).tolist()
+    seen = probe.render(wide, high).astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
+    corner = np.array(view.place(probe.axes.T @ probe.corner))
+    labels = {}
+    for k, name in enumerate(names, start=1):
+        rows, columns = np.nonzero(seen == k)
+        if len(rows) and min(np.ptp(rows), np.ptp(columns)) > _SEEN_OF_BODY * _PROBE:
+            middle = np.argmin((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2)
+            place = np.array([columns[middle] + 0.5, high - rows[middle] - 0.5])
+            labels[name] = corner + place * shape / (wide, high)
+    return replace(panel, labels=labels)
 
 
 def _used(parts: Iterable[IntArray]) -> tuple[IntArray, IntArray]:
@@ -228,14 +308,24 @@ class PressedFacets:
     @property
     def scale(self) -> Scale:
         """Colours of the pressures, with what they reach at a point."""
-        scale = scale_from_zero("contact pressure [MPa]", PRESSURE_MAP, [self.pressures])
+        label = "contact pressure [MPa]"
+        scale = scale_from_zero(label, PRESSURE_MAP, [self.pressures], nothing="open joint")
         if self.largest is None or self.largest <= scale.high * _SHOWN:
             return scale
-        return replace(scale, note=f"at a point up to {self.largest:.3g}")
+        return replace(scale, note=f"at a point max. {self.largest:.3g}")
 
     def between(self, lower: int) -> IntArray:
         """Facets between a layer and the next one, (n,)."""
         return facets_between(self.assembly.layer, self.block_m, self.block_s, lower)
+
+    def within(self, layer: int) -> IntArray:
+        """Facets between blocks of one layer, (n,)."""
+        of = self.assembly.layer
+        return np.flatnonzero((of[self.block_m] == layer) & (of[self.block_s] == layer))
+
+    def pair(self, rows: IntArray) -> IntArray:
+        """One number for the two blocks of each of some facets, (n,)."""
+        return self.block_m[rows] * self.assembly.n_blocks + self.block_s[rows]
 
     def surface(self, rows: IntArray, scale: Scale) -> Surface:
         """Some facets in the colours of their pressures."""

@@ -95,6 +95,8 @@ class View:
     """From the parts towards the eye."""
     margin: float = 0.01
     """Share of the size left free for the width of lines."""
+    weight: Sequence[float] | None = None
+    """Acceleration of all bodies, (3,) [mm/s²]: an arrow beside the axes shows where it acts."""
 
     @cached_property
     def axes(self) -> FloatArray:
@@ -121,6 +123,11 @@ class View:
         low, high = self._bounds
         width, height = np.maximum(high - low, 1e-9 * float((high - low).max() or 1.0))[:2]
         return float(width), float(height)
+
+    @property
+    def corner(self) -> FloatArray:
+        """The lower left and far end of what is seen, along `axes`, (3,) [mm]."""
+        return self._bounds[0]
 
     def place(self, point: FloatArray) -> tuple[float, float]:
         """Where a point is seen: from the left and from below [mm]."""

@@ -1,10 +1,9 @@
-"""What pictures of deformable blocks show: two kinds of runs that answer by the same names."""
+"""What pictures of deformable blocks show: a run by these names alone."""
 
 from __future__ import annotations
 
 from typing import TypeAlias
 
-from validation.run.curved.fields import CurvedFields
 from validation.run.deformable import DeformableRun
 
-DrawnState: TypeAlias = DeformableRun | CurvedFields
+DrawnState: TypeAlias = DeformableRun

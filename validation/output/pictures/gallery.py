@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import datetime
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,23 @@ import numpy as np
 from geometry.mesh import FloatArray
 from validation.output.files import write_whole
 from validation.output.pictures.canvas import LARGEST, View
-from validation.output.pictures.look import PRINT, look, magnify
+from validation.output.pictures.look import PRINT, look
+from validation.output.pictures.scales import (
+    BLUE,
+    GREEN,
+    GREY,
+    MOTION_MAP,
+    OF_LINES,
+    ORANGE,
+    PRESSURE_MAP,
+    SKY,
+    STRESS_MAP,
+    VERMILION,
+    Scale,
+    colour_bar,
+    scale_from_zero,
+    symmetric_scale,
+)
 from validation.output.provenance import program
 
 if TYPE_CHECKING:
@@ -27,122 +43,49 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter
 
-#: Okabe–Ito colours: told apart by colour-blind readers.
-BLUE, SKY, ORANGE, VERMILION, GREEN, GREY = (
-    "#0072B2",
-    "#56B4E9",
-    "#E69F00",
-    "#D55E00",
-    "#009E73",
-    "#8C8C8C",
-)
-#: Lines of one plot, one after the other.
-OF_LINES = (BLUE, ORANGE, GREEN, VERMILION)
-#: Pale is low, dark is high: pressures.
-PRESSURE_MAP = "YlGnBu"
-#: Compression blue, tension red.
-STRESS_MAP = "RdBu_r"
-#: Displacements.
-MOTION_MAP = "viridis"
+__all__ = [
+    "BLUE",
+    "GREEN",
+    "GREY",
+    "MOTION_MAP",
+    "OF_LINES",
+    "ORANGE",
+    "PRESSURE_MAP",
+    "SKY",
+    "STRESS_MAP",
+    "VERMILION",
+    "Panel",
+    "Scale",
+    "gallery",
+    "marked",
+    "round_length",
+    "save_figure",
+    "scale_from_zero",
+    "subplots",
+    "symmetric_scale",
+    "twos_and_fives",
+]
 
-# Inches.
-_MARGIN, _GAP = 0.3, 0.35
-_LINE = 0.2
-_FOOT = 0.28
-_LEGEND = 0.36
-_SCALE_BAR = 0.3
-_BAR = 0.7
-_SIDE_BAR = 1.25
+#: Inches at nominal letters: round all panels, round each, of the line at the foot, of a legend.
+_MARGIN, _PAD, _FOOT, _LEGEND = 0.2, 0.1, 0.2, 0.36
+#: The same: room of the bar at the side, of each line beside it, thickness of bars, longest.
+_SIDE, _SIDE_LINE, _BAR, _LONGEST_BAR = 0.95, 0.16, 0.15, 4.5
+#: The same: least height of a panel, least width of a view, and of a figure of free width.
+_LEAST_PANEL, _LEAST_VIEW, _LEAST_PAGE = 0.5, 1.5, 5.5
+#: The same, from the lower left corner of a view: its scale bar, and its axes.
+_AT_BAR, _AT_AXES = (0.58, -0.28), (0.22, -0.3)
+#: The same: length of arrows; shorter than that part of it, they point at the reader.
+_ARROW, _SEEN_ALONG = 0.17, 0.08
+#: The same: height of a line of a title, and letters of it in an inch.
+_TITLE_LINE, _TITLE_LETTERS = 0.21, 10.5
 #: Part of the height asked for that is left to pictures that would be too wide; wider then.
 _LEAST_SHARE = 0.4
 #: The same before columns go into rows below each other, where a width is asked for.
 _LEAST_SHARE_OF_ROWS = 0.75
 #: Height of such a row, in its widths.
 _TALLEST = 1.4
-#: Longest colour bar [in].
-_LONGEST_BAR = 4.5
-#: Characters of a title in an inch, by its size in points.
-_PER_INCH = 132.0
-_TITLE, _PANEL_TITLE, _SMALL = 12.5, 10.5, 9.0
-
-
-@dataclass(frozen=True)
-class Scale:
-    """Colours of a quantity, and what it reaches."""
-
-    label: str
-    """Quantity and unit."""
-    colours: str
-    """Name of a matplotlib map."""
-    low: float
-    high: float
-    reached: tuple[float, float]
-    """Least and largest value there is; beyond the colours, the bar has an arrow."""
-    note: str = ""
-    """Where the largest value lies, in words."""
-
-    def of(self, values: FloatArray) -> Any:
-        """Colours of values, (n, 3) uint8."""
-        from matplotlib import colormaps
-
-        span = max(self.high - self.low, 1e-300)
-        shades = colormaps[self.colours](np.clip((values - self.low) / span, 0.0, 1.0))
-        return (255 * shades[:, :3] + 0.5).astype(np.uint8)
-
-    @property
-    def beyond(self) -> str:
-        """At which ends of the bar values lie beyond the colours, as matplotlib names it."""
-        slack = 1e-9 * max(abs(self.low), abs(self.high))
-        below, above = self.reached[0] < self.low - slack, self.reached[1] > self.high + slack
-        return {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
-
-    @property
-    def words(self) -> str:
-        """Label, and where the colours stop below what there is, how far it goes."""
-        least, most = self.reached
-        said = {
-            "neither": "",
-            "min": f"down to {least:.3g}",
-            "max": f"up to {most:.3g}",
-            "both": f"from {least:.3g} to {most:.3g}",
-        }[self.beyond]
-        return ", ".join(part for part in (self._label, said.replace("-", "−")) if part)
-
-    @property
-    def power(self) -> int:
-        """Power of ten that the numbers at the bar leave out, where they would be too long."""
-        largest = max(abs(self.low), abs(self.high))
-        power = int(np.floor(np.log10(largest))) if largest > 1e-299 else 0
-        return power if not -2 <= power < 4 else 0
-
-    @property
-    def _label(self) -> str:
-        """Label, its unit with the power of ten."""
-        if not self.power:
-            return self.label
-        raised = str(self.power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-        what, bracket, unit = self.label.rpartition("[")
-        return f"{what}{bracket}10{raised} {unit}"
-
-    @property
-    def lines(self) -> list[str]:
-        """All that is written below a bar."""
-        return [line for line in (self.words, self.note) if line]
-
-
-def scale_from_zero(label: str, colours: str, values: Sequence[FloatArray]) -> Scale:
-    """Colours from zero to the largest of some values, never empty."""
-    most = max((float(v.max(initial=0.0)) for v in values), default=0.0)
-    least = min((float(v.min(initial=0.0)) for v in values), default=0.0)
-    return Scale(label, colours, 0.0, most or 1e-300, (least, most))
-
-
-def symmetric_scale(label: str, colours: str, values: Sequence[FloatArray]) -> Scale:
-    """Colours ± the 99.8 % quantile: a few singular nodes must not drown the picture."""
-    every = np.concatenate([v.ravel() for v in values]) if values else np.zeros(1)
-    every = every if len(every) else np.zeros(1)
-    reach = max(float(np.quantile(np.abs(every), 0.998)), 1e-300)
-    return Scale(label, colours, -reach, reach, (float(every.min()), float(every.max())))
+#: Dots per inch at which matplotlib measures words.
+_MEASURING = 100
 
 
 @dataclass(frozen=True)
@@ -159,8 +102,8 @@ class Panel:
     """Colours of this panel alone: a bar stands below it."""
     ring: FloatArray | None = None
     """Place in the view that its bar speaks of, (3,) [mm]."""
-    bare: bool = False
-    """Whether a plot has no numbers at its axes, and needs no room for them."""
+    labels: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Words on the view, and where: from its left and from below, (2,) [mm]."""
 
     @property
     def aspect(self) -> float:
@@ -170,162 +113,19 @@ class Panel:
         width, height = self.view.size
         return float(np.clip(width / height, 0.02, 50.0))
 
-    @property
-    def around(self) -> tuple[float, float, float]:
-        """Inches to the left and above what is drawn, and below it."""
-        left, below = (0.0, _SCALE_BAR) if self.view is not None else (0.62, 0.5)
-        if self.bare:
-            left, below = 0.0, 0.05
-        if self.scale is not None:
-            below += _BAR + (0.16 if self.scale.note else 0.0)
-        return left, 0.06, below
 
-
-@dataclass
-class _Box:
-    """Where a panel's drawing stands in the figure [in], from below left."""
-
-    panel: Panel
-    x: float = 0.0
-    y: float = 0.0
-    width: float = 1.0
-    height: float = 1.0
-    room: float = 1.0
-    """Width of the column."""
-
-
-@dataclass
-class _Layout:
-    """Columns of panels in a figure."""
-
-    columns: Sequence[Sequence[Panel]]
-    title: str
-    height: float
-    widest: float
-    legend: bool
-    scale: Scale | None
-    asked: float | None = None
-    """Width of the figure that a scene asks for [in]."""
-    boxes: list[_Box] = field(default_factory=list)
-    width: float = 0.0
-    """Of the whole figure [in]."""
-    tall: float = 0.0
-    """Of the whole figure [in]."""
-    title_lines: list[str] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        """Find the largest columns that fit, in rows where a width is asked for."""
-        side = _SIDE_BAR if self.scale is not None else 0.0
-        room = (self.asked or self.widest) - _MARGIN - side
-        rows = [_Row(self.columns, self.height, room, _LEAST_SHARE)]
-        if self.asked is not None:
-            rows = self._rows(room)
-        needed = max(row.right for row in rows) + _MARGIN + side
-        self.width = max(needed, self.asked or 5.5)
-        top = _FOOT + (_LEGEND if self.legend else 0.0)
-        for row in reversed(rows):
-            for box in row.boxes:
-                box.x += 0.5 * (self.width - needed)
-                box.y += top
-            self.boxes += row.boxes
-            top += row.height + _GAP
-        self.title_lines = _wrapped(self.title, self.width - 2 * _MARGIN, _TITLE)
-        self.tall = top - _GAP + 0.25 + _LINE * 1.15 * len(self.title_lines)
-
-    def _rows(self, room: float) -> list[_Row]:
-        """As many columns in each row as it has room for."""
-        rows: list[_Row] = []
-        first, height = 0, min(self.height, _TALLEST * room)
-        for last in range(1, len(self.columns) + 1):
-            row = _Row(self.columns[first:last], height, room, _LEAST_SHARE_OF_ROWS)
-            if row.right > room * 1.001 and last - first > 1:
-                first = last - 1
-                row = _Row(self.columns[first:last], height, room, _LEAST_SHARE)
-                rows.append(row)
-            else:
-                rows[-1:] = [row]
-        return rows
-
-
-class _Row:
-    """Columns beside each other, as high as their width allows."""
-
-    def __init__(
-        self, columns: Sequence[Sequence[Panel]], height: float, room: float, least: float
-    ) -> None:
-        share = 1.0
-        for _ in range(8):
-            self.height = max(
-                height * share, *(_fixed(column) + 0.5 * len(column) for column in columns)
-            )
-            self._set(columns)
-            if self.right <= room * 1.001 or share <= least:
-                break
-            share = max(share * room / self.right, least)
-
-    def _set(self, columns: Sequence[Sequence[Panel]]) -> None:
-        self.boxes: list[_Box] = []
-        left = _MARGIN
-        for column in columns:
-            boxes = self._stack(column, self.height)
-            before = max(panel.around[0] for panel in column)
-            wide = max(box.width for box in boxes)
-            wide = max(wide, *(_least_width(panel) for panel in column))
-            for box in boxes:
-                box.x, box.room = left + before, wide
-            self.boxes += boxes
-            left += before + wide + _GAP
-        #: Where the last column ends [in].
-        self.right = left - _GAP
-
-    @staticmethod
-    def _stack(column: Sequence[Panel], height: float) -> list[_Box]:
-        """Boxes of a column from above, each with room for its title and bars."""
-        tall = (height - _fixed(column)) / len(column)
-        boxes, top = [], height
-        for panel in column:
-            _, above, below = panel.around
-            top -= _head(panel) + above + tall
-            boxes.append(_Box(panel, 0.0, top, tall * panel.aspect, tall))
-            top -= below
-        return boxes
-
-
-def _fixed(column: Sequence[Panel]) -> float:
-    """Height of the words and bars of a column [in]."""
-    return sum(sum(panel.around[1:]) + _head(panel) for panel in column)
-
-
-def _head(panel: Panel) -> float:
-    return _LINE * len(panel.title.split("\n"))
-
-
-def _least_width(panel: Panel) -> float:
-    """Room that the words of a panel need [in]."""
-    least = max(1.0, _text_width(panel.title, _PANEL_TITLE) - panel.around[0])
-    if panel.scale is None:
-        return least
-    return max(least, 2.1, *(_text_width(line, _SMALL) for line in panel.scale.lines))
-
-
-def _text_width(words: str, size: float) -> float:
-    """Width of a text [in], about."""
-    return max(len(line) for line in words.split("\n")) * size / _PER_INCH
-
-
-def _wrapped(words: str, inches: float, size: float) -> list[str]:
-    count = max(int(inches * _PER_INCH / size), 12)
-    return [line for part in words.split("\n") for line in textwrap.wrap(part, count) or [""]]
+#: Columns of panels beside each other, those of each column from above.
+_Columns = Sequence[Sequence[Panel]]
 
 
 def gallery(
-    columns: Sequence[Sequence[Panel]],
+    columns: _Columns,
     title: str,
     path: Path,
     *,
     height: float = 7.5,
     widest: float = 16.0,
-    scale: Scale | None = None,
+    scale: Scale | Sequence[Scale] | None = None,
     legend: Sequence[Any] = (),
 ) -> None:
     """Draw panels, those of each column from above, and write them as PNG, SVG or PDF.
@@ -337,102 +137,325 @@ def gallery(
     widest
         Of the figure [in].
     scale
-        Colours that all panels share: one bar at the side.
+        Colours that all panels share: one bar at the side. Several: one for each row of panels.
     legend
         Handles of matplotlib.
     """
-    from matplotlib.figure import Figure
+    from matplotlib import rc_context
 
-    layout = _Layout(columns, title, height, widest, bool(legend), scale, look().widest)
-    size = (layout.width, layout.tall)
-    figure = Figure(figsize=size, dpi=_dots(path, size[0]))
-    for box in layout.boxes:
-        _draw_panel(figure, box)
-    figure.text(
-        _MARGIN / size[0],
-        1 - 0.14 / size[1],
-        "\n".join(layout.title_lines),
-        fontsize=_TITLE,
-        va="top",
-        linespacing=1.15,
-    )
-    if scale is not None:
-        shown = layout.tall - _FOOT - 0.9
-        long = min(0.6 * shown, _LONGEST_BAR)
-        low = _FOOT + 0.5 * (shown - long)
-        bar = figure.add_axes(
-            (1 - 1.05 / size[0], low / size[1], 0.16 / size[0], long / size[1]),
+    bars = [] if scale is None else [scale] if isinstance(scale, Scale) else list(scale)
+    zoom, asked = look().zoom, look().inches
+    while True:
+        with rc_context(look().settings(zoom)):
+            page = _Page(title, legend, bars, zoom)
+            page.lay_out(columns, height * zoom, asked or widest * zoom, asked is not None)
+            if asked is None or page.needed <= asked * 1.001:
+                look().fitted(zoom)
+                page.draw(_dots(path))
+                save_figure(page.figure, path)
+                return
+        zoom *= 0.98 * asked / page.needed
+
+
+# ---------------------------------------------------------------------------------------------
+# Layout
+
+
+@dataclass(frozen=True)
+class _Column:
+    """What a column of panels needs [in]."""
+
+    panels: Sequence[Panel]
+    beside: float
+    """Beside its axes: numbers and labels."""
+    between: float
+    """Above, between and below its axes: words and bars."""
+    words: float
+    """Width of the widest words above and below its axes."""
+    least: float
+    """Height of axes below which there is nothing to see."""
+
+    def width(self, height: float) -> float:
+        """Of all the column, where it is so high."""
+        each = (height - self.between) / len(self.panels)
+        return self.beside + max(self.words, each * max(panel.aspect for panel in self.panels))
+
+    @property
+    def least_height(self) -> float:
+        """Of the column."""
+        return self.between + self.least * len(self.panels)
+
+
+class _Row:
+    """Columns beside each other, as high as their width allows."""
+
+    def __init__(
+        self, columns: Sequence[_Column], height: float, room: float, least: float
+    ) -> None:
+        self.columns, share = columns, 1.0
+        for _ in range(8):
+            self.height = max(height * share, *(column.least_height for column in columns))
+            self.widths = [column.width(self.height) for column in columns]
+            if sum(self.widths) <= room * 1.001 or share <= least:
+                break
+            share = max(share * room / sum(self.widths), least)
+
+
+def _rows(columns: Sequence[_Column], height: float, room: float) -> list[_Row]:
+    """As many columns in each row as it has room for."""
+    rows: list[_Row] = []
+    first = 0
+    for last in range(1, len(columns) + 1):
+        row = _Row(columns[first:last], height, room, _LEAST_SHARE_OF_ROWS)
+        if sum(row.widths) > room * 1.001 and last - first > 1:
+            first = last - 1
+            rows.append(_Row(columns[first:last], height, room, _LEAST_SHARE))
+        else:
+            rows[-1:] = [row]
+    return rows
+
+
+@dataclass
+class _Drawing:
+    """One panel in a figure."""
+
+    panel: Panel
+    row: int
+    """Of the figure."""
+    column: int
+    """Of the row."""
+    place: int
+    """From above in its column."""
+    axes: Any
+    bar: Any = None
+    """Axes of its colour bar."""
+
+
+class _Page:
+    """Panels in a figure that matplotlib's constrained layout sets, twice.
+
+    The first time measures what words and bars need beside what is drawn; then each column becomes
+    as wide as its panels are at their height, and the figure as wide as its columns.
+    """
+
+    def __init__(
+        self, title: str, legend: Sequence[Any], scales: Sequence[Scale], zoom: float
+    ) -> None:
+        self.title, self.legend, self.scales, self.zoom = title, legend, scales, zoom
+        lines = max((len(scale.lines) for scale in scales), default=0)
+        #: Room at the side: for a bar, its numbers, and the lines beside them [in].
+        self.side = (_SIDE + _SIDE_LINE * lines) * zoom if scales else 0.0
+
+    def lay_out(self, columns: _Columns, height: float, widest: float, fixed: bool) -> None:
+        """Set columns in a figure, in rows below each other where its width is fixed [in]."""
+        edges = 2 * _MARGIN * self.zoom + self.side
+        trial = [height * max(p.aspect for p in c) / len(c) + 2 * self.zoom for c in columns]
+        self._set([columns], sum(trial) + edges, [trial], [height])
+        sizes = [self._measured(k, column, height) for k, column in enumerate(columns)]
+        room = widest - edges
+        rows = [_Row(sizes, height, room, _LEAST_SHARE)]
+        if fixed:
+            rows = _rows(sizes, min(height, _TALLEST * room), room)
+        inside = max(sum(row.widths) for row in rows)
+        #: Width that the panels need [in]: more than is asked for where words have no room.
+        self.needed = inside + edges
+        if fixed and self.needed > widest * 1.001:
+            return
+        width = widest if fixed else max(self.needed, _LEAST_PAGE * self.zoom)
+        placed = [[column.panels for column in row.columns] for row in rows]
+        widths = [[*row.widths, inside - sum(row.widths) + 1e-3] for row in rows]
+        self._set(placed, width, widths, [row.height for row in rows], width - self.needed)
+
+    def _set(
+        self,
+        rows: Sequence[_Columns],
+        width: float,
+        widths: Sequence[Sequence[float]],
+        heights: Sequence[float],
+        spare: float = 0.0,
+    ) -> None:
+        """Make the figure of panels so wide and rows so high [in], and let matplotlib set it."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        zoom = self.zoom
+        words = _wrapped(self.title, (width / zoom - 2 * _MARGIN) * _TITLE_LETTERS)
+        top = (0.2 + _TITLE_LINE * len(words)) * zoom
+        low = (_FOOT + (_LEGEND if self.legend else 0.0)) * zoom
+        #: Width and height [in].
+        self.size = np.array([width, sum(heights) + top + low])
+        self.figure = Figure(figsize=tuple(self.size), dpi=_MEASURING, layout="constrained")
+        FigureCanvasAgg(self.figure)
+        left = _MARGIN * zoom + max(0.5 * spare, 0.0)
+        rect = np.array([[left, low], [width - 2 * left - self.side, sum(heights)]])
+        engine: Any = self.figure.get_layout_engine()
+        engine.set(w_pad=_PAD * zoom, h_pad=0.5 * _PAD * zoom, hspace=0.0, wspace=0.0)
+        engine.set(rect=tuple((rect / self.size).ravel()))
+        at = np.array([(_MARGIN + _PAD) * zoom, self.size[1] - 0.12 * zoom]) / self.size
+        self.figure.text(
+            at[0], at[1], "\n".join(words), fontsize="large", va="top", linespacing=1.15
         )
-        colour_bar(figure, bar, scale)
-    if legend:
-        figure.legend(
-            handles=list(legend),
-            loc="lower center",
-            bbox_to_anchor=(0.5, 0.8 * _FOOT / size[1]),
-            ncols=len(legend),
-            frameon=False,
-            fontsize=10,
-        )
-    save_figure(figure, path)
+        self.drawings: list[_Drawing] = []
+        outer = self.figure.add_gridspec(len(rows), 1, height_ratios=list(heights))
+        for number, row in enumerate(rows):
+            cells = outer[number].subgridspec(1, len(widths[number]), width_ratios=widths[number])
+            for c, column in enumerate(row):
+                places = cells[c].subgridspec(len(column), 1)
+                for k, panel in enumerate(column):
+                    axes = self.figure.add_subplot(places[k])
+                    bar = self._fill(panel, axes)
+                    self.drawings.append(_Drawing(panel, number, c, k, axes, bar))
+        _read_no_formulas(self.figure)
+        engine.execute(self.figure)
+
+    def _fill(self, panel: Panel, axes: Any) -> Any:
+        """Draw a plot, or leave room for a view and what is below it; its colour bar's axes."""
+        axes.set_title(panel.title, loc="left", fontsize="medium")
+        if panel.plot is not None:
+            panel.plot(axes)
+            # Layouts know no axes that keep a shape of their own.
+            axes.set_adjustable("datalim")
+        else:
+            lines = 3 if panel.view is None or panel.view.weight is None else 4
+            axes.set(xticks=[], yticks=[], xlabel="\n".join(lines * " "))
+            axes.spines[:].set_visible(False)
+            axes.patch.set_visible(False)
+        if panel.scale is None:
+            return None
+        return colour_bar(self.figure, panel.scale, ax=axes, location="bottom").ax
+
+    def _measured(self, number: int, column: Sequence[Panel], height: float) -> _Column:
+        """What a column needs, as matplotlib has set it so high."""
+        from matplotlib.transforms import Bbox
+
+        canvas: Any = self.figure.canvas
+        renderer = canvas.get_renderer()
+        beside, between, words = 0.0, height, 0.0
+        for drawing in (d for d in self.drawings if d.column == number):
+            axes = drawing.axes.get_window_extent(renderer)
+            outside = Bbox.union(
+                [
+                    part.get_tightbbox(renderer, for_layout_only=True)
+                    for part in (drawing.axes, drawing.bar)
+                    if part is not None
+                ]
+            )
+            beside = max(beside, (outside.width - axes.width) / _MEASURING)
+            between -= axes.height / _MEASURING
+            texts = [drawing.axes._left_title]
+            if drawing.bar is not None:
+                texts.append(drawing.bar.xaxis.label)
+            for text in texts:
+                words = max(words, text.get_window_extent(renderer).width / _MEASURING)
+            if drawing.panel.view is not None:
+                words = max(words, _LEAST_VIEW * self.zoom)
+        pad = 2 * _PAD * self.zoom
+        return _Column(column, beside + pad, between, words, _LEAST_PANEL * self.zoom)
+
+    # -----------------------------------------------------------------------------------------
+    # What matplotlib does not set
+
+    def draw(self, dots: float) -> None:
+        """Draw views into the room left for them, bars at the side, and the legend."""
+        # No layout engine at all: with the one called "none" matplotlib draws everything twice.
+        unset: Any = self.figure
+        unset._layout_engine = None
+        self.figure.set_dpi(dots)
+        for drawing in self.drawings:
+            if drawing.panel.view is not None:
+                self._draw_view(drawing, drawing.panel.view)
+        self._draw_bars()
+        if self.legend:
+            self.figure.legend(
+                handles=list(self.legend),
+                loc="lower center",
+                bbox_to_anchor=(0.5, 0.8 * _FOOT * self.zoom / self.size[1]),
+                ncols=len(self.legend),
+                frameon=False,
+                fontsize="medium",
+            )
+
+    def _draw_view(self, drawing: _Drawing, view: View) -> None:
+        """Show a rendered view with a scale bar of a round length, and its ring."""
+        low, high = drawing.axes.get_position(original=True).get_points() * self.size
+        per_inch = max(*np.array(view.size) / (high - low))
+        across, tall = np.array(view.size) / per_inch
+        corner = np.array([low[0], low[1] + 0.5 * (high[1] - low[1] - tall)])
+        box = np.array([corner, (across, tall)]) / self.size
+        drawing.axes.set_position(tuple(box.ravel()))
+        drawing.axes.set_xlabel("")
+        pixels = _pixels(view, across * self.figure.dpi, tall * self.figure.dpi)
+        self.figure.add_artist(_image(pixels, *corner))
+        self._draw_axes(corner, view)
+        self._draw_scale_bar(corner + self.zoom * np.array(_AT_BAR), view.size[0], per_inch)
+        if drawing.panel.ring is not None:
+            at = corner + np.array(view.place(drawing.panel.ring)) / per_inch
+            self._line([at], marker="o", mfc="none", mec="black", ms=9, mew=1.4)
+        for words, place in drawing.panel.labels.items():
+            back = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.75}
+            at = corner + place / per_inch
+            self._write(at, words, size="x-small", ha="center", va="center", bbox=back)
+
+    def _draw_scale_bar(self, start: FloatArray, width: float, per_inch: float) -> None:
+        """Draw a bar of a round length from a place in the figure [in]."""
+        length = round_length(max(0.4 * width, 0.4 * self.zoom * per_inch))
+        end = start + np.array([length / per_inch, 0.0])
+        self._line([start, end], linewidth=2.5, solid_capstyle="butt")
+        self._write(end + self.zoom * np.array([0.06, 0.0]), f"{length:g} mm", va="center")
+
+    def _draw_axes(self, corner: FloatArray, view: View) -> None:
+        """Draw the directions x, y and z below a view, and the one of its weight."""
+        seen = {name: view.axes[:2, k] for k, name in enumerate("xyz")}
+        at = corner + self.zoom * np.array(_AT_AXES)
+        for name, along in seen.items():
+            self._arrow(at, along, name, "black")
+        if view.weight is not None:
+            along = view.axes[:2] @ np.array(view.weight) / np.linalg.norm(view.weight)
+            self._arrow(at, along, "g", VERMILION)
+
+    def _arrow(self, start: FloatArray, along: FloatArray, name: str, colour: str) -> None:
+        """Draw a unit vector as it is seen, with its name at the tip."""
+        tip = start + _ARROW * self.zoom * along
+        if np.linalg.norm(along) > _SEEN_ALONG:
+            self._line([start, tip], color=colour, linewidth=1.0)
+        beyond = tip + 0.075 * self.zoom * along / max(float(np.linalg.norm(along)), 1e-9)
+        self._write(beyond, name, size="x-small", color=colour, ha="center", va="center")
+
+    def _line(self, points: Sequence[FloatArray], **options: Any) -> None:
+        """Draw a line between places in the figure [in]."""
+        from matplotlib.lines import Line2D
+
+        places = (np.array(points) / self.size).T
+        self.figure.add_artist(Line2D(*places, **{"color": "black", **options}))
+
+    def _write(self, place: FloatArray, words: str, *, size: str = "small", **options: Any) -> None:
+        """Write small print at a place in the figure [in]."""
+        x, y = place / self.size
+        self.figure.text(x, y, words, fontsize=size, **options)
+
+    def _draw_bars(self) -> None:
+        """Draw bars beside all panels, or beside each row of them."""
+        shared = len(self.scales) == 1
+        for row in sorted({drawing.row for drawing in self.drawings}):
+            for place, scale in enumerate(self.scales):
+                boxes = [
+                    drawing.axes.get_position()
+                    for drawing in self.drawings
+                    if shared or (drawing.row, drawing.place) == (row, place)
+                ]
+                low = min(box.y0 for box in boxes) * self.size[1]
+                high = max(box.y1 for box in boxes) * self.size[1]
+                long = min((0.6 if shared else 0.9) * (high - low), _LONGEST_BAR * self.zoom)
+                start = (self.size[0] - self.side, 0.5 * (low + high - long))
+                box = np.array([start, (_BAR * self.zoom, long)]) / self.size
+                colour_bar(self.figure, scale, cax=self.figure.add_axes(tuple(box.ravel())))
+            if shared:
+                return
 
 
-def _draw_panel(figure: Figure, box: _Box) -> None:
-    """Draw one panel where its box is."""
-    panel, (wide, tall) = box.panel, figure.get_size_inches()
-    left, above, below = panel.around
-    start = box.x
-    if panel.view is not None:
-        _draw_view(figure, panel, panel.view, box)
-    else:
-        assert panel.plot is not None
-        start -= left
-        place = (box.x / wide, box.y / tall, box.width / wide, box.height / tall)
-        panel.plot(figure.add_axes(place))
-    figure.text(
-        start / wide,
-        (box.y + box.height + above) / tall,
-        panel.title,
-        fontsize=_PANEL_TITLE,
-        va="bottom",
-    )
-    if panel.scale is not None:
-        # Numbers at the ends of a bar are as wide as the bar is shorter than its column.
-        width = min(box.room, 3.4) - 0.5
-        middle = box.x + 0.5 * (box.room if box.width < width else box.width)
-        first = middle - 0.5 * width
-        y = box.y - below + _BAR - 0.28 + (0.16 if panel.scale.note else 0.0)
-        bar = figure.add_axes((first / wide, y / tall, width / wide, 0.13 / tall))
-        colour_bar(figure, bar, panel.scale, horizontal=True)
-
-
-def _draw_view(figure: Figure, panel: Panel, view: View, box: _Box) -> None:
-    """Show a rendered view with a scale bar of a round length, and its ring."""
-    from matplotlib.lines import Line2D
-
-    wide, tall = figure.get_size_inches()
-    pixels = _pixels(view, box.width * figure.dpi, box.height * figure.dpi)
-    figure.add_artist(_image(pixels, box.x, box.y))
-    per_inch = view.size[0] / box.width
-    length = round_length(max(0.45 * view.size[0], 0.54 * per_inch))
-    y, end = (box.y - 0.12) / tall, box.x + length / per_inch
-    bar = Line2D([box.x / wide, end / wide], [y, y], color="black", linewidth=2.5)
-    bar.set_solid_capstyle("butt")
-    figure.add_artist(bar)
-    figure.text((end + 0.06) / wide, y, f"{length:g} mm", va="center", fontsize=_SMALL)
-    if panel.ring is not None:
-        x, y = view.place(panel.ring)
-        place = ((box.x + x / per_inch) / wide, (box.y + y / per_inch) / tall)
-        ring = Line2D(*[[v] for v in place], marker="o", mfc="none", mec="black", ms=9, mew=1.4)
-        figure.add_artist(ring)
-
-
-def fill_axes(axes: Axes, view: View) -> None:
-    """Show a view that has the shape of some axes in all of them."""
-    box = axes.bbox
-    pixels = _pixels(view, box.width, box.height)
-    axes.patch.set_visible(False)
-    figure: Any = axes.figure
-    figure.add_artist(_image(pixels, box.x0 / figure.dpi, box.y0 / figure.dpi))
+def _wrapped(words: str, letters: float) -> list[str]:
+    count = max(int(letters), 12)
+    return [line for part in words.split("\n") for line in textwrap.wrap(part, count) or [""]]
 
 
 def _pixels(view: View, width: float, height: float) -> Any:
@@ -472,25 +495,6 @@ def round_length(most: float) -> float:
     return float(decade * max(m for m in (1, 2, 5) if m * decade <= most * (1 + 1e-9)))
 
 
-def colour_bar(figure: Figure, axes: Axes, scale: Scale, *, horizontal: bool = False) -> None:
-    """Draw a colour bar; arrows where values go beyond its colours."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from matplotlib.ticker import FuncFormatter, MaxNLocator
-
-    bar = figure.colorbar(
-        ScalarMappable(Normalize(scale.low, scale.high), scale.colours),
-        cax=axes,
-        orientation="horizontal" if horizontal else "vertical",
-        extend=scale.beyond,
-    )
-    ten = 10.0**scale.power
-    bar.formatter = FuncFormatter(lambda value, _: f"{value / ten:.3g}".replace("-", "−"))
-    bar.locator = MaxNLocator(4 if horizontal else 6)
-    bar.set_label("\n".join(scale.lines), fontsize=_SMALL)
-    axes.tick_params(labelsize=_SMALL)
-
-
 # ---------------------------------------------------------------------------------------------
 # Files
 
@@ -509,48 +513,49 @@ def save_figure(figure: Figure, path: Path, *, about: str = "") -> None:
     kind = path.suffix.lower().removeprefix(".")
     today = datetime.date.today().isoformat()
     foot = " · ".join(part for part in (about, f"tubelock {program()}", today) if part)
+    shown = foot if look().footer else ""
     width, height = figure.get_size_inches()
     figure.text(
         1 - 0.12 / width,
         0.07 / height,
-        foot,
-        fontsize=6.5,
+        shown,
+        fontsize="xx-small",
         color="#707070",
         ha="right",
         va="bottom",
     )
     _read_no_formulas(figure)
-    options: dict[str, Any] = {"dpi": _dots(path, width)}
+    options: dict[str, Any] = {"dpi": _dots(path)}
     if kind == "png":
         options["pil_kwargs"] = {"compress_level": 3}
 
     def write(partial: Path) -> None:
         figure.savefig(partial, format=kind, metadata=_metadata(kind, foot), **options)
-        magnify(partial, kind, look().magnification(width))
 
-    settings: Any = look().settings
-    with rc_context(settings):
+    with rc_context(look().settings()):
         write_whole(path, write)
 
 
-def _dots(path: Path, width: float) -> float:
-    """Pixels per inch of a figure, before it is magnified."""
-    if path.suffix.lower() != ".png":
-        return PRINT
-    return look().dots * look().magnification(width)
+def _dots(path: Path) -> float:
+    """Pixels per inch of a figure."""
+    return PRINT if path.suffix.lower() != ".png" else look().dots
 
 
 def subplots(
     rows: int, columns: int, *, size: tuple[float, float], **options: Any
 ) -> tuple[Figure, Any]:
     """Figure and axes of plots without bodies, set by matplotlib itself; ``size`` in inches."""
+    from matplotlib import rcParams
     from matplotlib.figure import Figure
 
-    size = look().plot_size(size)
+    size, zoom = look().plot_size(size)
+    # `looking` sets them back.
+    rcParams.update(look().settings(zoom))
     figure = Figure(figsize=size, layout="constrained")
     # Room for the line at the foot.
     engine: Any = figure.get_layout_engine()
-    engine.set(rect=(0.0, 0.2 / size[1], 1.0, 1.0 - 0.2 / size[1]))
+    foot = _FOOT * zoom / size[1]
+    engine.set(rect=(0.0, foot, 1.0, 1.0 - foot))
     return figure, figure.subplots(rows, columns, **options)
 
 

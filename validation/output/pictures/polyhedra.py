@@ -1,7 +1,8 @@
-"""Pictures of triangulated blocks: the blocks, the contacts that were found, the mechanism."""
+"""Pictures of triangulated blocks: the blocks, their contacts, mechanisms, and explosions."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,47 +11,62 @@ import numpy as np
 from geometry.measures import chain
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
+from geometry.polyhedra.box_tree import overlapping_boxes
+from geometry.polyhedra.overlap import SignedDistance
 from validation.output.pictures.assemblies import draw_motion
-from validation.output.pictures.bodies import sharp_edges
-from validation.output.pictures.canvas import Direction, Dots, Lines, Part, Surface, View, merged
+from validation.output.pictures.bodies import (
+    EYE,
+    block_legend,
+    colours_of_blocks,
+    labelled,
+    sharp_edges,
+)
+from validation.output.pictures.canvas import (
+    Direction,
+    Dots,
+    Lines,
+    Part,
+    Surface,
+    View,
+    merged,
+    rgb,
+)
 from validation.output.pictures.gallery import (
-    BLUE,
-    GREY,
     PRESSURE_MAP,
-    SKY,
     VERMILION,
     Panel,
     gallery,
     scale_from_zero,
 )
+from validation.output.pictures.look import look
 from validation.run.rigid.polyhedra import contact_triangles
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from validation.run.rigid.explosion import Explosion
     from validation.run.rigid.polyhedra import PolyhedralRun
+    from validation.scene.polyhedra import PolyhedralScene
 
 _EYE: Direction = (1.0, -1.9, 1.5)
 _PALE = "#9ECAE1"
+#: Panels of an explosion, in wall thicknesses.
+PANELS = (0.0, 0.25, 0.5, 1.0)
 
 
 def polyhedra_parts(
     assembly: PolyhedralAssembly, places: list[FloatArray] | None = None, *, opacity: float = 1.0
 ) -> list[Part]:
-    """Blocks and their edges: held ones grey, free ones in two blues.
+    """Blocks and their edges: fixed ones grey, free ones in two blues.
 
     ``places`` are the vertices of each block [mm]; by default where they stand.
     """
     points = [assembly.points(b) for b in range(assembly.n_blocks)] if places is None else places
-    parts: list[Part] = []
-    for colour in (GREY, BLUE, SKY):
-        chosen = [b for b in range(assembly.n_blocks) if _colour(assembly, b) == colour]
-        bodies = merged(((points[b], assembly.shape(b).triangles) for b in chosen), 3)
-        if chosen:
-            parts.append(Surface(*bodies, colour, opacity=opacity))
-    return [*parts, _edges(assembly, points)]
-
-
-def _colour(assembly: PolyhedralAssembly, block: int) -> str:
-    return GREY if assembly.fixed[block] else (BLUE, SKY)[block % 2]
+    colours = colours_of_blocks(assembly.fixed, np.arange(assembly.n_blocks))
+    triangles = [assembly.shape(b).triangles for b in range(assembly.n_blocks)]
+    shades = [np.tile(rgb(c), (len(t), 1)) for c, t in zip(colours, triangles, strict=True)]
+    bodies = merged(zip(points, triangles, strict=True), 3)
+    return [Surface(*bodies, np.concatenate(shades), opacity=opacity), _edges(assembly, points)]
 
 
 def _edges(
@@ -68,17 +84,34 @@ def _edges(
     return Lines(every[used], places.reshape(segments.shape), width=width, opacity=opacity)
 
 
-def _block_legend() -> list[Any]:
-    from matplotlib.patches import Patch
-
-    return [Patch(color=BLUE, label="free blocks"), Patch(color=GREY, label="held blocks")]
-
-
-def draw_blocks(assembly: PolyhedralAssembly, path: Path, *, title: str) -> None:
+def draw_blocks(
+    assembly: PolyhedralAssembly, path: Path, *, title: str, weight: Sequence[float] | None = None
+) -> None:
     """Draw the blocks where they stand."""
-    view = View(polyhedra_parts(assembly), _EYE)
-    panel = Panel(f"{assembly.n_blocks} blocks", view)
-    gallery([[panel]], title, path, height=6.5, legend=_block_legend())
+    free, fixed = int((~assembly.fixed).sum()), int(assembly.fixed.sum())
+    view = View(polyhedra_parts(assembly), _EYE, weight=weight)
+    words = f"{_count(free, 'free block')}, {fixed} fixed"
+    panel = _labelled(Panel(words, view), assembly)
+    gallery([[panel]], title, path, height=6.5, legend=block_legend())
+
+
+def weight_of(scene: PolyhedralScene) -> Sequence[float] | None:
+    """Acceleration of all blocks [mm/s²], whether it is their load or acts beside it."""
+    return scene.weight or scene.load.gravity
+
+
+def _count(n: int, what: str) -> str:
+    return f"{n} {what}{'' if n == 1 else 's'}"
+
+
+def _labelled(panel: Panel, assembly: PolyhedralAssembly) -> Panel:
+    """Panel with numbers or names on the blocks, where the scene asks for them."""
+    if look().labels == "none":
+        return panel
+    blocks = range(assembly.n_blocks)
+    names = [assembly.shape(b).name if look().labels == "names" else str(b) for b in blocks]
+    bodies = [(assembly.points(b), assembly.shape(b).triangles) for b in blocks]
+    return labelled(panel, names, bodies)
 
 
 def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
@@ -88,7 +121,8 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
 
     assembly, interfaces, result = run.assembly, run.assembly.interfaces, run.result
     pressures = run.patch_pressures if run.carried.holds else np.zeros(0)
-    scale = scale_from_zero("mean pressure of a patch [MPa]", PRESSURE_MAP, [pressures])
+    label = "mean contact pressure [MPa]"
+    scale = scale_from_zero(label, PRESSURE_MAP, [pressures], nothing="open joint")
     pressed = scale.reached[1] > 0.0
     triangles, owner = contact_triangles(run)
     colour: Any = _PALE
@@ -98,7 +132,7 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
     contacts: list[Part] = [_edges(assembly, points, width=1.4, opacity=0.35)]
     if len(triangles):
         contacts.append(Surface(interfaces.polygons.corners, triangles, colour, lit=False))
-    legend = _block_legend()
+    legend = block_legend()
     row = chain(run.joints) if pressed else None
     if row is not None:
         ends = np.column_stack([np.arange(len(row) - 1), np.arange(1, len(row))])
@@ -106,22 +140,27 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
         legend.append(Line2D([], [], color=VERMILION, label="thrust line"))
     bare = interfaces.patch < 0
     if not pressed:
-        legend.append(Patch(color=_PALE, label="contact patches"))
+        legend.append(Patch(color=_PALE, label="contact interfaces"))
     if bare.any():
         contacts.append(Dots(interfaces.centroids[bare], VERMILION))
         legend.append(
-            Line2D([], [], color=VERMILION, marker="o", linestyle="", label="without area")
+            Line2D(
+                [], [], color=VERMILION, marker="o", linestyle="", label="edge or corner contact"
+            )
         )
     verdict = "interlocked" if result.classification.locked else "not interlocked"
     asked = run.scene.rigid.friction is not None
     answer = run.carried.words if asked else f"{verdict} ({result.mechanism})"
+    weight = weight_of(run.scene)
+    blocks = Panel("blocks", View(polyhedra_parts(assembly), _EYE, weight=weight))
+    counts = (result.n_blocks, "free block"), (interfaces.n_contacts, "contact point")
     gallery(
         [
-            [Panel("blocks", View(polyhedra_parts(assembly), _EYE))],
-            [Panel("contacts found", View(contacts, _EYE))],
+            [_labelled(blocks, assembly)],
+            [Panel("contact interfaces", View(contacts, _EYE, weight=weight))],
         ],
         f"{run.name}: {run.scene.load_words}; {answer}\n"
-        f"{result.n_blocks} free blocks, {interfaces.n_contacts} contact points",
+        f"{', '.join(_count(*count) for count in counts)}",
         path,
         height=6.0,
         scale=scale if pressed else None,
@@ -138,5 +177,85 @@ def draw_polyhedral_mechanism(run: PolyhedralRun, motion: FloatArray, path: Path
         arm = assembly.points(block) - assembly.centroids[block]
         moved = motion[block, :3] + np.cross(motion[block, 3:], arm)
         places.append(assembly.points(block) + scale * moved)
-    view = View(polyhedra_parts(assembly, places), _EYE)
-    draw_motion(run, view, scale, path, height=6.5, legend=_block_legend())
+    view = View(polyhedra_parts(assembly, places), _EYE, weight=weight_of(run.scene))
+    draw_motion(run, view, scale, path, height=6.5, legend=block_legend())
+
+
+# ---------------------------------------------------------------------------------------------
+# Explosions
+
+
+def _inside_corners(
+    surfaces: PolyhedralAssembly,
+    points: list[FloatArray],
+    translations: FloatArray,
+    tolerance: float,
+) -> list[FloatArray]:
+    """Corners of the triangles of each block that lie inside another, (n_triangles, 3, 3)."""
+    low = np.array([p.min(axis=0) for p in points])
+    high = np.array([p.max(axis=0) for p in points])
+    pairs = overlapping_boxes(low, high, low, high)
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    distance = [SignedDistance(shape) for shape in surfaces.shapes]
+    parts = []
+    for a, b in pairs.tolist():
+        local = (points[a] - translations[b]) @ surfaces.rotations[b]
+        near = ((points[a] > low[b]) & (points[a] < high[b])).all(axis=1)
+        deep = np.zeros(len(local), dtype=bool)
+        deep[near] = distance[int(surfaces.shape_of[b])](local[near]) < -tolerance
+        triangles = surfaces.shape(a).triangles
+        inside = triangles[deep[triangles].all(axis=1)]
+        if len(inside):
+            parts.append(points[a][inside])
+    return parts
+
+
+def _exploded(run: Explosion, distance: float) -> View:
+    """Blocks moved outward, seen through where some are in each other."""
+    surfaces = run.surfaces
+    translations = surfaces.translations + distance * run.directions
+    places = [
+        surfaces.shape(b).points @ surfaces.rotations[b].T + translations[b]
+        for b in range(surfaces.n_blocks)
+    ]
+    inside = []
+    if distance > 0:
+        inside = _inside_corners(surfaces, places, translations, run.finite.tolerance)
+    parts = polyhedra_parts(surfaces, places, opacity=0.35 if inside else 1.0)
+    if inside:
+        corners = np.concatenate(inside).reshape(-1, 3)
+        triangles = np.arange(len(corners)).reshape(-1, 3)
+        parts.append(Surface(corners, triangles, VERMILION, lit=False))
+    return View(parts, EYE)
+
+
+def draw_explosion(run: Explosion, path: Path) -> None:
+    """Draw a strip of growing outward displacements, and the depth over the displacement."""
+    from matplotlib.patches import Patch
+
+    def depths(axes: Axes) -> None:
+        x = np.concatenate([[0.0], run.finite.distances])
+        y = np.concatenate([[0.0], run.finite.depths])
+        axes.plot(x, y, marker="o", color=VERMILION, clip_on=False)
+        axes.set_xlabel("outward displacement of every block [mm]")
+        axes.set_ylabel("depth [mm]")
+        axes.set_xlim(0.0, None)
+        axes.set_ylim(0.0, max(1.0, 1.05 * float(run.finite.depths.max())))
+        axes.spines[["top", "right"]].set_visible(False)
+
+    distances = [part * run.thickness for part in PANELS]
+    columns = [[Panel(f"{d:g} mm outward", _exploded(run, d))] for d in distances]
+    columns.append([Panel("depth of the deepest overlap", plot=depths, shape=0.7)])
+    verdict = "explodes" if run.explodes else "does not explode"
+    gallery(
+        columns,
+        f"{run.name}: {verdict}; first-order gap rate {run.first.smallest_gap_rate:.3g}, free up "
+        f"to {run.finite.free_distance:.3g} mm",
+        path,
+        height=7.0,
+        widest=17.0,
+        legend=[
+            *block_legend("end rings, released", "blocks"),
+            Patch(color=VERMILION, label="surface inside another block"),
+        ],
+    )

@@ -30,29 +30,47 @@ class Section:
     """Principal stresses σ₁, σ₂, σ₃ at the points, (n_points, 3) [MPa]."""
     borders: FloatArray
     """Where the blocks end: both ends of each piece, (n, 2, 2) [mm]."""
+    rigid: IntArray
+    """Triangles of blocks that have no stresses, (n, 3)."""
 
 
 def section(run: DrawnState, z: float) -> Section:
-    """Cut all deformable blocks by the plane at height z [mm]."""
-    points, triangles = [np.zeros((0, 2))], [np.zeros((0, 3), np.int64)]
-    values, borders, offset = [np.zeros((0, 3))], [np.zeros((0, 2, 2))], 0
-    for block in run.deformable.deformable_blocks.tolist():
-        nodes = run.positions(block)
-        if not nodes[:, 2].min() < z < nodes[:, 2].max():
-            continue
-        shape = run.drawn.shape(block)
-        fields = {"principal": run.principal(block)}
-        cut = _cut(as_grid(nodes, _HEXAHEDRON, shape.mesh.elements, fields, {}), z)
-        corners = cut.GetPoints()
-        if corners is None or not cut.GetNumberOfPolys():
-            continue
-        points.append(_numbers(corners.GetData())[:, :2])
-        triangles.append(_numbers(cut.GetPolys().GetConnectivityArray()).reshape(-1, 3) + offset)
-        values.append(_numbers(cut.GetPointData().GetArray("principal")))
-        offset += len(points[-1])
-        borders.append(_border(nodes, np.concatenate(list(shape.faces.values())), z))
-    parts: Any = points, triangles, values, borders
-    return Section(*map(np.concatenate, parts))
+    """Cut all blocks by the plane at height z [mm]."""
+    cuts = [_cut_block(run, b, z) for b in range(run.drawn.n_blocks)]
+    found = [cut for cut in cuts if cut is not None]
+    counts = np.cumsum([0, *(len(cut.points) for cut in found)])
+    shifted = [
+        (cut.triangles + n, cut.rigid + n) for cut, n in zip(found, counts[:-1], strict=True)
+    ]
+    nothing = np.zeros((0, 3), np.int64)
+    return Section(
+        np.concatenate([np.zeros((0, 2)), *(cut.points for cut in found)]),
+        np.concatenate([nothing, *(solid for solid, _ in shifted)]),
+        np.concatenate([np.zeros((0, 3)), *(cut.values for cut in found)]),
+        np.concatenate([np.zeros((0, 2, 2)), *(cut.borders for cut in found)]),
+        np.concatenate([nothing, *(rigid for _, rigid in shifted)]),
+    )
+
+
+def _cut_block(run: DrawnState, block: int, z: float) -> Section | None:
+    """Cut one block; None where the plane does not meet it."""
+    nodes, shape = run.positions(block), run.drawn.shape(block)
+    if not nodes[:, 2].min() < z < nodes[:, 2].max():
+        return None
+    stressed = run.deformable.group_of[block] >= 0
+    principal = run.principal(block) if stressed else np.zeros((len(nodes), 3))
+    grid = as_grid(nodes, _HEXAHEDRON, shape.mesh.elements, {"principal": principal}, {})
+    cut = _cut(grid, z)
+    if cut.GetPoints() is None or not cut.GetNumberOfPolys():
+        return None
+    triangles = _numbers(cut.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    return Section(
+        _numbers(cut.GetPoints().GetData())[:, :2],
+        triangles if stressed else triangles[:0],
+        _numbers(cut.GetPointData().GetArray("principal")),
+        _border(nodes, np.concatenate(list(shape.faces.values())), z),
+        triangles[:0] if stressed else triangles,
+    )
 
 
 def _numbers(array: Any) -> Any:

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from fem.element.lagrange import lobatto_points
-from geometry.assembly import Assembly
 from geometry.families.hexagon_block import EDGE_NAMES
 from geometry.mesh import FloatArray, structured_quads
 from validation.output.pictures.assemblies import draw_pressed_facets
 from validation.output.pictures.bodies import (
-    EYE,
     FROM_ABOVE,
-    FROM_BELOW,
     PressedFacets,
+    above_and_below,
     coloured_blocks,
-    is_tube,
+    eye,
+    middle_layer,
     outlines,
 )
 from validation.output.pictures.canvas import Direction, Part, View
@@ -35,7 +35,8 @@ from validation.output.pictures.gallery import (
     scale_from_zero,
     symmetric_scale,
 )
-from validation.output.pictures.sections import section
+from validation.output.pictures.scales import PALE
+from validation.output.pictures.sections import Section, section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,20 +45,30 @@ if TYPE_CHECKING:
 
 #: Faces of a tube's blocks that are seen from outside when blocks have moved.
 _SHELL = ("outer", "inner", "left", "right", *EDGE_NAMES)
-_SYMBOLS = ("σ₁", "σ₂", "σ₃")
 
 
-def eye(assembly: Assembly) -> Direction:
-    """Direction from which all blocks are seen: against the assembly's smallest extent."""
-    if is_tube(assembly):
-        return EYE
-    points = np.concatenate([assembly.nodes(b) for b in range(assembly.n_blocks)])
-    extent = np.ptp(points, axis=0)
-    if extent[1] < 0.5 * min(extent[0], extent[2]):
-        return (0.9, 2.4, 0.9)
-    if extent[2] < 0.5 * min(extent[0], extent[1]):
-        return (0.9, -1.2, 2.4)
-    return EYE
+@dataclass(frozen=True)
+class Stress:
+    """A stress that pictures show; what is made of principal stresses is one more line below."""
+
+    symbol: str
+    of: Callable[[FloatArray], FloatArray]
+    """Its values (n,) from σ₁ ≥ σ₂ ≥ σ₃, (n, 3) [MPa]."""
+    extreme: Literal["largest", "smallest"]
+    """Which of its values is marked."""
+    measure: str
+    """Name of that value among the measures of a run: at points inside the elements."""
+
+    @property
+    def sign(self) -> float:
+        """1 where the largest value counts, −1 where the smallest does."""
+        return 1.0 if self.extreme == "largest" else -1.0
+
+
+STRESSES = (
+    Stress("σ₁", lambda principal: principal[:, 0], "largest", "sigma_1_max"),
+    Stress("σ₃", lambda principal: principal[:, 2], "smallest", "sigma_3_min"),
+)
 
 
 def blocks_view(
@@ -89,10 +100,6 @@ def blocks_view(
 # Stresses and displacements
 
 
-def _principal(run: DrawnState, component: int, block: int) -> FloatArray:
-    return run.principal(block)[:, component]
-
-
 def _moved(run: DrawnState, block: int) -> FloatArray:
     return np.asarray(np.linalg.norm(run.displacement(block), axis=1))
 
@@ -104,30 +111,29 @@ def all_faces(run: DrawnState) -> tuple[str, ...]:
     return tuple(dict.fromkeys(face for shape in shapes for face in shape.faces))
 
 
-def stress_scale(run: DrawnState, component: int) -> Scale:
-    """Colours of a principal stress, with what it reaches anywhere in the blocks."""
+def _stress(run: DrawnState, stress: Stress, block: int) -> FloatArray:
+    return stress.of(run.principal(block))
+
+
+def stress_scale(run: DrawnState, stress: Stress = STRESSES[0]) -> Scale:
+    """Colours of a stress, with what it reaches anywhere in the blocks."""
     blocks = run.deformable.deformable_blocks.tolist()
-    values = [_principal(run, component, b) for b in blocks]
-    return symmetric_scale(f"{_SYMBOLS[component]} [MPa]", STRESS_MAP, values)
+    values = [_stress(run, stress, b) for b in blocks]
+    return symmetric_scale(f"{stress.symbol} [MPa]", STRESS_MAP, values)
 
 
-def extreme(run: DrawnState, component: int) -> tuple[FloatArray, str]:
-    """Where σ₁ is largest, or σ₃ smallest, and words for it."""
-    sign = 1.0 if component == 0 else -1.0
+def extreme(run: DrawnState, stress: Stress) -> tuple[FloatArray, str]:
+    """Where a stress is extreme at a node, and words for it and for what the tables give."""
     best, place, words = -np.inf, np.zeros(3), ""
     for block in run.deformable.deformable_blocks.tolist():
-        values = sign * _principal(run, component, block)
+        values = stress.sign * _stress(run, stress, block)
         node = int(values.argmax())
         if values[node] > best:
             best = float(values[node])
             place = run.positions(block)[node]
-            kind = "largest" if component == 0 else "smallest"
-            value = f"{sign * best:.3g}".replace("-", "−")
-            words = f"○ {kind}: {value} in block {block}{_joint(run, block, node)}"
-    inside = run.measures["sigma_1_max" if component == 0 else "sigma_3_min"].value
-    if sign * inside > best:
-        words += f"; {inside:.3g} inside".replace("-", "−")
-    return place, words
+            words = f"○ node: {stress.sign * best:.3g}, block {block}{_joint(run, block, node)}"
+    inside = run.measures[stress.measure].value
+    return place, f"{words}\nintegration point: {inside:.3g}".replace("-", "−")
 
 
 def _joint(run: DrawnState, block: int, node: int) -> str:
@@ -137,63 +143,61 @@ def _joint(run: DrawnState, block: int, node: int) -> str:
 
 
 def draw_stresses(run: DrawnState, path: Path) -> None:
-    """Draw σ₁, σ₃ and the displacement, and σ₁ on the faces that meet other blocks.
+    """Draw stresses and the displacement, and the first stress on the faces that meet others.
 
     Of a tube the outer surface, and the joints of the middle layer; of other blocks all surfaces.
     """
     assembly, tube = run.drawn, run.is_tube
     direction, faces = eye(assembly), ("outer",) if tube else all_faces(run)
     columns = []
-    for component in (0, 2):
-        scale, values = stress_scale(run, component), partial(_principal, run, component)
-        words = f"{_SYMBOLS[component]}{', outer surface' if tube else ''}"
+    for stress in STRESSES:
+        scale, values = stress_scale(run, stress), partial(_stress, run, stress)
+        words = f"{stress.symbol}{', outer surface' if tube else ''}"
         panel = Panel(words, blocks_view(run, values, scale, faces, direction), scale=scale)
-        columns.append([marked(scale, panel, *extreme(run, component))])
-    blocks = run.deformable.deformable_blocks.tolist()
-    size = scale_from_zero("|u| [mm]", MOTION_MAP, [_moved(run, b) for b in blocks])
-    shell = _SHELL if tube else all_faces(run)
-    moved = blocks_view(run, partial(_moved, run), size, shell, direction, factor=run.drawing_scale)
-    columns.append([Panel(f"moved × {run.drawing_scale:g}", moved, scale=size)])
+        columns.append([marked(scale, panel, *extreme(run, stress))])
+    columns.append([_moved_panel(run, _SHELL if tube else all_faces(run), direction)])
     joints = _joint_panels(run) if run.meets else []
     columns += [joints] if tube else [[panel] for panel in joints]
     gallery(columns, run.title, path, height=7.5 if tube else 5.5)
 
 
+def _moved_panel(run: DrawnState, faces: Sequence[str], direction: Direction) -> Panel:
+    """The deformed shape, coloured by the displacement."""
+    blocks, factor = run.deformable.deformable_blocks.tolist(), run.drawing_scale
+    scale = scale_from_zero("|u| [mm]", MOTION_MAP, [_moved(run, b) for b in blocks])
+    view = blocks_view(run, partial(_moved, run), scale, faces, direction, factor=factor)
+    return Panel(f"deformed shape,\nscale factor {factor:g}", view, scale=scale)
+
+
 def _joint_panels(run: DrawnState) -> list[Panel]:
-    """σ₁ on the faces that meet other blocks, from above and from below."""
-    assembly, scale = run.drawn, stress_scale(run, 0)
-    blocks = run.deformable.deformable_blocks
-    where = "joints"
+    """Draw the first stress on the faces that meet other blocks, from above and from below."""
+    assembly, stress = run.drawn, STRESSES[0]
+    scale = stress_scale(run, stress)
+    blocks, where = run.deformable.deformable_blocks, "in the joints"
     if run.is_tube:
-        layer = assembly.n_layers // 2 + 1
-        blocks, where = blocks[assembly.layer[blocks] == layer], f"joints of layer {layer}"
+        layer = middle_layer(assembly)
+        blocks, where = blocks[assembly.layer[blocks] == layer], f"in the joints of layer {layer}"
     names = tuple(dict.fromkeys(f for s in assembly.shapes for f in s.contact_faces))
-    values, shown = partial(_principal, run, 0), blocks.tolist()
+    values, shown = partial(_stress, run, stress), blocks.tolist()
     # Two faces lie on each other in a joint: the eye sees the one that looks at it.
-    surface = coloured_blocks(
-        assembly, shown, values, scale, nodes=run.positions, faces=names, two_sided=False
-    )
-    edges = outlines(assembly, shown, nodes=run.positions, opacity=0.5)
-    x, y, z = eye(assembly)
-    above, below = (FROM_ABOVE, FROM_BELOW) if run.is_tube else ((x, y, z), (x, y, -z))
-    title = f"σ₁ in the {where}, from above"
-    top, bottom = View([surface, edges], above), View([surface, edges], below)
-    if run.is_tube:
-        return [Panel(title, top), Panel("from below", bottom, scale=scale)]
-    return [
-        Panel(title, top, scale=scale),
-        marked(scale, Panel("from below", bottom), *extreme(run, 0)),
+    parts: list[Part] = [
+        coloured_blocks(
+            assembly, shown, values, scale, nodes=run.positions, faces=names, two_sided=False
+        ),
+        outlines(assembly, shown, nodes=run.positions, opacity=0.5),
     ]
+    direction = FROM_ABOVE if run.is_tube else eye(assembly)
+    top, bottom = above_and_below(parts, direction, title=f"{stress.symbol} {where}", scale=scale)
+    if run.is_tube:
+        return [replace(top, scale=None), bottom]
+    return [top, marked(scale, bottom, *extreme(run, stress))]
 
 
 def draw_displacement(run: DrawnState, path: Path) -> None:
-    """Draw the displacement of a tube in the zy-plane."""
-    blocks = run.deformable.deformable_blocks.tolist()
-    scale = scale_from_zero("|u| [mm]", MOTION_MAP, [_moved(run, b) for b in blocks])
-    faces, factor = (*_SHELL, "top", "bottom"), run.drawing_scale
-    view = blocks_view(run, partial(_moved, run), scale, faces, (1.0, 0.0, 0.0), factor=factor)
-    title = f"{run.title}\ndisplacement in the zy-plane"
-    gallery([[Panel(f"drawn × {factor:g}", view)]], title, path, height=8.5, scale=scale)
+    """Draw the displacement of a tube, seen along the x axis."""
+    panel = _moved_panel(run, (*_SHELL, "top", "bottom"), (1.0, 0.0, 0.0))
+    title = f"{run.title}\ndisplacement magnitude, view along x"
+    gallery([[replace(panel, scale=None)]], title, path, height=8.5, scale=panel.scale)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -203,7 +207,7 @@ def draw_displacement(run: DrawnState, path: Path) -> None:
 def section_heights(run: DrawnState) -> tuple[float, ...]:
     """Heights of the paper's sections through the middle layer: 10 and 20 mm from its ends."""
     assembly = run.drawn
-    layer = assembly.n_layers // 2 + 1
+    layer = middle_layer(assembly)
     # Where a layer begins depends on the tube: layers of hexagons reach into each other.
     centres = (assembly.centroids @ assembly.axis)[assembly.layer == layer]
     middle = round(float(centres.mean()), 6)
@@ -225,54 +229,49 @@ def _pitch(assembly: Any) -> float:
 
 
 def draw_sections(run: DrawnState, path: Path) -> None:
-    """Draw σ₁ and σ₃ in four sections through the middle layer, as the paper's figures."""
-    heights = section_heights(run)
-    cuts = [section(run, z) for z in heights]
-    scales = {
-        component: symmetric_scale(
-            f"{_SYMBOLS[component]} [MPa]", STRESS_MAP, [c.values[:, component] for c in cuts]
+    """Draw stresses in four sections through the middle layer, as the paper's figures."""
+    cuts = {z: section(run, z) for z in section_heights(run)}
+    scales = [
+        symmetric_scale(
+            f"{stress.symbol} [MPa]", STRESS_MAP, [stress.of(cut.values) for cut in cuts.values()]
         )
-        for component in (0, 2)
-    }
-
-    def plot(axes: Axes, number: int, component: int) -> None:
-        from matplotlib.collections import LineCollection
-        from matplotlib.ticker import MaxNLocator
-        from matplotlib.tri import Triangulation
-
-        cut, scale = cuts[number], scales[component]
-        axes.set_aspect("equal")
-        if len(cut.triangles):
-            mesh = Triangulation(cut.points[:, 0], cut.points[:, 1], cut.triangles)
-            drawn = axes.tripcolor(
-                mesh,
-                cut.values[:, component],
-                cmap=scale.colours,
-                vmin=scale.low,
-                vmax=scale.high,
-                shading="gouraud",
-            )
-            drawn.set_rasterized(True)
-            axes.add_collection(LineCollection(list(cut.borders), colors="black", linewidths=0.7))
-        # The numbers at its ends would meet those of the other axis and the title.
-        axes.yaxis.set_major_locator(MaxNLocator(6, prune="both"))
-        axes.set_xlabel("x [mm]", fontsize=9)
-        axes.set_ylabel("y [mm]", fontsize=9)
-        axes.tick_params(labelsize=8)
-
+        for stress in STRESSES
+    ]
     columns = [
         [
             Panel(
-                f"{_SYMBOLS[component]}, z = {z:.4g} mm",
-                plot=partial(plot, number=number, component=component),
-                scale=scales[component],
+                f"{stress.symbol}, z = {z:.4g} mm",
+                plot=partial(_draw_section, cut=cut, values=stress.of(cut.values), scale=scale),
             )
-            for component in (0, 2)
+            for stress, scale in zip(STRESSES, scales, strict=True)
         ]
-        for number, z in enumerate(heights)
+        for z, cut in cuts.items()
     ]
-    layer = run.drawn.n_layers // 2 + 1
-    gallery(columns, f"{run.title}: sections through layer {layer}", path, height=8.5)
+    title = f"{run.title}: sections through layer {middle_layer(run.drawn)} (mid-height)"
+    if any(len(cut.rigid) for cut in cuts.values()):
+        title += "; grey: fixed blocks"
+    gallery(columns, title, path, height=7.5, widest=18.0, scale=scales)
+
+
+def _draw_section(axes: Axes, *, cut: Section, values: FloatArray, scale: Scale) -> None:
+    """Draw a section in the colours of a stress; blocks without stresses are grey."""
+    from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.ticker import MaxNLocator
+    from matplotlib.tri import Triangulation
+
+    axes.set_aspect("equal")
+    if len(cut.triangles):
+        mesh = Triangulation(cut.points[:, 0], cut.points[:, 1], cut.triangles)
+        colours = {"cmap": scale.map, "vmin": scale.low, "vmax": scale.high}
+        axes.tripcolor(mesh, values, shading="gouraud", rasterized=True, **colours)
+    axes.add_collection(PolyCollection(list(cut.points[cut.rigid]), facecolors=PALE))
+    axes.add_collection(LineCollection(list(cut.borders), colors="black", linewidths=0.7))
+    axes.autoscale_view()
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(6, prune="both"))
+    axes.set_xlabel("x [mm]", fontsize="small")
+    axes.set_ylabel("y [mm]", fontsize="small")
+    axes.tick_params(labelsize="small")
 
 
 # ---------------------------------------------------------------------------------------------
@@ -335,20 +334,5 @@ def _linear(line: FloatArray, ends: FloatArray) -> FloatArray:
 
 
 def draw_contact(run: DrawnState, path: Path) -> None:
-    """Draw the contact pressures: of a tube as those of rigid blocks are drawn, else all joints."""
-    facets, title = run_facets(run), f"{run.title}: contact pressure"
-    if run.is_tube:
-        draw_pressed_facets(facets, path, title=title)
-        return
-    assembly = run.drawn
-    scale = facets.scale
-    parts: list[Part] = [
-        facets.surface(np.arange(len(facets.pressures)), scale),
-        facets.outlines(range(assembly.n_blocks)),
-    ]
-    x, y, z = eye(assembly)
-    columns = [
-        [Panel("from above", View(parts, (x, y, z)))],
-        [Panel("from below", View(parts, (x, y, -z)))],
-    ]
-    gallery(columns, title, path, height=5.5, scale=scale)
+    """Draw the contact pressures as those of rigid blocks are drawn."""
+    draw_pressed_facets(run_facets(run), path, title=f"{run.title}: contact pressure")

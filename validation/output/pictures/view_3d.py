@@ -44,13 +44,10 @@ def viewer_page() -> str | None:
     return HTML_VIEWER_PATH.read_text("utf-8")
 
 
-def colour_gradient(colours: str) -> str:
-    """CSS gradient of a matplotlib map."""
-    from matplotlib import colormaps
-    from matplotlib.colors import to_hex
-
-    stops = [to_hex(colormaps[colours](x)) for x in np.linspace(0.0, 1.0, 9)]
-    return f"linear-gradient(to right, {', '.join(stops)})"
+def colour_gradient(scale: Scale) -> str:
+    """CSS gradient of a scale."""
+    shades = scale.of(np.linspace(scale.low, scale.high, 9))
+    return f"linear-gradient(to right, {', '.join('#' + bytes(rgb).hex() for rgb in shades)})"
 
 
 def make_view(
@@ -60,7 +57,7 @@ def make_view(
     bar = None
     if scale is not None:
         low, high = (f"{value:.3g}" for value in (scale.low, scale.high))
-        bar = (colour_gradient(scale.colours), low, f"{high} {scale.label}")
+        bar = (colour_gradient(scale), low, f"{high} {scale.label}")
     width, height = view.size
     longest = 700.0 / max(width, height)
     pixels = view.render(round(longest * width), round(longest * height))

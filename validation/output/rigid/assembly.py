@@ -7,20 +7,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
+from rich.table import Table
 
 from geometry.files.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
+from mbd import Measures
+from mbd.options import Norm
 from validation.output.console import two_columns
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures.assemblies import draw_mechanism, draw_pressures
 from validation.output.rigid.words import (
     CLASS_WORDS,
+    add_first_rows,
     add_further_rows,
     certificate_words,
     held_words,
-    p_eff_words,
+    ring_words,
 )
 from validation.run.rigid.answer import RigidRun, mechanism_displacements
+from validation.run.rigid.first_rows import ring_pressure
+from validation.run.stages import cpu_words
 
 if TYPE_CHECKING:
     # Machine code that no other rigid answer needs comes with it.
@@ -92,27 +98,36 @@ def print_rigid(run: RigidRun, console: Console) -> None:
     table.add_row("mechanism (frame fixed)", CLASS_WORDS[result.mechanism])
     if result.supported_classification is not result.classification:
         supported = CLASS_WORDS[result.supported_classification.mechanism]
-        table.add_row("mechanism (as supported)", supported)
+        table.add_row("mechanism (supports of this load)", supported)
     if run.held is not None:
         table.add_row("held and free", held_words(run.held))
-    table.add_row("certificate", certificate_words(result))
-    if run.further is None or run.further.friction is None:
-        table.add_row("equilibrium", result.equilibrium.status)
-    if run.measures is not None:
-        m = run.measures
-        table.add_row("effective contact elements", f"{m.effective_count_percent:.2f} %")
-        table.add_row("effective contact area", f"{m.effective_area_percent:.2f} %")
-        table.add_row("p_eff", p_eff_words(m.p_eff, m.p_eff_pooled))
-        table.add_row("p_max", f"{m.p_max:.5g} MPa mean of block maxima")
+    add_first_rows(table, run)
+    ring = ring_pressure(scene)
+    if ring is not None:
+        table.add_row("by hand p·r/t", ring_words(ring))
     add_further_rows(table, run.further)
+    table.add_row("certificate", certificate_words(result.classification))
+    if run.measures is not None:
+        add_paper_rows(table, run.measures, scene.rigid.norm)
     table.add_row("blocks, contacts", f"{result.n_blocks} free, {result.n_contacts}")
     table.add_row(
         "norm, solver",
         f"{scene.rigid.norm}, {scene.rigid.solver} ({result.equilibrium.iterations} iterations)",
     )
-    seconds = ", ".join(f"{stage} {value:.3f}" for stage, value in run.cpu_seconds.items())
-    table.add_row("CPU seconds", seconds)
+    table.add_row("CPU seconds", cpu_words(run.cpu_seconds))
     console.print(table)
+
+
+def add_paper_rows(table: Table, found: Measures, norm: Norm) -> None:
+    """Add the paper's measures: means over facets and blocks, which follow the facets."""
+    table.add_section()
+    table.add_row("the paper's measures", f'means over facets and blocks, norm = "{norm}"')
+    table.add_row("effective contact elements", f"{found.effective_count_percent:.2f} %")
+    table.add_row("effective contact area", f"{found.effective_area_percent:.2f} %")
+    table.add_row("p_eff (formula)", f"{found.p_eff:.5g} MPa, mean over blocks")
+    table.add_row("p_eff (tables)", f"{found.p_eff_pooled:.5g} MPa, pooled over all blocks")
+    table.add_row("p_max", f"{found.p_max:.5g} MPa, mean of block maxima")
+    table.add_section()
 
 
 def print_explosion(run: Explosion, console: Console) -> None:

@@ -11,12 +11,20 @@ from geometry.files.hexahedral_solids import six_sided_hexahedra
 from geometry.files.mesh_io import write_triangles
 from geometry.measures import JointResultants
 from geometry.mesh import MeshError
+from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from validation.output.console import two_columns
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
-from validation.output.rigid.words import add_further_rows, certificate_words, held_words
+from validation.output.rigid.words import (
+    CLASS_WORDS,
+    add_first_rows,
+    add_further_rows,
+    certificate_words,
+    held_words,
+)
 from validation.run.rigid.polyhedra import PolyhedralRun, contact_triangles, mechanism_motion
+from validation.run.stages import cpu_words
 from validation.scene.polyhedra import STRAIGHT_EDGES, MeshScene
 
 #: Resultants below this part of the largest normal force are round-off.
@@ -44,24 +52,23 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
     """Print verdict, certificate, equilibrium and what was found of contacts."""
     result, interfaces = run.result, run.assembly.interfaces
     table = two_columns(f"{run.name}: rigid blocks")
-    verdict = "interlocked" if result.classification.locked else "not interlocked"
-    table.add_row("verdict (frictionless)", f"{verdict}: {result.mechanism}")
+    table.add_row("verdict (frictionless)", verdict_words(run))
     if run.held is not None:
         table.add_row("held and free", held_words(run.held))
-    table.add_row("certificate", certificate_words(result))
-    if run.further is None or run.further.friction is None:
-        table.add_row("equilibrium", result.equilibrium.status)
+    add_first_rows(table, run)
     add_further_rows(table, run.further)
+    table.add_row("certificate", certificate_words(result.classification))
+    if run.faces is not None:
+        table.add_row("by faces alone", CLASS_WORDS[run.faces.mechanism])
+        table.add_row("certificate of the faces", certificate_words(run.faces))
     if run.carried.holds and run.normal_forces.max(initial=0.0) > 0:
+        if not run.patch_pressures.size:
+            table.add_row("largest contact pressure", "none: edges and points have no area")
         table.add_row("largest contact force", f"{run.normal_forces.max():.5g} N")
-        pressure = "none: edges and points have no area"
-        if run.patch_pressures.size:
-            pressure = f"{run.patch_pressures.max():.5g} MPa"
-        table.add_row("largest patch pressure", pressure)
         for words, value in joint_words(run.joints):
             table.add_row(words, value)
-    bare = int((interfaces.patch < 0).sum())
-    points = f", {bare} without area (edges that cross, corners that stand)" if bare else ""
+    bare = bare_words(run)
+    points = f", of which {bare} without area" if bare else ""
     table.add_row(
         "blocks, contact points",
         f"{result.n_blocks} free of {run.assembly.n_blocks}, {interfaces.n_contacts}{points}",
@@ -74,9 +81,28 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
     table.add_row("volume mesh", volume_words(run))
     if run.straightened:
         table.add_row("edges", STRAIGHT_EDGES)
-    seconds = ", ".join(f"{stage} {value:.3f}" for stage, value in run.cpu_seconds.items())
-    table.add_row("CPU seconds", seconds)
+    table.add_row("CPU seconds", cpu_words(run.cpu_seconds))
     console.print(table)
+
+
+def bare_words(run: PolyhedralRun) -> str:
+    """Count the contacts without area by kind; empty where there is none."""
+    crossing, standing = run.bare_contacts[CROSSING_EDGES], run.bare_contacts[STANDING_CORNER]
+    words = [f"{crossing} edge-edge"] if crossing else []
+    words += [f"{standing} corner-face"] if standing else []
+    return " and ".join(words) + " contacts" if words else ""
+
+
+def verdict_words(run: PolyhedralRun) -> str:
+    """State the verdict, and what remains of it without contacts that have no area."""
+    found = run.result.classification
+    verdict = "interlocked" if found.locked else "not interlocked"
+    if run.faces is None or run.faces.mechanism is found.mechanism:
+        return f"{verdict}: {found.mechanism}"
+    if found.locked:
+        verdict = "interlocked by contacts without area"
+    words = f"{found.mechanism} by {bare_words(run)}; by faces alone: {run.faces.mechanism}"
+    return f"{verdict}: {words}"
 
 
 def volume_words(run: PolyhedralRun) -> str:
@@ -99,7 +125,6 @@ def joint_words(joints: JointResultants) -> list[tuple[str, str]]:
     eccentricity = np.linalg.norm(joints.eccentricity, axis=1)
     rows = []
     for name, values, unit in (
-        ("normal force N", joints.normal_force, "N"),
         ("shear force T", joints.shear_force, "N"),
         ("bending moment M", joints.bending_moment, "N mm"),
         ("eccentricity M/N", eccentricity, "mm"),

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from rich.table import Table
 
-from mbd import Mechanism, MechanismClass, RigidResult, SelfStress
+from mbd import Classification, Mechanism, MechanismClass, SelfStress
 from mbd.force_range import ForceRanges
+from validation.run.rigid.answer import RigidAnswer
 from validation.run.rigid.further import Further
 
+#: Components below this part of the largest are round-off.
+_NOISE = 1e-9
 #: What each class means.
 CLASS_WORDS = {
     MechanismClass.LOCKED: "locked: no block can move",
@@ -19,9 +24,9 @@ CLASS_WORDS = {
 }
 
 
-def certificate_words(result: RigidResult) -> str:
+def certificate_words(classification: Classification) -> str:
     """Say what proves the mechanism class, with the numbers of the proof."""
-    certificate = result.classification.certificate
+    certificate = classification.certificate
     if isinstance(certificate, SelfStress):
         return (
             f"self-stress λ ≥ 1, ‖Gλ‖/‖λ‖ = {certificate.residual:.1e}, "
@@ -45,12 +50,59 @@ def held_words(held: dict[str, bool]) -> str:
     return "; ".join(words) + " (all blocks, without friction)"
 
 
-def p_eff_words(per_block: float, pooled: float) -> str:
-    """Say the effective mean pressure both ways [MPa]."""
-    return (
-        f"{per_block:.5g} MPa mean of the blocks' effective elements; {pooled:.5g} MPa pooled "
-        "over all blocks"
-    )
+def add_first_rows(table: Table, run: RigidAnswer) -> None:
+    """Add what an answer is read for first: equilibrium, largest pressure, forces, reaction."""
+    if run.further is None or run.further.friction is None:
+        table.add_row("in equilibrium", run.result.equilibrium.status)
+    found = run.first_measures
+    if "p_max_facet" in found:
+        table.add_row("largest contact pressure", pressure_words(found["p_max_facet"]))
+    if "least_joint_force" in found:
+        table.add_row("normal force of joints", joint_force_words(found))
+    if "total_reaction" in found:
+        table.add_row("total reaction", reaction_words(found))
+
+
+def reaction_words(found: dict[str, dict[str, Any]]) -> str:
+    """Sum of the forces of held blocks; nothing where the load balances itself to round-off."""
+    reaction = found["total_reaction"]
+    size = max(reaction["value"], found.get("largest_joint_force", {}).get("value", 0.0))
+    parts = [0.0 if abs(x) <= _NOISE * size else x for x in reaction["force"]]
+    if not any(parts):
+        return "0 N: the loads balance each other"
+    return f"{reaction['value']:.5g} N: ({', '.join(f'{x:.5g}' for x in parts)})"
+
+
+def pressure_words(peak: dict[str, Any]) -> str:
+    """Value of a mean over a facet, how large that is, and where."""
+    where = peak["place"]
+    words = f"{peak['value']:.5g} MPa, mean over {peak['facet_area']:.4g} mm²: blocks "
+    words += " and ".join(map(str, where["blocks"]))
+    if where["layer"] is not None:
+        words += f", layer {where['layer']}"
+    if where["face"] is not None:
+        words += f", face {where['face']}"
+    if "radius" in where:
+        return f"{words}, r {where['radius']:.1f}, {where['angle']:.1f}°, z {where['height']:.1f}"
+    return f"{words}, at ({', '.join(f'{x:.1f}' for x in where['position'])})"
+
+
+def joint_force_words(found: dict[str, dict[str, Any]]) -> str:
+    """Least and largest normal force between two blocks, and which blocks."""
+    parts = []
+    for word, name in (("least", "least_joint_force"), ("largest", "largest_joint_force")):
+        joint = "–".join(map(str, found[name]["place"]["blocks"]))
+        parts.append(f"{word} {found[name]['value']:.5g} N (joint {joint})")
+    return ", ".join(parts)
+
+
+def ring_words(ring: dict[str, Any]) -> str:
+    """Mean hoop stress by hand, and what it is for blocks."""
+    words = f"{ring['value']:.5g} MPa, mean hoop {ring['sense']} of a closed ring, "
+    words += f"r = {ring['radius']:g} mm"
+    if ring["sense"] == "tension":
+        words += "; joints carry none: waves and frames do"
+    return words
 
 
 def range_words(ranges: ForceRanges) -> str:

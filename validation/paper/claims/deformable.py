@@ -13,10 +13,10 @@ import numpy as np
 from fem.problem.recovery import recover
 from geometry.measures import between_layers
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from validation.compare.answers import effective_region
+from validation.comparison.answers import effective_region
 from validation.paper.claims.claim import Claims, Truth, Verdict, judged
 from validation.paper.evidence import Evidence
-from validation.run.deformable import DeformableRun, contact_report
+from validation.run.deformable import DeformableRun
 from validation.run.rigid.answer import RigidRun
 from validation.scene.read import TubeScene
 
@@ -161,7 +161,7 @@ def _peaks_found(evidence: Evidence) -> Verdict:
 def _areas_fem(evidence: Evidence) -> Verdict:
     values, words = {}, []
     for case, target in (("pipe", 30.0), ("tunnel", 50.0)):
-        found = [contact_report(evidence.fem(b, case)) for b in BLOCKS]
+        found = [vars(evidence.fem(b, case).contact) for b in BLOCKS]
         counts = [c["effective_count_percent"] for c in found]
         values[case] = counts
         words.append(
@@ -528,7 +528,6 @@ def _monolithic(evidence: Evidence) -> Verdict:
     for name in BLOCKS:
         run = evidence.fem(name, "beam")
         (length, bending), material = _monolith(run), _tube(run).material
-        assert material is not None
         force = float(np.linalg.norm(_load(run)))
         sag = force * length**3 / (192 * material.young_modulus * bending)
         ratios[f"{name} beam"] = run.largest_displacement / sag

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from abc import ABC
+from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
@@ -19,14 +19,20 @@ from mbd import (
     Measures,
     Mechanism,
     RigidResult,
-    SelfStress,
-    analyse,
     block_measures,
     block_wrenches,
     measures,
+    rigid_result,
 )
+from mbd.answer import certificate_report, placed_motion
 from mbd.margin import held_against
 from validation.build.blocks import BuiltScene, build_scene, build_weight
+from validation.run.rigid.first_rows import (
+    joint_extremes,
+    largest_facet_pressure,
+    ring_pressure,
+    total_reaction,
+)
 from validation.run.rigid.further import (
     Further,
     further_answers,
@@ -35,6 +41,17 @@ from validation.run.rigid.further import (
 from validation.scene.family import AssemblyScene, RoundScene
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene, SceneFile
+
+#: Units of numbers in JSON.
+UNITS = {
+    "length": "mm",
+    "force": "N",
+    "moment": "N mm",
+    "pressure": "MPa",
+    "rotation": "rad",
+    "mechanism": "rows of the free blocks: displacement (3), rotation in rad times rotation_length "
+    "in mm (3), to any scale",
+}
 
 
 @dataclass(frozen=True)
@@ -82,7 +99,7 @@ class RigidAnswer(ABC):
         building them [s].
         """
         scene, assembly, load = (stated[name] for name in ("scene", "assembly", "load"))
-        result = analyse(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
+        result = rigid_result(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
         further = further_answers(assembly, load.fixed, wrenches, scene.rigid)
         seconds = {"build": 0.0} | result.cpu_seconds | built
         seconds["total"] += result.cpu_seconds["total"]
@@ -135,6 +152,25 @@ class RigidAnswer(ABC):
             self.assembly.interfaces, self.result.contact_index, self.carried.forces
         )
 
+    @property
+    @abstractmethod
+    def largest_pressure(self) -> dict[str, Any] | None:
+        """Largest mean pressure over one facet or flat patch; None where none has an area."""
+
+    @cached_property
+    def first_measures(self) -> dict[str, dict[str, Any]]:
+        """What acts at one place, by name (`validation.run.rigid.first_rows`).
+
+        Nothing where no forces hold the load.
+        """
+        if not self.carried.holds:
+            return {}
+        index = self.result.contact_index
+        reaction = total_reaction(self.assembly, index, self.carried.forces, self.load.fixed)
+        peak = self.largest_pressure
+        found = {} if peak is None else {"p_max_facet": peak}
+        return found | joint_extremes(self.joints) | {"total_reaction": reaction}
+
     @cached_property
     def motion(self) -> FloatArray | None:
         """(δt [mm], δθ [rad]) of each block under the certified mechanism, (n_blocks, 6).
@@ -147,15 +183,11 @@ class RigidAnswer(ABC):
             return None
         certificate = self.result.classification.certificate
         if driven is not None:
-            motion, held = driven.reshape(-1, 6), self.load.fixed
-        elif isinstance(certificate, Mechanism):
-            motion, held = certificate.virtual_displacement, self.assembly.fixed
-        else:
-            return None
-        moving = np.zeros((self.assembly.n_blocks, 6))
-        moving[~held] = motion
-        moving[:, 3:] /= self.assembly.characteristic_length
-        return moving
+            return placed_motion(self.assembly, driven, ~self.load.fixed)
+        if isinstance(certificate, Mechanism):
+            motion = certificate.virtual_displacement
+            return placed_motion(self.assembly, motion, ~self.assembly.fixed)
+        return None
 
     def json(self) -> dict[str, Any]:
         """Return the answer as plain data, numbers in full precision."""
@@ -163,7 +195,7 @@ class RigidAnswer(ABC):
         return {
             "scene": self.name,
             "mechanism": str(result.mechanism),
-            "certificate": _certificate_json(result),
+            "certificate": certificate_report(result.classification),
             "equilibrium": {
                 "holds": result.equilibrium.holds,
                 "residual": result.equilibrium.residual,
@@ -173,32 +205,16 @@ class RigidAnswer(ABC):
             "held_against": self.held,
             "answer": self.carried.words,
             "carried": self.carried.holds,
+            "measures": self.first_measures or None,
             "joints": self.joints.as_json() if self.carried.holds else [],
+            "units": UNITS,
+            "rotation_length": self.assembly.characteristic_length,
+            "free_blocks": np.flatnonzero(~self.load.fixed).tolist(),
             "n_blocks": result.n_blocks,
             "n_contacts": result.n_contacts,
             **further_json(self.further),
             "cpu_seconds": self.cpu_seconds,
         }
-
-
-def _certificate_json(result: RigidResult) -> dict[str, Any] | None:
-    """Return the proof of the mechanism class as plain data."""
-    certificate = result.classification.certificate
-    if isinstance(certificate, SelfStress):
-        return {
-            "kind": "self-stress",
-            "smallest_force": float(certificate.forces.min()),
-            "residual": certificate.residual,
-            "smallest_singular_value": certificate.smallest_singular_value,
-        }
-    if isinstance(certificate, Mechanism):
-        return {
-            "kind": "mechanism",
-            "virtual_displacement": certificate.virtual_displacement.tolist(),
-            "smallest_gap_rate": certificate.smallest_gap_rate,
-            "work": certificate.work,
-        }
-    return None
 
 
 # ---------------------------------------------------------------------------------------------
@@ -216,6 +232,13 @@ class RigidRun(RigidAnswer):
     def contact_pressures(self) -> FloatArray:
         """Pressures of that answer, (n_contacts,) [MPa]."""
         return self.normal_forces / self.assembly.interfaces.areas[self.result.contact_index]
+
+    @property
+    def largest_pressure(self) -> dict[str, Any] | None:
+        """Largest mean pressure over a facet, and where; None without contacts."""
+        tube = isinstance(self.scene, RoundScene)
+        index = self.result.contact_index
+        return largest_facet_pressure(self.assembly, index, self.contact_pressures, tube=tube)
 
     @cached_property
     def measures(self) -> Measures | None:
@@ -238,13 +261,18 @@ class RigidRun(RigidAnswer):
 
     def json(self) -> dict[str, Any]:
         """Return the answer as plain data, numbers in full precision."""
-        found = None if self.measures is None else asdict(self.measures)
-        supported = self.result.supported_classification.mechanism
-        return super().json() | {"mechanism_as_supported": str(supported), "measures": found}
+        found = None
+        if self.measures is not None:
+            found = self.first_measures | asdict(self.measures)
+        return super().json() | {
+            "mechanism_as_supported": str(self.result.supported_classification.mechanism),
+            "measures": found,
+            "ring_pressure": ring_pressure(self.scene),
+        }
 
 
 def run_rigid(file: SceneFile) -> RigidRun:
-    """Build and analyse a scene."""
+    """Build and rigid_result a scene."""
     return analyse_rigid(build_scene(file))
 
 
@@ -285,7 +313,7 @@ class SharedTubes:
     _built: dict[str, BuiltScene] = field(default_factory=dict)
 
     def run(self, file: SceneFile) -> RigidRun:
-        """Build the blocks of a scene, unless another scene has the same, and analyse them.
+        """Build the blocks of a scene, unless another scene has the same, and rigid_result them.
 
         The CPU time of building is that of the first of them: what the scene alone would take.
 

@@ -22,6 +22,8 @@ from validation.scene.read import SceneFile
 FACTOR = 2.0
 #: Measures that are compared [MPa].
 _COMPARED = ("p_eff", "p_eff_pooled", "p_max")
+#: Largest change of a measure, relative to it, that shorter facets may make in a converged answer.
+_CONVERGED = 0.05
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,11 @@ class Refinement:
     """Finer less the scene's own [MPa]."""
 
     @property
+    def not_converged(self) -> list[str]:
+        """Measures that shorter facets change by more than a twentieth."""
+        return [k for k, v in self.values.items() if abs(self.changes[k]) > _CONVERGED * abs(v)]
+
+    @property
     def words(self) -> str:
         """What was found, for a line of text."""
         head = f"{self.n_contacts} contacts"
@@ -50,11 +57,13 @@ class Refinement:
             own = value - self.changes[name]
             share = f" ({100.0 * self.changes[name] / own:+.2g} %)" if own else ""
             parts.append(f"{name} {value:.5g} MPa{share}")
-        return f"{head}: {', '.join(parts)}"
+        moving = ", ".join(self.not_converged)
+        verdict = f"not converged with the facets ({moving}); " if moving else ""
+        return f"{head}: {verdict}{', '.join(parts)}"
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
-        return asdict(self)
+        return asdict(self) | {"not_converged": self.not_converged}
 
 
 def require_mesh(file: SceneFile) -> AssemblyScene:
@@ -85,16 +94,22 @@ def refined(file: SceneFile, run: RigidAnswer) -> Refinement:
     assert finer is not None
     assert isinstance(run, RigidRun)
     found = run_rigid(replace(file, scene=finer))
-    one, other = run.measures, found.measures
-    values: dict[str, float] = {}
-    if one is not None and other is not None:
-        values = {name: float(getattr(other, name)) for name in _COMPARED}
+    one, other = _compared(run), _compared(found)
+    values = other if one else {}
     return Refinement(
         n_contacts=found.result.n_contacts,
         class_changes=found.result.mechanism is not run.result.mechanism,
         values=values,
-        changes={name: value - float(getattr(one, name)) for name, value in values.items()},
+        changes={name: value - one[name] for name, value in values.items()},
     )
+
+
+def _compared(run: RigidRun) -> dict[str, float]:
+    """Pressures of an answer by name [MPa]; none where nothing holds."""
+    peak = run.first_measures.get("p_max_facet")
+    if run.measures is None or peak is None:
+        return {}
+    return {"p_max_facet": peak["value"]} | {k: getattr(run.measures, k) for k in _COMPARED}
 
 
 # ---------------------------------------------------------------------------------------------

@@ -26,6 +26,7 @@ from mbd.friction import (
 from mbd.margin import Margin, interlocking_margin
 from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
 from validation.errors import named
+from validation.run.rigid.sliding_state import SlidingState, sliding_state
 from validation.scene.sections import RigidSection
 
 
@@ -43,6 +44,8 @@ class Further:
     ranges: ForceRanges | None = None
     friction_forces: FloatArray | None = None
     """Forces on block s that carry the load with friction; None where none do; (n_contacts, 3)."""
+    sliding_state: SlidingState | None = None
+    """Forces and motion of `sliding`, for a check by another program."""
 
 
 def further_answers(
@@ -67,24 +70,29 @@ def further_answers(
     start = time.process_time()
     contacts = contact_jacobian(assembly, fixed)
     dead, live = (_generalized(w, contacts.free_blocks, contacts.length) for w in wrenches)
-    friction = collapse = sliding = margin = forces = None
+    friction = collapse = sliding = margin = forces = state = None
+    weights = column_weights(section.norm, contacts.areas)
     with named("rigid"):
         frictional = frictional_contacts(
             assembly, contacts, section.friction or 0.0, section.friction_law
         )
         if section.friction is not None:
-            friction = frictional_equilibrium(frictional, dead + live)
+            friction = frictional_equilibrium(frictional, dead + live, weights=weights)
             if friction.holds:
                 normals = assembly.interfaces.normals[contacts.index]
                 forces = frictional.world(friction.forces, normals)
         if section.collapse:
             collapse = collapse_load(frictional, dead, live)
         if section.sliding:
-            sliding = _sliding(assembly, contacts, frictional, (dead, live))
+            sliding, state = _sliding(assembly, contacts, frictional, (dead, live), wrenches)
     if section.margin:
         margin = interlocking_margin(contacts.jacobian, contacts.areas)
     with_friction = None if friction is None else (frictional, friction)
-    ranges = _ranges(assembly, contacts, with_friction, dead + live, section)
+    # Without a limit the answer rests on friction that jams: how far forces are unknown decides.
+    jams = collapse is not None and bool(np.isinf(collapse.factor))
+    ranges = None
+    if section.ranges or jams:
+        ranges = _ranges(assembly, contacts, with_friction, dead + live, section)
     return Further(
         friction=friction,
         collapse=collapse,
@@ -94,6 +102,7 @@ def further_answers(
         sliding=sliding,
         ranges=ranges,
         friction_forces=forces,
+        sliding_state=state,
     )
 
 
@@ -102,17 +111,22 @@ def _sliding(
     contacts: Contacts,
     frictional: FrictionalContacts,
     loads: tuple[FloatArray, FloatArray],
-) -> SlidingCollapse:
+    wrenches: tuple[FloatArray, FloatArray],
+) -> tuple[SlidingCollapse, SlidingState | None]:
     """Collapse by sliding without dilation, in the plane where the problem is plane."""
     plane = _plane(assembly, contacts, frictional, loads)
-    if plane is not None:
+    if plane is None:
+        found = sliding_collapse(frictional, *loads)
+    else:
         found = sliding_collapse(plane.contacts, *(plane.load(load) for load in loads))
-        if found.mechanism is None:
-            return found
-        motion = np.zeros(len(loads[0]))
-        motion[plane.rows] = found.mechanism
-        return replace(found, mechanism=motion)
-    return sliding_collapse(frictional, *loads)
+        if found.mechanism is not None:
+            rows = np.zeros(len(loads[0]))
+            rows[plane.rows] = found.mechanism
+            found = replace(found, mechanism=rows)
+    state = sliding_state(
+        assembly, contacts, found, frictional=frictional, plane=plane, wrenches=wrenches
+    )
+    return found, state
 
 
 def _plane(
@@ -140,9 +154,7 @@ def _ranges(
     load: FloatArray,
     section: RigidSection,
 ) -> ForceRanges | None:
-    """Ranges of the joints' forces, where they are asked for and forces balance the load."""
-    if not section.ranges:
-        return None
+    """Ranges of the joints' forces, where forces balance the load."""
     if friction is not None:
         frictional, carried_by = friction
         plane = _plane(assembly, contacts, frictional, (load,))
@@ -198,6 +210,8 @@ def further_json(further: Further | None) -> dict[str, Any]:
         }
     if further.sliding is not None:
         data["sliding"] = _sliding_json(further.sliding)
+        if further.sliding_state is not None:
+            data["sliding"] |= further.sliding_state.as_json()
     if further.ranges is not None:
         data["ranges"] = _ranges_json(further.ranges)
     if further.margin is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,10 +11,13 @@ import numpy as np
 from geometry.measures import JointResultants, joint_resultants
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
-from geometry.polyhedra.facet_contact import ContactPolygons
+from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER, ContactPolygons
+from mbd import Classification, classify, contact_jacobian, generalized_force
+from mbd.answer import certificate_report
 from validation.build.own_blocks import refuse_two_weights
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
 from validation.run.rigid.answer import RigidAnswer
+from validation.run.rigid.first_rows import measure
 from validation.run.stages import stages
 from validation.scene.polyhedra import STRAIGHT_EDGES, BodyLoadSection, MeshScene, PolyhedralScene
 from validation.scene.read import SceneFile
@@ -27,6 +30,8 @@ class PolyhedralRun(RigidAnswer):
     scene: PolyhedralScene
     assembly: PolyhedralAssembly
     loads: BodyLoads
+    faces: Classification | None = None
+    """Class by the contacts that have an area alone, with its certificate; None where all have."""
 
     @property
     def patch_pressures(self) -> FloatArray:
@@ -50,16 +55,45 @@ class PolyhedralRun(RigidAnswer):
     def json(self) -> dict[str, Any]:
         """Return the answer as plain data, numbers in full precision."""
         interfaces = self.assembly.interfaces
+        faces = None
+        if self.faces is not None:
+            certificate = certificate_report(self.faces)
+            faces = {"mechanism": str(self.faces.mechanism), "certificate": certificate}
         return super().json() | {
             "interlocked": self.result.classification.locked,
             "largest_contact_force": self._largest(self.normal_forces),
             "largest_patch_pressure": self._largest(self.patch_pressures),
             "n_patches": len(interfaces.patches.areas),
-            "n_points_without_area": int((interfaces.patch < 0).sum()),
+            "n_points_without_area": sum(self.bare_contacts.values()),
+            "n_crossing_edges": self.bare_contacts[CROSSING_EDGES],
+            "n_standing_corners": self.bare_contacts[STANDING_CORNER],
+            "by_faces_alone": faces,
             "contact_area": float(interfaces.patches.areas.sum()),
             "tolerance": self.assembly.tolerance,
             **({"edges": STRAIGHT_EDGES} if self.straightened else {}),
         }
+
+    @property
+    def largest_pressure(self) -> dict[str, Any] | None:
+        """Largest mean pressure of a patch, and where; None where none has an area."""
+        patches = self.assembly.interfaces.patches
+        if not len(patches.areas):
+            return None
+        worst = int(np.argmax(self.patch_pressures))
+        place = {
+            "blocks": [int(patches.block_m[worst]), int(patches.block_s[worst])],
+            "layer": None,
+            "face": None,
+            "position": patch_centroids(self.assembly.interfaces.polygons)[worst].tolist(),
+        }
+        found = measure(float(self.patch_pressures[worst]), "MPa", place)
+        return found | {"facet_area": float(patches.areas[worst])}
+
+    @property
+    def bare_contacts(self) -> dict[int, int]:
+        """Number of contacts without area of each kind."""
+        patch = self.assembly.interfaces.patch
+        return {kind: int((patch == kind).sum()) for kind in (CROSSING_EDGES, STANDING_CORNER)}
 
     @property
     def straightened(self) -> bool:
@@ -115,7 +149,7 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
         assembly = build_polyhedra(scene, file.folder)
         loads = build_body_loads(_body_load(file.name, scene), assembly)
         watch.lap("build")
-    return PolyhedralRun.to(
+    run = PolyhedralRun.to(
         (loads.dead, loads.live),
         watch.seconds(),
         name=file.name,
@@ -124,6 +158,27 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
         load=loads.load_case(assembly),
         loads=loads,
     )
+    if not sum(run.bare_contacts.values()):
+        return run
+    with stages() as watch:
+        faces = class_by_faces(run)
+        watch.lap("faces alone")
+    spent, before = watch.seconds(), dict(run.cpu_seconds)
+    total = before.pop("total") + spent.pop("total")
+    seconds = before | spent | {"total": total}
+    return replace(run, faces=faces, cpu_seconds=seconds)
+
+
+def class_by_faces(run: PolyhedralRun) -> Classification:
+    """Mechanism class where blocks press on each other's faces alone, all held blocks fixed.
+
+    Edges that cross and corners that stand have no area: a chamfer removes them, and no finite
+    pressure acts there.
+    """
+    bare = run.assembly.with_faces_alone()
+    contacts = contact_jacobian(bare)
+    force = generalized_force(bare, run.load, contacts.free_blocks, contacts.length)
+    return classify(contacts.jacobian, force)
 
 
 def _body_load(name: str, scene: PolyhedralScene) -> BodyLoadSection:
@@ -132,7 +187,7 @@ def _body_load(name: str, scene: PolyhedralScene) -> BodyLoadSection:
         return scene.load
     refuse_two_weights(scene, name)
     stated: dict[str, Any] = {"gravity": scene.effects.gravity}
-    if scene.material is not None:
+    if "material" in scene.model_fields_set or "density" not in scene.load.model_fields_set:
         stated["density"] = scene.material.density
     return scene.load.changed(stated)
 
@@ -143,6 +198,15 @@ def polygon_centroids(polygons: ContactPolygons) -> tuple[FloatArray, FloatArray
     p = polygons.corners[triangles]
     areas = 0.5 * np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
     return p.mean(axis=1), areas, owner
+
+
+def patch_centroids(polygons: ContactPolygons) -> FloatArray:
+    """Centroid of each patch, (n_patches, 3) [mm]."""
+    middles, areas, owner = polygon_centroids(polygons)
+    patch = polygons.patch[owner]
+    total = np.zeros((int(polygons.patch.max(initial=-1)) + 1, 3))
+    np.add.at(total, patch, areas[:, None] * middles)
+    return total / np.bincount(patch, weights=areas)[:, None]
 
 
 def contact_triangles(run: PolyhedralRun) -> tuple[IntArray, IntArray]:

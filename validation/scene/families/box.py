@@ -7,15 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from validation.scene.deformable import (
-    DivisionsSection,
-    EffectsSection,
-    FemSection,
-    MaterialSection,
-    Method,
-)
+from validation.scene.deformable import DivisionsSection, Method
 from validation.scene.family import AssemblyScene, BlockSection
-from validation.scene.sections import Finite, Positive, Section, Vector, vector_words
+from validation.scene.sections import BlockSize, Finite, Section, Vector, vector_words
 
 if TYPE_CHECKING:
     from fem.assembly.statement import Motion
@@ -30,7 +24,7 @@ class FaceLoadSection(Section):
     """Load on one face of a box."""
 
     pressure: Finite | None = None
-    """Pushes inward [MPa]."""
+    """Pressure, positive towards the inside [MPa]."""
     traction: Vector | None = None
     """Force per area in world axes [MPa]."""
 
@@ -52,7 +46,7 @@ class BoxSection(BlockSection):
     """``[block] type = "box"``: a box [0, size]."""
 
     type: Literal["box"]
-    size: tuple[Positive, Positive, Positive]
+    size: BlockSize
     """Edge lengths along x, y, z [mm]."""
 
 
@@ -79,13 +73,10 @@ class BoxScene(AssemblyScene):
 
     block: BoxSection
     mesh: DivisionsSection
-    material: MaterialSection
     assembly: CopiesSection = CopiesSection()
     support: dict[FaceName, Literal["fixed"]] = Field(default_factory=dict)
     load: dict[FaceName, FaceLoadSection] = Field(default_factory=dict)
     initial: InitialSection | None = None
-    effects: EffectsSection = EffectsSection()
-    fem: FemSection
 
     @model_validator(mode="after")
     def _no_contact(self) -> BoxScene:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 from pydantic import Field
 
 from validation.scene.family import AssemblyScene, BlockSection
-from validation.scene.sections import Finite, Positive, Section, fewer
+from validation.scene.ranges import PRESSURE
+from validation.scene.sections import BlockSize, Finite, Section, fewer
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 class StackedBoxSection(Section):
     """One box of a column."""
 
-    size: tuple[Positive, Positive, Positive]
+    size: BlockSize
     """Along x, y, z [mm]."""
     divisions: tuple[
         Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]
@@ -37,7 +38,7 @@ class BoxesSection(BlockSection):
 class TopPressureSection(Section):
     """``[load]`` of a column of boxes."""
 
-    pressure: Finite = 0.01
+    pressure: Annotated[Finite, PRESSURE] = 0.01
     """On the top face, pushing down [MPa]."""
 
     @property
@@ -47,7 +48,7 @@ class TopPressureSection(Section):
 
 
 class BoxesScene(AssemblyScene):
-    """A column of boxes: its bottom face is held, a pressure acts on its top."""
+    """A column of boxes with a fixed bottom face and a pressure on its top."""
 
     stands: ClassVar[bool] = True
 

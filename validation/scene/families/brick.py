@@ -8,7 +8,7 @@ from pydantic import Field
 
 from validation.scene.deformable import DivisionsSection
 from validation.scene.family import AssemblyScene, BlockSection
-from validation.scene.sections import Positive, Section, TubeLoadSection
+from validation.scene.sections import BlockSize, Section, TubeLoadSection
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
@@ -18,7 +18,7 @@ class BrickSection(BlockSection):
     """``[block] type = "brick"``: a plain brick for planar checks."""
 
     type: Literal["brick"]
-    size: tuple[Positive, Positive, Positive]
+    size: BlockSize
     """Length, depth (out of the wall), height [mm]."""
 
 
@@ -34,7 +34,7 @@ class BrickScene(AssemblyScene):
 
     block: BrickSection
     assembly: StackAssemblySection
-    mesh: DivisionsSection
+    mesh: DivisionsSection = DivisionsSection(divisions=(8, 4, 4))
     load: TubeLoadSection
 
     def build(self) -> Assembly:

@@ -33,6 +33,11 @@ class HexagonMeshSection(Section):
     """Elements along each edge of the hexagon; even."""
     radial: Annotated[int, Field(ge=1)]
 
+    @property
+    def words(self) -> str:
+        """Facets of a block in each direction."""
+        return f"{self.edge} facets along an edge of a block, {self.radial} radial"
+
 
 class HexagonTubeScene(RoundScene):
     """A tube of hexagon-based blocks."""
@@ -41,7 +46,7 @@ class HexagonTubeScene(RoundScene):
 
     block: HexagonBlockSection
     assembly: TubeAssemblySection
-    mesh: HexagonMeshSection
+    mesh: HexagonMeshSection = HexagonMeshSection(edge=28, radial=8)
     load: TubeLoadSection
 
     @property

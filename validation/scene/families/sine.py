@@ -31,7 +31,7 @@ class SineBlockSection(BlockSection):
     amplitude: NonNegative
     """a [mm]"""
     frequency: Positive
-    """f, waves per half block; 2f whole."""
+    """f, number of sine waves over half of the block; 2f is a whole number."""
     shift: Finite = 0.0
     """s, in units of π."""
     blocks_per_layer: Annotated[int, Field(ge=2)]
@@ -46,9 +46,9 @@ class SineTubeAssemblySection(TubeAssemblySection):
     """``[assembly]`` of a tube of Sine Blocks."""
 
     turn: LayerTurn | float = LayerTurn.HALF_BLOCK
-    """Turn of every second layer: ``half block`` (the whole number ⌊f⌋ of waves nearest to half a
-    block; the default, for at f = 2 its pressures are less than half), ``one wave`` (the paper's
-    parameter study) or a number of waves. At f = 1 and 1.5 the two are the same."""
+    """Offset (stagger) of every second layer: ``half block`` (⌊f⌋ waves, the whole number nearest
+    to half a block), ``one wave`` (the paper's parameter study) or a number of waves. At f = 2 the
+    default more than halves the pressures; at f = 1 and 1.5 both are the same."""
 
     @field_validator("turn", mode="wrap")
     @classmethod
@@ -67,7 +67,17 @@ class TubeMeshSection(Section):
     radial: Annotated[int, Field(ge=1)]
     axial: Annotated[int, Field(ge=1)]
     radial_grading: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
-    """Length of elements at the inner over that at the outer face; 1: equal."""
+    """Mesh bias: element length at the inner over that at the outer face; 1: uniform."""
+
+    @property
+    def words(self) -> str:
+        """Facets of a block in each direction."""
+        return f"{self.around} facets around a block, {self.radial} radial, {self.axial} axial"
+
+
+def _paper_mesh(block: SineBlockSection) -> TubeMeshSection:
+    """Facets of the paper's means: as many along each wave, through the wall and along the axis."""
+    return TubeMeshSection(around=28 * max(1, round(2.0 * block.frequency)), radial=8, axial=20)
 
 
 class TubeScene(RoundScene):
@@ -75,7 +85,7 @@ class TubeScene(RoundScene):
 
     block: SineBlockSection
     assembly: SineTubeAssemblySection
-    mesh: TubeMeshSection
+    mesh: TubeMeshSection = Field(default_factory=lambda scene: _paper_mesh(scene["block"]))
     load: TubeLoadSection
 
     @property

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class WallAssemblySection(Section):
-    """``[assembly]`` of a planar wall: free blocks in a row, free rows; a frame all round."""
+    """``[assembly]`` of a planar wall: columns and rows of free blocks within a fixed ring."""
 
     columns: Annotated[int, Field(ge=1)]
     layers: Annotated[int, Field(ge=1)]
@@ -57,15 +57,21 @@ class PlanarSineSection(BlockSection):
     amplitude: NonNegative
     """a, on the outer face [mm]"""
     frequency: Positive
-    """f, waves per half block; 2f whole."""
+    """f, number of sine waves over half of the block; 2f is a whole number."""
     shift: Finite = 0.0
     """s, in units of π."""
+
+
+def _sine_mesh(block: PlanarSineSection) -> DivisionsSection:
+    """As many facets along each wave as in the built-in wall."""
+    return DivisionsSection(divisions=(14 * max(1, round(2.0 * block.frequency)), 6, 10))
 
 
 class PlanarSineScene(_WallScene):
     """A planar wall of Sine Blocks."""
 
     block: PlanarSineSection
+    mesh: DivisionsSection = Field(default_factory=lambda scene: _sine_mesh(scene["block"]))
 
     def build(self) -> Assembly:
         """Build the wall."""
@@ -100,6 +106,7 @@ class OsteomorphicScene(_WallScene):
     """A planar wall of osteomorphic blocks."""
 
     block: OsteomorphicSection
+    mesh: DivisionsSection = DivisionsSection(divisions=(24, 12, 8))
 
     def build(self) -> Assembly:
         """Build the wall."""

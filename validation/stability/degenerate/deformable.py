@@ -64,8 +64,7 @@ def _presses(*placed: Placed) -> Finding:
         finite_sliding=True,
         gravity=(0.0, 0.0, -_GRAVITY),
     )
-    answer = solve_static(problem)
-    state = answer.contact_state
+    state = solve_static(problem, mesh="scene").details.contact_state
     lift = abs(float(state.point_forces[:, 2].sum()))
     weight = _GRAVITY * concrete.density * float(assembly.volumes[1:].sum())
     pressing = state.pressures > 0.0

@@ -1,0 +1,471 @@
+"""Static answers of a stated accuracy: meshes from coarse to fine until error bars are narrow."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fem.accuracy.facets import pressures_on_facets
+from fem.accuracy.ladder import AT_EDGES, NEGLIGIBLE, Ladder, Rung, ladder_for, on_rung
+from fem.accuracy.one_mesh import static_solution
+from fem.accuracy.transfer import transferred
+from fem.assembly.statement import Problem
+from fem.measures import load_step_change, measures_of
+from fem.solution import Solution
+from fem.static.result import LOAD_TOLERANCE, StaticError
+from fem.static.solve import StaticOptions
+from geometry.answer import ALIASES, TITLES, Measure
+from geometry.assembly import Assembly
+from geometry.errors import RefusedError
+from geometry.mesh import FloatArray
+from geometry.refinement import charts_of
+
+#: Relative error bars that an answer has by default [-].
+TARGETS: Mapping[str, float] = {
+    "max_displacement": 0.05,
+    "p_eff": 0.05,
+    "p_max_point": 0.05,
+    "sigma_1_averaged": 0.05,
+}
+#: Work of one mesh at most where no accuracy is requested: the sum of the cubes of the contact
+#: points of each layer, about 20 CPU s.
+MOST_WORK = 6e11
+#: Contact that is searched is solved in the three displacements of the nodes of both sides, six
+#: unknowns a point, about twelve times.
+_SEARCHED_WORK = 12 * 6**3
+#: Meshes before an error bar is believed: one agreement of two is no convergence.
+LEAST_MESHES = 3
+#: A stress at an edge that changes by more than the first share of its value, and by more than the
+#: second one of the change before, grows.
+_GROWTH, _SLOWING = 0.05, 0.7
+#: Share of the machine's memory that flexibilities may take.
+_MEMORY_SHARE = 0.6
+#: CPU time grows with this power of the unknowns, by measurement.
+_TIME_POWER = 1.7
+
+
+class AccuracyError(RefusedError):
+    """An accuracy that cannot be reached, or a problem that cannot be refined."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What is known between two meshes."""
+
+    rung: int
+    """Number of the next mesh, from 1."""
+    n_rungs: int
+    """Meshes at most."""
+    unknowns: int
+    """Displacement components of the blocks that are computed on the next mesh."""
+    measures: Mapping[str, Measure]
+    """Of the mesh before, with error bars from the second mesh on."""
+    seconds: float
+    """Expected CPU time of the next mesh [s]; 0 where nothing is known."""
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A problem on one mesh."""
+
+    problem: Problem
+    """On that mesh."""
+    rung: Rung
+    solution: Solution
+    facets: tuple[Assembly, FloatArray] | None
+    """Mesh that was stated, and the mean pressure on each of its interfaces, (n,) [MPa]; None where
+    contact is searched."""
+    measures: Mapping[str, Measure]
+    """Without errors."""
+    steps: Mapping[str, float]
+    """Change of each measure by half as many load steps, in its unit."""
+    seconds: float
+    """CPU time of this mesh alone [s]."""
+
+    @property
+    def unknowns(self) -> int:
+        """Displacement components of the blocks that were computed."""
+        static = self.solution.static
+        assert static is not None
+        return static.n_unknowns
+
+    @property
+    def work(self) -> float:
+        """As in `MOST_WORK`."""
+        static = self.solution.static
+        assert static is not None
+        return work(self.problem, static.symmetry)
+
+
+def relative(measure: Measure) -> float:
+    """Relative error of a measure by its error bar; infinite without one, or if not resolved."""
+    if measure.error is None or not measure.resolved:
+        return float("inf")
+    if measure.value == 0.0 and measure.error > 0.0:
+        return float("inf")
+    return measure.error / abs(measure.value) if measure.error else 0.0
+
+
+def is_reached(measures: Mapping[str, Measure], targets: Mapping[str, float], n: int) -> bool:
+    """Whether the error bars of the last of n meshes are believed, and as narrow as requested."""
+    return n >= LEAST_MESHES and not unmet(measures, _among(targets, measures))
+
+
+def unmet(measures: Mapping[str, Measure], targets: Mapping[str, float]) -> list[str]:
+    """Measures whose error bars are wider than requested, and which are not negligible."""
+    return [
+        name
+        for name, share in targets.items()
+        if not relative(measures[name]) <= share and not is_negligible(measures, name)
+    ]
+
+
+def is_negligible(measures: Mapping[str, Measure], name: str) -> bool:
+    """Whether a value with its bar is below `NEGLIGIBLE` of the largest one of the same unit."""
+    of, error = measures[name], measures[name].error
+    largest = max(abs(m.value) for m in measures.values() if m.unit == of.unit)
+    return error is not None and abs(of.value) + error <= NEGLIGIBLE * largest
+
+
+@dataclass(frozen=True)
+class Converged:
+    """A static state on the last of some meshes, with its error bars."""
+
+    problem: Problem
+    """On that mesh."""
+    solution: Solution
+    """Displacements, stresses and contact there."""
+    errors: dict[str, float]
+    """Estimated error of each measure, in its unit."""
+    remarks: dict[str, str]
+    """Why some values are none to use."""
+    facets: tuple[Assembly, FloatArray] | None
+    """Mesh that was stated, and the mean pressure on each of its interfaces, (n,) [MPa]; None where
+    contact is searched."""
+    report: dict[str, Any]
+    """What was requested and reached, what ended the refinement, and the meshes, as plain data."""
+
+    @property
+    def measures(self) -> Mapping[str, Measure]:
+        """Numbers with errors and places."""
+        return measures_of(self.solution, self.errors, facets=self.facets, remarks=self.remarks)
+
+
+def converge(
+    problem: Problem,
+    targets: Mapping[str, float],
+    *,
+    options: StaticOptions | None = None,
+    max_seconds: float | None = None,
+    most_work: float | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    ladder: Ladder | None = None,
+) -> Converged:
+    """Solve on finer and finer meshes until the error bars are as narrow as requested.
+
+    Parameters
+    ----------
+    problem
+        The statement; its mesh gives the facets of `p_eff`, `p_max` and `p_max_facet`.
+    targets
+        Relative error [-] by the name of the measure; those that the problem does not have, such
+        as pressures of single bodies, are left out.
+    options
+        Of the static solver.
+    max_seconds
+        CPU time at most [s]; None: no limit.
+    most_work
+        Work of a mesh at most, such as `MOST_WORK`; None: no limit.
+    progress
+        Called before each mesh.
+    ladder
+        Meshes; None: those that serve the requested measures best.
+
+    Raises
+    ------
+    AccuracyError
+        A problem that cannot be refined.
+    StaticError, SymmetryError
+        As `fem.solve_static`.
+    """
+    check_refinable(problem)
+    options = default_options() if options is None else options
+    ladder = ladder_for(targets) if ladder is None else ladder
+    solved: list[Solved] = []
+    ended, errors = "the finest mesh", dict[str, float]()
+    for number, rung in enumerate(ladder.rungs, 1):
+        stated = on_rung(problem, rung)
+        why = _beyond(stated, solved, max_seconds, most_work)
+        if why is not None:
+            ended = why
+            break
+        if progress is not None:
+            progress(_progress(ladder, number, stated, solved, errors))
+        try:
+            found = _solve(problem, stated, rung, options, solved[-1] if solved else None)
+        except StaticError:
+            if not solved:
+                raise
+            ended = "the next mesh, which did not converge"
+            break
+        solved.append(found)
+        if len(solved) == 1:
+            continue
+        errors = bars_of(ladder, [s.measures for s in solved], found.steps)
+        if is_reached(_with_errors(found.measures, errors), targets, len(solved)):
+            ended = "the requested accuracy"
+            break
+    last = solved[-1]
+    measures = _with_errors(last.measures, errors)
+    report = _report(solved, measures, _among(targets, measures), ended)
+    remarks = growing([s.measures for s in solved])
+    return Converged(last.problem, last.solution, errors, remarks, last.facets, report)
+
+
+def climbed(
+    problem: Problem, rungs: Iterable[Rung], options: StaticOptions | None = None
+) -> Iterator[Solved]:
+    """Solve on meshes from coarse to fine, each from the state on the one before.
+
+    Raises
+    ------
+    AccuracyError
+        A problem that cannot be refined.
+    StaticError, SymmetryError
+        As `fem.solve_static`.
+    """
+    check_refinable(problem)
+    options = default_options() if options is None else options
+    found = None
+    for rung in rungs:
+        found = _solve(problem, on_rung(problem, rung), rung, options, found)
+        yield found
+
+
+def default_options() -> StaticOptions:
+    """Options that stand for none."""
+    return StaticOptions(load_tolerance=LOAD_TOLERANCE)
+
+
+def growing(found: list[Mapping[str, Measure]]) -> dict[str, str]:
+    """Stresses at a point that have grown with the last refinements without slowing down."""
+    remarks: dict[str, str] = {}
+    for name in AT_EDGES if len(found) > 3 else ():
+        sizes = [abs(m[name].value) for m in found[-3:]]
+        before, last = sizes[1] - sizes[0], sizes[2] - sizes[1]
+        if last > _GROWTH * sizes[2] and last > _SLOWING * before > 0.0:
+            remarks[name] = "grows at this edge with every refinement: use the averaged value"
+    return remarks
+
+
+def _among(targets: Mapping[str, float], measures: Mapping[str, Measure]) -> dict[str, float]:
+    return {name: share for name, share in targets.items() if name in measures}
+
+
+def bars_of(
+    ladder: Ladder, found: Sequence[Mapping[str, Measure]], steps: Mapping[str, float]
+) -> dict[str, float]:
+    """Error bars of the last of some meshes, with friction those of its load steps on top.
+
+    Parameters
+    ----------
+    ladder
+        Whose first meshes they are.
+    found
+        Measures on each, at least two.
+    steps
+        What half as many load steps change on the last, in the unit of each measure.
+    """
+    bars = ladder.error_bars(found)
+    return {name: bar + steps.get(name, 0.0) for name, bar in bars.items()}
+
+
+def check_refinable(problem: Problem) -> None:
+    """Reject a problem whose mesh cannot be refined.
+
+    Raises
+    ------
+    AccuracyError
+        Naming what stands against it.
+    """
+    why = why_not_refined(problem)
+    if why is not None:
+        raise AccuracyError(
+            f'accuracy: got {why}, whose mesh is not refined; expected mesh = "scene"'
+        )
+
+
+def why_not_refined(problem: Problem) -> str | None:
+    """What stands against refining the mesh of a problem; None where nothing does."""
+    if problem.blocks.image_of is not None:
+        return "a periodic cell"
+    if problem.load_case.without_couple:
+        return "a load as printed, which acts at the mean of the nodes of a mesh"
+    return None
+
+
+def checked_targets(accuracy: Mapping[str, float]) -> dict[str, float]:
+    """Requested error bars by the names of measures.
+
+    Raises
+    ------
+    AccuracyError
+        For another name, or a share that is not between 0 and 1.
+    """
+    found = {}
+    for given, share in accuracy.items():
+        name = ALIASES.get(given, given)
+        if name not in TITLES or not 0.0 < share < 1.0:
+            raise AccuracyError(
+                f"accuracy: got {given} = {share}; expected a share between 0 and 1 of one of "
+                f"{', '.join(TITLES)}"
+            )
+        found[name] = share
+    return found
+
+
+def _solve(
+    base: Problem,
+    stated: Problem,
+    rung: Rung,
+    options: StaticOptions,
+    before: Solved | None,
+) -> Solved:
+    """Solve on one mesh, from the state on a coarser one."""
+    clock = time.process_time()
+    deformable = stated.deformable
+    start = None
+    if before is not None and deformable.meets and _may_start(stated, before.problem):
+        coarse = before.solution
+        assert coarse.static is not None
+        moved = transferred(coarse.group_displacements, coarse.deformable, deformable)
+        start = replace(coarse.static, deformable=deformable, displacements=moved)
+    solution = static_solution(
+        deformable, options, finite_rotation=stated.finite_rotation, start=start
+    )
+    facets = None
+    if deformable.meets and not deformable.contact.finite_sliding:
+        assert solution.static is not None
+        pressures = pressures_on_facets(
+            base.blocks,
+            deformable,
+            solution.group_displacements,
+            symmetry=solution.static.symmetry,
+        )
+        facets = base.blocks, pressures
+    measures = dict(measures_of(solution, facets=facets))
+    steps = load_step_change(solution)
+    return Solved(stated, rung, solution, facets, measures, steps, time.process_time() - clock)
+
+
+def _may_start(stated: Problem, before: Problem) -> bool:
+    """Whether a state on another mesh is a start: not where the way to the load counts."""
+    if stated.friction is not None or stated.finite_rotation or stated.finite_sliding:
+        return False
+    shapes = zip(stated.blocks.shapes, before.blocks.shapes, strict=True)
+    return all(charts_of(a).directions == charts_of(b).directions for a, b in shapes)
+
+
+def _with_errors(
+    measures: Mapping[str, Measure], errors: Mapping[str, float]
+) -> dict[str, Measure]:
+    return {name: replace(m, error=errors.get(name)) for name, m in measures.items()}
+
+
+def _points(stated: Problem, symmetry: int) -> FloatArray:
+    """Contact points of each layer of a sector."""
+    deformable = stated.deformable
+    surfaces = deformable.surfaces
+    layer = deformable.assembly.layer
+    low = np.minimum(layer[surfaces.block_m], layer[surfaces.block_s])
+    per_layer: FloatArray = np.bincount(low) * surfaces.basis.n_points / symmetry
+    return per_layer
+
+
+def work(stated: Problem, symmetry: int) -> float:
+    """Sum of the cubes of the contact points of each layer of a sector: what a mesh costs."""
+    of_points = float((_points(stated, symmetry) ** 3).sum())
+    return of_points * (_SEARCHED_WORK if stated.deformable.contact.finite_sliding else 1)
+
+
+def _beyond(
+    stated: Problem, solved: list[Solved], seconds: float | None, most_work: float | None
+) -> str | None:
+    """Why a mesh is not solved; None where it may be. Without two meshes there is no answer."""
+    if len(solved) < 2:
+        return None
+    static = solved[-1].solution.static
+    assert static is not None
+    points = _points(stated, static.symmetry)
+    if most_work is not None and work(stated, static.symmetry) > most_work:
+        return "the limit of work"
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if 16.0 * (points**2).sum() > _MEMORY_SHARE * memory:
+        return "the memory of this machine"
+    if seconds is None:
+        return None
+    left = seconds - sum(s.seconds for s in solved)
+    need = _expected_seconds(stated, solved)
+    if need <= left:
+        return None
+    return f"the limit of CPU time: the next mesh takes about {need:.2g} s and {left:.2g} are left"
+
+
+def _expected_seconds(stated: Problem, solved: list[Solved]) -> float:
+    last = solved[-1]
+    growth = (_unknowns(stated) / _unknowns(last.problem)) ** _TIME_POWER
+    return growth * last.seconds
+
+
+def _unknowns(stated: Problem) -> float:
+    shape = max(stated.blocks.shapes, key=lambda s: s.mesh.n_elements)
+    return 3.0 * shape.mesh.n_elements * stated.degree**3
+
+
+def _progress(
+    ladder: Ladder,
+    number: int,
+    stated: Problem,
+    solved: list[Solved],
+    errors: Mapping[str, float],
+) -> Progress:
+    before = _with_errors(solved[-1].measures, errors) if solved else {}
+    seconds = _expected_seconds(stated, solved) if solved else 0.0
+    return Progress(number, len(ladder.rungs), round(_unknowns(stated)), before, seconds)
+
+
+def _report(
+    solved: list[Solved],
+    measures: Mapping[str, Measure],
+    targets: Mapping[str, float],
+    ended: str,
+) -> dict[str, Any]:
+    """What the answer says of its accuracy, as plain data."""
+    missed = unmet(measures, targets)
+    return {
+        "accuracy": {
+            "requested": dict(targets),
+            "reached": {name: relative(measures[name]) for name in targets},
+            "not_reached": missed,
+            "ended_by": ended,
+        },
+        "degree": solved[-1].rung.degree,
+        "meshes": [
+            {
+                "degree": s.rung.degree,
+                "elements_per_block": s.problem.blocks.shapes[0].mesh.n_elements,
+                "unknowns": s.unknowns,
+                "cpu_seconds": s.seconds,
+                "work": s.work,
+                "measures": {name: measure.value for name, measure in s.measures.items()},
+                "not_resolved": [name for name, m in s.measures.items() if not m.resolved],
+                "load_step_changes": dict(s.steps),
+            }
+            for s in solved
+        ],
+    }

@@ -1,0 +1,129 @@
+"""Mean contact pressures over the facets of another mesh of the same blocks.
+
+Means over facets have the size of the facets in their definition: those of the paper are over the
+facets of a stated mesh, whatever elements were solved. Between the nine nodes of such a facet
+displacements are interpolated from the solution.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fem.accuracy.transfer import degree_of, interpolation, unique_rows
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.symmetry import representatives
+from fem.contact.surfaces import ContactSurfaces, facet_pressures, point_overclosures
+from fem.element.facet import (
+    BILINEAR,
+    FACET_CORNERS,
+    FacetBasis,
+    bilinear,
+    lagrange_basis,
+)
+from fem.element.lagrange import lobatto_points
+from geometry.assembly import Assembly
+from geometry.charts import facet_elements, places_in
+from geometry.mesh import FloatArray, IntArray, grid_points
+from geometry.refinement import charts_as, charts_of
+
+
+def pressures_on_facets(
+    facets: Assembly,
+    solved: DeformableAssembly,
+    displacements: tuple[FloatArray, ...],
+    *,
+    symmetry: int = 1,
+) -> FloatArray:
+    """Mean pressure of every contact facet of a mesh, (n_contacts,) [MPa].
+
+    Parameters
+    ----------
+    facets
+        The blocks on the mesh whose facets are asked for, in the order of its interfaces.
+    solved
+        The same blocks on the mesh that was solved.
+    displacements
+        Of each group, world axes, (n_copies, n_nodes, 3) [mm].
+    symmetry
+        Order of a turn about the axis after which the state is the same: facets that it maps onto
+        each other are evaluated once.
+    """
+    found = facets.interfaces
+    alike = representatives(solved, symmetry)
+    kinds = (
+        *(alike[found.block_m], unique_rows(found.quads_m)[1]),
+        *(alike[found.block_s], unique_rows(found.quads_s)[1]),
+    )
+    _, chosen, which = np.unique(
+        np.stack(kinds, axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    degree = min(2, max(degree_of(shape.mesh) for shape in solved.assembly.shapes))
+    basis = BILINEAR if degree == 1 else lagrange_basis(degree)
+    blocks = found.block_m[chosen], found.block_s[chosen]
+    sides = zip(blocks, (found.quads_m[chosen], found.quads_s[chosen]), strict=True)
+    (nodes_m, u_m), (nodes_s, u_s) = (
+        _at_facets(facets, (solved, displacements), side, degree) for side in sides
+    )
+    surfaces = _surfaces(solved, basis, blocks, (nodes_m, nodes_s))
+    moved = np.concatenate([u_m, u_s], axis=1)
+    overclosures = point_overclosures(surfaces, moved, solved.contact.normals)
+    pressures = facet_pressures(surfaces, solved.contact.law.pressure(overclosures))
+    return pressures[np.asarray(which).ravel()]
+
+
+def _at_facets(
+    facets: Assembly,
+    state: tuple[DeformableAssembly, tuple[FloatArray, ...]],
+    side: tuple[IntArray, IntArray],
+    degree: int,
+) -> tuple[FloatArray, FloatArray]:
+    """World positions and displacements of the nodes of facets, (n_facets, n_nodes, 3) [mm]."""
+    (solved, displacements), (blocks, quads) = state, side
+    line = lobatto_points(degree)
+    local = FACET_CORNERS if degree == 1 else grid_points(line, line)
+    positions = np.empty((len(quads), len(local), 3))
+    moved = np.zeros_like(positions)
+    assembly = solved.assembly
+    for number, shape in enumerate(facets.shapes):
+        rows = np.flatnonzero(facets.shape_of[blocks] == number)
+        if not len(rows):
+            continue
+        known, which = unique_rows(quads[rows])
+        element, corners = facet_elements(shape.mesh, known)
+        natural = np.einsum("na,fai->fni", bilinear(local)[0], corners)
+        charts = charts_as(shape, charts_of(assembly.shapes[number]))
+        places = places_in(charts, np.repeat(element, len(local)), natural.reshape(-1, 3))
+        to = interpolation(assembly.shapes[number], places)
+        points = (to @ assembly.shapes[number].mesh.nodes).reshape(len(known), len(local), 3)
+        for block in np.unique(blocks[rows]).tolist():
+            mine, turn = blocks[rows] == block, assembly.rotations[block]
+            positions[rows[mine]] = points[which[mine]] @ turn.T + assembly.translations[block]
+            group = int(solved.group_of[block])
+            if group >= 0:
+                u = to @ displacements[group][solved.copy_of[block]]
+                moved[rows[mine]] = u.reshape(points.shape)[which[mine]]
+    return positions, moved
+
+
+def _surfaces(
+    solved: DeformableAssembly,
+    basis: FacetBasis,
+    blocks: tuple[IntArray, IntArray],
+    nodes: tuple[FloatArray, FloatArray],
+) -> ContactSurfaces:
+    """Facets between nodes of two blocks that coincide."""
+    (block_m, block_s), (nodes_m, nodes_s) = blocks, nodes
+    numbers = np.zeros(nodes_m.shape[:2], dtype=np.int64)
+    offsets = np.einsum("pa,fai->fpi", basis.values, nodes_s - nodes_m)
+    offsets += (solved.offsets[block_s] - solved.offsets[block_m])[:, None]
+    return ContactSurfaces(
+        block_m=block_m,
+        block_s=block_s,
+        quads_m=numbers,
+        quads_s=numbers,
+        facet=np.arange(len(block_m)),
+        tangents=np.einsum("pak,fai->fpki", basis.slopes, 0.5 * (nodes_m + nodes_s)),
+        offsets=offsets,
+        clearance=solved.surfaces.clearance,
+        basis=basis,
+    )

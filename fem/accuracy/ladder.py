@@ -1,0 +1,268 @@
+"""Meshes from coarse to fine on which a static problem is solved until its error bars are narrow.
+
+Pressures and tension have their peaks at the upper and lower faces, so elements shorten towards
+these and towards the outer face; along a block they are equal, with lines at the joints of the
+neighbours.
+
+Displacements, p_eff and averaged tension are integrals: they gain more with the degree of few large
+elements. Where nothing else is requested, that ladder is taken. Peaks at edges gain less there.
+
+An error bar follows the factor by which changes fall (`fem.accuracy.errors.falling_bar`). Its
+bounds were chosen on problems that ``python -m tests.verification error-bars`` solves; which ones
+judge them is stated in docs/theory/measures.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fem.accuracy.errors import Falls, falling_bar
+from fem.assembly.statement import Problem
+from geometry.answer import Measure
+from geometry.assembly import Assembly, AssemblyError
+from geometry.block import Block
+from geometry.charts import ANY_DIRECTION, Charts, repeated
+from geometry.loads import LoadCase
+from geometry.mesh import FloatArray
+from geometry.refinement import charts_of, with_lines
+
+#: Measures that gain with the degree.
+INTEGRALS = frozenset({"max_displacement", "p_eff", "sigma_1_averaged"})
+#: Stresses inside elements, which have their peaks at edges and no bound there in the limit.
+AT_EDGES = ("sigma_1_max", "sigma_3_min", "mises_max")
+#: Other values that a few elements decide.
+LOCAL = frozenset({"p_max_point", "sigma_1_averaged"})
+#: Least error bar of stresses at edges, over their value, before the mesh was refined there [-]:
+#: beyond `geometry.answer.WIDEST`, so that they are printed as not resolved.
+_BEFORE_EDGES = 0.34
+#: Means over facets, whose errors fall fastest.
+_MEANS = ("p_eff", "p_max", "p_max_facet")
+#: Part of the largest last change that a local value is not known better than.
+_SHARED = 0.3
+#: Stresses below this share of the largest one need no finer mesh [-].
+NEGLIGIBLE = 1e-3
+#: Elements along a wave at least.
+_LEAST_PER_WAVE = 4
+#: Parts round a block whose outline is a hexagon.
+_KITES = 6
+
+
+@dataclass(frozen=True)
+class Rung:
+    """Elements of one block of TSB1's proportions."""
+
+    degree: int
+    along: int
+    """Elements along a course of blocks."""
+    across: int
+    """Elements through the wall."""
+    upward: int
+    across_grading: float
+    """Elements at the inner over those at the outer face."""
+    upward_grading: float
+    """Elements in the middle over those at the upper and lower faces, in the limit of many."""
+
+    def lines(self, charts: Charts) -> dict[str, FloatArray]:
+        """Ends of the elements of one part of each direction of a block, 0 to 1."""
+        return {
+            name: self._line(name, parts, len(charts.elements))
+            for name, parts in zip(charts.directions, charts.parts, strict=True)
+        }
+
+    def _line(self, name: str, parts: int, n_charts: int) -> FloatArray:
+        if name == "across":
+            return graded_to_one_end(self.across, self.across_grading)
+        if name == "upward":
+            return graded_to_both_ends(self.upward, self.upward_grading)
+        if name == "along" and n_charts == 1:
+            least = _LEAST_PER_WAVE if parts > 1 else 1
+            return np.linspace(0.0, 1.0, max(least, -(-self.along // parts)) + 1)
+        if name == "along":
+            return np.linspace(0.0, 1.0, max(2, -(-self.along // _KITES)) + 1)
+        return np.linspace(0.0, 1.0, max(1, self.across) + 1)
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Rungs from coarse to fine."""
+
+    rungs: tuple[Rung, ...]
+
+    def error_bars(self, found: Sequence[Mapping[str, Measure]]) -> dict[str, float]:
+        """Estimated errors of the measures of the last of its first two rungs or more.
+
+        A value that a few elements decide has a bar of `_SHARED` of the largest last change at
+        least, relative to each value, of the displacement, p_eff and values of its kind: one that
+        hardly changed while others did agrees by chance. Where the last rungs differ in their
+        degree alone, stresses at an edge have a bar of `_BEFORE_EDGES` of their value at least: the
+        degree does not show what the mesh hides there.
+        """
+        last, before = found[-1], found[-2]
+        bars = {
+            name: falling_bar([measures[name].value for measures in found], falls_of(name))
+            for name in last
+        }
+        least = dict.fromkeys(LOCAL, _SHARED * _largest_change(before, last))
+        if len(set(self._meshes(len(found)))) == 1:
+            least |= dict.fromkeys(AT_EDGES, _BEFORE_EDGES)
+        for name in least.keys() & last.keys():
+            bars[name] = max(bars[name], least[name] * abs(last[name].value))
+        return bars
+
+    def _meshes(self, n: int) -> list[Rung]:
+        """Rungs of which the n-th has its error bars, without their degree."""
+        return [replace(rung, degree=0) for rung in self.rungs[max(0, n - 3) : n]]
+
+
+def _largest_change(before: Mapping[str, Measure], last: Mapping[str, Measure]) -> float:
+    """Largest relative change of what most answers are asked for; not of negligible stresses."""
+    largest = max(abs(m.value) for name, m in last.items() if m.unit == "MPa")
+    changes = [
+        abs(last[name].value - before[name].value) / abs(last[name].value)
+        for name in LOCAL | INTEGRALS
+        if name in last
+        and abs(last[name].value) > (NEGLIGIBLE * largest if last[name].unit == "MPa" else 0.0)
+    ]
+    return max(changes, default=0.0)
+
+
+def falls_of(name: str) -> Falls:
+    """How the error of a measure falls from one rung to the next."""
+    if name in AT_EDGES:
+        return Falls(1.5, 2.0)
+    if name == "max_displacement":
+        return Falls(1.6, 2.3)
+    return Falls(1.6, 3.2) if name in _MEANS else Falls(1.6, 2.0)
+
+
+#: Large elements of growing degree, three meshes before any error bar is believed, then more of
+#: them towards the edges.
+_FIRST = tuple(Rung(degree, 12, 1, 4, 1.0, 20.0) for degree in (2, 3, 4))
+LADDER = Ladder(
+    (
+        *_FIRST,
+        Rung(4, 18, 2, 6, 4.0, 40.0),
+        Rung(4, 24, 3, 6, 6.0, 80.0),
+        Rung(5, 24, 3, 6, 8.0, 150.0),
+    )
+)
+#: For integrals.
+DEGREES = Ladder(
+    (
+        *_FIRST,
+        Rung(5, 12, 1, 4, 1.0, 20.0),
+        Rung(5, 12, 2, 6, 4.0, 40.0),
+        Rung(5, 24, 3, 6, 8.0, 150.0),
+    )
+)
+
+
+def ladder_for(targets: Iterable[str]) -> Ladder:
+    """Ladder that serves some measures best."""
+    return DEGREES if INTEGRALS.issuperset(targets) else LADDER
+
+
+def graded_to_one_end(n: int, grading: float) -> FloatArray:
+    """Ends of n elements on [0, 1], those at 0 longer than those at 1 by the grading."""
+    equal = np.linspace(0.0, 1.0, n + 1)
+    if grading == 1.0:
+        return equal
+    rate = np.log(grading)
+    graded: FloatArray = np.expm1(-rate * equal) / np.expm1(-rate)
+    graded[-1] = 1.0
+    return graded
+
+
+def graded_to_both_ends(n: int, grading: float) -> FloatArray:
+    """Ends of n elements on [0, 1], by a hyperbolic tangent; its slopes' ratio is the grading."""
+    x = np.arccosh(np.sqrt(grading)) * np.linspace(-1.0, 1.0, n + 1)
+    found: FloatArray = 0.5 * (np.tanh(x) / np.tanh(x[-1]) + 1.0)
+    return found
+
+
+# ---------------------------------------------------------------------------------------------
+# Problems on other meshes
+
+
+def on_mesh(problem: Problem, shapes: tuple[Block, ...], degree: int) -> Problem:
+    """State a problem on other meshes of its shapes, with elements of a degree."""
+    blocks = replace(problem.blocks, shapes=shapes)
+    load = problem.load
+    if isinstance(load, LoadCase):
+        load = replace(load, assembly=blocks)
+    return replace(problem, blocks=blocks, load=load, degree=degree)
+
+
+def on_rung(problem: Problem, rung: Rung) -> Problem:
+    """State a problem on the mesh of a rung.
+
+    Where blocks of families would not meet facet on facet on its lines, as boxes of different
+    sizes, every hexahedron of the stated mesh is split instead.
+
+    Raises
+    ------
+    AssemblyError, MeshError
+        Blocks that such meshes do not suit.
+    """
+    shapes = problem.blocks.shapes
+    anew = tuple(with_lines(shape, rung.lines(charts_of(shape))) for shape in shapes)
+    if problem.finite_sliding or _meets_alike(problem.blocks, anew):
+        return on_mesh(problem, anew, rung.degree)
+    line = np.linspace(0.0, 1.0, max(1, rung.across) + 1)
+    split = tuple(
+        with_lines(replace(shape, charts=None), {ANY_DIRECTION: line}) for shape in shapes
+    )
+    return on_mesh(problem, split, rung.degree)
+
+
+def _meets_alike(blocks: Assembly, shapes: tuple[Block, ...]) -> bool:
+    """Whether blocks meet the same neighbours with other meshes."""
+    try:
+        found = replace(blocks, shapes=shapes).interfaces
+    except AssemblyError:
+        return False
+    pairs = [
+        set(zip(i.block_m[i.pair_start[:-1]], i.block_s[i.pair_start[:-1]], strict=True))
+        for i in (blocks.interfaces, found)
+    ]
+    return pairs[0] == pairs[1]
+
+
+def coarser(problem: Problem, share: float) -> Problem | None:
+    """State a problem with about that share of the elements along every edge.
+
+    None where it has no fewer: hexahedra without a family are not joined.
+    """
+    shapes = tuple(_with_share(shape, share) for shape in problem.blocks.shapes)
+    counts = [
+        (new.mesh.n_elements, old.mesh.n_elements)
+        for new, old in zip(shapes, problem.blocks.shapes, strict=True)
+    ]
+    if all(new == old for new, old in counts):
+        return None
+    return on_mesh(problem, shapes, problem.degree)
+
+
+def _with_share(block: Block, share: float) -> Block:
+    charts = block.charts
+    if charts is None:
+        return block
+    first, second, third = (
+        repeated(_fewer(line, parts, share), parts)
+        for line, parts in zip(charts.lines, charts.parts, strict=True)
+    )
+    fewer: Block = charts.build((first, second, third))
+    return fewer
+
+
+def _fewer(line: FloatArray, parts: int, share: float) -> FloatArray:
+    """Lines of one part with about a share of its elements, graded alike."""
+    per_part = (len(line) - 1) // parts
+    n = max(1, round(share * per_part))
+    own = line[: per_part + 1] * parts
+    places = np.linspace(0.0, float(per_part), n + 1)
+    fewer: FloatArray = np.interp(places, np.arange(per_part + 1.0), own)
+    return fewer

@@ -1,0 +1,156 @@
+"""Static states on one mesh, and the error bars that other meshes give them.
+
+A run on a mesh with 1/r of the elements along every edge has r times the error, if this falls like
+the size of an element. Coarser meshes, about two thirds and half as fine, are asked
+(`fem.accuracy.errors`).
+
+Peaks are known from two sides (`fem.measures.bracketed`). Contact forces are in balance on facets,
+so means over them lie below a peak of pressure and values at their corners, continued outwards by a
+steep law, above it: an error bar is at least the distance. Stresses inside elements and at their
+corners lie on the same side: what an element hides comes on top of what the mesh leaves out.
+
+Elements of degree two and more are judged by the same elements of one degree less, whose error is
+taken as twice as large: means over facets are those over the same facets then. All else has the
+larger estimate of degrees and of meshes. Stresses at a point gain least: what the degree and what
+the mesh leave out add up.
+
+With friction the way to the load counts: what half as many load steps change is added
+(`fem.measures.load_step_change`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import replace
+
+from fem.accuracy.errors import error_bar
+from fem.accuracy.ladder import coarser
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.statement import Problem
+from fem.measures import bracketed, load_step_change, measures_of
+from fem.solution import Solution
+from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.result import StaticError, StaticResult
+from fem.static.rotation import solve_static_with_rotation
+from fem.static.solve import StaticOptions, solve_static
+from geometry.answer import Measure
+from geometry.errors import RefusedError
+
+#: Elements along an edge of the coarser meshes over those of the run.
+SHARES = (2.0 / 3.0, 0.5)
+#: Error of elements of one degree less over that of a run, at least.
+_DEGREE = 2.0
+#: Peaks that lie inside elements.
+_INSIDE = ("sigma_1_max", "sigma_3_min", "mises_max")
+#: What coarser meshes judge beside them in elements of degree two or more.
+_OF_MESHES = ("sigma_1_averaged", "p_max_point", "max_displacement")
+
+
+def static_solution(
+    deformable: DeformableAssembly,
+    options: StaticOptions | None = None,
+    *,
+    finite_rotation: bool = False,
+    store: FlexibilityStore | None = None,
+    start: StaticResult | None = None,
+) -> Solution:
+    """Solve for the static state of blocks that are built: see `fem.solve_static`.
+
+    Runs that share a ``store`` condense the same blocks once; ``start`` is a state of the same
+    model near the solution.
+
+    Raises
+    ------
+    StaticError, SymmetryError
+        As `fem.solve_static`.
+    """
+    if finite_rotation:
+        result = solve_static_with_rotation(deformable, options, store=store)
+    else:
+        result = solve_static(deformable, options, store=store, start=start)
+    if not result.converged:
+        raise StaticError(result.status)
+    return Solution(
+        deformable=deformable,
+        group_displacements=result.displacements,
+        contact_state=result.contact_state,
+        finite_rotation=finite_rotation,
+        solver=result,
+    )
+
+
+def estimated_errors(
+    solution: Solution, on_coarser: Iterable[Solution], less: Solution | None = None
+) -> dict[str, float]:
+    """Estimate the error of each measure, in its unit; empty without another mesh.
+
+    Parameters
+    ----------
+    solution
+        On the mesh whose errors are asked for.
+    on_coarser
+        The same problem on coarser meshes.
+    less
+        The same with elements of one degree less; None for degree one.
+    """
+    measures = measures_of(solution)
+    of_meshes = _of_meshes(solution, measures, on_coarser)
+    steps = load_step_change(solution) if solution.static is not None else {}
+    if less is not None:
+        before = measures_of(less)
+        degrees = {n: error_bar([before[n].value, m.value], [_DEGREE]) for n, m in measures.items()}
+        bars = {n: _both(n, bar, of_meshes.get(n, 0.0)) for n, bar in degrees.items()}
+    else:
+        sides = bracketed(solution) if of_meshes else {}
+        bars = {
+            name: (sum if name in _INSIDE else max)((bar, sides.get(name, 0.0)))
+            for name, bar in of_meshes.items()
+        }
+    return {name: steps.get(name, 0.0) + bar for name, bar in bars.items()}
+
+
+def _of_meshes(
+    solution: Solution, measures: Mapping[str, Measure], on_coarser: Iterable[Solution]
+) -> dict[str, float]:
+    """Estimates from coarser meshes."""
+    values: dict[str, list[float]] = {name: [] for name in measures}
+    refinements = []
+    for coarse in on_coarser:
+        ratio = solution.deformable.model.n_elements / coarse.deformable.model.n_elements
+        refinement = ratio ** (1.0 / 3.0)
+        if not refinement > 1.0:
+            continue
+        refinements.append(refinement)
+        for name, measure in measures_of(coarse).items():
+            values[name].append(measure.value)
+    if not refinements:
+        return {}
+    return {n: error_bar([*values[n], m.value], refinements) for n, m in measures.items()}
+
+
+def _both(name: str, degrees: float, meshes: float) -> float:
+    """Estimate of elements of degree two or more from those of degrees and of meshes."""
+    if name in _INSIDE:
+        return degrees + meshes
+    return max(degrees, meshes) if name in _OF_MESHES else degrees
+
+
+def static_errors(
+    problem: Problem, solution: Solution, solve: Callable[[Problem], Solution]
+) -> dict[str, float]:
+    """Estimate the errors of a static state of a problem by solving it on coarser meshes."""
+    less = None
+    if problem.degree > 1:
+        less = solve(replace(problem, degree=problem.degree - 1))
+    return estimated_errors(solution, _coarser_solutions(problem, solve), less)
+
+
+def _coarser_solutions(
+    problem: Problem, solve: Callable[[Problem], Solution]
+) -> Iterator[Solution]:
+    for share in SHARES:
+        stated = coarser(problem, share)
+        if stated is not None:
+            with suppress(RefusedError):
+                yield solve(stated)

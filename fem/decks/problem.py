@@ -1,0 +1,238 @@
+"""Decks of a `Problem`: what it says in the terms of `fem.decks.statement`, written in a call."""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from fem.assembly.deformable import Frames, held_faces
+from fem.assembly.statement import Problem
+from fem.contact.friction import CoulombFriction
+from fem.decks.abaqus import check_abaqus
+from fem.decks.calculix import check_calculix
+from fem.decks.keywords import DeckError
+from fem.decks.laws import law_notes
+from fem.decks.model import as_nodal_forces
+from fem.decks.placement import canonical
+from fem.decks.statement import Deck, DeckStep, Flavour, Hold, Joint, Procedure, loads_of_case
+from fem.decks.write import write_deck as write_statement
+from fem.element.lagrange_mesh import serendipity_block
+from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
+from geometry.assembly import Assembly
+from geometry.loads import CircumferentialLoad
+
+#: Explicit run to a static state where nobody names times [s]: with the paper's damping of 2 /s,
+#: amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.
+QUASI_STATIC_RAMP = 2.0
+QUASI_STATIC_END = 8.0
+#: The paper's damping of its Abaqus runs (Table material_parameters): α [1/s] and β [s].
+PAPER_RAYLEIGH = RayleighDamping(mass_proportional=2.0, stiffness_proportional=1.0e-8)
+
+#: Longest note: heading lines stay below what every program reads.
+_NOTE_WIDTH = 110
+
+Program = Literal["abaqus", "abaqus-explicit", "calculix"]
+_FLAVOURS = {
+    "abaqus": Flavour.PAIRS,
+    "abaqus-explicit": Flavour.GENERAL,
+    "calculix": Flavour.CALCULIX,
+}
+
+
+def write_deck(problem: Problem, path: str | Path, *, program: Program = "abaqus") -> Path:
+    """Write a problem as an input deck for another program.
+
+    Parameters
+    ----------
+    problem
+        The statement.
+    path
+        File to write, ``.inp``.
+    program
+        ``abaqus``: a static step of Abaqus/Standard with contact pairs; ``abaqus-explicit``: damped
+        explicit dynamics to the static state, with general contact; ``calculix``: a static step of
+        CalculiX, which has the contact law as a table.
+
+    Returns
+    -------
+    Path
+        The file. Its heading says where the deck differs from the statement.
+
+    Raises
+    ------
+    DeckError
+        What the program has no words for, by name.
+    """
+    path = Path(path)
+    if program not in get_args(Program):
+        raise DeckError(f"program: got {program!r}; expected {', '.join(get_args(Program))}")
+    if path.suffix.lower() != ".inp":
+        raise DeckError(f"{path}: expected a file name that ends in .inp")
+    deck = problem_deck(problem, _FLAVOURS[program])
+    partial = path.with_name(f".partial-{path.name}")
+    try:
+        write_statement(partial, deck)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return path
+
+
+def problem_deck(problem: Problem, flavour: Flavour) -> Deck:
+    """State a problem for a program: its static state.
+
+    Raises
+    ------
+    DeckError
+        As `write_deck`.
+    """
+    problem.refuse_motion()
+    static = flavour is not Flavour.GENERAL
+    assembly = canonical(problem.blocks)
+    if assembly.image_of is not None:
+        raise DeckError(f"{assembly.name}: a periodic cell has no deck; expected a whole tube")
+    if problem.degree > 1:
+        assembly = quadratic(assembly, problem.degree, flavour, meets=problem.deformable.meets)
+    load = replace(problem.load_case, assembly=assembly)
+    stated = replace(problem, blocks=assembly, load=load, degree=1)
+    step = DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=problem.finite_rotation)
+    effects = Effects()
+    if not static:
+        step = DeckStep(Procedure.EXPLICIT, QUASI_STATIC_END, QUASI_STATIC_RAMP, safety_factor=0.9)
+        effects = Effects(rayleigh=PAPER_RAYLEIGH, bulk_viscosity=BulkViscosity())
+    deck = deck_of(stated, flavour, step, effects, meets=problem.deformable.meets)
+    notes = contact_notes(deck, static=static)
+    if not static:
+        notes.append("step: damped explicit dynamics approaches the static state")
+    deck, more = around_as_forces(deck)
+    return with_notes(deck, notes + more)
+
+
+def deck_of(
+    problem: Problem,
+    flavour: Flavour,
+    step: DeckStep,
+    effects: Effects,
+    *,
+    meets: bool,
+    searched: bool = False,
+) -> Deck:
+    """Deck of a problem on canonical blocks (`fem.decks.placement.canonical`)."""
+    return Deck(
+        name=problem.blocks.name,
+        flavour=flavour,
+        assembly=problem.blocks,
+        material=problem.material,
+        element=problem.element,
+        step=step,
+        holds=holds_of(problem),
+        loads=loads_of_case(problem.load_case),
+        joint=joint_of(problem) if meets else None,
+        effects=replace(effects, gravity=problem.acceleration),
+        motion=problem.motion,
+        clearance=problem.clearance,
+        spacing=problem.spacing,
+        searched=searched,
+    )
+
+
+def holds_of(problem: Problem) -> tuple[Hold, ...]:
+    """Held blocks: all nodes, or the outer faces of frame blocks that deform; and held faces."""
+    blocks, load = problem.blocks, problem.load_case
+    if problem.frames is Frames.DEFORMABLE:
+        return tuple(Hold(held.block, held.face) for held in held_faces(blocks, load))
+    whole = [Hold(block) for block in np.flatnonzero(load.fixed).tolist()]
+    return (*whole, *(Hold(held.block, held.face) for held in load.held))
+
+
+def joint_of(problem: Problem) -> Joint:
+    """How faces that meet act on each other."""
+    given, friction = problem.friction, problem.coulomb
+    return Joint(
+        problem.contact_law,
+        None if friction is None else friction.coefficient,
+        given.stick_stiffness if isinstance(given, CoulombFriction) else None,
+        problem.finite_sliding,
+    )
+
+
+def quadratic(assembly: Assembly, degree: int, flavour: Flavour, *, meets: bool) -> Assembly:
+    """Give all blocks hexahedra of 20 nodes.
+
+    Raises
+    ------
+    DeckError
+        What decks do not have with them.
+    """
+    if degree > 2:
+        raise DeckError(f"fem.degree: got {degree}; decks have C3D20, of degree 2: expected 1 or 2")
+    if flavour is Flavour.GENERAL:
+        raise DeckError(
+            "fem.degree: got 2 with --flavour general, an explicit step, which has no "
+            "C3D20; expected 1, or --flavour pairs or calculix"
+        )
+    if flavour is Flavour.CALCULIX and meets:
+        raise DeckError(
+            "fem.degree: got 2 with --flavour calculix, whose contact presses at nodes "
+            "and finds no increment with C3D20; expected 1, or --flavour pairs"
+        )
+    return replace(assembly, shapes=tuple(serendipity_block(s) for s in assembly.shapes))
+
+
+def contact_notes(deck: Deck, *, static: bool) -> list[str]:
+    """Where the program takes another contact than the one stated; nothing without contact."""
+    if deck.joint is None:
+        return []
+    notes = law_notes(deck.joint.law)
+    if deck.flavour is Flavour.GENERAL:
+        notes.append(
+            "contact: all outer faces may meet and slide; tubelock pairs facets that match, else "
+            "searches"
+        )
+    if deck.flavour is Flavour.CALCULIX:
+        notes += [
+            "contact: the law is a table of 200 points, linear between them and above 10 MPa"
+            + (", moved by the clearance" if deck.clearance else ""),
+            "contact: no spring where surfaces are apart by more than 1e-3 sqrt(area of a node)",
+            "contact: NODE TO SURFACE; the normal at a node is that of one facet of the other "
+            "surface",
+            "contact: nodes that slide over a rim by more than 1e-3 sqrt(area of a node) are lost",
+        ]
+        if deck.searched:
+            notes.append(
+                "contact: nodes on facets of another mesh pass no uniform pressure; with a table "
+                "for SURFACE TO SURFACE CalculiX 2.20 ends in a fault of memory"
+            )
+    if deck.flavour is Flavour.PAIRS and static:
+        notes.append("contact: Abaqus/Standard has no maximum stiffness; it is in the heading only")
+    return notes
+
+
+def around_as_forces(deck: Deck) -> tuple[Deck, list[str]]:
+    """Tractions about the axis as nodal forces where contact pairs are written, and a note."""
+    around = [load for load in deck.loads if isinstance(load, CircumferentialLoad)]
+    if deck.flavour is not Flavour.PAIRS or not around:
+        return deck, []
+    note = "loads: the traction around the axis as nodal forces, which converters take"
+    return replace(deck, loads=(as_nodal_forces(deck, around[0]),)), [note]
+
+
+def with_notes(deck: Deck, notes: list[str]) -> Deck:
+    """Attach the notes, and refuse what no deck of this flavour can say.
+
+    Raises
+    ------
+    DeckError
+        By name.
+    """
+    lines = [line for note in notes for line in textwrap.wrap(note.strip(), _NOTE_WIDTH)]
+    deck = replace(deck, notes=tuple(lines))
+    if deck.flavour is Flavour.CALCULIX:
+        check_calculix(deck)
+    else:
+        check_abaqus(deck)
+    return deck

@@ -1,0 +1,257 @@
+"""What a static or explicit solver found: displacements of groups of blocks, contact, stresses.
+
+`fem.answer.answer_of` makes the answer of it that does not depend on the solver.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fem.assembly.contact_state import (
+    CapAction,
+    ContactMeasures,
+    ContactState,
+    cap_action,
+    contact_measures,
+    corner_displacements,
+)
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.peaks import StressPeaks, joint_forces, stress_peaks
+from fem.explicit.setup.quasi_static import QuasiStaticReport, quasi_static_report
+from fem.explicit.setup.statement import ExplicitStatement
+from fem.explicit.solve import ExplicitResult
+from fem.problem.recovery import Recovered, recover
+from fem.static.result import StaticResult
+from geometry.errors import RefusedError
+from geometry.measures import JointResultants
+from geometry.mesh import FloatArray, IntArray
+
+#: Relative force residual at which a run to the static state stops [-].
+RESIDUAL = 1.0e-4
+
+
+class SolutionError(RefusedError):
+    """What a solution does not have."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A state of deformable blocks; world axes, mm, N, MPa.
+
+    Nodes are those of all blocks that deform, block after block (`block_of_node`); blocks share no
+    nodes. Contacts are the facets on which blocks meet.
+    """
+
+    deformable: DeformableAssembly
+    """What was solved."""
+    group_displacements: tuple[FloatArray, ...]
+    """Of each group of congruent blocks, (n_copies, n_nodes_of_a_block, 3) [mm]."""
+    contact_state: ContactState
+    """Contact point by point."""
+    finite_rotation: bool
+    """Whether the rigid rotation of each block is no strain."""
+    solver: StaticResult | ExplicitResult
+    """What the solver says of itself: residual, energies, steps."""
+    statement: ExplicitStatement | None = None
+    """What an explicit run solved, with its times; None for a static state."""
+    restarts: int = 0
+    """How often an explicit run began again because contact outgrew its time step."""
+    static_below: float = RESIDUAL
+    """Residual below which the end of an explicit run counts as static [-]."""
+
+    @property
+    def static(self) -> StaticResult | None:
+        """What a static solver says; None for an explicit run."""
+        return self.solver if isinstance(self.solver, StaticResult) else None
+
+    @property
+    def explicit(self) -> ExplicitResult | None:
+        """What an explicit run says; None for a static state."""
+        return self.solver if isinstance(self.solver, ExplicitResult) else None
+
+    @property
+    def residual(self) -> float | None:
+        """Unbalanced over applied force [-]; None where an explicit run did not watch it."""
+        return self.solver.residual
+
+    @property
+    def coarser_loading(self) -> Solution | None:
+        """The state by half as many load steps; None where it was not solved."""
+        coarse = None if self.static is None else self.static.coarser_loading
+        if coarse is None:
+            return None
+        return replace(
+            self,
+            solver=coarse,
+            group_displacements=coarse.displacements,
+            contact_state=coarse.contact_state,
+        )
+
+    # ---- nodes
+
+    @cached_property
+    def displacements(self) -> FloatArray:
+        """Of all nodes, (n_nodes, 3) [mm]."""
+        return np.concatenate([u.reshape(-1, 3) for u in self.group_displacements])
+
+    @cached_property
+    def positions(self) -> FloatArray:
+        """Of all nodes before the load acts, (n_nodes, 3) [mm]."""
+        groups = self.deformable.model.groups
+        return np.concatenate([g.reference_positions().reshape(-1, 3) for g in groups])
+
+    @cached_property
+    def block_of_node(self) -> IntArray:
+        """Number of the block of each node, (n_nodes,)."""
+        whole = self.deformable
+        parts = []
+        for number, group in enumerate(whole.model.groups):
+            mine = whole.deformable_blocks[whole.group_of[whole.deformable_blocks] == number]
+            mine = mine[np.argsort(whole.copy_of[mine])]
+            parts.append(np.repeat(mine, group.n_nodes))
+        return np.concatenate(parts)
+
+    @cached_property
+    def hexahedra(self) -> IntArray:
+        """Corner nodes of all elements, (n_elements, 8)."""
+        elements, first = [], 0
+        for group in self.deformable.model.groups:
+            starts = first + group.n_nodes * np.arange(group.n_copies)
+            elements.append((group.mesh.elements[None] + starts[:, None, None]).reshape(-1, 8))
+            first += group.n_nodes * group.n_copies
+        return np.concatenate(elements)
+
+    @cached_property
+    def recovered(self) -> tuple[Recovered, ...]:
+        """Stresses of each group of congruent blocks at its nodes and integration points."""
+        return tuple(
+            recover(group, moved, finite_rotation=self.finite_rotation)
+            for group, moved in zip(
+                self.deformable.model.groups, self.group_displacements, strict=True
+            )
+        )
+
+    @cached_property
+    def stress_peaks(self) -> StressPeaks:
+        """Extremes of the stresses inside elements."""
+        return stress_peaks(
+            self.deformable,
+            self.group_displacements,
+            averaging_radius=self.averaging_radius,
+            finite_rotation=self.finite_rotation,
+        )
+
+    @property
+    def averaging_radius(self) -> float:
+        """Radius of the ball of the averaged tension [mm]."""
+        return self.deformable.model.groups[0].material.averaging_radius
+
+    @property
+    def largest_displacement(self) -> float:
+        """Largest nodal displacement [mm]."""
+        return max(float(np.linalg.norm(u, axis=2).max()) for u in self.group_displacements)
+
+    # ---- contact
+
+    @cached_property
+    def contact(self) -> ContactMeasures:
+        """p_max, p_eff and the other measures of the paper.
+
+        Raises
+        ------
+        SolutionError
+            For single bodies.
+        """
+        if not self.deformable.meets:
+            raise SolutionError(
+                "contact: got single bodies, which have no contact; expected blocks that meet"
+            )
+        return contact_measures(self.deformable.assembly, self.contact_state)
+
+    @cached_property
+    def joints(self) -> JointResultants:
+        """Resultants of the contact pressures between each two blocks; friction is not in them."""
+        friction = self.deformable.contact.friction is not None
+        return joint_forces(self.contact_state, friction=friction)
+
+    @cached_property
+    def cap(self) -> CapAction | None:
+        """Where the maximum stiffness of the contact law acted; None for a law without one."""
+        state = self.contact_state
+        law = self.deformable.contact.law
+        return cap_action(law, state.point_pressures, state.point_areas)
+
+    @property
+    def slip(self) -> dict[str, float] | None:
+        """Largest slip between facets that press and the size of its facet [mm].
+
+        None where facets are searched. Facets that stay paired as built give no answer beyond a
+        slip of one facet.
+        """
+        if self.deformable.contact.finite_sliding or not self.contact_state.n_facets:
+            return None
+        pressures = self.contact_state.pressures
+        slip, size = largest_slip(self.deformable, self.group_displacements, pressures)
+        return {"largest": slip, "facet_size": size}
+
+    # ---- the end of a run
+
+    @cached_property
+    def quasi_static(self) -> QuasiStaticReport | None:
+        """How static the end of an explicit run is; None where nothing recommends a frequency."""
+        result, stated = self.explicit, self.statement
+        if result is None or stated is None or stated.recommended is None:
+            return None
+        return quasi_static_report(
+            result,
+            ramp_time=stated.ramp_time,
+            frequency=stated.recommended.frequency,
+            largest_residual=self.static_below,
+        )
+
+    @property
+    def released_at_start(self) -> float | None:
+        """Energy that contact holds before any load acts, over the largest work of the loads [-].
+
+        None where it is less than that work, as it is unless the law presses hard at zero
+        clearance.
+        """
+        if self.explicit is None:
+            return None
+        history = self.explicit.history
+        held, work = history.column("contact_energy")[:1], np.abs(history.column("external_work"))
+        return float(held[0] / work.max()) if held.size and held[0] > work.max() > 0.0 else None
+
+    @property
+    def energy_balance(self) -> float | None:
+        """Error of the balance of energies [-]; None for static blocks in contact."""
+        if self.explicit is not None:
+            return self.explicit.energy_balance
+        if self.static is None or self.deformable.meets:
+            return None
+        strain = self.static.strain_energy
+        return abs(self.static.external_work - strain) / max(strain, 1e-300)
+
+
+def largest_slip(
+    deformable: DeformableAssembly, displacements: tuple[FloatArray, ...], pressures: FloatArray
+) -> tuple[float, float]:
+    """Largest slip between facets that press on each other, and the size of its facet [mm].
+
+    Displacements are those of each group, (n_copies, n_nodes, 3) [mm], pressures those of facets as
+    built, (n_facets,) [MPa].
+    """
+    surfaces = deformable.surfaces
+    on_m, on_s = np.split(corner_displacements(deformable, displacements), 2, axis=1)
+    jump: FloatArray = on_s - on_m
+    normal = surfaces.normals.mean(axis=1)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    along = np.einsum("fai,fi->fa", jump, normal)
+    slip = np.linalg.norm(jump - along[:, :, None] * normal[:, None], axis=2).max(axis=1)
+    size = np.sqrt(surfaces.areas)
+    pressing = pressures > 0.0
+    worst = int(np.argmax(np.where(pressing, slip / size, 0.0)))
+    return float(slip[worst]) if pressing.any() else 0.0, float(size[worst])

@@ -1,0 +1,423 @@
+"""An answer as plain data, whichever solver found it: measures, fields, contacts, report.
+
+Rigid, static and explicit answers have one type. What takes time to compute (stresses at nodes,
+averages over balls) is computed when it is first read. An answer can be pickled: everything is
+then computed once, and only the solver's own result is left behind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
+from typing import TYPE_CHECKING, Any, TypeVar, final
+
+import numpy as np
+import numpy.typing as npt
+
+from geometry.assembly import Assembly
+from geometry.errors import RefusedError
+from geometry.mesh import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    import pyvista as pv
+
+Value = TypeVar("Value")
+Array = npt.NDArray[Any]
+
+
+class AnswerError(RefusedError, KeyError):
+    """A name that an answer does not have: which ones it has."""
+
+    __str__ = RefusedError.__str__
+
+
+#: A value with an error bar of a larger share than this is not resolved [-].
+WIDEST = 0.3
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One number of an answer."""
+
+    value: float
+    """In its unit."""
+    unit: str
+    """``MPa`` or ``mm``."""
+    error: float | None = None
+    """Estimate of the error of discretisation, in the same unit; None where none was asked for."""
+    place: dict[str, Any] | None = None
+    """Where the value is, of measures that have a place: blocks, layer, face, position (3,) [mm],
+    and in tubes radius [mm], angle [degrees] and height [mm]."""
+    resolved: bool = True
+    """Whether the mesh resolves the value; else it is that of an integration point."""
+    remark: str = ""
+    """Why the value is none to use, such as one that grows with every refinement."""
+
+    def __float__(self) -> float:
+        """Return the value."""
+        return self.value
+
+    def __str__(self) -> str:
+        """Value, error, unit and place in words."""
+        return f"{self.value_words} {self.place_words}".rstrip()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data; a place only where there is one."""
+        found: dict[str, Any] = {"value": self.value, "error": self.error, "unit": self.unit}
+        if not self.resolved:
+            found["resolved"] = False
+        if self.remark:
+            found["remark"] = self.remark
+        return found if self.place is None else found | {"place": self.place}
+
+    @property
+    def value_words(self) -> str:
+        """Value with its error and unit: digits that the error leaves out are not printed.
+
+        A value that the mesh does not resolve, or whose error bar is wide, is no number to use.
+        """
+        value, error = self.value, self.error
+        if self.remark:
+            return self.remark
+        if not self.resolved:
+            return f"not resolved on this mesh: at least {value:.2g} {self.unit}"
+        if error is not None and error > WIDEST * abs(value):
+            share = f"± {100 * error / abs(value):.0f} %" if value else f"± {error:.2g} {self.unit}"
+            return f"not resolved on this mesh: {value:.2g} {self.unit} {share}"
+        if error is None or not error > 0.0:
+            return f"{value:.5g} {self.unit}"
+        digits = max(0, 1 - int(np.floor(np.log10(error))))
+        return f"{value:.{digits}f} ± {error:.{digits}f} {self.unit}"
+
+    @property
+    def place_words(self) -> str:
+        """Where the value is, in words; nothing for measures without a place."""
+        where = self.place
+        if where is None:
+            return ""
+        blocks = " and ".join(str(b) for b in where["blocks"])
+        words = f"block{'s' if len(where['blocks']) > 1 else ''} {blocks}, layer {where['layer']}"
+        if where["face"] is not None:
+            words += f", face {where['face']}"
+        if "radius" in where:
+            height = f"z {where['height']:.1f}"
+            return f"{words}, r {where['radius']:.1f}, {where['angle']:.1f}°, {height}"
+        return f"{words}, at ({', '.join(f'{x:.1f}' for x in where['position'])})"
+
+
+@dataclass(frozen=True)
+class Title:
+    """How a measure is named where people read."""
+
+    words: str
+    remark: str = ""
+    """What is to be known of it; may name numbers of its place."""
+
+
+#: Measures in the order of a table: what most come for stands first.
+TITLES = {
+    "p_max_point": Title("largest contact pressure at a point"),
+    "sigma_1_averaged": Title(
+        "max. principal stress, averaged", "over a sphere of radius {averaging_radius:g} mm; "
+    ),
+    "max_displacement": Title("largest displacement"),
+    "sigma_1_max": Title("max. principal stress σ₁ at a point"),
+    "sigma_3_min": Title("min. principal stress σ₃ at a point"),
+    "mises_max": Title("von Mises stress at a point"),
+    "p_max_facet": Title("largest mean pressure of a facet"),
+    "p_max": Title("p_max of the paper", "mean over blocks of their largest facet mean"),
+    "p_eff": Title("p_eff of the paper", "mean over the effective facets"),
+}
+
+#: Other names of measures.
+ALIASES = {"u": "max_displacement"}
+
+#: Units of fields and of what contacts have.
+UNITS = {
+    "displacement": "mm",
+    "stress": "MPa",
+    "principal_stress": "MPa",
+    "mises": "MPa",
+    "pressure": "MPa",
+    "area": "mm²",
+    "centroid": "mm",
+    "corners": "mm",
+    "force": "N",
+    "mechanism": "-",
+}
+
+
+def measure_rows(measures: Mapping[str, Measure]) -> list[tuple[str, str]]:
+    """Measures in words, a row each: title; value, error, unit, remark and place."""
+    found = []
+    for name in (*TITLES, *(name for name in measures if name not in TITLES)):
+        if name in measures:
+            measure, title = measures[name], TITLES.get(name, Title(name))
+            told = title.remark.format(**(measure.place or {}))
+            words = f"{measure.value_words} {told}{measure.place_words}".rstrip()
+            found.append((title.words, words.removesuffix(";")))
+    return found
+
+
+class Lazy(Mapping[str, Value]):
+    """Values by name, each computed when it is first read; arrays are read-only."""
+
+    def __init__(
+        self,
+        makers: Mapping[str, Callable[[], Value]],
+        known: Mapping[str, Value] | None = None,
+    ) -> None:
+        self._makers = dict(makers)
+        self._known: dict[str, Value] = {k: _frozen(v) for k, v in (known or {}).items()}
+        self._names = tuple(dict.fromkeys((*self._makers, *self._known)))
+
+    def __getitem__(self, name: str) -> Value:
+        """Return a value; computed once.
+
+        Raises
+        ------
+        AnswerError
+            For a name that is not there.
+        """
+        if name not in self._known:
+            if name not in self._makers:
+                raise AnswerError(f"got {name!r}; expected one of {', '.join(self._names)}")
+            self._known[name] = _frozen(self._makers[name]())
+        return self._known[name]
+
+    def __contains__(self, name: object) -> bool:
+        """Whether there is such a name; nothing is computed."""
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        """Go through the names."""
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        """Return how many names there are."""
+        return len(self._names)
+
+    def __repr__(self) -> str:
+        """Names with their units; values are not computed for it."""
+        shown = (f"{name} [{UNITS[name]}]" if name in UNITS else name for name in self)
+        return f"<{', '.join(shown)}>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the values, all of them computed."""
+        return Lazy, ({}, dict(self))
+
+
+def _frozen(value: Any) -> Any:
+    """Read-only view of an array; anything else as it is."""
+    if not isinstance(value, np.ndarray):
+        return value
+    view = value.view()
+    view.flags.writeable = False
+    return view
+
+
+def known(values: Mapping[str, Value]) -> Lazy[Value]:
+    """Values that are computed already."""
+    return Lazy({}, values)
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Answer:
+    """What a solver found out: rigid, static or explicit; world axes, mm, N, MPa.
+
+    ``print(answer)`` shows its table, ``answer["p_max_point"]`` is one measure.
+    """
+
+    title: str
+    """What was solved, in a line."""
+    method: str
+    """``rigid``, ``static`` or ``explicit``."""
+    measures: Mapping[str, Measure]
+    """Numbers by name (`TITLES`): value, error, unit, place."""
+    fields: Mapping[str, Array]
+    """Values at `points` by name, each (n_points, …): ``displacement`` (n, 3) [mm], ``stress``
+    (n, 6) in the order xx, yy, zz, xy, yz, xz, ``principal_stress`` (n, 3) σ₁ ≥ σ₂ ≥ σ₃, tension
+    positive, and ``mises`` (n,) [MPa] of deformable blocks; ``mechanism`` (n, 3) of rigid blocks
+    that move, largest 1 [-]."""
+    points: FloatArray
+    """Nodes of the blocks before the load acts, block after block, (n_points, 3) [mm]; blocks
+    share none."""
+    cells: IntArray
+    """Points of each hexahedron (n_cells, 8), or triangle (n_cells, 3)."""
+    block_of_point: IntArray
+    """Number of the block of each point, (n_points,)."""
+    layer_of_point: IntArray
+    """Its layer, (n_points,): 0 the lower frame."""
+    contacts: Mapping[str, Array]
+    """Values of the contact facets by name, each (n_contacts, …), in the order of the assembly's
+    `interfaces` for every solver: ``pressure`` [MPa], compression positive, ``area`` [mm²],
+    ``blocks`` (n, 2), their ``layer`` (n, 2) and ``side`` (n, 2), the face of each block,
+    ``centroid`` (n, 3) [mm], ``normal`` (n, 3) from the first block to the second one, ``corners``
+    (n, 4, 3) [mm], all before the load acts. Empty where blocks do not meet."""
+    reported: Callable[[], dict[str, Any]]
+    """Makes `report`."""
+    details: Any = None
+    """The solver's own result; None in an answer that was pickled."""
+
+    def __post_init__(self) -> None:
+        for name in ("points", "cells", "block_of_point", "layer_of_point"):
+            object.__setattr__(self, name, _frozen(getattr(self, name)))
+
+    def __getitem__(self, name: str) -> Measure:
+        """Return a measure by its name, ``u`` for ``max_displacement``."""
+        return self.measures[ALIASES.get(name, name)]
+
+    @cached_property
+    def report(self) -> dict[str, Any]:
+        """How it was computed: residual, iterations, times and more, as plain data."""
+        return self.reported()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything but fields and contacts as plain data: what ``--json`` prints."""
+        measures = {name: measure.as_json() for name, measure in self.measures.items()}
+        return {"title": self.title, "method": self.method, **self.report, "measures": measures}
+
+    def __repr__(self) -> str:
+        """Return the table as text."""
+        rows = measure_rows(self.measures)
+        width = max((len(title) for title, _ in rows), default=0)
+        return "\n".join([self.title, *(f"  {title:{width}}  {words}" for title, words in rows)])
+
+    def _repr_html_(self) -> str:
+        """Return the table for a notebook."""
+        found = measure_rows(self.measures)
+        rows = (f"<tr><td>{escape(t)}</td><td>{escape(w)}</td></tr>" for t, w in found)
+        return f"<table><caption>{escape(self.title)}</caption>{''.join(rows)}</table>"
+
+    def mesh(self) -> pv.UnstructuredGrid:
+        """Blocks before the load acts as a pyvista mesh, with every field, block and layer.
+
+        ``answer.mesh().warp_by_vector("displacement", factor=1000)`` is the deformed shape.
+        """
+        import pyvista as pv
+
+        kinds = {8: pv.CellType.HEXAHEDRON, 3: pv.CellType.TRIANGLE}
+        grid = pv.UnstructuredGrid({kinds[self.cells.shape[1]]: self.cells}, self.points)
+        owners = {"block": self.block_of_point, "layer": self.layer_of_point}
+        for name, values in (*owners.items(), *self.fields.items()):
+            grid.point_data[name] = values
+        return grid
+
+    def contact_mesh(self) -> pv.PolyData:
+        """Contact facets as a pyvista mesh, with pressure, area, blocks, layers and normals."""
+        import pyvista as pv
+
+        found = self.contacts
+        if "corners" in found:
+            n, per_facet = found["corners"].shape[:2]
+            faces = np.arange(n * per_facet).reshape(n, per_facet)
+            surface = pv.PolyData.from_regular_faces(found["corners"].reshape(-1, 3), faces)
+            data = surface.cell_data
+        else:
+            surface = pv.PolyData(np.array(found.get("centroid", np.empty((0, 3)))))
+            data = surface.point_data
+        for name, values in found.items():
+            if values.ndim < 3 and name != "centroid":
+                data[name] = values
+        return surface
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle what is plain: everything computed, without the solver's own result."""
+        kept = {name: getattr(self, name) for name in _PLAIN}
+        return _restored, (kept, self.report)
+
+
+_PLAIN = (
+    *("title", "method", "measures", "fields", "points", "cells"),
+    *("block_of_point", "layer_of_point", "contacts"),
+)
+
+
+def _restored(kept: dict[str, Any], report: dict[str, Any]) -> Answer:
+    """Return an answer that was pickled."""
+    return Answer(**kept, reported=lambda: report)
+
+
+# ---------------------------------------------------------------------------------------------
+# Places and contacts of blocks with hexahedra
+
+
+def is_round(assembly: Assembly) -> bool:
+    """Whether blocks with inner and outer faces stand in rings about the axis of the assembly.
+
+    Their centroids then lie at one distance from it, all round.
+    """
+    if not all({"inner", "outer"} <= set(shape.faces) for shape in assembly.shapes):
+        return False
+    arms = assembly.centroids[assembly.free_blocks] - assembly.origin
+    arms = arms - np.outer(arms @ assembly.axis, assembly.axis)
+    size = np.linalg.norm(arms, axis=1)
+    if not len(arms) or not np.ptp(size) <= 1e-6 * size.max() or not size.max() > 0.0:
+        return False
+    spread = np.linalg.svd(arms / size.max(), compute_uv=False)  # of a ring two are equal
+    return bool(np.linalg.norm(arms.sum(axis=0)) < 1e-6 * size.sum() and spread[1] > 1e-3)
+
+
+def place(
+    assembly: Assembly, blocks: tuple[int, ...], position: FloatArray, face: str | None
+) -> dict[str, Any]:
+    """Say where a value is: blocks, layer, face and position, of tubes also about their axis."""
+    found: dict[str, Any] = {
+        "blocks": list(blocks),
+        "layer": int(assembly.layer[blocks[0]]),
+        "face": face,
+        "position": position.tolist(),
+    }
+    return found | (about_axis(assembly, position) if is_round(assembly) else {})
+
+
+def about_axis(assembly: Assembly, position: FloatArray) -> dict[str, float]:
+    """Radius [mm], angle [degrees] and height [mm] of a point of a tube."""
+    from_axis = position - assembly.origin
+    height = float(from_axis @ assembly.axis)
+    radial = from_axis - height * assembly.axis
+    angle = float(np.degrees(np.arctan2(radial[1], radial[0]))) % 360.0
+    return {"radius": float(np.linalg.norm(radial)), "angle": angle, "height": height}
+
+
+def interface_contacts(assembly: Assembly, index: IntArray) -> dict[str, Callable[[], Array]]:
+    """Makers of what contacts have beside pressures, of some of the assembly's interfaces (n,)."""
+    found = assembly.interfaces
+    m, s = found.block_m[index], found.block_s[index]
+
+    def sides() -> Array:
+        positions = ((m, found.facet_m[index]), (s, found.facet_s[index]))
+        return np.stack([face_names(assembly, *side) for side in positions], axis=1)
+
+    return {
+        "area": lambda: found.areas[index],
+        "blocks": lambda: np.column_stack([m, s]),
+        "layer": lambda: np.column_stack([assembly.layer[m], assembly.layer[s]]),
+        "side": sides,
+        "centroid": lambda: found.centroids[index],
+        "normal": lambda: found.normals[index],
+        "corners": lambda: _corners(assembly, m, found.quads_m[index]),
+    }
+
+
+def face_names(assembly: Assembly, blocks: IntArray, positions: IntArray) -> Array:
+    """Face of each block (n,) that the facet at a position of its `contact_quads` belongs to."""
+    of_shape = [
+        np.repeat(shape.contact_faces, [len(shape.faces[f]) for f in shape.contact_faces])
+        for shape in assembly.shapes
+    ]
+    starts = np.cumsum([0, *(len(names) for names in of_shape)])
+    every: Array = np.concatenate(of_shape)
+    return every[starts[assembly.shape_of[blocks]] + positions]
+
+
+def _corners(assembly: Assembly, blocks: IntArray, quads: IntArray) -> FloatArray:
+    """World positions of corners (n, 4) of the meshes of blocks (n,), (n, 4, 3) [mm]."""
+    corners = np.empty((*quads.shape, 3))
+    for block in np.unique(blocks).tolist():
+        mine = blocks == block
+        corners[mine] = assembly.nodes(block)[quads[mine]]
+    return corners

@@ -1,0 +1,100 @@
+"""Rules for error bars, and that they hold on three cheap problems of the twenty."""
+
+from __future__ import annotations
+
+import pytest
+
+from fem.accuracy.converge import LEAST_MESHES, MOST_WORK, TARGETS, converge, is_reached
+from fem.accuracy.errors import ALTERNATING, SAFETY, Falls, falling_bar
+from fem.accuracy.ladder import LADDER
+from fem.solvers import solve_static
+from geometry.answer import WIDEST, Measure
+from tests.verification import error_bars
+from tests.verification.error_problems import Case, cases
+
+FALLS = Falls(1.5, 3.0)
+NAMES = ("tube 5: weight", "tube 9: pipe, spacing", "heavy boxes")
+
+
+def test_a_geometric_sequence_has_its_own_limit_within_the_bar() -> None:
+    """Changes that fall by R: the rest of the series is the last change over R - 1."""
+    for fall in (1.6, 2.0, 2.9):
+        values = [sum(fall**-k for k in range(n)) for n in (3, 4, 5)]
+        rest = 1.0 / (1.0 - 1.0 / fall) - values[-1]
+        assert falling_bar(values, FALLS) == pytest.approx(SAFETY * rest)
+
+
+def test_changes_that_do_not_fall_take_the_least_factor() -> None:
+    assert falling_bar([1.0, 2.0, 3.5], FALLS) == pytest.approx(SAFETY * 1.5 / 0.5)
+    assert falling_bar([1.0, 2.0], FALLS) == pytest.approx(SAFETY * 1.0 / 0.5)
+
+
+def test_a_single_agreement_of_two_meshes_is_no_convergence() -> None:
+    """The change before is remembered: it may have fallen by the largest factor twice."""
+    assert falling_bar([1.0, 2.0, 2.0], FALLS) == pytest.approx(SAFETY * 1.0 / 8.0)
+    assert falling_bar([1.0, 1.0, 1.0], FALLS) == 0.0
+    exact = {name: Measure(1.0, "MPa", error=0.0) for name in TARGETS}
+    assert not is_reached(exact, TARGETS, LEAST_MESHES - 1)
+    assert is_reached(exact, TARGETS, LEAST_MESHES)
+
+
+def test_changes_of_alternating_sign_are_not_taken_for_fast_convergence() -> None:
+    expected = SAFETY * 0.1 / (ALTERNATING - 1.0)
+    assert falling_bar([1.0, 1.3, 1.2], FALLS) == pytest.approx(expected)
+
+
+def _measures(**values: float) -> dict[str, Measure]:
+    return {name: Measure(value, "MPa") for name, value in values.items()}
+
+
+def test_a_local_value_is_not_known_better_than_others_settle() -> None:
+    """Averaged tension that agrees while p_eff changes by a tenth."""
+    found = [_measures(p_eff=p, sigma_1_averaged=1.0) for p in (0.7, 0.9, 1.0)]
+    assert LADDER.error_bars(found)["sigma_1_averaged"] == pytest.approx(0.3 * 0.1)
+
+
+def test_stresses_at_edges_are_not_resolved_before_the_mesh_is_finer_there() -> None:
+    """The first three meshes differ in degree alone."""
+    found = [_measures(sigma_1_max=2.0)] * 4
+    assert LADDER.error_bars(found[:3])["sigma_1_max"] > WIDEST * 2.0
+    assert LADDER.error_bars(found)["sigma_1_max"] == 0.0
+
+
+def test_round_off_needs_no_finer_mesh() -> None:
+    """Tension of a block in pure compression, beside its pressure."""
+    large = Measure(1.0, "MPa", error=0.01)
+    found = dict.fromkeys(TARGETS, large) | {"sigma_1_averaged": Measure(1e-9, "MPa", error=1e-8)}
+    assert is_reached(found, TARGETS, LEAST_MESHES)
+
+
+def _case(name: str) -> Case:
+    (found,) = (case for case in cases() if case.name == name)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_bars_hold_on_cheap_problems(name: str) -> None:
+    """Nine of ten printed bars hold the value of a finer mesh, or the closed form.
+
+    One of ten may fail: that is the promise of an error bar, which is an estimate.
+    """
+    case = _case(name)
+    report = converge(case.problem(), TARGETS, most_work=MOST_WORK).report
+    kept = {"meshes": report["meshes"]}
+    if case.reference != "closed form":
+        kept["finer"] = error_bars.on_one_mesh(case.problem(), case.finer)
+    judged = [row for row in error_bars.judged(case, kept) if not row["printed"]]
+    assert len(judged) >= 4
+    missed = [row for row in judged if not row["holds"]]
+    assert len(missed) <= len(judged) // 10, missed
+
+
+def test_the_replayed_answer_is_the_one_that_is_printed() -> None:
+    """`error_bars.default_answer` from the report alone, against `solve_static`."""
+    answer = solve_static(_case("heavy boxes").problem())
+    n, replayed = error_bars.default_answer(answer.report["meshes"])
+    assert n == len(answer.report["meshes"])
+    for name, measure in answer.measures.items():
+        assert replayed[name].value == pytest.approx(measure.value, rel=1e-12, abs=1e-15)
+        assert replayed[name].error == pytest.approx(measure.error, rel=1e-9, abs=1e-12)

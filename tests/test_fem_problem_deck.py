@@ -1,0 +1,88 @@
+"""Decks of problems that are made in Python: what they say is what the problem says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fem import CoulombFriction, Frames, Problem, TabularLaw, concrete, write_deck
+from fem.decks.keywords import DeckError
+from fem.decks.model import deck_assembly
+from fem.static.solve import solve_static as solve_blocks
+from geometry import SineBlock, pipe, shaft, tube
+from tests.test_fem_notebook import SHAPE
+from validation.output.decks import export_deck, import_deck
+from validation.scene.read import load_scene
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return Problem(tube(SineBlock(**SHAPE), layers=1, mesh=(12, 1, 2)), pipe(0.01), concrete)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"friction": CoulombFriction(0.3)},
+        {"spacing": 0.01},
+        {"gravity": (0.0, 0.0, -9.81e5)},
+        {"frames": Frames.DEFORMABLE},
+        {"load": shaft(0.01)},
+    ],
+    ids=lambda changes: next(iter(changes), "as it is"),
+)
+def test_a_deck_states_what_the_problem_states(problem, changes, tmp_path: Path) -> None:
+    """Coordinates go through decimals: 1e-13 mm, over c0 = 1e-3 mm, is 1e-10 of a pressure, and
+    static solutions agree to their residual of 1e-8 times a gain of contact below 1e2. The slope of
+    friction while sticking is the program's own in decks, so that problem names it."""
+    stated = replace(problem, **changes)
+    path = write_deck(stated, tmp_path / "case.inp")
+    read = solve_blocks(deck_assembly(import_deck(path)))
+    ours = solve_blocks(stated.deformable)
+    found, expected = (
+        np.concatenate([u.reshape(-1, 3) for u in r.displacements]) for r in (read, ours)
+    )
+    assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("program", ["abaqus", "abaqus-explicit", "calculix"])
+def test_decks_of_a_problem_are_those_of_its_scene(program: str, tmp_path: Path) -> None:
+    """The scene's deck but for its heading, which names the scene."""
+    from fem.decks.problem import _FLAVOURS
+
+    sets = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
+    file = load_scene("tsb1-pipe", [*sets, "fem.method=static"])
+    mesh = tube(SineBlock(**SHAPE), layers=1, mesh=(12, 1, 2))
+    export_deck(file, _FLAVOURS[program], tmp_path / "scene.inp")
+    write_deck(Problem(mesh, pipe(0.01), concrete), tmp_path / "case.inp", program=program)
+    texts = [(tmp_path / f"{name}.inp").read_text().splitlines() for name in ("scene", "case")]
+    first, second = ([x for x in t[1:] if not x.startswith("**")] for t in texts)
+    start = [lines.index(next(x for x in lines if x.startswith("*"))) for lines in (first, second)]
+    assert first[start[0] :] == second[start[1] :]
+
+
+def test_a_table_is_one_for_calculix(problem, tmp_path: Path) -> None:
+    tabular = replace(problem, law=TabularLaw([(0.0, 0.0), (0.01, 0.5), (0.02, 2.0)]))
+    text = write_deck(tabular, tmp_path / "a.inp", program="calculix").read_text()
+    assert "5.0e-01,1.0e-02" in text.replace(" ", "").lower() or "0.5,0.01" in text.replace(" ", "")
+    with pytest.raises(DeckError, match="got 'table', which decks have no lines for"):
+        write_deck(tabular, tmp_path / "b.inp")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.inp"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "options", "words"),
+    [
+        ({"degree": 3}, {}, "degree: got 3; decks have C3D20"),
+        ({}, {"program": "nastran"}, "program: got 'nastran'; expected abaqus"),
+    ],
+)
+def test_what_no_deck_says_is_refused(problem, changes, options, words, tmp_path: Path) -> None:
+    with pytest.raises(DeckError, match=words):
+        write_deck(replace(problem, **changes), tmp_path / "case.inp", **options)
+    with pytest.raises(DeckError, match=r"ends in \.inp"):
+        write_deck(problem, tmp_path / "case.txt")

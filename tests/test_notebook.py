@@ -1,0 +1,171 @@
+"""A notebook with names of the four packages alone: what the commands print is had by a call."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fem import Problem, concrete, solve_explicit, solve_static
+from geometry import Answer, SineBlock, pipe, tube
+from mbd import analyse
+from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from validation import compare, cost, load_scene, plot, read_answer, sweep, write
+
+COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
+SETTINGS = [word for key, value in COARSE.items() for word in ("--set", f"{key}={value}")]
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return load_scene("tsb1-pipe", COARSE).problem()
+
+
+@pytest.fixture(scope="module")
+def answers(problem) -> tuple[Answer, Answer, Answer]:
+    return (
+        analyse(problem, norm="force"),  # as the scene says
+        solve_static(problem, mesh="scene", error_bars=False),
+        solve_explicit(problem),
+    )
+
+
+def test_a_scene_and_its_parameters_are_one_problem(answers) -> None:
+    block = SineBlock(
+        height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
+    )
+    stated = Problem(tube(block, layers=1, mesh=(12, 2, 2)), pipe(0.01), concrete)
+    again = solve_static(stated, mesh="scene", error_bars=False)
+    for name, measure in answers[1].measures.items():
+        assert again[name].value == measure.value
+
+
+def test_numbers_of_the_rigid_command_are_those_of_the_answer(answers, tubelock) -> None:  # noqa: F811
+    status, _, err = tubelock("mbd", "tsb1-pipe", *SETTINGS, "--json", "mbd.json")
+    assert not status, err
+    printed, rigid = json.loads(Path("mbd.json").read_text("utf-8")), answers[0].as_dict()
+    for name in ("p_eff", "p_max"):
+        assert printed["measures"][name] == rigid["measures"][name]["value"]
+    shared = ("mechanism", "mechanism_as_supported", "certificate", "equilibrium", "joints")
+    for name in (*shared, "n_blocks", "n_contacts"):
+        assert printed[name] == rigid[name]
+
+
+def test_numbers_of_the_fem_command_are_those_of_the_answer(answers, tubelock) -> None:  # noqa: F811
+    status, _, err = tubelock(
+        *("fem", "tsb1-pipe", *SETTINGS, "--set", "fem.method=static", "--json", "fem.json"),
+        *("--set", "fem.error_estimate=false", "--set", "fem.mesh=scene"),
+    )
+    assert not status, err
+    printed, static = json.loads(Path("fem.json").read_text("utf-8")), answers[1].as_dict()
+    assert printed["measures"] == static["measures"]
+    assert printed["contact"] == static["contact"]
+    differs = {"title", "cpu_seconds"}
+    assert {k: printed[k] for k in static.keys() - differs} == {
+        k: static[k] for k in static.keys() - differs
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "accuracy"), [((), None), (("--accuracy", "u=4%"), {"u": 0.04})], ids=str
+)
+def test_numbers_of_a_refined_command_are_those_of_the_call(
+    problem,
+    tubelock,  # noqa: F811
+    options: tuple[str, ...],
+    accuracy: dict[str, float] | None,
+) -> None:
+    status, _, err = tubelock("fem", "tsb1-pipe", *SETTINGS, *options, "--json", "fem.json")
+    assert not status, err
+    printed = json.loads(Path("fem.json").read_text("utf-8"))
+    static = solve_static(problem, accuracy=accuracy).as_dict()
+    assert printed["measures"] == static["measures"]
+    assert printed["accuracy"] == static["accuracy"]
+
+
+def test_numbers_of_the_compare_command_are_those_of_the_call(problem, answers, tubelock) -> None:  # noqa: F811
+    options = ("--explicit", "--json", "compare.json")
+    status, _, err = tubelock("compare", "tsb1-pipe", *SETTINGS, *options)
+    assert not status, err
+    printed = json.loads(Path("compare.json").read_text("utf-8"))
+    found = compare(answers[0], solve_static(problem), answers[2])
+    for method in ("static", "explicit"):
+        told = next(a for a in printed["answers"] if a["method"] == method)
+        for name in ("p_eff", "p_max"):
+            assert told[name] == pytest.approx(found.rows[name][method], rel=1e-9)
+    theirs = printed["agreement_with_static"]["explicit"]
+    ours = found.as_dict()["agreement"]["explicit"]
+    for one, other in zip(theirs, ours, strict=True):
+        # Areas of facets by quadrature here, by their corners there: 1e-4 of a facet of this
+        # curvature, times the differences of pressures of 1e-4.
+        assert one["faces"] == other["faces"]
+        for name in ("correlation", "overlap", "peaks_found", "force_ratio"):
+            assert one[name] == pytest.approx(other[name], rel=1e-6)
+    assert "correlation of the pressures" in repr(found)
+
+
+def test_answers_are_written_and_read(answers, tmp_path: Path) -> None:
+    for answer in answers:
+        files = write(answer, tmp_path / answer.method)
+        assert all(path.exists() for path in files)
+        again = read_answer(tmp_path / answer.method)
+        assert repr(again) == repr(answer)
+        assert again.as_dict() == json.loads(json.dumps(answer.as_dict()))
+        for found, kept in ((answer.fields, again.fields), (answer.contacts, again.contacts)):
+            assert list(found) == list(kept)
+            assert all(np.array_equal(found[name], kept[name]) for name in found)
+        assert np.array_equal(again.mesh().points, answer.mesh().points)
+        assert compare(again, answers[1]).rows["p_eff"]
+    (tmp_path / "static" / "answer.npz").write_bytes(b"no archive")
+    with pytest.raises(ValueError, match="damaged answer"):
+        read_answer(tmp_path / "static")
+    with pytest.raises(ValueError, match="no such file"):
+        read_answer(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("field", ["sigma_1", "mises", "displacement", "pressure", "area"])
+@pytest.mark.parametrize("options", [{}, {"layer": 1}, {"layer": 1, "unrolled": True}], ids=str)
+def test_fields_are_drawn(answers, field: str, options, tmp_path: Path) -> None:
+    figure = plot(answers[1], field, **options)
+    figure.savefig(tmp_path / "field.png", dpi=30)
+    assert field in figure.axes[1].get_ylabel()
+    drawn = figure.axes[0].collections[0].get_array()
+    assert drawn.min() < drawn.max()
+
+
+def test_what_cannot_be_drawn_or_compared_is_refused(answers) -> None:
+    with pytest.raises(ValueError, match=r"got 'stres'; expected one of displacement, .*sigma_1"):
+        plot(answers[1], "stres")
+    with pytest.raises(ValueError, match="layer: got 7"):
+        plot(answers[1], "mises", layer=7)
+    with pytest.raises(ValueError, match="got 1 answers"):
+        compare(answers[0])
+    other = analyse(load_scene("tsb1-pipe", COARSE | {"mesh.radial": 3}).problem())
+    with pytest.raises(ValueError, match="share no contact facet"):
+        compare(other, answers[1])
+
+
+def test_a_sweep_is_a_call(tmp_path: Path) -> None:
+    values = {"block.amplitude": [10.0, 20.0]}
+    study = sweep("tsb1-pipe", values, COARSE, store=tmp_path / "study.sqlite")
+    assert [row["block.amplitude"] for row in study.rows] == [10.0, 20.0]
+    scene = load_scene("tsb1-pipe", COARSE | {"block.amplitude": 10.0})
+    one = analyse(scene.problem(), norm="force")
+    assert study.rows[0]["p_max"] == one["p_max"].value
+    again = sweep("tsb1-pipe", values, COARSE, store=tmp_path / "study.sqlite")
+    assert again.rows == study.rows
+    assert "block.amplitude 10" in repr(study)
+    (curve,) = study.plot("block.amplitude", "p_max").axes[0].containers
+    assert curve.lines[0].get_xydata().tolist() == [
+        [row["block.amplitude"], row["p_max"]] for row in study.rows
+    ]
+
+
+def test_cost_is_a_function_beside_its_package() -> None:
+
+    assert callable(cost)
+    assert callable(compare)
+    with pytest.raises(ValueError, match="whose blocks meet"):
+        cost("cantilever", quick=True)

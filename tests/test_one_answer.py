@@ -1,0 +1,267 @@
+"""One answer to one problem: whichever solver finds it, and whatever a command asks besides."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fem import Problem, StaticOptions, concrete, solve_static
+from fem.accuracy.facets import pressures_on_facets
+from fem.accuracy.ladder import coarser, on_mesh
+from fem.accuracy.transfer import interpolation, node_places, transferred
+from fem.element.lagrange_mesh import with_degree
+from fem.static import solve
+from fem.static.contact_forces import grid_blocks
+from fem.static.solve import StaticMethod
+from geometry import SineBlock, beam, pillar, pipe, shaft, tube, tunnel
+from geometry.block import Block, box_block
+from geometry.charts import unit_lines
+from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
+from geometry.mesh import FloatArray
+from geometry.refinement import charts_of, with_lines
+from tests.test_fem_lagrange_mesh import HEXAGON, WALL, sine
+from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+
+SHAPE = {
+    "height": 200,
+    "amplitude": 20,
+    "frequency": 1.5,
+    "blocks_per_layer": 4,
+    "inner_radius": 120,
+    "thickness": 40,
+}
+TUBE = tube(SineBlock(**SHAPE), layers=1, mesh=(12, 1, 2))
+TOWER = tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 2))
+PROBLEMS = {
+    "pipe": Problem(TOWER, pipe(0.01), concrete),
+    "tunnel": Problem(TUBE, tunnel(0.01), concrete),
+    "shaft": Problem(TUBE, shaft(0.01), concrete),
+    "beam": Problem(TUBE, beam(0.01), concrete),
+    "pillar": Problem(TUBE, pillar(0.01), concrete),
+    "clearance": Problem(TUBE, pipe(0.01), concrete, clearance=0.01),
+    "spacing": Problem(TUBE, tunnel(0.01), concrete, spacing=0.002),
+    "weight along the axis": Problem(TOWER, pipe(0.01), concrete, gravity=[0.0, 0.0, -9810.0]),
+    "weight across the axis": Problem(TUBE, tunnel(0.01), concrete, gravity=[-9810.0, 0.0, 0.0]),
+}
+
+
+def apart(value: FloatArray, expected: FloatArray) -> float:
+    return float(np.abs(value - expected).max() / np.abs(expected).max())
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_two_solvers_find_one_state(
+    name: str, degree: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In contact forces, and in displacements by one sparse matrix, which knows nothing of columns.
+
+    Both stop at 1e-10 of the forces; the softest motions give way some hundred times more.
+    """
+    problem = replace(PROBLEMS[name], degree=degree)
+    assert grid_blocks(problem.deformable) is not None
+    options = StaticOptions(method=StaticMethod.SPARSE, tolerance=1e-10)
+    oracle = solve_static(problem, options, mesh="scene", error_bars=False)
+
+    def no_other(*arguments: object) -> None:
+        raise AssertionError("the state was not found in contact forces")
+
+    monkeypatch.setattr(solve, "_problem", no_other)
+    options = StaticOptions(tolerance=1e-10)
+    found = solve_static(problem, options, mesh="scene", error_bars=False)
+    assert apart(found.fields["displacement"], oracle.fields["displacement"]) < 1e-7
+    assert apart(found.contacts["pressure"], oracle.contacts["pressure"]) < 1e-7
+    assert set(found.measures) == set(oracle.measures)
+    for key, measure in oracle.measures.items():
+        assert found.measures[key].value == pytest.approx(measure.value, rel=1e-7), key
+        assert found.measures[key].resolved == measure.resolved
+
+
+# ---------------------------------------------------------------------------------------------
+# Commands
+
+MESH = ("assembly.layers=2", "mesh.around=12", "mesh.radial=1", "mesh.axial=4")
+Command = Callable[..., Any]
+
+
+def measured(tubelock: Command, *given: str, more: tuple[str, ...] = ()) -> dict[str, Any]:  # noqa: F811
+    words = [word for setting in (*MESH, *given) for word in ("--set", setting)]
+    status, _, err = tubelock("fem", "tsb1-pipe", *words, "--json", "fem.json", *more)
+    assert status == 0, err
+    found: dict[str, Any] = json.loads(Path("fem.json").read_text())["measures"]
+    return found
+
+
+def agree(found: dict[str, Any], expected: dict[str, Any]) -> None:
+    """Values by two iterations to 1e-8 of the forces; error bars are differences of such values."""
+    assert found.keys() == expected.keys()
+    for name, measure in expected.items():
+        assert found[name]["value"] == pytest.approx(measure["value"], rel=1e-7), name
+        assert measure["error"] > 0.0
+        assert found[name]["error"] == pytest.approx(measure["error"], rel=1e-5), name
+
+
+#: What changes neither the problem nor its mesh.
+SAME = (
+    ("fem.symmetry='none'",),
+    ("effects.gravity=[0.0, 0.0, 0.0]",),
+    ("contact.spacing=0.0",),
+    ("effects.rayleigh.mass_proportional=2.0", "effects.bulk_viscosity={}"),
+)
+
+
+def test_frames_and_files_change_no_number(tubelock) -> None:  # noqa: F811
+    """Issue 28: with two frames the same command gave other measures and other error bars."""
+    expected = measured(tubelock, "fem.degree=3")
+    files = ("-o", "out")
+    agree(measured(tubelock, "fem.degree=3", "fem.frames=2", more=files), expected)
+    assert {"fields.vtu", "joints.csv"} <= {path.name for path in Path("out").iterdir()}
+
+
+@pytest.mark.slow
+def test_effects_that_vanish_change_no_number(tubelock) -> None:  # noqa: F811
+    expected = measured(tubelock, "fem.degree=3")
+    for settings_ in SAME:
+        agree(measured(tubelock, "fem.degree=3", *settings_), expected)
+
+
+@pytest.mark.slow
+def test_frames_change_no_number_with_friction(tubelock) -> None:  # noqa: F811
+    """The way to the load counts with friction; states on it that are kept do not."""
+    rough = ("fem.degree=2", "effects.friction.coefficient=0.3", "assembly.layers=1")
+    expected = measured(tubelock, *rough, "mesh.axial=2")
+    agree(measured(tubelock, *rough, "mesh.axial=2", "fem.frames=3", more=("-o", "out")), expected)
+
+
+def test_frames_change_no_number_where_meshes_are_refined(tubelock) -> None:  # noqa: F811
+    request = ("--accuracy", "u=20%")
+    expected = measured(tubelock, more=request)
+    agree(measured(tubelock, "fem.frames=2", more=(*request, "-o", "out")), expected)
+
+
+# ---------------------------------------------------------------------------------------------
+# Other meshes of the same blocks
+
+BLOCKS: dict[str, Block] = {
+    "sine": sine(),
+    "hexagon": hexagon_block(HEXAGON, HexagonBlockDivisions(2, 1)),
+    "osteomorphic": WALL.shapes[0],
+    "own": replace(box_block((60.0, 40.0, 50.0), (2, 1, 3)), charts=None),
+}
+line = st.lists(st.floats(0.1, 1.0), min_size=1, max_size=3)
+
+
+def meshed_anew(block: Block, sizes: list[list[float]]) -> Block:
+    """With elements of such sizes in every part of each direction."""
+    names = list(dict.fromkeys(charts_of(block).directions))
+    ends = unit_lines(*(np.concatenate([[0.0], np.cumsum(s)]) for s in sizes))
+    if names == ["any"]:
+        return charts_of(block).build(ends)
+    return with_lines(block, dict(zip(names, ends, strict=False)))
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_a_block_on_its_own_lines_is_itself(name: str) -> None:
+    block = BLOCKS[name]
+    charts = charts_of(block)
+    again = charts.build(charts.lines)
+    size = np.ptp(block.mesh.nodes, axis=0).max()
+    order = np.argsort(np.lexsort(np.round(block.mesh.nodes / size, 9).T))
+    other = np.argsort(np.lexsort(np.round(again.mesh.nodes / size, 9).T))
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    theirs = place[other]  # number in the block of each node of the other
+    np.testing.assert_allclose(again.mesh.nodes, block.mesh.nodes[theirs], atol=1e-12 * size)
+    np.testing.assert_array_equal(theirs[again.mesh.elements], block.mesh.elements)
+    assert again.faces.keys() == block.faces.keys()
+    for face, quads in block.faces.items():
+        np.testing.assert_array_equal(theirs[again.faces[face]], quads)
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+@given(sizes=st.tuples(line, line, line), degree=st.integers(1, 3), seed=st.integers(0, 99))
+@settings(max_examples=10, deadline=None)
+def test_transfer_reproduces_polynomials_of_the_degree(
+    name: str, sizes: tuple[list[float], ...], degree: int, seed: int
+) -> None:
+    """Of the parameters of a chart, which both meshes share, in each direction.
+
+    Values of size one, and elements of a twentieth of a chart: slopes of twenty.
+    """
+    block = BLOCKS[name]
+    fine = meshed_anew(block, list(sizes))
+    power = np.random.default_rng(seed).integers(0, degree + 1, 3)
+    source, target = with_degree(block, degree), with_degree(fine, degree)
+    here, there = node_places(source), node_places(target)
+    values = (here.parameters**power).prod(axis=1)
+    if len(charts_of(block).elements) > 1:
+        # Nodes between charts have parameters in each: what is constant is continuous there.
+        values = np.ones_like(values)
+        power[:] = 0
+    found = interpolation(source, there) @ values
+    np.testing.assert_allclose(found, (there.parameters**power).prod(axis=1), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+@pytest.mark.parametrize("degree", [1, 3])
+def test_transfer_reproduces_positions(name: str, degree: int) -> None:
+    """Of a mesh on itself whatever its shape, and on any finer one of straight hexahedra."""
+    block = BLOCKS[name]
+    source = with_degree(block, degree)
+    nodes = source.mesh.nodes
+    kept = interpolation(source, node_places(source)) @ nodes
+    np.testing.assert_allclose(kept, nodes, atol=1e-12 * np.abs(nodes).max())
+    if name == "own":
+        fine = with_degree(meshed_anew(block, [[1.0, 2.0], [1.0], [3.0, 1.0, 1.0]]), degree)
+        moved = interpolation(source, node_places(fine)) @ nodes
+        np.testing.assert_allclose(moved, fine.mesh.nodes, atol=1e-12 * np.abs(nodes).max())
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+@given(sizes=st.tuples(line, line, line))
+@settings(max_examples=10, deadline=None)
+def test_a_block_meshed_anew_keeps_its_volume(name: str, sizes: tuple[list[float], ...]) -> None:
+    """Elements of degree 4 follow half a wave of a sine to 1e-4; straight ones are exact."""
+    block = BLOCKS[name]
+    anew = meshed_anew(block, list(sizes))
+    exact = with_degree(block, 4).volume
+    tolerance = 1e-12 if name == "own" else 1e-4
+    assert with_degree(anew, 4).volume == pytest.approx(exact, rel=tolerance)
+    for face, quads in block.faces.items():
+        assert len(anew.faces[face]) > 0 or not len(quads)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_means_over_the_facets_of_its_own_mesh_are_those_of_the_run(degree: int) -> None:
+    """Nine nodes of a facet of degree two are those of its elements, and four of degree one."""
+    problem = replace(PROBLEMS["tunnel"], degree=degree)
+    found = solve_static(problem, mesh="scene", error_bars=False).details
+    state = found.contact_state
+    means = pressures_on_facets(problem.blocks, found.deformable, found.group_displacements)
+    np.testing.assert_allclose(means[state.interface], state.pressures, rtol=1e-9)
+
+
+def test_a_state_on_its_own_mesh_is_itself() -> None:
+    problem = replace(PROBLEMS["tunnel"], degree=2)
+    found = solve_static(problem, mesh="scene", error_bars=False).details
+    again = on_mesh(problem, problem.blocks.shapes, 2).deformable
+    moved = transferred(found.group_displacements, found.deformable, again)
+    for one, other in zip(moved, found.group_displacements, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-12 * np.abs(other).max())
+
+
+def test_a_coarser_mesh_has_fewer_elements_on_the_same_blocks() -> None:
+    problem = PROBLEMS["pipe"]
+    half = coarser(problem, 0.5)
+    assert half is not None
+    assert half.blocks.shapes[0].mesh.n_elements == 6
+    assert half.blocks.n_blocks == problem.blocks.n_blocks
+    assert coarser(half, 1e-9) is None or coarser(half, 1e-9).blocks is not None  # type: ignore[union-attr]

@@ -1,0 +1,103 @@
+"""Text that cannot be printed ends no computation; an interruption is always told as one."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from validation.output.files import write_whole
+
+COMMAND = [sys.executable, "-m", "validation.cli"]
+SMALL = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
+RIGID = ["mbd", "tsb1-pipe", *(part for s in SMALL for part in ("--set", s))]
+FILES = {"contact_pressures.png", "contact_pressures.vtu", "joints.csv", "joints.vtu"}
+
+
+def finished(*arguments: str, **options: object) -> subprocess.CompletedProcess[bytes]:
+    return subprocess.run([*COMMAND, *arguments], check=False, **options)  # type: ignore[call-overload]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_device_loses_the_table_and_no_file(tmp_path: Path) -> None:
+    with open("/dev/full", "wb") as full:
+        done = finished(*RIGID, "-o", str(tmp_path / "o"), stdout=full, stderr=subprocess.PIPE)
+    assert done.returncode == 2
+    assert b"error: standard output: No space left on device" in done.stderr
+    assert {p.name for p in (tmp_path / "o").iterdir()} == FILES
+
+
+def test_a_reader_that_goes_away_loses_no_file_and_hears_nothing(tmp_path: Path) -> None:
+    """The status of a process that a closed pipe ends is 128 + 13; 1 means a red hard case."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = finished(*RIGID, "-o", str(tmp_path / "o"), stdout=writing, stderr=subprocess.PIPE)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, b"")
+    assert {p.name for p in (tmp_path / "o").iterdir()} == FILES
+
+
+def test_characters_that_the_output_lacks_are_replaced(tmp_path: Path) -> None:
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = finished(*(*RIGID, "-o", str(tmp_path / "o")), env=environment, capture_output=True)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"self-stress" in done.stdout
+    assert {p.name for p in (tmp_path / "o").iterdir()} == FILES
+
+
+@pytest.mark.parametrize("wait", [0.4, 0.8, 1.6, 3.0])
+def test_an_interruption_is_told_whenever_it_comes(tmp_path: Path, wait: float) -> None:
+    """While commands are loaded Python ended half of the processes by the signal itself."""
+    many = ["fem", "tsb1-pipe", "--set", "assembly.layers=12", "-q", "-o", str(tmp_path / "o")]
+    process = subprocess.Popen([*COMMAND, *many], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    time.sleep(wait)
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=120)
+    assert (process.returncode, told.decode().strip()) == (130, "interrupted")
+
+
+def test_calls_that_write_one_file_at_once_publish_whole_ones(tmp_path: Path) -> None:
+    """A shared temporary name is renamed away under the second writer, or holds parts of both."""
+    path, together = tmp_path / "answer.json", threading.Barrier(8)
+    failures: list[BaseException] = []
+
+    def write(number: int) -> None:
+        def fill(partial: Path) -> None:
+            assert partial.suffix == path.suffix
+            with partial.open("w") as file:
+                for _ in range(100):
+                    file.write(f"{number}")
+                    file.flush()
+            together.wait(timeout=60)
+
+        try:
+            write_whole(path, fill)
+        except BaseException as error:
+            failures.append(error)
+
+    writers = [threading.Thread(target=write, args=(k,)) for k in range(8)]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    assert not failures
+    assert len(set(path.read_text())) == 1
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_no_link_leads_a_result_elsewhere(tmp_path: Path) -> None:
+    secret, path = tmp_path / "secret", tmp_path / "p.json"
+    secret.write_text("mine")
+    (tmp_path / ".partial-p.json").symlink_to(secret)
+    write_whole(path, lambda partial: partial.write_text("result"))
+    assert (secret.read_text(), path.read_text()) == ("mine", "result")
+    # As any other new file.
+    plain = tmp_path / "plain"
+    plain.touch()
+    assert path.stat().st_mode == plain.stat().st_mode

@@ -1,0 +1,109 @@
+"""Explicit runs beside the converged static state, and the comparison of rigid and deformable."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fem.accuracy.converge import MOST_WORK
+from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from validation.comparison.answers import Comparison, compare, conclusion
+from validation.run.accuracy import DEFAULT_TARGETS
+from validation.run.deformable import DeformableRun
+from validation.run.solve import run_converged
+from validation.scene.read import DeformableScene, load_scene
+
+TO_REST = ["fem", "column", "--set", "fem.method=explicit", "--set", "fem.damping=static"]
+
+
+def column(*settings: str) -> DeformableScene:
+    scene = load_scene("column", settings).scene
+    assert isinstance(scene, DeformableScene)
+    return scene
+
+
+@pytest.fixture(scope="module")
+def converged() -> DeformableRun:
+    return run_converged("column", column(), DEFAULT_TARGETS, most_work=MOST_WORK)
+
+
+@pytest.fixture(scope="module")
+def found() -> Comparison:
+    return compare("column", column())
+
+
+def answer(run: Any, *more: str) -> tuple[str, dict[str, Any]]:
+    status, out, err = run(*TO_REST, *more, "--json", "a.json")
+    assert status == 0, err
+    return out, json.loads(Path("a.json").read_text())
+
+
+def test_an_explicit_run_has_the_converged_value_beside_its_own(
+    tubelock,  # noqa: F811
+    converged: DeformableRun,
+) -> None:
+    """Their difference is the discretisation error, and error bars cover it."""
+    out, data = answer(tubelock)
+    assert "discretisation error" in out
+    assert "distance to the static state of this mesh: force residual" in out
+    reference = data["static_reference"]
+    assert {"p_eff", "p_max_point", "max_displacement"} <= set(reference["measures"])
+    for name, measure in reference["measures"].items():
+        # One program, one problem: the digits of `fem` with the static method.
+        assert measure["value"] == pytest.approx(converged.measures[name].value, rel=1e-9)
+    for name, error in reference["discretisation_error"].items():
+        own, far = data["measures"][name], reference["measures"][name]
+        assert own["value"] - far["value"] == pytest.approx(error, rel=1e-12)
+        assert own["error"] == pytest.approx(abs(error) + far["error"], rel=1e-12)
+
+
+def test_an_option_leaves_the_converged_value_out(tubelock) -> None:  # noqa: F811
+    out, data = answer(tubelock, "--no-static-reference", "--set", "fem.error_estimate=false")
+    assert "discretisation" not in out
+    assert "static_reference" not in data
+
+
+@pytest.mark.parametrize(
+    ("setting", "why"), [("effects.friction.coefficient=0.3", "friction have many static states")]
+)
+def test_a_scene_without_a_converged_state_says_why(tubelock, setting, why) -> None:  # noqa: F811
+    out, data = answer(tubelock, "--set", setting, "--set", "fem.error_estimate=false")
+    line = next(x for x in out.splitlines() if x.startswith("no converged static state"))
+    assert why in line
+    assert why in data["static_reference"]["why_not"]
+
+
+def test_the_static_answer_of_a_comparison_is_that_of_fem(
+    found: Comparison, converged: DeformableRun
+) -> None:
+    static = next(a for a in found.answers if a.method == "static")
+    for name in ("p_eff", "p_max", "p_max_facet"):
+        assert getattr(static, name) == pytest.approx(converged.measures[name].value, rel=1e-9)
+    assert static.p_max_point is not None
+    assert static.p_max_point.value == converged.measures["p_max_point"].value
+    assert found.static.contact.p_eff == static.p_eff
+    assert found.static.answer.report["contact"]["p_eff"] == static.p_eff
+
+
+def test_all_answers_of_a_comparison_lie_on_the_same_facets(found: Comparison) -> None:
+    """Every joint carries the load, 0.5 MPa on the uppermost face, facet by facet in one order."""
+    assembly = found.rigid.assembly
+    pair = np.searchsorted(assembly.interfaces.pair_start, found.contacts, side="right") - 1
+    load = 0.5 * 50.0 * 40.0
+    for each in found.answers:
+        force = each.pressures * assembly.interfaces.areas[found.contacts]
+        of_joints = np.bincount(pair, force)
+        # The elements sample the exponential law at points: to a few per cent, on four facets.
+        np.testing.assert_allclose(of_joints[of_joints > 0.0], load, rtol=0.05)
+
+
+def test_the_conclusion_compares_the_two_peaks(found: Comparison) -> None:
+    static = next(a for a in found.answers if a.method == "static")
+    rigid = next(a for a in found.answers if a.method == "rigid (pressure)")
+    assert static.p_max_point is not None
+    ratio = static.p_max_point.value / rigid.p_max_facet
+    assert f"is {ratio:.2g} times the rigid one" in conclusion(found)

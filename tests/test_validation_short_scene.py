@@ -1,0 +1,125 @@
+"""Short scenes: what they leave out has defaults that are named, or is missing with its lines."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from validation.errors import InputError
+from validation.scene.families.sine import TubeScene
+from validation.scene.read import check_scene, load_scene
+from validation.scene.schema import scene_schema
+
+README = (Path(__file__).parents[1] / "README.md").read_text("utf-8")
+SHORT = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)[0]
+#: The smallest tube; its own elements, as finer ones take a minute.
+SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
+ONE_MESH = ("fem.mesh=scene", "fem.error_estimate=false")
+
+
+def settings(*values: str) -> list[str]:
+    return [word for value in values for word in ("--set", value)]
+
+
+def scene(**sections: object) -> TubeScene:
+    found = check_scene(tomllib.loads(SHORT) | sections)
+    assert isinstance(found, TubeScene)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("command", "used"),
+    [
+        (("mbd", "--json", "a.json"), ()),
+        (("fem", "--json", "a.json", *settings(*SMALL, *ONE_MESH)), ("material", "contact")),
+        (("compare", "--json", "a.json", *settings(*SMALL, *ONE_MESH)), ("material", "contact")),
+        (("export", "-o", "a.inp"), ("material", "contact", "fem")),
+    ],
+)
+def test_the_scene_of_the_readme_needs_no_edit(tubelock, command, used) -> None:  # noqa: F811
+    """Defaults are named where the answer depends on them, and nowhere else."""
+    Path("mine.toml").write_text(SHORT)
+    status, out, err = tubelock(command[0], "mine.toml", *command[1:])
+    assert status == 0, err
+    named = re.findall(r"^defaults +(.*)$", out, flags=re.MULTILINE)
+    assert len(named) == bool(used)
+    for section in used:
+        assert re.search(rf"(^|, ){section} ", named[0])
+    if used and command[0] != "export":
+        assert set(used) <= set(json.loads(Path("a.json").read_text())["defaults"])
+
+
+def test_a_scene_that_states_everything_has_no_defaults_to_name(tubelock) -> None:  # noqa: F811
+    status, out, _ = tubelock("fem", "tsb1-pipe", *settings(*SMALL, *ONE_MESH), "--json", "a.json")
+    assert status == 0
+    assert "defaults" not in out
+    assert "defaults" not in json.loads(Path("a.json").read_text())
+
+
+def test_a_material_by_name_is_its_constants() -> None:
+    constants = {"density": 2.4e-9, "young_modulus": 33000.0, "poisson_ratio": 0.2}
+    stated, named, left_out = scene(material=constants), scene(material="concrete"), scene()
+    for key, value in constants.items():
+        assert [getattr(s.material, key) for s in (stated, named, left_out)] == [value] * 3
+    heavier = scene(material={"name": "concrete", "density": 2.5e-9}).material
+    assert (heavier.density, heavier.young_modulus) == (2.5e-9, 33000.0)
+    # What a name stands for was not set by the scene, and is not named as ignored.
+    assert named.material.model_fields_set == {"name"}
+    with pytest.raises(InputError, match="expected one of concrete, steel"):
+        scene(material="stone")
+    with pytest.raises(InputError, match="stands above the first"):
+        scene(load={"case": "pipe", "material": "concrete"})
+
+
+def test_facets_left_out_are_those_of_the_built_in_tube() -> None:
+    """As many along a wave for any number of waves."""
+    data = {key: value for key, value in tomllib.loads(SHORT).items() if key != "mesh"}
+    built_in = load_scene("tsb1-pipe").scene
+    assert isinstance(built_in, TubeScene)
+    found = check_scene(data)
+    assert isinstance(found, TubeScene)
+    assert found.mesh == built_in.mesh
+    more = check_scene(data | {"block": data["block"] | {"frequency": 3.0}})
+    assert isinstance(more, TubeScene)
+    assert more.mesh.around == 2 * found.mesh.around
+
+
+@pytest.mark.parametrize("kind", ["sine", "hexagon", "box", "brick", "osteomorphic", "wall"])
+def test_all_that_is_missing_comes_with_lines_to_add(kind: str) -> None:
+    """Added as printed, they make a scene."""
+    with pytest.raises(InputError, match="missing; add, with your values") as refused:
+        check_scene({"block": {"type": kind}})
+    data: dict[str, dict[str, object]] = {"block": {"type": kind}}
+    for line in str(refused.value).partition("your values: ")[2].split("; "):
+        section, _, keys = line.strip("[").partition("] ")
+        data.setdefault(section, {}).update(tomllib.loads(f"v = {{ {keys} }}")["v"])
+    assert check_scene(data).block.type == kind
+
+
+def test_a_density_that_is_left_out_is_named_where_blocks_weigh(tubelock) -> None:  # noqa: F811
+    wall = (
+        '[block]\ntype = "wall"\nsize = [240.0, 115.0, 71.0]\n[assembly]\ncolumns = 2\nrows = 2\n'
+    )
+    Path("heavy.toml").write_text(f"{wall}[load]\ngravity = [0.0, 0.0, -9810.0]\n")
+    Path("light.toml").write_text(f"{wall}[[load.forces]]\nblock = 3\nforce = [0.0, 0.0, -1.0]\n")
+    assert "load.density 2.4e-09 t/mm³" in tubelock("mbd", "heavy.toml", "--json", "a.json")[1]
+    assert "density" not in tubelock("mbd", "light.toml", "--json", "a.json")[1]
+    Path("tube.toml").write_text(SHORT)
+    heavy = settings(*SMALL, "effects.gravity=[0,0,-9810]")
+    out = tubelock("mbd", "tube.toml", *heavy, "--json", "a.json")[1]
+    assert re.search("^defaults .*material concrete .*2.4e-09 t/mm³", out, flags=re.MULTILINE)
+
+
+def test_editors_accept_short_scenes() -> None:
+    judge = jsonschema.Draft7Validator(scene_schema())
+    data = tomllib.loads(SHORT)
+    for short in (data, data | {"material": "concrete"}, data | {"material": {"name": "steel"}}):
+        assert not list(judge.iter_errors(short))
+    for wrong in ("stone", {"density": 2.4e-9}, {"name": "stone"}):
+        assert list(judge.iter_errors(data | {"material": wrong}))

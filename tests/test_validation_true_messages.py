@@ -1,0 +1,123 @@
+"""Slips of a new user: one line, in the user's own words, with what was meant."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fem import concrete
+from fem.assembly.statement import Problem, ProblemError
+from geometry import SineBlock, pipe, tube
+from geometry.block import box_block
+from geometry.errors import RefusedError
+from geometry.files.mesh_io import read_any_mesh, write_hex_mesh
+from geometry.mesh import MeshError
+from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from validation.cli.fem import _targets
+from validation.run.accuracy import parse_targets
+from validation.scene.builtin import builtin_text
+from validation.scene.read import load_scene
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["fem", "tsb1-pipe", "--layers", "2"], "did|--set assembly.layers=VALUE"),
+        (["fem", "tsb1-pipe", "--layers=2"], "--set assembly.layers=2"),
+        (["rigid", "tsb1-pipe"], "did you mean tubelock mbd?"),
+        (["fem", "tsb1-pipe", "--accuracy", "p_max=5"], "is a % missing?"),
+        (["fem", "tsb1-pipe", "--set", "contact.friction=0.6"], "did you mean effects.friction"),
+        (["fem", "tsb1-pipe", "--set", "contact.law=hard"], 'did you mean contact.law = "linear"'),
+        (
+            ["fem", "tsb1-pipe", "--set", "effects.rayleigh.alpha=1"],
+            "did you mean effects.rayleigh.mass_proportional?",
+        ),
+        (["mbd", "tsb1-pipe", "--set", "block.amplitude=10,5"], "did you mean 10.5?"),
+        (["mbd", "tsb1-tunnel", "--set", "load.pressure=-0.01"], "turns the load around"),
+        # A thousand million states of load steps or frames fill any memory.
+        (["fem", "tsb1-pipe", "--set", "fem.load_steps=1000000000"], "or equal to 10000"),
+        (["fem", "tsb1-pipe", "--set", "fem.frames=1000000000"], "or equal to 10000"),
+        (["mbd", "tsb1-pipe", "--set", "pictures.font_size=72"], "or equal to 36"),
+        (["fem", "tsb1-pipe", "--accuracy", "u=1%", "--max-seconds", "0"], "--max-seconds: got 0"),
+        (
+            ["fem", "tsb1-pipe", "--set", "fem.degree=2", "--set", "fem.element=reduced"],
+            'fem.element: got "reduced" with fem.degree = 2',
+        ),
+        (
+            ["fem", "tsb1-pipe", "--set", "fem.degree=2", "--set", "fem.precision=float32"],
+            'fem.precision: got "float32" with fem.degree = 2',
+        ),
+    ],
+)
+def test_slips_are_told_in_one_line_with_what_was_meant(
+    tubelock,  # type: ignore[no-untyped-def]  # noqa: F811
+    arguments: list[str],
+    words: str,
+) -> None:
+    status, _, told = tubelock(*arguments)
+    assert status == 2
+    assert told.count("\n") == 1
+    assert any(word in told for word in words.split("|")), told
+
+
+def refusal(path: Path, text: str) -> str:
+    path.write_text(text, "utf-8")
+    with pytest.raises(RefusedError) as error:
+        load_scene(str(path))
+    return str(error.value)
+
+
+def test_misspelt_keys_and_sections_are_named_before_what_is_missing(tmp_path: Path) -> None:
+    text, path = builtin_text("tsb1-pipe"), tmp_path / "mytube.toml"
+    assert "did you mean 'amplitude'" in refusal(path, text.replace("amplitude =", "amplitud ="))
+    assert "unknown section [blok]: did you mean [block]" in refusal(
+        path, text.replace("[block]", "[blok]")
+    )
+    short = re.sub(r"^young_modulus", "young", text, flags=re.MULTILINE)
+    assert "material.young: did you mean 'young_modulus'" in refusal(path, short)
+    comma = re.sub(r"^amplitude = \S+", "amplitude = 10,5", text, flags=re.MULTILINE)
+    assert "10,5: numbers have a point" in refusal(path, comma)
+    path.write_text(text, "utf-8")
+    with pytest.raises(RefusedError, match=r"did you mean .*mytube\.toml"):
+        load_scene(str(tmp_path / "mytube"))
+
+
+def test_a_file_in_the_place_of_a_folder_is_named(
+    tubelock,  # type: ignore[no-untyped-def]  # noqa: F811
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "out.txt").touch()
+    for place in ("out.txt", "out.txt/below"):
+        status, _, told = tubelock("mbd", "tsb1-pipe", "-o", place)
+        assert status == 2
+        assert "out.txt: is a file; expected a folder" in told
+
+
+def test_accuracies_and_their_times(tmp_path: Path) -> None:
+    assert parse_targets(["p_max=5%"]) == {"p_max": 0.05}
+    assert _targets(["p_max=5%"], 1.0, None) == {"p_max": 0.05}
+
+
+def test_elements_that_a_reader_does_not_know_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "brick.inp"
+    write_hex_mesh(path, box_block((1.0, 1.0, 1.0), (1, 1, 1)).mesh)
+    assert read_any_mesh(path).cells
+    path.write_text(re.sub(r"C3D8\w*", "C3D27", path.read_text("utf-8")), "utf-8")
+    with pytest.raises(MeshError, match="element type C3D27; expected C3D8 or C3D20"):
+        read_any_mesh(path)
+
+
+def test_gravity_in_metres_is_refused_in_python() -> None:
+    shape = SineBlock(
+        height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
+    )
+    blocks, load = tube(shape, layers=1, mesh=(12, 1, 2)), pipe(0.01)
+    with pytest.raises(ProblemError, match=r"did you mean m/s²\?"):
+        Problem(blocks, load, concrete, gravity=(0.0, 0.0, -9.81))
+    for meant in ({"check_units": False}, {}):
+        size = 9.81 if meant else 9810.0
+        problem = Problem(blocks, load, concrete, gravity=(0.0, 0.0, -size), **meant)
+        np.testing.assert_array_equal(problem.acceleration, [0.0, 0.0, -size])

@@ -1,0 +1,79 @@
+"""Every number of docs/trust/others.md: ``python -m tests.verification [NAME ...] [--json FILE]``.
+
+Without names all tables but the error bars, four CPU minutes; CalculiX and compas_cra where they
+are installed. ``error-bars`` takes half an hour, goes on where it was stopped, and keeps what
+``error-bars-summary`` sums up.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from tests.verification import (
+    calculix,
+    error_bars,
+    test_accuracy,
+    test_friction,
+    test_hertz,
+    test_masonry,
+)
+
+Row = Mapping[str, Any]
+TABLES: dict[str, tuple[str, Callable[[], Iterable[Row]]]] = {
+    "closed-forms": ("Limit analysis beside closed forms", test_masonry.closed_forms),
+    "printed": ("Rigid blocks with friction: numbers of others", test_masonry.printed),
+    "compas": ("Walls and arches under their weight, one core", test_masonry.peers),
+    "calculix": ("CalculiX against tubelock", calculix.rows),
+    "hertz": ("Hertz and Cattaneo–Mindlin: off the closed form [%]", test_hertz.rows),
+    "friction": ("Friction: static against explicit", test_friction.rows),
+    "accuracy": ("An accuracy on demand, start of the program included", test_accuracy.rows),
+    "error-bars": ("Error bars of twenty problems", error_bars.rows),
+    "error-bars-summary": ("Error bars: how many hold, how wide they are", error_bars.summary),
+}
+#: Tables that are made where they are named.
+LONG = ("error-bars", "error-bars-summary")
+
+
+def word(value: Any) -> str:
+    """A cell."""
+    return "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def table(title: str, rows: list[Row]) -> Table:
+    """All rows under the union of their heads, in the order in which these appear."""
+    found = Table(title=title, title_justify="left")
+    heads = list(dict.fromkeys(head for row in rows for head in row))
+    for head in heads:
+        found.add_column(head)
+    for row in rows:
+        found.add_row(*(word(row.get(head)) for head in heads))
+    return found
+
+
+def main() -> None:
+    """Print tables as they are made."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(TABLES))
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    asked = parser.parse_args()
+    unknown = [name for name in asked.names if name not in TABLES]
+    if unknown:
+        parser.error(f"{unknown[0]}: expected {', '.join(TABLES)}")
+    console, found = Console(width=180, markup=False), {}
+    for name in asked.names or [name for name in TABLES if name not in LONG]:
+        title, make = TABLES[name]
+        found[name] = list(make())
+        console.print(table(title, found[name]) if found[name] else f"{title}: not installed")
+    if asked.json is not None:
+        asked.json.write_text(json.dumps(found, indent=1, default=float), "utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,176 @@
+"""Whether error bars hold, and how much wider than errors they are: ``error-bars``.
+
+Each problem of `tests.verification.error_problems` is solved on finer and finer meshes.
+The default answer is the one at which `fem.solve_static` stops; its error is judged by a mesh
+that is finer towards the edges, or by a closed form. What was solved is kept in
+``out/error-bars.json``: a second call goes on with the problems that are missing, and judges
+those that are there by the rule of `fem.accuracy` as it then is.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from fem.accuracy.converge import (
+    MOST_WORK,
+    TARGETS,
+    bars_of,
+    converge,
+    growing,
+    is_reached,
+)
+from fem.accuracy.ladder import LADDER, Ladder, Rung
+from fem.assembly.statement import Problem
+from fem.solvers import solve_static
+from geometry.answer import WIDEST, Measure
+from tests.verification.error_problems import Case, cases
+
+STORED = Path("out/error-bars.json")
+#: Closed forms hold to the tolerance of the solver, relative to the largest pressure.
+ROUNDING = 1e-6
+
+
+def solved(case: Case) -> dict[str, Any]:
+    """Solve a problem as by default, and for its reference; plain data that is kept."""
+    problem = case.problem()
+    refined = replace(problem, degree=1)
+    kept: dict[str, Any] = {
+        "meshes": converge(refined, TARGETS, most_work=MOST_WORK).report["meshes"]
+    }
+    if problem.degree > 1:
+        answer = solve_static(problem)
+        kept["answer"] = {name: [m.value, m.error] for name, m in answer.measures.items()}
+    if case.reference != "closed form":
+        kept["finer"] = on_one_mesh(refined, case.finer)
+    return kept
+
+
+def on_one_mesh(problem: Problem, rung: Rung) -> dict[str, Any]:
+    """What is reported of one mesh."""
+    alone = Ladder((LADDER.rungs[0], rung))
+    report: dict[str, Any] = converge(problem, TARGETS, ladder=alone).report["meshes"][-1]
+    return report
+
+
+def measured(mesh: Mapping[str, Any]) -> dict[str, Measure]:
+    """Measures of a mesh that was kept."""
+    return {
+        name: Measure(
+            value,
+            "mm" if name == "max_displacement" else "MPa",
+            resolved=name not in mesh["not_resolved"],
+        )
+        for name, value in mesh["measures"].items()
+    }
+
+
+def default_answer(meshes: Sequence[Mapping[str, Any]]) -> tuple[int, dict[str, Measure]]:
+    """Number of the meshes after which `converge` stops, and the answer there."""
+    history = [measured(mesh) for mesh in meshes]
+    for n in range(2, len(meshes) + 1):
+        bars = bars_of(LADDER, history[:n], meshes[n - 1]["load_step_changes"])
+        remarks = growing(history[:n])
+        answer = {
+            name: replace(m, error=bars[name], remark=remarks.get(name, ""))
+            for name, m in history[n - 1].items()
+        }
+        if is_reached(answer, TARGETS, n) or n == len(LADDER.rungs):
+            break
+        if n < len(meshes) and meshes[n]["work"] > MOST_WORK:
+            break
+    return n, answer
+
+
+def references(case: Case, kept: Mapping[str, Any], n: int) -> dict[str, tuple[float, str]]:
+    """Value and kind of the reference of each measure that has one."""
+    if case.reference == "closed form":
+        return {name: (value, "closed form") for name, value in case.exact().items()}
+    finer = kept["finer"] if len(kept["meshes"]) == n else kept["meshes"][-1]
+    return {name: (value, "finer") for name, value in finer["measures"].items()}
+
+
+def judged(case: Case, kept: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """A row for each measure that has a reference."""
+    n, answer = default_answer(kept["meshes"])
+    if "answer" in kept:
+        n = 0
+        answer = {name: Measure(*pair, "MPa") for name, pair in kept["answer"].items()}
+    pressure = max(abs(m.value) for name, m in answer.items() if name != "max_displacement")
+    for name, (value, kind) in references(case, kept, n).items():
+        measure = answer[name]
+        size = max(abs(value), ROUNDING * pressure)
+        bar, error = measure.error or 0.0, abs(measure.value - value)
+        exact = error <= ROUNDING * pressure
+        yield {
+            "problem": case.name,
+            "meshes": n,
+            "measure": name,
+            "value": measure.value,
+            "bar [%]": 100.0 * bar / size,
+            "reference": value,
+            "kind": kind,
+            "error [%]": 100.0 * error / size,
+            "holds": error <= bar or exact,
+            "bar/error": None if exact else bar / error,
+            "printed": _not_a_number(measure),
+        }
+
+
+def _not_a_number(measure: Measure) -> str:
+    """Why a value is printed as none to use; empty where it is a number."""
+    wide = (measure.error or 0.0) > WIDEST * abs(measure.value) or not measure.resolved
+    return "a remark" if measure.remark else "not resolved" if wide else ""
+
+
+def stored() -> dict[str, Any]:
+    """Solutions that were kept, by problem."""
+    found: dict[str, Any] = json.loads(STORED.read_text("utf-8")) if STORED.exists() else {}
+    return found
+
+
+def rows() -> Iterable[dict[str, Any]]:
+    """Every measure of every problem; those that are missing are solved and kept first."""
+    for case in cases():
+        found = stored()
+        if case.name not in found:
+            found[case.name] = solved(case)
+            STORED.parent.mkdir(exist_ok=True)
+            STORED.write_text(json.dumps(found, indent=1, default=float), "utf-8")
+        yield from judged(case, found[case.name])
+
+
+def summary() -> Iterable[dict[str, Any]]:
+    """Share of bars that hold and median of bar over error, of the problems that were kept."""
+    found = stored()
+    every = [row for c in cases() if c.name in found for row in judged(c, found[c.name])]
+    numbers = [row for row in every if not row["printed"]]
+    of_half = [
+        [row for row in numbers if row["problem"] in {case.name for case in cases()[k::2]}]
+        for k in (0, 1)
+    ]
+    names = dict.fromkeys(row["measure"] for row in every)
+    yield _share("all numbers", numbers)
+    yield _share("problems with odd numbers (rule chosen)", of_half[0])
+    yield _share("problems with even numbers (rule judged)", of_half[1])
+    for kind in dict.fromkeys(row["kind"] for row in every):
+        yield _share(f"reference: {kind}", [r for r in numbers if r["kind"] == kind])
+    for name in names:
+        yield _share(name, [row for row in numbers if row["measure"] == name])
+    yield _share("bars over 30 %: printed as not resolved", [r for r in every if r["printed"]])
+
+
+def _share(words: str, chosen: list[dict[str, Any]]) -> dict[str, Any]:
+    ratios = [row["bar/error"] for row in chosen if row["bar/error"] is not None]
+    held = sum(row["holds"] for row in chosen)
+    return {
+        "of": words,
+        "bars": len(chosen),
+        "hold": held,
+        "hold [%]": 100.0 * held / len(chosen) if chosen else None,
+        "median bar/error": median(ratios) if ratios else None,
+    }

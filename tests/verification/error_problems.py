@@ -1,0 +1,245 @@
+"""Problems for the coverage of error bars: drawn and chosen before any bar was computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import meshio
+import numpy as np
+
+from fem.accuracy.ladder import LADDER, Rung
+from fem.assembly.statement import Problem
+from fem.element.lagrange_mesh import LagrangeMesh, with_degree
+from fem.element.material import Material
+from geometry.block import Block
+from geometry.errors import RefusedError
+from geometry.families.boxes import ColumnBox, box_column, brick_stack
+from geometry.families.hexagon_block import HexagonBlockParameters
+from geometry.families.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
+from geometry.families.sine_block import SineBlockParameters
+from geometry.families.tube import tube
+from geometry.files.block_files import read_blocks
+from geometry.files.hexahedral_solids import file_blocks
+from geometry.files.quadratic import NATURAL
+from geometry.loads import Load, LoadCase, beam, pillar, pipe, shaft, tunnel
+from geometry.mesh import HexMesh, boundary_quads
+
+SEED = 29
+CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
+WITHOUT_CONTRACTION = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)
+WEIGHT = (0.0, 0.0, -9810.0)
+#: Load pressure of all problems [MPa].
+PRESSURE = 0.01
+#: Number of the tube, its load and what it has beyond a load.
+TUBES: tuple[tuple[str, Load | None, dict[str, float]], ...] = (
+    ("pipe", pipe(PRESSURE), {}),
+    ("tunnel", tunnel(PRESSURE), {}),
+    ("pillar", pillar(PRESSURE), {}),
+    ("shaft", shaft(PRESSURE), {}),
+    ("weight", None, {}),
+    ("beam", beam(PRESSURE), {}),
+    ("pipe, friction", pipe(PRESSURE), {"friction": 0.3}),
+    ("tunnel, clearance", tunnel(PRESSURE), {"clearance": 0.002}),
+    ("pipe, spacing", pipe(PRESSURE), {"spacing": 0.005}),
+    ("pillar, friction", pillar(PRESSURE), {"friction": 0.3}),
+)
+
+
+#: Mesh of references: elements of degree five, shorter towards the edges than those of any answer.
+FINER = Rung(5, 18, 3, 6, 12.0, 300.0)
+#: The same where that takes minutes: beyond the mesh at which the answer stops.
+FOURTH, FIFTH = LADDER.rungs[3:5]
+
+#: Tubes whose references take minutes on `FINER`: many blocks, a clearance, no symmetry, friction.
+LONG_TUBES = (3, 6, 7, 8, 10)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A problem, and what judges its error bars."""
+
+    name: str
+    problem: Callable[[], Problem]
+    reference: str
+    """``finer``: a finer mesh of high degree; ``closed form``."""
+    exact: Callable[[], dict[str, float]] = dict
+    """Values of the closed form."""
+    finer: Rung = FINER
+    """Mesh of the reference."""
+
+
+def drawn(rng: np.random.Generator) -> tuple[SineBlockParameters, int, tuple[int, int, int]]:
+    """Draw a tube: block, layers and the mesh whose facets define means; redrawn until it fits."""
+    while True:
+        waves, n = int(rng.integers(1, 6)), int(rng.integers(3, 9))
+        radius, thickness = rng.uniform(80.0, 200.0), rng.uniform(20.0, 60.0)
+        height, share = rng.uniform(80.0, 250.0), rng.uniform(0.03, 0.12)
+        layers, shift = int(rng.integers(1, 4)), float(rng.choice([0.0, 0.5]))
+        try:
+            block = SineBlockParameters(
+                height=height,
+                amplitude=share * height,
+                frequency=0.5 * waves,
+                shift=shift,
+                blocks_per_layer=n,
+                inner_radius=radius,
+                thickness=thickness,
+            )
+            mesh = (4 * waves * max(1, round(4 / waves)), 2, 4)
+            tube(block, layers=layers, mesh=mesh)
+        except RefusedError:
+            continue
+        return block, layers, mesh
+
+
+def tubes() -> list[Case]:
+    """Random Sine and Cosine tubes under every load."""
+    rng, found = np.random.default_rng(SEED), []
+    for number, (words, load, more) in enumerate(TUBES, 1):
+        block, layers, mesh = drawn(rng)
+
+        def problem(block=block, layers=layers, mesh=mesh, load=load, more=more) -> Problem:
+            blocks = tube(block, layers=layers, mesh=mesh)
+            if load is None:
+                return Problem(blocks, pipe(0.0), CONCRETE, gravity=WEIGHT, **more)
+            return Problem(blocks, load, CONCRETE, **more)
+
+        finer = FOURTH if number in LONG_TUBES else FINER
+        found.append(Case(f"tube {number}: {words}", problem, "finer", finer=finer))
+    return found
+
+
+def hexagons(load: Load, **more: float) -> Problem:
+    """A tube of hexagon blocks."""
+    block = HexagonBlockParameters(blocks_per_layer=6, inner_radius=130.0, thickness=45.0)
+    return Problem(tube(block, layers=1, mesh=(4, 2)), load, CONCRETE, **more)
+
+
+def planar_wall(**more: float) -> Problem:
+    """Two by two planar Sine Blocks under pressure."""
+    block = WallBlock(width=160.0, thickness=50.0, height=150.0, amplitude=12.0)
+    wall = planar_sine_wall(block, 1.0, 0.5, (8, 2, 4), columns=2, layers=2)
+    return Problem(wall, pipe(PRESSURE), CONCRETE, **more)
+
+
+def osteomorphic(**more: float) -> Problem:
+    """Two by two osteomorphic blocks under pressure."""
+    block = WallBlock(width=180.0, thickness=90.0, height=70.0, amplitude=8.0)
+    wall = osteomorphic_wall(block, (8, 4, 4), columns=2, layers=2)
+    return Problem(wall, pipe(PRESSURE), CONCRETE, **more)
+
+
+def pressed_bricks() -> Problem:
+    """A stack of bricks under axial pressure."""
+    stack = brick_stack((180.0, 90.0, 70.0), (2, 2, 2), columns=1, layers=3)
+    return Problem(stack, pillar(PRESSURE), CONCRETE)
+
+
+def exact_bricks() -> dict[str, float]:
+    """The pressure that acts is that of every joint, and of the stress."""
+    pressures = dict.fromkeys(("p_eff", "p_max", "p_max_facet", "p_max_point"), PRESSURE)
+    return pressures | {"sigma_3_min": -PRESSURE, "mises_max": PRESSURE}
+
+
+#: Boxes of a column, the lowest held, and their height [mm].
+N_BOXES, BOX_HEIGHT = 4, 60.0
+
+
+def heavy_boxes(*, own: bool = False) -> Problem:
+    """A column of boxes under its weight; as a family, or from a file with skewed hexahedra."""
+    column = box_column([ColumnBox((100.0, 80.0, BOX_HEIGHT), (2, 2, 2))] * N_BOXES)
+    if own:
+        (shape,) = column.shapes
+        nodes = shape.mesh.nodes.copy()
+        inside = np.setdiff1d(np.arange(len(nodes)), boundary_quads(shape.mesh))
+        nodes[inside] += (7.0, -5.0, 6.0)
+        skewed = replace(shape, mesh=HexMesh(nodes, shape.mesh.elements))
+        with TemporaryDirectory() as folder:
+            column = replace(column, shapes=(_through_a_file(Path(folder), skewed, 8),))
+    load = LoadCase(column, "weight", (), column.fixed)
+    return Problem(column, load, WITHOUT_CONTRACTION, gravity=WEIGHT)
+
+
+def exact_boxes() -> dict[str, float]:
+    """Without lateral contraction a bar in one direction; joints close by the law."""
+    problem = heavy_boxes()
+    weight = -WEIGHT[2] * problem.material.density
+    pressures = weight * BOX_HEIGHT * np.arange(1, N_BOXES)
+    height = (N_BOXES - 1) * BOX_HEIGHT
+    shortened = 0.5 * weight * height**2 / problem.material.young_modulus
+    closed = float(problem.contact_law.overclosure(pressures).sum())
+    largest = dict.fromkeys(("p_max_facet", "p_max_point"), float(pressures[-1]))
+    return largest | {
+        "max_displacement": closed + shortened,
+        "p_max": float(pressures.mean()),
+    }
+
+
+def own_wall(nodes: int, **more: Any) -> Problem:
+    """One interlocking block between held ones, each read from a file of 8 or 27 nodes."""
+    block = WallBlock(width=120.0, thickness=60.0, height=60.0, amplitude=7.0)
+    wall = osteomorphic_wall(block, (4, 2, 2), columns=1, layers=1)
+    with TemporaryDirectory() as folder:
+        shapes = tuple(_through_a_file(Path(folder), shape, nodes) for shape in wall.shapes)
+    wall = replace(wall, shapes=shapes)
+    load = LoadCase(wall, "weight", (), wall.fixed)
+    return Problem(wall, load, CONCRETE, gravity=(0.0, 1e6, -1e6), **more)
+
+
+def _through_a_file(folder: Path, shape: Block, count: int) -> Block:
+    """A block as its hexahedra of 8 or 27 nodes give it back."""
+    points, members = shape.mesh.nodes, shape.mesh.elements
+    if count == 27:
+        mesh = with_degree(shape, 2).mesh
+        assert isinstance(mesh, LagrangeMesh)
+        columns = np.rint(NATURAL + 1.0).astype(np.int64) @ np.array([9, 3, 1])
+        points, members = mesh.nodes, mesh.members[:, columns]
+    path = folder / f"{shape.name}-{count}.vtu"
+    kind = "hexahedron" if count == 8 else f"hexahedron{count}"
+    meshio.write(path, meshio.Mesh(points, [(kind, members)]))
+    (block,) = file_blocks(path, read_blocks(path), units="mm", divisions=1)
+    return block
+
+
+def cases() -> list[Case]:
+    """All of them; those with odd numbers were used to choose the rule first."""
+    return [
+        *tubes(),
+        Case("hexagon tube: pipe", lambda: hexagons(pipe(PRESSURE)), "finer", finer=FIFTH),
+        Case(
+            "hexagon tube: tunnel, friction",
+            lambda: hexagons(tunnel(PRESSURE), friction=0.3),
+            "finer",
+            finer=FOURTH,
+        ),
+        Case("planar Sine wall", planar_wall, "finer", finer=FOURTH),
+        Case("osteomorphic wall", osteomorphic, "finer", finer=FOURTH),
+        Case(
+            "osteomorphic wall, friction", lambda: osteomorphic(friction=0.3), "finer", finer=FOURTH
+        ),
+        Case("pressed bricks", pressed_bricks, "closed form", exact_bricks),
+        Case("heavy boxes", heavy_boxes, "closed form", exact_boxes),
+        Case(
+            "heavy boxes, own skewed hexahedra",
+            lambda: heavy_boxes(own=True),
+            "closed form",
+            exact_boxes,
+        ),
+        Case("own hexahedra of 8 nodes", lambda: own_wall(8), "finer", finer=FOURTH),
+        Case(
+            "own hexahedra of 27 nodes, friction",
+            lambda: own_wall(27, friction=0.3),
+            "finer",
+            finer=FOURTH,
+        ),
+        Case(
+            "own hexahedra of 27 nodes, degree 2",
+            lambda: own_wall(27, degree=2),
+            "finer",
+            finer=FOURTH,
+        ),
+    ]

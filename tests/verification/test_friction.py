@@ -1,0 +1,110 @@
+"""Friction, static against explicit.
+
+Tubes of one layer on coarse meshes under four loads, with and without gaps, friction from 0.01 to
+0.6. Each is solved by the static solver straight up, by an explicit run that is damped to its
+static state, and by the static solver past the load by half and back: the two ends of the set of
+answers that slow loading admits. Both methods meet within 2 %, or the explicit answer lies between
+the ends, or it lies outside by what is said: where blocks fly through a gap before they press, no
+law says where they land.
+"""
+
+import time
+from itertools import pairwise
+
+import pytest
+
+from fem.measures import load_step_change
+from validation.run.friction_path import PAST_AND_BACK
+from validation.run.solve import run_explicit, run_static
+from validation.scene.read import load_scene
+
+#: Measures that are compared, and what the table calls them.
+MEASURES = {"p_max": "p_max", "p_eff": "p_eff", "max_displacement": "u"}
+#: Largest difference of two answers that meet [-].
+MEETING = 0.02
+
+#: Load, friction, and clearance along every normal before the load acts [mm].
+CASES = (
+    ("pipe", 0.01, 0.0),
+    ("pipe", 0.3, 0.0),
+    ("pipe", 0.6, 0.0),
+    ("pipe", 0.3, 0.05),
+    ("tunnel", 0.1, 0.0),
+    ("tunnel", 0.6, 0.0),
+    ("tunnel", 0.3, 0.03),
+    ("pillar", 0.05, 0.0),
+    ("pillar", 0.3, 0.0),
+    ("shaft", 0.05, 0.0),
+    ("shaft", 0.3, 0.0),
+    ("shaft", 0.1, 0.03),
+)
+
+
+def solved(load, friction, gap):
+    """Static straight up, explicit, and static past the load and back; CPU seconds of each."""
+    coarse = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
+    law = (f"effects.friction.coefficient={friction}", f"contact.clearance={gap}")
+    static, explicit = (
+        load_scene(
+            f"tsb1-{load}", [*coarse, *law, "fem.damping='static'", f"fem.method='{method}'"]
+        ).scene
+        for method in ("static", "explicit")
+    )
+    seconds, runs = [time.process_time()], []
+    for run in (
+        lambda: run_static(load, static),
+        lambda: run_explicit(load, explicit),
+        lambda: run_static(load, static, load_path=PAST_AND_BACK),
+    ):
+        runs.append(run())
+        seconds.append(time.process_time())
+    return runs, [b - a for a, b in pairwise(seconds)]
+
+
+def outside(runs, name):
+    """Distance of the explicit answer to the nearer end of the set; 0 between them [-].
+
+    What half as many load steps change is no distance.
+    """
+    direct, explicit, back = (run.measures[name].value for run in runs)
+    low, high = sorted((direct, back))
+    steps = load_step_change(runs[0].solution).get(name, 0.0)
+    return max(low - steps - explicit, explicit - high - steps, 0.0) / abs(direct)
+
+
+def changes(runs, k):
+    """Explicit (1), or past and back (2), over static straight up, less one [-]."""
+    values = ({name: run.measures[name].value for name in MEASURES} for run in (runs[0], runs[k]))
+    direct, other = values
+    return {name: other[name] / direct[name] - 1.0 for name in MEASURES}
+
+
+def verdict(runs):
+    """Whether both methods meet, lie in the set, or not."""
+    apart = [name for name, change in changes(runs, 1).items() if abs(change) > MEETING]
+    if not apart:
+        return "meet"
+    beyond = max(outside(runs, name) for name in apart)
+    return "between the ends" if beyond == 0.0 else f"outside by {100 * beyond:.2g} %"
+
+
+@pytest.mark.parametrize(
+    ("case", "expected"),
+    [(CASES[0], "meet"), (CASES[6], "meet"), (CASES[8], "between the ends"), (CASES[9], "meet")],
+    ids=lambda value: "-".join(map(str, value)) if isinstance(value, tuple) else value,
+)
+def test_static_and_explicit_answers_meet_or_lie_in_the_set(case, expected):
+    assert verdict(solved(*case)[0]) == expected
+
+
+def rows():
+    """Static against explicit of every load: MPa, mm, and differences in percent."""
+    for load, friction, gap in CASES:
+        runs, seconds = solved(load, friction, gap)
+        row = {"TSB1, μ, gap [mm]": f"{load} {friction:g}" + (f", {gap:g}" if gap else "")}
+        for name, word in MEASURES.items():
+            row[f"static {word}"] = runs[0].measures[name].value
+            row[f"explicit {word} [%]"] = 100.0 * changes(runs, 1)[name]
+            row[f"back {word} [%]"] = 100.0 * changes(runs, 2)[name]
+        row["load steps"] = runs[0].static.load_steps
+        yield row | {"CPU s": sum(seconds), "verdict": verdict(runs)}

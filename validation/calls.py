@@ -1,0 +1,281 @@
+"""What a notebook calls: scenes, files of answers, pictures, comparisons and studies."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from fem.assembly.statement import Problem
+    from geometry.answer import Answer
+    from validation.comparison.of_answers import AnswerComparison
+    from validation.costs.study import CostStudy
+    from validation.scene.read import SceneFile
+    from validation.study.study import Study
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A checked scene."""
+
+    file: SceneFile
+    """Its name, content and folder."""
+
+    def __repr__(self) -> str:
+        """Name and kind of block."""
+        return f"<scene {self.file.name}: {self.file.scene.block.type}>"
+
+    def problem(self) -> Problem:
+        """Blocks, load, material and what acts between blocks, for any solver.
+
+        Raises
+        ------
+        InputError
+            A scene without hexahedra, or one that cannot be built.
+        """
+        from validation.build.deformable import build_hexahedra, build_problem
+        from validation.errors import InputError, named
+        from validation.scene.read import DeformableScene
+
+        name, scene = self.file.name, self.file.scene
+        if not isinstance(scene, DeformableScene):
+            raise InputError(
+                f"{name}: block.type {scene.block.type!r} has no hexahedral mesh; expected a scene "
+                "such as tsb1-pipe (`tubelock mbd` gives the rigid answer)"
+            )
+        blocks = build_hexahedra(scene, name)
+        with named(name):
+            return build_problem(scene, name, blocks)
+
+
+def load_scene(source: str | Path, settings: Mapping[str, Any] | None = None) -> Scene:
+    """Read and check a scene.
+
+    Parameters
+    ----------
+    source
+        Name of a built-in scene, or a TOML file.
+    settings
+        Values that replace those of the scene, such as ``{"assembly.layers": 2}``.
+
+    Raises
+    ------
+    InputError
+        One line: what was got, what is expected, what to do.
+    """
+    from validation.scene.read import load_scene as read_scene
+
+    return Scene(read_scene(str(source), _overrides(settings)))
+
+
+def _overrides(settings: Mapping[str, Any] | None) -> list[str]:
+    """Settings as the command line has them."""
+    return [f"{key}={_toml(value)}" for key, value in (settings or {}).items()]
+
+
+def _toml(value: Any) -> str:
+    """Value as TOML."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{k} = {_toml(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, Path):
+        return json.dumps(str(value))
+    return json.dumps(value.tolist() if hasattr(value, "tolist") else value, ensure_ascii=False)
+
+
+def write(answer: Answer, folder: str | Path) -> tuple[Path, ...]:
+    """Write an answer into a folder: numbers (JSON), arrays (numpy), meshes for ParaView.
+
+    Raises
+    ------
+    InputError
+        A folder that cannot be written.
+    """
+    from validation.output.answer_files import write_answer
+
+    return write_answer(answer, Path(folder))
+
+
+def read_answer(folder: str | Path) -> Answer:
+    """Read an answer that `write` wrote; its `details`, the solver's own result, is not kept.
+
+    Raises
+    ------
+    InputError
+        A folder without an answer, or a damaged one.
+    """
+    from validation.output.answer_files import read_answer as read
+
+    return read(Path(folder))
+
+
+def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool = False) -> Any:
+    """Draw a field of an answer: see `validation.output.plot.plot`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A notebook shows it; ``.savefig(path)`` writes it.
+    """
+    from validation.output.plot import plot as draw
+
+    return draw(answer, field, layer=layer, unrolled=unrolled)
+
+
+def compare(*answers: Answer) -> AnswerComparison:
+    """Compare answers to one problem: measures side by side, pressures facet by facet.
+
+    Raises
+    ------
+    InputError
+        Fewer than two answers, or answers on other facets.
+    """
+    from validation.comparison.of_answers import compare_answers
+
+    return compare_answers(answers)
+
+
+def cost(
+    scene: str | Path | Scene,
+    settings: Mapping[str, Any] | None = None,
+    *,
+    quick: bool = False,
+    store: str | Path | None = None,
+) -> CostStudy:
+    """Measure error against CPU time of every method and mesh on a scene.
+
+    Parameters
+    ----------
+    scene, settings
+        As `load_scene`.
+    quick
+        Coarse meshes only.
+    store
+        SQLite file that keeps what was measured; None: nothing is kept.
+
+    Raises
+    ------
+    InputError
+        A scene that no method can solve.
+    """
+    from tempfile import TemporaryDirectory
+
+    from validation.costs.plan import full_plan, quick_plan, require_cost_scene
+    from validation.costs.store import CostStore
+    from validation.costs.study import run_cost
+
+    file = _scene(scene, settings).file
+    checked = require_cost_scene(file.scene, file.name)
+    plan = (quick_plan if quick else full_plan)(file.name, checked, others=False)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "cost.sqlite" if store is None else Path(store)
+        with CostStore(path) as kept:
+            return run_cost(file.name, checked, plan, kept)
+
+
+def _scene(scene: str | Path | Scene, settings: Mapping[str, Any] | None) -> Scene:
+    return scene if isinstance(scene, Scene) else load_scene(scene, settings)
+
+
+@dataclass(frozen=True, repr=False)
+class SweepResult:
+    """Rows of a parameter study."""
+
+    rows: tuple[dict[str, Any], ...]
+    """One for each design: its parameters, its measures, ``status`` and ``message``;
+    ``pandas.DataFrame(study.rows)`` is a table."""
+    summary: dict[str, Any]
+    """How many designs were computed and failed, and their CPU time [s]."""
+    study: Study
+    """What was asked."""
+
+    def plot(self, parameter: str, measure: str) -> Any:
+        """Draw a measure against a parameter, one curve for each combination of the others.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            A notebook shows it; ``.savefig(path)`` writes it.
+
+        Raises
+        ------
+        InputError
+            A parameter that does not vary, or a measure that the rows do not have.
+        """
+        from validation.study.picture import study_figure
+
+        return study_figure(self.study, self.rows, parameter, measure)
+
+    def __repr__(self) -> str:
+        """Return the numbers of the designs, a line each."""
+        shown = ("scene_digest", "program", "unused", "cpu_seconds", "message")
+        return "\n".join(
+            ", ".join(
+                f"{k} {v:.5g}" if isinstance(v, float) else f"{k} {v}"
+                for k, v in row.items()
+                if k not in shown and v is not None
+            )
+            for row in self.rows
+        )
+
+
+def sweep(
+    scene: str | Path,
+    parameters: Mapping[str, Sequence[Any]],
+    settings: Mapping[str, Any] | None = None,
+    *,
+    quantity: Literal["rigid", "fem"] = "rigid",
+    accuracy: float | None = None,
+    store: str | Path | None = None,
+    workers: int = 1,
+) -> SweepResult:
+    """Compute a scene with every combination of some values; what a store holds is not repeated.
+
+    Parameters
+    ----------
+    scene
+        Name of a built-in scene, or a TOML file.
+    parameters
+        Values by key, such as ``{"block.amplitude": [0, 10, 20]}``; the last varies fastest.
+    settings
+        Values of other keys.
+    quantity
+        Which answer: ``rigid`` or ``fem``.
+    accuracy
+        Relative error bars of deformable designs [-]; None: 0.1, within a limit of work.
+    store
+        SQLite file of the results, which a later call goes on with; None: nothing is kept.
+    workers
+        Processes.
+
+    Raises
+    ------
+    InputError
+        Parameters that a scene does not have, or a store of another study.
+    """
+    from tempfile import TemporaryDirectory
+    from time import perf_counter
+
+    from validation.study.report import summary
+    from validation.study.run import LocalRunner
+    from validation.study.run import sweep as run_study
+    from validation.study.store import ResultFile
+    from validation.study.study import check_study
+
+    data: dict[str, Any] = {
+        "scene": str(scene),
+        "quantity": quantity,
+        "parameters": dict(parameters),
+    }
+    if accuracy is not None:
+        data["accuracy"] = accuracy
+    study = check_study(data, "sweep", None, _overrides(settings))
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "sweep.sqlite" if store is None else Path(store)
+        with ResultFile(path, study) as results:
+            start = perf_counter()
+            tally = run_study(results, LocalRunner(study, workers))
+            told = summary(results, tally, perf_counter() - start)
+            return SweepResult(tuple(results.rows()), told, study)

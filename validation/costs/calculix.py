@@ -1,0 +1,121 @@
+"""CalculiX as a setting of `tubelock cost`: our deck, its displacements and its pressures.
+
+Its price is the CPU time of the program alone; our writing and reading of files are not in it. It
+gives pressures at nodes of one of two surfaces: the largest of them, and of each facet the mean of
+its corners. The averaged stress is ours, of its displacements.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fem.assembly.peaks import stress_peaks
+from fem.decks.model import deck_assembly
+from fem.decks.statement import Deck, Flavour
+from fem.decks.write import write_deck
+from geometry.assembly import Assembly
+from geometry.measures import block_measures
+from geometry.mesh import FloatArray, IntArray
+from validation.build.deck import build_deck
+from validation.comparison.calculix import CalculixError, CalculixResult, run_calculix
+from validation.errors import InputError
+from validation.scene.family import AssemblyScene
+from validation.scene.read import SceneFile
+
+#: Wall time after which a run is given up [s].
+_TIMEOUT = 1800.0
+
+
+@dataclass(frozen=True)
+class MethodAnswer:
+    """What a method says of a scene, as `tubelock cost` measures it."""
+
+    assembly: Assembly
+    scalars: dict[str, float]
+    contacts: IntArray
+    """Facets in the interfaces of the assembly, (n,)."""
+    pressures: FloatArray
+    """Mean pressure of each, (n,) [MPa]."""
+    cpu_seconds: float
+    details: dict[str, Any] = field(default_factory=dict)
+    """Numbers of the solver."""
+
+
+def solve_by_calculix(where: str, scene: AssemblyScene) -> MethodAnswer:
+    """Write the deck of a scene, run CalculiX on it and measure what it answers.
+
+    Raises
+    ------
+    InputError
+        A scene that its decks have no words for, or no result.
+    """
+    deck = build_deck(SceneFile(name=where, scene=scene), Flavour.CALCULIX)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "deck.inp"
+        write_deck(path, deck)
+        try:
+            found = run_calculix(path, timeout=_TIMEOUT)
+        except CalculixError as error:
+            raise InputError(f"{where}: {error}") from None
+    return measured_answer(scene, deck, found)
+
+
+def measured_answer(scene: AssemblyScene, deck: Deck, found: CalculixResult) -> MethodAnswer:
+    """Measure what CalculiX printed of the deck of a scene."""
+    contacts, pressures = _facet_pressures(deck, found)
+    assembly, interfaces = deck.assembly, deck.assembly.interfaces
+    per_block = block_measures(
+        assembly.free_blocks,
+        interfaces.block_m[contacts],
+        interfaces.block_s[contacts],
+        pressures,
+        interfaces.areas[contacts],
+    )
+    scalars = {
+        "p_max_point": float(found.pressures.max(initial=0.0)),
+        "p_eff": float(per_block.p_eff.mean()),
+        "sigma_1_averaged": _averaged_tension(deck, found, scene.material.averaging_radius),
+        "max_displacement": float(np.linalg.norm(found.displacements, axis=1).max()),
+    }
+    return MethodAnswer(assembly, scalars, contacts, pressures, found.cpu_seconds)
+
+
+def _first_nodes(deck: Deck) -> IntArray:
+    """First node of each block in the flat numbering, and the number of nodes, (n_blocks + 1,)."""
+    counts = [deck.assembly.shape(b).mesh.n_nodes for b in range(deck.assembly.n_blocks)]
+    return np.concatenate([[0], np.cumsum(counts)])
+
+
+def _facet_pressures(deck: Deck, found: CalculixResult) -> tuple[IntArray, FloatArray]:
+    """Facets of which one block at least is free, and the mean of each over its slave nodes.
+
+    A node on the rim of two faces has a pressure on each; which is which is not printed, and the
+    mean of both is taken.
+    """
+    first = _first_nodes(deck)
+    total, count = np.zeros(first[-1]), np.zeros(first[-1])
+    np.add.at(total, found.slave_nodes, found.pressures)
+    np.add.at(count, found.slave_nodes, 1.0)
+    nodal = total / np.maximum(count, 1.0)
+    assembly, interfaces = deck.assembly, deck.assembly.interfaces
+    held = assembly.fixed[interfaces.block_m] & assembly.fixed[interfaces.block_s]
+    contacts = np.flatnonzero(~held)
+    nodes = interfaces.quads_s[contacts] + first[interfaces.block_s[contacts], None]
+    return contacts, nodal[nodes].mean(axis=1)
+
+
+def _averaged_tension(deck: Deck, found: CalculixResult, radius: float) -> float:
+    deformable, first = deck_assembly(deck), _first_nodes(deck)
+    groups = [
+        np.zeros((group.n_copies, group.mesh.n_nodes, 3)) for group in deformable.model.groups
+    ]
+    for block in deformable.deformable_blocks.tolist():
+        own = found.displacements[first[block] : first[block + 1]]
+        groups[deformable.group_of[block]][deformable.copy_of[block]] = own
+    peaks = stress_peaks(deformable, tuple(groups), averaging_radius=radius)
+    return peaks.sigma_1_averaged.value

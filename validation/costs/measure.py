@@ -1,0 +1,215 @@
+"""One setting of `tubelock cost`: run it, take its numbers and its CPU time."""
+
+from __future__ import annotations
+
+import datetime
+import gc
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fem.accuracy.converge import climbed
+from fem.accuracy.ladder import LADDER
+from fem.explicit.solve import Status
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.mesh import FloatArray
+from validation.build.blocks import build_assembly, build_scene
+from validation.build.deformable import build_deformable, build_hexahedra, build_problem
+from validation.costs.calculix import MethodAnswer, solve_by_calculix
+from validation.costs.partition import PARTITION_LEVEL, partition_pressures
+from validation.costs.settings import BaseMesh, CostSetting, with_setting
+from validation.errors import InputError
+from validation.output.provenance import processor
+from validation.run.deformable import DeformableRun
+from validation.run.rigid.answer import analyse_rigid
+from validation.run.solve import run_explicit, run_static, scene_statement
+from validation.scene.family import AssemblyScene
+from validation.scene.read import SceneFile
+
+#: Scalars that are measured, with their units and what they are.
+SCALARS = {
+    "p_max_point": ("MPa", "largest contact pressure at a point"),
+    "p_eff": ("MPa", "effective mean contact pressure"),
+    "sigma_1_averaged": ("MPa", "largest principal stress averaged over a ball"),
+    "max_displacement": ("mm", "largest displacement"),
+}
+#: Settings cheaper than this are run twice [CPU s].
+CHEAP = 3.0
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What a setting answers and what it costs."""
+
+    scalars: dict[str, float]
+    """By the names of `SCALARS`; rigid blocks have means of pressures only."""
+    pressures: list[float]
+    """Mean contact pressure of each cell of the partition [MPa]."""
+    areas: list[float]
+    """Area of each cell [mm²]."""
+    cpu_seconds: list[float]
+    """From the scene to the pressures, of each repeat [s]."""
+    details: dict[str, Any]
+    """Numbers of the solver: elements, steps or iterations, residual, status."""
+    date: str
+    """Day of the run, ISO."""
+    processor: str
+    """Where it ran."""
+
+    @property
+    def cost(self) -> float:
+        """Least CPU time of the repeats: what others do to the machine only adds [s]."""
+        return min(self.cpu_seconds)
+
+
+# ---------------------------------------------------------------------------------------------
+# Runs
+
+
+def measure(
+    name: str, scene: AssemblyScene, base: BaseMesh, setting: CostSetting, *, repeats: int = 2
+) -> Measurement:
+    """Run a setting; twice where that is cheap.
+
+    Raises
+    ------
+    InputError
+        A setting that has no answer.
+    KeyboardInterrupt
+        When the run was stopped from outside.
+    """
+    solved = _timed(setting, with_setting(scene, base, setting), f"{name}, {setting.name}")
+    found, seconds = _run(name, solved, base, setting)
+    times = [seconds]
+    while len(times) < repeats and min(times) < CHEAP:
+        times.append(_run(name, solved, base, setting)[1])
+    today = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
+    return Measurement(**found, cpu_seconds=times, date=today, processor=processor())
+
+
+def warm_up(name: str, scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> None:
+    """Run a setting once on its coarsest mesh for a few steps, so that all kernels are compiled."""
+    if setting.method == "calculix":
+        return  # its program is compiled
+    solved = _timed(setting, with_setting(scene, base, setting), name)
+    if setting.method == "explicit":
+        short = {"end_time": 1e-3, "ramp_time": 1e-4, "residual": 1e300}
+        solved = solved.changed({"fem": short})
+    _run(name, solved, base, setting)
+
+
+def _timed(setting: CostSetting, scene: AssemblyScene, name: str) -> AssemblyScene:
+    """Give the scene the times that depend on its lowest excited frequency."""
+    usual = setting.ramp_factor == 1.0 and setting.hold_periods is None
+    if setting.method != "explicit" or usual:
+        return scene
+    times = scene_statement(scene, name, build_deformable(scene, name)).recommended
+    assert times is not None  # blocks meet
+    ramp = setting.ramp_factor * times.ramp_time
+    changed: dict[str, Any] = {"ramp_time": ramp}
+    if setting.hold_periods is not None:
+        changed["end_time"] = ramp + setting.hold_periods / times.frequency
+    scene = scene.changed({"fem": changed})
+    if setting.damping_ratio is not None:
+        critical = 4.0 * math.pi * times.frequency
+        coefficient = setting.damping_ratio * critical  # 1/s
+        constant = {"effects.rayleigh.mass_proportional": coefficient, "fem.damping": None}
+        scene = scene.changed(constant)
+    return scene
+
+
+def _run(
+    name: str, scene: AssemblyScene, base: BaseMesh, setting: CostSetting
+) -> tuple[dict[str, Any], float]:
+    """Numbers of one run and its CPU time [s]."""
+    gc.collect()
+    found = _METHODS[setting.method](f"{name}, {setting.name}", scene, setting)
+    cells = replace(setting, method="static", level=PARTITION_LEVEL, radial_grading=1.0)
+    pressures, areas = partition_pressures(
+        found.assembly,
+        found.contacts,
+        found.pressures,
+        build_assembly(with_setting(scene, base, cells)),
+        level=setting.facet_level,
+        across=_rows(setting, base),
+    )
+    numbers = {
+        "scalars": found.scalars,
+        "pressures": pressures.tolist(),
+        "areas": areas.tolist(),
+        "details": found.details,
+    }
+    return numbers, found.cpu_seconds
+
+
+def _rows(setting: CostSetting, base: BaseMesh) -> FloatArray | None:
+    """Places of the rows of facets of a graded mesh across the wall; None where they are equal."""
+    if setting.radial_grading == 1.0:
+        return None
+    return SineBlockDivisions(**setting.mesh(base)).radial_positions
+
+
+def _rigid(where: str, scene: AssemblyScene, _: CostSetting) -> MethodAnswer:
+    start = time.process_time()
+    rigid = analyse_rigid(build_scene(SceneFile(name=where, scene=scene)))
+    seconds = time.process_time() - start
+    result = rigid.result
+    if result.measures is None:
+        raise InputError(f"{where}: {result.equilibrium.status}")
+    details: dict[str, Any] = {
+        "n_contacts": result.n_contacts,
+        "iterations": result.equilibrium.iterations,
+        "residual": result.equilibrium.residual,
+    }
+    scalars = {"p_eff": result.measures.p_eff}
+    contacts, pressures = result.contact_index, result.contact_pressures
+    return MethodAnswer(rigid.assembly, scalars, contacts, pressures, seconds, details)
+
+
+def _curved(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAnswer:
+    """All rungs of `fem --accuracy` up to one: what its answer costs a user."""
+    start = time.process_time()
+    problem = build_problem(scene, where, build_hexahedra(scene, where))
+    *_, finest = climbed(problem, LADDER.rungs[: setting.level])
+    seconds = time.process_time() - start
+    scalars = {name: finest.measures[name].value for name in SCALARS}
+    details = {"unknowns": finest.unknowns}
+    assert finest.facets is not None
+    assembly, pressures = finest.facets
+    found = assembly.interfaces
+    held = assembly.fixed[found.block_m] & assembly.fixed[found.block_s]
+    contacts = np.flatnonzero(~held)
+    return MethodAnswer(assembly, scalars, contacts, pressures[contacts], seconds, details)
+
+
+def _deformable(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAnswer:
+    start = time.process_time()
+    tube = (run_static if setting.method == "static" else run_explicit)(where, scene)
+    if tube.explicit is not None and tube.explicit.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    seconds = time.process_time() - start
+    scalars, details = _numbers(tube)
+    contacts, pressures = tube.contact_index, tube.facet_pressures
+    return MethodAnswer(tube.deformable.assembly, scalars, contacts, pressures, seconds, details)
+
+
+_METHODS: dict[str, Callable[[str, AssemblyScene, CostSetting], MethodAnswer]] = {
+    "rigid": _rigid,
+    "static": _deformable,
+    "explicit": _deformable,
+    "curved": _curved,
+    "calculix": lambda where, scene, _: solve_by_calculix(where, scene),
+}
+
+
+def _numbers(tube: DeformableRun) -> tuple[dict[str, float], dict[str, Any]]:
+    scalars = {name: tube.measures[name].value for name in SCALARS}
+    kept = ("status", "n_steps", "time_step", "time", "newton_iterations", "residual", "symmetry")
+    told = {key: getattr(tube.solution.solver, key, None) for key in kept}
+    details = {key: value for key, value in told.items() if value is not None}
+    elements = tube.deformable.model.groups[0].mesh.n_elements
+    return scalars, details | {"elements_per_block": elements}

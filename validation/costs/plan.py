@@ -1,0 +1,208 @@
+"""Which settings `tubelock cost` runs on a scene, which is the reference, and what is left out why.
+
+What a scene or a machine does not have is left out by name: curved elements, a grading across the
+wall, another program.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from fem.accuracy.converge import MOST_WORK, why_not_refined, work
+from fem.accuracy.ladder import LADDER, on_rung
+from fem.assembly.symmetry import largest_cyclic_orbits
+from fem.element.hexahedron import ElementType
+from fem.static.contact_forces import grid_blocks
+from mbd.options import Norm
+from validation.build.cell import refuse_cell
+from validation.build.deformable import build_hexahedra, build_problem, fem_section
+from validation.comparison.calculix import calculix_version
+from validation.costs.measure import SCALARS
+from validation.costs.settings import (
+    ELEMENT_NAMES,
+    BaseMesh,
+    CostSetting,
+    base_mesh,
+    calculix_setting,
+    curved_setting,
+    degree_setting,
+    explicit_setting,
+    graded,
+    rigid_setting,
+    static_setting,
+    variants,
+)
+from validation.errors import InputError
+from validation.scene.family import AssemblyScene
+
+#: What errors are measured in: the scalars, and the pressure field in L2.
+QUANTITIES = (*SCALARS, "pressure_l2")
+#: What sits at the outer edge of the wall.
+EDGE_QUANTITIES = ("p_max_point",)
+#: Effects that errors cannot be measured with, and why.
+_REFUSED = {
+    "friction": "errors are measured against a static solution, which depends on no history",
+    "gravity": "rigid answers are measured too, of the load alone",
+    "elastic_frame": "expected rigid frame blocks, which rigid and deformable answers share",
+    "finite_sliding": "pressures are compared facet by facet, and a search finds other facets",
+}
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Meshes of one method, coarse to fine, that say what is right."""
+
+    settings: tuple[CostSetting, ...]
+    quantities: tuple[str, ...]
+    """That they judge."""
+    extrapolated: bool
+    """Whether their limit counts; else the finest, with the error bar of `fem --accuracy`."""
+
+    @property
+    def words(self) -> str:
+        """Which meshes, and how they judge."""
+        if not self.extrapolated:
+            return f"{self.settings[-1].name}, judged by the meshes before"
+        meshes = ", ".join(setting.mesh_words for setting in self.settings)
+        return f"{self.settings[0].family} on {meshes}, extrapolated"
+
+
+@dataclass(frozen=True)
+class CostPlan:
+    """All that one call measures."""
+
+    base: BaseMesh
+    settings: tuple[CostSetting, ...]
+    judges: tuple[Judge, ...]
+    """What errors are measured against; of two that judge a quantity the last one counts."""
+    left_out: tuple[tuple[str, str], ...] = ()
+    """Methods that are not measured, and why."""
+
+    @property
+    def references(self) -> tuple[CostSetting, ...]:
+        """Settings of all judges, each once."""
+        return tuple(dict.fromkeys(s for judge in self.judges for s in judge.settings))
+
+
+def extrapolated(base: BaseMesh, levels: tuple[int, ...]) -> tuple[Judge, ...]:
+    """Trilinear blocks in the limit of vanishing elements; graded for what sits at the outer edge.
+
+    The limit is the same on both, but for plain means over facets.
+    """
+    plain = tuple(static_setting(ElementType.INCOMPATIBLE, k) for k in levels)
+    judges = [Judge(plain, QUANTITIES, extrapolated=True)]
+    if base.grades:
+        short = tuple(graded(setting) for setting in plain)
+        judges.append(Judge(short, EDGE_QUANTITIES, extrapolated=True))
+    return tuple(judges)
+
+
+def by_degree(level: int, degrees: tuple[int, ...]) -> Judge:
+    """One mesh on the exact shape, the highest degree with its error bar.
+
+    Its facets are too few for plain means over the largest of them.
+    """
+    quantities = tuple(q for q in QUANTITIES if q != "p_eff")
+    settings = tuple(degree_setting(degree, level) for degree in degrees)
+    return Judge(settings, quantities, extrapolated=False)
+
+
+def curved_rungs(*rungs: int) -> tuple[Judge, ...]:
+    """Rungs of `fem --accuracy`, the finest with its error bar."""
+    return (Judge(tuple(map(curved_setting, rungs)), QUANTITIES, extrapolated=False),)
+
+
+def require_cost_scene(scene: Any, name: str) -> AssemblyScene:
+    """Return the scene if its work and precision can be measured.
+
+    Raises
+    ------
+    InputError
+        Blocks without hexahedra or that do not meet, missing sections, effects without a static
+        reference.
+    """
+    if not isinstance(scene, AssemblyScene) or not scene.meets:
+        raise InputError(
+            f"{name}: block.type {scene.block.type!r}: the cost of accuracy is that of contact "
+            "pressures on finer and finer meshes; expected a scene whose blocks meet and have "
+            "[mesh], such as tsb1-pipe, thb0-tunnel or planar-sine"
+        )
+    fem_section(scene, name)
+    refuse_cell(scene, name, "cost")
+    for effect, why in _REFUSED.items():
+        if getattr(scene.effects, effect):
+            raise InputError(f"{name}: effects.{effect}: {why}; remove {effect}")
+    base_mesh(scene, name)
+    return scene
+
+
+def full_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostPlan:
+    """Everything, to decide by; of ``others``, programs that are installed."""
+    base, best = base_mesh(scene, name), ElementType.INCOMPATIBLE
+    left_out: list[tuple[str, str]] = []
+    found = [rigid_setting(norm, k) for norm in Norm for k in (1, 2, 4, 6)]
+    for element in ELEMENT_NAMES:
+        found += [static_setting(element, k) for k in (1, 2, 3, 4)]
+    for element in ELEMENT_NAMES:
+        found += [explicit_setting(element, k) for k in (1, 2, 4)]
+    found += [static_setting(best, 6), explicit_setting(best, 6)]
+    if base.grades:
+        found += [graded(static_setting(best, k)) for k in (2, 3, 4, 6)]
+        found += [graded(explicit_setting(best, k)) for k in (2, 4)]
+    else:
+        left_out.append(("graded meshes", f'[mesh] of "{scene.block.type}" has no grading'))
+    found += variants(2)
+    if others:
+        found += calculix_settings(left_out, (1, 2, 3))
+    why = _why_no_ladder(name, scene)
+    if why is not None:
+        left_out.append(("the ladder of `fem --accuracy`", why))
+        found += [degree_setting(degree, k) for degree in (2, 3) for k in (1, 2, 3)[: 5 - degree]]
+        judges = (*extrapolated(base, (3, 4, 6, 8)), by_degree(2, (2, 3, 4)))
+        return CostPlan(base, tuple(found), judges, tuple(left_out))
+    # The finest rung judges the others and all that is not curved.
+    found += [curved_setting(k) for k in (1, 2, 3, 4, 5)]
+    return CostPlan(base, tuple(found), curved_rungs(4, 5, 6), tuple(left_out))
+
+
+def _why_no_ladder(name: str, scene: AssemblyScene) -> str | None:
+    """Why the finest meshes of `fem --accuracy` are no reference; None where they are."""
+    problem = build_problem(scene, name, build_hexahedra(scene, name))
+    why = why_not_refined(problem)
+    if why is not None:
+        return f"it does not refine {why}"
+    if grid_blocks(on_rung(problem, LADDER.rungs[0]).deformable) is None:
+        return "its finest meshes take minutes where blocks are no structured grids"
+    finest = on_rung(problem, LADDER.rungs[-2])
+    if work(finest, largest_cyclic_orbits(finest.deformable).order) > MOST_WORK:
+        return "its finest meshes are beyond the limit of work: blocks of a layer are not alike"
+    return None
+
+
+def quick_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostPlan:
+    """Coarse meshes: shows how it works, in seconds."""
+    found = [rigid_setting(norm, k) for norm in Norm for k in (1, 2)]
+    found += [
+        static_setting(element, k)
+        for element in (ElementType.INCOMPATIBLE, ElementType.REDUCED)
+        for k in (1, 2)
+    ]
+    found += [explicit_setting(ElementType.INCOMPATIBLE, 1)]
+    found += [variants(1)[0]]
+    left_out: list[tuple[str, str]] = []
+    if others:
+        found += calculix_settings(left_out, (1, 2))
+    base = base_mesh(scene, name)
+    return CostPlan(base, tuple(found), extrapolated(base, (2, 3, 4)), tuple(left_out))
+
+
+def calculix_settings(
+    left_out: list[tuple[str, str]], levels: tuple[int, ...]
+) -> list[CostSetting]:
+    """CalculiX on some meshes; nothing, and said so, where it is not installed."""
+    version = calculix_version()
+    if version is None:
+        left_out.append(("CalculiX", "not installed (Debian: calculix-ccx)"))
+        return []
+    return [calculix_setting(k, version) for k in levels]

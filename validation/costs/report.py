@@ -1,0 +1,293 @@
+"""Work and precision of a scene as tables, orders, words, figure and data."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from validation.costs.measure import SCALARS
+from validation.costs.plan import QUANTITIES
+from validation.costs.study import TARGETS, CostStudy, Row, answer, percent
+from validation.output.console import listing
+from validation.output.pictures.gallery import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    SKY,
+    VERMILION,
+    save_figure,
+    subplots,
+    twos_and_fives,
+)
+from validation.output.provenance import Provenance
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_TITLES = {
+    "p_max_point": "p_max, largest pressure at a point",
+    "p_eff": "p_eff, effective mean pressure",
+    "sigma_1_averaged": "largest σ₁ averaged over a ball",
+    "max_displacement": "largest displacement",
+    "pressure_l2": "contact pressure field, L2",
+}
+_UNITS = {**{name: unit for name, (unit, _) in SCALARS.items()}, "pressure_l2": "N"}
+_COLOURS = {
+    "rigid": GREY,
+    "static": BLUE,
+    "curved": GREEN,
+    "explicit": VERMILION,
+    "calculix": "black",
+}
+_MARKERS = {"C3D8I": "o", "full": "^", "C3D8": "s", "C3D8R": "D", "curved": "h"}
+#: Of families that method and element do not tell from others, by their last words.
+_STYLES = {
+    "pressure norm": ("P", GREEN),
+    "static degree 2": ("<", GREEN),
+    "static degree 3": ("h", GREEN),
+    "float32": ("*", "black"),
+    "mass scaling 2": ("H", GREY),
+    "residual 1e-2": (">", ORANGE),
+    "residual 1e-6": ("<", ORANGE),
+    "ramp × 0.1": ("1", "black"),
+    "ramp × 10": ("2", "black"),
+    "constant damping": ("X", GREEN),
+    "α = 2 /s": ("h", GREEN),
+}
+
+
+# ---------------------------------------------------------------------------------------------
+# Data and text
+
+
+def study_json(study: CostStudy) -> dict[str, Any]:
+    """Return the study as plain data."""
+    return {
+        "scene": study.name,
+        "base_mesh": study.plan.base.at(1),
+        "measured": dict(zip(("processor", "date"), study.measured, strict=True)),
+        "left_out": dict(study.plan.left_out),
+        "reference": {
+            "judges": [judge.words for judge in study.plan.judges],
+            "cpu_seconds": study.reference_seconds,
+            "values": {q: float(study.reference[q].value[0]) for q in SCALARS},
+            "relative_errors": study.reference_errors,
+            "orders": {q: study.reference[q].order for q in QUANTITIES},
+        },
+        "settings": [
+            {
+                "name": row.setting.name,
+                "family": row.setting.family,
+                "method": row.setting.method,
+                "level": row.setting.level,
+                "values": row.found.scalars,
+                "relative_errors": row.errors,
+                "cpu_seconds": row.found.cpu_seconds,
+                **row.found.details,
+            }
+            for row in study.rows
+        ],
+        "failures": study.failures,
+        "pareto": {q: [row.setting.name for row in study.front(q)] for q in QUANTITIES},
+        "orders": {
+            family: {
+                q: asdict(study.order(family, q))
+                for q in QUANTITIES
+                if any(q in row.errors for row in rows)
+            }
+            for family, rows in study.families().items()
+        },
+        "answers": [answer(study, q, target) for q in QUANTITIES for target in TARGETS],
+    }
+
+
+def print_study(study: CostStudy, console: Console) -> None:
+    """Print reference, Pareto fronts, orders and the answers in words."""
+    _print_reference(study, console)
+    _print_fronts(study, console)
+    _print_orders(study, console)
+    for setting, why in study.failures.items():
+        console.print(f"no answer from {setting}: {why}")
+    console.print("Errors below the reference's own, and what they put on a front, mean nothing.")
+    console.print("What an accuracy costs (the reference's own error is added to every error):")
+    for quantity in QUANTITIES:
+        for target in TARGETS:
+            console.print(f"• {answer(study, quantity, target)}")
+
+
+def _print_reference(study: CostStudy, console: Console) -> None:
+    console.print(f"{study.name}: base mesh ×1 is {study.plan.base.words} elements per block")
+    console.print(f"measured on {', '.join(study.measured)}")
+    for method, why in study.plan.left_out:
+        console.print(f"left out: {method}: {why}")
+    judges = {q: judge for judge in study.plan.judges for q in judge.quantities}
+    for judge in study.plan.judges:
+        console.print(f"reference: {judge.words}")
+    console.print(f"  {study.reference_seconds:.3g} CPU s")
+    for q in QUANTITIES:
+        order = study.reference[q].order
+        how = "not extrapolated, follows no order" if order is None else f"order {order:.2g}"
+        if not judges[q].extrapolated:
+            how = "as its error bar says"
+        value = "" if q not in SCALARS else f"{float(study.reference[q].value[0]):.5g} {_UNITS[q]} "
+        console.print(f"  {_TITLES[q]}: {value}± {percent(study.reference_errors[q])} ({how})")
+
+
+def _print_fronts(study: CostStudy, console: Console) -> None:
+    title = "Pareto fronts: no other setting is cheaper and nearer (F in that quantity)"
+    table = listing(title, "setting", numbers=("CPU s", *QUANTITIES))
+    fronts = {q: {row.setting for row in study.front(q)} for q in QUANTITIES}
+    anywhere = set().union(*fronts.values())
+    for row in sorted(study.rows, key=lambda r: r.found.cost):
+        if row.setting in anywhere:
+            cells = [
+                f"{percent(row.errors[q])}{' F' if row.setting in fronts[q] else '  '}"
+                if q in row.errors
+                else "–  "
+                for q in QUANTITIES
+            ]
+            table.add_row(row.setting.name, f"{row.found.cost:.3g}", *cells)
+    console.print(table)
+
+
+def _print_orders(study: CostStudy, console: Console) -> None:
+    title = "Observed orders in mesh size: against the reference / of three meshes by themselves"
+    table = listing(title, "family", numbers=QUANTITIES)
+    for family, rows in study.families().items():
+        if len(rows) > 2:
+            table.add_row(family, *(_order_cell(study, family, q) for q in QUANTITIES))
+    if table.row_count:
+        console.print(table)
+    else:
+        console.print("Observed orders in mesh size: none, no method ran on three meshes")
+
+
+def _order_cell(study: CostStudy, family: str, quantity: str) -> str:
+    if not any(quantity in row.errors for row in study.families()[family]):
+        return "–"
+    order = study.order(family, quantity)
+    parts = (order.against_reference, order.by_itself)
+    return " / ".join("–" if value is None else f"{value:.1f}" for value in parts)
+
+
+# ---------------------------------------------------------------------------------------------
+# Figure
+
+
+def draw_study(study: CostStudy, path: Path, *, title: str = "") -> None:
+    """Draw error over CPU time for every quantity, Pareto front and reference error with it.
+
+    ``title`` says which scene where its name does not say all.
+    """
+    figure, panels = subplots(2, 3, size=(15, 9.2), sharex=True)
+    axes = list(panels.ravel())
+    for panel, quantity in zip(axes, QUANTITIES, strict=False):
+        _draw_panel(panel, study, quantity)
+    known: dict[str, Any] = {}
+    for panel in axes[:-1]:
+        handles, words = panel.get_legend_handles_labels()
+        known |= dict(zip(words, handles, strict=True))
+    axes[-1].set_axis_off()
+    axes[-1].legend(known.values(), known.keys(), loc="upper left", frameon=False, fontsize=9)
+    for panel in axes[2:5]:
+        panel.set_xlabel("CPU time, scene to answer [s]")
+        panel.tick_params(which="both", labelbottom=True)
+    for panel in (axes[0], axes[3]):
+        panel.set_ylabel("relative error [%]")
+    left_out = "\n".join(f"left out: {method}: {why}" for method, why in study.plan.left_out)
+    figure.text(0.02, 0.01, left_out, fontsize=8, va="bottom")
+    figure.suptitle(
+        f"{title or study.name}: what accuracy costs (mesh ×1: {study.plan.base.words} elements "
+        "per block; numbers at the points: mesh)",
+        x=0.02,
+        ha="left",
+    )
+    save_figure(figure, path, about=", ".join((*study.measured, _software())))
+
+
+def _software() -> str:
+    """Versions of what the answers come from, beside this program's own."""
+    found = Provenance().as_json()
+    libraries = [f"{name} {version}" for name, version in found["libraries"].items()]
+    return ", ".join([f"Python {found['python']}", *libraries])
+
+
+def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    unsure = study.reference_errors[quantity]
+    errors = [row.errors[quantity] for row in study.rows if quantity in row.errors]
+    bottom = max(0.4 * min(unsure, *errors), 1e-6)
+    axes.axhspan(
+        bottom, unsure, color=ORANGE, alpha=0.18, lw=0, label="within the reference's own error"
+    )
+    front = study.front(quantity)
+    axes.step(
+        [row.found.cost for row in front],
+        [max(row.errors[quantity], bottom) for row in front],
+        where="post",
+        color=SKY,
+        lw=6,
+        alpha=0.45,
+        zorder=1,
+        label="Pareto front",
+    )
+    for family, rows in study.families().items():
+        shown = [row for row in rows if quantity in row.errors]
+        if shown:
+            _draw_family(axes, family, shown, quantity, bottom)
+    axes.set_ylim(bottom, 1.6 * max(errors))
+    axes.margins(x=0.08)
+    axes.set_title(_TITLES[quantity], fontsize=11, loc="left")
+    axes.grid(which="major", alpha=0.3)
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:g}"))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    # A quick study spans one decade or two, which one label in each would leave bare.
+    lowest, highest = axes.get_xlim()
+    seconds = twos_and_fives(lambda value: f"{value:g}")
+    axes.xaxis.set_minor_formatter(seconds if highest < 1e3 * lowest else NullFormatter())
+    axes.yaxis.set_minor_formatter(twos_and_fives(lambda value: f"{100 * value:g}"))
+
+
+def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom: float) -> None:
+    method = rows[0].setting.method
+    graded = family.endswith(", graded")
+    variant = "," in family and method != "rigid" and not graded
+    element = "C3D8I" if method == "calculix" else family.split(" ")[1].rstrip(",")
+    usual = ("p" if graded else _MARKERS.get(element, "v")), _COLOURS[method]
+    marker, colour = _STYLES.get(family.rpartition(", ")[2], usual)
+    filled = element in ("C3D8I", "force", "curved", "degree") and not variant
+    x = [row.found.cost for row in rows]
+    y = [max(row.errors[quantity], bottom) for row in rows]
+    more = [max(row.found.cpu_seconds) - row.found.cost for row in rows]
+    axes.errorbar(
+        x,
+        y,
+        xerr=[[0.0] * len(x), more],
+        marker=marker,
+        color=colour,
+        markerfacecolor=colour if filled else "none",
+        linestyle="none" if variant else "--" if graded else "-",
+        lw=1.2,
+        markersize=7 if variant else 6,
+        capsize=2,
+        label=family,
+    )
+    if family == "static C3D8I" or element in ("curved", "degree") or method == "calculix":
+        for row, a, b in zip(rows, x, y, strict=True):
+            axes.annotate(
+                row.setting.mesh_words.removeprefix("mesh ").replace(" of degree ", ", "),
+                (a, b),
+                # Words of a rung would leave the panel on the right.
+                xytext=(-6, -9) if element == "curved" else (4, 5),
+                ha="right" if element == "curved" else "left",
+                textcoords="offset points",
+                fontsize=8,
+                color=colour,
+            )

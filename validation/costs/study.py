@@ -1,0 +1,280 @@
+"""Work and precision of a scene: runs kept by content, errors against an extrapolated reference.
+
+The reference is static: the finest rung of `fem --accuracy` where a run climbs so far, judged by
+the rungs before by the same rule; else of incompatible-mode elements on meshes finer than
+all that are measured, extrapolated to vanishing mesh size. Its own error is added to every claim.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from fem.accuracy.errors import error_bar
+from geometry.errors import RefusedError
+from geometry.mesh import FloatArray
+from validation.costs.analysis import (
+    Extrapolated,
+    Point,
+    cheapest,
+    fitted_order,
+    norm,
+    observed_order,
+    pareto_front,
+    richardson,
+)
+from validation.costs.measure import Measurement, measure, warm_up
+from validation.costs.plan import QUANTITIES, CostPlan, Judge
+from validation.costs.settings import CostSetting
+from validation.costs.store import CostStore, measurement_key
+from validation.errors import InputError
+from validation.scene.family import AssemblyScene
+
+#: Factor by which an error falls at least from one rung, or one degree, to the next.
+_HALVED = 2.0
+#: Accuracies that are answered in words.
+TARGETS = (0.1, 0.01, 0.001)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A setting, what it answered, its relative errors."""
+
+    setting: CostSetting
+    found: Measurement
+    errors: dict[str, float]
+    """By quantity; rigid blocks have no displacement and no stress."""
+
+
+@dataclass(frozen=True)
+class FamilyOrder:
+    """How a family converges in one quantity."""
+
+    against_reference: float | None
+    """Slope of its errors over mesh size; near 0 where the method, not the mesh, errs."""
+    by_itself: float | None
+    """Order of its finest three meshes among themselves."""
+
+
+@dataclass(frozen=True)
+class CostStudy:
+    """All settings of a scene with their errors, and the reference."""
+
+    name: str
+    plan: CostPlan
+    rows: tuple[Row, ...]
+    reference: dict[str, Extrapolated]
+    """By quantity; the value of the field is its pressures on the partition."""
+    reference_errors: dict[str, float]
+    """Relative error of the reference by quantity."""
+    reference_seconds: float
+    """CPU time of the reference solutions [s]."""
+    failures: dict[str, str] = field(default_factory=dict)
+    """Settings that have no answer, and why."""
+
+    @property
+    def measured(self) -> tuple[str, str]:
+        """Processors and days of the runs, each once."""
+        processors = sorted({row.found.processor for row in self.rows})
+        days = sorted({row.found.date for row in self.rows})
+        return " and ".join(processors), " to ".join(dict.fromkeys((days[0], days[-1])))
+
+    def points(self, quantity: str) -> tuple[list[Row], list[Point]]:
+        """Rows that answer a quantity, and where they lie."""
+        rows = [row for row in self.rows if quantity in row.errors]
+        return rows, [Point(row.found.cost, row.errors[quantity]) for row in rows]
+
+    def front(self, quantity: str) -> list[Row]:
+        """Rows that no other row beats, by ascending cost."""
+        rows, points = self.points(quantity)
+        return [rows[i] for i in pareto_front(points)]
+
+    def families(self) -> dict[str, list[Row]]:
+        """Rows by family, coarse to fine."""
+        found: dict[str, list[Row]] = {}
+        for row in self.rows:
+            found.setdefault(row.setting.family, []).append(row)
+        return {k: sorted(v, key=lambda row: row.setting.level) for k, v in found.items()}
+
+    def order(self, family: str, quantity: str) -> FamilyOrder:
+        """Observed order of a family; nothing where it has too few meshes."""
+        rows = [row for row in self.families()[family] if quantity in row.errors]
+        levels = [row.setting.level for row in rows]
+        floor = self.reference_errors[quantity]
+        fitted = fitted_order(levels, [row.errors[quantity] for row in rows], floor=floor)
+        own = None
+        if len(rows) >= 3:
+            own = observed_order(
+                levels[-3:],
+                [_value(row.found, quantity) for row in rows[-3:]],
+                _weights(rows[-1].found, quantity),
+            )
+        return FamilyOrder(fitted, own)
+
+    def choose(self, quantity: str, target: float) -> Row | None:
+        """Cheapest setting that reliably keeps an accuracy; None if none is known to."""
+        rows, points = self.points(quantity)
+        best = cheapest(points, finer_meshes(rows), target, self.reference_errors[quantity])
+        return None if best is None else rows[best]
+
+    def best(self, quantity: str) -> Row:
+        """Setting of least error."""
+        return min(self.points(quantity)[0], key=lambda row: row.errors[quantity])
+
+
+def finer_meshes(rows: list[Row]) -> list[list[int]]:
+    """Positions of the finer meshes of each row's family; of a lone mesh, of what it varies."""
+    meshes = Counter(row.setting.family for row in rows)
+    found = []
+    for row in rows:
+        own = row.setting
+        lone = meshes[own.family] == 1
+        names = {own.family, own.family.partition(",")[0] if lone else own.family}
+        finer = (r.setting.family in names and r.setting.level > own.level for r in rows)
+        found.append([i for i, counts in enumerate(finer) if counts])
+    return found
+
+
+# ---------------------------------------------------------------------------------------------
+# Running
+
+
+def run_cost(
+    name: str,
+    scene: AssemblyScene,
+    plan: CostPlan,
+    store: CostStore,
+    *,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> CostStudy:
+    """Measure what the store lacks of a scene that `require_cost_scene` lets in, and compare.
+
+    ``progress`` is called before each run with its number, the number of runs, and what it is.
+
+    Raises
+    ------
+    InputError
+        No setting or no reference has an answer, or the store cannot be used.
+    """
+    references = plan.references
+    runs = list(dict.fromkeys((*plan.settings, *references)))
+    missing = [s for s in runs if store.load(measurement_key(scene, plan.base, s)) is None]
+    warm: set[tuple[str, ...]] = set()
+    failures: dict[str, str] = {}
+    for number, setting in enumerate(missing):
+        if progress is not None:
+            progress(number + 1, len(missing), setting.name)
+        if store.load(measurement_key(scene, plan.base, setting)) is not None:
+            continue  # by another call that works on the same scene
+        kernels = (setting.method, *(v for k, v in setting.changes if k != "fem.residual"))
+        try:
+            if kernels not in warm:
+                warm.add(kernels)
+                warm_up(name, scene, plan.base, replace(setting, level=1))
+            found = measure(name, scene, plan.base, setting)
+        except RefusedError as error:
+            if setting in references:
+                raise
+            failures[setting.name] = str(error)
+            continue
+        store.keep(measurement_key(scene, plan.base, setting), name, setting, found)
+    study = stored_study(name, scene, plan, store)
+    if study is None:
+        first = next(iter(failures.values()))
+        raise InputError(f"{name}: none of the settings has an answer; the first: {first}")
+    return replace(study, failures=failures)
+
+
+def stored_study(
+    name: str, scene: AssemblyScene, plan: CostPlan, store: CostStore
+) -> CostStudy | None:
+    """Compare what the store holds; None without the reference or without any setting."""
+
+    def found(settings: Iterable[CostSetting]) -> dict[CostSetting, Measurement]:
+        rows = {s: store.load(measurement_key(scene, plan.base, s)) for s in settings}
+        return {setting: row for setting, row in rows.items() if row is not None}
+
+    references, known = found(plan.references), found(plan.settings)
+    if len(references) < len(plan.references) or not known:
+        return None
+    return compare_settings(name, plan, known, references)
+
+
+def compare_settings(
+    name: str,
+    plan: CostPlan,
+    known: dict[CostSetting, Measurement],
+    references: dict[CostSetting, Measurement],
+) -> CostStudy:
+    """Let the judges say what is right, and measure every error against it."""
+    finest = references[plan.references[-1]]
+    weights = {q: _weights(finest, q) for q in QUANTITIES}
+    reference = {
+        q: _judged(judge, [_value(references[s], q) for s in judge.settings], weights[q])
+        for judge in plan.judges
+        for q in judge.quantities
+    }
+    sizes = {q: norm(reference[q].value, weights[q]) for q in QUANTITIES}
+    rows = []
+    for setting, found in known.items():
+        errors = {
+            q: norm(_value(found, q) - reference[q].value, weights[q]) / sizes[q]
+            for q in QUANTITIES
+            if q == "pressure_l2" or q in found.scalars
+        }
+        rows.append(Row(setting, found, errors))
+    return CostStudy(
+        name=name,
+        plan=plan,
+        rows=tuple(rows),
+        reference=reference,
+        reference_errors={q: reference[q].error / sizes[q] for q in QUANTITIES},
+        reference_seconds=sum(found.cost for found in references.values()),
+    )
+
+
+def _judged(judge: Judge, values: list[FloatArray], weights: FloatArray) -> Extrapolated:
+    if judge.extrapolated:
+        return richardson([setting.level for setting in judge.settings], values, weights)
+    falls = [_HALVED**k for k in range(len(values) - 1, 0, -1)]
+    return Extrapolated(values[-1], error_bar(values, falls, partial(norm, weights=weights)), None)
+
+
+def _value(found: Measurement, quantity: str) -> FloatArray:
+    if quantity == "pressure_l2":
+        return np.array(found.pressures)
+    return np.array([found.scalars[quantity]])
+
+
+def _weights(finest: Measurement, quantity: str) -> FloatArray:
+    return np.array(finest.areas) if quantity == "pressure_l2" else np.ones(1)
+
+
+# ---------------------------------------------------------------------------------------------
+# Answers
+
+
+def percent(share: float) -> str:
+    """A share as a person writes it."""
+    return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"
+
+
+def answer(study: CostStudy, quantity: str, target: float) -> str:
+    """Say in words what an accuracy costs."""
+    head = f"{percent(target)} in {quantity}"
+    row = study.choose(quantity, target)
+    if row is not None:
+        return f"{head}: {row.setting.name}, {row.found.cost:.2g} CPU s"
+    known = study.reference_errors[quantity]
+    best = study.best(quantity)
+    text = (
+        f"best is {best.setting.name}: {percent(best.errors[quantity])} in "
+        f"{best.found.cost:.2g} CPU s"
+    )
+    if known >= target:
+        return f"{head}: not known, the reference itself is uncertain by {percent(known)}; {text}"
+    return f"{head}: not reached; {text}"

@@ -1,0 +1,179 @@
+"""Colours of quantities: what they mean, where they end, and the bars that say so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from geometry.mesh import FloatArray
+from validation.output.pictures.canvas import rgb
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Okabe–Ito colours: told apart by colour-blind readers.
+BLUE, SKY, ORANGE, VERMILION, GREEN, GREY = (
+    "#0072B2",
+    "#56B4E9",
+    "#E69F00",
+    "#D55E00",
+    "#009E73",
+    "#8C8C8C",
+)
+#: Places where nothing is: joints that are open, blocks without stresses.
+PALE = "#E4E4E4"
+#: Lines of one plot, one after the other.
+OF_LINES = (BLUE, ORANGE, GREEN, VERMILION)
+#: Pale is low, dark is high: pressures.
+PRESSURE_MAP = "YlGnBu"
+#: Compression blue, tension red.
+STRESS_MAP = "RdBu_r"
+#: Part of the largest value below which there is none.
+_ZERO = 1e-9
+#: Displacements.
+MOTION_MAP = "viridis"
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Colours of a quantity, and what it reaches."""
+
+    label: str
+    """Quantity and unit."""
+    colours: str
+    """Name of a matplotlib map."""
+    low: float
+    high: float
+    reached: tuple[float, float]
+    """Least and largest value there is; beyond the colours, the bar has an arrow."""
+    note: str = ""
+    """Where the largest value lies, in words."""
+    diverging: bool = False
+    """Whether the middle of the map is zero; the bar shows the part of it between its ends."""
+    nothing: str = ""
+    """What a value of zero means: those places are grey, and the bar says so."""
+
+    def of(self, values: FloatArray) -> Any:
+        """Colours of values, (n, 3) uint8."""
+        from matplotlib import colormaps
+
+        reach = max(abs(self.low), abs(self.high), 1e-300)
+        low, high = (-reach, reach) if self.diverging else (self.low, self.high)
+        shown = np.clip(values, self.low, self.high)
+        shades = colormaps[self.colours]((shown - low) / max(high - low, 1e-300))[:, :3]
+        if self.nothing:
+            shades[values <= _ZERO * reach] = np.array(rgb(PALE)) / 255
+        return (255 * shades + 0.5).astype(np.uint8)
+
+    @property
+    def map(self) -> Any:
+        """Colours from the lower to the upper end, as matplotlib wants them."""
+        from matplotlib.colors import ListedColormap
+
+        return ListedColormap(self.of(np.linspace(self.low, self.high, 256)) / 255.0)
+
+    def ticks(self, count: int) -> list[float]:
+        """Both ends, and round numbers that have room between them."""
+        from matplotlib.ticker import MaxNLocator
+
+        room = 0.7 * (self.high - self.low) / count
+        inside = MaxNLocator(count).tick_values(self.low, self.high)
+        between = [float(x) for x in inside if self.low + room < x < self.high - room]
+        return [self.low, *between, self.high]
+
+    @property
+    def beyond(self) -> str:
+        """At which ends of the bar values lie beyond the colours, as matplotlib names it."""
+        slack = 1e-9 * max(abs(self.low), abs(self.high))
+        below, above = self.reached[0] < self.low - slack, self.reached[1] > self.high + slack
+        return {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
+
+    @property
+    def words(self) -> str:
+        """Label, and where the colours stop below what there is, how far it goes."""
+        least, most = self.reached
+        beyond = {
+            "neither": "",
+            "min": f"min. {least:.3g}",
+            "max": f"max. {most:.3g}",
+            "both": f"min. {least:.3g}, max. {most:.3g}",
+        }[self.beyond]
+        return ", ".join(part for part in (self._label, beyond.replace("-", "−")) if part)
+
+    @property
+    def power(self) -> int:
+        """Power of ten that the numbers at the bar leave out, where they would be too long."""
+        largest = max(abs(self.low), abs(self.high))
+        power = int(np.floor(np.log10(largest))) if largest > 1e-299 else 0
+        return power if not -2 <= power < 4 else 0
+
+    @property
+    def _label(self) -> str:
+        """Label, its unit with the power of ten."""
+        if not self.power:
+            return self.label
+        raised = str(self.power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+        what, bracket, unit = self.label.rpartition("[")
+        return f"{what}{bracket}10{raised} {unit}"
+
+    @property
+    def lines(self) -> list[str]:
+        """All that is written below a bar."""
+        nothing = f"grey: {self.nothing}" if self.nothing else ""
+        return [line for line in (self.words, nothing, self.note) if line]
+
+
+def scale_from_zero(
+    label: str, colours: str, values: Sequence[FloatArray], *, nothing: str = ""
+) -> Scale:
+    """Colours from zero to the largest of some values, never empty."""
+    most = max((float(v.max(initial=0.0)) for v in values), default=0.0)
+    least = min((float(v.min(initial=0.0)) for v in values), default=0.0)
+    return Scale(label, colours, 0.0, most or 1e-300, (least, most), nothing=nothing)
+
+
+def symmetric_scale(label: str, colours: str, values: Sequence[FloatArray]) -> Scale:
+    """Colours about zero that reach the 0.1 and 99.9 % quantiles, and zero.
+
+    A few singular nodes must not drown the picture.
+    """
+    every = np.concatenate([np.zeros(1), *(v.ravel() for v in values)])
+    low, high = (float(q) for q in np.quantile(every, (0.001, 0.999)))
+    low, high = min(low, 0.0), max(high, 0.0)
+    if high == low:
+        low, high = -1e-300, 1e-300
+    reached = (float(every.min()), float(every.max()))
+    return Scale(label, colours, low, high, reached, diverging=True)
+
+
+def colour_bar(figure: Figure, scale: Scale, **place: Any) -> Any:
+    """Draw a colour bar in axes of its own, or below others; both its ends are labelled.
+
+    It has arrows where values go beyond its colours. Options are those of matplotlib.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.ticker import FuncFormatter
+
+    flat = place.get("location") == "bottom"
+    if flat:
+        place["aspect"] = 22
+    bar = figure.colorbar(
+        ScalarMappable(Normalize(scale.low, scale.high), scale.map),
+        extend=scale.beyond,
+        **place,
+    )
+    ten = 10.0**scale.power
+    bar.formatter = FuncFormatter(lambda value, _: f"{value / ten:.3g}".replace("-", "−"))
+    bar.set_ticks(scale.ticks(2 if flat else 6))
+    bar.set_label("\n".join(scale.lines), fontsize="small")
+    bar.ax.tick_params(labelsize="small")
+    if flat:
+        # What stands at the ends has no room beside the bar.
+        first, *_, last = bar.ax.get_xticklabels()
+        first.set_horizontalalignment("left")
+        last.set_horizontalalignment("right")
+    return bar

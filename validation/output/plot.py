@@ -1,0 +1,135 @@
+"""One field of an answer as a matplotlib figure, which is returned and never blocks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from geometry.answer import UNITS, Answer
+from geometry.mesh import HEX_FACES, BoolArray, FloatArray, IntArray
+from validation.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Fields that are parts of others: their component.
+_PARTS = {"sigma_1": 0, "sigma_2": 1, "sigma_3": 2}
+
+
+def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool = False) -> Figure:
+    """Draw a field of an answer on the surfaces of its blocks, or a pressure on contact facets.
+
+    Parameters
+    ----------
+    answer
+        Of any solver.
+    field
+        ``pressure`` or another number of the contacts; ``sigma_1`` to ``sigma_3``, ``mises``; of
+        ``displacement`` and ``mechanism`` the size.
+    layer
+        Layer of blocks to draw; None: all.
+    unrolled
+        Whether facets of a tube lie side by side, the angle about its axis to the right and the
+        height upwards.
+
+    Raises
+    ------
+    InputError
+        A field that the answer does not have, or a layer without blocks.
+    """
+    if field in answer.contacts and answer.contacts[field].ndim == 1:
+        corners, values = _of_contacts(answer, field, layer)
+    else:
+        corners, values = _of_blocks(answer, field, layer)
+    if not len(corners):
+        raise InputError(f"plot: layer: got {layer}, which has nothing to draw; expected another")
+    unit = UNITS.get("principal_stress" if field in _PARTS else field, "-")
+    label = f"{field} [{unit}]"
+    draw = _unrolled if unrolled else _in_space
+    return draw(corners, values, label, answer.title)
+
+
+def _of_contacts(answer: Answer, field: str, layer: int | None) -> tuple[FloatArray, FloatArray]:
+    """Corners of contact facets and the value of each."""
+    found = answer.contacts
+    if "corners" not in found:
+        raise InputError(f"plot: {answer.title} has contact points, no facets; expected a field")
+    shown = np.ones(len(found[field]), dtype=np.bool_)
+    if layer is not None:
+        shown = (found["layer"] == layer).any(axis=1)
+    return found["corners"][shown], found[field][shown].astype(np.float64)
+
+
+def _of_blocks(answer: Answer, field: str, layer: int | None) -> tuple[FloatArray, FloatArray]:
+    """Corners of the faces of blocks and the mean value of each."""
+    if field in _PARTS and "principal_stress" in answer.fields:
+        values = answer.fields["principal_stress"][:, _PARTS[field]]
+    elif field in answer.fields:
+        values = answer.fields[field]
+        values = values if values.ndim == 1 else np.linalg.norm(values, axis=1)
+    else:
+        numbers = [name for name in answer.contacts if answer.contacts[name].ndim == 1]
+        parts = list(_PARTS) if "principal_stress" in answer.fields else []
+        known = ", ".join((*answer.fields, *parts, *numbers))
+        raise InputError(f"plot: got {field!r}; expected one of {known}")
+    faces = _outside(answer.cells)
+    if layer is not None:
+        faces = faces[_in_layer(answer, faces, layer)]
+    return answer.points[faces], values[faces].mean(axis=1)
+
+
+def _in_layer(answer: Answer, faces: IntArray, layer: int) -> BoolArray:
+    return np.asarray(answer.layer_of_point[faces[:, 0]] == layer)
+
+
+def _outside(cells: IntArray) -> IntArray:
+    """Faces that no second hexahedron shares, (n, 4); of triangles all, (n, 3)."""
+    if cells.shape[1] == 3:
+        return cells
+    faces = cells[:, HEX_FACES].reshape(-1, 4)
+    _, first, count = np.unique(
+        np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    return np.asarray(faces[np.sort(first[count == 1])])
+
+
+def _in_space(corners: FloatArray, values: FloatArray, label: str, title: str) -> Figure:
+    """Faces where they are, seen from above the corner."""
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+
+    figure = Figure(figsize=(7.0, 6.0), layout="constrained")
+    axes = figure.add_subplot(projection="3d")
+    drawn = Poly3DCollection(corners, array=values, cmap="viridis", edgecolors="none")
+    axes.add_collection3d(drawn)
+    low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
+    for name, span in zip("xyz", zip(low, high, strict=True), strict=True):
+        getattr(axes, f"set_{name}lim")(*span)
+        getattr(axes, f"set_{name}label")(f"{name} [mm]")
+    axes.set_box_aspect(np.maximum(high - low, 1e-9 * (high - low).max()))
+    figure.colorbar(drawn, ax=axes, label=label, shrink=0.7)
+    axes.set_title(title, fontsize="medium")
+    return figure
+
+
+def _unrolled(corners: FloatArray, values: FloatArray, label: str, title: str) -> Figure:
+    """Faces of a tube about the vertical axis, laid side by side."""
+    from matplotlib.collections import PolyCollection
+    from matplotlib.figure import Figure
+
+    middle = corners.reshape(-1, 3)[:, :2].mean(axis=0)
+    angle = np.arctan2(corners[..., 1] - middle[1], corners[..., 0] - middle[0])
+    # Corners of a face lie beside its first one, also where the angle jumps.
+    angle = angle[:, :1] + np.angle(np.exp(1j * (angle - angle[:, :1])))
+    flat = np.stack([np.degrees(angle), corners[..., 2]], axis=-1)
+    figure = Figure(figsize=(8.0, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    drawn = PolyCollection(list(flat), array=values, cmap="viridis", edgecolors="face")
+    axes.add_collection(drawn)
+    axes.autoscale_view()
+    axes.set_xlabel("angle [degrees]")
+    axes.set_ylabel("height [mm]")
+    axes.set_title(title, fontsize="medium")
+    figure.colorbar(drawn, ax=axes, label=label)
+    return figure

@@ -1,0 +1,128 @@
+"""Accuracies that a scene or a command requests of a static run, in words and numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from fem.accuracy.converge import TARGETS, Progress, is_negligible, relative, why_not_refined
+from geometry.answer import ALIASES, TITLES, Measure
+from geometry.errors import RefusedError
+from validation.build.deformable import build_hexahedra, build_problem, fem_section
+from validation.errors import InputError
+from validation.scene.deformable import FemSection, Method, parse_share
+from validation.scene.read import DeformableScene
+
+#: Relative error bars of an answer where none are requested [-].
+DEFAULT_TARGETS = dict(TARGETS)
+
+
+def parse_targets(texts: list[str]) -> dict[str, float]:
+    """Read ``p_max_point=3%`` and the like: relative errors [-] by measure.
+
+    Raises
+    ------
+    InputError
+        For anything else, and for a measure that is requested twice.
+    """
+    found: dict[str, float] = {}
+    names = ", ".join(("u", *TITLES))
+    for text in texts:
+        given, _, number = (part.strip() for part in text.rpartition("="))
+        name, share = ALIASES.get(given, given), parse_share(number)
+        if name not in TITLES:
+            raise InputError(f"--accuracy {text}: expected QUANTITY=SHARE with one of {names}")
+        if share is None:
+            percent = "" if "%" in number else ": is a % missing?"
+            raise InputError(
+                f"--accuracy {text}: got {number}, expected a share between 0 and 100 %, such as "
+                f"{given}=3%{percent}"
+            )
+        if name in found:
+            raise InputError(f"--accuracy {text}: {name} is requested twice; expected it once")
+        found[name] = share
+    return found
+
+
+def states_its_mesh(fem: FemSection) -> bool:
+    """Whether a scene states the elements that it is solved with."""
+    return fem.degree > 1 or "element" in fem.model_fields_set
+
+
+def refined(name: str, scene: DeformableScene, targets: Mapping[str, float]) -> bool:
+    """Whether a scene is solved on finer and finer meshes, not on its own.
+
+    Raises
+    ------
+    InputError
+        An accuracy requested of a run that does not refine.
+    """
+    fem = fem_section(scene, name)
+    if fem.method is not Method.STATIC:
+        if targets:
+            raise InputError(
+                f'{name}: --accuracy: got fem.method = "{fem.method}"; explicit runs keep the mesh '
+                'of the scene: expected fem.method = "static"'
+            )
+        return False
+    if fem.mesh == "scene" or (fem.mesh is None and states_its_mesh(fem) and not targets):
+        if targets:
+            raise InputError(
+                f'{name}: --accuracy: got fem.mesh = "scene", which is one mesh; expected one of '
+                "the two"
+            )
+        return False
+    try:
+        why = why_not_converged(name, scene)
+    except RefusedError:
+        return False  # the run rejects it
+    if why is None:
+        if "error_estimate" in fem.model_fields_set:
+            raise InputError(
+                f'{name}: fem.error_estimate: applies to fem.mesh = "scene" alone; a run that '
+                "refines always has error bars: remove the key, or add fem.mesh"
+            )
+        return True
+    if targets or fem.mesh == "converged":
+        raise InputError(
+            f'{name}: accuracy: got {why}, whose mesh is not refined; expected fem.mesh = "scene"'
+        )
+    return False
+
+
+def why_not_converged(name: str, scene: DeformableScene) -> str | None:
+    """What stands against solving a static scene on finer meshes; None where nothing does.
+
+    Raises
+    ------
+    RefusedError
+        A scene that cannot be solved at all.
+    """
+    if scene.is_cell:
+        return "a periodic cell"
+    return why_not_refined(build_problem(scene, name, build_hexahedra(scene, name)))
+
+
+def progress_words(now: Progress) -> str:
+    """Say which mesh comes, how long it takes, and the best values so far."""
+    expected = f", about {now.seconds:.2g} CPU s" if now.seconds > 0.0 else ""
+    words = f"mesh {now.rung} of at most {now.n_rungs}, {now.unknowns} unknowns a block{expected}"
+    if "p_max_point" in now.measures:
+        words += f"; pressure at a point {now.measures['p_max_point'].value_words}"
+    return words
+
+
+def reached_rows(measures: Mapping[str, Measure], targets: Mapping[str, float]) -> list[str]:
+    """Repeat each request, reached or not, with its error bar."""
+    rows = []
+    for name, share in targets.items():
+        bar = relative(measures[name])
+        digits = 1 if bar < 0.1 else 0
+        bar_words = f"± {100 * bar:.{digits}f} %"
+        if bar <= share:
+            verdict = f"reached, {bar_words}"
+        elif is_negligible(measures, name):
+            verdict = "not needed, negligible beside the largest stress"
+        else:
+            verdict = f"not reached, {bar_words}"
+        rows.append(f"{name}={100 * share:g}%: {verdict}")
+    return rows

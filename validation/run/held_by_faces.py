@@ -1,0 +1,79 @@
+"""Own blocks whose faces alone do not carry the load: named before a static run.
+
+Deformable blocks press on each other where faces overlap; edges that cross and corners that touch
+have no area and carry nothing. If rigid blocks in contact at all corners of all these areas have a
+motion that the load drives, every contact pressure does work of one sign on it and no small
+displacement is in equilibrium: Newton's method would iterate in vain. One rigid equilibrium shows
+it in a fraction of a second.
+
+Where blocks move far (finite sliding, finite rotation) or close gaps first, they may come to rest
+elsewhere: that is no proof against such a run, and explains one that failed.
+"""
+
+from __future__ import annotations
+
+from geometry.assembly import Assembly
+from geometry.loads import with_body_wrenches
+from geometry.polyhedra.assembly import as_polyhedral
+from mbd import contact_jacobian, generalized_force, newton_equilibrium
+from mbd.friction import frictional_contacts, frictional_equilibrium
+from validation.build.blocks import build_weight
+from validation.build.polyhedra import detection_options
+from validation.errors import InputError
+from validation.run.held_by_friction import MOST_POINTS, motion_words
+from validation.scene.polyhedra import MeshScene
+from validation.scene.read import DeformableScene
+
+
+def faces_words(name: str, scene: DeformableScene, assembly: Assembly) -> str | None:
+    """Name the motion of own blocks that the load drives and their faces alone do not stop.
+
+    None where faces carry the load, for other blocks, for curved faces, and for many contacts.
+    """
+    if not isinstance(scene, MeshScene):
+        return None
+    if any(shape.curve is not None for shape in assembly.shapes):
+        return None
+    # Loaded here: it reads files, which other scenes have none of.
+    from validation.build.own_blocks import own_load
+
+    surfaces = as_polyhedral(assembly, detection_options(scene.detection))
+    bare = surfaces.with_faces_alone()
+    if not 0 < bare.interfaces.n_contacts <= MOST_POINTS:
+        return None
+    contacts = contact_jacobian(bare)
+    load, weight = own_load(scene, name, assembly), build_weight(scene, assembly)
+    load = load if weight is None else with_body_wrenches(load, weight)
+    force = generalized_force(bare, load, contacts.free_blocks, contacts.length)
+    found = newton_equilibrium(contacts.jacobian, force)
+    motion = found.mechanism
+    friction = scene.effects.friction
+    if motion is None or found.holds:
+        return None
+    frictional = frictional_contacts(bare, contacts, friction.coefficient if friction else 0.0)
+    if friction is not None:
+        motion = frictional_equilibrium(frictional, force).mechanism
+        if motion is None:
+            return None
+    words = motion_words(contacts, frictional, motion)
+    return f"the load drives a mechanism of the faces ({words}; edges and corners carry nothing)"
+
+
+def require_held_by_faces(name: str, scene: DeformableScene, assembly: Assembly) -> None:
+    """Reject a static run of own blocks whose faces alone do not carry the load.
+
+    Raises
+    ------
+    InputError
+        With the motion, where one is certified and blocks neither move far nor close gaps.
+    """
+    moves = scene.effects.finite_sliding or scene.effects.finite_rotation
+    if moves or not scene.meets or scene.contact.opened:
+        return
+    words = faces_words(name, scene, assembly)
+    if words is not None:
+        raise InputError(
+            f"{name}: no equilibrium: {words}; expected faces that carry the load: `tubelock mbd` "
+            "shows the motion; change the shape, fix more blocks, add effects.friction, or follow "
+            'the motion with fem.method = "explicit"'
+        )

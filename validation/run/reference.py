@@ -1,0 +1,69 @@
+"""The converged static state beside an explicit run that is damped to the static state.
+
+Two errors of such a run differ in kind: its distance to the static state of its own mesh, which
+its residual and the remaining displacement bound, and the discretisation error of that mesh, which
+only finer meshes show. The static solver gives the second one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from fem.accuracy.converge import MOST_WORK
+from fem.accuracy.converge import Progress as Refinement
+from geometry.errors import RefusedError
+from validation.run.accuracy import DEFAULT_TARGETS, why_not_converged
+from validation.run.deformable import DeformableRun
+from validation.run.measures import StaticReference
+from validation.run.solve import run_converged
+from validation.scene.deformable import Damping, Method
+from validation.scene.read import DeformableScene
+
+#: Measures that are means over the facets of a mesh.
+OF_FACETS = frozenset({"p_eff", "p_max", "p_max_facet"})
+
+
+def converged_scene(scene: DeformableScene) -> DeformableScene:
+    """Return the scene as one of the converged static state."""
+    static = {"method": Method.STATIC, "mesh": "converged", "degree": 1, "frames": 0}
+    return scene.changed({"fem": static})
+
+
+def why_no_reference(name: str, scene: DeformableScene) -> str | None:
+    """Why a scene has no converged static state to compare with; None where it has one."""
+    if scene.effects.friction is not None:
+        return "blocks with friction have many static states"
+    if scene.motion is not None:
+        return "blocks that move at the start"
+    try:
+        return why_not_converged(name, converged_scene(scene))
+    except RefusedError as error:
+        return str(error)
+
+
+def static_reference(
+    run: DeformableRun, progress: Callable[[Refinement], None] | None = None
+) -> StaticReference | None:
+    """Solve for the converged static state of an explicit run; None for any other run.
+
+    Where there is none, the result says why.
+    """
+    if run.explicit is None or run.scene.fem.damping is not Damping.STATIC:
+        return None
+    why = why_no_reference(run.name, run.scene)
+    if why is not None:
+        return StaticReference(why_not=why)
+    try:
+        found = run_converged(
+            run.name,
+            converged_scene(run.scene),
+            DEFAULT_TARGETS,
+            most_work=MOST_WORK,
+            progress=progress,
+        )
+    except RefusedError as error:
+        return StaticReference(why_not=str(error).removeprefix(f"{run.name}: "))
+    measures = found.measures
+    if found.facets is None:  # means over other facets than the run's
+        measures = {name: m for name, m in measures.items() if name not in OF_FACETS}
+    return StaticReference(measures, found.refinement, found.cpu_seconds)

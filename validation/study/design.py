@@ -1,0 +1,181 @@
+"""One design of a study: its answer as a row."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+from validation.errors import InputError
+from validation.scene.read import SceneFile
+from validation.scene.sections import RigidSection
+from validation.scene.usage import recording, uncounted
+from validation.study.study import RANKING, Study, Value
+
+if TYPE_CHECKING:
+    from validation.build.blocks import BuiltScene
+    from validation.run.deformable import DeformableRun
+
+
+@dataclass(frozen=True)
+class Row:
+    """One design of a study and what came out."""
+
+    number: int
+    status: Literal["ok", "failed"]
+    """``failed``: nothing could be computed, `message` says why. A tube that carries no load is
+    ``ok``: that is an answer."""
+    message: str
+    """Why it failed; of an answer, error bars that are wider than requested, values that are not
+    to be used, and parameters on which it does not depend."""
+    parameters: dict[str, Value]
+    results: dict[str, Any]
+    """By the names in `COLUMNS`; empty if failed."""
+    cpu_seconds: float
+    """CPU time of the design [s]."""
+    worker: tuple[int, float] = (0, 0.0)
+    """Process that computed it and the CPU time it had used by then [s]."""
+    unused: tuple[str, ...] = ()
+    """Keys of its scene on which its results do not depend; empty if failed."""
+
+
+def run_design(study: Study, number: int) -> Row:
+    """Compute one design, counted from 0; whatever goes wrong with it becomes its message."""
+    rigid = study.quantity == "rigid"
+    # Other threads of the process may be at work on other designs; fem may use several itself.
+    clock = time.thread_time if rigid else time.process_time
+    start = clock()
+    failure, results, remarks = "", dict[str, Any](), list[str]()
+    unused: tuple[str, ...] = ()
+    try:
+        file = study.scene_file(number)
+        with recording(file.scene) as use:
+            if rigid:
+                results = _rigid_results(file)
+            else:
+                results, remarks = _fem_results(study, file)
+        unused = use.unused
+    except Exception as error:
+        words = " ".join(str(error).split()) or "no message"
+        failure = words if isinstance(error, ValueError) else f"{type(error).__name__}: {words}"
+    remarks += [f"{path}: no part of this answer" for path, _ in study.parameters if path in unused]
+    return Row(
+        number=number,
+        status="failed" if failure else "ok",
+        message=failure or "; ".join(remarks),
+        parameters=study.design(number),
+        results=results,
+        cpu_seconds=clock() - start,
+        worker=(os.getpid(), time.process_time()),
+        unused=unused,
+    )
+
+
+def refuse_idle_parameters(study: Study) -> None:
+    """Refuse a rigid study that varies what no rigid answer depends on: its rows would be equal.
+
+    The first and the last design say it. Answers of deformable blocks take long: there each row
+    says it (`Row.message`).
+    """
+    if study.quantity != "rigid":
+        return
+    idle = {path for path, values in study.parameters if len(values) > 1}
+    for number in (0, study.n_designs - 1):
+        try:
+            file = study.scene_file(number)
+            with recording(file.scene) as use:
+                _rigid_results(file)
+        except ValueError:
+            return  # a design that cannot be computed says nothing; its row will say why
+        idle &= set(use.unused)
+    if idle:
+        raise InputError(
+            f"{study.name}: {', '.join(sorted(idle))}: no answer of rigid blocks depends on it, so "
+            'rows would be equal; remove it from [parameters], or ask quantity = "fem"'
+        )
+
+
+def failed_row(study: Study, number: int, message: str) -> Row:
+    """Row of a design whose process did not live to report it."""
+    return Row(number, "failed", message, study.design(number), {}, 0.0)
+
+
+#: What ``[rigid]`` can ask and no column shows.
+_NO_COLUMN = ("collapse", "sliding", "ranges", "margin")
+
+
+def _of_the_columns(built: BuiltScene) -> BuiltScene:
+    """Return a scene that asks for nothing that no column of a study shows."""
+    return replace(built, scene=built.scene.changed({"rigid": dict.fromkeys(_NO_COLUMN, False)}))
+
+
+def _rigid_results(file: SceneFile) -> dict[str, Any]:
+    from validation.build.blocks import build_scene
+    from validation.run.rigid.answer import analyse_rigid
+
+    built = build_scene(file, command="sweep")
+    with uncounted(*((RigidSection, key) for key in _NO_COLUMN)):
+        run = analyse_rigid(_of_the_columns(built))
+    result = run.result
+    # With friction asked, the forces and the verdict are those with it.
+    friction = None if run.further is None else run.further.friction
+    found: dict[str, Any] = {
+        "mechanism": str(result.mechanism),
+        "equilibrium": int(run.carried.holds),
+        "residual": result.equilibrium.residual if friction is None else friction.residual,
+        "n_blocks": result.n_blocks,
+        "n_contacts": result.n_contacts,
+        "iterations": result.equilibrium.iterations,
+    }
+    measures = run.measures
+    names = ("effective_count_percent", "effective_area_percent", "p_eff", "p_eff_pooled", "p_max")
+    for name in names:
+        found[name] = None if measures is None else getattr(measures, name)
+    return found
+
+
+def _fem_run(study: Study, file: SceneFile) -> DeformableRun:
+    """Solve a design as `tubelock fem` does: on finer and finer meshes, or on its own."""
+    from fem.accuracy.converge import MOST_WORK
+    from validation.run.accuracy import DEFAULT_TARGETS, refined
+    from validation.run.estimate import estimated_errors
+    from validation.run.solve import run_converged, run_scene
+    from validation.scene.read import DeformableScene
+
+    name, scene = file.name, file.scene
+    if not isinstance(scene, DeformableScene):
+        raise InputError(f"block.type {scene.block.type!r} is not built for `fem` yet")
+    stated = {} if study.accuracy is None else dict.fromkeys(DEFAULT_TARGETS, study.accuracy)
+    if refined(name, scene, stated):
+        targets = stated or dict.fromkeys(DEFAULT_TARGETS, RANKING)
+        return run_converged(name, scene, targets, most_work=None if stated else MOST_WORK)
+    run = run_scene(name, scene)
+    return replace(run, errors=estimated_errors(run)) if scene.fem.error_estimate else run
+
+
+def _fem_results(study: Study, file: SceneFile) -> tuple[dict[str, Any], list[str]]:
+    """Value and error bar of each measure, and what is to be known of them.
+
+    A value that its mesh does not resolve, or that grows with every refinement, is absent.
+    """
+    from validation.run.accuracy import reached_rows
+
+    run = _fem_run(study, file)
+    measures, found = run.measures, dict[str, Any]()
+    named: dict[str, list[str]] = {}
+    for name, measure in measures.items():
+        if measure.remark:
+            named.setdefault(measure.remark, []).append(name)
+        usable = measure.resolved and not measure.remark
+        found[name] = measure.value if usable else None
+        found[f"{name}_error"] = measure.error if usable else None
+    accuracy = run.refinement.get("accuracy", {})
+    missed = {name: accuracy["requested"][name] for name in accuracy.get("not_reached", ())}
+    found |= {
+        "residual": run.solution.residual,
+        "energy_balance": run.solution.energy_balance,
+        "n_elements": run.deformable.model.n_elements,
+    }
+    remarks = [f"{', '.join(names)}: {remark}" for remark, names in named.items()]
+    return found, [*reached_rows(measures, missed), *remarks]
