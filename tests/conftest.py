@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from geometry.assembly import Assembly
 from geometry.compilation import compiling
@@ -19,6 +20,11 @@ from geometry.families.tube import sine_tube
 #: CPU seconds that a test marked ``quick`` may take, not counting what is compiled; one that takes
 #: longer is marked ``slow`` beside it.
 QUICK = 2.0
+
+# The same examples in every run, so that a red run is the change's fault; other examples:
+# `pytest --hypothesis-profile=default`.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.load_profile("repeatable")
 
 
 def _cpu_seconds() -> float:
