@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from fem.decks.model import deck_assembly, deck_model
+from fem.decks.problem import element_time_step
 from fem.decks.read.cards import read_cards
 from fem.decks.statement import Flavour, NodalForceLoad, Procedure
 from fem.decks.write import deck_lines
 from fem.element.hexahedron import ElementType
+from fem.problem.effects import Effects
 from geometry.loads import CircumferentialLoad
 from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable
@@ -126,11 +128,84 @@ def test_static_scene_becomes_damped_dynamics_with_the_papers_damping() -> None:
     assert effects.rayleigh.stiffness_proportional is None
 
 
+EXPLICIT = [*COARSE, "fem.method=explicit", "fem.damping=paper", "fem.end_time=1.0"]
+
+
+def test_a_deck_follows_the_method_of_its_scene() -> None:
+    """Static: a step of Abaqus/Standard without damping, which the scene does not name."""
+    static = build_deck(load_scene("tsb1-pipe", COARSE))
+    assert static.flavour is Flavour.PAIRS
+    assert static.step.procedure is Procedure.STATIC
+    assert static.effects == Effects()
+    assert not any("Explicit" in note for note in static.notes)
+    explicit = build_deck(load_scene("tsb1-pipe", EXPLICIT))
+    assert explicit.flavour is Flavour.GENERAL
+    assert explicit.step.procedure is Procedure.EXPLICIT
+
+
+def test_general_contact_has_a_clearance_on_every_joint(tubelock) -> None:
+    """One assignment for each pair of patches that contact pairs have."""
+    where = ("--set", "contact.clearance=0.05", "-o", "a.inp", "--flavour")
+    assigned = []
+    for flavour, keyword in (
+        ("general", "CONTACT CLEARANCE ASSIGNMENT"),
+        ("pairs", "CONTACT PAIR"),
+    ):
+        assert tubelock("export", "tsb1-pipe", *SMALL, *where, flavour)[0] == 0
+        cards = read_cards(Path("a.inp").read_text().splitlines())
+        assigned.append(
+            {tuple(line.split(", ")[:2]) for c in cards if c.keyword == keyword for line in c.data}
+        )
+        if flavour == "general":
+            gap = next(c for c in cards if c.keyword == "CONTACT CLEARANCE")
+            assert gap.parameters == {"NAME": "GAP", "ADJUST": "NO", "CLEARANCE": "0.05"}
+    assert assigned[0] == assigned[1] != set()
+
+
+def test_mass_scaling_is_in_the_deck_as_the_step_that_every_element_allows(tubelock) -> None:
+    """The stated increments are twice as long, so half as many."""
+    found = {}
+    for factor in (1, 2):
+        setting = f"fem.mass_scaling={factor}"
+        deck = build_deck(load_scene("tsb1-pipe", [*EXPLICIT, setting]))
+        step = next(note for note in deck.notes if "increments of" in note)
+        found[factor] = float(re.search(r"step: (\S+) increments", step)[1])  # type: ignore[index]
+        lines = list(deck_lines(deck))
+        written = next(line for line in lines if line.startswith("*Fixed Mass Scaling"))
+        assert float(written.split("dt=")[1]) == pytest.approx(
+            factor * element_time_step(deck), rel=1e-14
+        )
+    assert found[1] == pytest.approx(2.0 * found[2], rel=0.05)  # printed with two digits
+    box = ["fem.method=explicit", "fem.end_time=0.001", "fem.mass_scaling=2", "fem.element=full"]
+    with pytest.raises(InputError, match=r"fem\.mass_scaling: got 2 with --flavour calculix"):
+        build_deck(load_scene("cantilever", box), Flavour.CALCULIX)
+
+
+@pytest.mark.parametrize(("end_time", "double"), [(0.01, False), (8.0, True)])
+def test_a_long_explicit_deck_recommends_double_precision(end_time, double) -> None:
+    """Abaqus does from 300 000 increments on; these have 2 800 and 2.2 million."""
+    deck = build_deck(load_scene("tsb1-pipe", [*EXPLICIT, f"fem.end_time={end_time}"]))
+    step = deck.step
+    assert step.safety_factor is not None
+    expected = end_time / (step.safety_factor * element_time_step(deck))
+    notes = " ".join(deck.notes)
+    assert f"step: {expected:.2g} increments of" in notes
+    assert ("double=both" in notes) is double
+
+
+def test_gaps_that_calculix_cannot_close_are_named() -> None:
+    for setting, named in (("contact.spacing=0.05", True), ("contact.spacing=0.0", False)):
+        deck = build_deck(load_scene("tsb1-pipe", [*COARSE, setting]), Flavour.CALCULIX)
+        assert ("too many cutbacks" in " ".join(deck.notes)) is named
+
+
 def test_scene_sections_reach_the_deck(tubelock) -> None:
     settings = ["contact.spacing=0.03", "effects.friction.coefficient=0.01"]
     settings += ["fem.element=reduced", "effects.gravity=[0.0, 0.0, -9810.0]", "fem.frames=11"]
     words = [word for setting in settings for word in ("--set", setting)]
-    status, _, _ = tubelock("export", "tsb1-pipe", *SMALL, *words, "-o", "a.inp")
+    status, _, _ = tubelock(
+        "export", "tsb1-pipe", *SMALL, *words, "-o", "a.inp", "--flavour", "general"
+    )
     assert status == 0
     cards = {c.keyword: c for c in read_cards(Path("a.inp").read_text().splitlines())}
     assert cards["FRICTION"].data == ["0.01,"]

@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from fem.decks.faces import ElementFaces, Patches, contact_patches, element_faces
+from fem.decks.faces import ElementFaces, Patches, PatchPair, contact_patches, element_faces
 from fem.decks.keywords import (
     DeckError,
     element_lines,
@@ -29,6 +29,7 @@ from fem.decks.statement import (
     CONTACT,
     CYLINDRICAL,
     ELEMENT_NAMES,
+    GAP,
     HOURGLASS,
     JOINT,
     LOADING,
@@ -53,14 +54,16 @@ from geometry.mesh import FloatArray, IntArray
 def abaqus_lines(deck: Deck) -> Iterator[str]:
     """Lines of a deck with parts and instances (flavours general and pairs): see `deck_lines`."""
     check_abaqus(deck)
-    patches = contact_patches(deck) if _has_pairs(deck) else None
+    patches = contact_patches(deck) if _has_patches(deck) else None
     yield from heading_lines(deck)
     for number, shape in enumerate(deck.assembly.shapes):
         yield from _part(deck, number, shape, patches)
     yield from _assembly(deck)
     yield from model_lines(deck)
+    if deck.joint is not None and deck.flavour is Flavour.GENERAL:
+        yield from _general_contact(deck, patches)
     yield from boundary_lines(deck)
-    yield from step_lines(deck, patches)
+    yield from step_lines(deck, patches if deck.flavour is Flavour.PAIRS else None)
 
 
 def check_abaqus(deck: Deck) -> None:
@@ -74,16 +77,17 @@ def check_abaqus(deck: Deck) -> None:
     check_deck(deck)
     static = deck.step.procedure is Procedure.STATIC
     small = deck.joint is not None and not (deck.joint.finite_sliding or deck.searched)
-    if deck.clearance != 0.0 and not (deck.flavour is Flavour.PAIRS and static and small):
+    if deck.clearance != 0.0 and deck.flavour is Flavour.PAIRS and not (static and small):
         raise DeckError(
-            f"contact.clearance: got {deck.clearance:g} mm, a gap along every normal, which Abaqus "
-            "prescribes for pairs of small sliding in a static step alone (*Clearance); expected "
-            "contact.spacing, flavour pairs with fem.method=static, or flavour calculix"
+            f"contact.clearance: got {deck.clearance:g} mm, which contact pairs take in small "
+            "sliding alone (*Clearance), and these blocks slide freely; expected --flavour general "
+            "or calculix, or contact.spacing"
         )
 
 
-def _has_pairs(deck: Deck) -> bool:
-    return deck.joint is not None and deck.flavour is Flavour.PAIRS
+def _has_patches(deck: Deck) -> bool:
+    paired = deck.flavour is Flavour.PAIRS or deck.clearance != 0.0
+    return deck.joint is not None and paired
 
 
 # ---------------------------------------------------------------------------------------------
@@ -218,7 +222,7 @@ _AXIS_LENGTH = 1000.0
 
 
 def model_lines(deck: Deck) -> Iterator[str]:
-    """Material, surface interaction, amplitude, initial motion and general contact."""
+    """Material, surface interaction, amplitude and initial motion."""
     yield "**"
     if deck.element is ElementType.REDUCED:
         yield "** Stiffness control, as the reduced element of tubelock has."
@@ -232,12 +236,30 @@ def model_lines(deck: Deck) -> Iterator[str]:
         yield reals([0.0, 0.0, deck.step.ramp_time, 1.0])
     if deck.motion is not None:
         yield from _initial_motion(deck)
-    if deck.joint is not None and deck.flavour is Flavour.GENERAL:
-        yield "** All outer faces of all blocks may meet."
-        yield keyword("Contact")
-        yield keyword("Contact Inclusions", ALL_EXTERIOR=None)
-        yield keyword("Contact Property Assignment")
-        yield f", , {JOINT}"
+
+
+def _general_contact(deck: Deck, patches: Patches | None) -> Iterator[str]:
+    """General contact; the patches of a clearance, if there is one."""
+    if patches is not None:
+        yield "** Gaps along the normals, whatever the coordinates say."
+        yield f"*Contact Clearance, name={GAP}, adjust=NO, clearance={real(deck.clearance)}"
+    yield "** All outer faces of all blocks may meet."
+    yield keyword("Contact")
+    yield keyword("Contact Inclusions", ALL_EXTERIOR=None)
+    yield keyword("Contact Property Assignment")
+    yield f", , {JOINT}"
+    if patches is not None:
+        yield keyword("Contact Clearance Assignment")
+        for pair in patches.pairs:
+            yield f"{', '.join(_sides(deck, pair))}, {GAP}"
+
+
+def _sides(deck: Deck, pair: PatchPair) -> tuple[str, str]:
+    """Surfaces of a pair: slave, then master."""
+    return (
+        f"{block_label(deck, pair.block_s)}.{pair.patch_s}",
+        f"{block_label(deck, pair.block_m)}.{pair.patch_m}",
+    )
 
 
 def material_lines(deck: Deck) -> Iterator[str]:
@@ -345,6 +367,8 @@ def _explicit(deck: Deck) -> Iterator[str]:
     else:
         yield "*Dynamic, Explicit"
         yield f", {real(step.end_time)}"
+    if step.scaled_time_step is not None:
+        yield f"*Fixed Mass Scaling, type=BELOW MIN, dt={real(step.scaled_time_step)}"
     yield keyword("Bulk Viscosity")
     if viscosity is None:
         yield "0.0, 0.0"
@@ -356,18 +380,13 @@ def _contact_pairs(deck: Deck, patches: Patches) -> Iterator[str]:
     """Contact pairs: slave, then master. Typed in a static step; Abaqus/Explicit has no types."""
     for pair in patches.pairs:
         yield pair_keyword(deck)
-        yield (
-            f"{block_label(deck, pair.block_s)}.{pair.patch_s}, "
-            f"{block_label(deck, pair.block_m)}.{pair.patch_m}"
-        )
+        yield ", ".join(_sides(deck, pair))
     if deck.clearance == 0.0:
         return
     yield "** Gaps along the normals, whatever the coordinates say."
     for pair in patches.pairs:
-        yield (
-            f"*Clearance, master={block_label(deck, pair.block_m)}.{pair.patch_m}, "
-            f"slave={block_label(deck, pair.block_s)}.{pair.patch_s}, value={real(deck.clearance)}"
-        )
+        slave, master = _sides(deck, pair)
+        yield f"*Clearance, master={master}, slave={slave}, value={real(deck.clearance)}"
 
 
 def pair_keyword(deck: Deck) -> str:

@@ -61,11 +61,16 @@ def law_heading(law: ContactLaw) -> str | None:
     return f"maximum contact stiffness: {real(cap) if isfinite(cap) else 'none'}"
 
 
-def law_notes(law: ContactLaw) -> list[str]:
-    """Where a program takes another law than the one that a scene states."""
+def law_notes(law: ContactLaw, *, static: bool) -> list[str]:
+    """Where Abaqus takes another law than the one that a scene states; a table is the law itself.
+
+    Abaqus/Explicit has a maximum stiffness where the law has none, Abaqus/Standard none.
+    """
     _require_lines(law)
-    if not isinstance(law, ExponentialLaw) or isfinite(law.maximum_stiffness):
+    if not isinstance(law, ExponentialLaw) or isfinite(law.maximum_stiffness) is not static:
         return []
+    if static:
+        return ["contact: Abaqus/Standard has no maximum stiffness; it is in the heading only"]
     return [
         "contact: the law has no maximum stiffness; Abaqus/Explicit takes one of its own where "
         "penalty contact is given none: contact.maximum_stiffness names one for both"

@@ -22,6 +22,7 @@ from fem.decks.statement import Deck, DeckStep, Flavour, Hold, Joint, Procedure,
 from fem.decks.write import write_deck as write_statement
 from fem.element.lagrange_mesh import serendipity_block
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
+from fem.problem.time_step import characteristic_time_step
 from geometry.assembly import Assembly
 from geometry.loads import CircumferentialLoad
 
@@ -32,8 +33,8 @@ QUASI_STATIC_END = 8.0
 #: The paper's damping of its Abaqus runs (Table material_parameters): α [1/s] and β [s].
 PAPER_RAYLEIGH = RayleighDamping(mass_proportional=2.0, stiffness_proportional=1.0e-8)
 
-#: Longest note: heading lines stay below what every program reads.
-_NOTE_WIDTH = 110
+#: Longest note: heading lines stay below what every program reads, and fit the printed table.
+_NOTE_WIDTH = 98
 
 Program = Literal["abaqus", "abaqus-explicit", "calculix"]
 _FLAVOURS = {
@@ -187,7 +188,9 @@ def contact_notes(deck: Deck, *, static: bool) -> list[str]:
     """Where the program takes another contact than the one stated; nothing without contact."""
     if deck.joint is None:
         return []
-    notes = law_notes(deck.joint.law)
+    notes = []
+    if deck.flavour is not Flavour.CALCULIX:
+        notes += law_notes(deck.joint.law, static=static)
     if deck.flavour is Flavour.GENERAL:
         notes.append(
             "contact: all outer faces may meet and slide; tubelock pairs facets that match, else "
@@ -207,8 +210,6 @@ def contact_notes(deck: Deck, *, static: bool) -> list[str]:
                 "contact: nodes on facets of another mesh pass no uniform pressure; with a table "
                 "for SURFACE TO SURFACE CalculiX 2.20 ends in a fault of memory"
             )
-    if deck.flavour is Flavour.PAIRS and static:
-        notes.append("contact: Abaqus/Standard has no maximum stiffness; it is in the heading only")
     return notes
 
 
@@ -221,6 +222,46 @@ def around_as_forces(deck: Deck) -> tuple[Deck, list[str]]:
     return replace(deck, loads=(as_nodal_forces(deck, around[0]),)), [note]
 
 
+#: Increments above which Abaqus recommends to keep all numbers in double precision.
+_SINGLE_PRECISION = 3.0e5
+
+
+def element_time_step(deck: Deck) -> float:
+    """Least time step of an element as Abaqus/Explicit estimates it, without contact [s]."""
+    viscosity = deck.effects.bulk_viscosity
+    linear = 0.0 if viscosity is None else viscosity.linear_bulk_viscosity
+    return min(
+        characteristic_time_step(shape.mesh, deck.material, linear_bulk_viscosity=linear)
+        for shape in deck.assembly.shapes
+    )
+
+
+def _increment_notes(deck: Deck) -> list[str]:
+    """How many increments an explicit step takes, and what precision they need."""
+    step = deck.step
+    if step.procedure is not Procedure.EXPLICIT:
+        return []
+    least = step.scaled_time_step or element_time_step(deck)
+    increment = step.time_step or (step.safety_factor or 1.0) * least
+    count = step.end_time / increment
+    text = f"step: {count:.2g} increments of {increment:.2g} s"
+    if step.time_step is None:
+        text += ", more where contact shortens them"
+    if deck.flavour is not Flavour.CALCULIX and count > _SINGLE_PRECISION:
+        text += "; single precision loses digits in so many: run abaqus with double=both"
+    return [text]
+
+
+def _gap_notes(deck: Deck) -> list[str]:
+    gaps = deck.joint is not None and (deck.clearance != 0.0 or deck.spacing != 0.0)
+    if deck.flavour is not Flavour.CALCULIX or not gaps:
+        return []
+    return [
+        "gaps: CalculiX 2.20 finds no increment ('too many cutbacks') where blocks float in their "
+        "gaps: nothing holds them before they touch"
+    ]
+
+
 def with_notes(deck: Deck, notes: list[str]) -> Deck:
     """Attach the notes, and refuse what no deck of this flavour can say.
 
@@ -229,6 +270,7 @@ def with_notes(deck: Deck, notes: list[str]) -> Deck:
     DeckError
         By name.
     """
+    notes = [*notes, *_gap_notes(deck), *_increment_notes(deck)]
     lines = [line for note in notes for line in textwrap.wrap(note.strip(), _NOTE_WIDTH)]
     deck = replace(deck, notes=tuple(lines))
     if deck.flavour is Flavour.CALCULIX:

@@ -112,6 +112,8 @@ class DeckStep:
     """Fixed time step of an explicit step [s]; None: chosen by the program."""
     safety_factor: float | None = None
     """Fraction of the critical time step that the program takes; None: its default."""
+    scaled_time_step: float | None = None
+    """Time step that mass scaling lets every element allow [s]; None: no mass scaling."""
     large_rotations: bool = True
     """Whether forces and strains are taken in the deformed position (NLGEOM)."""
     field_intervals: int = 20
@@ -204,6 +206,7 @@ ALL = "ALL"
 CONTACT = "CONTACT"
 MATERIAL = "BLOCK-MATERIAL"
 JOINT = "JOINT"
+GAP = "GAP"
 LOADING = "LOADING"
 CYLINDRICAL = "TUBE-AXIS"
 HOURGLASS = "HOURGLASS"

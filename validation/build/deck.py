@@ -18,6 +18,7 @@ from fem.decks.problem import (
     around_as_forces,
     contact_notes,
     deck_of,
+    element_time_step,
     quadratic,
     with_notes,
 )
@@ -41,8 +42,11 @@ from validation.scene.read import DeformableScene, SceneFile
 from validation.scene.usage import count, uncounted
 
 
-def build_deck(file: SceneFile, flavour: Flavour) -> Deck:
+def build_deck(file: SceneFile, flavour: Flavour | None = None) -> Deck:
     """State the problem of a scene for another program.
+
+    Without a flavour the deck follows the scene's method: static as a static step of
+    Abaqus/Standard with contact pairs, explicit as Abaqus/Explicit with general contact.
 
     Raises
     ------
@@ -60,8 +64,10 @@ def build_deck(file: SceneFile, flavour: Flavour) -> Deck:
         return _deck(file.name, scene, flavour)
 
 
-def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
+def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
     fem, effects = fem_section(scene, name), scene.effects
+    if flavour is None:
+        flavour = Flavour.PAIRS if fem.method is Method.STATIC else Flavour.GENERAL
     refuse_cell(scene, name, "export")
     blocks = build_hexahedra(scene, name)
     assembly = canonical(blocks.assembly)
@@ -97,6 +103,8 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour) -> Deck:
         notes.append(f"edges: {STRAIGHT_EDGES}")
     deck, more = around_as_forces(deck)
     notes += more
+    if not static and fem.mass_scaling is not None:
+        deck = _with_mass_scaling(deck, fem.mass_scaling)
     if flavour is Flavour.CALCULIX and not static:
         deck = _with_time_step(deck, fem)
     # Notes also say what a deck leaves out, which is no use of a key.
@@ -116,10 +124,28 @@ def _as_written(joint: Joint, effects: EffectsSection) -> Joint:
         return replace(joint, stick_stiffness=stick, finite_sliding=effects.finite_sliding)
 
 
+def _with_mass_scaling(deck: Deck, factor: float) -> Deck:
+    """Let every element allow a multiple of the least time step.
+
+    Raises
+    ------
+    InputError
+        For CalculiX, whose mass scaling is another one.
+    """
+    if deck.flavour is Flavour.CALCULIX:
+        raise InputError(
+            f"fem.mass_scaling: got {factor:g} with --flavour calculix, which scales no single "
+            "elements; remove it, or choose --flavour general"
+        )
+    scaled = factor * element_time_step(deck)
+    return replace(deck, step=replace(deck.step, scaled_time_step=scaled))
+
+
 def _idle_keys(fem: FemSection, *, static: bool) -> tuple[tuple[type, str], ...]:
     """Keys of ``[fem]`` that make effects which a deck does not have."""
     undamped = static or fem.method is Method.STATIC  # the static state is damped as the paper's
-    return ((FemSection, "mass_scaling"), *(((FemSection, "damping"),) if undamped else ()))
+    masses = ((FemSection, "mass_scaling"),) if static else ()
+    return (*masses, *(((FemSection, "damping"),) if undamped else ()))
 
 
 def _count_keys(scene: DeformableScene, flavour: Flavour, *, static: bool) -> None:

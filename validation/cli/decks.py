@@ -17,16 +17,17 @@ def export(
         Path, typer.Option("-o", "--output", metavar="FILE.inp", help="Input deck to write.")
     ],
     flavour: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="general|pairs|calculix",
             help="general: Abaqus/Explicit, general contact; pairs: Abaqus with contact pairs; "
-            "calculix: no parts or instances.",
+            "calculix: no parts or instances. Default: as fem.method; static: pairs, a step of "
+            "Abaqus/Standard; explicit: general.",
             autocompletion=lambda incomplete: [
                 word for word in ("general", "pairs", "calculix") if word.startswith(incomplete)
             ],
         ),
-    ] = "general",
+    ] = None,
     settings: SetOption = None,
 ) -> None:
     """Write an input deck for Abaqus or CalculiX."""
@@ -36,12 +37,12 @@ def export(
     from validation.scene.read import load_scene
     from validation.scene.usage import recording
 
-    if flavour not in set(Flavour):
+    if flavour is not None and flavour not in set(Flavour):
         raise InputError(f"--flavour {flavour}: expected one of {', '.join(Flavour)}")
     file = load_scene(scene, settings or ())
     with Outputs(files={"-o": output}, scene=file) as outputs:
         with recording(file.scene) as use:
-            written = export_deck(file, Flavour(flavour), output)
+            written = export_deck(file, None if flavour is None else Flavour(flavour), output)
         print_export(written, outputs.console)
         outputs.tell_unused(use)
 

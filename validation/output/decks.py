@@ -46,7 +46,7 @@ class WrittenDeck:
     """CPU time of building and writing it."""
 
 
-def export_deck(file: SceneFile, flavour: Flavour, path: Path) -> WrittenDeck:
+def export_deck(file: SceneFile, flavour: Flavour | None, path: Path) -> WrittenDeck:
     """Write the deck of a scene, whole or not at all.
 
     Raises

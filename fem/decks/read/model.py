@@ -152,6 +152,7 @@ def read_step(sections: Sections) -> DeckStep:
         raise DeckError(f"line {dynamic.line}: expected a time step (or nothing) and an end time")
     end_time = floats(dynamic.line, row[1:])[0]
     factor = dynamic.parameters.get("SCALE FACTOR")
+    scaling = sections.maybe("FIXED MASS SCALING")
     fields, history = _output_intervals(sections, end_time)
     return DeckStep(
         Procedure.EXPLICIT,
@@ -159,6 +160,9 @@ def read_step(sections: Sections) -> DeckStep:
         ramp,
         time_step=floats(dynamic.line, row[:1])[0] if row[0] else None,
         safety_factor=None if factor is None else floats(dynamic.line, [factor])[0],
+        scaled_time_step=None
+        if scaling is None
+        else floats(scaling.line, [scaling.parameter("DT")])[0],
         large_rotations=large,
         field_intervals=fields,
         history_intervals=history,
