@@ -94,20 +94,6 @@ def with_last_material(stated: DeformableAssembly, material: Material) -> Deform
     return replace(stated, model=model, group_of=group_of, copy_of=copy_of)
 
 
-def scaled(assembly: Assembly, factor: float) -> Assembly:
-    """Return the same assembly in another unit of length."""
-    shapes = tuple(
-        replace(shape, mesh=replace(shape.mesh, nodes=shape.mesh.nodes * factor), curve=None)
-        for shape in assembly.shapes
-    )
-    return replace(
-        assembly,
-        shapes=shapes,
-        translations=assembly.translations * factor,
-        origin=assembly.origin * factor,
-    )
-
-
 def relative(value: FloatArray | float, expected: FloatArray | float) -> float:
     """Largest difference over the largest expected value."""
     size = float(np.abs(expected).max())

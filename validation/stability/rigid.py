@@ -28,7 +28,6 @@ from mbd import (
 from mbd.pair_wrenches import SeparateWrenches
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.problems import pressed, relative, stack, tube
-from validation.stability.views import View, seen, seen_load
 
 CASES = Cases("rigid")
 
@@ -148,29 +147,6 @@ def _scale_law(pressure: float) -> Finding:
 
 CASES.case("load-1e-12-rigid", "Load of 1e-12 MPa: forces scale with the load", _scale_law, 1e-12)
 CASES.case("load-1e9-rigid", "Load of 1e9 MPa: forces scale with the load", _scale_law, 1e9)
-
-
-def _seen_law(view: View, allowed: float) -> Finding:
-    assembly = tube()
-    load, there = piped(assembly), seen(assembly, view)
-    mine, other = rigid_result(assembly, load), rigid_result(there, seen_load(load, there, view))
-    return Finding(
-        Check(f"class unchanged ({mine.mechanism})", mine.mechanism == other.mechanism, 1, 1),
-        Check(
-            "λ against λ of the original",
-            relative(other.contact_forces, mine.contact_forces),
-            allowed,
-        ),
-    )
-
-
-for _name, _words, _view, _allowed in (
-    ("units-metre-rigid", "The same tube in metres", View("metres", scale=1e-3), 1e-9),
-    ("units-inch-rigid", "The same tube in inches", View("inches", scale=1.0 / 25.4), 1e-9),
-    # Coordinates lose eps · 1e6 mm = 2e-10 mm of facets of 10 mm: 2e-11, times the condition.
-    ("offset-1e6-mm-rigid", "The tube 1e6 mm from the origin", View("away", offset=1e6), 1e-6),
-):
-    CASES.case(_name, f"{_words}: same class, same forces", _seen_law, _view, _allowed)
 
 
 def _repeated(jacobian: PairJacobian, times: int) -> PairJacobian:

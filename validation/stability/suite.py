@@ -9,7 +9,6 @@ from validation.stability import (
     contact_law,
     explicit,
     geometry,
-    invariance,
     numbers,
     process,
     rigid,
@@ -24,7 +23,6 @@ def cases() -> tuple[Case, ...]:
     """Every case of every subject."""
     subjects = (
         rigid,
-        invariance,
         degenerate_rigid,
         degenerate_deformable,
         numbers,

@@ -13,7 +13,6 @@ from geometry.loads import FaceLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.polyhedron import Polyhedron
-from validation.stability.problems import scaled
 
 Placed = TypeVar("Placed", bound=Assembly | PolyhedralAssembly)
 
@@ -56,6 +55,20 @@ VIEWS = (
     View("renumbered", reverse=True),
     View("all at once", offset=1e6, angle=0.7, scale=1e-3, reverse=True),
 )
+
+
+def scaled(assembly: Assembly, factor: float) -> Assembly:
+    """Return the same assembly in another unit of length."""
+    shapes = tuple(
+        replace(shape, mesh=replace(shape.mesh, nodes=shape.mesh.nodes * factor), curve=None)
+        for shape in assembly.shapes
+    )
+    return replace(
+        assembly,
+        shapes=shapes,
+        translations=assembly.translations * factor,
+        origin=assembly.origin * factor,
+    )
 
 
 def seen(assembly: Placed, view: View) -> Placed:
