@@ -21,7 +21,7 @@ from validation.output.console import listing, two_columns
 from validation.paper.evidence import Evidence, p_max
 from validation.paper.naming import chosen_by_name
 from validation.paper.reading import Ingredient, ingredients, sensitivity
-from validation.paper.reference import reference
+from validation.paper.reference import reference, statements
 from validation.paper.tables import number
 from validation.scene.read import TubeScene, load_scene
 
@@ -72,15 +72,11 @@ _ERRATA: list[Erratum] = []
 _Show = Callable[[Evidence], Shown]
 
 
-def _erratum(printed: str, meant: str) -> Callable[[_Show], _Show]:
-    """List an erratum that a function demonstrates, which names it: ``_one_wave``, one-wave."""
-
-    def add(show: _Show) -> _Show:
-        name = show.__name__.strip("_").replace("_", "-")
-        _ERRATA.append(Erratum(name, printed, meant, show))
-        return show
-
-    return add
+def _erratum(show: _Show) -> _Show:
+    """List the erratum of ``statements.toml`` that a function shows: ``_one_wave``, one-wave."""
+    name = show.__name__.strip("_").replace("_", "-")
+    _ERRATA.append(Erratum(name, show=show, **statements()["erratum"][name]))
+    return show
 
 
 def solve_printed_program(transpose: sp.csr_array) -> tuple[float, float]:
@@ -111,12 +107,7 @@ def solve_printed_program(transpose: sp.csr_array) -> tuple[float, float]:
     return -float(result.fun), float(np.abs(result.x[:n]).max())
 
 
-@_erratum(
-    "eq. kinematic-feasibility-lp: max 1ᵀs decides whether a mechanism exists",
-    "δq = 0, s = 1 is always optimal, z* = 6 N_b also for a locked tube. It means to ask "
-    "whether Gᵀδq ≥ 0 has a nonzero solution; tubelock asks for rank and a positive "
-    "self-stress, and solves the corrected program as a check",
-)
+@_erratum
 def _degenerate_program(_: Evidence) -> Shown:
     settings = ["assembly.layers=2", "mesh.around=24", "mesh.radial=3", "mesh.axial=6"]
     built = build_scene(load_scene("tsb1-pipe", settings))
@@ -164,10 +155,7 @@ def _tsb1() -> SineBlockParameters:
     return scene.shape
 
 
-@_erratum(
-    "ρ = 2400 · 10⁻¹² kg/mm³; α and β without units",
-    "with N, mm and s the number is in t/mm³; α is in 1/s and β in s",
-)
+@_erratum
 def _density_unit(evidence: Evidence) -> Shown:
     fem = reference()["fem"]
     run = evidence.case("TSB1", "pipe")
@@ -185,11 +173,7 @@ def _density_unit(evidence: Evidence) -> Shown:
     )
 
 
-@_erratum(
-    "table FEM simulation parameters: friction coefficient 0.01; conclusions: “All "
-    "investigations in this study were conducted under frictionless contact assumptions”",
-    "one of the two; friction is off unless a scene names it",
-)
+@_erratum
 def _friction(evidence: Evidence) -> Shown:
     run = evidence.case("TSB1", "pipe")
     coefficient = reference()["fem"]["friction_coefficient"]
@@ -207,10 +191,7 @@ def _friction(evidence: Evidence) -> Shown:
     )
 
 
-@_erratum(
-    "ℓ = r_i √(2 (1 - cos(π/n))) is the length of a block",
-    "it is the chord of π/n, half a block: a block carries 2 f waves",
-)
+@_erratum
 def _half_block(_: Evidence) -> Shown:
     block = _tsb1()
     half = block.inner_radius * np.sqrt(2 * (1 - np.cos(np.pi / block.blocks_per_layer)))
@@ -231,10 +212,7 @@ def _half_block(_: Evidence) -> Shown:
     )
 
 
-@_erratum(
-    "shift each second layer by the half of the block",
-    "faces meet only after whole waves: ⌊f⌋ waves, a third of a block at f = 1.5",
-)
+@_erratum
 def _layer_shift(_: Evidence) -> Shown:
     block = _tsb1()
     across = np.linspace(0.0, 1.0, 3001)
@@ -252,11 +230,7 @@ def _layer_shift(_: Evidence) -> Shown:
     )
 
 
-@_erratum(
-    "shift each second layer by the half of the block",
-    "the parameter study was made with a turn of one wave at every f, a quarter of a block "
-    "at f = 2: assembly.turn",
-)
+@_erratum
 def _one_wave(evidence: Evidence) -> Shown:
     """Three designs of the study with either turn: what the paper says holds for one of them."""
     found = {f: p_max(evidence.tsb((0.0, f, 6, 30.0, 25.0))) for f in (1.0, 1.5, 2.0)}
@@ -271,11 +245,7 @@ def _one_wave(evidence: Evidence) -> Shown:
     )
 
 
-@_erratum(
-    "pillar: axial load on the top frame; the frame is fixed when classes are computed",
-    "classes hold with both frames fixed, equilibrium needs the top frame free; both "
-    "classes are given",
-)
+@_erratum
 def _pillar_frames(evidence: Evidence) -> Shown:
     words, values = [], {}
     for block in ("TSB1", "TSB2", "THB0"):
@@ -286,10 +256,7 @@ def _pillar_frames(evidence: Evidence) -> Shown:
     return Shown("; ".join(words), values)
 
 
-@_erratum(
-    "eq. position-variation: δR = R [δθ]ₓ and R δθ = δθ",
-    "the second holds only about the axis of R; with the spatial δθ the result δθ × p is right",
-)
+@_erratum
 def _rotation_variation(_: Evidence) -> Shown:
     rng = np.random.default_rng(0)
     axis = rng.standard_normal(3)
@@ -309,11 +276,7 @@ def _rotation_variation(_: Evidence) -> Shown:
     )
 
 
-@_erratum(
-    "“four layers L = 5”; “minimal principal stress σ₂”; “five equally spaced planes … "
-    "z = 1210, 1220, 1380, and 1390”",
-    "five layers; σ₃; two planes at each end",
-)
+@_erratum
 def _captions(_: Evidence) -> Shown:
     principal = np.linalg.eigvalsh(np.diag([2.0, -1.0, 0.5]))[::-1]
     return Shown(

@@ -12,6 +12,7 @@ from enum import StrEnum
 from typing import Any, TypeAlias
 
 from validation.paper.evidence import Evidence
+from validation.paper.reference import statements
 
 
 class Truth(StrEnum):
@@ -58,22 +59,13 @@ class Claim:
 
 
 class Claims(list[Claim]):
-    """Claims in the order in which their judges stand; ``usual`` options are those of most."""
+    """Claims in the order in which their judges stand."""
 
-    def __init__(self, **usual: bool) -> None:
-        self._usual = usual
-
-    def add(
-        self, statement: str, place: str, *, name: str | None = None, **options: bool
-    ) -> Callable[[Judge], Judge]:
-        """List a claim that a function judges, which names it: ``_half_turn``, half-turn."""
-
-        def listed(judge: Judge) -> Judge:
-            named = name or judge.__name__.strip("_").replace("_", "-")
-            self.append(Claim(named, statement, place, judge, **self._usual | options))
-            return judge
-
-        return listed
+    def add(self, judge: Judge, name: str = "") -> Judge:
+        """List the claim of ``statements.toml`` that a function judges, which names it."""
+        name = name or judge.__name__.strip("_").replace("_", "-")
+        self.append(Claim(name, judge=judge, **statements()["claim"][name]))
+        return judge
 
 
 NOT_COMPUTED = Verdict(Truth.NOT_COMPUTED, "needs the deformable run: add --fem", {})
