@@ -53,13 +53,13 @@ format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# Rates of all solvers beside the machine's roofline, one line in validation/benchmarks/history.jsonl;
+# Rates of all solvers beside the machine's roofline, one line in tests/benchmarks/history.jsonl;
 # says what has become slower.
 bench: setup
-	$(BIN)/python -m validation.benchmarks.history
+	$(BIN)/python -m tests.benchmarks.history
 
 benchmark: setup
-	$(BIN)/python -m validation.benchmarks.rigid
+	$(BIN)/python -m tests.benchmarks.rigid
 
 # Random command lines (seed and count: `python -m tests.fuzz --help`); a minute for a hundred.
 fuzz: setup

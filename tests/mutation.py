@@ -51,7 +51,7 @@ SUBJECTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("fem/contact/surfaces.py", "fem/contact/friction.py"),
         ("test_fem_contact.py", "test_fem_friction.py", "test_fem_explicit_contact.py"),
     ),
-    "kernels": (("fem/explicit/kernels/reference.py",), ("test_fem_kernels.py",)),
+    "kernels": (("tests/reference_kernels.py",), ("test_fem_kernels.py",)),
     "stores": (
         ("validation/output/store.py", "validation/study/store.py"),
         ("test_validation_store.py",),

@@ -6,7 +6,7 @@ from fem.element.hexahedron import ElementType, block_stiffness
 from fem.element.material import Material
 from fem.explicit import kernels
 from fem.explicit.body import element_viscosity
-from fem.explicit.kernels import PARALLEL, SERIAL, reference
+from fem.explicit.kernels import PARALLEL, SERIAL
 from fem.explicit.kernels.layout import (
     BlockRows,
     aligned_zeros,
@@ -18,6 +18,7 @@ from fem.explicit.kernels.layout import (
 )
 from fem.problem.effects import BulkViscosity
 from fem.problem.model import block_group
+from tests import reference_kernels as reference
 from tests.fem_problems import CONCRETE, distorted_box
 
 pytestmark = pytest.mark.quick

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from validation.benchmarks import explicit, history
-from validation.benchmarks.history import Entry, Rate, falls, last_like, read_history
+from tests.benchmarks import history
+from tests.benchmarks.history import Entry, Rate, falls, last_like, read_history
+from validation.benchmarks import explicit
 from validation.benchmarks.kernels import internal_force_work, update_work
 from validation.benchmarks.roofline import Roofline
 from validation.errors import InputError

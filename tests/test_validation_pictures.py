@@ -30,16 +30,10 @@ from validation.output.files import PICTURES, require_picture
 from validation.output.pictures import assemblies, tubes
 from validation.output.pictures.bodies import block_edges, labelled, sharp_edges
 from validation.output.pictures.canvas import Lines, Surface, View
-from validation.output.pictures.gallery import (
-    Panel,
-    Scale,
-    gallery,
-    round_length,
-    scale_from_zero,
-    symmetric_scale,
-)
+from validation.output.pictures.gallery import Panel, gallery, round_length
 from validation.output.pictures.look import Look, looking
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
+from validation.output.pictures.scales import Scale, scale_from_zero, symmetric_scale
 from validation.output.pictures.sections import section
 from validation.run.rigid.answer import run_rigid
 from validation.run.rigid.polyhedra import mechanism_motion, run_polyhedra

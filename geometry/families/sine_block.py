@@ -288,32 +288,6 @@ def wave(block: SineBlockParameters, u: FloatArray, r: FloatArray) -> FloatArray
     return amplitude * np.sin(2 * np.pi * block.waves_per_block * u + np.pi * block.shift)
 
 
-def sine_block_points(
-    block: SineBlockParameters, r: FloatArray, u: FloatArray, w: FloatArray
-) -> FloatArray:
-    """Points of the free block: the exact curved shape, of which meshes are samples.
-
-    Parameters
-    ----------
-    block
-        Shape.
-    r
-        Radii, any shape [mm].
-    u
-        Places across the block, 0 at the left face to 1 at the right one.
-    w
-        Places along its height, 0 at the bottom face to 1 at the top one.
-
-    Returns
-    -------
-    FloatArray
-        (..., 3) [mm], in the position of `sine_block`.
-    """
-    theta = block.block_angle * (u - 0.5)
-    z = block.height * w + wave(block, u, r)
-    return np.stack([r * np.cos(theta), r * np.sin(theta), z], axis=-1)
-
-
 def _build(
     block: SineBlockParameters,
     divisions: SineBlockDivisions,

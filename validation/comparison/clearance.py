@@ -20,7 +20,8 @@ from fem.static.linear_step.condensed import FlexibilityStore
 from validation.build.deformable import fem_section
 from validation.errors import InputError
 from validation.output.console import tabled
-from validation.output.pictures.gallery import BLUE, ORANGE, VERMILION, save_figure, subplots
+from validation.output.pictures.gallery import save_figure, subplots
+from validation.output.pictures.scales import BLUE, ORANGE, VERMILION
 from validation.run.solve import run_static
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene

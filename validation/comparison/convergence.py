@@ -22,7 +22,8 @@ from fem.problem.model import Model, block_group, fixed_nodes
 from geometry.block import box_block
 from geometry.mesh import FloatArray
 from validation.output.console import listing
-from validation.output.pictures.gallery import BLUE, OF_LINES, save_figure, subplots
+from validation.output.pictures.gallery import save_figure, subplots
+from validation.output.pictures.scales import BLUE, OF_LINES
 
 #: Long, slender, and without Poisson's ratio, so that the clamped end has no singular stress.
 SIZE = (200.0, 20.0, 20.0)

@@ -25,14 +25,8 @@ from validation.output.console import listing, tabled
 from validation.output.pictures.assemblies import ring_panel, unrolled_panel
 from validation.output.pictures.bodies import above_and_below, eye, interface_facets
 from validation.output.pictures.canvas import Part
-from validation.output.pictures.gallery import (
-    PRESSURE_MAP,
-    STRESS_MAP,
-    Panel,
-    Scale,
-    gallery,
-    scale_from_zero,
-)
+from validation.output.pictures.gallery import Panel, gallery
+from validation.output.pictures.scales import PRESSURE_MAP, STRESS_MAP, Scale, scale_from_zero
 
 #: What the columns of the first table are.
 _COLUMNS = (

@@ -12,17 +12,8 @@ from validation.costs.measure import SCALARS
 from validation.costs.plan import QUANTITIES
 from validation.costs.study import TARGETS, CostStudy, Row, answer, percent
 from validation.output.console import listing
-from validation.output.pictures.gallery import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    SKY,
-    VERMILION,
-    save_figure,
-    subplots,
-    twos_and_fives,
-)
+from validation.output.pictures.gallery import save_figure, subplots, twos_and_fives
+from validation.output.pictures.scales import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
 from validation.output.provenance import Provenance
 
 if TYPE_CHECKING:

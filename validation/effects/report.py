@@ -124,15 +124,8 @@ def draw_effects(report: EffectReport, path: Path) -> None:
     """Draw changes and costs, one group of bars for each effect."""
     from matplotlib.ticker import FuncFormatter
 
-    from validation.output.pictures.gallery import (
-        BLUE,
-        ORANGE,
-        SKY,
-        VERMILION,
-        save_figure,
-        subplots,
-        twos_and_fives,
-    )
+    from validation.output.pictures.gallery import save_figure, subplots, twos_and_fives
+    from validation.output.pictures.scales import BLUE, ORANGE, SKY, VERMILION
 
     costs = report.costs
     figure, (left, right) = subplots(1, 2, size=(10, 4.6), sharey=True)

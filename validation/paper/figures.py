@@ -18,15 +18,8 @@ from validation.output.console import listing
 from validation.output.files import write_csv
 from validation.output.pictures.bodies import EYE, FROM_ABOVE, far_side, interface_facets
 from validation.output.pictures.canvas import Direction, View
-from validation.output.pictures.gallery import (
-    PRESSURE_MAP,
-    Panel,
-    Scale,
-    gallery,
-    save_figure,
-    scale_from_zero,
-    subplots,
-)
+from validation.output.pictures.gallery import Panel, gallery, save_figure, subplots
+from validation.output.pictures.scales import PRESSURE_MAP, Scale, scale_from_zero
 from validation.paper.evidence import Evidence, StudyTable
 from validation.paper.reference import reference
 

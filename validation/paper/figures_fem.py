@@ -12,13 +12,12 @@ import numpy as np
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
 from validation.output.pictures.bodies import EYE
-from validation.output.pictures.gallery import (
+from validation.output.pictures.gallery import Panel, gallery
+from validation.output.pictures.scales import (
     MOTION_MAP,
     PRESSURE_MAP,
     STRESS_MAP,
-    Panel,
     Scale,
-    gallery,
     scale_from_zero,
     symmetric_scale,
 )

@@ -21,7 +21,7 @@ from rich.console import Console
 from validation.output.files import prepare_folder, write_json, write_whole
 from validation.output.pictures.bodies import EYE, coloured_blocks, interface_facets, outlines
 from validation.output.pictures.canvas import Part, View
-from validation.output.pictures.gallery import PRESSURE_MAP, scale_from_zero
+from validation.output.pictures.scales import PRESSURE_MAP, scale_from_zero
 from validation.output.pictures.tubes import all_faces, stress_scale
 from validation.output.pictures.view_3d import View3d, make_view, viewer_page, webp
 from validation.output.provenance import Provenance, program, stamped

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from validation.errors import InputError
-from validation.output.pictures.gallery import OF_LINES, subplots
+from validation.output.pictures.gallery import subplots
+from validation.output.pictures.scales import OF_LINES
 from validation.study.study import COLUMNS, Study, value_text
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """The compiled loops of the explicit solver.
 
 Arrays are [row][component][copy] (`fem.explicit.kernels.layout`), copies are SIMD lanes. Every
-kernel has a plain twin in `fem.explicit.kernels.reference`, with which the tests compare it.
+kernel has a plain twin in `tests.reference_kernels`, with which the tests compare it.
 
 An argument that is None removes its branch when the kernel is compiled: an effect that is off
 is not in the machine code. Rows are worked in fixed chunks and each chunk writes its own rows

@@ -35,7 +35,6 @@ from validation.scene.polyhedra import STRAIGHT_EDGES
 if TYPE_CHECKING:
     from fem.explicit.output.energy import History
     from fem.explicit.solve import ExplicitResult
-    from validation.output.pictures.drawn import DrawnState
     from validation.run.deformable import DeformableRun
     from validation.run.measures import FrictionSet, StaticReference
 
@@ -64,7 +63,7 @@ def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
     _name_frames(run.scene.fem, outputs)
 
 
-def write_state_files(state: DrawnState, outputs: Outputs) -> None:
+def write_state_files(state: DeformableRun, outputs: Outputs) -> None:
     """Write contact pressures, joints and pictures of a state; nothing without a folder."""
     if state.meets:
         outputs.write("pressures", "contact_pressures.vtu", lambda path: write_contact(state, path))
@@ -84,7 +83,7 @@ def _write_fields(run: DeformableRun, path: Path) -> None:
     )
 
 
-def write_contact(run: DrawnState, path: Path) -> None:
+def write_contact(run: DeformableRun, path: Path) -> None:
     """Write contact facets with pressures, forces and gaps."""
     found = run.contact_state
     quads = np.arange(4 * found.n_facets).reshape(-1, 4)
@@ -102,9 +101,9 @@ def write_contact(run: DrawnState, path: Path) -> None:
     )
 
 
-def _pictures(state: DrawnState) -> dict[str, Callable[[DrawnState, Path], None]]:
+def _pictures(state: DeformableRun) -> dict[str, Callable[[DeformableRun, Path], None]]:
     """Pictures of a state; sections and the view along an axis are those of tubes."""
-    pictures: dict[str, Callable[[DrawnState, Path], None]] = {}
+    pictures: dict[str, Callable[[DeformableRun, Path], None]] = {}
     if state.meets:
         pictures["contact_pressures.png"] = tubes.draw_contact
     pictures["stresses.png"] = tubes.draw_stresses

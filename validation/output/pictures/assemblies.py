@@ -32,15 +32,9 @@ from validation.output.pictures.bodies import (
     turns,
 )
 from validation.output.pictures.canvas import Part, Pixels, View
-from validation.output.pictures.gallery import (
-    ORANGE,
-    PRESSURE_MAP,
-    VERMILION,
-    Panel,
-    Scale,
-    gallery,
-)
+from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.look import look
+from validation.output.pictures.scales import ORANGE, PRESSURE_MAP, VERMILION, Scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,7 +17,8 @@ from validation.output.pictures.bodies import (
     turns,
 )
 from validation.output.pictures.canvas import Part, View
-from validation.output.pictures.gallery import GREY, VERMILION, Panel, gallery
+from validation.output.pictures.gallery import Panel, gallery
+from validation.output.pictures.scales import GREY, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

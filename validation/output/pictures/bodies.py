@@ -24,13 +24,13 @@ from validation.output.pictures.canvas import (
     merged,
     rgb,
 )
-from validation.output.pictures.gallery import (
+from validation.output.pictures.gallery import Panel
+from validation.output.pictures.scales import (
     BLUE,
     GREY,
     PRESSURE_MAP,
     SKY,
     VERMILION,
-    Panel,
     Scale,
     scale_from_zero,
 )

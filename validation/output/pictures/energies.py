@@ -7,16 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from validation.output.pictures.gallery import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    SKY,
-    VERMILION,
-    save_figure,
-    subplots,
-)
+from validation.output.pictures.gallery import save_figure, subplots
+from validation.output.pictures.scales import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
 
 if TYPE_CHECKING:
     from fem.explicit.output.energy import History

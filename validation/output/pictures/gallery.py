@@ -20,51 +20,13 @@ from geometry.mesh import FloatArray
 from validation.output.files import write_whole
 from validation.output.pictures.canvas import LARGEST, View
 from validation.output.pictures.look import PRINT, look
-from validation.output.pictures.scales import (
-    BLUE,
-    GREEN,
-    GREY,
-    MOTION_MAP,
-    OF_LINES,
-    ORANGE,
-    PRESSURE_MAP,
-    SKY,
-    STRESS_MAP,
-    VERMILION,
-    Scale,
-    colour_bar,
-    scale_from_zero,
-    symmetric_scale,
-)
+from validation.output.pictures.scales import VERMILION, Scale, colour_bar
 from validation.output.provenance import program
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter
-
-__all__ = [
-    "BLUE",
-    "GREEN",
-    "GREY",
-    "MOTION_MAP",
-    "OF_LINES",
-    "ORANGE",
-    "PRESSURE_MAP",
-    "SKY",
-    "STRESS_MAP",
-    "VERMILION",
-    "Panel",
-    "Scale",
-    "gallery",
-    "marked",
-    "round_length",
-    "save_figure",
-    "scale_from_zero",
-    "subplots",
-    "symmetric_scale",
-    "twos_and_fives",
-]
 
 #: Inches at nominal letters: round all panels, round each, of the line at the foot, of a legend.
 _MARGIN, _PAD, _FOOT, _LEGEND = 0.2, 0.1, 0.2, 0.36

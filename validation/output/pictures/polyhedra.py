@@ -31,14 +31,9 @@ from validation.output.pictures.canvas import (
     merged,
     rgb,
 )
-from validation.output.pictures.gallery import (
-    PRESSURE_MAP,
-    VERMILION,
-    Panel,
-    gallery,
-    scale_from_zero,
-)
+from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.look import look
+from validation.output.pictures.scales import PRESSURE_MAP, VERMILION, scale_from_zero
 from validation.run.rigid.polyhedra import contact_triangles
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from geometry.files.vtu import as_grid
 from geometry.mesh import FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from validation.output.pictures.drawn import DrawnState
+    from validation.run.deformable import DeformableRun
 
 
 #: VTK's numbers of cells.
@@ -34,7 +34,7 @@ class Section:
     """Triangles of blocks that have no stresses, (n, 3)."""
 
 
-def section(run: DrawnState, z: float) -> Section:
+def section(run: DeformableRun, z: float) -> Section:
     """Cut all blocks by the plane at height z [mm]."""
     cuts = [_cut_block(run, b, z) for b in range(run.drawn.n_blocks)]
     found = [cut for cut in cuts if cut is not None]
@@ -52,7 +52,7 @@ def section(run: DrawnState, z: float) -> Section:
     )
 
 
-def _cut_block(run: DrawnState, block: int, z: float) -> Section | None:
+def _cut_block(run: DeformableRun, block: int, z: float) -> Section | None:
     """Cut one block; None where the plane does not meet it."""
     nodes, shape = run.positions(block), run.drawn.shape(block)
     if not nodes[:, 2].min() < z < nodes[:, 2].max():

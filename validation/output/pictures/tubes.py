@@ -25,23 +25,21 @@ from validation.output.pictures.bodies import (
     outlines,
 )
 from validation.output.pictures.canvas import Direction, Part, View
-from validation.output.pictures.gallery import (
+from validation.output.pictures.gallery import Panel, gallery, marked
+from validation.output.pictures.scales import (
     MOTION_MAP,
+    PALE,
     STRESS_MAP,
-    Panel,
     Scale,
-    gallery,
-    marked,
     scale_from_zero,
     symmetric_scale,
 )
-from validation.output.pictures.scales import PALE
 from validation.output.pictures.sections import Section, section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from validation.output.pictures.drawn import DrawnState
+    from validation.run.deformable import DeformableRun
 
 #: Faces of a tube's blocks that are seen from outside when blocks have moved.
 _SHELL = ("outer", "inner", "left", "right", *EDGE_NAMES)
@@ -72,7 +70,7 @@ STRESSES = (
 
 
 def blocks_view(
-    run: DrawnState,
+    run: DeformableRun,
     values: Callable[[int], FloatArray],
     scale: Scale,
     faces: Sequence[str],
@@ -100,29 +98,29 @@ def blocks_view(
 # Stresses and displacements
 
 
-def _moved(run: DrawnState, block: int) -> FloatArray:
+def _moved(run: DeformableRun, block: int) -> FloatArray:
     return np.asarray(np.linalg.norm(run.displacement(block), axis=1))
 
 
-def all_faces(run: DrawnState) -> tuple[str, ...]:
+def all_faces(run: DeformableRun) -> tuple[str, ...]:
     """Names of all faces of the deformable blocks."""
     assembly = run.drawn
     shapes = (assembly.shape(b) for b in run.deformable.deformable_blocks.tolist())
     return tuple(dict.fromkeys(face for shape in shapes for face in shape.faces))
 
 
-def _stress(run: DrawnState, stress: Stress, block: int) -> FloatArray:
+def _stress(run: DeformableRun, stress: Stress, block: int) -> FloatArray:
     return stress.of(run.principal(block))
 
 
-def stress_scale(run: DrawnState, stress: Stress = STRESSES[0]) -> Scale:
+def stress_scale(run: DeformableRun, stress: Stress = STRESSES[0]) -> Scale:
     """Colours of a stress, with what it reaches anywhere in the blocks."""
     blocks = run.deformable.deformable_blocks.tolist()
     values = [_stress(run, stress, b) for b in blocks]
     return symmetric_scale(f"{stress.symbol} [MPa]", STRESS_MAP, values)
 
 
-def extreme(run: DrawnState, stress: Stress) -> tuple[FloatArray, str]:
+def extreme(run: DeformableRun, stress: Stress) -> tuple[FloatArray, str]:
     """Where a stress is extreme at a node, and words for it and for what the tables give."""
     best, place, words = -np.inf, np.zeros(3), ""
     for block in run.deformable.deformable_blocks.tolist():
@@ -136,13 +134,13 @@ def extreme(run: DrawnState, stress: Stress) -> tuple[FloatArray, str]:
     return place, f"{words}\nintegration point: {inside:.3g}".replace("-", "−")
 
 
-def _joint(run: DrawnState, block: int, node: int) -> str:
+def _joint(run: DeformableRun, block: int, node: int) -> str:
     """Say that a node lies in a joint, which no look from outside shows."""
     shape = run.drawn.shape(block)
     return ", in a joint" if np.isin(node, shape.contact_quads) else ""
 
 
-def draw_stresses(run: DrawnState, path: Path) -> None:
+def draw_stresses(run: DeformableRun, path: Path) -> None:
     """Draw stresses and the displacement, and the first stress on the faces that meet others.
 
     Of a tube the outer surface, and the joints of the middle layer; of other blocks all surfaces.
@@ -161,7 +159,7 @@ def draw_stresses(run: DrawnState, path: Path) -> None:
     gallery(columns, run.title, path, height=7.5 if tube else 5.5)
 
 
-def _moved_panel(run: DrawnState, faces: Sequence[str], direction: Direction) -> Panel:
+def _moved_panel(run: DeformableRun, faces: Sequence[str], direction: Direction) -> Panel:
     """The deformed shape, coloured by the displacement."""
     blocks, factor = run.deformable.deformable_blocks.tolist(), run.drawing_scale
     scale = scale_from_zero("|u| [mm]", MOTION_MAP, [_moved(run, b) for b in blocks])
@@ -169,7 +167,7 @@ def _moved_panel(run: DrawnState, faces: Sequence[str], direction: Direction) ->
     return Panel(f"deformed shape,\nscale factor {factor:g}", view, scale=scale)
 
 
-def _joint_panels(run: DrawnState) -> list[Panel]:
+def _joint_panels(run: DeformableRun) -> list[Panel]:
     """Draw the first stress on the faces that meet other blocks, from above and from below."""
     assembly, stress = run.drawn, STRESSES[0]
     scale = stress_scale(run, stress)
@@ -193,7 +191,7 @@ def _joint_panels(run: DrawnState) -> list[Panel]:
     return [top, marked(scale, bottom, *extreme(run, stress))]
 
 
-def draw_displacement(run: DrawnState, path: Path) -> None:
+def draw_displacement(run: DeformableRun, path: Path) -> None:
     """Draw the displacement of a tube, seen along the x axis."""
     panel = _moved_panel(run, (*_SHELL, "top", "bottom"), (1.0, 0.0, 0.0))
     title = f"{run.title}\ndisplacement magnitude, view along x"
@@ -204,7 +202,7 @@ def draw_displacement(run: DrawnState, path: Path) -> None:
 # Sections
 
 
-def section_heights(run: DrawnState) -> tuple[float, ...]:
+def section_heights(run: DeformableRun) -> tuple[float, ...]:
     """Heights of the paper's sections through the middle layer: 10 and 20 mm from its ends."""
     assembly = run.drawn
     layer = middle_layer(assembly)
@@ -228,7 +226,7 @@ def _pitch(assembly: Any) -> float:
     return float(np.ptp(along[inner]))
 
 
-def draw_sections(run: DrawnState, path: Path) -> None:
+def draw_sections(run: DeformableRun, path: Path) -> None:
     """Draw stresses in four sections through the middle layer, as the paper's figures."""
     cuts = {z: section(run, z) for z in section_heights(run)}
     scales = [
@@ -278,7 +276,7 @@ def _draw_section(axes: Axes, *, cut: Section, values: FloatArray, scale: Scale)
 # Contact
 
 
-def run_facets(run: DrawnState) -> PressedFacets:
+def run_facets(run: DeformableRun) -> PressedFacets:
     """Contact facets of a run where they ended, those of higher degree in pieces."""
     group_of = run.deformable.group_of
 
@@ -303,7 +301,7 @@ def run_facets(run: DrawnState) -> PressedFacets:
 
 
 def _pieces(
-    run: DrawnState, nodes: Callable[[int], FloatArray], overclosures: FloatArray
+    run: DeformableRun, nodes: Callable[[int], FloatArray], overclosures: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Cut facets of higher degree where they are drawn: between nodes, and at equal parts of that.
 
@@ -333,6 +331,6 @@ def _linear(line: FloatArray, ends: FloatArray) -> FloatArray:
     return np.asarray(np.kron(weights, weights), dtype=np.float64)
 
 
-def draw_contact(run: DrawnState, path: Path) -> None:
+def draw_contact(run: DeformableRun, path: Path) -> None:
     """Draw the contact pressures as those of rigid blocks are drawn."""
     draw_pressed_facets(run_facets(run), path, title=f"{run.title}: contact pressure")

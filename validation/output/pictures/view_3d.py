@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from validation.output.pictures.canvas import View, rendered
-from validation.output.pictures.gallery import Scale
+from validation.output.pictures.scales import Scale
 
 
 @dataclass(frozen=True)

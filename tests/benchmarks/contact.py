@@ -1,6 +1,6 @@
 """Explicit contact: rate of a step, share of contact, and what sliding costs over paired facets.
 
-``python -m validation.benchmarks.contact [--json FILE|-]``
+``python -m tests.benchmarks.contact [--json FILE|-]``
 
 TSB1 under the pipe load, 0.01 MPa, in a state with contact. CPU times of a step of one core, each
 the best of several short batches, paired and searched facets in turns so that a busy machine slows

@@ -1,4 +1,4 @@
-"""Rigid-block benchmarks: ``python -m validation.benchmarks.rigid [--json FILE|-]``.
+"""Rigid-block benchmarks: ``python -m tests.benchmarks.rigid [--json FILE|-]``.
 
 Rows: a whole analysis of TSB1 pipe; dual Newton against clarabel on the same G at three sizes; the
 self-stress test against the HiGHS linear program.

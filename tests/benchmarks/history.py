@@ -1,6 +1,6 @@
 """Rates over the months: one dated line for each run, and what has become slower.
 
-``python -m validation.benchmarks.history [--history FILE] [--no-record]`` (``make bench``)
+``python -m tests.benchmarks.history [--history FILE] [--no-record]`` (``make bench``)
 
 A rate alone says little: the next machine, or the same one with a busy neighbour, gives another.
 So each run measures the machine's roofline as well, and each rate is kept with the share of what
@@ -24,7 +24,8 @@ from typing import Any
 from fem.problem.effects import Effects
 from fem.problem.model import BlockGroup, Model
 from fem.problem.time_step import critical_time_step
-from validation.benchmarks import contact, explicit, rigid
+from tests.benchmarks import contact, rigid
+from validation.benchmarks import explicit
 from validation.benchmarks.kernels import internal_force_work, update_work
 from validation.benchmarks.roofline import Roofline, Work, roofline
 from validation.errors import InputError
