@@ -494,7 +494,7 @@ def test_loads_of_body_scenes_are_weights_and_pushes(tmp_path: Path) -> None:
 
 
 def test_limits_shown_beside_closed_forms() -> None:
-    from validation.comparison.closed_forms import (
+    from tests.verification.closed_forms import (
         ARCH_LIMIT,
         arch_limit,
         groove,

@@ -18,8 +18,8 @@ from mbd.friction import (
     frictional_equilibrium,
 )
 from mbd.sliding_collapse import check_sliding, sliding_collapse
-from validation.comparison.closed_forms import body_force, incline
-from validation.comparison.others import (
+from tests.verification.closed_forms import body_force, incline
+from tests.verification.printed_numbers import (
     ARCH_OF_27,
     PRINTED,
     incline_slope,
@@ -37,7 +37,14 @@ def _contacts(assembly: PolyhedralAssembly, friction: float) -> FrictionalContac
     return frictional_contacts(assembly, contact_jacobian(assembly), friction)
 
 
-@pytest.mark.parametrize("name", ["W1", pytest.param("W2", marks=pytest.mark.slow), "W3"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("W1", id="ferris-tin-loi-w1"),
+        pytest.param("W2", id="ferris-tin-loi-w2", marks=pytest.mark.slow),
+        pytest.param("W3", id="ferris-tin-loi-w3"),
+    ],
+)
 def test_walls_of_ferris_and_tin_loi(name: str) -> None:
     found = wall_factors(name)
     associated, sliding = PRINTED[name]
@@ -129,14 +136,15 @@ def test_loads_that_friction_never_lets_slide_are_said_to_be() -> None:
     assert "no state of sliding without dilation was found" in never.status
 
 
-def test_arch_of_27_straight_voussoirs() -> None:
+def test_arch_of_27() -> None:
     # The printed limit has six digits; friction 0.5 is enough, 0.3 is not.
-    assert straight_arch_stands(ARCH_OF_27 + 2e-6)
-    assert not straight_arch_stands(ARCH_OF_27 - 2e-6)
+    # Half a unit of the last printed digit of h/R.
+    assert straight_arch_stands(ARCH_OF_27 + 0.5e-6)
+    assert not straight_arch_stands(ARCH_OF_27 - 0.5e-6)
     assert not straight_arch_stands(ARCH_OF_27 + 2e-6, friction=0.3)
 
 
-def test_incline_at_its_limit() -> None:
+def test_incline_of_a_half() -> None:
     assert incline_slope(0.50) == pytest.approx(0.50, abs=1e-7)
     assert incline_slope(0.49) == pytest.approx(0.49, abs=1e-7)
     down_the_slope = body_force(incline(), np.array([0.5, 0.0, -1.0]))

@@ -2,7 +2,7 @@
 
 - A block on an incline slides at atan μ; a prism in a groove of angle β tips out when gravity leans
   by β, with friction by β + atan μ; an arch stands without sliding down to t/R = 0.1075.
-- Numbers that others printed: `validation.comparison.others`.
+- Numbers that others printed: `tests.verification.printed_numbers`.
 - compas_cra (Kao et al. 2022; ``pip install compas_cra``) has absolute tolerances in its contact
   detection, so it gets metres, and its largest number of neighbours is set to what the assembly
   has, or it would lose contacts. Its RBE lets joints pull at a price.
@@ -25,8 +25,8 @@ from geometry.files.hexahedral_solids import flat_side
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import classify, contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
-from validation.comparison import others
-from validation.comparison.closed_forms import (
+from tests.verification import printed_numbers as others
+from tests.verification.closed_forms import (
     ARCH_LIMIT,
     arch_limit,
     body_force,

@@ -1,4 +1,4 @@
-"""Numbers of others: what `tests/verification` and the hard cases compare with ours.
+"""Numbers of others: what the tests compare with ours.
 
 - Walls W1, W2 and W3 of Ferris and Tin-Loi, "Limit analysis of frictional block assemblies as a
   mathematical program with complementarity constraints", Int. J. Mech. Sci. 43 (2001): bricks
@@ -19,7 +19,7 @@ from mbd import contact_jacobian
 from mbd.force_range import PlaneProblem, plane_problem
 from mbd.friction import collapse_load, frictional_contacts, frictional_equilibrium
 from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
-from validation.comparison.closed_forms import bisect, body_force, incline
+from tests.verification.closed_forms import bisect, body_force, incline
 
 #: Friction of the walls.
 WALL_FRICTION = 0.65
