@@ -394,7 +394,7 @@ def test_numbers_stand_on_the_blocks_that_are_seen_and_gravity_has_an_arrow(
     hidden = square(0.2, (0.6, 0.6, 0.5))
     view = View([lower, upper, hidden], (0.0, 0.0, 1.0), weight=(0.0, -9810.0, 0.0))
     bodies = [(s.points, s.polygons) for s in (lower, upper, hidden)]
-    panel = labelled(Panel("squares", view), ["0", "1", "2"], bodies)
+    panel = labelled(Panel("squares", view), dict(enumerate("012")), bodies.__getitem__)
     assert set(panel.labels) == {"0", "1"}
     np.testing.assert_allclose(panel.labels["1"], (0.75, 0.75), atol=0.01)
     gallery([[panel]], "title", tmp_path / "a.png")

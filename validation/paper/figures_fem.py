@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,14 +15,12 @@ from geometry.mesh import FloatArray
 from validation.output.pictures.bodies import EYE
 from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import (
-    MOTION_MAP,
     PRESSURE_MAP,
     STRESS_MAP,
     Scale,
-    scale_from_zero,
     symmetric_scale,
 )
-from validation.output.pictures.tubes import all_faces, blocks_view
+from validation.output.pictures.tubes import all_faces, moved_panel
 from validation.paper.claims.deformable import (
     BLOCKS,
     CASES,
@@ -164,15 +163,7 @@ def draw_displacements(evidence: Evidence, path: Path) -> None:
     """Draw figure disp: deformed tubes, five cases, both blocks."""
     columns: list[list[Panel]] = [[] for _ in CASES]
     for row, column, run in _runs(evidence):
-        size = partial(_size, run)
-        blocks = run.deformable.deformable_blocks.tolist()
-        scale = scale_from_zero("|u| [mm]", MOTION_MAP, [size(block) for block in blocks])
-        view = blocks_view(run, size, scale, all_faces(run), EYE, factor=run.drawing_scale)
         words = f"{BLOCKS[row]} {CASES[column]}\ndeformed, scale factor {run.drawing_scale:g}"
-        columns[column].append(Panel(words, view, scale=scale))
+        columns[column].append(replace(moved_panel(run, all_faces(run), EYE), title=words))
     title = "Displacements at 0.01 MPa, static state, no initial gaps"
     gallery(columns, title, path, height=14.5)
-
-
-def _size(run: DeformableRun, block: int) -> FloatArray:
-    return np.asarray(np.linalg.norm(run.displacement(block), axis=1))

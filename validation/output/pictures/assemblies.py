@@ -26,6 +26,7 @@ from validation.output.pictures.bodies import (
     interface_facets,
     is_tube,
     labelled,
+    labels,
     load_arrows,
     middle_layer,
     outlines,
@@ -33,7 +34,6 @@ from validation.output.pictures.bodies import (
 )
 from validation.output.pictures.canvas import Part, Pixels, View
 from validation.output.pictures.gallery import Panel, gallery
-from validation.output.pictures.look import look
 from validation.output.pictures.scales import ORANGE, PRESSURE_MAP, VERMILION, Scale
 
 if TYPE_CHECKING:
@@ -77,11 +77,11 @@ def draw_assembly(
             load_arrows(assembly, load, shown),
         ]
         drawn = Panel(title, View(parts, direction, weight=weight))
-        if look().labels == "none":
-            return drawn
-        names = [assembly.shape(b).name if look().labels == "names" else str(b) for b in shown]
-        surfaces = [block_surfaces(assembly, [b], colours) for b in shown]
-        return labelled(drawn, names, [(s.points, s.polygons) for s in surfaces])
+        return labelled(drawn, labels(assembly, shown), body)
+
+    def body(block: int) -> tuple[FloatArray, IntArray]:
+        surface = block_surfaces(assembly, [block], colours)
+        return surface.points, surface.polygons
 
     far = np.flatnonzero(far_side(assembly, assembly.centroids))
     behind = EYE if tube else (-EYE[0], -EYE[1], EYE[2])

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from geometry.assembly import Assembly
+from geometry.assembly import AnyBlocks, Assembly
 from geometry.block import Block
 from geometry.files.mesh_io import interface_surface
 from geometry.loads import LoadCase
@@ -25,6 +25,7 @@ from validation.output.pictures.canvas import (
     rgb,
 )
 from validation.output.pictures.gallery import Panel
+from validation.output.pictures.look import look
 from validation.output.pictures.scales import (
     BLUE,
     GREY,
@@ -167,32 +168,43 @@ def block_legend(fixed: str = "fixed blocks", free: str = "free blocks") -> list
     return [Patch(color=colour, label=name) for name, colour in words.items() if name]
 
 
+def labels(assembly: AnyBlocks, blocks: Iterable[int]) -> dict[int, str]:
+    """Number or name of some blocks, where the scene asks for one on them; else nothing."""
+    named = look().labels
+    if named == "none":
+        return {}
+    return {b: assembly.shape(b).name if named == "names" else str(b) for b in blocks}
+
+
 def labelled(
-    panel: Panel, names: Sequence[str], bodies: Sequence[tuple[FloatArray, IntArray]]
+    panel: Panel,
+    names: Mapping[int, str],
+    body: Callable[[int], tuple[FloatArray, IntArray]],
 ) -> Panel:
     """Panel with the names of those bodies that its view shows, each in the middle of what is seen.
 
     Bodies are points (n, 3) [mm] and polygons, all of one number of corners.
     """
     view = panel.view
-    if view is None or not bodies:
+    if view is None or not names:
         return panel
-    number = np.repeat(np.arange(1, len(bodies) + 1), [len(polygons) for _, polygons in bodies])
+    parts = [body(number) for number in names]
+    number = np.repeat(np.arange(1, len(parts) + 1), [len(polygons) for _, polygons in parts])
     shades = np.stack([number >> 16, number >> 8, number], axis=1).astype(np.uint8)
-    points, polygons = merged(bodies, bodies[0][1].shape[1])
+    points, polygons = merged(parts, parts[0][1].shape[1])
     probe = View([Surface(points, polygons, shades, lit=False)], view.direction, margin=0.0)
     shape = np.array(probe.size)
     wide, high = np.maximum((_PROBE * shape / shape.max()).astype(int), 1).tolist()
     seen = probe.render(wide, high).astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
     corner = np.array(view.place(probe.axes.T @ probe.corner))
-    labels = {}
-    for k, name in enumerate(names, start=1):
+    places_of = {}
+    for k, name in enumerate(names.values(), start=1):
         rows, columns = np.nonzero(seen == k)
         if len(rows) and min(np.ptp(rows), np.ptp(columns)) > _SEEN_OF_BODY * _PROBE:
             middle = np.argmin((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2)
             place = np.array([columns[middle] + 0.5, high - rows[middle] - 0.5])
-            labels[name] = corner + place * shape / (wide, high)
-    return replace(panel, labels=labels)
+            places_of[name] = corner + place * shape / (wide, high)
+    return replace(panel, labels=places_of)
 
 
 def _used(parts: Iterable[IntArray]) -> tuple[IntArray, IntArray]:

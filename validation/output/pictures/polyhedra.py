@@ -19,6 +19,7 @@ from validation.output.pictures.bodies import (
     block_legend,
     colours_of_blocks,
     labelled,
+    labels,
     sharp_edges,
 )
 from validation.output.pictures.canvas import (
@@ -32,7 +33,6 @@ from validation.output.pictures.canvas import (
     rgb,
 )
 from validation.output.pictures.gallery import Panel, gallery
-from validation.output.pictures.look import look
 from validation.output.pictures.scales import PRESSURE_MAP, VERMILION, scale_from_zero
 from validation.run.rigid.polyhedra import contact_triangles
 
@@ -100,13 +100,8 @@ def _count(n: int, what: str) -> str:
 
 
 def _labelled(panel: Panel, assembly: PolyhedralAssembly) -> Panel:
-    """Panel with numbers or names on the blocks, where the scene asks for them."""
-    if look().labels == "none":
-        return panel
-    blocks = range(assembly.n_blocks)
-    names = [assembly.shape(b).name if look().labels == "names" else str(b) for b in blocks]
-    bodies = [(assembly.points(b), assembly.shape(b).triangles) for b in blocks]
-    return labelled(panel, names, bodies)
+    names = labels(assembly, range(assembly.n_blocks))
+    return labelled(panel, names, lambda b: (assembly.points(b), assembly.shape(b).triangles))
 
 
 def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:

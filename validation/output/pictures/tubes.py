@@ -153,13 +153,13 @@ def draw_stresses(run: DeformableRun, path: Path) -> None:
         words = f"{stress.symbol}{', outer surface' if tube else ''}"
         panel = Panel(words, blocks_view(run, values, scale, faces, direction), scale=scale)
         columns.append([marked(scale, panel, *extreme(run, stress))])
-    columns.append([_moved_panel(run, _SHELL if tube else all_faces(run), direction)])
+    columns.append([moved_panel(run, _SHELL if tube else all_faces(run), direction)])
     joints = _joint_panels(run) if run.meets else []
     columns += [joints] if tube else [[panel] for panel in joints]
     gallery(columns, run.title, path, height=7.5 if tube else 5.5)
 
 
-def _moved_panel(run: DeformableRun, faces: Sequence[str], direction: Direction) -> Panel:
+def moved_panel(run: DeformableRun, faces: Sequence[str], direction: Direction) -> Panel:
     """The deformed shape, coloured by the displacement."""
     blocks, factor = run.deformable.deformable_blocks.tolist(), run.drawing_scale
     scale = scale_from_zero("|u| [mm]", MOTION_MAP, [_moved(run, b) for b in blocks])
@@ -193,7 +193,7 @@ def _joint_panels(run: DeformableRun) -> list[Panel]:
 
 def draw_displacement(run: DeformableRun, path: Path) -> None:
     """Draw the displacement of a tube, seen along the x axis."""
-    panel = _moved_panel(run, (*_SHELL, "top", "bottom"), (1.0, 0.0, 0.0))
+    panel = moved_panel(run, (*_SHELL, "top", "bottom"), (1.0, 0.0, 0.0))
     title = f"{run.title}\ndisplacement magnitude, view along x"
     gallery([[replace(panel, scale=None)]], title, path, height=8.5, scale=panel.scale)
 
