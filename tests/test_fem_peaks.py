@@ -111,6 +111,19 @@ def test_a_bent_block_is_torn_where_it_bends_most() -> None:
     assert found.sigma_1_averaged.value == pytest.approx(mean, rel=1e-9)
 
 
+def test_no_mean_is_above_the_largest_tension() -> None:
+    """Tension that grows towards one corner: Gauss points of large elements are far from it."""
+    deformable = build_deformable(column(PRESSURE).changed({"fem.degree": 2}), "column")
+    x = [g.mesh.nodes for g in deformable.model.groups]
+    along = [1e-9 * np.prod(nodes**2, axis=1)[:, None] * [1.0, 0.0, 0.0] for nodes in x]
+    displacements = tuple(
+        np.repeat(u[None], g.n_copies, axis=0)
+        for u, g in zip(along, deformable.model.groups, strict=True)
+    )
+    found = stress_peaks(deformable, displacements, averaging_radius=5.0)
+    assert 0.0 < found.sigma_1_averaged.value < found.sigma_1.value
+
+
 def test_pressure_peaks_at_the_corner_that_is_pressed_most() -> None:
     """A block turned about one edge: the gap is linear, so the law is known at the far corners."""
     deformable = build_deformable(column(PRESSURE), "column")

@@ -203,7 +203,7 @@ def stress_peaks(
     )
 
 
-def _value(peak: Peak) -> float:
+def _value(peak: Peak | PointValue) -> float:
     return peak.value
 
 
@@ -267,8 +267,9 @@ def _lagrange_peaks(
         return Peak(found.value, (block,), where + deformable.offsets[block], None)
 
     sampled = everywhere(bodies)
-    first, third, mises = sampled.extreme(0), sampled.extreme(2), sampled.largest_mises()
-    averaged = averaged_tension(bodies, radius)
+    third, mises = sampled.extreme(2), sampled.largest_mises()
+    averaged, at_cells = averaged_tension(bodies, radius)
+    first = max(sampled.extreme(0), at_cells, key=_value)
     at_points = peak(first), peak(third), peak(mises), peak(averaged)
     return StressPeaks(*at_points, radius, first.value, third.value, mises.value)
 

@@ -144,8 +144,15 @@ def nodal_stress_of(bodies: MovedBodies) -> FloatArray:
     return np.stack([mean @ body.reshape(-1, 6) / total for body in found.stress])
 
 
-def averaged_tension(bodies: MovedBodies, radius: float) -> PointValue:
-    """Largest σ₁ of the stress averaged over the part of a ball [mm] that lies in a block."""
+def averaged_tension(bodies: MovedBodies, radius: float) -> tuple[PointValue, PointValue]:
+    """Largest σ₁ of the stress averaged over the part of a ball [mm] that lies in a block.
+
+    Returns
+    -------
+    tuple[PointValue, PointValue]
+        At the centre of that ball, and the largest at a point of those that are averaged. Near a
+        surface they lie closer to it than the Gauss points of a large element.
+    """
     nodes = bodies.positions[bodies.elements]
     middles = nodes.mean(axis=1)
     reach = np.linalg.norm(nodes - middles[:, None], axis=2).max(axis=1)
@@ -164,7 +171,7 @@ def averaged_tension(bodies: MovedBodies, radius: float) -> PointValue:
         return _points_between(bodies, near(centres, spread), spacing * radius, (centres, within))
 
     rough = _cells(bodies, np.arange(len(nodes)), _ROUGH * radius)
-    places = rough.positions[one_of_each_cube(rough.positions, radius)]
+    places = rough.positions[one_of_each_cube(rough.positions, _CENTRES[0] * radius)]
     fair = _largest(places, _tension(rough, places, radius, _ROUGH), _FAIR)
     places = between(fair, 1.0, _CENTRES[0])
     good = _largest(places, _tension(rough, places, radius, _ROUGH), _GOOD)
@@ -181,8 +188,15 @@ def averaged_tension(bodies: MovedBodies, radius: float) -> PointValue:
     best = _largest(better, extrapolated(better), _BEST)
     places = between(best, _CENTRES[1], _CENTRES[2])
     found = extrapolated(places)
-    layer, which = np.unravel_index(int(found.argmax()), found.shape)
-    return PointValue(float(found[layer, which]), int(layer) + 1, places[which], None)
+    return _largest_at(found, places), _largest_at(
+        principal_stress(fine.stress)[..., 0], fine.positions
+    )
+
+
+def _largest_at(values: FloatArray, positions: FloatArray) -> PointValue:
+    """The largest of values (n_bodies, n) at positions (n, 3)."""
+    layer, which = np.unravel_index(int(values.argmax()), values.shape)
+    return PointValue(float(values[layer, which]), int(layer) + 1, positions[which], None)
 
 
 def _largest(places: FloatArray, tension: FloatArray, share: float) -> FloatArray:
@@ -347,10 +361,12 @@ def _tension(cells: _Cells, centres: FloatArray, radius: float, size: float) -> 
 
 
 def one_of_each_cube(points: FloatArray, spacing: float) -> IntArray:
-    """One point of each cube of that size, (n,)."""
-    cells = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
+    """One point of each cube of that size, the first along x, y and z, (n,)."""
+    steps = (points - points.min(axis=0)) / spacing
+    order = np.lexsort(np.round(steps.T[::-1], 6))
+    cells = np.floor(steps[order] + 1e-6).astype(np.int64)
     numbers = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
-    return np.sort(np.unique(numbers, return_index=True)[1])
+    return np.sort(order[np.unique(numbers, return_index=True)[1]])
 
 
 @dataclass(frozen=True)
