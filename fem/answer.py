@@ -159,6 +159,7 @@ def report_of(
             "max": max(float(p[..., 0].max()) for p in principal),
             "min": min(float(p[..., 2].min()) for p in principal),
         },
+        **({"large_motion": solution.large_motion} if solution.large_motion else {}),
         **beside,
         **_static_report(solution),
         **_explicit_report(solution),

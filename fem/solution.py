@@ -29,6 +29,10 @@ from geometry.errors import RefusedError
 from geometry.measures import JointResultants
 from geometry.mesh import FloatArray, IntArray
 
+#: Blocks move far where their displacement is this share of their size: relative errors of a
+#: geometry that stays as built are as large.
+_FAR = 0.05
+
 #: Relative force residual at which a run to the static state stops [-].
 RESIDUAL = 1.0e-4
 
@@ -153,6 +157,18 @@ class Solution:
     def largest_displacement(self) -> float:
         """Largest nodal displacement [mm]."""
         return max(float(np.linalg.norm(u, axis=2).max()) for u in self.group_displacements)
+
+    @property
+    def large_motion(self) -> float | None:
+        """Largest displacement over the size of blocks that meet [-]; None where it is small.
+
+        None as well with both finite sliding and finite rotation, which count it as it is.
+        """
+        whole = self.deformable
+        if not whole.meets or (whole.contact.finite_sliding and self.finite_rotation):
+            return None
+        share = self.largest_displacement / whole.assembly.characteristic_length
+        return share if share > _FAR else None
 
     # ---- contact
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from rich.console import Console
 
 from fem.assembly.deformable import Frames
 from fem.element.material import Material
@@ -29,6 +30,7 @@ from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import QUADS, SECTIONS, brick_corners, overclosure, write_stl
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
+from validation.output.deformable.answers import print_run
 from validation.run.deformable import run_json
 from validation.run.solve import run_explicit, run_scene, run_static
 from validation.scene.read import DeformableScene, check_scene, load_scene
@@ -396,3 +398,28 @@ def test_an_overlap_that_no_facet_matches_is_refused() -> None:
     deformable.offsets[1:, 2] -= 0.05
     with pytest.raises(InputError, match=r"deepest 0.05 mm between blocks"):
         run_explicit("column", scene, deformable=deformable)
+
+
+@pytest.mark.parametrize(
+    ("clearance", "sliding"), [(0.0, False), (0.1, False), (0.1, True), (5.0, False)]
+)
+def test_blocks_that_nothing_determines_and_large_motions_are_named(
+    clearance: float, sliding: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A ring of four blocks whose gaps close under pressure, on four points each: fewer than six
+    contacts without friction hold no block, whichever way contact is found."""
+    scene = load_scene("tsb1-pipe").scene
+    assert isinstance(scene, DeformableScene)
+    mesh = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2, "assembly.layers": 1}
+    contact = {"contact.clearance": clearance, "effects.finite_sliding": sliding}
+    scene = scene.changed(mesh | contact)
+    if sliding:
+        with pytest.raises(InputError, match="blocks 4, 5, 6, 7 float in their gaps"):
+            run_static("ring", scene)
+        return
+    run = run_static("ring", scene)
+    print_run(run, Console(width=300))
+    text = capsys.readouterr().out
+    assert ("4, 5, 6, 7: no contact holds them in every direction" in text) == (clearance > 0.0)
+    assert ("large motion" in text) == (clearance == 5.0)
+    assert ("large_motion" in run_json(run)) == (clearance == 5.0)

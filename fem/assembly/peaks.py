@@ -203,7 +203,7 @@ def stress_peaks(
     )
 
 
-def _value(peak: Peak | PointValue) -> float:
+def _value(peak: Peak) -> float:
     return peak.value
 
 
@@ -269,7 +269,9 @@ def _lagrange_peaks(
     sampled = everywhere(bodies)
     third, mises = sampled.extreme(2), sampled.largest_mises()
     averaged, at_cells = averaged_tension(bodies, radius)
-    first = max(sampled.extreme(0), at_cells, key=_value)
+    first = sampled.extreme(0)
+    if first.value < averaged.value:  # of a large element the Gauss points are far from its ends
+        first = at_cells
     at_points = peak(first), peak(third), peak(mises), peak(averaged)
     return StressPeaks(*at_points, radius, first.value, third.value, mises.value)
 

@@ -143,11 +143,35 @@ def _add_slip(table: Table, slip: dict[str, float] | None) -> None:
     table.add_row("largest slip", words)
 
 
+def _add_motion(table: Table, run: DeformableRun) -> None:
+    """Add motions that are counted as small and are not, and those that nothing determines."""
+    share = run.solution.large_motion
+    if share is not None:
+        small = {
+            "finite_sliding": run.deformable.contact.finite_sliding,
+            "finite_rotation": run.solution.finite_rotation,
+        }
+        missing = " and ".join(f"effects.{name} = true" for name, on in small.items() if not on)
+        table.add_row(
+            "large motion",
+            f"blocks move by {100 * share:.2g} % of their size, but contacts or rotations are "
+            f"those of small motions: expect errors of this order; set {missing}",
+        )
+    loose = [] if run.static is None else run.static.loose_blocks.tolist()
+    if loose:
+        table.add_row(
+            "unrestrained blocks",
+            f"{', '.join(map(str, loose))}: no contact holds them in every direction. Pressures "
+            "are determined, the positions of these blocks are not",
+        )
+
+
 def print_run(run: DeformableRun, console: Console) -> None:
     """Print the numbers of a run: the answer, what proves it, how it was computed."""
     table = two_columns(run.title)
     add_measures(table, run.answer.measures)
     _add_accuracy(table, run)
+    _add_motion(table, run)
     if run.meets:
         _add_contact(table, run)
     if run.explicit is not None:
