@@ -77,8 +77,8 @@ def column_weights(norm: Norm, areas: FloatArray) -> FloatArray:
 
 def _infeasible_status() -> str:
     return (
-        "no equilibrium: the load drives a mechanism (given as certificate); "
-        "change the shape, hold more blocks or turn the load"
+        "no equilibrium: the load activates a mechanism (see the certificate); "
+        "change the shape, fix more blocks or change the direction of the load"
     )
 
 
@@ -90,7 +90,7 @@ def _undecided(residual: float) -> str:
     return (
         f"not in equilibrium: relative residual {residual:.1e} exceeds "
         f"{EQUILIBRIUM_TOLERANCE:.0e} and no load-activated mechanism was certified; "
-        "the load lies at the edge of what the contacts can carry"
+        "the load is at the limit of what the contacts carry"
     )
 
 

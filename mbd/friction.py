@@ -276,7 +276,7 @@ def frictional_equilibrium(
     forces, residual, direction = _least_forces(contacts, unit, weights)
     answer = partial(FrictionalEquilibrium, forces=size * forces, residual=residual)
     if residual <= EQUILIBRIUM_TOLERANCE:
-        return answer(holds=True, status=f"can be carried, relative residual {residual:.1e}")
+        return answer(holds=True, status=f"statically admissible, relative residual {residual:.1e}")
     for candidate in (direction, -direction):
         found = _checked_mechanism(contacts, candidate, unit)
         if found is not None:
@@ -284,12 +284,12 @@ def frictional_equilibrium(
                 mechanism=found[0],
                 work=found[1],
                 smallest_contact_work=found[2],
-                status="cannot be carried: the load drives a mechanism that friction does not "
-                "stop (given as certificate)",
+                status="not statically admissible: the load activates a mechanism that friction "
+                "does not prevent (see the certificate)",
             )
     return answer(
-        status=f"undecided: residual {residual:.1e} and no certified mechanism; the load lies at "
-        "the edge of what the contacts can carry: change it or the friction a little"
+        status=f"undecided: residual {residual:.1e} and no certified mechanism; the load is at "
+        "the limit of what the contacts carry: change it or the friction slightly"
     )
 
 
@@ -356,19 +356,19 @@ def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArr
         When the live load is zero, or the dead load alone cannot be carried.
     """
     if float(np.linalg.norm(live)) == 0.0:
-        raise FrictionError("collapse: the live load is zero; name a load that is to grow")
+        raise FrictionError("limit load: the live load is zero; expected one that can grow")
     base = frictional_equilibrium(contacts, dead)
     if not base.holds:
-        raise FrictionError(f"collapse: the dead load alone {base.status}")
+        raise FrictionError(f"limit load: dead load alone: {base.status}")
     alone = frictional_equilibrium(contacts, live)
     if alone.holds:
         return CollapseLoad(
             factor=np.inf,
             forces=alone.forces,
             residual=alone.residual,
-            status="no limit: with associated friction (joints that slide dilate) and infinite "
-            "strength the live load alone can be carried, however large; dry joints may slide "
-            "under less (rigid.sliding = true searches)",
+            status="load factor unbounded: rigid blocks, associated friction (sliding joints "
+            "dilate), no crushing. Dry joints may slide under a smaller load (rigid.sliding = "
+            "true)",
         )
     factor, forces, dual = _largest_factor(contacts, dead, live)
     total = dead + factor * live
@@ -385,11 +385,9 @@ def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArr
                 upper_bound=-float(dead @ unit) / float(live @ unit),
                 mechanism=unit,
                 smallest_contact_work=least,
-                status=f"collapses at {factor:.6g} times the live load",
+                status=f"collapse load factor {factor:.6g} (limit analysis)",
             )
-    return answer(
-        status=f"carries at least {factor:.6g} times the live load; no mechanism was certified"
-    )
+    return answer(status=f"load factor of at least {factor:.6g}; no mechanism was certified")
 
 
 def _largest_factor(

@@ -341,8 +341,8 @@ _MOST_FROZEN, _FROZEN = 60, 1e-9
 #: Factors beyond this, in sizes of dead over live load, are taken for a jam without limit.
 _JAMMED = 1e6
 _NOT_FOUND = (
-    "no state of sliding without dilation was found: friction jams the blocks, and an unknown "
-    "prestress decides (see the ranges of the joints)"
+    "no non-associated sliding state found: friction jams the blocks, and the limit load depends "
+    "on an unknown prestress (see the ranges of the joint forces)"
 )
 
 
@@ -419,15 +419,15 @@ def _least_dissipation(
 
 def _status(found: SlidingCollapse) -> str:
     if found.certified:
-        beyond = f"cannot stand beyond {found.associated:.6g}"
+        beyond = f"associated limit load factor {found.associated:.6g}"
         if np.isinf(found.associated):
-            beyond = "associated friction, which dilates, knows no limit"
+            beyond = "with associated friction unbounded"
         return (
-            f"can slide without dilation from {found.factor:.6g} times the live load (certified; "
-            f"a local minimum); {beyond}"
+            f"slides without dilation from load factor {found.factor:.6g} on (certified; a local "
+            f"minimum); {beyond}"
         )
     return (
-        f"no certified state of sliding without dilation: the best violates a law by "
+        f"no certified non-associated sliding state: the best violates a law by "
         f'{found.check.largest if found.check else np.nan:.1e}; try rigid.friction_law = "pyramid" '
         "or another friction"
     )

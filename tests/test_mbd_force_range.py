@@ -157,7 +157,7 @@ def test_scene_answers_with_ranges_and_sliding(tmp_path: Path) -> None:
     run = CliRunner().invoke(app, ["mbd", str(scene), "--json", str(answer)])
     assert run.exit_code == 0, run.output
     data = json.loads(answer.read_text())
-    assert "undetermined in" in run.output
+    assert "statically indeterminate in" in run.output
     joints = data["ranges"]["joints"]
     assert data["ranges"]["undetermined"] > 0
     assert all(j["least"] <= j["least_norm"] + 1e-6 <= j["largest"] + 2e-6 for j in joints)

@@ -213,7 +213,7 @@ def test_bad_input_gives_one_line_and_status_2(tubelock, arguments, message) -> 
 
 def test_broken_toml_and_missing_keys(tubelock) -> None:
     Path("a.toml").write_text("[block\n")
-    assert "is not TOML" in tubelock("mbd", "a.toml")[2]
+    assert "TOML syntax error" in tubelock("mbd", "a.toml")[2]
     Path("b.toml").write_text('[block]\ntype = "sine"\n')
     status, _, err = tubelock("mbd", "b.toml")
     assert status == 2

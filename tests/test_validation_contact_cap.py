@@ -98,5 +98,5 @@ def test_a_run_that_outgrows_its_time_step_starts_again(
     assert run.largest_displacement == pytest.approx(top, rel=1e-3)
     # A time step that the scene gives stays: the remedy is named instead.
     given = {"time_step": 0.99 * longest, "sample_interval": 1}
-    with pytest.raises(InputError, match=r"presses with .* MPa.*time step .* allows"):
+    with pytest.raises(InputError, match=r"reached .* MPa.*time step .* allows"):
         run_explicit("column", changed(pressure, fem=given))

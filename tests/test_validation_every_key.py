@@ -69,7 +69,7 @@ def asked(run: Any, walk: Walk, settings: Iterable[str]) -> tuple[Any, set[str]]
         return None
     text = Path(target[1]).read_text(encoding="utf-8")
     if walk.command[0] == "export":
-        said = re.search(r"^unused +(.*) \(", out, re.MULTILINE)
+        said = re.search(r"^ignored +(.*) \(", out, re.MULTILINE)
         words = "" if said is None else said[1]
         scene = apply_overrides(scene_data(walk.scene)[1], settings)
         told = set(words.split(", "))
@@ -219,5 +219,5 @@ def test_every_parameter_of_a_rigid_study_changes_rows_or_is_named(tmp_path, key
     first, second = (run_design(study, number) for number in (0, 1))
     assert first.status == second.status == "ok", first.message
     assert (first.results != second.results) != (key in second.unused)
-    assert ("no part of this answer" in second.message) == (key in second.unused)
+    assert ("not used by this method" in second.message) == (key in second.unused)
     assert {"material.young_modulus", "contact.clearance"} <= set(first.unused)

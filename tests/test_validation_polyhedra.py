@@ -269,8 +269,8 @@ def test_what_point_contacts_alone_lock_is_said_to_be(tmp_path: Path) -> None:
     console = Console(record=True, width=200)
     print_polyhedra(run, console)
     words = console.export_text()
-    assert "locked by 32 edge-edge contacts; by faces alone: activated" in words
-    assert "certificate of the faces" in words
+    assert "locked by 32 edge–edge contacts; by faces alone: activated" in words
+    assert "proof for the faces" in words
 
 
 @pytest.mark.parametrize("command", ["fem", "compare"])
@@ -278,7 +278,7 @@ def test_deformable_blocks_name_the_mechanism_of_their_faces(tmp_path: Path, com
     result = CliRunner().invoke(app, [command, str(_panel(tmp_path)), "--json", "-"])
     assert result.exit_code == 1
     assert isinstance(result.exception, InputError)
-    words = "panel: no equilibrium: the load drives a mechanism of the faces (block"
+    words = "panel: no equilibrium: the load activates a mechanism of the faces (block"
     assert str(result.exception).startswith(words)
 
 

@@ -259,8 +259,14 @@ def test_first_rows_are_printed_before_the_paper_s_measures(tmp_path: Path) -> N
     console = Console(record=True, width=200)
     print_rigid(tube(tmp_path, "tunnel"), console)
     words = console.export_text()
-    order = ["mechanism", "in equilibrium", "largest contact pressure", "normal force of joints"]
-    order += ["total reaction", "by hand p·r/t", "the paper's measures", "p_eff (formula)", "p_max"]
+    order = ["kinematics", "in equilibrium", "largest contact pressure", "normal forces of joints"]
+    order += [
+        "total reaction",
+        "hoop stress p·r/t",
+        "the paper's measures",
+        "p_eff (formula)",
+        "p_max",
+    ]
     places = [words.index(f"│ {row} ") for row in order]
     assert places == sorted(places)
     assert 'norm = "pressure"' in words

@@ -111,5 +111,5 @@ def test_what_is_expected_is_listed(scene: str, setting: str, words: str) -> Non
 
 
 def test_the_places_of_further_mistakes_are_named() -> None:
-    with pytest.raises(InputError, match=r"density: got -1.*; wrong, too: mesh.foo$"):
+    with pytest.raises(InputError, match=r"density: got -1.*; also invalid: mesh.foo$"):
         load_scene("tsb1-pipe", ("mesh.foo=1", "material.density=-1"))

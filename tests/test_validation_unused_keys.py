@@ -133,7 +133,7 @@ def test_commands_name_unused_keys_in_words_and_data(tubelock, tmp_path: Path) -
     words = [w for s in (*COARSE, "fem.threads=2") for w in ("--set", s)]
     status, out, _ = tubelock("mbd", "tsb1-pipe", *words, "--json", str(tmp_path / "a.json"))
     assert status == 0
-    assert "unused    [material], [contact], [fem] (no part of this answer)" in out
+    assert "ignored   [material], [contact], [fem] (not used by this method)" in out
     data = json.loads((tmp_path / "a.json").read_text())
     assert {"material.density", "contact.law", "fem.threads"} <= set(data["unused_keys"])
     assert "block.height" not in data["unused_keys"]
@@ -170,7 +170,7 @@ def test_a_rigid_study_of_what_rigid_blocks_do_not_have_is_refused(
         refuse_idle_parameters(study)
     row = run_design(study, 0)
     assert row.status == "ok"
-    assert row.message == f"{key}: no part of this answer"
+    assert row.message == f"{key}: not used by this method"
 
 
 def test_a_study_of_what_matters_goes_on(tmp_path: Path) -> None:

@@ -205,7 +205,7 @@ def one_line(
         ".".join(str(key) for key in p["loc"]) for p in problems if p is not first
     )
     others.pop(place, None)
-    line += f"; wrong, too: {_some(list(others))}" if others else ""
+    line += f"; also invalid: {_some(list(others))}" if others else ""
     # Names of keys may hold anything, line breaks too.
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
 

@@ -157,7 +157,7 @@ def check_cell(assembly: Assembly, frames: Frames, *, finite_sliding: bool) -> N
 
 
 def check_held(assembly: Assembly, load: LoadCase) -> None:
-    """Refuse blocks that no chain of contacts connects to a held block."""
+    """Reject blocks that no chain of contacts connects to a fixed block."""
     found, n = assembly.interfaces, assembly.n_blocks
     touch = coo_array((np.ones(found.n_contacts), (found.block_m, found.block_s)), shape=(n, n))
     _, part = connected_components(touch, directed=False)
@@ -165,8 +165,8 @@ def check_held(assembly: Assembly, load: LoadCase) -> None:
     if len(loose):
         names = ", ".join(str(b) for b in loose[:8]) + (", …" if len(loose) > 8 else "")
         raise DeformableAssemblyError(
-            f"{assembly.name}: nothing holds {len(loose)} blocks ({names}); expected every block "
-            "to touch a held one, directly or through others: add supports or a frame"
+            f"{assembly.name}: {len(loose)} blocks are unrestrained ({names}); expected every "
+            "block to touch a fixed one, directly or through others: add supports or end rings"
         )
 
 
@@ -314,13 +314,13 @@ def outer_face(assembly: Assembly, block: int) -> str:
     end, shape = ends.get(int(assembly.layer[block])), assembly.shape(block)
     if end is None:
         raise DeformableAssemblyError(
-            f"{assembly.name}: block {block} is held inside the assembly; expected held blocks in "
-            "the first or last layer, or rigid frames"
+            f"{assembly.name}: block {block} is fixed inside the assembly; expected fixed blocks "
+            "in the first or last layer, or rigid frames"
         )
     names = [name for name in _OUTER_FACES[end] if name in shape.faces]
     if not names:
         raise DeformableAssemblyError(
-            f"{assembly.name}: block {block} ({shape.name}) has no outer face to hold; expected "
+            f"{assembly.name}: block {block} ({shape.name}) has no outer face to fix; expected "
             f"one named {' or '.join(_OUTER_FACES[end])}, or rigid frames"
         )
     return names[0]

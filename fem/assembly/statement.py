@@ -183,7 +183,7 @@ class Problem:
         if self.check_units and 0.0 < size < LEAST_GRAVITY:
             raise ProblemError(
                 f"gravity: got {self.gravity} mm/s², a thousandth of the earth's or less; did you "
-                "mean m/s²? Expected (0, 0, -9810) there (check_units=False if it is meant)"
+                "mean m/s²? Expected (0, 0, -9810) there (to override: check_units=False)"
             )
 
     def __repr__(self) -> str:
@@ -230,15 +230,15 @@ class Problem:
                 if 1e6 < material.bar_wave_speed * (modulus / density) ** 0.5 < 1e7
             )
             raise ProblemError(
-                f"material: sound would travel at {material.bar_wave_speed:.3g} mm/s; expected "
-                f"{SLOWEST_SOUND:g} to {FASTEST_SOUND:g}{next(likely, '')} (MPa and t/mm³)"
+                f"material: implausible wave speed √(E/ρ) = {material.bar_wave_speed:.3g} mm/s; "
+                f"expected {SLOWEST_SOUND:g} to {FASTEST_SOUND:g}{next(likely, '')} (MPa and t/mm³)"
             )
         largest = self.load_case.largest_traction
         if largest > material.young_modulus:
             raise ProblemError(
                 f"load.pressure: got {largest:g} MPa, more than material.young_modulus = "
-                f"{material.young_modulus:g} MPa; expected less, for strains would be larger than "
-                "one: give both in MPa"
+                f"{material.young_modulus:g} MPa; expected less, or strains exceed 1: give both "
+                "in MPa"
             )
 
     @property
@@ -286,14 +286,14 @@ class Problem:
         for name in ("friction", "clearance", "spacing"):
             if getattr(self, name):
                 raise ProblemError(
-                    f"{name}: got {getattr(self, name)}; rigid blocks here are frictionless and "
-                    "touch: ask a problem without it (dataclasses.replace), or mbd.friction"
+                    f"{name}: got {getattr(self, name)}; the rigid-block analysis is frictionless "
+                    "and without gaps: remove it (dataclasses.replace), or use mbd.friction"
                 )
         for name in ("finite_sliding", "finite_rotation"):
             if getattr(self, name):
                 raise ProblemError(
-                    f"{name}: got True; rigid blocks here are judged where they stand, by small "
-                    "motions: ask a problem without it (dataclasses.replace)"
+                    f"{name}: got True; the rigid-block analysis assumes small motions: "
+                    "remove it (dataclasses.replace)"
                 )
         self.refuse_motion()
         if self.acceleration is None:
@@ -337,7 +337,7 @@ class Problem:
         deforms = ~load.fixed if rigid else np.ones(assembly.n_blocks, dtype=np.bool_)
         if not deforms.any():
             raise DeformableAssemblyError(
-                f"{assembly.name}: every block is held; expected at least one that can deform"
+                f"{assembly.name}: every block is fixed; expected at least one that can deform"
             )
         if sliding:
             assembly = replace(assembly, unmatched_allowed=True)

@@ -73,7 +73,7 @@ def law_notes(law: ContactLaw, *, static: bool) -> list[str]:
         return ["contact: Abaqus/Standard has no maximum stiffness; it is in the heading only"]
     return [
         "contact: the law has no maximum stiffness; Abaqus/Explicit takes one of its own where "
-        "penalty contact is given none: contact.maximum_stiffness names one for both"
+        "penalty contact is given none: contact.maximum_stiffness defines one for both"
     ]
 
 

@@ -144,8 +144,8 @@ class LagrangeElement:
         determinant = np.linalg.det(jacobian)
         if not (determinant > 0.0).all():
             raise MeshError(
-                f"curved element: Jacobian {determinant.min():.3g} mm³, it folds; expected "
-                "elements that do not: more of them, or less grading"
+                f"isoparametric element: Jacobian {determinant.min():.3g} mm³; expected positive "
+                "Jacobians: use more elements, or less grading"
             )
         gradients = at.slopes @ np.linalg.inv(jacobian)
         return gradients, determinant * at.weights

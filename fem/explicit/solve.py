@@ -571,6 +571,7 @@ def watch(system: System, state: State, history: History) -> None:
             copy = int(np.flatnonzero(bad)[0])
             raise UnstableRun(
                 f"unstable at t = {system.time(state):.6g} s (step {state.step}): the energy of "
-                f"{body.group.name}[{copy}] is {energy[copy]:.3g} N mm, {put_in:.3g} N mm were put "
-                f"in; take a smaller fem.safety_factor (time step {system.time_step:.4g} s)"
+                f"{body.group.name}[{copy}] is {energy[copy]:.3g} N mm, the external work "
+                f"{put_in:.3g} N mm; take a smaller fem.safety_factor (time step "
+                f"{system.time_step:.4g} s)"
             )

@@ -313,6 +313,6 @@ def _check_distance(assembly: PolyhedralAssembly) -> None:
     if not rounding <= _ROUNDING * assembly.tolerance:
         raise AssemblyError(
             f"{assembly.name}: a block lies {reach:.3g} mm from the origin, where coordinates "
-            f"are rounded to {rounding:.1g} mm, and gaps of {assembly.tolerance:.3g} mm are told "
-            "apart; move the assembly to the origin"
+            f"are rounded to {rounding:.1g} mm, too coarse for gaps of {assembly.tolerance:.3g} "
+            "mm; move the assembly to the origin"
         )

@@ -108,9 +108,9 @@ def refuse_bare_joints(name: str, surfaces: PolyhedralAssembly) -> None:
         m, s = pairs[bare[0]].tolist()
         raise InputError(
             f"{name}: blocks {m} and {s} touch along an edge or at a point alone, near "
-            f"{np.round(found.centroids[bare[0]], 3).tolist()} mm, and deformable blocks press on "
-            "faces: place them so that faces meet or with a gap, or ask `tubelock mbd`, which has "
-            "such contacts"
+            f"{np.round(found.centroids[bare[0]], 3).tolist()} mm; finite-element contact needs "
+            "faces: place the blocks so that faces touch or with a gap, or use `tubelock mbd`, "
+            "which has such contacts"
         )
 
 

@@ -113,7 +113,7 @@ def _targets(
     if max_seconds == 0.0:
         raise InputError("--max-seconds: got 0, expected a positive CPU time in s")
     if resume is not None:
-        raise InputError(f"--resume {resume}: goes on with one mesh; leave out --accuracy")
+        raise InputError(f"--resume {resume}: a resumed run keeps its mesh; remove --accuracy")
     return parse_targets(accuracy)
 
 
@@ -141,7 +141,7 @@ def check_finished(result: ExplicitResult, outputs: Outputs) -> None:
     remedy = (
         f"continue with --resume {outputs.path(CHECKPOINT)}"
         if outputs.folder is not None
-        else "nothing was kept: give a folder with -o to keep a checkpoint"
+        else "no checkpoint was written: -o names a folder for one"
     )
     outputs.console.print(f"stopped at step {result.n_steps}: {remedy}")
     raise KeyboardInterrupt

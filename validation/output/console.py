@@ -30,10 +30,10 @@ WINDOW, WINDOWS, LONG = 2.0, 3, 600.0
 
 _UNITS = ((365.0 * 86400.0, "years"), (86400.0, "days"), (3600.0, "h"), (60.0, "min"))
 
-#: Whether a call says nothing but errors (``--quiet``).
+#: Whether a call prints errors only (``--quiet``).
 quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 
-_TOLD: ContextVar[bool] = ContextVar("compilation is told of", default=False)
+_TOLD: ContextVar[bool] = ContextVar("compilation is announced", default=False)
 
 
 def text_console(json: str | None = None) -> Console:
@@ -137,7 +137,7 @@ def told_of_compilation() -> Iterator[None]:
     def tell() -> None:
         if not _TOLD.get():
             _TOLD.set(True)
-            console.print("compiling the loops of this kind of run, once")
+            console.print("compiling machine code (only before the first run of this kind)")
 
     with compiling(tell):
         yield
@@ -199,9 +199,9 @@ def explicit_progress() -> Iterator[Callable[[Sample], None]]:
             left = forecast.left(sample.step, sample.n_steps)
             if left is not None:
                 console.print(
-                    f"long: at most {left} for {sample.n_steps:.3g} steps; a run that settles ends "
-                    "before; Ctrl-C ends it; fem.end_time, fem.time_step, fem.mass_scaling or "
-                    'fem.method = "static" make it shorter'
+                    f"estimated run time: at most {left} ({sample.n_steps:.3g} steps), less if the "
+                    "blocks come to rest; Ctrl-C stops the run; fem.end_time, fem.time_step, "
+                    'fem.mass_scaling or fem.method = "static" make it shorter'
                 )
             energies = sample.energies
             state = (

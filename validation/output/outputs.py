@@ -178,7 +178,7 @@ class Outputs:
             self.say(words, path)
 
     def tell_unused(self, use: KeyUse) -> None:
-        """Name the defaults on which the answer depends and the keys on which it does not."""
+        """Print the defaults that the answer depends on and the keys that it ignores."""
         self._defaults = use.defaults
         if self._defaults:
             words = ", ".join(f"{name} {value}" for name, value in self._defaults.items())
@@ -187,7 +187,7 @@ class Outputs:
             use.count(self.scene.scene.pictures)
         self._unused = use.unused
         if self._unused:
-            self.console.print(f"{'unused':9} {use.words} (no part of this answer)")
+            self.console.print(f"{'ignored':9} {use.words} (not used by this method)")
 
     def write_json(self, data: Any) -> None:
         """Write the data where ``--json`` says, with the version of its keys and its origin."""

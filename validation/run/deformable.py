@@ -31,9 +31,9 @@ from validation.scene.usage import count
 class ContactSearch(StrEnum):
     """Whether and why a run searches the facets that face each other."""
 
-    NONE = "none (facets match and stay paired)"
+    NONE = "matching meshes, fixed pairs (small sliding)"
     ASKED = "finite sliding"
-    NEEDED = "finite sliding (joints do not match)"
+    NEEDED = "finite sliding (non-matching meshes)"
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ def friction_width(
 
     ``load_steps`` and ``change`` are those of the answer (`fem.measures.load_step_change`).
     """
-    member, reason = straight_up(load_steps), ""
+    member, reason = monotonic(load_steps), ""
     for rung in LADDER.rungs[:2]:
         stated, store = on_rung(problem, rung), FlexibilityStore()
         solve = partial(
@@ -53,9 +53,9 @@ def friction_width(
         width = {n: m.value / direct[n].value - 1.0 for n, m in back.items() if direct[n].value}
         elements = stated.deformable.model.n_elements
         return FrictionSet(member, change, width, f"on {elements} elements of degree {rung.degree}")
-    return FrictionSet(member, change, {}, f"half as much more is not carried: {reason}")
+    return FrictionSet(member, change, {}, f"150 % of the load are not carried: {reason}")
 
 
-def straight_up(steps: int) -> str:
+def monotonic(steps: int) -> str:
     """How the load was applied, in words."""
-    return f"loaded straight up in {steps} step{'s' if steps > 1 else ''}"
+    return f"monotonic loading in {steps} step{'s' if steps > 1 else ''}"

@@ -19,7 +19,7 @@ from fem.measures import load_step_change
 from fem.static.linear_step.condensed import FlexibilityStore
 from geometry.errors import RefusedError
 from validation.run.deformable import DeformableRun
-from validation.run.friction_path import PAST_AND_BACK, seeks_static_state, straight_up
+from validation.run.friction_path import PAST_AND_BACK, monotonic, seeks_static_state
 from validation.run.measures import FrictionSet
 from validation.run.solve import run_static
 from validation.scene.deformable import Method
@@ -54,7 +54,7 @@ def friction_set(
     try:
         back = solve(run.name, scene, load_path=PAST_AND_BACK)
     except RefusedError as error:
-        return FrictionSet(member, change, {}, f"half as much more is not carried: {error}")
+        return FrictionSet(member, change, {}, f"150 % of the load are not carried: {error}")
     width = {
         name: measure.value / direct[name].value - 1.0
         for name, measure in back.measures.items()
@@ -76,7 +76,7 @@ def _meshes(scene: DeformableScene) -> Iterator[DeformableScene]:
 def _member(run: DeformableRun) -> str:
     """How the load was applied."""
     if run.static is not None:
-        return straight_up(run.static.load_steps)
+        return monotonic(run.static.load_steps)
     stated = run.solution.statement
     assert stated is not None
-    return f"loaded up smoothly in {1e3 * stated.ramp_time:.3g} ms, damped"
+    return f"smooth ramp of {1e3 * stated.ramp_time:.3g} ms, damped"

@@ -56,7 +56,7 @@ def faces_words(name: str, scene: DeformableScene, assembly: Assembly) -> str | 
         if motion is None:
             return None
     words = motion_words(contacts, frictional, motion)
-    return f"the load drives a mechanism of the faces ({words}; edges and corners carry nothing)"
+    return f"the load activates a mechanism of the faces ({words}; edges and corners carry no load)"
 
 
 def require_held_by_faces(name: str, scene: DeformableScene, assembly: Assembly) -> None:

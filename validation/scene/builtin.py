@@ -33,7 +33,7 @@ def builtin_text(name: str, kind: str = "scene") -> str:
     if name not in known:
         near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
         hint = f"did you mean {' or '.join(near)}?" if near else f"see `tubelock {folder}`"
-        raise InputError(f"{kind} {name!r} is neither a file nor a built-in {kind}; {hint}")
+        raise InputError(f"{kind} {name!r} not found: no such file or built-in {kind}; {hint}")
     return (resources.files("validation") / folder / f"{name}.toml").read_text("utf-8")
 
 

@@ -62,14 +62,14 @@ def implausible(scene: BaseModel, accept: tuple[str, ...]) -> str | None:
         if size and not SMALLEST <= abs(size) <= LARGEST:
             return (
                 f"{place}: got {size:g}; expected 0 or a size from {SMALLEST:g} to {LARGEST:g}: "
-                "products of other numbers are no floats"
+                "other numbers overflow or underflow"
             )
         key = re.sub(r"\.\d+(?=\.|$)", "", place)
         pulls = key == "load.pressure" and size < 0.0 and _case(scene) == "tunnel"
         if pulls and key not in accept:
             return (
                 f"{place}: got {size:g} MPa, a suction, which turns the load around; expected a "
-                f'positive pressure, which load.case = "tunnel" lets push inward{_if_meant(key)}'
+                f'positive one; outside pressure is load.case = "tunnel"{_if_meant(key)}'
             )
         expected = table.get(key)
         if expected is not None and key not in accept:
@@ -155,13 +155,13 @@ def _sound_speed(values: dict[str, float]) -> str | None:
         "",
     )
     return (
-        f"material: sound would travel at √(E/ρ) = {speed / 1e3:.3g} m/s; expected "
+        f"material: implausible wave speed √(E/ρ) = {speed / 1e3:.3g} m/s; expected "
         f"{SLOWEST_SOUND / 1e3:g} to {FASTEST_SOUND / 1e3:g} m/s{slip}{_if_meant(_SOUND)}"
     )
 
 
 def _if_meant(key: str) -> str:
-    return f' (if it is meant: [plausibility] accept = ["{key}"])'
+    return f' (to override: [plausibility] accept = ["{key}"])'
 
 
 # ---------------------------------------------------------------------------------------------

@@ -104,7 +104,7 @@ def converted(text: str, unit: Unit) -> float | None:
         return None
     given = parse_unit(match[2])
     if given is None:
-        raise ValueError(f"the unit {match[2]!r} is not known; expected one such as {unit.name}")
+        raise ValueError(f"the unit {match[2]!r} is unknown; expected one such as {unit.name}")
     if given.dimension != unit.dimension:
         raise ValueError(f"{match[2]} does not measure the same as {unit.name}")
     try:

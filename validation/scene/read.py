@@ -219,7 +219,7 @@ def scene_data(source: str) -> tuple[str, dict[str, Any]]:
     except (ValueError, RecursionError) as error:
         comma = _DECIMAL_COMMA.search(text)
         hint = "" if comma is None else f" (in {comma[1]}: numbers have a point, no comma)"
-        raise InputError(f"{source}: is not TOML: {error}{hint}") from None
+        raise InputError(f"{source}: TOML syntax error: {error}{hint}") from None
 
 
 def _example(kind: str) -> dict[str, Any]:

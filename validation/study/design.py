@@ -59,7 +59,9 @@ def run_design(study: Study, number: int) -> Row:
     except Exception as error:
         words = " ".join(str(error).split()) or "no message"
         failure = words if isinstance(error, ValueError) else f"{type(error).__name__}: {words}"
-    remarks += [f"{path}: no part of this answer" for path, _ in study.parameters if path in unused]
+    remarks += [
+        f"{path}: not used by this method" for path, _ in study.parameters if path in unused
+    ]
     return Row(
         number=number,
         status="failed" if failure else "ok",

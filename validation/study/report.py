@@ -239,7 +239,7 @@ def print_summary(results: ResultFile, found: dict[str, Any], console: Console) 
     console.print(table)
     if found["unused_keys"]:
         words = unused_words(tuple(found["unused_keys"]), study.scene_file(0).scene)
-        console.print(f"{'unused':9} {words} (no part of these answers)")
+        console.print(f"{'ignored':9} {words} (not used by this method)")
     console.print(f"{'results':9} {results.path}")
 
 

@@ -223,7 +223,7 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{source}: is not TOML: {error}") from None
+        raise InputError(f"{source}: TOML syntax error: {error}") from None
     folder = None if builtin else path.parent
     study = check_study(data, source if builtin else path.stem, folder, overrides)
     own = () if builtin else (path,)

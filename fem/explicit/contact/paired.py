@@ -115,7 +115,7 @@ def check_stick(friction: CoulombFriction, counted_stiffness: float) -> None:
         raise FrictionError(
             f"effects.friction: got a stick stiffness of {friction.stick_stiffness} "
             f"MPa/mm, expected at most {counted_stiffness:.4g}, the contact stiffness "
-            "that the critical time step counts in"
+            "included in the critical time step"
         )
 
 
@@ -230,7 +230,7 @@ class _BoundContact:
             return None
         m, s = self._blocks[unit][lane]
         return (
-            f"contact between blocks {m} and {s} presses with {pressure:.3g} MPa and a stiffness "
+            f"contact pressure between blocks {m} and {s} reached {pressure:.3g} MPa, a stiffness "
             f"of {stiffness:.3g} MPa/mm; the time step {system.time_step:.4g} s allows "
             f"{self._largest_stiffness(system):.3g}; take a smaller fem.safety_factor or set "
             "contact.maximum_stiffness"

@@ -282,7 +282,7 @@ class BoundSlidingContact:
             return None
         block = int(self.points.facet_block[self.points.now.slave[deepest]])
         return (
-            f"contact of block {block} presses with {pressure:.3g} MPa "
+            f"contact pressure at block {block} reached {pressure:.3g} MPa "
             f"and a stiffness of {stiffness:.3g} MPa/mm; the time step {system.time_step:.4g} s "
             f"allows {self._largest_stiffness(system):.3g}; take a smaller fem.safety_factor or "
             "set contact.maximum_stiffness"

@@ -349,11 +349,11 @@ def quasi_static_report(
         )
     if not settling <= largest_settling:
         faults.append(
-            f"the motion still has {100 * settling:.2g} % of its way to go (bound "
+            f"the remaining displacement is {100 * settling:.2g} % (at most "
             f"{100 * largest_settling:.2g} %)" + ("" if result.round_off else f": {longer}")
         )
     if result.residual is None:
-        faults.append("the force residual was not watched")
+        faults.append("the force residual was not monitored")
     return QuasiStaticReport(
         ramp_time=ramp_time,
         hold_time=max(hold, 0.0),

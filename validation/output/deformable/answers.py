@@ -130,14 +130,14 @@ def _name_frames(fem: FemSection, outputs: Outputs) -> None:
 
 
 def _add_slip(table: Table, slip: dict[str, float] | None) -> None:
-    """Add the largest slip, with what to do where facets that stay paired have left each other."""
+    """Add the largest slip, with the remedy where it exceeds the facets of fixed contact pairs."""
     if slip is None:
         return
     share = slip["largest"] / slip["facet_size"]
-    words = f"{slip['largest']:.3g} mm, {share:.2g} of the size of its facet"
+    words = f"{slip['largest']:.3g} mm, {share:.2g} of the facet size"
     if share > 1.0:
         words += (
-            "\nNOT VALID: facets stay paired as built, but blocks slide by more than one;\n"
+            "\nNOT VALID: the slip exceeds one facet, and the contact pairs are fixed;\n"
             "set effects.finite_sliding = true"
         )
     table.add_row("largest slip", words)
@@ -167,7 +167,7 @@ def _add_motion(table: Table, run: DeformableRun) -> None:
 
 
 def print_run(run: DeformableRun, console: Console) -> None:
-    """Print the numbers of a run: the answer, what proves it, how it was computed."""
+    """Print the result of a run, its evidence, and how it was computed."""
     table = two_columns(run.title)
     add_measures(table, run.answer.measures)
     _add_accuracy(table, run)
@@ -245,7 +245,7 @@ def _add_accuracy(table: Table, run: DeformableRun) -> None:
 
 
 def _add_explicit(table: Table, run: DeformableRun, result: ExplicitResult) -> None:
-    """Print the steps of an explicit run, and how static its end is."""
+    """Print the steps of an explicit run, and how close to static its end is."""
     stated, state = run.solution.statement, run.solution.quasi_static
     assert stated is not None
     table.add_row(
@@ -256,12 +256,14 @@ def _add_explicit(table: Table, run: DeformableRun, result: ExplicitResult) -> N
     if run.solution.restarts:
         table.add_row(
             "restarts",
-            f"{run.solution.restarts}: contact outgrew the time step, and the run started again "
-            "with a shorter one; give contact.maximum_stiffness, or a shorter fem.time_step",
+            f"{run.solution.restarts}: the contact stiffness exceeded the limit of the time step; "
+            "the run restarted with a shorter one; set contact.maximum_stiffness or fem.time_step",
         )
     if run.scene.fem.mass_scaling is not None:
         share = 100 * added_mass_share(stated.assembly.model)
-        table.add_row("mass scaling", f"{share:.3g} % more mass; it does not change the end")
+        table.add_row(
+            "mass scaling", f"{share:.3g} % more mass; the static state does not depend on it"
+        )
     rate = result.element_updates_per_cpu_second / 1e6
     table.add_row("element updates", f"{rate:.3g} million per CPU second")
     if state is not None and stated.recommended is not None:
@@ -289,7 +291,7 @@ def _add_explicit(table: Table, run: DeformableRun, result: ExplicitResult) -> N
 
 
 def _add_contact(table: Table, run: DeformableRun) -> None:
-    """Print what only blocks that meet have."""
+    """Print the rows of contact."""
     if run.facets is not None:
         _add_facets(table, run.facets)
     table.add_row("contact search", str(run.contact_search))
@@ -298,10 +300,10 @@ def _add_contact(table: Table, run: DeformableRun) -> None:
     _add_slip(table, run.solution.slip)
     if run.facets is None:
         contact = run.contact
-        table.add_row("p_eff, pooled", f"{contact.p_eff_pooled:.5g} MPa as the paper's tables")
+        table.add_row("p_eff over all blocks (tables)", f"{contact.p_eff_pooled:.5g} MPa")
         table.add_row("effective contact elements", f"{contact.effective_count_percent:.2f} %")
     if run.solution.cap is not None:
-        table.add_row("cap of the contact law", cap_words(run.solution.cap))
+        table.add_row("contact stiffness cap", cap_words(run.solution.cap))
     overclosure = run.contact.mean_overclosure
     table.add_row("mean penetration", f"{overclosure:.4g} mm over the closed contacts")
 
@@ -315,14 +317,18 @@ def _add_facets(table: Table, facets: tuple[Assembly, FloatArray]) -> None:
         per_block, assembly.eligible_facets()[free], assembly.eligible_areas()[free]
     )
     size = float(np.sqrt(found.areas.mean()))
-    table.add_row("facets of these means", f"those of [mesh], {size:.3g} mm (root of their area)")
-    table.add_row("p_eff, pooled", f"{all_blocks.p_eff_pooled:.5g} MPa as the paper's tables")
+    table.add_row(
+        "facets of p_eff, p_max", f"those of [mesh], {size:.3g} mm (square root of the mean area)"
+    )
+    table.add_row("p_eff over all blocks (tables)", f"{all_blocks.p_eff_pooled:.5g} MPa")
     table.add_row("effective contact elements", f"{all_blocks.effective_count_percent:.2f} %")
 
 
 def _friction_words(found: FrictionSet) -> str:
-    """Which member of the set of answers with friction this is, and how wide the set is."""
-    words = f"one of many states: {found.member}; past the load by half and back"
+    """The load path of this solution with friction, and how much another path changes it."""
+    words = (
+        f"not unique; this state: {found.member}; change on the overload-and-unload path (150 %)"
+    )
     if not found.width:
         return f"{words}: none ({found.remark})"
     shown = ", ".join(
@@ -338,11 +344,11 @@ _WIDTHS = {"p_max": "p_max", "p_eff": "p_eff", "max_displacement": "displacement
 
 
 def _start_words(share: float) -> str:
-    """What contact does before any load acts, and why the balance shows it."""
+    """The work of the contact law before any load acts, and why the energy balance shows it."""
     return (
-        f"contact lets go of {share:.3g} times the work of the loads before they act: the law "
-        "presses at zero clearance. Blocks start with a blow, whose error in time is the energy "
-        "balance (it falls with fem.safety_factor); a static run starts at rest"
+        f"impulsive: the contact pressure at zero clearance does {share:.3g} times the work of the "
+        "loads before these act. The energy balance shows the resulting error in time (it falls "
+        "with fem.safety_factor); a static run starts at rest"
     )
 
 
@@ -355,8 +361,9 @@ def add_measures(table: Table, found: Mapping[str, Measure]) -> None:
 def cap_words(cap: CapAction) -> str:
     """Where a maximum stiffness acted, in words."""
     if not cap.points:
-        return f"{cap.maximum_stiffness:g} MPa/mm acts above {cap.pressure:.3g} MPa: nowhere"
+        return f"{cap.maximum_stiffness:g} MPa/mm above {cap.pressure:.3g} MPa: reached nowhere"
     return (
-        f"{cap.maximum_stiffness:g} MPa/mm acted above {cap.pressure:.3g} MPa: at {cap.points} of "
-        f"{cap.pressing_points} pressing points, {100 * cap.force_share:.3g} % of the contact force"
+        f"{cap.maximum_stiffness:g} MPa/mm above {cap.pressure:.3g} MPa: reached at {cap.points} "
+        f"of {cap.pressing_points} closed contact points, {100 * cap.force_share:.3g} % of the "
+        "force"
     )

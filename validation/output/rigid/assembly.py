@@ -43,7 +43,7 @@ FILES = (
 
 
 def write_rigid(run: RigidRun, outputs: Outputs) -> None:
-    """Write what the result shows; nothing without a folder."""
+    """Write pressures, joints and mechanism of the result; nothing without a folder."""
     if run.carried.holds:
         outputs.write("pressures", "contact_pressures.vtu", lambda path: write_pressures(run, path))
         outputs.write("picture", "contact_pressures.png", lambda path: draw_pressures(run, path))
@@ -95,24 +95,27 @@ def print_rigid(run: RigidRun, console: Console) -> None:
     """Print class, residual, measures and times of a rigid result."""
     result, scene = run.result, run.scene
     table = two_columns(f"{run.name}: rigid blocks")
-    table.add_row("mechanism (frame fixed)", CLASS_WORDS[result.mechanism])
+    table.add_row("kinematics (end rings fixed)", CLASS_WORDS[result.mechanism])
     if result.supported_classification is not result.classification:
         supported = CLASS_WORDS[result.supported_classification.mechanism]
-        table.add_row("mechanism (supports of this load)", supported)
+        table.add_row("kinematics (supports of this load)", supported)
     if run.held is not None:
-        table.add_row("held and free", held_words(run.held))
+        table.add_row("resistance to pushes", held_words(run.held))
     add_first_rows(table, run)
     ring = ring_pressure(scene)
     if ring is not None:
-        table.add_row("by hand p·r/t", ring_words(ring))
+        table.add_row("hoop stress p·r/t", ring_words(ring))
     add_further_rows(table, run.further)
-    table.add_row("certificate", certificate_words(result.classification))
+    table.add_row("proof", certificate_words(result.classification))
     if run.measures is not None:
         add_paper_rows(table, run.measures, scene.rigid.norm)
-    table.add_row("blocks, contacts", f"{result.n_blocks} free, {result.n_contacts}")
     table.add_row(
-        "norm, solver",
-        f"{scene.rigid.norm}, {scene.rigid.solver} ({result.equilibrium.iterations} iterations)",
+        "model", f"{result.n_blocks} free blocks, {result.n_contacts} contact facet pairs"
+    )
+    table.add_row(
+        "solution",
+        f'minimum-norm contact forces (norm = "{scene.rigid.norm}"), solver '
+        f'"{scene.rigid.solver}": {result.equilibrium.iterations} iterations',
     )
     table.add_row("CPU seconds", cpu_words(run.cpu_seconds))
     console.print(table)
@@ -122,41 +125,53 @@ def add_paper_rows(table: Table, found: Measures, norm: Norm) -> None:
     """Add the paper's measures: means over facets and blocks, which follow the facets."""
     table.add_section()
     table.add_row("the paper's measures", f'means over facets and blocks, norm = "{norm}"')
-    table.add_row("effective contact elements", f"{found.effective_count_percent:.2f} %")
-    table.add_row("effective contact area", f"{found.effective_area_percent:.2f} %")
-    table.add_row("p_eff (formula)", f"{found.p_eff:.5g} MPa, mean over blocks")
-    table.add_row("p_eff (tables)", f"{found.p_eff_pooled:.5g} MPa, pooled over all blocks")
-    table.add_row("p_max", f"{found.p_max:.5g} MPa, mean of block maxima")
+    table.add_row(
+        "effective contact elements", f"{found.effective_count_percent:.2f} % (participation ratio)"
+    )
+    table.add_row(
+        "effective contact area", f"{found.effective_area_percent:.2f} % (the same by area)"
+    )
+    table.add_row(
+        "p_eff (formula)",
+        f"{found.p_eff:.5g} MPa, mean over the effective facets, then over the blocks",
+    )
+    table.add_row(
+        "p_eff (tables)",
+        f"{found.p_eff_pooled:.5g} MPa, mean over the effective facets of all blocks",
+    )
+    table.add_row(
+        "p_max", f"{found.p_max:.5g} MPa, mean of the blocks' largest pressures (not the maximum)"
+    )
     table.add_section()
 
 
 def print_explosion(run: Explosion, console: Console) -> None:
     """Print the verdict and its numbers."""
     first, finite = run.first, run.finite
-    table = two_columns(f"{run.name}: explosion")
+    table = two_columns(f"{run.name}: radial disassembly test")
     table.add_row("verdict", "explodes" if run.explodes else "does not explode")
     words = "admissible" if first.admissible else "not admissible"
     table.add_row(
-        "first order, frame released",
+        "first order, end rings released",
         f"{words}: smallest gap rate {first.smallest_gap_rate:.4g} mm per mm outward; "
         f"{first.closing_area_percent:.1f} % of the contact area closes, "
         f"{first.opening_area_percent:.1f} % opens",
     )
     last = finite.distances[-1]
     if finite.first_overlap is None:
-        words = f"free up to {last:g} mm (one wall thickness), the last distance looked at"
+        words = f"free up to {last:g} mm (one wall thickness), the largest distance computed"
     else:
         words = (
-            f"free up to {finite.free_distance:.3g} mm, then blocks are more than "
-            f"{finite.tolerance:g} mm in each other; {finite.depths[-1]:.3g} mm deep at {last:g} mm"
+            f"free up to {finite.free_distance:.3g} mm, then blocks overlap by more than "
+            f"{finite.tolerance:g} mm; {finite.depths[-1]:.3g} mm at {last:g} mm"
         )
     table.add_row("finite motion", words)
-    table.add_row("outward push, frame held", f"{run.held}")
+    table.add_row("outward push, end rings fixed", f"{run.held}")
     table.add_row(
-        "outward push, nothing held",
+        "outward push, no supports",
         "carried by the contacts alone"
         if first.held_together
-        else "drives a motion (turning and lengthening of the tube allowed)",
+        else "drives a mechanism (twist and elongation of the tube included)",
     )
     table.add_row("CPU seconds", f"{run.cpu_seconds:.2f}")
     console.print(table)

@@ -49,18 +49,18 @@ def write_polyhedra(run: PolyhedralRun, outputs: Outputs) -> None:
 
 
 def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
-    """Print verdict, certificate, equilibrium and what was found of contacts."""
+    """Print verdict, proof, equilibrium and contacts."""
     result, interfaces = run.result, run.assembly.interfaces
     table = two_columns(f"{run.name}: rigid blocks")
     table.add_row("verdict (frictionless)", verdict_words(run))
     if run.held is not None:
-        table.add_row("held and free", held_words(run.held))
+        table.add_row("resistance to pushes", held_words(run.held))
     add_first_rows(table, run)
     add_further_rows(table, run.further)
-    table.add_row("certificate", certificate_words(result.classification))
+    table.add_row("proof", certificate_words(result.classification))
     if run.faces is not None:
         table.add_row("by faces alone", CLASS_WORDS[run.faces.mechanism])
-        table.add_row("certificate of the faces", certificate_words(run.faces))
+        table.add_row("proof for the faces", certificate_words(run.faces))
     if run.carried.holds and run.normal_forces.max(initial=0.0) > 0:
         if not run.patch_pressures.size:
             table.add_row("largest contact pressure", "none: edges and points have no area")
@@ -68,15 +68,16 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
         for words, value in joint_words(run.joints):
             table.add_row(words, value)
     bare = bare_words(run)
-    points = f", of which {bare} without area" if bare else ""
+    points = f", of which {bare}" if bare else ""
     table.add_row(
-        "blocks, contact points",
-        f"{result.n_blocks} free of {run.assembly.n_blocks}, {interfaces.n_contacts}{points}",
+        "model",
+        f"{run.assembly.n_blocks} blocks, {result.n_blocks} of them free; "
+        f"{interfaces.n_contacts} contact points{points}",
     )
     table.add_row(
         "contact patches",
-        f"{len(interfaces.patches.areas)}, {interfaces.patches.areas.sum():.5g} mm², gaps up to "
-        f"{run.assembly.tolerance:.3g} mm count as contact",
+        f"{len(interfaces.patches.areas)}, {interfaces.patches.areas.sum():.5g} mm² in all; "
+        f"contact tolerance {run.assembly.tolerance:.3g} mm",
     )
     table.add_row("volume mesh", volume_words(run))
     if run.straightened:
@@ -88,40 +89,40 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
 def bare_words(run: PolyhedralRun) -> str:
     """Count the contacts without area by kind; empty where there is none."""
     crossing, standing = run.bare_contacts[CROSSING_EDGES], run.bare_contacts[STANDING_CORNER]
-    words = [f"{crossing} edge-edge"] if crossing else []
-    words += [f"{standing} corner-face"] if standing else []
+    words = [f"{crossing} edge–edge"] if crossing else []
+    words += [f"{standing} vertex–face"] if standing else []
     return " and ".join(words) + " contacts" if words else ""
 
 
 def verdict_words(run: PolyhedralRun) -> str:
-    """State the verdict, and what remains of it without contacts that have no area."""
+    """State the verdict; by faces alone where edge and vertex contacts change it."""
     found = run.result.classification
     verdict = "interlocked" if found.locked else "not interlocked"
     if run.faces is None or run.faces.mechanism is found.mechanism:
-        return f"{verdict}: {found.mechanism}"
+        return f"{verdict}; {CLASS_WORDS[found.mechanism]}"
     if found.locked:
-        verdict = "interlocked by contacts without area"
+        verdict = "interlocked by edge and vertex contacts"
     words = f"{found.mechanism} by {bare_words(run)}; by faces alone: {run.faces.mechanism}"
     return f"{verdict}: {words}"
 
 
 def volume_words(run: PolyhedralRun) -> str:
-    """Say whether the blocks can be deformable as well."""
+    """Describe whether a finite-element analysis of the blocks is possible."""
     if not isinstance(run.scene, MeshScene):
-        return "none (triangulated blocks): rigid answer only"
+        return "none (triangulated blocks): rigid-block analysis only"
     surfaces = [part for part in run.scene.parts if Path(part.file).suffix.lower() in _SURFACES]
     if len(surfaces) < len(run.scene.parts):
-        return "`tubelock fem` takes hexahedra from the files, or says which block has none"
+        return "hexahedra of the files (`tubelock fem` names blocks without)"
     try:
         for shape in run.assembly.shapes:
             six_sided_hexahedra(shape, 1)
     except MeshError as error:
-        return f"none: rigid answer only ({error})"
-    return "six flat sides each: `tubelock fem` divides them into hexahedra"
+        return f"none: rigid-block analysis only ({error})"
+    return "hexahedral meshing possible: every block has six flat sides"
 
 
 def joint_words(joints: JointResultants) -> list[tuple[str, str]]:
-    """Say where the largest resultants of joints are."""
+    """Locate the largest resultants of joints."""
     eccentricity = np.linalg.norm(joints.eccentricity, axis=1)
     rows = []
     for name, values, unit in (

@@ -1,4 +1,4 @@
-"""Words that rigid answers share, whatever their blocks are made of."""
+"""Rows that results of rigid blocks share, with hexahedral and triangulated blocks."""
 
 from __future__ import annotations
 
@@ -14,51 +14,51 @@ from validation.run.rigid.further import Further
 
 #: Components below this part of the largest are round-off.
 _NOISE = 1e-9
-#: What each class means.
+#: Each kinematic class in words.
 CLASS_WORDS = {
-    MechanismClass.LOCKED: "locked: no block can move",
-    MechanismClass.SUPPRESSED: "suppressed: blocks could move, but none of it goes with the load",
-    MechanismClass.NEUTRAL: "neutral: blocks could move, the load neither drives nor holds them",
-    MechanismClass.ACTIVATED: "activated: blocks can move, and the load drives them",
-    MechanismClass.UNDECIDED: "undecided: no proof of either was found within tolerance",
+    MechanismClass.LOCKED: "locked: no mechanism exists",
+    MechanismClass.SUPPRESSED: "suppressed: a mechanism exists, the load acts against it",
+    MechanismClass.NEUTRAL: "neutral: a mechanism exists, the load does no work on it",
+    MechanismClass.ACTIVATED: "activated: a mechanism exists, and the load drives it",
+    MechanismClass.UNDECIDED: "undecided: no proof of locking or of a mechanism within tolerance",
 }
 
 
 def certificate_words(classification: Classification) -> str:
-    """Say what proves the mechanism class, with the numbers of the proof."""
+    """Describe the proof of the kinematic class, with its numbers."""
     certificate = classification.certificate
     if isinstance(certificate, SelfStress):
         return (
-            f"self-stress λ ≥ 1, ‖Gλ‖/‖λ‖ = {certificate.residual:.1e}, "
+            f"self-stress state λ ≥ 1, equilibrium error ‖Gλ‖/‖λ‖ = {certificate.residual:.1e}, "
             f"σ_min/σ_max = {certificate.smallest_singular_value:.1e}"
         )
     if isinstance(certificate, Mechanism):
         return (
-            f"mechanism δq, min Gᵀδq = {certificate.smallest_gap_rate:.1e}, "
-            f"fᵀδq/‖f‖ = {certificate.work:.3g}"
+            f"mechanism δq, smallest gap rate min Gᵀδq = {certificate.smallest_gap_rate:.1e}, "
+            f"work fᵀδq/‖f‖ = {certificate.work:.3g}"
         )
     return "none"
 
 
 def held_words(held: dict[str, bool]) -> str:
-    """Say along which axes a small push beside the load is held."""
+    """Name the axes along which the assembly resists a small push beside the load."""
     words = []
-    for title, wanted in (("held against pushes along", True), ("free along", False)):
+    for title, wanted in (("resists pushes along", True), ("slides freely along", False)):
         axes = [axis for axis, found in held.items() if found is wanted]
         if axes:
             words.append(f"{title} {', '.join(axes)}")
-    return "; ".join(words) + " (all blocks, without friction)"
+    return "; ".join(words) + " (all blocks together, frictionless)"
 
 
 def add_first_rows(table: Table, run: RigidAnswer) -> None:
-    """Add what an answer is read for first: equilibrium, largest pressure, forces, reaction."""
+    """Add the main results: equilibrium, largest pressure, forces, reaction."""
     if run.further is None or run.further.friction is None:
         table.add_row("in equilibrium", run.result.equilibrium.status)
     found = run.first_measures
     if "p_max_facet" in found:
         table.add_row("largest contact pressure", pressure_words(found["p_max_facet"]))
     if "least_joint_force" in found:
-        table.add_row("normal force of joints", joint_force_words(found))
+        table.add_row("normal forces of joints", joint_force_words(found))
     if "total_reaction" in found:
         table.add_row("total reaction", reaction_words(found))
 
@@ -69,14 +69,14 @@ def reaction_words(found: dict[str, dict[str, Any]]) -> str:
     size = max(reaction["value"], found.get("largest_joint_force", {}).get("value", 0.0))
     parts = [0.0 if abs(x) <= _NOISE * size else x for x in reaction["force"]]
     if not any(parts):
-        return "0 N: the loads balance each other"
+        return "0 N: the loads are self-equilibrated"
     return f"{reaction['value']:.5g} N: ({', '.join(f'{x:.5g}' for x in parts)})"
 
 
 def pressure_words(peak: dict[str, Any]) -> str:
     """Value of a mean over a facet, how large that is, and where."""
     where = peak["place"]
-    words = f"{peak['value']:.5g} MPa, mean over {peak['facet_area']:.4g} mm²: blocks "
+    words = f"{peak['value']:.5g} MPa, mean over a facet of {peak['facet_area']:.4g} mm²: blocks "
     words += " and ".join(map(str, where["blocks"]))
     if where["layer"] is not None:
         words += f", layer {where['layer']}"
@@ -97,29 +97,29 @@ def joint_force_words(found: dict[str, dict[str, Any]]) -> str:
 
 
 def ring_words(ring: dict[str, Any]) -> str:
-    """Mean hoop stress by hand, and what it is for blocks."""
+    """Mean hoop stress of a closed ring, with a remark on dry joints."""
     words = f"{ring['value']:.5g} MPa, mean hoop {ring['sense']} of a closed ring, "
     words += f"r = {ring['radius']:g} mm"
     if ring["sense"] == "tension":
-        words += "; joints carry none: waves and frames do"
+        words += "; dry joints carry no tension: waves and end rings do"
     return words
 
 
 def range_words(ranges: ForceRanges) -> str:
-    """Say how many joints have a range of forces and no value, and which is the widest."""
+    """Count the joints whose forces are statically indeterminate, and name the widest range."""
     wide, unbounded = int(ranges.undetermined.sum()), int(ranges.unbounded.sum())
     of = f"of {len(ranges.least)} joints"
     if wide == 0:
-        return f"determined: every admissible state has the same force in each {of}"
-    bound = f", {unbounded} of them without bound (self-stress)" if unbounded else ""
+        return f"statically determinate {of}: every admissible state has the same forces"
+    bound = f", {unbounded} of them unbounded (self-stress)" if unbounded else ""
     k = int(np.argmax(np.where(ranges.unbounded, -1.0, ranges.width)))
     if unbounded == len(ranges.least):
         k = int(ranges.least.argmax())
     pair = f"blocks {ranges.block_m[k]} and {ranges.block_s[k]}"
-    most = "any" if ranges.unbounded[k] else f"{ranges.largest[k]:.4g} N"
+    most = "unbounded" if ranges.unbounded[k] else f"{ranges.largest[k]:.4g} N"
     return (
-        f"undetermined in {wide} {of}{bound}; between {pair}: least {ranges.least[k]:.4g} N, "
-        f"least-norm {ranges.shown[k]:.4g} N, largest {most}"
+        f"statically indeterminate in {wide} {of}{bound}; between {pair}: minimum "
+        f"{ranges.least[k]:.4g} N, minimum-norm {ranges.shown[k]:.4g} N, maximum {most}"
     )
 
 
@@ -137,12 +137,12 @@ def add_further_rows(table: Table, further: Further | None) -> None:
         c = further.collapse
         proof = ""
         if c.mechanism is not None:
-            proof = f"; mechanism bounds it by {c.upper_bound:.6g}, residual {c.residual:.1e}"
-        table.add_row("collapse", c.status + proof)
+            proof = f"; kinematic upper bound {c.upper_bound:.6g}, residual {c.residual:.1e}"
+        table.add_row("limit load", c.status + proof)
     if further.sliding is not None:
-        table.add_row("sliding, no dilation", further.sliding.status)
+        table.add_row("non-associated limit load", further.sliding.status)
     if further.ranges is not None:
-        table.add_row("reaction", range_words(further.ranges))
+        table.add_row("joint forces", range_words(further.ranges))
     if further.margin is not None:
         m = further.margin
         block = int(further.free_blocks[m.block])
@@ -150,5 +150,5 @@ def add_further_rows(table: Table, further: Further | None) -> None:
             "margin",
             f"smallest bearing area {m.bearing_area:.4g} mm² (load {m.load} on block {block})"
             if m.interlocked
-            else f"none: load {m.load} on block {block} cannot be carried",
+            else f"none: load {m.load} on block {block} is not statically admissible",
         )

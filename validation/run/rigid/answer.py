@@ -104,7 +104,7 @@ class RigidAnswer(ABC):
         seconds = {"build": 0.0} | result.cpu_seconds | built
         seconds["total"] += result.cpu_seconds["total"]
         if further is not None:
-            seconds["further"] = further.cpu_seconds
+            seconds["friction and limits"] = further.cpu_seconds
             seconds["total"] += further.cpu_seconds
         return cls(result=result, further=further, cpu_seconds=seconds, **stated)
 
