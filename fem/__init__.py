@@ -14,7 +14,7 @@ What most need::
 | `Material`, `concrete` | isotropic elasticity and density; the paper's concrete |
 | `ExponentialLaw`, `LinearPenalty`, `TabularLaw` | contact pressure over overclosure |
 | `CoulombFriction` | friction of all joints |
-| `Frames`, `ElementType` | how held blocks are modelled; hexahedra of degree 1 |
+| `Frames`, `ElementType` | how fixed blocks are modelled; hexahedra of degree 1 |
 | `solve_static` | the static state by Newton's method |
 | `StaticOptions` | its tolerance, symmetry and load steps |
 | `solve_explicit` | explicit dynamics, to the static state or in time |

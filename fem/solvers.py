@@ -88,8 +88,12 @@ def solve_static(
         A requested accuracy of a problem that cannot be refined, or beside ``mesh = "scene"``.
     StaticError
         Without an equilibrium, or where Newton's method did not converge.
-    ContactError, DeformableAssemblyError, SymmetryError
-        What cannot be solved.
+    ContactError
+        Blocks overlap at the start by more than the contact law covers.
+    DeformableAssemblyError
+        Blocks are unrestrained, or fixed blocks have no outer face.
+    SymmetryError
+        The requested symmetry is not one of the load or the supports.
     """
     _require_problem(problem)
     problem.refuse_motion()
@@ -119,7 +123,7 @@ def solve_static(
 
 
 def _require_problem(problem: object) -> None:
-    """Refuse what is no statement of a problem."""
+    """Reject what is no statement of a problem."""
     if not isinstance(problem, Problem):
         raise ProblemError(
             f"problem: got a {type(problem).__name__}; expected "
@@ -175,8 +179,16 @@ def solve_explicit(
 
     Raises
     ------
-    ContactError, DeformableAssemblyError, SymmetryError, EffectError, TimeStepError, ProblemError
-        What cannot be run, elements of a higher degree among it.
+    ContactError
+        Blocks overlap at the start by more than the contact law covers.
+    DeformableAssemblyError
+        Blocks are unrestrained, or fixed blocks have no outer face.
+    SymmetryError
+        The requested symmetry is not one of the load or the supports.
+    EffectError, TimeStepError
+        An effect or a time step has an invalid value.
+    ProblemError
+        Elements of a degree above 1.
     UnstableRun
         A run that gained energy.
     """

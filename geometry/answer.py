@@ -364,7 +364,7 @@ def is_round(assembly: Assembly) -> bool:
 def place(
     assembly: Assembly, blocks: tuple[int, ...], position: FloatArray, face: str | None
 ) -> dict[str, Any]:
-    """Say where a value is: blocks, layer, face and position, of tubes also about their axis."""
+    """Describe the place of a value: blocks, layer, face, position (tubes: about the axis)."""
     found: dict[str, Any] = {
         "blocks": list(blocks),
         "layer": int(assembly.layer[blocks[0]]),

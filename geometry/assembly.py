@@ -102,7 +102,7 @@ class PlacedBlocks(ABC, Generic[AnyShape]):
                 )
 
     def _check_shapes(self) -> None:
-        """Refuse arrays that do not say where each block is and which of them are fixed."""
+        """Reject arrays that do not say where each block is and which of them are fixed."""
         n = len(self.shape_of)
         for what, kind, shape in (
             ("shape_of", np.integer, (n,)),
@@ -172,32 +172,32 @@ AnyBlocks = PlacedBlocks[Any]
 
 
 def require_length(name: str, value: float, error: type[RefusedError] = AssemblyError) -> None:
-    """Refuse a length of a block that is none [mm]."""
+    """Reject a length of a block that is none [mm]."""
     if not (np.isfinite(value) and value > 0):
         raise error(f"block.{name}: got {value}, expected a positive length in mm")
 
 
 def require_size(size: tuple[float, float, float]) -> None:
-    """Refuse a box that has no volume [mm]."""
+    """Reject a box that has no volume [mm]."""
     if not (np.isfinite(size).all() and min(size) > 0):
         raise AssemblyError(f"block.size: got {list(size)}, expected three positive lengths in mm")
 
 
 def require_divisions(divisions: tuple[int, int, int]) -> None:
-    """Refuse numbers of elements that mesh no block."""
+    """Reject numbers of elements that mesh no block."""
     if min(divisions) < 1:
         raise AssemblyError(f"mesh.divisions: got {list(divisions)}, expected at least 1 each")
 
 
 def require_counts(**counts: int) -> None:
-    """Refuse numbers of blocks that build nothing: two words and their numbers."""
+    """Reject numbers of blocks that build nothing: two words and their numbers."""
     if min(counts.values()) < 1:
         got = " and ".join(f"{number} {word}" for word, number in counts.items())
         raise AssemblyError(f"assembly: got {got}, expected at least 1 of each")
 
 
 def check_size(assembly: AnyBlocks) -> None:
-    """Refuse sizes that say that the lengths are not in millimetres.
+    """Reject sizes that say that the lengths are not in millimetres.
 
     Raises
     ------

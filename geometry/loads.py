@@ -249,7 +249,7 @@ def face_pressure(assembly: Assembly, blocks: IntArray, face: str, pressure: flo
 
 
 def check_finite(pressure: object) -> None:
-    """Refuse a pressure that is not finite.
+    """Reject a pressure that is not finite.
 
     Raises
     ------

@@ -332,7 +332,7 @@ class UnmatchedJoint:
     """Direction in which the face of block m looks, (3,)."""
 
     def __str__(self) -> str:
-        """Say which blocks, which face, and how much of it matches."""
+        """Name the blocks, the face, and the area that matches."""
         return (
             f"the meshes of blocks {self.block_m} and {self.block_s} do not match: facets meet "
             f"corner on corner on {self.matched:.4g} of the {self.touching:.4g} mm² on which the "

@@ -221,7 +221,7 @@ def corner_jacobians(mesh: HexMesh) -> FloatArray:
 
 
 def check_mesh(mesh: HexMesh, name: str = "mesh") -> None:
-    """Refuse what no solver here can use.
+    """Reject what no solver here can use.
 
     Raises
     ------

@@ -68,11 +68,11 @@ class RigidStatement(Protocol):
 
 
 class AnalysisError(RefusedError):
-    """What cannot be analysed: the argument and what is expected."""
+    """An argument of the wrong type; the message names it and what is expected."""
 
 
 def check_types(assembly: object, load: object) -> None:
-    """Refuse what is neither blocks with a load case nor a statement of both."""
+    """Reject what is neither blocks with a load case nor a statement of both."""
     blocks = isinstance(assembly, PlacedBlocks)
     if load is None and (blocks or getattr(type(assembly), "rigid_load", None) is None):
         given = "blocks without a load case" if blocks else f"a {type(assembly).__name__}"

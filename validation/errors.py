@@ -251,7 +251,7 @@ def _toml(value: Any) -> str:
 
 
 def _wrong_value(problem: Any, place: str, model: type[BaseModel]) -> str:
-    """Say what is wrong with a value that has a known place, in the words of scenes."""
+    """Describe an invalid value by its key in the scene."""
     kind, got, path = problem["type"], problem["input"], problem["loc"]
     if kind == "missing" and isinstance(path[-1], int):
         parent = ".".join(str(key) for key in path[:-1])

@@ -413,7 +413,7 @@ def _beyond(
     need = _expected_seconds(stated, solved)
     if need <= left:
         return None
-    return f"the limit of CPU time: the next mesh takes about {need:.2g} s and {left:.2g} are left"
+    return f"the limit of CPU time: the next mesh needs about {need:.2g} s, and {left:.2g} s remain"
 
 
 def _expected_seconds(stated: Problem, solved: list[Solved]) -> float:

@@ -53,7 +53,7 @@ class Frames(StrEnum):
     """They deform and are held at their outer faces."""
 
 
-#: Outer face of a held block in the first and in the last layer, the first that exists.
+#: Outer face of a fixed block in the first and in the last layer, the first that exists.
 _OUTER_FACES = {"first": ("bottom", "z-"), "last": ("top", "z+")}
 
 
@@ -123,7 +123,7 @@ def touching_surfaces(
     clearance: float,
     law: ContactLaw,
 ) -> ContactSurfaces:
-    """Matched facets of which at least one block deforms, refused where they overlap too deeply.
+    """Matched facets of which at least one block deforms, rejected where they overlap too deeply.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def curved(assembly: Assembly, degree: int) -> Assembly:
 
 
 def check_cell(assembly: Assembly, frames: Frames, *, finite_sliding: bool) -> None:
-    """Refuse what a periodic cell does not have."""
+    """Reject what a periodic cell does not have."""
     if frames is Frames.DEFORMABLE:
         raise DeformableAssemblyError(
             f"{assembly.name}: a periodic cell has no frame to deform; expected rigid frames"
@@ -303,7 +303,7 @@ def _dead_loads(
 
 
 def outer_face(assembly: Assembly, block: int) -> str:
-    """Face at which a held block that deforms is held.
+    """Face at which a fixed block that deforms is held.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """The statement of a problem: blocks, load, material and what acts between blocks, stated once.
 
 Rigid, static and explicit answers are asked of the same statement; an answer that cannot have part
-of it refuses it by name.
+of it rejects it by name.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ LEAST_GRAVITY = 50.0
 
 @dataclass(frozen=True)
 class Problem:
-    """Blocks that touch, held and loaded: what rigid, static and explicit answers are asked of.
+    """Boundary value problem: blocks with supports, loads and material, for all three solvers.
 
     Lengths are in mm, forces in N, stresses in MPa, times in s, masses in t. All but the first
     three are keywords; ``dataclasses.replace(problem, friction=0.3)`` is a variant.
@@ -92,38 +92,38 @@ class Problem:
     Parameters
     ----------
     blocks
-        What is built, frame included: from `geometry.tube`, or any `geometry.Assembly`.
+        All blocks, fixed ones included: of `geometry.tube`, or any `geometry.Assembly`.
     load
-        What acts and which blocks are held: `geometry.pipe` and its like are put on the blocks, a
-        `geometry.loads.LoadCase` names facets.
+        Loads and fixed blocks: a load case such as `geometry.pipe`, or a
+        `geometry.loads.LoadCase` for facets of one's own.
     material
         Of all blocks: density [t/mm³], modulus [MPa], Poisson's ratio [-], radius of the averaged
         tension [mm]; `fem.concrete` is the paper's.
     element
         Hexahedron of degree 1. Default: incompatible modes.
     degree
-        Of the elements [-]. Default 1; 2 to 8, of static answers alone, have nodes between the
-        corners of the mesh, on the exact shape of a block that has one.
+        Polynomial degree of the elements [-]. Default 1. Degrees 2 to 8 (static analyses only) are
+        isoparametric, with nodes on the exact shape of the block where it has one.
     law
         Contact pressure [MPa] as a function of overclosure [mm]: `ExponentialLaw` (default, with
         the paper's constants), `LinearPenalty`, `TabularLaw`, or an object of one's own with the
         methods ``pressure`` and ``stiffness`` (`fem.contact.own_law`).
     normals
-        Which normals measure gaps. Default: those of the current surfaces.
+        Normals along which gaps are measured. Default: those of the current surfaces.
     clearance
-        Gap along the normal of every facet before the load acts [mm]: blocks made too small by half
-        of it; negative: an interference fit. Default 0.
+        Gap along the normal of every facet before the load acts [mm]: every block is too small by
+        half of it; negative: an interference fit. Default 0.
     spacing
         Distance by which neighbours are moved apart, their size kept [mm]
         (`geometry.assembly.spacing_offsets`): inclined faces open by less or more. Default 0. Both
         gaps may be given: they add up.
     frames
-        How held blocks are modelled: `Frames.RIGID` (default) or `Frames.DEFORMABLE`, held at their
-        outer faces.
+        Model of the fixed blocks: `Frames.RIGID` (default), or `Frames.DEFORMABLE` and fixed at
+        their outer faces.
     friction
-        Of all joints: `CoulombFriction`, or its coefficient [-]. Default None: absent.
+        Friction of all joints: `CoulombFriction`, or its coefficient [-]. Default: frictionless.
     finite_sliding
-        Whether a search finds the facets that face each other; else facets stay paired as built.
+        Finite sliding with a contact search; else small sliding of fixed pairs of matching facets.
         Default False.
     finite_rotation
         Whether blocks may turn by any angle. Default False: small rotations.
@@ -132,7 +132,7 @@ class Problem:
     motion
         Rigid motion of every block at time 0, of explicit runs alone. Default None: at rest.
     check_units
-        Whether constants in which sound travels as in no solid are refused. Default True.
+        Whether implausible wave speeds √(E/ρ) and gravity are rejected. Default True.
 
     Raises
     ------
@@ -170,7 +170,7 @@ class Problem:
                     "numbers for clearance, spacing and friction"
                 )
         self._check_units()
-        _ = self.contact_law, self.coulomb  # what is no law is refused here
+        _ = self.contact_law, self.coulomb  # what is no law is rejected here
         self._check_options()
         for name in ("clearance", "spacing"):
             value = getattr(self, name)
@@ -197,7 +197,7 @@ class Problem:
         return f"Problem({', '.join(given)})"
 
     def _check_options(self) -> None:
-        """Refuse options that no solver has, and such as exclude each other."""
+        """Reject options that no solver has, and such as exclude each other."""
         if self.degree not in range(1, _HIGHEST_DEGREE + 1):
             raise ProblemError(
                 f"degree: got {self.degree!r}; expected a whole number from 1 to {_HIGHEST_DEGREE}"
@@ -215,7 +215,7 @@ class Problem:
             check_cell(self.blocks, self.frames, finite_sliding=self.finite_sliding)
 
     def _check_units(self) -> None:
-        """Refuse constants and loads that no solid in mm, N, MPa and t has."""
+        """Reject constants and loads that no solid in mm, N, MPa and t has."""
         material = self.material
         if self.check_units and not SLOWEST_SOUND <= material.bar_wave_speed <= FASTEST_SOUND:
             slips = (
@@ -276,7 +276,7 @@ class Problem:
         """The same for rigid blocks, whose weight acts at their mass centroids.
 
         Elasticity, element, law, normals and frames say how blocks deform: no rigid answer has
-        them, and held blocks are held as a whole.
+        them, and fixed blocks are held as a whole.
 
         Raises
         ------
@@ -303,7 +303,7 @@ class Problem:
         return with_body_wrenches(self.load_case, weight)
 
     def refuse_motion(self) -> None:
-        """Refuse an initial motion, which no static state has.
+        """Reject an initial motion, which no static state has.
 
         Raises
         ------
@@ -324,7 +324,7 @@ class Problem:
         ContactError
             Blocks that overlap at the start by more than the law's range.
         DeformableAssemblyError
-            Nothing to deform, blocks that nothing can hold, or held blocks without an outer face.
+            Nothing to deform, blocks that nothing can hold, or fixed blocks without an outer face.
         AssemblyError
             Contact facets without partner.
         FrictionError

@@ -464,7 +464,7 @@ def _piece(own, flat, plane, other, bounds, size, piece, at, xi, work):
 
 
 # Rows are copied number by number: numba compiles for ``a[k] = b[j]`` the words in which it would
-# refuse rows of other lengths, a quarter of what a first run compiles.
+# reject rows of other lengths, a quarter of what a first run compiles.
 @njit(**_OPTIONS)
 def _corners_of(quad, position, corners):
     """Corners of a facet, (4, 3)."""

@@ -201,7 +201,7 @@ class ContactLaw:
 
     @property
     def largest_initial_overclosure(self) -> float:
-        """Overclosure beyond which blocks are refused at the start [mm].
+        """Overclosure beyond which blocks are rejected at the start [mm].
 
         Where the law presses with `LARGEST_INITIAL_PRESSURE`, or where its exponential ends. A
         micrometre is always allowed, which the coordinates of a mesh may well be off by.

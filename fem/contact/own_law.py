@@ -88,7 +88,7 @@ class _WithoutConstants(ContactLaw):
 
     @property
     def constants(self) -> LawConstants:
-        """Refuse them.
+        """Reject them.
 
         Raises
         ------

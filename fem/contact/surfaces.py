@@ -193,7 +193,7 @@ def facet_corners(assembly: Assembly, blocks: IntArray, quads: IntArray) -> Floa
 
 
 def check_initial_overlap(surfaces: ContactSurfaces, law: ContactLaw) -> None:
-    """Refuse surfaces that lie deeper in each other than the law's curve reaches.
+    """Reject surfaces that lie deeper in each other than the law's curve reaches.
 
     Raises
     ------
@@ -207,7 +207,7 @@ def check_initial_overlap(surfaces: ContactSurfaces, law: ContactLaw) -> None:
 def refuse_overlap(
     block_m: IntArray, block_s: IntArray, deepest: FloatArray, law: ContactLaw
 ) -> None:
-    """Refuse facets (n_facets,) whose largest overclosure [mm] is beyond the law's range.
+    """Reject facets (n_facets,) whose largest overclosure [mm] is beyond the law's range.
 
     Raises
     ------

@@ -53,7 +53,7 @@ def integration_points(mesh: HexMesh, element: ElementType) -> FloatArray:
 
 
 def _columns(n_nodes: int, displacement: FloatArray) -> FloatArray:
-    """Displacements of the copies as columns, (3 n_nodes, n_copies), refused if of another mesh."""
+    """Displacements of the copies as columns, (3 n_nodes, n_copies); another mesh is rejected."""
     if displacement.ndim not in (2, 3) or displacement.shape[-2:] != (n_nodes, 3):
         raise DisplacementShapeError(
             f"displacement: got shape {displacement.shape}; expected ({n_nodes}, 3) or "

@@ -380,7 +380,7 @@ def _axes_of_held_nodes(
 def _check_directions(
     group: BlockGroup, copies: IntArray, nodes: IntArray, directions: FloatArray
 ) -> None:
-    """Refuse supports of one node that are not orthonormal (a node held twice, for instance)."""
+    """Reject supports of one node that are not orthonormal (a node held twice, for instance)."""
     order = np.lexsort((nodes, copies))
     key = copies[order] * group.n_nodes + nodes[order]
     d = directions[order]

@@ -101,7 +101,7 @@ class Status(StrEnum):
     STALLED = "stalled at round-off"
     """Stopped early: the force residual stands at what the precision of the loops leaves."""
     INTERRUPTED = "interrupted"
-    """Asked to stop; continue from the checkpoint."""
+    """Stopped on request; continue from the checkpoint."""
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ def traction_forces(nodes: FloatArray, quads: IntArray, traction: FloatArray) ->
 def _per_facet(
     value: float | FloatArray, quads: IntArray, name: str, tail: tuple[int, ...]
 ) -> FloatArray:
-    """Broadcast a load to one value per facet, refusing what is not finite or does not fit."""
+    """Broadcast a load to one value per facet, rejecting what is not finite or does not fit."""
     array = np.asarray(value, dtype=np.float64)
     expected = (len(quads), *tail)
     if array.shape not in (tail, expected):

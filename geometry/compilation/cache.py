@@ -248,7 +248,7 @@ _said: list[str] = []
 
 
 def _say_elsewhere(first: Path, folder: Path | None) -> None:
-    """Tell the user where the code is, once in a run."""
+    """Print once in a run where the compiled code is stored."""
     if not _said:
         where = f"compiled code is kept in {folder.parent}" if folder else "every run compiles anew"
         _said.append(f"{first} cannot be written: {where} (NUMBA_CACHE_DIR names another folder)")

@@ -70,7 +70,7 @@ class HexagonBlockDivisions:
 
 
 def check_hexagon(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> None:
-    """Refuse parameters that describe no block.
+    """Reject parameters that describe no block.
 
     Raises
     ------

@@ -49,7 +49,7 @@ class WallBlock:
 def check_wall(
     block: WallBlock, divisions: tuple[int, int, int], columns: int, layers: int
 ) -> None:
-    """Refuse what describes no wall.
+    """Reject what describes no wall.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def _flat(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _check_sampled(outline: WallBlock, divisions: tuple[int, int, int], profile: Profile) -> None:
-    """Refuse elements whose corners meet a joint only near its zeros: the wall would be plain.
+    """Reject elements whose corners meet a joint only near its zeros: the wall would be plain.
 
     Raises
     ------

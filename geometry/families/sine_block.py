@@ -170,7 +170,7 @@ class SineBlockDivisions:
 
 
 def check_parameters(block: SineBlockParameters) -> None:
-    """Refuse parameters that describe no block.
+    """Reject parameters that describe no block.
 
     Raises
     ------
@@ -225,7 +225,7 @@ TSB1 = SineBlockParameters(
 def check_conforming(
     block: SineBlockParameters, divisions: SineBlockDivisions, turned_waves: int
 ) -> None:
-    """Refuse element counts with which layers turned by some waves do not meet node on node.
+    """Reject element counts with which layers turned by some waves do not meet node on node.
 
     Raises
     ------
@@ -248,7 +248,7 @@ def check_conforming(
 
 
 def check_divisions(block: SineBlockParameters, divisions: SineBlockDivisions) -> None:
-    """Refuse element counts that mesh no block.
+    """Reject element counts that mesh no block.
 
     Raises
     ------

@@ -87,7 +87,7 @@ def sine_tube(
 def _turn_angle(
     block: SineBlockParameters, divisions: SineBlockDivisions, turn: LayerTurn | float
 ) -> float:
-    """Angle of the odd layers [rad], after refusing turns and meshes that do not fit."""
+    """Angle of the odd layers [rad], after rejecting turns and meshes that do not fit."""
     check_parameters(block)
     waves = waves_of_turn(block, turn)
     check_conforming(block, divisions, waves)

@@ -298,7 +298,7 @@ def step_hexahedra(path: Path, *, divisions: int = 4) -> list[HexMesh]:
     """Hexahedra of each solid of a STEP file, made by gmsh, ``divisions`` along each edge.
 
     gmsh makes hexahedra where every face of the solid has three or four sides (transfinite
-    meshing); other solids are refused and stay rigid.
+    meshing); other solids are rejected and stay rigid.
 
     Raises
     ------

@@ -211,7 +211,7 @@ def read_any_mesh(path: Path) -> Any:
 
 
 def _unknown_elements(path: Path) -> str | None:
-    """Say which element types of an Abaqus file its reader does not know; None for other files."""
+    """Name the element types of an Abaqus file that are not supported; None for other files."""
     if path.suffix.lower() != ".inp":
         return None
     from meshio.abaqus._abaqus import abaqus_to_meshio_type

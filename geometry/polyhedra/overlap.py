@@ -1,4 +1,4 @@
-"""How deep blocks are in each other; assemblies that cannot be meant are refused for it.
+"""How deep blocks are in each other; assemblies that cannot be meant are rejected for it.
 
 The points of a block that are looked at are its vertices, the middles of its triangles, and the
 middles of what lies inside where its edges pierce the other block; and a coarse lattice in the box
@@ -220,7 +220,7 @@ _ROUNDING = 0.01
 
 
 def check_contacts(assembly: PolyhedralAssembly) -> None:
-    """Refuse free blocks that touch nothing.
+    """Reject free blocks that touch nothing.
 
     Raises
     ------
@@ -253,7 +253,7 @@ def check_contacts(assembly: PolyhedralAssembly) -> None:
 
 
 def check_overlaps(assembly: PolyhedralAssembly) -> None:
-    """Refuse blocks that are deeper in each other than the contact tolerance.
+    """Reject blocks that are deeper in each other than the contact tolerance.
 
     Facets deeper in each other than that are no contact: the joint would be lost.
 
@@ -285,7 +285,7 @@ def check_overlaps(assembly: PolyhedralAssembly) -> None:
 
 
 def check_assembly(assembly: PolyhedralAssembly) -> None:
-    """Refuse overlapping blocks and blocks without contact.
+    """Reject overlapping blocks and blocks without contact.
 
     Raises
     ------
@@ -307,7 +307,7 @@ def check_assembly(assembly: PolyhedralAssembly) -> None:
 
 
 def _check_distance(assembly: PolyhedralAssembly) -> None:
-    """Refuse blocks so far from the origin that coordinates are rounded to what counts as a gap."""
+    """Reject blocks so far from the origin that coordinates are rounded to what counts as a gap."""
     reach = float(np.abs(assembly.translations).max())
     rounding = float(np.spacing(reach))
     if not rounding <= _ROUNDING * assembly.tolerance:

@@ -154,7 +154,7 @@ def _edge_uses(triangles: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def check_polyhedron(block: Polyhedron) -> None:
-    """Refuse surfaces that bound no solid.
+    """Reject surfaces that bound no solid.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def check_polyhedron(block: Polyhedron) -> None:
 
 
 def _check_folds(block: Polyhedron, neighbours: IntArray) -> None:
-    """Refuse triangles that lie on their neighbours, as where a concave face was cut wrongly."""
+    """Reject triangles that lie on their neighbours, as where a concave face was cut wrongly."""
     a, b = neighbours.T
     opposite = np.einsum("ni,ni->n", block.normals[a], block.normals[b]) < -1.0 + _FLAT
     folded = np.flatnonzero(opposite)

@@ -139,7 +139,7 @@ def across_matter(name: str, points: FloatArray, triangles: IntArray) -> IntArra
 
 
 def _check_distinct(name: str, points: FloatArray, triangles: IntArray) -> None:
-    """Refuse triangles that are there twice, turned the same way: they would count twice."""
+    """Reject triangles that are there twice, turned the same way: they would count twice."""
     smallest = np.argmin(triangles, axis=1)[:, None]
     rolled = np.take_along_axis(triangles, (smallest + np.arange(3)) % 3, axis=1)
     first, _, count = distinct_rows(rolled)

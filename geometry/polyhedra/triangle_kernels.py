@@ -220,7 +220,7 @@ def _wound_round(point, corners, tree, order, stack):
 
 @njit(cache=True)
 def enclosed_points(points, ways, corners, tree, order, stack, inside):
-    """Say of each point whether it is inside a closed surface wherever ``ways`` move it.
+    """Determine for each point whether it is inside a closed surface wherever ``ways`` move it.
 
     The tree is that of the triangles, as in `boxes_in_tree`.
     """

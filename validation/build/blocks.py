@@ -93,7 +93,7 @@ def build_blocks(scene: AssemblyScene) -> HexahedralBlocks:
 
 @dataclass(frozen=True)
 class BuiltScene:
-    """A scene and what was built from it: bad input has been refused by now."""
+    """A scene and what was built from it: bad input has been rejected by now."""
 
     name: str
     scene: DeformableScene

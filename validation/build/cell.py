@@ -68,7 +68,7 @@ def build_cell(scene: DeformableScene, name: str) -> Assembly:
 
 
 def refuse_cell(scene: DeformableScene, name: str, command: str) -> None:
-    """Refuse a periodic cell where the whole tube is needed.
+    """Reject a periodic cell where the whole tube is needed.
 
     Raises
     ------

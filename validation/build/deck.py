@@ -160,7 +160,7 @@ def _with_time_step(deck: Deck, fem: FemSection) -> Deck:
     """Choose the time step of an explicit run of CalculiX: it takes the one it is given."""
     if deck.step.time_step is not None:
         return deck
-    # The deck refuses what CalculiX cannot compute; only then is a time step worth its price.
+    # The deck rejects what CalculiX cannot compute; only then is a time step worth its price.
     critical = critical_time_step(deck_model(deck)[0]).critical_time_step
     count = int(np.ceil(deck.step.end_time / (fem.safety_factor * critical)))
     return replace(deck, step=replace(deck.step, time_step=deck.step.end_time / count))

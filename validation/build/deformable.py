@@ -71,7 +71,7 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
 
 
 def refuse_linear_keys(fem: FemSection, name: str) -> None:
-    """Refuse kinds of elements that only those of degree 1 have.
+    """Reject kinds of elements that only those of degree 1 have.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def build_hexahedra(scene: DeformableScene, name: str) -> HexahedralBlocks:
 
 
 def held_at_faces(scene: DeformableScene) -> bool:
-    """Whether held blocks deform and are held at their outer faces; else they are rigid.
+    """Whether fixed blocks deform and are held at their outer faces; else they are rigid.
 
     A column of boxes stands on its bottom face: no block of it is rigid.
     """

@@ -93,7 +93,7 @@ def _part_blocks(path: Path, scene: MeshScene) -> Sequence[Block]:
 
 
 def refuse_bare_joints(name: str, surfaces: PolyhedralAssembly) -> None:
-    """Refuse blocks that meet without an area: what carries there would be left out in silence.
+    """Reject blocks that meet without an area: what carries there would be left out in silence.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def contact_distance(assembly: PolyhedralAssembly) -> IntArray:
 
 
 def refuse_two_weights(scene: MeshScene, name: str) -> None:
-    """Refuse a weight that is stated twice.
+    """Reject a weight that is stated twice.
 
     Raises
     ------

@@ -36,7 +36,7 @@ def _tables(outputs: Outputs) -> None:
     from validation.output.provenance import stamped
     from validation.paper.tables import compute_tables, print_tables, tables_json
 
-    outputs.console.print("The paper's tables next to ours (rigid blocks, frictionless contact):")
+    outputs.console.print("The paper's tables and tubelock (rigid blocks, frictionless contact):")
     found = compute_tables(outputs.console)
     print_tables(found, outputs.console)
     data = stamped(tables_json(found), outputs.origin)

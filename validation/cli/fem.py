@@ -124,7 +124,7 @@ def _goes_on(resume: Path, outputs: Outputs) -> bool:
 
 
 def refuse_resume(resume: Path | None) -> None:
-    """Refuse a checkpoint for a run that keeps none."""
+    """Reject a checkpoint for a run that keeps none."""
     if resume is not None:
         raise InputError(
             f"--resume {resume}: a static run keeps no checkpoint; leave --resume out, or set "
@@ -133,7 +133,7 @@ def refuse_resume(resume: Path | None) -> None:
 
 
 def check_finished(result: ExplicitResult, outputs: Outputs) -> None:
-    """Say how to go on with a run that was interrupted, and raise that it was."""
+    """Print how to continue an interrupted run, and raise the interruption."""
     from fem.explicit.solve import Status
 
     if result.status is not Status.INTERRUPTED:

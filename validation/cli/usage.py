@@ -48,7 +48,7 @@ class Command(TyperCommand):
 
 
 def _refuse_key(option: str, value: str) -> None:
-    """Refuse an option that is a key of scenes, in the words of ``--set``."""
+    """Reject an option that is a key of scenes, in the words of ``--set``."""
     from validation.scene.read import SCENE_TYPES
 
     key = option.removeprefix("--").replace("-", "_")

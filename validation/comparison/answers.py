@@ -444,7 +444,7 @@ def conclusion(comparison: Comparison) -> str:
 
 
 def explanations(comparison: Comparison) -> list[str]:
-    """Say in words where the differences come from; the numbers are those of the steps."""
+    """Explain the differences in words, with the numbers of the steps."""
     rigid = next(a for a in comparison.answers if a.method == "rigid (pressure)")
     whole = comparison.agreement["rigid (pressure)"][0]
     lines = []

@@ -56,7 +56,7 @@ class AnswerComparison:
             lines.append(
                 f"{name} against {self.names[self.reference]}: correlation of the pressures "
                 f"{whole.correlation:.3f}, effective areas overlap {100 * whole.overlap:.0f} %, "
-                f"peaks found {100 * whole.peaks_found:.0f} %, contact force "
+                f"peaks located {100 * whole.peaks_found:.0f} %, contact force "
                 f"{100 * (whole.force_ratio - 1):+.1f} %"
             )
         return "\n".join(lines)

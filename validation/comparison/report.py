@@ -28,13 +28,17 @@ from validation.output.pictures.canvas import Part
 from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import PRESSURE_MAP, STRESS_MAP, Scale, scale_from_zero
 
-#: What the columns of the first table are.
-_COLUMNS = (
-    "p_eff: mean over blocks of the mean pressure on their effective facets; p_max: mean over "
-    "blocks of their largest mean over a facet; p_max of a facet: the largest of these means; "
-    "p_max at a point: the largest pressure of deformable blocks [MPa], which no facets are part "
-    "of; effective: facets that carry, of those that can"
-)
+#: Columns of the two tables, a line each.
+_COLUMNS = """p_eff: mean pressure on the effective facets of a block, mean over blocks
+p_max: largest mean pressure over a facet of a block, mean over blocks
+p_max of a facet: the largest of these over all blocks
+p_max at a point: largest contact pressure of deformable blocks [MPa], independent of facets
+effective: share of the contact facets that carry load (participation ratio)"""
+_AGREEMENT = """correlation: Pearson correlation of the facet pressures, weighted by area
+overlap of effective areas: shared loaded area over the union of both
+peaks located: static pressure within two facets of the other peak, over the largest static
+  pressure (mean over blocks; 100 %: the peaks coincide)
+force: total contact force, relative to the static one"""
 #: Name of the figure.
 PICTURE = "comparison.png"
 
@@ -85,8 +89,8 @@ def print_comparison(found: Comparison, console: Console) -> None:
     for answer in found.answers:
         console.print(f"• {answer.method}: {answer.words}")
     console.print(_COLUMNS)
-    title = "Contact pressures against the static answer"
-    numbers = ("correlation", "overlap of effective areas", "peaks found", "force")
+    title = "Contact pressures relative to the static analysis"
+    numbers = ("correlation", "overlap of effective areas", "peaks located", "force")
     table = listing(title, "answer", "faces", numbers=numbers)
     layer = found.static.deformable.assembly.n_layers // 2 + 1
     joints = "whole tube" if found.static.is_tube else "all joints"
@@ -102,7 +106,8 @@ def print_comparison(found: Comparison, console: Console) -> None:
                 f"{100 * (row.force_ratio - 1):+.1f} %",
             )
     console.print(table)
-    console.print("From rigid blocks to deformable ones, one assumption at a time:")
+    console.print(_AGREEMENT)
+    console.print("Influence of each modelling assumption, from rigid to deformable blocks:")
     for line in explanations(found):
         console.print(f"• {line}")
     console.print(f"Conclusion: {conclusion(found)}")

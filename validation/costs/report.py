@@ -103,8 +103,8 @@ def print_study(study: CostStudy, console: Console) -> None:
     _print_orders(study, console)
     for setting, why in study.failures.items():
         console.print(f"no answer from {setting}: {why}")
-    console.print("Errors below the reference's own, and what they put on a front, mean nothing.")
-    console.print("What an accuracy costs (the reference's own error is added to every error):")
+    console.print("Errors smaller than the error of the reference are not significant.")
+    console.print("CPU time to reach an accuracy (errors include the error of the reference):")
     for quantity in QUANTITIES:
         for target in TARGETS:
             console.print(f"• {answer(study, quantity, target)}")
@@ -192,7 +192,7 @@ def draw_study(study: CostStudy, path: Path, *, title: str = "") -> None:
     left_out = "\n".join(f"left out: {method}: {why}" for method, why in study.plan.left_out)
     figure.text(0.02, 0.01, left_out, fontsize=8, va="bottom")
     figure.suptitle(
-        f"{title or study.name}: what accuracy costs (mesh ×1: {study.plan.base.words} elements "
+        f"{title or study.name}: cost versus accuracy (mesh ×1: {study.plan.base.words} elements "
         "per block; numbers at the points: mesh)",
         x=0.02,
         ha="left",

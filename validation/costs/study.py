@@ -264,7 +264,7 @@ def percent(share: float) -> str:
 
 
 def answer(study: CostStudy, quantity: str, target: float) -> str:
-    """Say in words what an accuracy costs."""
+    """Describe the cost of an accuracy."""
     head = f"{percent(target)} in {quantity}"
     row = study.choose(quantity, target)
     if row is not None:

@@ -149,7 +149,7 @@ def _own_displacement(run: DeformableRun, blocks: list[int]) -> float:
 
 
 def offer_words(found: CellError) -> str:
-    """Say in one line what the cell could do."""
+    """Describe in one line what the cell could do."""
     p_max, p_eff, u = (f"{100 * value:+.2g} %" for value in found.against_middle.values)
     return (
         'offer     fem.symmetry = "periodic cell": two layers for the middle of these '

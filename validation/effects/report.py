@@ -72,8 +72,8 @@ def _percents(found: Change | None) -> Iterable[str]:
 
 def _absent(cost: EffectCost) -> str:
     if cost.off_compiles or not cost.same_bits:
-        return f"NOT ABSENT: {cost.off_compiles} forms, same bits {cost.same_bits}"
-    return f"yes ({cost.new_forms})"
+        return f"CHANGED: {cost.off_compiles} new forms, bitwise equal: {cost.same_bits}"
+    return f"unchanged ({cost.new_forms})"
 
 
 def effects_table(report: EffectReport, tolerance: float = TOLERANCE) -> Table:
@@ -83,14 +83,26 @@ def effects_table(report: EffectReport, tolerance: float = TOLERANCE) -> Table:
         p_max, p_eff, u = report.answer.values
         answer = f"p_max {p_max:.4g} MPa, p_eff {p_eff:.4g} MPa, u {u:.4g} mm, "
     matters = f"> {100 * tolerance:.3g} %"
-    names = ("effect", "on", "p_max", "p_eff", "u", matters, "step", "memory", "Δt", "absent off")
+    names = (
+        "effect",
+        "on",
+        "p_max",
+        "p_eff",
+        "u",
+        matters,
+        "CPU time",
+        "memory",
+        "Δt",
+        "switched off",
+    )
     table = listing(
-        f"{report.scene}: effects, each added to none\n"
+        f"{report.scene}: one effect at a time added to the reference run\n"
         f"without: {answer}{1e6 * report.seconds_per_step:.1f} CPU µs per step, "
         f"{report.bytes / 2**20:.2f} MiB",
         *names,
-        caption=f"{matters}: it changes one of the three by more. Absent off: the base compiles "
-        "nothing new and gives the same bits after it (own compiled forms when on).",
+        caption=f"{matters}: changes one of p_max, p_eff, u by more. CPU time: factor per step. "
+        "Switched off: the reference run is bitwise unchanged and compiles nothing new "
+        "(in brackets: compiled forms of the effect).",
         caption_justify="left",
     )
     for column in (0, 2, 3, 4):
@@ -164,5 +176,5 @@ def draw_effects(report: EffectReport, path: Path) -> None:
     right.xaxis.set_minor_formatter(twos_and_fives(lambda value: f"× {value:g}"))
     right.set_xlabel("over the run without effects [–]")
     right.axvline(1.0, color="black", linewidth=0.8)
-    figure.suptitle(f"{report.scene}: effects, each added to none")
+    figure.suptitle(f"{report.scene}: one effect at a time added to the reference run")
     save_figure(figure, path)

@@ -131,7 +131,7 @@ def progress(*columns: ProgressColumn) -> Iterator[Progress]:
 
 @contextmanager
 def told_of_compilation() -> Iterator[None]:
-    """Say so, once, where loops must be compiled first: bars stand still meanwhile."""
+    """Print once that loops are compiled first: progress bars stand still meanwhile."""
     console = error_console()
 
     def tell() -> None:
@@ -151,7 +151,7 @@ def duration_words(seconds: float) -> str:
 
 
 class Forecast:
-    """Tells once how long the rest takes at the best pace of its first seconds.
+    """Estimates once the remaining time, from the best pace of the first seconds.
 
     The best one: functions are compiled and processes started meanwhile, which comes once.
     """

@@ -70,7 +70,7 @@ def _write(deck: Deck, path: Path, start: float) -> WrittenDeck:
 
 
 def print_export(written: WrittenDeck, console: Console) -> None:
-    """Say what is in a deck that was written."""
+    """Print the contents of a deck that was written."""
     deck = written.deck
     table = _description(deck, f"{deck.name}: deck, flavour {deck.flavour}")
     table.add_row("file", f"{written.path}, {written.n_bytes / 1e6:.3g} MB")
@@ -119,7 +119,7 @@ def import_mesh(path: Path) -> HexMesh:
 
 
 def _check_mesh_alone(path: Path) -> None:
-    """Refuse a flat deck that says more than a mesh: a mesh reader would drop it silently."""
+    """Reject a flat deck that says more than a mesh: a mesh reader would drop it silently."""
     with path.open(encoding="utf-8", errors="replace") as file:
         for card in read_cards(file):
             if card.keyword not in _MESH_KEYWORDS:

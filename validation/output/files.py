@@ -85,7 +85,7 @@ def prepare_file(path: Path) -> Path:
 
 
 def require_picture(path: Path) -> None:
-    """Refuse a picture of a kind that is not drawn."""
+    """Reject a picture of a kind that is not drawn."""
     if path.suffix.lower() not in PICTURES:
         raise InputError(
             f"-o {path}: expected a file name that ends in {', '.join(PICTURES[:-1])} or "

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Outputs:
-    """Outputs of one call; as a context manager, it refuses and prepares before the work.
+    """Outputs of one call; as a context manager, it rejects and prepares before the work.
 
     No output may be a file that the call reads, nor another output of the same call: either would
     be replaced without a word. If the work fails, folders that are still empty are taken away.
@@ -62,7 +62,7 @@ class Outputs:
         return text_console(self.json)
 
     def __enter__(self) -> Self:
-        """Refuse outputs that would replace something this call needs, and make folders.
+        """Reject outputs that would replace something this call needs, and make folders.
 
         Raises
         ------
@@ -163,7 +163,7 @@ class Outputs:
         return self.folder / name
 
     def say(self, words: str, path: Path) -> None:
-        """Say what was written where, and what of it could not be as asked for."""
+        """Print what was written where, and what differs from the request."""
         notes = f" ({'; '.join(dict.fromkeys(self._look.notes))})" if self._look.notes else ""
         self._look.notes.clear()
         self.console.print(f"{words:9} {path}{notes}")

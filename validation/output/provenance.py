@@ -124,7 +124,7 @@ def stamped(data: Any, origin: Provenance, unused: tuple[str, ...] | None = None
 def stamp_vtu(path: Path, origin: Provenance) -> None:
     """Write the origin into a ``.vtu`` file, as a comment that no reader minds.
 
-    A string among the field data would be shown by ParaView, but meshio refuses to read it.
+    A string among the field data would be shown by ParaView, but meshio rejects to read it.
     """
     text = path.read_bytes()
     head, found, rest = text.partition(b"<VTKFile")

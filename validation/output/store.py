@@ -182,7 +182,7 @@ class Store:
         return self._connection.execute(statement).fetchall()
 
     def _check_whole(self) -> None:
-        """Refuse a file with a damaged page or row."""
+        """Reject a file with a damaged page or row."""
         said = self._connection.execute("PRAGMA integrity_check(1)").fetchone()[0]
         if said != "ok":
             raise self._damaged(" ".join(str(said).split()))
@@ -195,7 +195,7 @@ class Store:
     def _damaged(self, why: str) -> InputError:
         return InputError(
             f"{self.path}: is damaged ({why}); nothing in it is used: `tubelock rescue "
-            f"{self.path} -o NEW.sqlite` copies the rows that are whole, and NEW.sqlite goes on"
+            f"{self.path} -o NEW.sqlite` copies the intact rows; continue with NEW.sqlite"
         )
 
     def _check_layout(self) -> None:
@@ -220,14 +220,14 @@ class Store:
         return found
 
     def _check_about(self, about: Mapping[str, str]) -> None:
-        """Refuse a file that belongs to something else; nothing by default."""
+        """Reject a file that belongs to something else; nothing by default."""
 
     # -----------------------------------------------------------------------------------------
     # Errors
 
     @contextmanager
     def _clear_errors(self) -> Iterator[None]:
-        """Say what is true of the file when SQLite gives up."""
+        """Describe the state of the file after an error of SQLite."""
         try:
             yield
         except UnicodeDecodeError as error:  # a byte of a column's name
@@ -354,7 +354,7 @@ class Store:
 
 
 def refuse_others(path: Path) -> None:
-    """Refuse a folder or a file that is no SQLite file; it is left alone."""
+    """Reject a folder or a file that is no SQLite file; it is left alone."""
     why = unreadable(path)
     if why not in (None, "no such file"):
         raise InputError(f"{path}: {why}; expected a file of results, such as x.sqlite")

@@ -333,7 +333,7 @@ def _sensitivity_table(found: list[ShownErratum]) -> Table:
     table = listing(title, "number", numbers=heads, padding=0)
     table.columns[0].no_wrap = True
     whole = found[0].shown.values["with"]
-    table.add_row("to the digit", "", *_counts(found))
+    table.add_row("printed digits matched", "", *_counts(found))
     for place, error in whole["differences"].items():
         block, case, quantity = place.split()
         moved = [item.shown.values["moved"].get(place) for item in found]

@@ -1,6 +1,6 @@
-"""Tables sin-force-equilibrium, cosin-force-equilibrium and the hexagon table, beside ours.
+"""Tables sin-force-equilibrium, cosin-force-equilibrium and the hexagon table, beside tubelock's.
 
-Ours stands twice: read as the tables are (`validation.paper.reading`), and as physics says.
+Two results for each: with the paper's assumptions (`validation.paper.reading`), and without.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HEADS = {
 
 @dataclass(frozen=True)
 class TableRow:
-    """One number of the paper and ours."""
+    """One number of the paper and of tubelock."""
 
     block: str
     """TSB1, TSB2 or THB0."""
@@ -39,18 +39,18 @@ class TableRow:
     paper: float
     """The printed value."""
     ours: float | None
-    """Ours, read as the tables are; None where no equilibrium exists."""
+    """Result with the paper's assumptions; None where no equilibrium exists."""
     relative_difference: float | None
     """(ours - paper) / paper."""
     to_the_digit: bool
-    """Whether ours rounds to the printed value."""
+    """Whether the result rounds to the printed value."""
     physical: float | None
-    """Ours as physics says: the whole traction, p_eff as the formula says."""
+    """Result without them: the full traction, p_eff by its formula."""
 
 
 @dataclass(frozen=True)
 class ClassRow:
-    """One mechanism class of the paper and ours."""
+    """One kinematic class of the paper and of tubelock."""
 
     block: str
     case: str
@@ -60,7 +60,7 @@ class ClassRow:
 
 @dataclass(frozen=True)
 class Tables:
-    """The paper's three tables beside ours."""
+    """The paper's three tables beside tubelock's."""
 
     rows: list[TableRow]
     """One a number."""
@@ -180,9 +180,9 @@ def lines_by_block(tables: Tables) -> dict[str, list[TableLine]]:
 
 def print_tables(tables: Tables, console: Console) -> None:
     """Print one table per block: every number on a line of its own, the count at the end."""
-    numbers = ("paper", "ours", "difference", "to the digit", "as physics says")
+    numbers = ("paper", "tubelock", "difference", "printed digits", "consistent load")
     for block, lines in lines_by_block(tables).items():
-        title = f"{block}, read as the tables are"
+        title = f"{block}, with the paper's assumptions"
         table = listing(title, "load case", "quantity", numbers=numbers)
         for line in lines:
             case = line.case if line.quantity == HEADS["mechanism"] else ""

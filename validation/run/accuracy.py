@@ -103,7 +103,7 @@ def why_not_converged(name: str, scene: DeformableScene) -> str | None:
 
 
 def progress_words(now: Progress) -> str:
-    """Say which mesh comes, how long it takes, and the best values so far."""
+    """Describe the next mesh, its expected time, and the best values so far."""
     expected = f", about {now.seconds:.2g} CPU s" if now.seconds > 0.0 else ""
     words = f"mesh {now.rung} of at most {now.n_rungs}, {now.unknowns} unknowns a block{expected}"
     if "p_max_point" in now.measures:

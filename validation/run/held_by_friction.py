@@ -85,7 +85,7 @@ def require_held_by_friction(name: str, scene: DeformableScene, friction: float)
 
 
 def sliding_words(assembly: Assembly, load: LoadCase, friction: float) -> str | None:
-    """Say which block slides or tips on which; None where nothing certainly does.
+    """Name the block that slides or tips, and on which; None where nothing certainly does.
 
     Facets of the blocks match; the load is tractions, weights and supports, friction is μ.
     """

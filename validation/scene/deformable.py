@@ -173,7 +173,7 @@ class ContactSection(_LawKeys):  # type: ignore[misc]
     @model_validator(mode="before")
     @classmethod
     def _which_gap(cls, data: Any) -> Any:
-        """Refuse the key that meant one gap to the solver and another one to a deck."""
+        """Reject the key that meant one gap to the solver and another one to a deck."""
         if isinstance(data, dict) and "initial_clearance" in data:
             value = data["initial_clearance"]
             raise ValueError(
@@ -185,7 +185,7 @@ class ContactSection(_LawKeys):  # type: ignore[misc]
 
     @model_validator(mode="after")
     def _constants_of_its_law(self) -> ContactSection:
-        """Refuse constants that the law lacks, and those of another one."""
+        """Reject constants that the law lacks, and those of another one."""
         for law in sorted(LAWS.values(), key=lambda law: law.name != self.law):
             for constant in fields(law):
                 key = law.keys.get(constant.name, constant.name)

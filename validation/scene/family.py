@@ -28,7 +28,7 @@ class AssemblyScene(DeformableSections):
 
     #: Scene class of each family by the type of its block.
     families: ClassVar[dict[str, type[AssemblyScene]]] = {}
-    #: Whether held blocks stand on their outer faces; else they are rigid unless the scene says so.
+    #: Whether fixed blocks are fixed at their outer faces; else they are rigid by default.
     stands: ClassVar[bool] = False
 
     block: BlockSection
@@ -73,7 +73,7 @@ class AssemblyScene(DeformableSections):
         )
 
     def unmatched(self, assembly: Assembly) -> tuple[UnmatchedJoint, ...]:  # noqa: ARG002
-        """Joints where facets do not match; most families match by construction or refuse."""
+        """Joints where facets do not match; most families match by construction or reject."""
         return ()
 
     @property

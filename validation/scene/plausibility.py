@@ -86,7 +86,7 @@ def _case(scene: Any) -> str | None:
 
 
 def check_block_size(scene: WholeScene, assembly: AnyBlocks) -> None:
-    """Refuse blocks that cannot be measured in millimetres, unless the scene says they are.
+    """Reject blocks that cannot be measured in millimetres, unless the scene says they are.
 
     Raises
     ------

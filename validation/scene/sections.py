@@ -34,7 +34,7 @@ BlockSize = Annotated[tuple[Positive, Positive, Positive], SIZE]
 
 
 def _no_angle(value: Any) -> Any:
-    """Refuse an angle of friction that comes with its unit, and say the coefficient."""
+    """Reject an angle of friction that comes with its unit, and say the coefficient."""
     radian = parse_unit("rad")
     assert radian is not None
     try:
@@ -73,7 +73,7 @@ class Section(Recorded):
     @field_validator("*", mode="before")
     @classmethod
     def _no_truth_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuse true and false where a number is meant; they would be read as 1 and 0."""
+        """Reject true and false where a number is meant; they would be read as 1 and 0."""
         kinds = leaves(cls.model_fields[str(info.field_name)].annotation)
         given = value if isinstance(value, list | tuple) else (value,)
         if kinds & {int, float} and bool not in kinds and any(isinstance(v, bool) for v in given):

@@ -93,7 +93,7 @@ def _inverse() -> Finding:
     return Finding(Check("round trip", back, 1e-10), Check("slope", off, 1e-5))
 
 
-@CASES.add("overclosure-1-mm", "Blocks 1 mm inside each other at the start: refused, pair named")
+@CASES.add("overclosure-1-mm", "Blocks 1 mm inside each other at the start: rejected, pair named")
 def _overclosed() -> Finding:
     assembly = stack(2)
     load = pressed(assembly, 0.01)

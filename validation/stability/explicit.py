@@ -89,7 +89,7 @@ def _below_critical() -> Finding:
     return Finding(Check("energy balance of 5 000 steps", found.energy_balance, 1e-9))
 
 
-@CASES.add("time-step-1.01", "1.01 of the critical step: refused")
+@CASES.add("time-step-1.01", "1.01 of the critical step: rejected")
 def _above_critical() -> Finding:
     model = free_cube()
     critical = critical_time_step(model).critical_time_step

@@ -59,7 +59,7 @@ def _sharp() -> Finding:
     return _patches(HexMesh(nodes, mesh.elements))
 
 
-@CASES.add("inverted-element", "A hexahedron turned inside out: refused, the element named")
+@CASES.add("inverted-element", "A hexahedron turned inside out: rejected, the element named")
 def _inverted() -> Finding:
     mesh = box_block((2.0, 2.0, 2.0), (2, 2, 2)).mesh
     nodes = mesh.nodes.copy()
@@ -116,7 +116,7 @@ def _bending() -> Finding:
     )
 
 
-@CASES.add("units-metre-scene", "A scene written in metres: refused, the factor named")
+@CASES.add("units-metre-scene", "A scene written in metres: rejected, the factor named")
 def _metre_scene() -> Finding:
     from validation.build.blocks import build_assembly
     from validation.scene.read import load_scene
@@ -129,12 +129,12 @@ def _metre_scene() -> Finding:
     return refusal(build, RefusedError, "multiply by 1000")
 
 
-@CASES.add("amplitude-too-large", "Waves that cut through the frame: refused, the limit named")
+@CASES.add("amplitude-too-large", "Waves that cut through the frame: rejected, the limit named")
 def _too_large() -> Finding:
     return refusal(lambda: tube(amplitude=TSB1.height), ValueError, "expected less than half")
 
 
-@CASES.add("contacts-lost", "Blocks a hair apart: the brick that touches nothing is refused")
+@CASES.add("contacts-lost", "Blocks a hair apart: the brick that touches nothing is rejected")
 def _apart() -> Finding:
     from dataclasses import replace
 

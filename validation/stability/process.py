@@ -93,7 +93,7 @@ class _StoppedError(Exception):
     """Ends a run from its own callback."""
 
 
-@CASES.add("checkpoint-truncated", "Half a checkpoint: refused before anything runs")
+@CASES.add("checkpoint-truncated", "Half a checkpoint: rejected before anything runs")
 def _truncated() -> Finding:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "run.npz"

@@ -275,7 +275,7 @@ def _without_top_block(*, unmatched_allowed: bool) -> Assembly:
     return replace(broken, unmatched_allowed=unmatched_allowed)
 
 
-@CASES.add("frame-incomplete", "A frame without one block: refused, naming the block left open")
+@CASES.add("frame-incomplete", "A frame without one block: rejected, naming the block left open")
 def _incomplete_frame() -> Finding:
     broken = _without_top_block(unmatched_allowed=False)
     return refusal(lambda: broken.interfaces, AssemblyError, "meet no partner", "expected")

@@ -61,13 +61,13 @@ CASES.case(
 )
 
 
-@CASES.add("load-1e9-static", "Load of 1e9 MPa, a strain of 33 000: refused where it is stated")
+@CASES.add("load-1e9-static", "Load of 1e9 MPa, a strain of 33 000: rejected where it is stated")
 def _huge() -> Finding:
     return refusal(lambda: solved_column(1e9), ProblemError, "load.pressure", "expected less")
 
 
 @CASES.add(
-    "strain-1e4-static", "A block so soft that its strain is 11 000: refused, the motion named"
+    "strain-1e4-static", "A block so soft that its strain is 11 000: rejected, the motion named"
 )
 def _soft() -> Finding:
     assembly = stack(1)
@@ -96,7 +96,7 @@ def _no_load() -> Finding:
 
 @CASES.add(
     "mechanism-driven-static",
-    "A column pushed sideways, nothing resists: refused, or its blocks are named as loose",
+    "A column pushed sideways, nothing resists: rejected, or its blocks are named as loose",
 )
 def _driven() -> Finding:
     assembly = stack(2)

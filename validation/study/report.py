@@ -102,13 +102,13 @@ class Expected:
         words = f"expected: {duration_words(expected)} of CPU time for {self._total} designs ("
         words += f"{which} {duration_words(usual)})"
         if expected > LONG:
-            words += "; Ctrl-C ends it, all rows so far are kept, and the same command goes on"
+            words += "; Ctrl-C stops it and keeps all rows, and the same command continues"
         return words
 
 
 @contextmanager
 def goes_on(results: ResultFile) -> Iterator[None]:
-    """Say how to go on where a sweep is interrupted."""
+    """Print how to continue where a sweep is interrupted."""
     try:
         yield
     except KeyboardInterrupt:

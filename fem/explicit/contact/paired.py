@@ -104,7 +104,7 @@ class FaceContact:
 
 
 def check_stick(friction: CoulombFriction, counted_stiffness: float) -> None:
-    """Refuse a stick that is stiffer than what the critical time step counts in [MPa/mm].
+    """Reject a stick that is stiffer than what the critical time step counts in [MPa/mm].
 
     Raises
     ------

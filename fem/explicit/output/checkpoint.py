@@ -1,4 +1,4 @@
-"""Checkpoints and stop requests: a killed run goes on to the same bits.
+"""Checkpoints and stop requests: a killed run goes on bitwise identically.
 
 A checkpoint is one ``.npz`` with every array and number of the state, the history so far and
 a fingerprint of the problem; it replaces the last one in a single step, so a run killed while

@@ -106,7 +106,7 @@ def explicit_statement(
     TimeStepError
         Single bodies without an end.
     ContactError, EffectError, FrictionError, ModelError, TimeStepError
-        What cannot be run.
+        If the model, a load or an option is not valid for an explicit run.
     """
     if mass_scaling is not None:
         deformable = replace(deformable, model=scale_masses(deformable.model, mass_scaling))

@@ -236,7 +236,7 @@ def draw_explosion(run: Explosion, path: Path) -> None:
     distances = [part * run.thickness for part in PANELS]
     columns = [[Panel(f"{d:g} mm outward", _exploded(run, d))] for d in distances]
     columns.append([Panel("depth of the deepest overlap", plot=depths, shape=0.7)])
-    verdict = "explodes" if run.explodes else "does not explode"
+    verdict = "disassembles" if run.explodes else "does not disassemble"
     gallery(
         columns,
         f"{run.name}: {verdict}; first-order gap rate {run.first.smallest_gap_rate:.3g}, free up "

@@ -149,7 +149,9 @@ def print_explosion(run: Explosion, console: Console) -> None:
     """Print the verdict and its numbers."""
     first, finite = run.first, run.finite
     table = two_columns(f"{run.name}: radial disassembly test")
-    table.add_row("verdict", "explodes" if run.explodes else "does not explode")
+    table.add_row(
+        "verdict", "disassembles radially" if run.explodes else "does not disassemble radially"
+    )
     words = "admissible" if first.admissible else "not admissible"
     table.add_row(
         "first order, end rings released",

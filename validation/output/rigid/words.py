@@ -64,7 +64,7 @@ def add_first_rows(table: Table, run: RigidAnswer) -> None:
 
 
 def reaction_words(found: dict[str, dict[str, Any]]) -> str:
-    """Sum of the forces of held blocks; nothing where the load balances itself to round-off."""
+    """Sum of the forces of fixed blocks; nothing where the load balances itself to round-off."""
     reaction = found["total_reaction"]
     size = max(reaction["value"], found.get("largest_joint_force", {}).get("value", 0.0))
     parts = [0.0 if abs(x) <= _NOISE * size else x for x in reaction["force"]]

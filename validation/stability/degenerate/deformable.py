@@ -121,13 +121,13 @@ def _refused(turn: Rotation) -> Finding:
 
 CASES.case(
     "block-on-its-edge",
-    "A deformable cube on its edge: refused, faces alone press",
+    "A deformable cube on its edge: rejected, faces alone press",
     _refused,
     Rotation.from_euler("y", -45.0, degrees=True),
 )
 CASES.case(
     "block-on-its-corner",
-    "A deformable cube on its corner: refused, faces alone press",
+    "A deformable cube on its corner: rejected, faces alone press",
     _refused,
     Rotation.align_vectors([[0.0, 0.0, 1.0]], np.array([[1.0, 1.0, 1.0]]) / np.sqrt(3.0))[0],
 )
