@@ -65,12 +65,12 @@ class Measure:
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data; a place only where there is one."""
-        found: dict[str, Any] = {"value": self.value, "error": self.error, "unit": self.unit}
+        data: dict[str, Any] = {"value": self.value, "error": self.error, "unit": self.unit}
         if not self.resolved:
-            found["resolved"] = False
+            data["resolved"] = False
         if self.remark:
-            found["remark"] = self.remark
-        return found if self.place is None else found | {"place": self.place}
+            data["remark"] = self.remark
+        return data if self.place is None else data | {"place": self.place}
 
     @property
     def value_words(self) -> str:
@@ -151,14 +151,14 @@ UNITS = {
 
 def measure_rows(measures: Mapping[str, Measure]) -> list[tuple[str, str]]:
     """Measures in words, a row each: title; value, error, unit, remark and place."""
-    found = []
+    rows = []
     for name in (*TITLES, *(name for name in measures if name not in TITLES)):
         if name in measures:
             measure, title = measures[name], TITLES.get(name, Title(name))
-            told = title.remark.format(**(measure.place or {}))
-            words = f"{measure.value_words} {told}{measure.place_words}".rstrip()
-            found.append((title.words, words.removesuffix(";")))
-    return found
+            remark = title.remark.format(**(measure.place or {}))
+            words = f"{measure.value_words} {remark}{measure.place_words}".rstrip()
+            rows.append((title.words, words.removesuffix(";")))
+    return rows
 
 
 class Lazy(Mapping[str, Value]):
@@ -310,16 +310,16 @@ class Answer:
         """Contact facets as a pyvista mesh, with pressure, area, blocks, layers and normals."""
         import pyvista as pv
 
-        found = self.contacts
-        if "corners" in found:
-            n, per_facet = found["corners"].shape[:2]
+        contacts = self.contacts
+        if "corners" in contacts:
+            n, per_facet = contacts["corners"].shape[:2]
             faces = np.arange(n * per_facet).reshape(n, per_facet)
-            surface = pv.PolyData.from_regular_faces(found["corners"].reshape(-1, 3), faces)
+            surface = pv.PolyData.from_regular_faces(contacts["corners"].reshape(-1, 3), faces)
             data = surface.cell_data
         else:
-            surface = pv.PolyData(np.array(found.get("centroid", np.empty((0, 3)))))
+            surface = pv.PolyData(np.array(contacts.get("centroid", np.empty((0, 3)))))
             data = surface.point_data
-        for name, values in found.items():
+        for name, values in contacts.items():
             if values.ndim < 3 and name != "centroid":
                 data[name] = values
         return surface
@@ -365,13 +365,13 @@ def place(
     assembly: Assembly, blocks: tuple[int, ...], position: FloatArray, face: str | None
 ) -> dict[str, Any]:
     """Describe the place of a value: blocks, layer, face, position (tubes: about the axis)."""
-    found: dict[str, Any] = {
+    location: dict[str, Any] = {
         "blocks": list(blocks),
         "layer": int(assembly.layer[blocks[0]]),
         "face": face,
         "position": position.tolist(),
     }
-    return found | (about_axis(assembly, position) if is_round(assembly) else {})
+    return location | (about_axis(assembly, position) if is_round(assembly) else {})
 
 
 def about_axis(assembly: Assembly, position: FloatArray) -> dict[str, float]:
@@ -385,21 +385,21 @@ def about_axis(assembly: Assembly, position: FloatArray) -> dict[str, float]:
 
 def interface_contacts(assembly: Assembly, index: IntArray) -> dict[str, Callable[[], Array]]:
     """Makers of what contacts have beside pressures, of some of the assembly's interfaces (n,)."""
-    found = assembly.interfaces
-    m, s = found.block_m[index], found.block_s[index]
+    interfaces = assembly.interfaces
+    m, s = interfaces.block_m[index], interfaces.block_s[index]
 
     def sides() -> Array:
-        positions = ((m, found.facet_m[index]), (s, found.facet_s[index]))
+        positions = ((m, interfaces.facet_m[index]), (s, interfaces.facet_s[index]))
         return np.stack([face_names(assembly, *side) for side in positions], axis=1)
 
     return {
-        "area": lambda: found.areas[index],
+        "area": lambda: interfaces.areas[index],
         "blocks": lambda: np.column_stack([m, s]),
         "layer": lambda: np.column_stack([assembly.layer[m], assembly.layer[s]]),
         "side": sides,
-        "centroid": lambda: found.centroids[index],
-        "normal": lambda: found.normals[index],
-        "corners": lambda: _corners(assembly, m, found.quads_m[index]),
+        "centroid": lambda: interfaces.centroids[index],
+        "normal": lambda: interfaces.normals[index],
+        "corners": lambda: _corners(assembly, m, interfaces.quads_m[index]),
     }
 
 
@@ -418,6 +418,6 @@ def _corners(assembly: Assembly, blocks: IntArray, quads: IntArray) -> FloatArra
     """World positions of corners (n, 4) of the meshes of blocks (n,), (n, 4, 3) [mm]."""
     corners = np.empty((*quads.shape, 3))
     for block in np.unique(blocks).tolist():
-        mine = blocks == block
-        corners[mine] = assembly.nodes(block)[quads[mine]]
+        members = blocks == block
+        corners[members] = assembly.nodes(block)[quads[members]]
     return corners

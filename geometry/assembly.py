@@ -259,10 +259,10 @@ class Assembly(PlacedBlocks[Block]):
         AssemblyError
             When facets of free blocks that should meet a neighbour meet none.
         """
-        found = match_facets(self.shapes, self.shape_of, self.rotations, self.translations)
+        matched = match_facets(self.shapes, self.shape_of, self.rotations, self.translations)
         if not self.unmatched_allowed:
-            self._check_partners(found)
-        return found
+            self._check_partners(matched)
+        return matched
 
     def eligible_facets(self) -> IntArray:
         """Facets of each block that can meet another block, k_b of the paper; (n_blocks,)."""
@@ -341,10 +341,10 @@ def spacing_offsets(assembly: Assembly, spacing: float) -> FloatArray:
 
 def _opening_of_layers(assembly: Assembly) -> FloatArray:
     """Translations across the axis that open neighbours within a layer by one; (n_blocks, 3)."""
-    found = assembly.interfaces
-    first = found.pair_start[:-1]
-    m, s = found.block_m[first], found.block_s[first]
-    normal = np.add.reduceat(found.areas[:, None] * found.normals, first, axis=0)
+    interfaces = assembly.interfaces
+    first = interfaces.pair_start[:-1]
+    m, s = interfaces.block_m[first], interfaces.block_s[first]
+    normal = np.add.reduceat(interfaces.areas[:, None] * interfaces.normals, first, axis=0)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     normal -= np.outer(normal @ assembly.axis, assembly.axis)
     inside = np.flatnonzero(assembly.layer[m] == assembly.layer[s])

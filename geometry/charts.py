@@ -104,12 +104,12 @@ def places_in(charts: Charts, elements: IntArray, natural: FloatArray) -> Places
     at[charts.elements.ravel()] = np.stack(
         np.unravel_index(np.arange(charts.elements.size), charts.elements.shape), axis=1
     )
-    mine = at[elements]
-    found = np.empty((len(elements), 3))
+    members = at[elements]
+    places = np.empty((len(elements), 3))
     for k, line in enumerate(charts.lines):
-        low, high = line[mine[:, 1 + k]], line[mine[:, 1 + k] + 1]
-        found[:, k] = low + 0.5 * (natural[:, charts.natural[k]] + 1.0) * (high - low)
-    return Places(mine[:, 0], found)
+        low, high = line[members[:, 1 + k]], line[members[:, 1 + k] + 1]
+        places[:, k] = low + 0.5 * (natural[:, charts.natural[k]] + 1.0) * (high - low)
+    return Places(members[:, 0], places)
 
 
 def located(charts: Charts, places: Places) -> tuple[IntArray, FloatArray]:
@@ -140,8 +140,8 @@ def facet_elements(mesh: HexMesh, quads: IntArray) -> tuple[IntArray, FloatArray
         (n,) and (n, 4, 3).
     """
     faces = np.sort(mesh.elements[:, HEX_FACES].reshape(-1, 4), axis=1)
-    known, first = np.unique(_key(faces), return_index=True)
-    element = first[np.searchsorted(known, _key(np.sort(quads, axis=1)))] // len(HEX_FACES)
+    unique, first = np.unique(_key(faces), return_index=True)
+    element = first[np.searchsorted(unique, _key(np.sort(quads, axis=1)))] // len(HEX_FACES)
     corner = (mesh.elements[element][:, None, :] == quads[:, :, None]).argmax(axis=2)
     return element, CORNERS[corner]
 

@@ -466,9 +466,9 @@ def load_case(
     """
     case = named_load(name)
     if layer is not None and not case.one_layer:
-        known = " or ".join(other.name for other in CASES.values() if other.one_layer)
+        names = " or ".join(other.name for other in CASES.values() if other.one_layer)
         raise LoadCaseError(
             f"load.layer: got {layer}, but {case.name} loads no single layer; remove it, or choose "
-            f"load.case = {known}"
+            f"load.case = {names}"
         )
     return case.on(assembly, pressure, as_printed=as_printed, layer=layer)

@@ -346,9 +346,9 @@ def matched_area(assembly: Assembly, block_m: int, block_s: int) -> float:
 
     Of four triangles round the middle of each, as `polyhedron_from_block` cuts them.
     """
-    found = assembly.interfaces
-    meets = (found.block_m == block_m) & (found.block_s == block_s)
-    corners = assembly.shape(block_m).mesh.nodes[found.quads_m[meets]]
+    interfaces = assembly.interfaces
+    meets = (interfaces.block_m == block_m) & (interfaces.block_s == block_s)
+    corners = assembly.shape(block_m).mesh.nodes[interfaces.quads_m[meets]]
     arms = corners - corners.mean(axis=1, keepdims=True)
     doubled = np.linalg.norm(np.cross(arms, np.roll(arms, -1, axis=1)), axis=2)
     return 0.5 * float(doubled.sum())
@@ -356,8 +356,10 @@ def matched_area(assembly: Assembly, block_m: int, block_s: int) -> float:
 
 def between_layers(assembly: Assembly, contacts: IntArray, lower: int) -> IntArray:
     """Rows of ``contacts``, places in the interfaces, between a layer and the next one, (n,)."""
-    found = assembly.interfaces
-    return facets_between(assembly.layer, found.block_m[contacts], found.block_s[contacts], lower)
+    interfaces = assembly.interfaces
+    return facets_between(
+        assembly.layer, interfaces.block_m[contacts], interfaces.block_s[contacts], lower
+    )
 
 
 def facets_between(layer: IntArray, block_m: IntArray, block_s: IntArray, lower: int) -> IntArray:

@@ -213,11 +213,13 @@ def corner_jacobians(mesh: HexMesh) -> FloatArray:
     There they are an eighth of the triple product of the three edges that meet.
     """
     corners = np.ascontiguousarray(mesh.nodes[mesh.elements].transpose(1, 2, 0))
-    found = np.empty((mesh.n_elements, 8))
+    jacobians = np.empty((mesh.n_elements, 8))
     for corner, (i, j, k) in enumerate(_NEIGHBOURS):
         (a, d, g), (b, e, h), (c, f, w) = (corners[n] - corners[corner] for n in (i, j, k))
-        found[:, corner] = (a * (e * w - h * f) - b * (d * w - g * f) + c * (d * h - g * e)) / 8.0
-    return found
+        jacobians[:, corner] = (
+            a * (e * w - h * f) - b * (d * w - g * f) + c * (d * h - g * e)
+        ) / 8.0
+    return jacobians
 
 
 def check_mesh(mesh: HexMesh, name: str = "mesh") -> None:

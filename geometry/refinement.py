@@ -31,17 +31,17 @@ def charts_of(block: Block) -> Charts:
     """Charts of a block: those of its family, else one for each hexahedron."""
     if block.charts is not None:
         return block.charts
-    whole = np.array([0.0, 1.0])
+    line = np.array([0.0, 1.0])
     elements = np.arange(block.mesh.n_elements).reshape(-1, 1, 1, 1)
-    lines = (whole, whole, whole)
+    lines = (line, line, line)
     return Charts((ANY_DIRECTION,) * 3, (1, 1, 1), lines, elements, partial(_split, block))
 
 
 def charts_as(block: Block, other: Charts) -> Charts:
     """Charts of a block of the kind that another mesh of it has: of its family, or hexahedra."""
-    own = charts_of(block)
-    if own.directions == other.directions:
-        return own
+    charts = charts_of(block)
+    if charts.directions == other.directions:
+        return charts
     return charts_of(replace(block, charts=None))
 
 

@@ -75,9 +75,9 @@ def check_types(assembly: object, load: object) -> None:
     """Reject what is neither blocks with a load case nor a statement of both."""
     blocks = isinstance(assembly, PlacedBlocks)
     if load is None and (blocks or getattr(type(assembly), "rigid_load", None) is None):
-        given = "blocks without a load case" if blocks else f"a {type(assembly).__name__}"
+        got = "blocks without a load case" if blocks else f"a {type(assembly).__name__}"
         raise AnalysisError(
-            f"analyse: got {given}; expected a Problem, or blocks and a load case: "
+            f"analyse: got {got}; expected a Problem, or blocks and a load case: "
             "analyse(blocks, pipe(0.01).on(blocks))"
         )
     if load is not None and not (blocks and isinstance(load, LoadCase)):
@@ -166,6 +166,6 @@ def _measured(
 ) -> tuple[BlockMeasures, Measures]:
     """Measures of every free block, and of the assembly."""
     free = assembly.free_blocks
-    found = block_measures(free, contacts.block_m, contacts.block_s, pressures, contacts.areas)
+    per_block = block_measures(free, contacts.block_m, contacts.block_s, pressures, contacts.areas)
     eligible = assembly.eligible_facets()[free]
-    return found, measures(found, eligible, assembly.eligible_areas()[free])
+    return per_block, measures(per_block, eligible, assembly.eligible_areas()[free])

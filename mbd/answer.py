@@ -60,8 +60,8 @@ def analyse(
         return analyse(statement.blocks, statement.rigid_load, norm=norm, solver=solver)
     blocks = cast("AnyBlocks", assembly)
     chosen = {} if norm is None else {"norm": _named(Norm, "norm", norm)}
-    found = rigid_result(blocks, load, solver=_named(Solver, "solver", solver), **chosen)
-    return answer_of(blocks, load, found)
+    result = rigid_result(blocks, load, solver=_named(Solver, "solver", solver), **chosen)
+    return answer_of(blocks, load, result)
 
 
 class OptionError(RefusedError):
@@ -73,8 +73,8 @@ def _named(kind: type[Option], name: str, value: Option | str) -> Option:
     try:
         return kind(value)
     except ValueError:
-        known = ", ".join(repr(str(option)) for option in kind)
-        raise OptionError(f"{name}: got {value!r}; expected {known}") from None
+        expected = ", ".join(repr(str(option)) for option in kind)
+        raise OptionError(f"{name}: got {value!r}; expected {expected}") from None
 
 
 def answer_of(assembly: AnyBlocks, load: LoadCase, result: RigidResult) -> Answer:
@@ -107,13 +107,13 @@ def _measures(assembly: AnyBlocks, result: RigidResult) -> dict[str, Measure]:
     if result.measures is None:
         return {}
     worst = int(result.contact_pressures.argmax())
-    at, found = int(result.contact_index[worst]), assembly.interfaces
-    pair = int(found.block_m[at]), int(found.block_s[at])
+    at, interfaces = int(result.contact_index[worst]), assembly.interfaces
+    pair = int(interfaces.block_m[at]), int(interfaces.block_s[at])
     where: dict[str, Any] | None = None
     if isinstance(assembly, Assembly):
-        where = place(assembly, pair, found.centroids[at], None)
+        where = place(assembly, pair, interfaces.centroids[at], None)
     else:
-        position = found.centroids[at].tolist()
+        position = interfaces.centroids[at].tolist()
         where = {"blocks": list(pair), "layer": 0, "face": None, "position": position}
     return {
         "p_max_facet": Measure(float(result.contact_pressures[worst]), "MPa", place=where),
@@ -124,7 +124,7 @@ def _measures(assembly: AnyBlocks, result: RigidResult) -> dict[str, Measure]:
 
 def _contacts(assembly: AnyBlocks, result: RigidResult) -> dict[str, Callable[[], Array]]:
     """Contacts in the order of the interfaces, with pressures and normal forces."""
-    index, found = result.contact_index, assembly.interfaces
+    index, interfaces = result.contact_index, assembly.interfaces
     values: dict[str, Callable[[], Array]] = {
         "pressure": lambda: result.contact_pressures,
         "force": lambda: result.contact_forces,
@@ -132,10 +132,10 @@ def _contacts(assembly: AnyBlocks, result: RigidResult) -> dict[str, Callable[[]
     if isinstance(assembly, Assembly):
         return values | interface_contacts(assembly, index)
     return values | {
-        "area": lambda: found.areas[index],
-        "blocks": lambda: np.column_stack([found.block_m[index], found.block_s[index]]),
-        "centroid": lambda: found.centroids[index],
-        "normal": lambda: found.normals[index],
+        "area": lambda: interfaces.areas[index],
+        "blocks": lambda: np.column_stack([interfaces.block_m[index], interfaces.block_s[index]]),
+        "centroid": lambda: interfaces.centroids[index],
+        "normal": lambda: interfaces.normals[index],
     }
 
 
@@ -192,7 +192,7 @@ def _node_motion(
 
 def _report(assembly: AnyBlocks, result: RigidResult) -> dict[str, Any]:
     """What the analysis says of itself, as plain data."""
-    found = result.equilibrium
+    equilibrium = result.equilibrium
     forces = result.contact_forces[:, None] * assembly.interfaces.normals[result.contact_index]
     joints = joint_resultants(assembly.interfaces, result.contact_index, forces)
     return {
@@ -200,12 +200,12 @@ def _report(assembly: AnyBlocks, result: RigidResult) -> dict[str, Any]:
         "mechanism_as_supported": str(result.supported_classification.mechanism),
         "certificate": certificate_report(result.classification),
         "equilibrium": {
-            "holds": found.holds,
-            "residual": found.residual,
-            "iterations": found.iterations,
-            "status": found.status,
+            "holds": equilibrium.holds,
+            "residual": equilibrium.residual,
+            "iterations": equilibrium.iterations,
+            "status": equilibrium.status,
         },
-        "joints": joints.as_json() if found.holds else [],
+        "joints": joints.as_json() if equilibrium.holds else [],
         "n_blocks": result.n_blocks,
         "n_contacts": result.n_contacts,
         "cpu_seconds": result.cpu_seconds,

@@ -296,13 +296,13 @@ def _congruent(pairs: _Pairs, interfaces: Interfaces) -> tuple[CongruentWrenches
     axes, kind_of = interfaces.pair_rotations[of], interfaces.pair_class[of]
     kinds = []
     for kind in np.unique(kind_of).tolist():
-        mine = np.flatnonzero(kind_of == kind)
-        first = int(mine[0])
+        indices = np.flatnonzero(kind_of == kind)
+        first = int(indices[0])
         here = slice(int(pairs.start[first]), int(pairs.start[first + 1]))
         arm = (pairs.points[here] - pairs.middle[first]) @ axes[first]
-        contacts = pairs.start[mine][:, None] + np.arange(here.stop - here.start)
+        contacts = pairs.start[indices][:, None] + np.arange(here.stop - here.start)
         normals = pairs.normals[here] @ axes[first]
-        kinds.append(PairKind(pairs.wrenches(arm, normals), mine, contacts))
+        kinds.append(PairKind(pairs.wrenches(arm, normals), indices, contacts))
     return CongruentWrenches(tuple(kinds), pairs.start), axes
 
 

@@ -246,13 +246,13 @@ class _Program:
         """Least (sign 1) or largest (sign -1) force of a joint; None if there is none."""
         cost = sign * self.sums[[joint]].toarray().ravel()
         rows = _Rows(self.matrix, target, self.cone)
-        found = _minimise(cost, rows, self.signed, self.pool)
-        if found is None:
+        solution = _minimise(cost, rows, self.signed, self.pool)
+        if solution is None:
             return None
-        imbalance = float(np.linalg.norm(self.matrix @ found - target))
+        imbalance = float(np.linalg.norm(self.matrix @ solution - target))
         if imbalance > _BALANCED * float(np.linalg.norm(target)):
             return None
-        return abs(float(cost @ found))
+        return abs(float(cost @ solution))
 
     def self_stressed(self) -> BoolArray:
         """Which joints some admissible self-stress presses, (n_joints,)."""
@@ -273,16 +273,16 @@ class _Program:
             np.concatenate([-np.ones(n_joints), np.zeros(n_cone)]),
         )
         pool = np.concatenate([self.pool, np.ones(n_joints, dtype=np.bool_)])
-        found = _minimise(
+        solution = _minimise(
             np.concatenate([np.zeros(n_columns), np.ones(n_joints)]),
             rows,
             np.concatenate([self.signed, np.ones(n_joints, dtype=np.bool_)]),
             pool,
         )
-        if found is None:
+        if solution is None:
             return np.zeros(n_joints, dtype=np.bool_)
         # Self-stresses are a cone: s is 0, or can be scaled up to 1.
-        return found[n_columns:] < 0.5
+        return solution[n_columns:] < 0.5
 
 
 def _program(
@@ -341,17 +341,17 @@ def _minimise(
         lower = np.where(signed[columns], 0.0, -np.inf)
         bounds = np.column_stack([lower, np.full(len(columns), np.inf)])
         constraints["bounds"] = bounds
-        found = linprog(cost[columns], method="highs", **constraints)
-        if found.x is None or not found.success:
+        solution = linprog(cost[columns], method="highs", **constraints)
+        if solution.x is None or not solution.success:
             return None
-        price = cost - rows.equal.T @ found.eqlin.marginals
+        price = cost - rows.equal.T @ solution.eqlin.marginals
         if rows.above.shape[0]:
-            price -= rows.above.T @ found.ineqlin.marginals
+            price -= rows.above.T @ solution.ineqlin.marginals
         price[pool] = 0.0
         cheapest = np.argsort(price)[:_MORE]
         cheapest = cheapest[price[cheapest] < -_PRICED]
         if not (grow and len(cheapest)):
             x = np.zeros(len(cost))
-            x[columns] = found.x
+            x[columns] = solution.x
             return x
         pool[cheapest] = True

@@ -278,12 +278,12 @@ def frictional_equilibrium(
     if residual <= EQUILIBRIUM_TOLERANCE:
         return answer(holds=True, status=f"statically admissible, relative residual {residual:.1e}")
     for candidate in (direction, -direction):
-        found = _checked_mechanism(contacts, candidate, unit)
-        if found is not None:
+        checked = _checked_mechanism(contacts, candidate, unit)
+        if checked is not None:
             return answer(
-                mechanism=found[0],
-                work=found[1],
-                smallest_contact_work=found[2],
+                mechanism=checked[0],
+                work=checked[1],
+                smallest_contact_work=checked[2],
                 status="not statically admissible: the load activates a mechanism that friction "
                 "does not prevent (see the certificate)",
             )

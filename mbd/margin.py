@@ -64,11 +64,11 @@ def interlocking_margin(jacobian: ContactJacobian, areas: FloatArray) -> Margin:
         for way, sign in enumerate((1.0, -1.0)):
             load = np.zeros(n_rows)
             load[row] = sign
-            found = newton_equilibrium(jacobian, load, weights=weights)
-            if found.holds and n_contacts:
-                bearing[row, way] = 1.0 / float(np.sum(found.forces**2 / areas))
+            equilibrium = newton_equilibrium(jacobian, load, weights=weights)
+            if equilibrium.holds and n_contacts:
+                bearing[row, way] = 1.0 / float(np.sum(equilibrium.forces**2 / areas))
             elif mechanism is None:
-                mechanism = found.mechanism
+                mechanism = equilibrium.mechanism
     worst = int(np.argmin(bearing))
     row, way = divmod(worst, 2)
     return Margin(
@@ -102,9 +102,9 @@ def held_against(assembly: AnyBlocks, load: LoadCase) -> dict[str, bool]:
         push = np.zeros((len(contacts.free_blocks), 6))
         push[:, k // 2] = (-1.0) ** k * assembly.volumes[contacts.free_blocks]
         push *= _PUSH * size / np.linalg.norm(push)
-        found = newton_equilibrium(contacts.jacobian, force + push.ravel())
-        if found.holds or found.mechanism is not None:
-            held[name] = found.holds
+        equilibrium = newton_equilibrium(contacts.jacobian, force + push.ravel())
+        if equilibrium.holds or equilibrium.mechanism is not None:
+            held[name] = equilibrium.holds
     return held
 
 

@@ -170,9 +170,9 @@ def _judged(jacobian: ContactJacobian, load: FloatArray) -> Equilibrium:
     On degenerate contacts it may end without either; the interior point method is slower and
     seldom does.
     """
-    found = newton_equilibrium(jacobian, load)
-    if found.holds or found.mechanism is not None:
-        return found
+    equilibrium = newton_equilibrium(jacobian, load)
+    if equilibrium.holds or equilibrium.mechanism is not None:
+        return equilibrium
     return clarabel_equilibrium(jacobian, load)
 
 

@@ -208,19 +208,19 @@ class _Programs:
             bounds[part, 0] = np.maximum(centre - radius, 0.0)
             bounds[part, 1] = centre + radius
         constraints: dict[str, Any] = {"A_eq": self.equal, "A_ub": self.above, "bounds": bounds}
-        found = linprog(
+        solution = linprog(
             cost,
             b_eq=self.target,
             b_ub=np.zeros(self.above.shape[0]),
             method="highs",
             **constraints,
         )
-        if found.x is None or found.fun is None:
+        if solution.x is None or solution.fun is None:
             return None
         product = penalty * mu * float(state.forces[:, 0] @ state.slip)
-        predicted = state.merit(penalty) - (found.fun - product)
-        forces = self.contacts.projected(found.x[: 3 * n].reshape(-1, 3))
-        return self.state(forces, float(found.x[load]), found.x[motion]), predicted
+        predicted = state.merit(penalty) - (solution.fun - product)
+        forces = self.contacts.projected(solution.x[: 3 * n].reshape(-1, 3))
+        return self.state(forces, float(solution.x[load]), solution.x[motion]), predicted
 
     def frozen(self, pressed: FloatArray) -> _State | None:
         """Largest factor, its forces and motion, with limits μ · ``pressed`` (n,) of friction.
@@ -241,12 +241,12 @@ class _Programs:
             "b_ub": np.repeat(self.contacts.friction * pressed, 4),
             "bounds": bounds,
         }
-        found = linprog(-np.eye(3 * n + 1)[-1], method="highs", **constraints)
-        if found.x is None or not found.success:
+        solution = linprog(-np.eye(3 * n + 1)[-1], method="highs", **constraints)
+        if solution.x is None or not solution.success:
             return None
         # Multipliers of balance are the motion that the live load drives, with a work of one.
-        forces = found.x[:-1].reshape(-1, 3)
-        return self.state(forces, float(found.x[-1]), -found.eqlin.marginals)
+        forces = solution.x[:-1].reshape(-1, 3)
+        return self.state(forces, float(solution.x[-1]), -solution.eqlin.marginals)
 
 
 def _programs(contacts: FrictionalContacts, dead: FloatArray, live: FloatArray) -> _Programs:
@@ -327,13 +327,13 @@ def sliding_collapse(
         if state.defect <= 0.01 * SLIDING_TOLERANCE * max(abs(state.factor), 1.0):
             break
     factor = state.factor * scale / size
-    found = _judged(contacts, scale * state.forces, state.motion, (dead, live, factor))
-    if not found.certified and contacts.law is FrictionLaw.CONE:
+    collapse = _judged(contacts, scale * state.forces, state.motion, (dead, live, factor))
+    if not collapse.certified and contacts.law is FrictionLaw.CONE:
         # The pyramid leaves slips between its tangents open; the cone does not.
         motion = _least_dissipation(contacts, state.forces, programs.dead, programs.live)
-        found = _judged(contacts, scale * state.forces, motion, (dead, live, factor))
-    found = replace(found, associated=start.factor, programs=solved)
-    return replace(found, status=_status(found))
+        collapse = _judged(contacts, scale * state.forces, motion, (dead, live, factor))
+    collapse = replace(collapse, associated=start.factor, programs=solved)
+    return replace(collapse, status=_status(collapse))
 
 
 #: Most linear programs with frozen friction, and the change of pressures at which they settle.

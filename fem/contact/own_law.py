@@ -72,13 +72,13 @@ def as_law(law: ContactLaw | PressureLaw) -> ContactLaw:
 def _values(function: Callable[[FloatArray], Any], x: npt.ArrayLike) -> FloatArray:
     """Values of a law at overclosures of any shape, those beyond all measure cut."""
     at = np.clip(np.asarray(x, dtype=np.float64), -LARGEST_OVERCLOSURE, LARGEST_OVERCLOSURE)
-    found = np.asarray(function(at), dtype=np.float64)
-    if found.shape != at.shape:
+    values = np.asarray(function(at), dtype=np.float64)
+    if values.shape != at.shape:
         raise ContactLawError(
-            f"law: got values of shape {found.shape} at overclosures of shape {at.shape}; expected "
-            "the same shape"
+            f"law: got values of shape {values.shape} at overclosures of shape {at.shape}; "
+            "expected the same shape"
         )
-    return found
+    return values
 
 
 class _WithoutConstants(ContactLaw):

@@ -147,21 +147,21 @@ def contact_surfaces(
     AssemblyError
         Facets of free blocks without partner where that is not allowed.
     """
-    found = assembly.interfaces
-    quads_m = _facet_nodes(assembly, found.block_m, found.quads_m)
-    quads_s = _facet_nodes(assembly, found.block_s, found.quads_s)
-    nodes_m = facet_corners(assembly, found.block_m, quads_m)
-    nodes_s = facet_corners(assembly, found.block_s, quads_s)
+    interfaces = assembly.interfaces
+    quads_m = _facet_nodes(assembly, interfaces.block_m, interfaces.quads_m)
+    quads_s = _facet_nodes(assembly, interfaces.block_s, interfaces.quads_s)
+    nodes_m = facet_corners(assembly, interfaces.block_m, quads_m)
+    nodes_s = facet_corners(assembly, interfaces.block_s, quads_s)
     basis = basis_of(quads_m)
     offsets = np.einsum("pa,fai->fpi", basis.values, nodes_s - nodes_m)
     if moved is not None:
-        offsets += (moved[found.block_s] - moved[found.block_m])[:, None]
+        offsets += (moved[interfaces.block_s] - moved[interfaces.block_m])[:, None]
     return ContactSurfaces(
-        block_m=found.block_m,
-        block_s=found.block_s,
+        block_m=interfaces.block_m,
+        block_s=interfaces.block_s,
         quads_m=quads_m,
         quads_s=quads_s,
-        facet=np.arange(found.n_contacts),
+        facet=np.arange(interfaces.n_contacts),
         tangents=np.einsum("pak,fai->fpki", basis.slopes, 0.5 * (nodes_m + nodes_s)),
         offsets=offsets,
         clearance=clearance,
@@ -173,10 +173,10 @@ def _facet_nodes(assembly: Assembly, blocks: IntArray, quads: IntArray) -> IntAr
     """All nodes of facets of blocks, from their corners (n, 4)."""
     found: IntArray | None = None
     for number, shape in enumerate(assembly.shapes):
-        mine = assembly.shape_of[blocks] == number
-        nodes = shape.mesh.facet_nodes(quads[mine])
+        members = assembly.shape_of[blocks] == number
+        nodes = shape.mesh.facet_nodes(quads[members])
         found = np.empty((len(blocks), nodes.shape[1]), np.int64) if found is None else found
-        found[mine] = nodes
+        found[members] = nodes
     assert found is not None
     return found
 
@@ -185,9 +185,9 @@ def facet_corners(assembly: Assembly, blocks: IntArray, quads: IntArray) -> Floa
     """World positions of nodes of facets (n, m), (n, m, 3) [mm]."""
     corners = np.empty((*quads.shape, 3))
     for block in np.unique(blocks):
-        mine = blocks == block
-        corners[mine] = assembly.place(
-            int(block), assembly.shape(int(block)).mesh.nodes[quads[mine]].reshape(-1, 3)
+        members = blocks == block
+        corners[members] = assembly.place(
+            int(block), assembly.shape(int(block)).mesh.nodes[quads[members]].reshape(-1, 3)
         ).reshape(-1, quads.shape[1], 3)
     return corners
 

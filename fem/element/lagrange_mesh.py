@@ -84,8 +84,8 @@ class LagrangeMesh(HexMesh):
             if 1 < np.count_nonzero(share > _SHARE) < 8:
                 keys.append(_keys(self.elements, share)[0])
                 numbers.append(self.members[:, node])
-        known, first = np.unique(np.concatenate(keys), return_index=True)
-        return known, np.concatenate(numbers)[first]
+        unique, first = np.unique(np.concatenate(keys), return_index=True)
+        return unique, np.concatenate(numbers)[first]
 
 
 def _keys(corners: IntArray, share: FloatArray) -> tuple[_Keys, IntArray]:
@@ -244,8 +244,8 @@ class SerendipityMesh(HexMesh):
     def _middles(self) -> tuple[IntArray, IntArray]:
         """Keys of the edges, sorted, and the numbers of their middles."""
         keys = _edge_keys(self.elements[:, HEX_EDGES].reshape(-1, 2), self.n_nodes)
-        known, first = np.unique(keys, return_index=True)
-        return known, self.members[:, 8:].ravel()[first]
+        unique, first = np.unique(keys, return_index=True)
+        return unique, self.members[:, 8:].ravel()[first]
 
 
 def _edge_keys(ends: IntArray, n: int) -> IntArray:

@@ -118,8 +118,10 @@ def round_off(system: System, state: State) -> float:
     for body, now in zip(system.bodies, state.bodies, strict=True):
         squares = body.group.stiffness.copy()
         squares.data **= 2
-        own = np.einsum("cni,cij->cnj", world_vectors(body, now.displacement), body.group.rotations)
-        products = squares @ (own.reshape(len(own), -1) ** 2).T
+        local = np.einsum(
+            "cni,cij->cnj", world_vectors(body, now.displacement), body.group.rotations
+        )
+        products = squares @ (local.reshape(len(local), -1) ** 2).T
         square += float(np.finfo(body.dtype).eps) ** 2 * float(products.sum())
     return Residual(math.sqrt(square), residual(system, state).reference).relative
 

@@ -137,11 +137,11 @@ def _shape(box: ColumnBox, number: int) -> Block:
 
 def unmatched_joints(column: Assembly) -> tuple[UnmatchedJoint, ...]:
     """Joints where the facets of the two boxes do not match, from the bottom up."""
-    found = []
+    joints = []
     for below in range(column.n_blocks - 1):
         pair = (below, below + 1)
         width, depth = np.min([np.ptp(column.nodes(b), axis=0)[:2] for b in pair], axis=0)
         joint, matched = float(width * depth), matched_area(column, *pair)
         if matched < (1.0 - _AREA_TOLERANCE) * joint:
-            found.append(UnmatchedJoint(*pair, joint, matched, np.array([0.0, 0.0, 1.0])))
-    return tuple(found)
+            joints.append(UnmatchedJoint(*pair, joint, matched, np.array([0.0, 0.0, 1.0])))
+    return tuple(joints)

@@ -199,12 +199,12 @@ def _on_lines(
         kite, a, b, y = parameters.T
         points = np.empty((len(y), 3))
         for k in np.unique(np.rint(kite)).astype(np.int64).tolist():
-            mine = np.rint(kite) == k
-            plane = _kite(k, a[mine], b[mine], 2 * y[mine] - 1)
-            x, points[mine, 2] = (block.circumradius * plane).T
-            r = block.inner_radius + block.thickness * y[mine]
+            members = np.rint(kite) == k
+            plane = _kite(k, a[members], b[members], 2 * y[members] - 1)
+            x, points[members, 2] = (block.circumradius * plane).T
+            r = block.inner_radius + block.thickness * y[members]
             theta = x / block.inner_radius
-            points[mine, :2] = np.column_stack([r * np.cos(theta), r * np.sin(theta)])
+            points[members, :2] = np.column_stack([r * np.cos(theta), r * np.sin(theta)])
         return points
 
     in_plane = grid_points(np.array(kites, dtype=np.float64), s, s)
@@ -251,11 +251,11 @@ def _corner_parameters(in_plane: FloatArray, m: int, y: FloatArray) -> FloatArra
         [grid[:, :-1, :-1], grid[:, :-1, 1:], grid[:, 1:, 1:], grid[:, 1:, :-1]], axis=3
     ).reshape(-1, 4, 3)
     n_r = len(y) - 1
-    found = np.empty((n_r, len(quads), 8, 4))
-    found[..., :3] = np.concatenate([quads, quads], axis=1)
-    found[:, :, :4, 3] = y[:-1, None, None]
-    found[:, :, 4:, 3] = y[1:, None, None]
-    return found.reshape(-1, 8, 4)
+    parameters = np.empty((n_r, len(quads), 8, 4))
+    parameters[..., :3] = np.concatenate([quads, quads], axis=1)
+    parameters[:, :, :4, 3] = y[:-1, None, None]
+    parameters[:, :, 4:, 3] = y[1:, None, None]
+    return parameters.reshape(-1, 8, 4)
 
 
 def hexagon_block(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> Block:

@@ -156,8 +156,8 @@ def tube(
             f"block: got {type(block).__name__}, expected a SineBlock or a HexagonBlock"
         )
     expected = 3 if isinstance(block, SineBlockParameters) else 2
-    given: object = mesh
-    counted = isinstance(given, Sequence) and all(map(is_count, given))
+    divisions: object = mesh
+    counted = isinstance(divisions, Sequence) and all(map(is_count, divisions))
     if not counted or len(mesh) != expected:
         raise AssemblyError(
             f"mesh: got {mesh!r}, expected {expected} numbers of elements, such as "

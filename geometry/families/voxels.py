@@ -44,13 +44,13 @@ def read_drawing(layers: Sequence[Sequence[str]]) -> dict[str, IntArray]:
             for x, letter in enumerate(row):
                 if letter not in ". ":
                     cells.setdefault(letter, []).append((x, y, z))
-    found = {letter: np.array(where, dtype=np.int64) for letter, where in sorted(cells.items())}
-    for letter, where in found.items():
+    cubes = {letter: np.array(where, dtype=np.int64) for letter, where in sorted(cells.items())}
+    for letter, where in cubes.items():
         if not _connected(where):
             raise AssemblyError(
                 f"block.layers: piece {letter!r} falls apart; expected cubes joined face to face"
             )
-    return found
+    return cubes
 
 
 def _connected(cells: IntArray) -> bool:

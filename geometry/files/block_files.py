@@ -272,13 +272,13 @@ def read_blocks(
         raw = [(points, part) for part in closed_solids(str(path), points, triangles)]
     scale = UNITS[units] if path.suffix.lower() not in STEP_SUFFIXES else 1.0
     several = len(raw) > 1
-    found = [
+    blocks = [
         merged_polyhedron(
             f"{path.name}{f' part {k}' if several else ''}", scale * points, triangles
         )
         for k, (points, triangles) in enumerate(raw)
     ]
-    return [replace(solid, straightened=True) for solid in found] if straightened else found
+    return [replace(solid, straightened=True) for solid in blocks] if straightened else blocks
 
 
 def _made_of_hexahedra(gmsh: Any, divisions: int) -> bool:

@@ -47,13 +47,13 @@ def _at_most(seconds: float) -> Iterator[None]:
     def stop(*_: object) -> None:
         raise TimeoutError("it does not come to an end: is the file cut short?")
 
-    kept = signal.signal(signal.SIGVTALRM, stop)
+    previous = signal.signal(signal.SIGVTALRM, stop)
     signal.setitimer(signal.ITIMER_VIRTUAL, seconds)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
-        signal.signal(signal.SIGVTALRM, kept)
+        signal.signal(signal.SIGVTALRM, previous)
 
 
 #: VTK's numbers of the cells that meshio names so.
@@ -71,15 +71,15 @@ def _write(
     cell_data: _Data | None = None,
 ) -> None:
     """Write whole or not at all: a killed run never leaves half a file under the final name."""
-    given: dict[str, Any] = {"point_data": point_data or {}, "cell_data": cell_data or {}}
+    data: dict[str, Any] = {"point_data": point_data or {}, "cell_data": cell_data or {}}
     if path.suffix.lower() == ".vtu":
-        grid = as_grid(points, _VTK_KINDS[kind], cells, **given)
+        grid = as_grid(points, _VTK_KINDS[kind], cells, **data)
         _whole(path, lambda partial: write_vtu(partial, grid))
         return
     import meshio
 
-    given["cell_data"] = {name: [values] for name, values in given["cell_data"].items()}
-    mesh = meshio.Mesh(points, [(kind, cells)], **given)
+    data["cell_data"] = {name: [values] for name, values in data["cell_data"].items()}
+    mesh = meshio.Mesh(points, [(kind, cells)], **data)
     _whole(path, lambda partial: meshio.write(partial, mesh))
 
 
@@ -216,8 +216,8 @@ def _unknown_elements(path: Path) -> str | None:
         return None
     from meshio.abaqus._abaqus import abaqus_to_meshio_type
 
-    found = _ELEMENT_TYPE.findall(path.read_text("utf-8", errors="replace"))
-    unknown = [kind for kind in dict.fromkeys(found) if kind.upper() not in abaqus_to_meshio_type]
+    types = _ELEMENT_TYPE.findall(path.read_text("utf-8", errors="replace"))
+    unknown = [kind for kind in dict.fromkeys(types) if kind.upper() not in abaqus_to_meshio_type]
     if not unknown:
         return None
     return (
@@ -237,8 +237,8 @@ def hexahedra_of(mesh: Any, path: Path) -> tuple[HexMesh, IntArray]:
     cells = [group for group in mesh.cells if group.dim == 3]
     kinds = {group.type for group in cells}
     if len(kinds) != 1 or not kinds <= HEXAHEDRA:
-        found = ", ".join(sorted({group.type for group in mesh.cells})) or "no cells"
-        raise MeshError(f"{path}: got {found}; expected hexahedra of one kind: 8, 20 or 27 nodes")
+        types = ", ".join(sorted({group.type for group in mesh.cells})) or "no cells"
+        raise MeshError(f"{path}: got {types}; expected hexahedra of one kind: 8, 20 or 27 nodes")
     members = np.concatenate([group.data for group in cells]).astype(np.int64)
     nodes = np.ascontiguousarray(mesh.points, dtype=np.float64)
     return HexMesh(nodes, np.ascontiguousarray(members[:, :8])), members

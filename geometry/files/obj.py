@@ -65,14 +65,14 @@ def _plain(lines: list[str]) -> tuple[FloatArray, list[IntArray]] | None:
         return None
     try:
         with warnings.catch_warnings(action="error"):
-            found = np.loadtxt(points, usecols=(1, 2, 3), ndmin=2)
+            vertices = np.loadtxt(points, usecols=(1, 2, 3), ndmin=2)
             corners = np.loadtxt(faces, dtype=np.int64, ndmin=2)
     except (ValueError, Warning):
         return None
-    whole = len(found) == len(points) and len(corners) == len(faces)
-    if not whole or corners.shape[1] < 3 or corners.min() < 1:
+    complete = len(vertices) == len(points) and len(corners) == len(faces)
+    if not complete or corners.shape[1] < 3 or corners.min() < 1:
         return None
-    return found, [corners - 1]
+    return vertices, [corners - 1]
 
 
 def _any(path: Path, lines: list[str]) -> tuple[FloatArray, list[IntArray]]:

@@ -59,14 +59,16 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
 
     def eligible_facets(self) -> IntArray:
         """Contact points of each block, (n_blocks,)."""
-        found, n = self.interfaces, self.n_blocks
-        return np.bincount(found.block_m, minlength=n) + np.bincount(found.block_s, minlength=n)
+        interfaces, n = self.interfaces, self.n_blocks
+        return np.bincount(interfaces.block_m, minlength=n) + np.bincount(
+            interfaces.block_s, minlength=n
+        )
 
     def eligible_areas(self) -> FloatArray:
         """Contact area of each block, (n_blocks,) [mm²]."""
-        found, areas = self.interfaces, np.zeros(self.n_blocks)
-        np.add.at(areas, found.block_m, found.areas)
-        np.add.at(areas, found.block_s, found.areas)
+        interfaces, areas = self.interfaces, np.zeros(self.n_blocks)
+        np.add.at(areas, interfaces.block_m, interfaces.areas)
+        np.add.at(areas, interfaces.block_s, interfaces.areas)
         return areas
 
 

@@ -54,15 +54,15 @@ class BoxTree:
 
         Sorted; (n_pairs, 2). Boxes of one group (n,) are no pair; negative: of none.
         """
-        asked = np.hstack([low, high])
+        requested = np.hstack([low, high])
         of = np.full(len(low), -1) if group is None else group.astype(np.int64)
         stack = np.empty(DEEPEST, dtype=np.int64)
         pairs = np.empty((_ROOM * len(low), 2), dtype=np.int64)
-        found = boxes_in_tree(asked, of, self.boxes, self.group, self.order, stack, pairs)
-        if found > len(pairs):
-            pairs = np.empty((found, 2), dtype=np.int64)
-            boxes_in_tree(asked, of, self.boxes, self.group, self.order, stack, pairs)
-        return pairs[:found]
+        count = boxes_in_tree(requested, of, self.boxes, self.group, self.order, stack, pairs)
+        if count > len(pairs):
+            pairs = np.empty((count, 2), dtype=np.int64)
+            boxes_in_tree(requested, of, self.boxes, self.group, self.order, stack, pairs)
+        return pairs[:count]
 
 
 def overlapping_boxes(

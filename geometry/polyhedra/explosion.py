@@ -75,14 +75,14 @@ def follow_explosion(
     """
 
     def deepest(distance: float) -> Overlap | None:
-        found = find_overlaps(
+        overlaps = find_overlaps(
             surfaces.shapes,
             surfaces.shape_of,
             surfaces.rotations,
             surfaces.translations + distance * directions,
             1e-9 * surfaces.characteristic_length,
         )
-        return found[0] if found else None
+        return overlaps[0] if overlaps else None
 
     depths = np.zeros(len(distances))
     first: Overlap | None = None

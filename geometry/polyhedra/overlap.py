@@ -191,7 +191,7 @@ def find_overlaps(
     distances = {int(k): SignedDistance(shapes[k]) for k in np.unique(shape_of)}
     size = float(np.ptp(boxes.reshape(-1, 3), axis=0).max(initial=0.0))
     known: dict[tuple[int, ...], tuple[float, FloatArray]] = {}
-    found = []
+    overlaps = []
     for i, j in pairs.tolist():
         rotation = rotations[i].T @ rotations[j]
         translation = rotations[i].T @ (translations[j] - translations[i])
@@ -208,8 +208,8 @@ def find_overlaps(
             )
         depth, where = known[key]
         if depth > tolerance:
-            found.append(Overlap(i, j, depth, rotations[i] @ where + translations[i]))
-    return sorted(found, key=lambda overlap: -overlap.depth)
+            overlaps.append(Overlap(i, j, depth, rotations[i] @ where + translations[i]))
+    return sorted(overlaps, key=lambda overlap: -overlap.depth)
 
 
 #: Overlapping pairs that one message names.
@@ -227,9 +227,9 @@ def check_contacts(assembly: PolyhedralAssembly) -> None:
     AssemblyError
         Naming the block and, if there is one, the gap that keeps it apart.
     """
-    found = assembly.interfaces
+    interfaces = assembly.interfaces
     touching = np.zeros(assembly.n_blocks, dtype=bool)
-    touching[found.block_m] = touching[found.block_s] = True
+    touching[interfaces.block_m] = touching[interfaces.block_s] = True
     lonely = np.flatnonzero(~touching & ~assembly.fixed)
     if not lonely.size:
         return
@@ -262,22 +262,22 @@ def check_overlaps(assembly: PolyhedralAssembly) -> None:
     AssemblyError
         Naming the pairs, deepest first, how deep and where.
     """
-    found = find_overlaps(
+    overlaps = find_overlaps(
         assembly.shapes,
         assembly.shape_of,
         assembly.rotations,
         assembly.translations,
         assembly.tolerance,
     )
-    if not found:
+    if not overlaps:
         return
     pairs = "; ".join(
         f"blocks {o.block_a} and {o.block_b} overlap by {o.depth:.3g} mm near "
         f"{np.round(o.point, 2).tolist()} mm"
-        for o in found[:_MOST_NAMED]
+        for o in overlaps[:_MOST_NAMED]
     )
-    more = f"; and {len(found) - _MOST_NAMED} more" if len(found) > _MOST_NAMED else ""
-    count = f" ({len(found)} overlapping pairs)" if len(found) > 1 else ""
+    more = f"; and {len(overlaps) - _MOST_NAMED} more" if len(overlaps) > _MOST_NAMED else ""
+    count = f" ({len(overlaps)} overlapping pairs)" if len(overlaps) > 1 else ""
     raise AssemblyError(
         f"{assembly.name}: {pairs}{more}{count}; expected blocks that touch within "
         f"{assembly.tolerance:.3g} mm: move them apart or set detection.tolerance"

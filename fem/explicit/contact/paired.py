@@ -164,9 +164,11 @@ class _BoundContact:
         self._slip: FloatArray | None = None
         self._sliding: tuple[FloatArray, FloatArray] | None = None
         if statement.friction is not None:
-            given = np.array([statement.friction.coefficient, statement.friction.stick_stiffness])
+            friction = np.array(
+                [statement.friction.coefficient, statement.friction.stick_stiffness]
+            )
             self._slip = _no_slip(self._data, self._work)
-            self._sliding = given, aligned_zeros((8 * len(self._data.units),), np.float64)
+            self._sliding = friction, aligned_zeros((8 * len(self._data.units),), np.float64)
         self._collections = _collections(self._data, len(self._work.force) // 2, bodies)
 
     def add_force(self, system: System, state: State) -> None:
@@ -422,14 +424,14 @@ def _collections(
     row, every, group = np.concatenate(rows), np.concatenate(entries), np.concatenate(groups)
     result: list[_Collection | None] = []
     for number, body in enumerate(bodies):
-        mine = group == number
-        if body.applied_row is None or not mine.any():
+        members = group == number
+        if body.applied_row is None or not members.any():
             result.append(None)
             continue
-        applied = body.applied_row[row[mine]].astype(np.int64)
+        applied = body.applied_row[row[members]].astype(np.int64)
         order = np.argsort(applied, kind="stable")
         pointer = np.searchsorted(applied[order], np.arange(body.n_applied + 1))
         result.append(
-            _Collection(equal_work(pointer), pointer.astype(np.int64), every[mine][order])
+            _Collection(equal_work(pointer), pointer.astype(np.int64), every[members][order])
         )
     return tuple(result)

@@ -65,8 +65,8 @@ class SlidingContact:
 
     def touched_nodes(self, group: int) -> IntArray:
         """Mesh nodes of the group on which contact may act, (n,)."""
-        mine = [s.nodes for s in self.surfaces if s.group == group]
-        return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *mine]))
+        members = [s.nodes for s in self.surfaces if s.group == group]
+        return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *members]))
 
     def nodal_stiffness(self, group: int) -> FloatArray | None:
         """Stiffness to count on each node, as `fem.explicit.contact.paired.FaceContact` does."""
@@ -75,12 +75,12 @@ class SlidingContact:
 
     def nodal_areas(self, group: int) -> FloatArray | None:
         """`nodal_stiffness` for a law of stiffness one, largest of all copies; (n_nodes,) [mm²]."""
-        mine = [s for s in self.surfaces if s.group == group]
-        if not mine:
+        members = [s for s in self.surfaces if s.group == group]
+        if not members:
             return None
         moving = min(2, sum(s.group >= 0 for s in self.surfaces))
         largest = np.zeros(self.n_nodes[group])
-        for surface in mine:
+        for surface in members:
             total = np.zeros(self.n_nodes[group])
             area = np.linalg.norm(facet_area_vectors(surface.reference[surface.quads]), axis=1)
             np.add.at(total, surface.nodes[surface.quads], 0.25 * area[:, None])
@@ -131,8 +131,8 @@ class BoundSlidingContact:
         self._friction: FloatArray | None = None
         self._dissipated: FloatArray | None = None
         if statement.friction is not None:
-            given = statement.friction
-            self._friction = np.array([given.coefficient, given.stick_stiffness])
+            friction = statement.friction
+            self._friction = np.array([friction.coefficient, friction.stick_stiffness])
             self._dissipated = np.zeros(1)
         self._take_room()
 
@@ -341,22 +341,22 @@ def sliding_state(
 def _group(points: FacingPoints, number: int, body: Body) -> _Group:
     """Collect the surface nodes of one group, which follow each other."""
     surfaces = points.surfaces
-    mine = [k for k, s in enumerate(surfaces) if s.group == number]
-    if not mine:
+    members = [k for k, s in enumerate(surfaces) if s.group == number]
+    if not members:
         none, empty = np.empty(0, dtype=np.int64), np.empty((0, 3))
         return _Group(slice(0, 0), empty, none, none, none, np.empty((0, 3, 3)), none, none)
-    sizes = [len(surfaces[k].nodes) for k in mine]
-    nodes = np.concatenate([surfaces[k].nodes for k in mine])
+    sizes = [len(surfaces[k].nodes) for k in members]
+    nodes = np.concatenate([surfaces[k].nodes for k in members])
     rows = body.rows.row[nodes]
     assert body.applied_row is not None
-    first, last = points.node_start[mine[0]], points.node_start[mine[-1] + 1]
+    first, last = points.node_start[members[0]], points.node_start[members[-1] + 1]
     return _Group(
         where=slice(int(first), int(last)),
-        reference=np.concatenate([surfaces[k].reference for k in mine]),
+        reference=np.concatenate([surfaces[k].reference for k in members]),
         rows=rows,
         applied=body.applied_row[rows].astype(np.int64),
-        copies=np.repeat([surfaces[k].copy for k in mine], sizes),
-        turns=np.stack([surfaces[k].rotation for k in mine]),
-        turn_of=np.repeat(np.arange(len(mine)), sizes),
+        copies=np.repeat([surfaces[k].copy for k in members], sizes),
+        turns=np.stack([surfaces[k].rotation for k in members]),
+        turn_of=np.repeat(np.arange(len(members)), sizes),
         surface_rows=np.unique(rows),
     )

@@ -138,19 +138,19 @@ def content_digest(contents: Mapping[str, np.ndarray[Any, Any]]) -> str:
 
 def state_arrays(system: System, state: State) -> dict[str, np.ndarray[Any, Any]]:
     """Every array of the state and of the interactions, by a path of names."""
-    found: dict[str, np.ndarray[Any, Any]] = {}
-    _collect(state, "state", found, np.ndarray)
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    _collect(state, "state", arrays, np.ndarray)
     for k, interaction in enumerate(system.interactions):
         for name, array in interaction.arrays().items():
-            found[f"interaction.{k}.{name}"] = array
-    return found
+            arrays[f"interaction.{k}.{name}"] = array
+    return arrays
 
 
 def state_numbers(state: State) -> dict[str, float | int]:
     """Every number of the state, by a path of names."""
-    found: dict[str, float | int] = {}
-    _collect(state, "state", found, (int, float))
-    return found
+    numbers: dict[str, float | int] = {}
+    _collect(state, "state", numbers, (int, float))
+    return numbers
 
 
 def _collect(value: Any, path: str, found: dict[str, Any], kind: Any) -> None:

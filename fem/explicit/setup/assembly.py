@@ -180,12 +180,12 @@ class ExplicitAssembly:
 
     def contact_state(self, displacements: tuple[FloatArray, ...]) -> ContactState:
         """Contact of the whole assembly at displacements of the model's groups, world axes."""
-        whole = self.expand(displacements)
+        full = self.expand(displacements)
         if self.sliding is not None:
-            points = facing_points(self.deformable, whole)
+            points = facing_points(self.deformable, full)
             return searched_state(points, self.sliding.law, self.sliding.clearance)
-        pressures, overclosures = matched_pressures(self.deformable, whole)
-        return matched_state(self.deformable, whole, pressures, overclosures)
+        pressures, overclosures = matched_pressures(self.deformable, full)
+        return matched_state(self.deformable, full, pressures, overclosures)
 
     def expand(self, displacements: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
         """World displacements of every block from those of the representatives.
@@ -266,7 +266,7 @@ def explicit_assembly(
         copy[blocks] = np.arange(len(blocks))
     copy_of = copy[orbits.representative]
     model = deformable.model
-    kept = [deformable.copy_of[blocks] for blocks in chosen]
+    copies = [deformable.copy_of[blocks] for blocks in chosen]
     counted = counted_stiffness(deformable.contact.law, counted_pressure)
     contact = _contact(deformable, orbits, copy_of, counted) if deformable.meets else None
     interactions: list[InteractionModel] = [contact] if contact else []
@@ -278,9 +278,11 @@ def explicit_assembly(
         orbits=orbits,
         copy_of=copy_of,
         model=Model(
-            groups=tuple(_some_copies(g, k) for g, k in zip(model.groups, kept, strict=True)),
-            supports=tuple(_some(s, kept[s.group]) for s in model.supports),
-            loads=tuple(replace(_some(f, kept[f.group]), amplitude=amplitude) for f in model.loads),
+            groups=tuple(_some_copies(g, k) for g, k in zip(model.groups, copies, strict=True)),
+            supports=tuple(_some(s, copies[s.group]) for s in model.supports),
+            loads=tuple(
+                replace(_some(f, copies[f.group]), amplitude=amplitude) for f in model.loads
+            ),
             effects=_with_gravity(effects, deformable.gravity, amplitude),
             interactions=tuple(interactions),
         ),

@@ -259,14 +259,16 @@ def recommended_times(
     ValueError
         No contact resists any motion.
     """
-    found = block_frequencies(model, pressure)
-    period = 1.0 / found.excited
+    frequencies = block_frequencies(model, pressure)
+    period = 1.0 / frequencies.excited
     periods = _RAMP_PERIODS[damped]
     if _has_friction(model):
         slow = _RAMP_PERIODS_CLOSING if closing else _RAMP_PERIODS_WITH_FRICTION
         periods = max(periods, slow)
     ramp = periods * period
-    return RecommendedTimes(found.excited, found.lowest, ramp, ramp + _END_PERIODS * period)
+    return RecommendedTimes(
+        frequencies.excited, frequencies.lowest, ramp, ramp + _END_PERIODS * period
+    )
 
 
 def _has_friction(model: Model) -> bool:
