@@ -69,8 +69,8 @@ def test_a_jam_of_associated_friction_is_no_proof_that_nothing_slides(tmp_path: 
     assert collapse is not None
     assert sliding is not None
     assert np.isinf(collapse.factor)
-    assert "with associated friction" in collapse.status
-    assert "infinite strength" in collapse.status
+    assert "associated friction" in collapse.status
+    assert "no crushing" in collapse.status
     # The analysis without dilation runs there, and the range of the forces is told unasked.
     assert sliding.certified
     assert 0.0 < sliding.factor < 1.0

@@ -277,8 +277,10 @@ def _uniform_strain(coordinates: FloatArray, _: Material) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True)
 class Element:
-    """One hexahedron: all that assembly, stresses and decks ask of it."""
+    """One hexahedron: its stiffness and strain, for assembly and stresses, and its names."""
 
+    words: str
+    """Its name in tables."""
     stiffness: Callable[[FloatArray, Material], FloatArray]
     """Of corners (n_elements, 8, 3) [mm] and material, (n_elements, 24, 24)."""
     strain: Callable[[FloatArray, Material], FloatArray]
@@ -292,13 +294,26 @@ class Element:
 
 
 ELEMENTS = {
-    ElementType.FULL: Element(stiffness=_full, strain=_strain, calculix="C3D8"),
-    ElementType.B_BAR: Element(stiffness=_b_bar, strain=_b_bar_strain, abaqus="C3D8"),
+    ElementType.FULL: Element(
+        words="fully integrated hexahedra", stiffness=_full, strain=_strain, calculix="C3D8"
+    ),
+    ElementType.B_BAR: Element(
+        words="C3D8 (B-bar hexahedra)", stiffness=_b_bar, strain=_b_bar_strain, abaqus="C3D8"
+    ),
     ElementType.INCOMPATIBLE: Element(
-        stiffness=_incompatible, strain=_incompatible_strain, abaqus="C3D8I", calculix="C3D8I"
+        words="C3D8I (incompatible-mode hexahedra)",
+        stiffness=_incompatible,
+        strain=_incompatible_strain,
+        abaqus="C3D8I",
+        calculix="C3D8I",
     ),
     ElementType.REDUCED: Element(
-        stiffness=_reduced, strain=_uniform_strain, points=1, abaqus="C3D8R", calculix="C3D8R"
+        words="C3D8R (reduced integration, hourglass control)",
+        stiffness=_reduced,
+        strain=_uniform_strain,
+        points=1,
+        abaqus="C3D8R",
+        calculix="C3D8R",
     ),
 }
 

@@ -15,6 +15,7 @@ from scipy.sparse import bsr_array
 
 from fem.element import lagrange_mesh
 from fem.element.hexahedron import (
+    ELEMENTS,
     ElementType,
     block_hourglass_stiffness,
     block_lumped_mass,
@@ -158,8 +159,8 @@ def block_group(
 def element_words(group: BlockGroup) -> str:
     """Name of the hexahedra of a group."""
     if isinstance(group.mesh, LagrangeMesh):
-        return f"degree {group.mesh.degree}"
-    return str(group.element.value)
+        return f"isoparametric hexahedra of degree {group.mesh.degree}"
+    return ELEMENTS[group.element].words
 
 
 def lumped_mass(mesh: HexMesh, density: float) -> FloatArray:

@@ -69,9 +69,9 @@ def _turned(direction: tuple[float, float, float], angle: float) -> tuple[float,
 def _plan(axes: Axes, block: SineBlockParameters) -> None:
     """Annulus of one layer seen along the axis; the block filled."""
     inner, outer = block.inner_radius, block.outer_radius
-    whole = np.linspace(0.0, 2 * np.pi, _POINTS)
+    ring_angle = np.linspace(-0.35, np.pi + 0.35, _POINTS)
     for radius in (inner, outer):
-        axes.plot(radius * np.cos(whole), radius * np.sin(whole), color=GREY, lw=0.6, ls=":")
+        axes.plot(*(radius * _unit(ring_angle)).T, color=GREY, lw=0.6, ls=":")
     start = 0.5 * (np.pi - block.block_angle)
     own = start + np.linspace(0.0, block.block_angle, _POINTS)
     ring = np.concatenate([inner * _unit(own), outer * _unit(own[::-1])])
@@ -137,8 +137,9 @@ def _unit(angle: FloatArray) -> FloatArray:
 
 def _frame(axes: Axes, across: tuple[float, float], up: tuple[float, float]) -> None:
     axes.set_aspect("equal")
-    axes.set_xlim(*across)
-    axes.set_ylim(*up)
+    # Limits stay those of the data: a panel of another shape widens them without a warning.
+    axes.update_datalim(list(zip(across, up, strict=True)))
+    axes.margins(0.0)
     axes.axis("off")
 
 
