@@ -180,7 +180,8 @@ def test_the_built_in_column_from_the_command_line(tubelock) -> None:  # noqa: F
 
 def test_matching_joints_have_no_search_unless_asked() -> None:
     matching = ((WIDE, (4, 4, 2)), (WIDE, (4, 4, 1)))
-    for asked, words in ((False, "matching meshes, fixed pairs (small sliding)"), (True, "finite sliding")):
+    fixed = "matching meshes, fixed pairs (small sliding)"
+    for asked, words in ((False, fixed), (True, "finite sliding")):
         run = run_explicit("column", column(*matching, effects={"finite_sliding": asked}))
         data = run_json(run)
         assert data["contact_search"] == words
