@@ -124,7 +124,7 @@ class Wrong(Exponential):
     ("law", "words"),
     [
         (Wrong("far"), "expected zero where surfaces are apart"),
-        (Wrong("falls"), "does not press"),
+        (Wrong("falls"), "has no pressure"),
         (Wrong("shape"), "expected the same shape"),
         (Wrong("slope"), "expected the slope of its pressure"),
         (3.0, "got a float; expected ExponentialLaw"),

@@ -161,7 +161,7 @@ def test_an_accuracy_that_is_not_reached_is_told_and_has_a_status_of_its_own(tub
     ("arguments", "text"),
     [
         (["tsb1-pipe", "--max-seconds", "3"], "give both or none"),
-        (["tsb1-pipe", "--accuracy", "u=1%", "--resume", "a.npz"], "leave out --accuracy"),
+        (["tsb1-pipe", "--accuracy", "u=1%", "--resume", "a.npz"], "remove --accuracy"),
         (["tsb1-pipe", "--accuracy", "u=1%", "--set", "fem.mesh=scene"], "one mesh"),
         (["tsb1-pipe", "--accuracy", "u=1%", "--set", "fem.method=explicit"], "keep the mesh"),
     ],

@@ -52,7 +52,7 @@ def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
     deep = start.linear_start + (PRESSURE - start.linear_pressure) / 1000.0
     np.testing.assert_allclose(run.contact_state.point_overclosures, deep, rtol=1e-7)
     print_run(run, Console(width=300))
-    assert f"at {points} of {points} pressing points, 100 %" in capsys.readouterr().out
+    assert f"at {points} of {points} closed contact points, 100 %" in capsys.readouterr().out
     idle = run_static("column", changed(0.5, contact={"maximum_stiffness": 1000.0}))
     assert run_json(idle)["contact_cap"]["points"] == 0
 
@@ -86,7 +86,10 @@ def test_a_run_that_outgrows_its_time_step_starts_again(
     assert result.critical.critical_time_step < longest
     assert run.solution.restarts >= 1
     print_run(run, Console(width=200))
-    assert f"{run.solution.restarts}: contact outgrew the time step" in capsys.readouterr().out
+    assert (
+        f"{run.solution.restarts}: the contact stiffness exceeded the limit of the time step"
+        in capsys.readouterr().out
+    )
     # Frames of abandoned runs are marked: the others are one history from its start to its end.
     kept = [frame for frame in frames if frame.restart == run.solution.restarts]
     assert len(kept) < len(frames)

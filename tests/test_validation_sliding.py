@@ -71,7 +71,7 @@ def test_patch_test_of_a_column_that_does_not_match() -> None:
         points = found.joint(*joint)
         assert found.point_areas[points].sum() == pytest.approx(8000.0, rel=1e-12)
     data = run_json(run)
-    assert data["contact_search"] == "finite sliding (joints do not match)"
+    assert data["contact_search"] == "finite sliding (non-matching meshes)"
     assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
     assert data["contact"]["p_max"] == pytest.approx(0.5, rel=1e-6)
     assert data["contact"]["force"] == pytest.approx(2 * 0.5 * 8000.0, rel=1e-6)
@@ -166,7 +166,7 @@ def test_decks_of_joints_that_do_not_match(tubelock) -> None:  # noqa: F811
 def test_the_built_in_column_from_the_command_line(tubelock) -> None:  # noqa: F811
     status, out, _ = tubelock("fem", "column-nonmatching", "-o", "run", "--json", "run.json")
     assert status == 0
-    assert "finite sliding (joints do not match)" in out
+    assert "finite sliding (non-matching meshes)" in out
     data = json.loads(Path("run.json").read_text())
     surface = meshio.read("run/contact_pressures.vtu")
     pressure, area = (surface.cell_data[key][0] for key in ("contact_pressure", "area"))
@@ -338,7 +338,7 @@ def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
     explicit = load_scene(str(path), ["fem.method='explicit'"]).scene
     assert isinstance(explicit, DeformableScene)
     run = run_explicit("own", explicit)
-    assert str(run.contact_search) == "finite sliding (joints do not match)"
+    assert str(run.contact_search) == "finite sliding (non-matching meshes)"
     assert run.contact.force == pytest.approx(weight, rel=1e-3)
 
 

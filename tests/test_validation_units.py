@@ -56,7 +56,7 @@ def test_vectors_may_have_units() -> None:
     ("key", "text", "words"),
     [
         ("material.density", "2400 kg", "kg does not measure the same as t/mm³"),
-        ("material.density", "2400 kgs/m3", "the unit 'kgs/m3' is not known"),
+        ("material.density", "2400 kgs/m3", "the unit 'kgs/m3' is unknown"),
         ("block.height", "1e400 m", "double precision"),
         ("block.blocks_per_layer", "4 mm", "blocks_per_layer"),
         ("material.poisson_ratio", "0.2 mm", "poisson_ratio"),

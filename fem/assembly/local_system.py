@@ -273,7 +273,7 @@ def _by_node(nodes: IntArray, directions: FloatArray, values: FloatArray) -> Hel
         given = directions[rows]
         if n > 3 or np.abs(given @ given.T - np.eye(n)).max() > 1e-9:
             raise ModelError(
-                f"supports: node {int(unique[i])} is held in {n} directions that are not "
+                f"supports: node {int(unique[i])} is fixed in {n} directions that are not "
                 "orthonormal; expected each component to be prescribed once"
             )
         if n == 3:

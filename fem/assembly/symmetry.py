@@ -146,8 +146,8 @@ def _check_loads(deformable: DeformableAssembly, image: IntArray, order: int) ->
             )
         if not np.allclose(held[group][a], held[group][b], rtol=0.0, atol=_TOLERANCE):
             raise SymmetryError(
-                f"symmetry: blocks {int(block)} and {other} are not held alike, so a turn by "
-                f"1/{order} is no symmetry; expected supports that repeat, or symmetry off"
+                f"symmetry: blocks {int(block)} and {other} have different supports, so a rotation "
+                f"by 1/{order} is no symmetry; expected supports that repeat, or symmetry off"
             )
 
 

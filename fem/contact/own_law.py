@@ -182,7 +182,7 @@ class OwnLaw(_WithoutConstants):
         low, high = -_FAR, _FAR
         if not float(self.pressure(high)) > 0.0:
             raise ContactLawError(
-                f"law: {self} does not press at an overclosure of {_FAR:g} mm; expected a pressure"
+                f"law: {self} has no pressure at an overclosure of {_FAR:g} mm; expected a pressure"
             )
         for _ in range(100):
             middle = 0.5 * (low + high)

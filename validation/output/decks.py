@@ -242,7 +242,7 @@ def _description(deck: Deck, title: str) -> Table:
     table.add_row("contact", data["contact"] or "none")
     loads = [f"{load['kind']} on {load['blocks']} blocks" for load in data["loads"]]
     table.add_row("loads", ", ".join(loads) or "none")
-    table.add_row("held", f"{data['held_blocks']} blocks")
+    table.add_row("supports", f"{data['held_blocks']} fixed blocks")
     table.add_row(
         "step",
         f"{data['procedure']}, {deck.step.end_time:g} s, smooth step of {deck.step.ramp_time:g} s",

@@ -148,7 +148,7 @@ def add_further_rows(table: Table, further: Further | None) -> None:
         block = int(further.free_blocks[m.block])
         table.add_row(
             "margin",
-            f"smallest bearing area {m.bearing_area:.4g} mm² (load {m.load} on block {block})"
+            f"smallest bearing area {m.bearing_area:.4g} mm² (unit load {m.load} on block {block})"
             if m.interlocked
-            else f"none: load {m.load} on block {block} is not statically admissible",
+            else f"none: unit load {m.load} on block {block} is not statically admissible",
         )
