@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,13 @@ from fem.accuracy.ladder import DEGREES, LADDER, graded_to_both_ends, graded_to_
 from fem.assembly.statement import Problem
 from geometry.answer import Measure
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from tests.test_validation_own_fem import deformable
+from tests.test_validation_own_fem import column, deformable
 from validation.build.deformable import build_hexahedra, build_problem
 from validation.costs.references import references
 from validation.errors import InputError
+from validation.run import solve
 from validation.run.accuracy import parse_targets
+from validation.run.measures import FrictionSet
 
 
 def stated(name: str, *settings: str) -> Problem:
@@ -171,3 +174,20 @@ def test_bad_input(tubelock, arguments, text) -> None:  # type: ignore[no-untype
     assert status == 2
     assert text in err
     assert "Traceback" not in err
+
+
+def test_printed_seconds_include_the_range_of_friction(monkeypatch: pytest.MonkeyPatch) -> None:
+    def width(*_: object) -> FrictionSet:
+        end = time.process_time() + 0.1
+        while time.process_time() < end:
+            pass
+        return FrictionSet("loaded straight up", {}, {}, "")
+
+    monkeypatch.setattr(solve, "friction_width", width)
+    scene = column(0.5).changed({"effects": {"friction": {"coefficient": 0.5}}})
+    start = time.process_time()
+    run = solve.run_converged("column", scene, {"u": 1.0}, most_work=1.0)
+    spent = time.process_time() - start
+    assert run.cpu_seconds["range of friction"] >= 0.1
+    # Outside the stages nothing is computed.
+    assert spent - 0.05 < run.cpu_seconds["total"] <= spent

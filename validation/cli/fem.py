@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from fem.solution import Solution
     from validation.output.outputs import Outputs
     from validation.run.deformable import DeformableRun
+    from validation.run.stages import Stages
     from validation.scene.read import DeformableScene
 
 CHECKPOINT = "checkpoint.npz"
@@ -312,33 +313,43 @@ def _solved(
 
 
 def _with_errors(run: DeformableRun, outputs: Outputs, *, reference: bool) -> DeformableRun:
-    """Estimate the errors of a run on the mesh of its scene.
+    """Estimate the errors of a run on the mesh of its scene, and count the time that this takes.
 
     An explicit run to the static state is compared with the converged one if ``reference``.
     """
+    from validation.run.stages import stages, summed
+
+    with stages() as watch:
+        run = _estimated(run, outputs, watch, reference=reference)
+    return replace(run, cpu_seconds=summed(run.cpu_seconds, watch.seconds()))
+
+
+def _estimated(
+    run: DeformableRun, outputs: Outputs, watch: Stages, *, reference: bool
+) -> DeformableRun:
+    """The run with its error bars, with friction also with the width of the set of answers."""
     from validation.output.console import status
     from validation.run.accuracy import progress_words
     from validation.run.estimate import estimated_errors
     from validation.run.reference import static_reference
-    from validation.run.stages import stages, summed
 
     name, scene, fem = run.name, run.scene, run.scene.fem
     if reference:
         with status(outputs.console, f"{name}: converged static state") as tell:
             found = static_reference(run, lambda now: tell(f"{name}: {progress_words(now)}"))
+        watch.lap("static reference")
         run = replace(run, reference=found)
         if found is not None and fem.error_estimate and not found.why_not:
             return replace(run, errors=found.bars(run.measures))
     if not fem.error_estimate:
         return run
-    with stages() as watch:
-        with status(outputs.console, f"{name}: two coarser meshes, for the errors"):
-            run = replace(run, errors=estimated_errors(run))
-        watch.lap("error bars")
-        if scene.effects.friction is not None:
-            from validation.run.friction_set import friction_set
+    with status(outputs.console, f"{name}: two coarser meshes, for the errors"):
+        run = replace(run, errors=estimated_errors(run))
+    watch.lap("error bars")
+    if scene.effects.friction is not None:
+        from validation.run.friction_set import friction_set
 
-            with status(outputs.console, f"{name}: how wide the set of answers with friction is"):
-                run = replace(run, friction=friction_set(run))
-            watch.lap("range of friction")
-    return replace(run, cpu_seconds=summed(run.cpu_seconds, watch.seconds()))
+        with status(outputs.console, f"{name}: how wide the set of answers with friction is"):
+            run = replace(run, friction=friction_set(run))
+        watch.lap("range of friction")
+    return run

@@ -156,9 +156,10 @@ def run_static(
         with _floating_named(name, scene, deformable, options):
             solution = static_solution(deformable, options, finite_rotation=turning, store=store)
         watch.lap("solve")
-    _require_sector(name, scene, fem, solution)
-    if on_frame is not None:
-        write_static_frames(fem.frames, solution, options, on_frame)
+        _require_sector(name, scene, fem, solution)
+        if on_frame is not None:
+            write_static_frames(fem.frames, solution, options, on_frame)
+            watch.lap("frames")
     return DeformableRun(name=name, scene=scene, solution=solution, cpu_seconds=watch.seconds())
 
 
@@ -198,10 +199,14 @@ def run_converged(
                 progress=progress,
             )
         watch.lap("solve")
-    _require_sector(name, scene, fem, found.solution)
-    on_frame = None if frames is None else frames(found.solution)
-    if on_frame is not None:
-        write_static_frames(fem.frames, found.solution, options, on_frame)
+        _require_sector(name, scene, fem, found.solution)
+        on_frame = None if frames is None else frames(found.solution)
+        if on_frame is not None:
+            write_static_frames(fem.frames, found.solution, options, on_frame)
+            watch.lap("frames")
+        friction = _friction_of(problem, scene, found, options)
+        if friction is not None:
+            watch.lap("range of friction")
     return DeformableRun(
         name=name,
         scene=scene,
@@ -211,7 +216,7 @@ def run_converged(
         facets=found.facets,
         remarks=found.remarks,
         refinement=found.report,
-        friction=_friction_of(problem, scene, found, options),
+        friction=friction,
     )
 
 
