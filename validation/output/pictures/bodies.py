@@ -197,14 +197,14 @@ def labelled(
     wide, high = np.maximum((_PROBE * shape / shape.max()).astype(int), 1).tolist()
     seen = probe.render(wide, high).astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
     corner = np.array(view.place(probe.axes.T @ probe.corner))
-    places_of = {}
+    found = []
     for k, name in enumerate(names.values(), start=1):
         rows, columns = np.nonzero(seen == k)
         if len(rows) and min(np.ptp(rows), np.ptp(columns)) > _SEEN_OF_BODY * _PROBE:
             middle = np.argmin((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2)
             place = np.array([columns[middle] + 0.5, high - rows[middle] - 0.5])
-            places_of[name] = corner + place * shape / (wide, high)
-    return replace(panel, labels=places_of)
+            found.append((name, corner + place * shape / (wide, high)))
+    return replace(panel, labels=found)
 
 
 def _used(parts: Iterable[IntArray]) -> tuple[IntArray, IntArray]:

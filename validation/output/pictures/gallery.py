@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import datetime
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,7 +64,7 @@ class Panel:
     """Colours of this panel alone: a bar stands below it."""
     ring: FloatArray | None = None
     """Place in the view that its bar speaks of, (3,) [mm]."""
-    labels: Mapping[str, FloatArray] = field(default_factory=dict)
+    labels: Sequence[tuple[str, FloatArray]] = ()
     """Words on the view, and where: from its left and from below, (2,) [mm]."""
 
     @property
@@ -353,7 +353,7 @@ class _Page:
         if drawing.panel.ring is not None:
             at = corner + np.array(view.place(drawing.panel.ring)) / per_inch
             self._line([at], marker="o", mfc="none", mec="black", ms=9, mew=1.4)
-        for words, place in drawing.panel.labels.items():
+        for words, place in drawing.panel.labels:
             back = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.75}
             at = corner + place / per_inch
             self._write(at, words, size="x-small", ha="center", va="center", bbox=back)
