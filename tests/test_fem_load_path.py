@@ -37,6 +37,8 @@ def test_load_factors_rise_to_one(friction):
         # Half as many parts end where every second of the others does: step doubling.
         assert np.allclose(load_factors(2 * parts, friction=friction)[1::2], factors[1:])
     assert not np.ptp(np.diff(load_factors(4, friction=False)))
+    # With friction short steps come first, where the sliding starts: squares, as documented.
+    assert load_factors(4, friction=True) == (1 / 16, 4 / 16, 9 / 16, 1.0)
 
 
 def test_parts_are_doubled_until_the_answer_stays():

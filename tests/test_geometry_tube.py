@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -275,6 +277,14 @@ def test_elements_that_meet_the_wave_at_its_zeros_are_refused() -> None:
     """Two elements a wave: with shift 0 the Sine Block was a plain one, and its tube activated."""
     with pytest.raises(BlockParameterError, match=r"amplitude of \S+ mm for 20 mm; try 12"):
         sine_tube(tsb(0.0), SineBlockDivisions(6, 2, 2), 1)
+    # Corners reach |sin(π s)| of the amplitude; an eighth of a wave from the zeros is s = 1/4.
+    for shift, accepted in ((0.05, False), (0.2, False), (0.24, False), (0.25, True), (0.3, True)):
+        with (
+            nullcontext()
+            if accepted
+            else pytest.raises(BlockParameterError, match="near its zeros")
+        ):
+            sine_tube(tsb(shift), SineBlockDivisions(6, 2, 2), 1)
     cosine = sine_tube(tsb(0.5), SineBlockDivisions(6, 2, 2), 1)
     z = cosine.shapes[0].mesh.nodes[:, 2]
     assert np.ptp(z) == pytest.approx(200.0 + 2 * 20.0)

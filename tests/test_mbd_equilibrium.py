@@ -121,6 +121,20 @@ def test_no_load_and_no_contacts() -> None:
     assert free.mechanism is not None
 
 
+@pytest.mark.parametrize("solve", [newton_equilibrium, clarabel_equilibrium])
+@pytest.mark.parametrize(
+    ("imbalance", "holds"), [(1e-2, False), (1e-4, False), (1e-5, False), (0.0, True)]
+)
+def test_a_hundred_thousandth_of_the_load_that_nothing_carries_is_no_equilibrium(
+    solve, imbalance: float, holds: bool
+) -> None:
+    """Two opposed contacts along x; the paper's tolerance of the residual is 1e-6."""
+    matrix = np.array([[1.0, -1.0], [0.0, 0.0]])
+    found = solve(as_jacobian(matrix), np.array([1.0, imbalance]))
+    assert found.holds is holds
+    assert found.residual == pytest.approx(imbalance, rel=1e-3, abs=1e-9)
+
+
 @pytest.mark.parametrize("case", ["pipe", "tunnel", "pillar", "beam", "shaft"])
 @pytest.mark.parametrize("norm", list(Norm))
 def test_contact_and_load_wrenches_balance_on_every_block(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import meshio
@@ -20,7 +21,7 @@ from geometry.files.block_files import read_blocks
 from geometry.files.hexahedral_solids import file_blocks
 from geometry.files.quadratic import NATURAL
 from geometry.loads import LoadCase
-from geometry.mesh import FloatArray, IntArray, MeshError, grid_points
+from geometry.mesh import CORNERS, FloatArray, IntArray, MeshError, grid_points
 from tests.fem_problems import CONCRETE, degrees_of_freedom, static_displacement
 from tests.test_fem_lagrange_mesh import CURVED, WALL, from_twenty, relative
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
@@ -214,6 +215,24 @@ def test_nodes_that_make_no_element_are_named(spoil, text: str, tmp_path: Path) 
     with pytest.raises(MeshError, match=text) as found:
         read(tmp_path / "a.vtu")
     assert "\n" not in str(found.value)
+
+
+@pytest.mark.parametrize(("share", "folds"), [(0.45, False), (1.2, True)])
+def test_a_fold_inside_an_element_is_found_though_no_corner_sees_it(
+    share: float, folds: bool, tmp_path: Path
+) -> None:
+    """A centre moved by a share of the half length leaves faces, edges and corners as they are.
+
+    Along that line x becomes x + share · (1 - x²), which turns back where share is above ½.
+    """
+    nodes, members = ring_nodes(27)
+    corners = nodes[members[0, :8]]
+    across = corners[CORNERS[:, 0] > 0].mean(axis=0) - corners[CORNERS[:, 0] < 0].mean(axis=0)
+    nodes[members[0, 26]] += 0.5 * share * across
+    write(tmp_path / "a.vtu", nodes, members)
+    refused = pytest.raises(MeshError, match="1 of 6 curved hexahedra fold, worst element 0")
+    with refused if folds else nullcontext():
+        read(tmp_path / "a.vtu")
 
 
 def test_hexahedra_of_two_kinds_are_refused(tmp_path: Path) -> None:
