@@ -77,7 +77,12 @@ def test_misspelt_keys_and_sections_are_named_before_what_is_missing(tmp_path: P
         path, text.replace("[block]", "[blok]")
     )
     short = re.sub(r"^young_modulus", "young", text, flags=re.MULTILINE)
-    assert "material.young: did you mean 'young_modulus'" in refusal(path, short)
+    told = refusal(path, short)
+    assert "material.young: did you mean 'young_modulus'" in told
+    # What was meant by the misspelt key is neither wrong nor missing; another one is.
+    assert "also" not in told
+    told = refusal(path, re.sub(r"^density.*$", "", short, flags=re.MULTILINE))
+    assert told.endswith("'young_modulus'?; also missing: material.density")
     comma = re.sub(r"^amplitude = \S+", "amplitude = 10,5", text, flags=re.MULTILINE)
     assert "10,5: numbers have a point" in refusal(path, comma)
     path.write_text(text, "utf-8")
@@ -121,3 +126,31 @@ def test_gravity_in_metres_is_refused_in_python() -> None:
         size = 9.81 if meant else 9810.0
         problem = Problem(blocks, load, concrete, gravity=(0.0, 0.0, -size), **meant)
         np.testing.assert_array_equal(problem.acceleration, [0.0, 0.0, -size])
+
+
+@pytest.mark.parametrize(("amplitude", "degrees"), [(40.0, None), (90.0, 82)])
+def test_waves_that_are_almost_upright_are_named(
+    tubelock,  # type: ignore[no-untyped-def]  # noqa: F811
+    amplitude: float,
+    degrees: int | None,
+) -> None:
+    """The slope by the mesh itself: of the block's upper face at the outer radius, where it is
+    largest, and by hand atan(2f n a / r_o) = atan(3 · 4 · 90 / 160) = 81.6°."""
+    sets = [f"block.amplitude={amplitude}", "assembly.layers=1", "mesh.around=96"]
+    sets += ["mesh.radial=1", "mesh.axial=1"]
+    words = [word for setting in sets for word in ("--set", setting)]
+    status, out, _ = tubelock("export", "tsb1-pipe", *words, "-o", "a.inp")
+    assert status == 0
+    assert ("as steep as" in out) is (degrees is not None)
+    file = load_scene("tsb1-pipe", sets)
+    shape = file.scene.shape  # type: ignore[union-attr]
+    block = file.scene.build().shapes[0]  # type: ignore[union-attr]
+    quads = block.mesh.nodes[block.faces["top"]]
+    outer = np.hypot(quads[..., 0], quads[..., 1]) > shape.outer_radius - 1e-6
+    pair = quads[outer].reshape(-1, 2, 3)
+    rise = np.abs(np.diff(pair[..., 2], axis=1)).ravel()
+    run = np.linalg.norm(np.diff(pair[..., :2], axis=1), axis=2).ravel()
+    # 32 elements a wave: a chord beside the zero is at most (π/32)²/6 flatter.
+    assert (rise / run).max() == pytest.approx(shape.steepest_slope, rel=(np.pi / 32) ** 2)
+    if degrees is not None:
+        assert f"as steep as {degrees}°" in out

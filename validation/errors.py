@@ -162,12 +162,20 @@ def _unknown_key(path: tuple[int | str, ...], model: type[BaseModel]) -> str:
     return f"unknown key {place}{hint}"
 
 
+def _misspelt(problem: Any, problems: list[Any]) -> tuple[int | str, ...] | None:
+    """Place of the missing key that an unknown one is a misspelling of."""
+    if problem["type"] != "extra_forbidden":
+        return None
+    missing = {str(p["loc"][-1]): p["loc"] for p in problems if p["type"] == "missing"}
+    near = difflib.get_close_matches(str(problem["loc"][-1]), missing, n=1, cutoff=0.5)
+    return missing[near[0]] if near else None
+
+
 def _first(problems: list[Any]) -> Any:
     """The problem to tell: a key that is misspelt explains why another one is missing."""
-    for problem in problems:
-        if problem["type"] == "extra_forbidden" and problems[0]["type"] == "missing":
-            missing = [str(p["loc"][-1]) for p in problems if p["type"] == "missing"]
-            if difflib.get_close_matches(str(problem["loc"][-1]), missing, n=1, cutoff=0.5):
+    if problems[0]["type"] == "missing":
+        for problem in problems:
+            if _misspelt(problem, problems) is not None:
                 return problem
     return problems[0]
 
@@ -201,11 +209,14 @@ def one_line(
         line = _unknown_key(first["loc"], model)
     else:
         line = _wrong_value(first, place, model)
-    others = dict.fromkeys(
-        ".".join(str(key) for key in p["loc"]) for p in problems if p is not first
-    )
-    others.pop(place, None)
-    line += f"; also invalid: {_some(list(others))}" if others else ""
+    told = (first["loc"], _misspelt(first, problems))
+    for kind in ("invalid", "missing"):
+        others = dict.fromkeys(
+            ".".join(str(key) for key in p["loc"])
+            for p in problems
+            if p["loc"] not in told and (p["type"] == "missing") is (kind == "missing")
+        )
+        line += f"; also {kind}: {_some(list(others))}" if others else ""
     # Names of keys may hold anything, line breaks too.
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
 

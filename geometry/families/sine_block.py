@@ -74,6 +74,11 @@ class SineBlockParameters:
         return round(2 * self.frequency)
 
     @property
+    def steepest_slope(self) -> float:
+        """Slope of a wave where it passes zero at the outer radius, 2f n a / r_o [-]."""
+        return self.waves_per_block * self.blocks_per_layer * self.amplitude / self.outer_radius
+
+    @property
     def outer_radius(self) -> float:
         """r_o = r_i + t [mm]."""
         return self.inner_radius + self.thickness

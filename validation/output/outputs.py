@@ -183,6 +183,8 @@ class Outputs:
         if self._defaults:
             words = ", ".join(f"{name} {value}" for name, value in self._defaults.items())
             self.console.print(f"{'defaults':9} {words}")
+        if self.scene is not None and self.scene.scene.caution is not None:
+            self.console.print(f"{'note':9} {self.scene.scene.caution}")
         if self.scene is not None and self._draws:
             use.count(self.scene.scene.pictures)
         self._unused = use.unused

@@ -239,6 +239,11 @@ class WholeScene(Section):
         return None
 
     @property
+    def caution(self) -> str | None:
+        """What of the scene is unusual though it has an answer; None where nothing is."""
+        return None
+
+    @property
     def load_words(self) -> str:
         """What loads the blocks, with its size."""
         load: Any = self.load  # type: ignore[attr-defined]

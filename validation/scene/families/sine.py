@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import atan, degrees
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator
@@ -20,6 +21,10 @@ from validation.scene.sections import (
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
+
+
+#: Slope beyond which the joints of a wave are almost upright [°]; the paper's are at most 76°.
+_STEEP = 76.0
 
 
 class SineBlockSection(BlockSection):
@@ -98,6 +103,17 @@ class TubeScene(RoundScene):
             For parameters that describe no block.
         """
         return SineBlockParameters(**self.block.model_dump(exclude={"type"}))
+
+    @property
+    def caution(self) -> str | None:
+        """Steep waves: their joints are almost upright, and thin where they turn."""
+        angle = degrees(atan(self.shape.steepest_slope))
+        if angle <= _STEEP:
+            return None
+        return (
+            f"block.amplitude = {self.block.amplitude:g} mm makes joints as steep as {angle:.0f}° "
+            f"at the outer radius; usual are at most {_STEEP:g}°: is it meant?"
+        )
 
     @property
     def _divisions(self) -> SineBlockDivisions:
