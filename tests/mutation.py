@@ -52,6 +52,45 @@ SUBJECTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("test_fem_contact.py", "test_fem_friction.py", "test_fem_explicit_contact.py"),
     ),
     "kernels": (("tests/reference_kernels.py",), ("test_fem_kernels.py",)),
+    "high-order elements": (
+        ("fem/element/lagrange.py", "fem/element/lagrange_mesh.py"),
+        ("test_fem_lagrange.py", "test_fem_lagrange_mesh.py", "test_fem_lagrange_fields.py"),
+    ),
+    "general contact": (
+        ("fem/contact/cuts.py", "fem/contact/search.py"),
+        ("test_fem_contact_cuts.py", "test_fem_sliding_contact.py", "test_fem_static_searched.py"),
+    ),
+    "error bars": (
+        ("fem/accuracy/errors.py", "fem/accuracy/ladder.py", "fem/accuracy/facets.py"),
+        ("test_error_bars.py", "test_validation_error_estimate.py"),
+    ),
+    "decks": (
+        ("fem/decks/*.py", "validation/build/deck.py"),
+        (
+            "test_fem_deck_laws.py",
+            "test_fem_problem_deck.py",
+            "test_validation_deck.py",
+            "test_validation_one_problem.py",
+            "test_fem_abaqus.py",
+        ),
+    ),
+    "geometry": (
+        (
+            "geometry/mesh.py",
+            "geometry/interface.py",
+            "geometry/measures.py",
+            "geometry/families/sine_block.py",
+            "geometry/polyhedra/facet_contact.py",
+        ),
+        (
+            "test_geometry_measures.py",
+            "test_geometry_mesh.py",
+            "test_geometry_matching.py",
+            "test_geometry_numbering.py",
+            "test_geometry_tube.py",
+            "test_mbd_constants.py",
+        ),
+    ),
     "stores": (
         ("validation/output/store.py", "validation/study/store.py"),
         ("test_validation_store.py",),

@@ -167,6 +167,26 @@ def test_least_work_of_a_contact_is_that_of_some_admissible_force(seed: int, mu:
         np.testing.assert_allclose(frictional.smallest_work(motion), works.min(axis=1), atol=slack)
 
 
+@pytest.mark.parametrize("law", list(FrictionLaw))
+def test_projected_forces_lie_between_the_corners_of_the_law(law: FrictionLaw) -> None:
+    """In every direction they reach no further than the corners (720 of the cone: 1e-5 of it);
+    forces half as far from the axis as the nearest side of the pyramid stay as they are."""
+    wall = running_bond_wall((200.0, 100.0, 80.0), 1, 1)
+    contacts, mu = contact_jacobian(wall), 0.4
+    frictional = frictional_contacts(wall, contacts, mu, law)
+    forces = np.random.default_rng(1).standard_normal((frictional.matrix.shape[1] // 3, 3))
+    forces[:, 0] = np.abs(forces[:, 0])
+    angles = np.linspace(0.0, 2 * np.pi, 721)[:-1]
+    ways = np.column_stack([np.cos(angles), np.sin(angles)])
+    corners = mu * (ways if law is FrictionLaw.CONE else ways[::180])
+    found = frictional.projected(forces)
+    reach = (corners @ ways.T).max(axis=0) * found[:, :1]
+    assert (found[:, 1:] @ ways.T <= reach * (1.0 + 1e-5) + 1e-12).all()
+    inside = np.column_stack([np.ones(len(forces)), forces[:, 1:]])
+    inside[:, 1:] *= 0.5 * mu / np.sqrt(2.0) / np.linalg.norm(forces[:, 1:], axis=1)[:, None]
+    np.testing.assert_array_equal(frictional.projected(inside), inside)
+
+
 @pytest.mark.parametrize(
     "law", ["residual", "excess", "overlap", "opening_work", "slipping_defect"]
 )
