@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -67,7 +68,10 @@ def test_an_interruption_is_told_whenever_it_comes(
     """While commands are loaded Python ended half of the processes by the signal itself."""
     many = ["fem", "tsb1-pipe", "--set", "assembly.layers=12", "-q", "-o", str(tmp_path / "o")]
     command = [sys.executable, "-X", "importtime", *COMMAND[1:], *many]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    # Jobs in the background inherit that interruptions are ignored, as `nohup` and CI start them.
+    quiet["preexec_fn"] = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen(command, **quiet) as process:
         assert process.stderr is not None
         while process.stderr.readline().rpartition(b"|")[2].strip() != module.encode():
             assert process.poll() is None, f"{module} was not loaded"
