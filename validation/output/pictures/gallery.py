@@ -275,8 +275,10 @@ class _Page:
         axes.set_title(panel.title, loc="left", fontsize="medium")
         if panel.plot is not None:
             panel.plot(axes)
-            # Layouts know no axes that keep a shape of their own.
+            # Layouts know no axes that keep a shape of their own; limits that a plot has set may
+            # widen, without a warning.
             axes.set_adjustable("datalim")
+            axes.set_autoscale_on(True)
         else:
             lines = 3 if panel.view is None or panel.view.weight is None else 4
             axes.set(xticks=[], yticks=[], xlabel="\n".join(lines * " "))
