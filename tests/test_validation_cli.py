@@ -251,7 +251,8 @@ def test_printed_times_count_error_bars_and_what_was_loaded(tubelock) -> None:
     after = time.process_time()
     assert status == 0
     words = out.split("CPU seconds")[1].split("peak memory")[0]
-    spent = dict(re.findall(r"([a-z][a-z ]*?) (\d+\.\d{3})", words.replace("│", " ")))
+    # Wherever the row is broken into lines.
+    spent = dict(re.findall(r"([a-z][a-z ]*?) (\d+\.\d{3})", re.sub(r"[\s│]+", " ", words)))
     stages = {key.strip(): float(value) for key, value in spent.items()}
     whole, total = stages.pop("this process so far"), stages.pop("total")
     assert {"build", "solve", "error bars"} <= set(stages)
