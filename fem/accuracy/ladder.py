@@ -41,7 +41,7 @@ _BEFORE_EDGES = 0.34
 #: Means over facets, whose errors fall fastest.
 _MEANS = ("p_eff", "p_max", "p_max_facet")
 #: Part of the largest last change that a local value is not known better than.
-_SHARED = 0.3
+SHARED = 0.3
 #: Stresses below this share of the largest one need no finer mesh [-].
 NEGLIGIBLE = 1e-3
 #: Elements along a wave at least.
@@ -94,7 +94,7 @@ class Ladder:
     def error_bars(self, found: Sequence[Mapping[str, Measure]]) -> dict[str, float]:
         """Estimated errors of the measures of the last of its first two rungs or more.
 
-        A value that a few elements decide has a bar of `_SHARED` of the largest last change at
+        A value that a few elements decide has a bar of `SHARED` of the largest last change at
         least, relative to each value, of the displacement, p_eff and values of its kind: one that
         hardly changed while others did agrees by chance. Where the last rungs differ in their
         degree alone, stresses at an edge have a bar of `_BEFORE_EDGES` of their value at least: the
@@ -105,7 +105,7 @@ class Ladder:
             name: falling_bar([measures[name].value for measures in found], falls_of(name))
             for name in last
         }
-        least = dict.fromkeys(LOCAL, _SHARED * _largest_change(before, last))
+        least = dict.fromkeys(LOCAL, SHARED * _largest_change(before, last))
         if len(set(self._meshes(len(found)))) == 1:
             least |= dict.fromkeys(AT_EDGES, _BEFORE_EDGES)
         for name in least.keys() & last.keys():

@@ -12,7 +12,8 @@ corners lie on the same side: what an element hides comes on top of what the mes
 Elements of degree two and more are judged by the same elements of one degree less, whose error is
 taken as twice as large: means over facets are those over the same facets then. All else has the
 larger estimate of degrees and of meshes. Stresses at a point gain least: what the degree and what
-the mesh leave out add up.
+the mesh leave out add up. Values that a few elements decide have bars of `SHARED` of the widest
+relative one of their kind at least: two degrees may agree by chance.
 
 With friction the way to the load counts: what half as many load steps change is added
 (`fem.measures.load_step_change`).
@@ -25,7 +26,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from fem.accuracy.errors import error_bar
-from fem.accuracy.ladder import coarser
+from fem.accuracy.ladder import LOCAL, SHARED, coarser
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem
 from fem.measures import bracketed, load_step_change, measures_of
@@ -101,6 +102,11 @@ def estimated_errors(
         before = measures_of(less)
         degrees = {n: error_bar([before[n].value, m.value], [_DEGREE]) for n, m in measures.items()}
         bars = {n: _both(n, bar, of_meshes.get(n, 0.0)) for n, bar in degrees.items()}
+        sizes = {n: abs(m.value) for n, m in measures.items() if n in LOCAL or n in _INSIDE}
+        least = SHARED * max(
+            (bars[n] / sizes[n] for n in LOCAL & sizes.keys() if sizes[n]), default=0.0
+        )
+        bars |= {n: max(bars[n], least * size) for n, size in sizes.items()}
     else:
         sides = bracketed(solution) if of_meshes else {}
         bars = {
