@@ -214,7 +214,8 @@ def test_command_line_prints_and_writes_the_decision(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "run.json"
-    settings = [f"--set={s}" for s in [*COARSE, "effects.friction.coefficient=0.5"]]
+    one_mesh = ['fem.mesh="scene"', "effects.friction.coefficient=0.5"]
+    settings = [f"--set={s}" for s in [*COARSE, *one_mesh]]
     command = ["fem", "tsb1-pipe", *settings, "--auto", "2%", "--json", str(path)]
     app(command, standalone_mode=False)
     data = json.loads(path.read_text())["effects_decision"]

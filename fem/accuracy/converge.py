@@ -35,9 +35,9 @@ TARGETS: Mapping[str, float] = {
 #: Work of one mesh at most where no accuracy is requested: the sum of the cubes of the contact
 #: points of each layer, about 20 CPU s.
 MOST_WORK = 6e11
-#: Contact that is searched is solved in the three displacements of the nodes of both sides, six
-#: unknowns a point, about twelve times.
-_SEARCHED_WORK = 12 * 6**3
+#: The general solver works in the three displacements of the nodes of both sides, six unknowns a
+#: point, about twelve times; with friction in ten times as many iterations and parts of the load.
+_GENERAL_WORK, _FRICTION_WORK = 12 * 6**3, 120 * 6**3
 #: Meshes before an error bar is believed: one agreement of two is no convergence.
 LEAST_MESHES = 3
 #: A stress at an edge that changes by more than the first share of its value, and by more than the
@@ -390,7 +390,9 @@ def _points(stated: Problem, symmetry: int) -> FloatArray:
 def work(stated: Problem, symmetry: int) -> float:
     """Sum of the cubes of the contact points of each layer of a sector: what a mesh costs."""
     of_points = float((_points(stated, symmetry) ** 3).sum())
-    return of_points * (_SEARCHED_WORK if stated.deformable.contact.finite_sliding else 1)
+    if stated.friction is not None:
+        return of_points * _FRICTION_WORK
+    return of_points * (_GENERAL_WORK if stated.deformable.contact.finite_sliding else 1)
 
 
 def _beyond(
