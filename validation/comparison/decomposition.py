@@ -71,7 +71,7 @@ def decompose_converged(problem: Problem, static: DeformableRun) -> list[Step]:
     stiff = replace(closed, material=material)
     tasks = [
         (
-            "rigid blocks, linear contact (penalty)",
+            "rigid blocks with linear normal contact (penalty)",
             replace(stiff, law=_springs(static.deformable.contact.law, static)),
         ),
         ("with the scene's contact law", stiff),
@@ -121,7 +121,7 @@ def decompose(name: str, scene: DeformableScene, static: DeformableRun) -> list[
     stiff = stiffened(closed, STIFFENING)
     tasks = [
         (
-            "rigid blocks, linear contact (penalty)",
+            "rigid blocks with linear normal contact (penalty)",
             replace(stiff, contact=replace(closed.contact, law=springs, friction=None)),
         ),
         ("with the scene's contact law", stiff),

@@ -36,8 +36,8 @@ p_max at a point: largest contact pressure of deformable blocks [MPa], independe
 effective: share of the contact facets that carry load (participation ratio)"""
 _AGREEMENT = """correlation: Pearson correlation of the facet pressures, weighted by area
 overlap of effective areas: shared loaded area over the union of both
-peaks located: static pressure within two facets of the other peak, over the largest static
-  pressure (mean over blocks; 100 %: the peaks coincide)
+peaks located: static pressure within two facets of the peak of the other analysis, over the
+  largest static pressure (mean over blocks; 100 %: the peaks coincide)
 force: total contact force, relative to the static one"""
 #: Name of the figure.
 PICTURE = "comparison.png"
