@@ -143,7 +143,7 @@ def _contacts_of(assembly: Assembly, pressures: FloatArray) -> dict[str, Callabl
 def report_of(
     solution: Solution, facets: tuple[Assembly, FloatArray] | None = None
 ) -> dict[str, Any]:
-    """What the solver says of itself and of the state, as plain data."""
+    """Evidence and statistics of the solver, as plain data."""
     found = solution.deformable
     principal = [r.principal for r in solution.recovered]
     if found.meets:
@@ -169,7 +169,7 @@ def report_of(
 def contact_report(
     solution: Solution, facets: tuple[Assembly, FloatArray] | None = None
 ) -> dict[str, Any]:
-    """What only blocks that meet have."""
+    """Entries of contact: only for blocks that touch."""
     found = vars(contact_on(solution, facets))
     numbers = {name: value for name, value in found.items() if name != "per_block"}
     return {
@@ -194,7 +194,7 @@ def face_displacements(solution: Solution) -> dict[str, dict[str, list[float]]]:
 
 
 def _static_report(solution: Solution) -> dict[str, Any]:
-    """What a static solver says of itself."""
+    """Report of a static solver."""
     result = solution.static
     if result is None:
         return {}
@@ -214,7 +214,7 @@ def _static_report(solution: Solution) -> dict[str, Any]:
 
 
 def _explicit_report(solution: Solution) -> dict[str, Any]:
-    """What an explicit run says of itself."""
+    """Report of an explicit run."""
     result, stated = solution.explicit, solution.statement
     if result is None or stated is None:
         return {}

@@ -38,7 +38,7 @@ RESIDUAL = 1.0e-4
 
 
 class SolutionError(RefusedError):
-    """What a solution does not have."""
+    """A quantity that the solution does not have."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Solution:
     """
 
     deformable: DeformableAssembly
-    """What was solved."""
+    """The model that was solved."""
     group_displacements: tuple[FloatArray, ...]
     """Of each group of congruent blocks, (n_copies, n_nodes_of_a_block, 3) [mm]."""
     contact_state: ContactState
@@ -58,9 +58,9 @@ class Solution:
     finite_rotation: bool
     """Whether the rigid rotation of each block is no strain."""
     solver: StaticResult | ExplicitResult
-    """What the solver says of itself: residual, energies, steps."""
+    """Result of the solver: residual, energies, steps."""
     statement: ExplicitStatement | None = None
-    """What an explicit run solved, with its times; None for a static state."""
+    """Statement of an explicit run, with its times; None for a static state."""
     restarts: int = 0
     """How often an explicit run began again because contact outgrew its time step."""
     static_below: float = RESIDUAL
@@ -68,12 +68,12 @@ class Solution:
 
     @property
     def static(self) -> StaticResult | None:
-        """What a static solver says; None for an explicit run."""
+        """Result of a static solver; None for an explicit run."""
         return self.solver if isinstance(self.solver, StaticResult) else None
 
     @property
     def explicit(self) -> ExplicitResult | None:
-        """What an explicit run says; None for a static state."""
+        """Result of an explicit run; None for a static state."""
         return self.solver if isinstance(self.solver, ExplicitResult) else None
 
     @property

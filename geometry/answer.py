@@ -113,7 +113,7 @@ class Title:
 
     words: str
     remark: str = ""
-    """What is to be known of it; may name numbers of its place."""
+    """Remark on the measure; may contain numbers of its place."""
 
 
 #: Measures in the order of a table: what most come for stands first.
@@ -226,13 +226,13 @@ def known(values: Mapping[str, Value]) -> Lazy[Value]:
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Answer:
-    """What a solver found out: rigid, static or explicit; world axes, mm, N, MPa.
+    """Result of a solver: rigid, static or explicit; world axes, mm, N, MPa.
 
     ``print(answer)`` shows its table, ``answer["p_max_point"]`` is one measure.
     """
 
     title: str
-    """What was solved, in a line."""
+    """Description of the problem in one line."""
     method: str
     """``rigid``, ``static`` or ``explicit``."""
     measures: Mapping[str, Measure]

@@ -77,7 +77,7 @@ class PlacedBlocks(ABC, Generic[AnyShape]):
     """Blocks as placed copies of shapes, x = rotation @ X + translation, some of them fixed."""
 
     name: str
-    """What reports and decks call it."""
+    """Name in reports and decks."""
     shapes: tuple[AnyShape, ...]
     """Distinct block shapes."""
     shape_of: IntArray

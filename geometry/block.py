@@ -41,7 +41,7 @@ class Block:
     """One block shape in its own reference position."""
 
     name: str
-    """What reports and decks call it, e.g. ``sine-block``."""
+    """Name in reports and decks, e.g. ``sine-block``."""
     mesh: HexMesh
     """Volume mesh in the reference position [mm]."""
     faces: dict[str, IntArray]

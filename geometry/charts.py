@@ -34,7 +34,7 @@ class Charts:
     """Structured grids of elements that make up a block."""
 
     directions: tuple[str, str, str]
-    """What each direction is: ``along`` a course of blocks, ``across`` the wall, ``upward``;
+    """Meaning of each direction: ``along`` a course of blocks, ``across`` the wall, ``upward``;
     ``any`` of a hexahedron without a family."""
     parts: tuple[int, int, int]
     """Equal parts of each direction whose ends stay lines of every mesh, such as whole waves."""

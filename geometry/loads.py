@@ -122,11 +122,11 @@ class LoadCase:
     """Loads on the faces of blocks, and the supports that go with them."""
 
     assembly: AnyBlocks = field(repr=False)
-    """What is loaded."""
+    """The loaded assembly."""
     name: str
-    """What reports call it, such as ``pipe``."""
+    """Name in reports, such as ``pipe``."""
     faces: tuple[FaceLoad, ...]
-    """What acts on faces."""
+    """Loads on faces."""
     fixed: BoolArray
     """Blocks held while the load acts, (n_blocks,)."""
     held: tuple[HeldFace, ...] = ()
@@ -266,15 +266,15 @@ class NamedLoad:
     """A load case that any tube can take."""
 
     name: str
-    """What scenes call it."""
+    """Name in scenes."""
     words: str
-    """What titles call it."""
+    """Name in titles."""
     face: str
     """Face that is loaded."""
     blocks: Callable[[Assembly, int], IntArray]
     """Blocks that are loaded, of the assembly and the loaded layer, (n,)."""
     acts: Callable[[IntArray, str, float], FaceLoad] = PressureLoad
-    """What acts, of the blocks, the face and the load pressure [MPa]."""
+    """The loads, from the blocks, the face and the load pressure [MPa]."""
     one_layer: bool = False
     """Whether it loads a single layer."""
     every_layer: bool = False

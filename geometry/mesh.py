@@ -155,7 +155,7 @@ class QuadSurface:
 
 @dataclass(frozen=True)
 class MassProperties:
-    """What a rigid body's inertia is made of."""
+    """Mass, centre of mass and inertia of a rigid body."""
 
     mass: float
     """[t]"""

@@ -60,7 +60,7 @@ class RigidStatement(Protocol):
 
     @property
     def blocks(self) -> AnyBlocks:
-        """What is built."""
+        """The assembly of blocks."""
 
     @property
     def rigid_load(self) -> LoadCase:

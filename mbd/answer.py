@@ -191,7 +191,7 @@ def _node_motion(
 
 
 def _report(assembly: AnyBlocks, result: RigidResult) -> dict[str, Any]:
-    """What the analysis says of itself, as plain data."""
+    """Evidence and statistics of the analysis, as plain data."""
     equilibrium = result.equilibrium
     forces = result.contact_forces[:, None] * assembly.interfaces.normals[result.contact_index]
     joints = joint_resultants(assembly.interfaces, result.contact_index, forces)

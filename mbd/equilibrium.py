@@ -62,7 +62,7 @@ class Equilibrium:
     multiplier: FloatArray
     """Dual variable y, (n_rows,); a warm start."""
     status: str
-    """What happened and, where it is not equilibrium, what that means."""
+    """Verdict in words, with the remedy where there is no equilibrium."""
 
 
 def column_weights(norm: Norm, areas: FloatArray) -> FloatArray:

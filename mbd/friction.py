@@ -182,7 +182,7 @@ class FrictionalEquilibrium:
     smallest_contact_work: float = 0.0
     """Least work of an admissible unit force on the mechanism; zero to round-off."""
     status: str
-    """What happened and what that means."""
+    """Verdict in words."""
 
 
 def _cones(contacts: FrictionalContacts) -> tuple[sp.csc_array, list[Any]]:
@@ -333,7 +333,7 @@ class CollapseLoad:
     smallest_contact_work: float = 0.0
     """Least work of an admissible unit force on the mechanism; zero to round-off."""
     status: str
-    """What happened and what that means."""
+    """Verdict in words."""
 
     @property
     def certified(self) -> bool:

@@ -13,7 +13,7 @@ class Solver(StrEnum):
 
 
 class Norm(StrEnum):
-    """What the force distribution minimises.
+    """Norm that the force distribution minimises.
 
     ``force``: Σ λ², as the paper prints it; depends on the mesh. ``pressure``: Σ λ²/A, the rigid
     limit of a uniform elastic foundation; does not.

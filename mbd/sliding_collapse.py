@@ -108,7 +108,7 @@ class SlidingCollapse:
     programs: int
     """Linear programs solved."""
     status: str
-    """What happened and what that means."""
+    """Verdict in words."""
 
     @property
     def certified(self) -> bool:

@@ -76,7 +76,7 @@ class DeformableAssembly:
     """Deformable blocks, their loads and supports, and the surfaces on which they meet."""
 
     assembly: Assembly
-    """What was built."""
+    """The assembly of blocks."""
     model: Model
     """Groups of congruent blocks with loads and supports; rigid blocks are not in it."""
     group_of: IntArray

@@ -187,7 +187,7 @@ class Problem:
             )
 
     def __repr__(self) -> str:
-        """What is stated beside the defaults, without arrays."""
+        """The values that differ from the defaults, without arrays."""
         given = [f"{self.blocks!r}", f"load {self.load_case.name!r}"]
         for part in fields(self)[3:]:
             value = getattr(self, part.name)

@@ -49,7 +49,7 @@ _PANELS, _POINTS = 8, 6
 
 @runtime_checkable
 class PressureLaw(Protocol):
-    """What a contact law of one's own has."""
+    """Interface of a user-defined contact law."""
 
     def pressure(self, overclosure: FloatArray) -> FloatArray:
         """Pressure [MPa] at overclosures [mm] of any shape; negative ones are gaps."""

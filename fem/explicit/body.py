@@ -162,7 +162,7 @@ class Body:
     """One group of congruent blocks inside the solver."""
 
     group: BlockGroup
-    """What the user stated."""
+    """The group as the user stated it."""
     rows: BlockRows
     """Stiffness in the solver's node order."""
     hourglass: BlockRows | None

@@ -79,7 +79,7 @@ class StiffnessDampingState:
 
 @dataclass
 class LoadState:
-    """What is known of the loads since the last step, so that it is not computed again."""
+    """Loads of the last step, cached."""
 
     factor: FloatArray
     """Amplitudes that the applied force holds, (n_loads,); NaN: none yet."""

@@ -38,7 +38,7 @@ class ModelError(RefusedError):
 
 @dataclass(frozen=True)
 class ReferenceBlock:
-    """What a block resists, assembled when it is first asked for."""
+    """Stiffness of a block, assembled at first use."""
 
     mesh: HexMesh
     """[mm]."""
@@ -73,7 +73,7 @@ class BlockGroup:
     """Congruent copies of one meshed block: x = rotation @ X + translation."""
 
     name: str
-    """What messages call it; a copy is ``name[k]``."""
+    """Name in messages; a copy is ``name[k]``."""
     mesh: HexMesh
     """Reference block [mm]."""
     material: Material
@@ -85,7 +85,7 @@ class BlockGroup:
     translations: FloatArray
     """(n_copies, 3) [mm]."""
     reference: ReferenceBlock
-    """What one copy resists, in its reference position."""
+    """Stiffness of one copy in its reference position."""
     lumped_mass: FloatArray
     """(n_nodes,) [t]."""
     added_mass: float = 0.0

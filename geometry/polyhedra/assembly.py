@@ -22,7 +22,7 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
     """Triangulated blocks whose contacts are found without matching nodes."""
 
     detection: DetectionOptions = field(default_factory=DetectionOptions)
-    """What counts as contact."""
+    """Tolerances of contact detection."""
 
     def points(self, block: int) -> FloatArray:
         """World coordinates of a block's vertices, (n_points, 3) [mm]."""

@@ -17,7 +17,7 @@ class ContactPlacement(StrEnum):
 
 @dataclass(frozen=True)
 class DetectionOptions:
-    """What counts as contact."""
+    """Tolerances of contact detection."""
 
     tolerance: float | None = None
     """Largest gap and largest overlap of touching facets [mm]; by default 1e-4 of a block."""

@@ -38,7 +38,7 @@ class Polyhedron:
     """One closed block shape in its own reference position."""
 
     name: str
-    """What reports call it."""
+    """Name in reports."""
     points: FloatArray
     """Vertices, (n_points, 3) [mm]."""
     triangles: IntArray

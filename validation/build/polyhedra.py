@@ -64,7 +64,7 @@ _FAMILIES: dict[type, Callable[[Any, DetectionOptions], PolyhedralAssembly]] = {
 
 
 def detection_options(section: DetectionSection) -> DetectionOptions:
-    """What counts as contact."""
+    """Tolerances of contact detection."""
     return DetectionOptions(section.tolerance, section.angle, section.points)
 
 

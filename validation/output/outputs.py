@@ -53,7 +53,7 @@ class Outputs:
 
     @cached_property
     def origin(self) -> Provenance:
-        """What every file says of where it comes from."""
+        """Origin that every file states."""
         return Provenance(self.scene)
 
     @cached_property
@@ -144,7 +144,7 @@ class Outputs:
 
     @cached_property
     def _look(self) -> Look:
-        """What pictures look like."""
+        """Size, font and format of pictures."""
         if self.scene is None:
             return Look()
         asked = self.scene.scene.pictures

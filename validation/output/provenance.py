@@ -53,7 +53,7 @@ def program() -> str:
 
 @dataclass(frozen=True)
 class Provenance:
-    """What every file of one call says of its origin."""
+    """Origin that every file of one call states."""
 
     scene: SceneFile | None = None
     """Scene that was asked about; None where the call has none or several."""

@@ -50,14 +50,14 @@ _ABOUT = "CREATE TABLE about (content TEXT NOT NULL, digest TEXT NOT NULL)"
 
 @dataclass(frozen=True)
 class Layout:
-    """What the rows of a file hold, and what the file belongs to."""
+    """Columns of a file of results, and the study that it belongs to."""
 
     kind: str
     """``study``, ``cost``."""
     columns: Mapping[str, str]
     """SQLite type (INTEGER, REAL, TEXT) of each column besides `PROVEN`, in order."""
     about: Mapping[str, str] = field(default_factory=dict)
-    """What the file says of itself."""
+    """Description of the file."""
 
     @property
     def all_columns(self) -> dict[str, str]:

@@ -38,6 +38,6 @@ def builtin_text(name: str, kind: str = "scene") -> str:
 
 
 def builtin_about(name: str, kind: str = "scene") -> str:
-    """What a built-in scene is, in the words of its first comment that is no directive."""
+    """Description of a built-in scene: its first comment that is no directive."""
     lines = builtin_text(name, kind).splitlines()
     return next(line.lstrip("# ") for line in lines if not line.startswith(SCHEMA_DIRECTIVE))

@@ -54,7 +54,7 @@ class BodyLoadSection(Section):
 
     @property
     def words(self) -> str:
-        """What loads the blocks, with its size; empty where nothing does."""
+        """The load with its size; empty without a load."""
         parts = [
             f"{name} {vector_words(given)} mm/s²"
             for name, given in (("weight", self.gravity), ("acceleration", self.acceleration))
@@ -78,7 +78,7 @@ class DetectionSection(Section):
 
 
 class _PolyhedralScene(WholeScene):
-    """What all of these scenes share."""
+    """Keys that all of these scenes share."""
 
     load: BodyLoadSection = BodyLoadSection()
     detection: DetectionSection = DetectionSection()

@@ -58,7 +58,7 @@ _IN_BRACKETS = re.compile(r"\[([^\]]+)\]")
 
 @dataclass(frozen=True)
 class Unit:
-    """What a unit measures and how large it is."""
+    """Quantity and size of a unit."""
 
     name: str
     size: Fraction

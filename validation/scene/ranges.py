@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 @dataclass(frozen=True)
 class Range:
-    """What a quantity is like."""
+    """Plausible range of a quantity."""
 
     low: float
     high: float

@@ -155,7 +155,7 @@ class TubeLoadSection(Section):
 
     @property
     def words(self) -> str:
-        """What loads the blocks, with its size."""
+        """The load with its size."""
         layer = "" if self.layer is None else f" (layer {self.layer})"
         case = CASES[self.case]
         printed = ", as printed" if case.force_as_printed and self.as_printed else ""
@@ -225,7 +225,7 @@ class PicturesSection(Section):
 
 
 class WholeScene(Section):
-    """What every scene may have."""
+    """Sections that every scene may have."""
 
     #: Whether frames at both ends may lock a short assembly whose blocks alone would not be.
     frames_may_lock: ClassVar[bool] = False
@@ -245,7 +245,7 @@ class WholeScene(Section):
 
     @property
     def load_words(self) -> str:
-        """What loads the blocks, with its size."""
+        """The load with its size."""
         load: Any = self.load  # type: ignore[attr-defined]
         if isinstance(load, dict):
             parts = [f"{part.words} on {face}" for face, part in load.items()]

@@ -50,7 +50,7 @@ class Recorded(BaseModel):
 
 @dataclass
 class KeyUse:
-    """What was read of a scene."""
+    """Keys of a scene that were read."""
 
     scene: BaseModel
     """The scene as it was given."""
@@ -78,7 +78,7 @@ class KeyUse:
 
     @property
     def defaults(self) -> dict[str, str]:
-        """What the scene leaves out and the answer depends on, in words, by section or key."""
+        """Defaults that the result depends on, in words, by section or key."""
         found = {}
         for name in type(self.scene).model_fields:
             section = self.scene.__dict__[name]

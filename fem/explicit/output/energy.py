@@ -53,7 +53,7 @@ class Energies:
 
     @property
     def total(self) -> float:
-        """What must stay constant."""
+        """The quantity that must stay constant."""
         stored = self.kinetic_energy + self.strain_energy + self.contact_energy
         return stored + self.viscous_dissipation + self.frictional_dissipation - self.external_work
 

@@ -40,7 +40,7 @@ _EXCITED = 1e-9
 
 @dataclass(frozen=True)
 class BlockFrequencies:
-    """What decides how slowly an assembly must be loaded."""
+    """Frequencies that decide how slowly an assembly must be loaded."""
 
     lowest: float
     """Of all modes that something resists [Hz]."""

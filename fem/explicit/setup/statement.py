@@ -45,7 +45,7 @@ class ExplicitStatement:
     assembly: ExplicitAssembly
     """Representative blocks with loads, effects and contact."""
     recommended: RecommendedTimes | None
-    """What the lowest frequency that the load excites recommends; None for single bodies."""
+    """Times recommended by the lowest excited frequency; None for single bodies."""
     ramp_time: float
     """Duration of the smooth step of the loads [s]."""
     end_time: float

@@ -36,7 +36,7 @@ class FaceLoadSection(Section):
 
     @property
     def words(self) -> str:
-        """What acts, with its size."""
+        """The load with its size."""
         if self.traction is None:
             return f"pressure {self.pressure:g} MPa"
         return f"traction {vector_words(self.traction)} MPa"

@@ -43,7 +43,7 @@ class TopPressureSection(Section):
 
     @property
     def words(self) -> str:
-        """What loads the column, with its size."""
+        """The load with its size."""
         return f"pressure {self.pressure:g} MPa on top"
 
 

@@ -24,7 +24,7 @@ class WallAssemblySection(Section):
 
 
 class _WallScene(AssemblyScene):
-    """What planar walls have in common."""
+    """Keys and defaults that planar walls share."""
 
     assembly: WallAssemblySection
     mesh: DivisionsSection
