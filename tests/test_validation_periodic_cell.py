@@ -19,7 +19,7 @@ from geometry.mesh import FloatArray
 from tests.fem_problems import pair_resultants
 from validation.build.deformable import build_deformable
 from validation.cli.app import app
-from validation.effects.cell import middle_answer, offered_cell
+from validation.effects.cell import middle_answer
 from validation.errors import InputError
 from validation.run import solve
 from validation.run.deformable import DeformableRun
@@ -237,12 +237,6 @@ def test_commands_that_need_the_whole_tube_refuse_a_cell(command: str) -> None:
     settings = [f"--set={s}" for s in CELL]
     with pytest.raises(InputError, match="needs the whole tube"):
         app([command, "tsb1-pipe", *settings, "--json", "-"], standalone_mode=False)
-
-
-@pytest.mark.parametrize(("layers", "offered"), [(2, False), (6, True)])
-def test_a_cell_is_offered_where_it_is_smaller_than_the_tube(layers: int, offered: bool) -> None:
-    scene = scene_of(*COARSE, f"assembly.layers={layers}")
-    assert (offered_cell(scene, "tube") is not None) == offered
 
 
 def test_blocks_that_float_in_their_gaps_are_named(monkeypatch) -> None:

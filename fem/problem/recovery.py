@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fem.element.lagrange import LagrangeElement
 from fem.element.lagrange_mesh import LagrangeMesh
@@ -22,7 +23,7 @@ from fem.element.stress import (
     rotate_stress,
 )
 from fem.problem.model import BlockGroup
-from geometry.mesh import FloatArray
+from geometry.mesh import FloatArray, cross_matrix
 
 
 @dataclass(frozen=True)
@@ -37,22 +38,45 @@ class Recovered:
     """At integration points, (n_copies, n_points, 3) [MPa]."""
 
 
-def best_rotations(group: BlockGroup, displacement: FloatArray) -> FloatArray:
-    """Rotation of each copy that fits its displacement best, weighted by mass, (n_copies, 3, 3).
+def best_turns(group: BlockGroup, displacement: FloatArray) -> FloatArray:
+    """R - 1 of each copy, of the rotation that fits its displacement best, (n_copies, 3, 3).
 
-    Kabsch's polar fit: R maximises Σ m (x - x̄) · R (X - X̄), from placed blocks to moved ones.
+    Kabsch's polar fit weighted by mass: R maximises Σ m (x - x̄) · R (X - X̄), from placed blocks to
+    moved ones. A step of Newton's method from small numbers gives all digits of small rotations.
     Displacements are in world axes, (n_copies, n_nodes, 3) [mm].
     """
-    mass = group.lumped_mass / group.lumped_mass.sum()
-    before = group.reference_positions()
-    after = before + displacement
-    before = before - np.einsum("n,cni->ci", mass, before)[:, None]
-    after = after - np.einsum("n,cni->ci", mass, after)[:, None]
-    covariance = np.einsum("n,cni,cnj->cij", mass, after, before)
-    left, _, right = np.linalg.svd(covariance)
-    sign = np.linalg.det(left @ right)
-    left[:, :, 2] *= sign[:, None]
-    return left @ right
+    share = group.lumped_mass / group.lumped_mass.sum()
+    arms = _arms(group) @ group.rotations.transpose(0, 2, 1)
+    of_shape = np.einsum("n,cni,cnj->cij", share, arms, arms)
+    of_moves = np.einsum("n,cni,cnj->cij", share, displacement, arms)
+    left, _, right = np.linalg.svd(of_shape + of_moves)
+    left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
+    turn = _turn(Rotation.from_matrix(left @ right).as_rotvec())
+    back = (turn + np.eye(3)).transpose(0, 2, 1)
+    moved = turn.transpose(0, 2, 1) @ of_shape + back @ of_moves
+    about = np.stack([moved[:, 2, 1], moved[:, 0, 2], moved[:, 1, 0]], axis=1)
+    about -= np.stack([moved[:, 1, 2], moved[:, 2, 0], moved[:, 0, 1]], axis=1)
+    fit = of_shape + moved
+    inertia = np.trace(fit, axis1=1, axis2=2)[:, None, None] * np.eye(3) - fit
+    further = _turn(np.linalg.solve(inertia, about[:, :, None])[:, :, 0])
+    found: FloatArray = turn + further + turn @ further
+    return found
+
+
+def _arms(group: BlockGroup) -> FloatArray:
+    """Nodes of the reference block from its centre of mass, (n_nodes, 3) [mm]."""
+    mass, nodes = group.lumped_mass, group.mesh.nodes
+    found: FloatArray = nodes - mass @ nodes / mass.sum()
+    return found
+
+
+def _turn(vectors: FloatArray) -> FloatArray:
+    """R - 1 of rotation vectors (n, 3) by Rodrigues' formula, (n, 3, 3)."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    cross = cross_matrix(vectors)
+    half = np.sinc(angle / (2.0 * np.pi))
+    found: FloatArray = np.sinc(angle / np.pi) * cross + 0.5 * half**2 * cross @ cross
+    return found
 
 
 def block_displacements(
@@ -70,13 +94,11 @@ def block_displacements(
     frames = group.rotations
     if not finite_rotation:
         return displacement @ frames, frames
-    turn = best_rotations(group, displacement)
-    placed = group.reference_positions()
-    middle = np.einsum("n,cni->ci", group.lumped_mass, placed) / group.lumped_mass.sum()
-    moved = placed + displacement
-    shift = np.einsum("n,cni->ci", group.lumped_mass, displacement) / group.lumped_mass.sum()
-    back = (moved - (middle + shift)[:, None]) @ turn + middle[:, None]
-    return (back - placed) @ frames, turn @ frames
+    turn = best_turns(group, displacement)
+    mean = group.lumped_mass @ displacement / group.lumped_mass.sum()
+    moved = displacement - mean[:, None]
+    back = moved + moved @ turn + _arms(group) @ frames.transpose(0, 2, 1) @ turn
+    return back @ frames, frames + turn @ frames
 
 
 def moved_bodies(group: BlockGroup, local: FloatArray) -> MovedBodies:

@@ -14,11 +14,7 @@ import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import local_forces
-from fem.explicit.solve import initial_state, prepare
-from fem.explicit.state import world_vectors
-from fem.explicit.step import placed_internal_force
-from fem.problem.effects import Effects
-from fem.problem.model import Model, NodalLoad, nodal_load
+from fem.problem.model import BlockGroup, Model, NodalLoad, nodal_load
 from fem.problem.recovery import block_displacements
 from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.result import StaticError, StaticResult
@@ -107,8 +103,7 @@ def _strain_energy(deformable: DeformableAssembly, displacements: tuple[FloatArr
     energy = 0.0
     for group, moved in zip(deformable.model.groups, displacements, strict=True):
         local, _ = block_displacements(group, moved, finite_rotation=True)
-        flat = local.reshape(len(local), -1)
-        energy += 0.5 * float(np.vdot(flat, (group.stiffness @ flat.T).T))
+        energy += 0.5 * float(np.vdot(local, _forces(group, local)))
     return energy
 
 
@@ -131,22 +126,35 @@ def finite_rotation_loads(
     solution u as further loads, the next solution has finite rotation to first order in the change.
     Displacements are those of each group in world axes, (n_copies, n_nodes, 3) [mm].
     """
-    turned = _internal_forces(model, displacements, finite_rotation=True)
-    straight = _internal_forces(model, displacements, finite_rotation=False)
     return tuple(
-        nodal_load(k, b - a, copies=range(len(a)))
-        for k, (a, b) in enumerate(zip(turned, straight, strict=True))
+        nodal_load(
+            k, _in_fixed_frames(group, u) - _in_turned_frames(group, u), copies=range(len(u))
+        )
+        for k, (group, u) in enumerate(zip(model.groups, displacements, strict=True))
     )
 
 
-def _internal_forces(
-    model: Model, displacements: tuple[FloatArray, ...], *, finite_rotation: bool
-) -> list[FloatArray]:
-    """Internal forces of the explicit solver, world axes, each (n_copies, n_nodes, 3) [N]."""
-    plain = Model(groups=model.groups, effects=Effects(finite_rotation=finite_rotation))
-    system = prepare(plain, time_step=1.0)
-    state = initial_state(system, displacements=displacements)
-    return [
-        world_vectors(body, placed_internal_force(body, now))
-        for body, now in zip(system.bodies, state.bodies, strict=True)
-    ]
+def _in_fixed_frames(group: BlockGroup, displacement: FloatArray) -> FloatArray:
+    """K u of each copy, world axes, (n_copies, n_nodes, 3) [N]."""
+    forces = _forces(group, displacement @ group.rotations)
+    return forces @ group.rotations.transpose(0, 2, 1)
+
+
+def _in_turned_frames(group: BlockGroup, displacement: FloatArray) -> FloatArray:
+    """f_frame(u) of each copy by the formula of `fem.explicit.block_frame`, as above."""
+    local, frames = block_displacements(group, displacement, finite_rotation=True)
+    mass, forces = group.lumped_mass, _forces(group, local)
+    arms = group.mesh.nodes - mass @ group.mesh.nodes / mass.sum()
+    fit = np.einsum("n,cni,nj->cij", mass, arms + local, arms)
+    inertia = np.trace(fit, axis1=1, axis2=2)[:, None, None] * np.eye(3) - fit
+    torque = np.cross(local, forces).sum(axis=1)
+    spin = np.linalg.solve(inertia, torque[:, :, None])[:, None, :, 0]
+    found: FloatArray = (forces - mass[:, None] * np.cross(spin, arms)) @ frames.transpose(0, 2, 1)
+    return found
+
+
+def _forces(group: BlockGroup, local: FloatArray) -> FloatArray:
+    """Stiffness times displacements in block frames, (n_copies, n_nodes, 3) [N]."""
+    flat = local.reshape(len(local), -1)
+    found: FloatArray = (group.stiffness @ flat.T).T.reshape(local.shape)
+    return found

@@ -1,45 +1,34 @@
-"""`[effects] auto`: say which effects of a scene matter, and simulate only those.
+"""`[effects] auto`: simulate only the effects of a scene that matter.
 
-A probe answers: the scene as a static problem on a coarse mesh, all candidates in it, then one
-of them left out at a time. An effect goes when that changes p_max, p_eff and the largest
-displacement by less than half the tolerance (a probe is not the run), and when what goes
-together changes no more than that either. Nothing goes silently: the decision is part of the
-result.
+The rule is that of `tubelock effects`: an effect is added to the scene without any, and matters if
+p_max, p_eff or the largest displacement change by more than the tolerance. The scene is solved as a
+static problem on a coarse mesh. Effects that are left out change no more than the tolerance
+together, as the sum of their changes. The decision is part of the result.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from rich.table import Table
-
-from fem.solution import largest_slip
 from fem.static.linear_step.condensed import FlexibilityStore
 from geometry.errors import RefusedError
-from validation.build.deformable import build_deformable, fem_section
+from validation.build.deformable import fem_section
 from validation.effects.probe import (
-    Answer,
     Change,
     Solved,
     change,
-    largest_rotation,
+    largest_slip_share,
     mesh_words,
     probe_scene,
-    refinement,
     solve_probe,
-    without_finite_rotation,
 )
 from validation.errors import InputError
-from validation.output.console import listing
 from validation.scene.deformable import AutoSection, Damping, EffectName, Method
 from validation.scene.family import AssemblyScene
 from validation.scene.read import DeformableScene
-
-#: An effect is left out when the probe's change is below the tolerance over this.
-MARGIN = 2.0
 
 #: Effects that are on or off, without a value.
 _SWITCHES = (EffectName.ELASTIC_FRAME, EffectName.FINITE_ROTATION, EffectName.FINITE_SLIDING)
@@ -47,8 +36,6 @@ _SWITCHES = (EffectName.ELASTIC_FRAME, EffectName.FINITE_ROTATION, EffectName.FI
 _GAPS = (EffectName.CLEARANCE, EffectName.SPACING)
 #: Effects that only a motion has.
 _DAMPING = (EffectName.RAYLEIGH, EffectName.BULK_VISCOSITY)
-#: Effects of large motions, which the probe leaves out and judges from its motion.
-_MOTIONS = (EffectName.FINITE_ROTATION, EffectName.FINITE_SLIDING)
 
 
 @dataclass(frozen=True)
@@ -61,11 +48,16 @@ class Decision:
     simulated: bool
     """Whether the run has it."""
     change: Change | None
-    """Of the probe's answer when it is left out; None where no number decides."""
+    """Of the probe's answer when it is added; None where no number decides."""
     reason: str
     """How it was decided, in words."""
-    cpu_seconds: float
-    """Of its probe [s]."""
+
+    @property
+    def words(self) -> str:
+        """The effect with its value and its largest change, or the reason."""
+        setting = "" if self.setting == "on" else f" {self.setting}"
+        why = self.reason if self.change is None else self.change.words
+        return f"{self.effect.replace('_', ' ')}{setting} ({why})"
 
 
 @dataclass(frozen=True)
@@ -78,8 +70,6 @@ class EffectsDecision:
     """One for each candidate."""
     as_written: tuple[EffectName, ...]
     """Effects that the scene fixes and the run has."""
-    together: Change | None
-    """Change when all that is left out by the probe goes at once; None where nothing goes."""
     probe: str
     """What was solved."""
     cpu_seconds: float
@@ -89,6 +79,20 @@ class EffectsDecision:
     def left_out(self) -> tuple[EffectName, ...]:
         """Effects that the run does not have."""
         return tuple(d.effect for d in self.decisions if not d.simulated)
+
+    @property
+    def words(self) -> str:
+        """Which effects are simulated and which are left out, and why, in a line."""
+        parts = []
+        for verb, simulated in (("simulated", True), ("left out", False)):
+            named = [d.words for d in self.decisions if d.simulated is simulated]
+            if simulated:
+                named += [f"{e.replace('_', ' ')} (as written)" for e in self.as_written]
+            parts.append(f"{verb}: {', '.join(named) or 'none'}")
+        return (
+            f"effects   beyond {100 * self.tolerance:.3g} % of p_max, p_eff or u; "
+            f"{'; '.join(parts)} (probe: {self.probe}, {self.cpu_seconds:.2g} CPU s)"
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Plain data."""
@@ -181,220 +185,114 @@ def decide_effects(
     Raises
     ------
     InputError
-        A probe that has no solution, or an effect that matters and that the method does not have.
+        A probe that has no solution.
     """
     auto = scene.effects.auto or AutoSection()
     plain = scene.changed({"effects.auto": None})
-    fem = fem_section(plain, name)
+    fem_section(plain, name)
     names = candidates(plain, name, auto)
     start = time.process_time()
-    probe = _Probe(plain, name, auto.tolerance, names, told or (lambda _: None))
-    decisions = probe.decide()
-    left_out = {d.effect for d in decisions if not d.simulated}
+    probe = _Probe(plain, name, names, told or (lambda _: None))
+    found = _together([probe.decision(effect) for effect in names], auto.tolerance)
     decided = plain
-    for effect in names:
-        if effect in left_out:
-            decided = without_effect(decided, effect) if has_effect(decided, effect) else decided
-        elif effect in _SWITCHES:
-            decided = with_effect(decided, effect)
-    if fem.method is Method.STATIC:
-        _refuse_motion(name, decisions, auto.tolerance)
-    fixed = tuple(e for e in EffectName if e not in names and has_effect(plain, e))
-    found = EffectsDecision(
+    for decision in found:
+        change = with_effect if decision.simulated else without_effect
+        if decision.simulated is not has_effect(plain, decision.effect):
+            decided = change(decided, decision.effect)
+    return decided, EffectsDecision(
         tolerance=auto.tolerance,
-        decisions=decisions,
-        as_written=fixed,
-        together=probe.together,
+        decisions=found,
+        as_written=tuple(e for e in EffectName if e not in names and has_effect(plain, e)),
         probe=f"static, {mesh_words(probe.scene)}",
         cpu_seconds=time.process_time() - start,
     )
-    return decided, found
 
 
-def _refuse_motion(name: str, decisions: Iterable[Decision], tolerance: float) -> None:
-    """Refuse a static run where sliding matters, which only explicit runs have."""
-    for decision in decisions:
-        if decision.simulated and decision.effect is EffectName.FINITE_SLIDING:
-            assert decision.change is not None
-            raise InputError(
-                f"{name}: effects.auto: {decision.effect} changes the answer by "
-                f"{100 * decision.change.largest:.2g} % (tolerance {100 * tolerance:.3g} %) and a "
-                'static run does not have it; set fem.method = "explicit", or '
-                f"effects.{decision.effect} = false to leave it out all the same"
-            )
+def _together(found: list[Decision], tolerance: float) -> tuple[Decision, ...]:
+    """Leave out effects, the smallest first, as long as all of them change no more than allowed."""
+    total, decided = 0.0, {}
+    measured = [d for d in found if d.change is not None]
+    for d in sorted(measured, key=lambda d: d.change.largest if d.change else 0.0):
+        assert d.change is not None
+        total += d.change.largest
+        reason = d.reason
+        if total > tolerance and not d.change.matters(tolerance):
+            reason += "; small alone, too much together with the others"
+        decided[d.effect] = replace(d, simulated=total > tolerance, reason=reason)
+    return tuple(decided.get(d.effect, d) for d in found)
 
 
 class _Probe:
-    """The runs that decide."""
+    """A scene without the effects to decide, solved once, and once more with each of them."""
 
     def __init__(
         self,
         scene: DeformableScene,
         name: str,
-        tolerance: float,
         names: tuple[EffectName, ...],
         told: Callable[[str], None],
     ) -> None:
-        self._whole, self._name = scene, name
-        self._bound = tolerance / MARGIN
-        self._names, self._told = names, told
-        self.scene = probe_scene(scene, name)
-        self.together: Change | None = None
+        self._full, self._name, self._told = scene, name, told
         self._store = FlexibilityStore()
+        self.scene = probe_scene(scene, name)
+        self._needed: tuple[EffectName, ...] = ()
+        solved = [e for e in names if e not in _DAMPING]
+        self._base = self._solved(solved) if solved else None
 
-    def decide(self) -> tuple[Decision, ...]:
-        """Decide about all candidates."""
-        by_law = [self._damping(e) for e in self._names if e in _DAMPING]
-        full, refused = self._with_all()
-        others = {*_DAMPING, *_MOTIONS, *(d.effect for d in refused)}
-        solved = [e for e in self._names if e not in others]
-        motions = [e for e in self._names if e in _MOTIONS]
-        if not solved and not motions:
-            return self._in_order([*by_law, *refused])
-        self._told("all effects")
-        everything = solve_probe(full, self._name, self._store)
-        decisions = [self._solved(e, full, everything.answer) for e in solved]
-        estimated = [self._motion(e, everything) for e in motions]
-        decisions = self._jointly(full, everything.answer, decisions, estimated)
-        return self._in_order([*by_law, *refused, *decisions, *estimated])
-
-    def _in_order(self, decisions: list[Decision]) -> tuple[Decision, ...]:
-        return tuple(sorted(decisions, key=lambda d: self._names.index(d.effect)))
-
-    def _with_all(self) -> tuple[DeformableScene, list[Decision]]:
-        """Probe with every candidate in it, and decisions about those that it cannot have."""
-        full, refused = self.scene, []
-        elastic = EffectName.ELASTIC_FRAME
-        if elastic in self._names and not has_effect(full, elastic):
-            try:
-                build_deformable(with_effect(full, elastic), self._name)
-                full = with_effect(full, elastic)
-            except RefusedError as error:
-                reason = f"not possible here: {error}"
-                refused.append(self._decision(elastic, None, reason, simulated=False))
-        return full, refused
-
-    def _decision(
-        self,
-        effect: EffectName,
-        moved: Change | None,
-        reason: str,
-        cpu: float = 0.0,
-        *,
-        simulated: bool = True,
-    ) -> Decision:
-        """Decide by a change; where there is none, as is said."""
-        if moved is not None:
-            simulated = moved.largest > self._bound
-        setting = setting_words(self._whole, effect)
-        return Decision(effect, setting, simulated, moved, reason, cpu)
-
-    def _solved(self, effect: EffectName, full: DeformableScene, reference: Answer) -> Decision:
-        """Decide about an effect by the probe without it."""
-        self._told(f"without {effect}")
-        start = time.process_time()
+    def _solved(self, names: list[EffectName]) -> Solved:
+        """Solve without effects; those that have a value stay where there is no solution."""
+        self._told("none of the effects")
+        written = [e for e in names if has_effect(self.scene, e)]
+        bare = self.scene
+        for effect in written:
+            bare = without_effect(bare, effect)
         try:
-            without = solve_probe(without_effect(full, effect), self._name, self._store)
+            found = solve_probe(bare, self._name, self._store)
         except RefusedError:
-            reason = "without it the probe has no static state"
-            return self._decision(effect, None, reason, time.process_time() - start)
-        moved = change(reference, without.answer)
-        return self._decision(effect, moved, "probe with and without it", without.cpu_seconds)
+            if not written:
+                raise
+            found = solve_probe(self.scene, self._name, self._store)
+            self._needed = tuple(written)
+            return found
+        self.scene = bare
+        return found
 
-    def _damping(self, effect: EffectName) -> Decision:
-        """Decide about a viscous force: it is zero at rest, so no static state has it."""
-        fem, at_rest = self._whole.fem, Change(0.0, 0.0, 0.0)
-        if fem.method is Method.STATIC:
-            return self._decision(effect, at_rest, "zero at rest: a static run")
-        if fem.damping is Damping.STATIC:
-            return self._decision(effect, at_rest, "zero at rest, where this run ends")
-        reason = "this run is not driven to rest, so damping shapes its end"
-        return self._decision(effect, None, reason)
-
-    def _motion(self, effect: EffectName, run: Solved) -> Decision:
-        """Decide about an effect of large motions from the motion of the probe."""
-        start = time.process_time()
-        if effect is EffectName.FINITE_ROTATION:
-            self._told(f"without {effect}")
-            angle = largest_rotation(run)
-            moved = without_finite_rotation(run, self._name, self._store)
-            words = f"probe with and without it; blocks turn by {angle:.2g} rad at most"
-        else:
-            result = run.result
-            pressures = result.pressures.max(axis=1)
-            slip, size = largest_slip(run.deformable, result.displacements, pressures)
-            size /= refinement(self._whole, self.scene)
-            share = slip / size
-            moved = Change(share, share, share)
+    def decision(self, effect: EffectName) -> Decision:
+        """What an effect changes; whether it then matters is decided for all of them together."""
+        setting = setting_words(self._full, effect)
+        if effect in self._needed:
+            reason = "without these effects the probe has no static state"
+            return Decision(effect, setting, True, None, reason)
+        if effect in _DAMPING:
+            return self._damping(effect, setting)
+        assert self._base is not None
+        if effect is EffectName.FINITE_SLIDING:
+            slip, share = largest_slip_share(self._base, self._full, self.scene)
             words = f"surfaces slip by {slip:.2g} mm at most, {100 * share:.2g} % of a facet"
-        return self._decision(effect, moved, words, time.process_time() - start)
+            return Decision(effect, setting, True, Change(share, share, share), words)
+        self._told(str(effect))
+        try:
+            found = solve_probe(self._with(effect), self._name, self._store)
+        except RefusedError as error:
+            possible = effect is not EffectName.ELASTIC_FRAME
+            reason = f"{'no probe' if possible else 'not possible here'}: {error}"
+            return Decision(effect, setting, possible, None, reason)
+        return Decision(effect, setting, True, change(self._base.answer, found.answer), "probe")
 
-    def _jointly(
-        self,
-        full: DeformableScene,
-        reference: Answer,
-        decisions: list[Decision],
-        estimated: list[Decision],
-    ) -> list[Decision]:
-        """Put effects back, the largest first, until what goes together is small enough."""
-        unseen = [c for _, c in _gone(estimated)]
-        further = sum(c.largest for c in unseen)
-        while gone := _gone(decisions):
-            moved = gone[0][1]
-            if len(gone) > 1:
-                self._told("without all that seems not to matter")
-                scene = full
-                for decision, _ in gone:
-                    scene = without_effect(scene, decision.effect)
-                moved = change(reference, solve_probe(scene, self._name, self._store).answer)
-            if moved.largest + further <= self._bound:
-                self.together = moved
-                return decisions
-            worst, _ = max(gone, key=lambda one: one[1].largest)
-            reason = f"{worst.reason}; small alone, too much together with the others"
-            kept = replace(worst, simulated=True, reason=reason)
-            decisions = [kept if d is worst else d for d in decisions]
-        if unseen:
-            self.together = Change(*map(sum, zip(*(c.values for c in unseen), strict=True)))
-        return decisions
+    def _with(self, effect: EffectName) -> DeformableScene:
+        """The probe with an effect of the scene."""
+        if effect in _SWITCHES:
+            return with_effect(self.scene, effect)
+        section = "contact" if effect in _GAPS else "effects"
+        value = getattr(getattr(self._full, section), effect)
+        return self.scene.changed({f"{section}.{effect}": value})
 
-
-def _gone(decisions: list[Decision]) -> list[tuple[Decision, Change]]:
-    """What is left out by a change, and that change."""
-    return [(d, d.change) for d in decisions if not d.simulated and d.change is not None]
-
-
-# ---------------------------------------------------------------------------------------------
-# Text
-
-
-def decision_table(name: str, found: EffectsDecision) -> Table:
-    """Return one row for each candidate, and what was decided."""
-    title = (
-        f"{name}: effects that matter beyond {100 * found.tolerance:.3g} % (left out below half "
-        f"of it; probe: {found.probe}, {found.cpu_seconds:.2g} CPU s in all)"
-    )
-    heads = ("effect", "value", "p_max", "p_eff", "u", "decision", "by", "CPU s")
-    table = listing(title, *heads)
-    for d in found.decisions:
-        table.add_row(
-            d.effect.replace("_", " "),
-            d.setting,
-            *_columns(d.change),
-            "simulated" if d.simulated else "left out",
-            d.reason,
-            f"{d.cpu_seconds:.2f}",
-        )
-    for effect in found.as_written:
-        name_of = effect.replace("_", " ")
-        table.add_row(name_of, "", *_columns(None), "simulated", "as the scene says", "")
-    if found.together is not None:
-        table.add_row("all that is left out", "", *_columns(found.together), "", "together", "")
-    return table
-
-
-def _columns(found: Change | None) -> tuple[str, ...]:
-    """Return a change as text."""
-    if found is None:
-        return ("–",) * 3
-    return tuple("0" if value == 0.0 else f"{100 * value:+.2g} %" for value in found.values)
+    def _damping(self, effect: EffectName, setting: str) -> Decision:
+        """Decide about a viscous force: it is zero at rest, so no static state has it."""
+        fem, at_rest = self._full.fem, Change(0.0, 0.0, 0.0)
+        if fem.method is Method.STATIC:
+            return Decision(effect, setting, False, at_rest, "zero at rest: a static run")
+        if fem.damping is Damping.STATIC:
+            return Decision(effect, setting, False, at_rest, "zero at rest, where this run ends")
+        reason = "this run is not driven to rest, so damping shapes its end"
+        return Decision(effect, setting, True, None, reason)

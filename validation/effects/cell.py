@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from validation.build.cell import check_cell
 from validation.effects.probe import Answer, Change, answer_of, change, mesh_words, probe_scene
@@ -77,25 +76,6 @@ def probed_cell_error(scene: DeformableScene, name: str) -> CellError:
     return cell_error(probe_scene(_static(scene, "auto"), name, fineness=_FINENESS), name)
 
 
-def offered_cell(scene: DeformableScene, name: str) -> CellError | None:
-    """Error of the cell that could stand for a tube, on a coarse mesh; None where none could.
-
-    An elastic frame is part of the tube and not of the cell.
-    """
-    tube = _static(scene, "auto")
-    cell = tube.changed({"effects.elastic_frame": False})
-    if scene.fem.symmetry != "auto":
-        return None
-    try:
-        check_cell(cell, name)
-        probe = _static(probe_scene(cell, name, fineness=_FINENESS), "periodic cell")
-        found = _beside(probe, probe_scene(tube, name, fineness=_FINENESS), name)
-    except RefusedError:
-        return None
-    # The cell has two layers itself: of a tube of two it saves nothing.
-    return found if found.layers > 2 else None
-
-
 def _static(scene: DeformableScene, symmetry: str) -> DeformableScene:
     return scene.changed({"fem.symmetry": symmetry, "fem.method": Method.STATIC})
 
@@ -146,15 +126,6 @@ def _own_displacement(run: DeformableRun, blocks: list[int]) -> float:
     gram = np.einsum("kni,n,lni->kl", motions, mass, motions)
     mean = np.linalg.solve(gram, np.einsum("kni,n,ni->k", motions, mass, u))
     return float(np.linalg.norm(u - np.einsum("k,kni->ni", mean, motions), axis=1).max())
-
-
-def offer_words(found: CellError) -> str:
-    """Describe in one line what the cell could do."""
-    p_max, p_eff, u = (f"{100 * value:+.2g} %" for value in found.against_middle.values)
-    return (
-        'offer     fem.symmetry = "periodic cell": two layers for the middle of these '
-        f"{found.layers}; off by p_max {p_max}, p_eff {p_eff}, u {u} (measured on {found.mesh})"
-    )
 
 
 def cell_table(name: str, found: CellError) -> Table:

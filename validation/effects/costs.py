@@ -83,7 +83,7 @@ class EffectCost:
 
     def matters(self, tolerance: float) -> bool | None:
         """Whether it changes any quantity by more than a share; None where none was measured."""
-        return None if self.change is None else self.change.largest > tolerance
+        return None if self.change is None else self.change.matters(tolerance)
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,10 +10,10 @@ import numpy as np
 
 from fem.assembly.contact_state import contact_measures
 from fem.assembly.deformable import DeformableAssembly
-from fem.problem.recovery import best_rotations
+from fem.solution import largest_slip
 from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.result import StaticResult
-from fem.static.rotation import finite_rotation_loads, solve_static_with_rotation
+from fem.static.rotation import solve_static_with_rotation
 from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
 from validation.build.deformable import build_deformable
@@ -55,6 +54,17 @@ class Change(Answer):
         """Largest of the three, in size."""
         return max(map(abs, self.values))
 
+    def matters(self, tolerance: float) -> bool:
+        """Whether any of the three is larger than the tolerance [-]."""
+        return self.largest > tolerance
+
+    @property
+    def words(self) -> str:
+        """The largest of the three, with its name."""
+        named = zip(("p_max", "p_eff", "u"), self.values, strict=True)
+        name, value = max(named, key=lambda one: abs(one[1]))
+        return f"{name} {100 * value:+.2g} %" if value else "no change"
+
 
 def answer_of(run: DeformableRun) -> Answer:
     """Quantities of a run."""
@@ -78,8 +88,6 @@ class Solved:
 
     deformable: DeformableAssembly
     result: StaticResult
-    cpu_seconds: float
-    """[s]"""
 
     @cached_property
     def answer(self) -> Answer:
@@ -96,28 +104,18 @@ def solve_probe(scene: DeformableScene, name: str, store: FlexibilityStore | Non
     InputError
         When it has none.
     """
-    start = time.process_time()
     deformable = build_deformable(without_motion(scene), name)
-    result = _static_state(deformable, name, whole=scene.fem.symmetry == "none", store=store)
-    return Solved(deformable, result, time.process_time() - start)
-
-
-def _static_state(
-    deformable: DeformableAssembly,
-    name: str,
-    *,
-    whole: bool,
-    start: StaticResult | None = None,
-    store: FlexibilityStore | None = None,
-) -> StaticResult:
-    options = StaticOptions(symmetry=1 if whole else None, tolerance=_TOLERANCE)
+    options = StaticOptions(
+        symmetry=1 if scene.fem.symmetry == "none" else None, tolerance=_TOLERANCE
+    )
+    solve = solve_static_with_rotation if scene.effects.finite_rotation else solve_static
     try:
-        result = solve_static(deformable, options, start=start, store=store)
+        result = solve(deformable, options, store=store)
     except RefusedError as error:
         raise InputError(_unsolved(name, str(error))) from None
     if not result.converged:
         raise InputError(_unsolved(name, result.status))
-    return result
+    return Solved(deformable, result)
 
 
 def _unsolved(name: str, why: str) -> str:
@@ -183,43 +181,10 @@ def mesh_words(scene: DeformableScene) -> str:
     return " × ".join(str(v) for v in flat) + f" elements per block ({', '.join(counts)})"
 
 
-# ---------------------------------------------------------------------------------------------
-# What has no switch in a static solver
-
-
-def without_finite_rotation(
-    solved: Solved, name: str, store: FlexibilityStore | None = None
-) -> Change:
-    """Change of a static answer when blocks stop turning freely.
-
-    The probe itself treats rotations as small; it is solved again with them. Where they are too
-    large for a static solver, the forces that they add to the first solution tell that the change
-    is large (`fem.static.rotation`).
-
-    Raises
-    ------
-    InputError
-        When neither problem has a solution.
-    """
-    deformable, result = solved.deformable, solved.result
-    whole = result.symmetry == 1
-    options = StaticOptions(symmetry=1 if whole else None, tolerance=_TOLERANCE)
-    try:
-        again = solve_static_with_rotation(deformable, options, store=store)
-    except RefusedError:
-        model = deformable.model
-        added = finite_rotation_loads(model, result.displacements)
-        turning = replace(deformable, model=replace(model, loads=(*model.loads, *added)))
-        again = _static_state(turning, name, whole=whole, start=result, store=store)
-    return change(Solved(deformable, again, 0.0).answer, solved.answer)
-
-
-def largest_rotation(solved: Solved) -> float:
-    """Largest rotation of any block [rad]."""
-    largest = 0.0
-    for group, u in zip(solved.deformable.model.groups, solved.result.displacements, strict=True):
-        turn = best_rotations(group, u)
-        # |R - 1| = 2 √2 sin(angle / 2): exact for small angles too, unlike the trace.
-        size = np.linalg.norm(turn - np.eye(3), axis=(1, 2)) / np.sqrt(8.0)
-        largest = max(largest, float(2.0 * np.arcsin(np.minimum(size, 1.0)).max()))
-    return largest
+def largest_slip_share(
+    solved: Solved, scene: DeformableScene, probe: DeformableScene
+) -> tuple[float, float]:
+    """Largest slip of a probe [mm], and its share of a facet of the scene [-]."""
+    result = solved.result
+    slip, size = largest_slip(solved.deformable, result.displacements, result.pressures.max(axis=1))
+    return slip, slip / size * refinement(scene, probe)

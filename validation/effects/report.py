@@ -11,8 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from validation.effects.auto import EffectsDecision, decide_effects, decision_table
-from validation.effects.cell import offer_words, offered_cell
+from validation.effects.auto import EffectsDecision, decide_effects
 from validation.effects.costs import EffectCost, EffectReport
 from validation.effects.probe import Change
 from validation.errors import InputError
@@ -39,10 +38,7 @@ def decided(
     """
     with status(console, f"{name}: which effects matter") as tell:
         scene, decision = decide_effects(scene, name, told=lambda what: tell(f"{name}: {what}"))
-    console.print(decision_table(name, decision))
-    offer = offered_cell(scene, name)
-    if offer is not None:
-        console.print(offer_words(offer))
+    console.print(decision.words)
     return scene, decision
 
 
