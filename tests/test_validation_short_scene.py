@@ -102,6 +102,29 @@ def test_all_that_is_missing_comes_with_lines_to_add(kind: str) -> None:
     assert check_scene(data).block.type == kind
 
 
+def test_keys_that_tables_of_a_list_lack_come_with_lines_to_add() -> None:
+    box = {"size": [100.0, 80.0, 60.0]}
+    with pytest.raises(InputError, match=r"boxes\.0\.divisions and .*1\.divisions are") as refused:
+        check_scene({"block": {"type": "boxes", "boxes": [box, box]}})
+    lines = str(refused.value).partition("[block.boxes] ")[2]
+    whole = box | tomllib.loads(lines)
+    assert check_scene({"block": {"type": "boxes", "boxes": [whole, whole]}}).block.type == "boxes"
+
+
+def test_a_box_needs_no_mesh(tubelock) -> None:  # noqa: F811
+    """Its elements are named among the defaults, and no contact: it touches none."""
+    Path("box.toml").write_text(
+        '[block]\ntype = "box"\nsize = [90.0, 30.0, 30.0]\n[support]\nx- = "fixed"\n'
+        '[load."x+"]\npressure = 1.0\n'
+    )
+    status, out, err = tubelock("fem", "box.toml", *settings(*ONE_MESH), "--json", "a.json")
+    assert status == 0, err
+    named = re.findall(r"^defaults +(.*)$", out, flags=re.MULTILINE)[0]
+    assert "mesh 8 × 4 × 4" in named
+    assert "material concrete" in named
+    assert "contact" not in named
+
+
 def test_a_density_that_is_left_out_is_named_where_blocks_weigh(tubelock) -> None:  # noqa: F811
     wall = (
         '[block]\ntype = "wall"\nsize = [240.0, 115.0, 71.0]\n[assembly]\ncolumns = 2\nrows = 2\n'

@@ -200,6 +200,8 @@ def one_line(
         if problem["type"] != "default_factory_not_called"
     ]
     missing = [p["loc"] for p in problems if p["type"] == "missing"]
+    # A list whose tables lack keys is called too short as well.
+    problems = [p for p in problems if p["loc"] not in {m[:2] for m in missing if len(m) > 3}]
     lines = _lines_to_add(missing, model, example or {})
     if lines and len(missing) == len(problems):
         return f"{_and([_place(path) for path in missing])} missing; add, with your values: {lines}"
@@ -238,6 +240,12 @@ def _lines_to_add(
     for section, *key in missing:
         known = example.get(str(section))
         field: Any = model.model_fields.get(str(section))
+        if len(key) == 3 and isinstance(key[1], int):  # tables of a list, each with its own key
+            tables = known.get(key[0]) if isinstance(known, Mapping) else None
+            if not isinstance(tables, list) or key[2] not in tables[0]:
+                return ""
+            lines.setdefault(f"{section}.{key[0]}", {})[str(key[2])] = tables[0][key[2]]
+            continue
         if not isinstance(known, Mapping) or len(key) > 1:
             return ""
         inner = getattr(field.annotation, "model_fields", {})

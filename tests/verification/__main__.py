@@ -1,8 +1,8 @@
 """Every number of docs/trust/others.md: ``python -m tests.verification [NAME ...] [--json FILE]``.
 
-Without names all tables but the error bars, four CPU minutes; CalculiX and compas_cra where they
+Without names all tables but the long ones, four CPU minutes; CalculiX and compas_cra where they
 are installed. ``error-bars`` takes half an hour, goes on where it was stopped, and keeps what
-``error-bars-summary`` sums up.
+``error-bars-summary`` sums up. ``first-answers`` runs commands with their defaults, five minutes.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from rich.table import Table
 from tests.verification import (
     calculix,
     error_bars,
+    first_answers,
     test_accuracy,
     test_friction,
     test_hertz,
@@ -34,11 +35,12 @@ TABLES: dict[str, tuple[str, Callable[[], Iterable[Row]]]] = {
     "hertz": ("Hertz and Cattaneo–Mindlin: off the closed form [%]", test_hertz.rows),
     "friction": ("Friction: static against explicit", test_friction.rows),
     "accuracy": ("An accuracy on demand, start of the program included", test_accuracy.rows),
+    "first-answers": ("Answers by default, and before", first_answers.rows),
     "error-bars": ("Error bars of twenty problems", error_bars.rows),
     "error-bars-summary": ("Error bars: how many hold, how wide they are", error_bars.summary),
 }
 #: Tables that are made where they are named.
-LONG = ("error-bars", "error-bars-summary")
+LONG = ("error-bars", "error-bars-summary", "first-answers")
 
 
 def word(value: Any) -> str:

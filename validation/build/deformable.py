@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly, Frames
@@ -183,6 +185,13 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
     """
     fem, contact = fem_section(scene, name), scene.contact
     element = {"element": fem.element} if fem.degree == 1 else {"degree": fem.degree}
+    joints: dict[str, Any] = {}
+    if scene.meets:
+        joints = {
+            "law": contact.built,
+            "clearance": contact.clearance,
+            "spacing": contact.spacing,
+        }
     if scene.effects.gravity is not None:
         count(scene.material, "density")
     return Problem(
@@ -190,10 +199,8 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
         blocks.load,
         build_material(scene.material),
         **element,
-        law=contact.built,
+        **joints,
         normals=ContactNormals.CURRENT,
-        clearance=contact.clearance,
-        spacing=contact.spacing,
         frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
         friction=build_friction(scene.effects),
         finite_sliding=bool(blocks.unmatched) or scene.effects.finite_sliding,

@@ -83,8 +83,8 @@ def load_steps(scene: DeformableScene, fem: FemSection) -> int:
     """Parts in which the load is applied; with friction the first number of them that is tried."""
     if fem.load_steps is not None:
         return fem.load_steps
-    closing = scene.contact.opened
-    return _CLOSING_STEPS if closing and scene.effects.friction is not None else 1
+    closing = scene.effects.friction is not None and scene.contact.opened
+    return _CLOSING_STEPS if closing else 1
 
 
 def static_options(scene: DeformableScene, fem: FemSection) -> StaticOptions:

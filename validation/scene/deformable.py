@@ -466,7 +466,7 @@ class DeformableSections(WholeScene):
     def gap_words(self) -> str:
         """Gaps before the load acts, to follow other words; nothing where there are none."""
         found = self.contact
-        given = (("clearance", found.clearance), ("spacing", found.spacing))
+        given = (("clearance", found.clearance), ("spacing", found.spacing)) if self.meets else ()
         return "".join(f", {name} {value:g} mm" for name, value in given if value)
 
     @property

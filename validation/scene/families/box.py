@@ -72,7 +72,7 @@ class BoxScene(AssemblyScene):
     meets: ClassVar[bool] = False
 
     block: BoxSection
-    mesh: DivisionsSection
+    mesh: DivisionsSection = DivisionsSection(divisions=(8, 4, 4))
     assembly: CopiesSection = CopiesSection()
     support: dict[FaceName, Literal["fixed"]] = Field(default_factory=dict)
     load: dict[FaceName, FaceLoadSection] = Field(default_factory=dict)
