@@ -52,6 +52,8 @@ class Block:
     """The exact shape; None: the mesh is the shape."""
     charts: Charts | None = None
     """How it is meshed anew; None: hexahedron by hexahedron (`geometry.charts.charts_of`)."""
+    tetrahedra: float | None = None
+    """Size of the tetrahedra that its hexahedra were split from [mm]; None: of no tetrahedra."""
 
     @cached_property
     def _extent(self) -> tuple[float, FloatArray]:

@@ -329,8 +329,8 @@ def test_step_solids_through_gmsh(tmp_path: Path) -> None:
     # Chords of 1 mm on a circle of 5 mm lose (1/5)²/6 of its area.
     assert volumes[0] == pytest.approx(np.pi * 250, rel=0.01)
     assert volumes[1] == pytest.approx(6000.0, rel=1e-9)
-    with pytest.raises(MeshError, match="gmsh finds no hexahedral mesh"):
-        step_hexahedra(tmp_path / "two.step")
+    # A cylinder has no grid: gmsh fills its surface with tetrahedra.
+    assert step_hexahedra(tmp_path / "two.step") == []
 
 
 def test_a_step_box_becomes_hexahedra(tmp_path: Path) -> None:

@@ -79,5 +79,5 @@ def test_what_is_no_tube_is_refused() -> None:
         outward_directions(brick_stack((1.0, 1.0, 1.0), (1, 1, 1), columns=2, layers=1))
     with pytest.raises(InputError, match="makes no tube"):
         run_explosion(load_scene("brick-stack"))
-    with pytest.raises(InputError, match="rigid only"):
+    with pytest.raises(InputError, match="no mesh of a family"):
         run_explosion(load_scene("tetrahedra"))

@@ -34,18 +34,12 @@ class Scene:
         Raises
         ------
         InputError
-            A scene without hexahedra, or one that cannot be built.
+            A scene that cannot be built.
         """
         from validation.build.deformable import build_hexahedra, build_problem
-        from validation.errors import InputError, named
-        from validation.scene.read import DeformableScene
+        from validation.errors import named
 
         name, scene = self.file.name, self.file.scene
-        if not isinstance(scene, DeformableScene):
-            raise InputError(
-                f"{name}: block.type {scene.block.type!r} has no hexahedral mesh; expected a scene "
-                "such as tsb1-pipe (`tubelock mbd` gives the rigid answer)"
-            )
         blocks = build_hexahedra(scene, name)
         with named(name):
             return build_problem(scene, name, blocks)

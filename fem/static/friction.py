@@ -42,9 +42,25 @@ class FrictionRows:
         return slip.reshape(*self.tangents.shape[:3])
 
     def linearise(
-        self, displacement: FloatArray, anchor: FloatArray, pressure: FloatArray
+        self,
+        displacement: FloatArray,
+        anchor: FloatArray,
+        pressure: FloatArray,
+        stiffness: FloatArray | None = None,
     ) -> Linearisation:
-        """Tangent of the tractions along the sliding direction and across it."""
+        """Tangent of the tractions along the sliding direction and across it.
+
+        Parameters
+        ----------
+        displacement
+            (n_nodes, 3) [mm].
+        anchor
+            (n_facets, n_points, 2) [mm].
+        pressure
+            What limits friction, (n_facets, n_points) [MPa].
+        stiffness
+            Its slope by the overclosure [MPa/mm], which the limit follows; None: it is frozen.
+        """
         slip = self.slip(displacement)
         traction, moved = friction_tractions(self.friction, slip, anchor, pressure)
         stick = self.friction.stick_stiffness
@@ -61,6 +77,10 @@ class FrictionRows:
         gradient = np.einsum("fpki,fpiax->fpkax", turn, self._by_tangent())
         at = np.einsum("fpki,fpi->fpk", turn, slip)
         rows = self.gradient.shape[:2]
+        coupling = None
+        if stiffness is not None:
+            follows = np.where(slides, self.friction.coefficient * stiffness, 0.0)
+            coupling = np.stack([follows, np.zeros_like(follows)], axis=2).reshape(rows)
         return Linearisation(
             weights=np.repeat(self.system.surfaces.weights, 2, axis=1),
             gradient=gradient.reshape(self.gradient.shape),
@@ -68,6 +88,7 @@ class FrictionRows:
             at=at.reshape(rows),
             pressure=np.einsum("fpki,fpi->fpk", turn, traction).reshape(rows),
             stiffness=np.stack([stiff_along, stiff_across], axis=2).reshape(rows),
+            coupling=coupling,
         )
 
     def _by_tangent(self) -> FloatArray:
@@ -95,9 +116,9 @@ def friction_rows(system: LocalSystem, friction: CoulombFriction) -> FrictionRow
 
 def joined(normal: Linearisation, tangential: Linearisation) -> Linearisation:
     """Both kinds of rows in one linear problem."""
-    names = (f.name for f in fields(normal) if f.name != "load_factor")
+    names = (f.name for f in fields(normal) if f.name not in {"load_factor", "coupling"})
     both: dict[str, Any] = {
         name: np.concatenate([getattr(normal, name), getattr(tangential, name)], axis=1)
         for name in names
     }
-    return replace(normal, **both)
+    return replace(normal, coupling=tangential.coupling, **both)

@@ -35,6 +35,7 @@ from fem.static.friction import FrictionRows, joined
 from fem.static.linear_step.linearisation import (
     Linearisation,
     LinearStep,
+    SparseStep,
     UnheldBlocksError,
     coarsened,
 )
@@ -82,6 +83,11 @@ class StaticProblem:
     friction: FrictionRows | None
     normals: ContactNormals
     free: FreeMotions | None
+
+    @property
+    def couples(self) -> bool:
+        """Whether limits of friction follow the pressures within a linear problem."""
+        return isinstance(self.step, SparseStep)
 
     def kinematics(self, displacement: FloatArray) -> PointKinematics:
         """Overclosures and gradients at a displacement."""
@@ -237,7 +243,8 @@ def _linear_problem(
     if problem.friction is None:
         return normal
     assert state.limiting is not None
-    rows = problem.friction.linearise(state.displacement, anchor_of(state), state.limiting)
+    slope = normal.stiffness if problem.couples else None
+    rows = problem.friction.linearise(state.displacement, anchor_of(state), state.limiting, slope)
     return joined(normal, rows)
 
 
@@ -245,6 +252,8 @@ def _with_limits(problem: StaticProblem, state: StaticState) -> StaticState:
     """The state with the pressures that limit friction in the next linear problem."""
     if problem.friction is None:
         return state
+    if problem.couples:
+        return replace(state, limiting=problem.system.deformable.contact.law.pressure(state.at))
     pressure = problem.system.deformable.contact.law.pressure(state.kinematics.overclosure)
     if state.swinging and state.limiting is not None:
         pressure = state.limiting + _LIMIT_SHARE * (pressure - state.limiting)

@@ -153,27 +153,37 @@ def _check_finite(path: Path, points: FloatArray) -> None:
         )
 
 
-def _gmsh() -> Any:
+@contextmanager
+def gmsh_session(name: str) -> Iterator[Any]:
+    """Open gmsh and close it again; messages name what it meshes.
+
+    Raises
+    ------
+    MeshError
+        Where it cannot be loaded.
+    """
     try:
         import gmsh
     except (ImportError, OSError) as error:
         raise MeshError(
-            f"STEP files are read through gmsh, which cannot be loaded here ({error}); install its "
-            "system libraries (libGLU) or convert the file to STL"
+            f"{name}: needs gmsh, which cannot be loaded here ({error}); install its system "
+            "libraries (libGLU), or give a mesh of hexahedra, .vtu or .inp"
         ) from None
-    return gmsh
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        yield gmsh
+    finally:
+        gmsh.finalize()
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, list[int]]]:
     """A STEP file in gmsh, and its solids."""
-    gmsh = _gmsh()
     why = unreadable(path)
     if why is not None:
         raise MeshError(f"{path}: {why}; expected a STEP file")
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session(str(path)) as gmsh:
         gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
         try:
             gmsh.model.occ.importShapes(str(path))
@@ -184,8 +194,6 @@ def _opened(path: Path) -> Iterator[tuple[Any, list[int]]]:
         if not volumes:
             raise MeshError(f"{path}: holds no solid; expected at least one closed volume")
         yield gmsh, volumes
-    finally:
-        gmsh.finalize()
 
 
 def _nodes(gmsh: Any) -> tuple[FloatArray, IntArray]:
@@ -294,45 +302,29 @@ def _made_of_hexahedra(gmsh: Any, divisions: int) -> bool:
     return {int(kind) for kind in gmsh.model.mesh.getElements(3)[0]} == {_HEXAHEDRON}
 
 
+def hexahedra_in(gmsh: Any, volume: int) -> HexMesh:
+    """Hexahedra of a volume of the current model."""
+    points, place = _nodes(gmsh)
+    _, nodes = gmsh.model.mesh.getElementsByType(_HEXAHEDRON, volume)
+    used, corner = np.unique(place[nodes.astype(np.int64)], return_inverse=True)
+    return HexMesh(points[used], corner.reshape(-1, 8).astype(np.int64))
+
+
 def step_hexahedra(path: Path, *, divisions: int = 4) -> list[HexMesh]:
     """Hexahedra of each solid of a STEP file, made by gmsh, ``divisions`` along each edge.
 
-    gmsh makes hexahedra where every face of the solid has three or four sides (transfinite
-    meshing); other solids are rejected and stay rigid.
+    gmsh makes them where every face of all solids has three or four sides (transfinite meshing);
+    none for other files.
 
     Raises
     ------
     MeshError
-        When no hexahedra can be made.
+        A file that cannot be read, or hexahedra that cannot be used.
     """
     with _opened(path) as (gmsh, volumes):
         if not _made_of_hexahedra(gmsh, divisions):
-            raise MeshError(
-                f"{path}: gmsh finds no hexahedral mesh of {_without_hexahedra(gmsh, volumes)}; "
-                "for finite elements give a mesh of hexahedra, .vtu or .inp"
-            )
-        points, place = _nodes(gmsh)
-        meshes = []
-        for volume in volumes:
-            _, nodes = gmsh.model.mesh.getElementsByType(_HEXAHEDRON, volume)
-            used, corner = np.unique(place[nodes.astype(np.int64)], return_inverse=True)
-            meshes.append(HexMesh(points[used], corner.reshape(-1, 8).astype(np.int64)))
+            return []
+        meshes = [hexahedra_in(gmsh, volume) for volume in volumes]
     for mesh in meshes:
         check_mesh(mesh, path.name)
     return meshes
-
-
-def _without_hexahedra(gmsh: Any, volumes: list[int]) -> str:
-    """Words for the first solid, and its first face, that no structured mesh fits."""
-    for place, volume in enumerate(volumes):
-        faces = [tag for _, tag in gmsh.model.getBoundary([(3, volume)], oriented=False)]
-        where = f"solid {place}" if len(volumes) > 1 else "this solid"
-        for face in faces:
-            sides = len(gmsh.model.getBoundary([(2, face)], oriented=False))
-            if sides not in (3, 4):
-                middle = np.mean(np.reshape(gmsh.model.getBoundingBox(2, face), (2, 3)), axis=0)
-                near = np.round(middle, 3).tolist()
-                return f"{where} (its face near {near} mm has {sides} edges, not 4)"
-        if len(faces) != 6:
-            return f"{where} (it has {len(faces)} faces, not 6)"
-    return "this solid"

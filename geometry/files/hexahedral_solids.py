@@ -1,22 +1,29 @@
 """Hexahedra of blocks from files: read from mesh files, or made where the geometry allows.
 
-A solid that is drawn as a surface has hexahedra where it has six flat sides with four corners
-each (a box, a voussoir, a truncated wedge): the grid is the trilinear image of a cube. STEP solids
-with curved sides go through gmsh's transfinite meshing. Blocks that share a side get the same
-nodes there.
+A solid with six flat sides of four corners each (a box, a voussoir, a truncated wedge) has a grid,
+the trilinear image of a cube. STEP solids whose faces all have three or four sides go through
+gmsh's transfinite meshing. Blocks that share such a side get the same nodes there. gmsh fills any
+other solid with tetrahedra and splits each into four hexahedra.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from geometry.block import Block, Curve
-from geometry.files.block_files import STEP_SUFFIXES, UNITS, step_hexahedra
+from geometry.files.block_files import (
+    STEP_SUFFIXES,
+    UNITS,
+    gmsh_session,
+    hexahedra_in,
+    step_hexahedra,
+)
 from geometry.files.mesh_io import HEXAHEDRA, hexahedra_of, read_any_mesh
 from geometry.files.quadratic import quadratic_curve
 from geometry.mesh import (
@@ -53,7 +60,14 @@ def hexahedral_block(name: str, mesh: HexMesh, curve: Curve | None = None) -> Bl
     return Block(name, mesh, {SURFACE: boundary_quads(mesh)}, (SURFACE,), curve)
 
 
-def file_blocks(path: Path, solids: list[Polyhedron], *, units: str, divisions: int) -> list[Block]:
+def file_blocks(
+    path: Path,
+    solids: list[Polyhedron],
+    *,
+    units: str,
+    divisions: int,
+    size: float | None = None,
+) -> list[Block]:
     """Hexahedra of each solid of a file, curved where the file gives 20 or 27 nodes.
 
     Parameters
@@ -64,8 +78,8 @@ def file_blocks(path: Path, solids: list[Polyhedron], *, units: str, divisions: 
         What `read_blocks` finds in it.
     units
         Unit of a mesh file: mm, cm, m or inch.
-    divisions
-        Elements along each edge of a solid that has no hexahedra in the file.
+    divisions, size
+        Of a solid that has no hexahedra in the file, as in `solid_block`.
 
     Returns
     -------
@@ -79,10 +93,12 @@ def file_blocks(path: Path, solids: list[Polyhedron], *, units: str, divisions: 
     """
     if path.suffix.lower() in STEP_SUFFIXES:
         meshes = step_hexahedra(path, divisions=divisions)
+        if not meshes:
+            return [solid_block(solid, divisions, size) for solid in solids]
         return _of_solids([hexahedral_block("part", mesh) for mesh in meshes], solids)
     read = read_any_mesh(path)
     if not any(cells.type in HEXAHEDRA for cells in read.cells):
-        return [hexahedral_block(s.name, six_sided_hexahedra(s, divisions)) for s in solids]
+        return [solid_block(solid, divisions, size) for solid in solids]
     mesh, members = hexahedra_of(read, path)
     scaled = HexMesh(UNITS[units] * mesh.nodes, mesh.elements)
     return _of_solids(connected_solids(path, scaled, members), solids)
@@ -126,39 +142,116 @@ def _of_solids(blocks: list[Block], solids: list[Polyhedron]) -> list[Block]:
     return found
 
 
-# ---------------------------------------------------------------------------------------------
-# Six flat sides
+def solid_block(solid: Polyhedron, divisions: int, size: float | None = None) -> Block:
+    """Hexahedra of any solid.
 
-
-def six_sided_hexahedra(solid: Polyhedron, divisions: int) -> HexMesh:
-    """Divide a solid with six flat four-cornered sides into divisions³ hexahedra.
+    Parameters
+    ----------
+    solid
+        What is meshed.
+    divisions
+        Elements along each edge of a solid with six flat sides of four corners.
+    size
+        Edge of the tetrahedra of any other solid [mm]; None: ∛V.
 
     Raises
     ------
     MeshError
-        A solid of another kind: how many sides it has, or which side has not four corners.
+        A solid that gmsh cannot fill.
+    """
+    mesh = six_sided_hexahedra(solid, divisions)
+    if mesh is not None:
+        return hexahedral_block(solid.name, mesh)
+    size = size or float(np.cbrt(solid.volume))
+    split = split_tetrahedra(solid, size)
+    return replace(hexahedral_block(solid.name, split), tetrahedra=size)
+
+
+# ---------------------------------------------------------------------------------------------
+# Any flat sides
+
+
+def split_tetrahedra(solid: Polyhedron, size: float) -> HexMesh:
+    """Fill a solid with tetrahedra of a size [mm], each split into four hexahedra, by gmsh.
+
+    Every flat side stays flat, and every edge stays an edge: triangles of the surface that are
+    smaller than the size are kept as they are.
+
+    Raises
+    ------
+    MeshError
+        Where gmsh finds no mesh.
+    """
+    with gmsh_session(solid.name) as gmsh:
+        options = {"MeshSizeMin": size, "MeshSizeMax": size, "SubdivisionAlgorithm": 2}
+        for name, value in options.items():
+            gmsh.option.setNumber(f"Mesh.{name}", value)
+        volume = _gmsh_solid(gmsh, solid)
+        try:
+            gmsh.model.mesh.generate(3)
+        except Exception as error:  # gmsh raises bare exceptions
+            raise MeshError(
+                f"{solid.name}: gmsh finds no tetrahedra ({error}); expected another mesh.size "
+                f"than {size:.3g} mm, or a file of hexahedra (.vtu, .inp)"
+            ) from None
+        return hexahedra_in(gmsh, volume)
+
+
+def _gmsh_solid(gmsh: Any, solid: Polyhedron) -> int:
+    """A solid in gmsh: a face for each flat side, or for each triangle of one with holes."""
+    geo = gmsh.model.geo
+    points = [geo.addPoint(*point) for point in solid.points]
+    lines: dict[tuple[int, int], int] = {}
+    faces = []
+    for plane in range(int(solid.plane_of.max()) + 1):
+        side = side_outline(solid, plane)
+        for loop in [side] if side else solid.triangles[solid.plane_of == plane].tolist():
+            curve = []
+            for a, b in zip(loop, loop[1:] + loop[:1], strict=True):
+                if (b, a) not in lines and (a, b) not in lines:
+                    lines[a, b] = geo.addLine(points[a], points[b])
+                curve.append(lines[a, b] if (a, b) in lines else -lines[b, a])
+            faces.append(geo.addPlaneSurface([geo.addCurveLoop(curve)]))
+    volume = geo.addVolume([geo.addSurfaceLoop(faces)])
+    geo.synchronize()
+    return int(volume)
+
+
+# ---------------------------------------------------------------------------------------------
+# Six flat sides
+
+
+def six_sided_hexahedra(solid: Polyhedron, divisions: int) -> HexMesh | None:
+    """Divide a solid with six flat four-cornered sides into divisions³ hexahedra.
+
+    None for a solid of another kind, and where the sides are so oblique that hexahedra fold.
     """
     sides = [flat_side(solid, plane) for plane in range(int(solid.plane_of.max()) + 1)]
-    why = "expected six flat sides with four corners each, or a file of hexahedra (.vtu, .inp)"
-    if len(sides) != 6:
-        raise MeshError(f"{solid.name}: got a solid with {len(sides)} flat sides; {why}")
-    for plane, corners in enumerate(sides):
-        if len(corners) != 4:
-            normal = solid.normals[solid.plane_of == plane][0]
-            raise MeshError(
-                f"{solid.name}: the side that faces {np.round(normal, 3).tolist()} has "
-                f"{len(corners)} corners; {why}"
-            )
+    if len(sides) != 6 or any(len(corners) != 4 for corners in sides):
+        return None
     cube = _cube_corners(sides)
     if cube is None:
-        raise MeshError(f"{solid.name}: its six sides are not joined like those of a cube; {why}")
+        return None
     mesh = _trilinear(solid.points[cube], divisions)
-    check_mesh(mesh, solid.name)
+    try:
+        check_mesh(mesh, solid.name)
+    except MeshError:
+        return None
     return mesh
 
 
 def flat_side(solid: Polyhedron, plane: int) -> list[int]:
     """Corners of one flat side in order round it; empty where it is no simple polygon."""
+    loop = side_outline(solid, plane)
+    points = solid.points[loop]
+    after, before = np.roll(points, -1, axis=0) - points, points - np.roll(points, 1, axis=0)
+    turn = np.linalg.norm(np.cross(before, after), axis=1)
+    size = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+    return [node for node, bent in zip(loop, turn > _STRAIGHT * size, strict=True) if bent]
+
+
+def side_outline(solid: Polyhedron, plane: int) -> list[int]:
+    """Points of one flat side in order round it; empty where it is no simple polygon."""
     triangles = solid.triangles[solid.plane_of == plane]
     edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     known = {(a, b) for a, b in edges.tolist()}
@@ -168,13 +261,7 @@ def flat_side(solid: Polyhedron, plane: int) -> list[int]:
     loop = [next(iter(following))]
     while following.get(loop[-1], loop[0]) != loop[0] and len(loop) <= len(following):
         loop.append(following[loop[-1]])
-    if len(loop) != len(following):
-        return []
-    points = solid.points[loop]
-    after, before = np.roll(points, -1, axis=0) - points, points - np.roll(points, 1, axis=0)
-    turn = np.linalg.norm(np.cross(before, after), axis=1)
-    size = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
-    return [node for node, bent in zip(loop, turn > _STRAIGHT * size, strict=True) if bent]
+    return loop if len(loop) == len(following) else []
 
 
 def _cube_corners(sides: list[list[int]]) -> list[int] | None:

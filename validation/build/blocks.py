@@ -15,7 +15,7 @@ from validation.errors import InputError
 from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import DeformableScene, Scene, SceneFile
+from validation.scene.read import DeformableScene, SceneFile
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class HexahedralBlocks:
     """Joints where facets do not match corner on corner."""
 
 
-def require_assembly(scene: Scene, name: str, command: str) -> AssemblyScene:
+def require_assembly(scene: DeformableScene, name: str, command: str) -> AssemblyScene:
     """Return the scene if its blocks meet each other.
 
     Raises
@@ -40,8 +40,8 @@ def require_assembly(scene: Scene, name: str, command: str) -> AssemblyScene:
         return scene
     if isinstance(scene, PolyhedralScene):
         raise InputError(
-            f"{name}: the blocks of type {scene.block.type!r} are triangulated surfaces without a "
-            f"volume mesh: rigid only, use `tubelock mbd`; `tubelock {command}` needs hexahedra"
+            f"{name}: blocks of type {scene.block.type!r} have no mesh of a family; `tubelock "
+            f"{command}` expects one, such as tsb1-pipe: use `tubelock mbd` or `tubelock fem`"
         )
     raise InputError(
         f"{name}: block.type {scene.block.type!r} is one deformable body without contacts; "

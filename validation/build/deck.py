@@ -32,6 +32,7 @@ from validation.build.deformable import (
     build_effects,
     build_hexahedra,
     build_problem,
+    element_degree,
     fem_section,
     scene_load,
 )
@@ -51,15 +52,9 @@ def build_deck(file: SceneFile, flavour: Flavour | None = None) -> Deck:
     Raises
     ------
     InputError
-        For a scene without deformable blocks, or with a feature that the program has no words
-        for, by name.
+        For a scene with a feature that the program has no words for, by name.
     """
     scene = file.scene
-    if not isinstance(scene, DeformableScene):
-        raise InputError(
-            f"{file.name}: block.type {scene.block.type!r} has no [material]; a deck is written of "
-            "scenes with deformable blocks, such as tsb1-pipe or cantilever"
-        )
     with named(file.name):
         return _deck(file.name, scene, flavour)
 
@@ -71,8 +66,9 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
     refuse_cell(scene, name, "export")
     blocks = build_hexahedra(scene, name)
     assembly = canonical(blocks.assembly)
-    if fem.degree > 1:
-        assembly = quadratic(assembly, fem.degree, flavour, meets=scene.meets)
+    degree = element_degree(scene, assembly)
+    if degree > 1:
+        assembly = quadratic(assembly, degree, flavour, meets=scene.meets)
     case = scene_load(scene, name, assembly)
     with uncounted((EffectsSection, "finite_sliding")):
         problem = build_problem(scene, name, HexahedralBlocks(assembly, case, blocks.unmatched))

@@ -27,7 +27,7 @@ from validation.scene.deformable import (
 )
 from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import too_large_to_deform
-from validation.scene.polyhedra import MeshScene
+from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
 from validation.scene.usage import count, uncounted
 
@@ -142,7 +142,7 @@ def build_hexahedra(scene: DeformableScene, name: str) -> HexahedralBlocks:
     if scene.is_cell:
         cell = build_cell(scene, name)
         return HexahedralBlocks(cell, scene_load(scene, name, cell), ())
-    if isinstance(scene, MeshScene):
+    if isinstance(scene, PolyhedralScene):
         from validation.build.own_blocks import build_own_blocks
 
         return build_own_blocks(scene, name)
@@ -165,11 +165,21 @@ def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCas
     InputError
         When the blocks cannot take it.
     """
-    if isinstance(scene, MeshScene):
+    if isinstance(scene, PolyhedralScene):
         from validation.build.own_blocks import own_load
 
         return own_load(scene, name, assembly)
     return scene.build_load(assembly)
+
+
+def element_degree(scene: DeformableScene, assembly: Assembly) -> int:
+    """Degree of the elements of a scene on one mesh: of tetrahedra split into hexahedra 2.
+
+    The scene may state another, or a kind of elements of degree 1; explicit runs have degree 1.
+    """
+    split = any(shape.tetrahedra is not None for shape in assembly.shapes)
+    stated = scene.fem.model_fields_set & {"degree", "element"}
+    return 2 if split and not stated and scene.fem.method is Method.STATIC else scene.fem.degree
 
 
 def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -> Problem:
@@ -184,7 +194,8 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
         When it describes nothing that can be solved.
     """
     fem, contact = fem_section(scene, name), scene.contact
-    element = {"element": fem.element} if fem.degree == 1 else {"degree": fem.degree}
+    degree = element_degree(scene, blocks.assembly)
+    element = {"element": fem.element} if degree == 1 else {"degree": degree}
     joints: dict[str, Any] = {}
     if scene.meets:
         joints = {

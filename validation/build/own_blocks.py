@@ -1,4 +1,4 @@
-"""Your own blocks as deformable ones: hexahedra, joints that match or not, body loads."""
+"""Solids as deformable blocks: hexahedra, joints that match or not, body loads."""
 
 from __future__ import annotations
 
@@ -15,36 +15,39 @@ from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.files.block_files import read_blocks
-from geometry.files.hexahedral_solids import file_blocks
-from geometry.files.quadratic import FoldedElementError
+from geometry.files.hexahedral_solids import file_blocks, solid_block
 from geometry.loads import LoadCase
 from geometry.measures import UnmatchedJoint, matched_area
-from geometry.mesh import IntArray, MeshError
+from geometry.mesh import IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from geometry.polyhedra.overlap import check_assembly
 from validation.build.blocks import HexahedralBlocks
-from validation.build.polyhedra import build_body_loads, detection_options, placed_blocks
+from validation.build.polyhedra import (
+    build_body_loads,
+    build_polyhedra,
+    detection_options,
+    placed_blocks,
+)
 from validation.errors import InputError
 from validation.scene.plausibility import check_block_size
-from validation.scene.polyhedra import MeshScene
+from validation.scene.polyhedra import MeshScene, PolyhedralScene
 
 #: Part of the contact area of two blocks that may have no matching facets: clipping and curved
 #: facets, which are split into flat triangles to find it.
 _UNMATCHED = 1e-2
 
 
-def build_own_blocks(scene: MeshScene, name: str) -> HexahedralBlocks:
-    """Build blocks from files with hexahedra.
+def build_own_blocks(scene: PolyhedralScene, name: str) -> HexahedralBlocks:
+    """Build solids of a family or from files, with hexahedra.
 
     Raises
     ------
     InputError
-        For input that describes no assembly, and for one that stays rigid: which block has no
-        hexahedra.
+        For input that describes no assembly, and for a block that cannot be meshed.
     """
     if scene.contact.spacing > 0.0:
         raise InputError(
-            f"{name}: contact.spacing: got {scene.contact.spacing:g} mm, but own blocks have no "
+            f"{name}: contact.spacing: got {scene.contact.spacing:g} mm, but these blocks have no "
             "layers to move apart; expected contact.clearance, or places with gaps"
         )
     try:
@@ -55,13 +58,25 @@ def build_own_blocks(scene: MeshScene, name: str) -> HexahedralBlocks:
     except RefusedError as error:
         # What is wrong with the whole assembly begins with its name.
         raise InputError(f"{name}: {str(error).removeprefix(f'{name}: ')}") from None
-    refuse_bare_joints(name, surfaces)
     assembly = replace(assembly, layer=contact_distance(surfaces))
     unmatched = unmatched_joints(assembly, surfaces)
     return HexahedralBlocks(assembly, own_load(scene, name, assembly), unmatched)
 
 
-def _assembly(scene: MeshScene, name: str) -> Assembly:
+def _assembly(scene: PolyhedralScene, name: str) -> Assembly:
+    if not isinstance(scene, MeshScene):
+        solids = build_polyhedra(scene, Path())
+        mesh = scene.mesh
+        return Assembly(
+            name=name,
+            shapes=tuple(solid_block(s, mesh.divisions, mesh.size) for s in solids.shapes),
+            shape_of=solids.shape_of,
+            rotations=solids.rotations,
+            translations=solids.translations,
+            layer=np.where(solids.fixed, 0, 1),
+            fixed=solids.fixed,
+            unmatched_allowed=True,
+        )
     placed, fixed = placed_blocks(scene, lambda file: _part_blocks(Path(file), scene))
     if not fixed.any() or fixed.all():
         raise AssemblyError(
@@ -83,35 +98,18 @@ def _assembly(scene: MeshScene, name: str) -> Assembly:
 
 
 def _part_blocks(path: Path, scene: MeshScene) -> Sequence[Block]:
-    solids = read_blocks(path, units=scene.block.units, element_size=scene.block.element_size)
-    try:
-        return file_blocks(path, solids, units=scene.block.units, divisions=scene.mesh.divisions)
-    except FoldedElementError:
-        raise
-    except MeshError as error:
-        raise MeshError(f"stays rigid, `tubelock mbd` gives the answer: {error}") from None
+    units, mesh = scene.block.units, scene.mesh
+    solids = read_blocks(path, units=units, element_size=scene.block.element_size)
+    return file_blocks(path, solids, units=units, divisions=mesh.divisions, size=mesh.size)
 
 
-def refuse_bare_joints(name: str, surfaces: PolyhedralAssembly) -> None:
-    """Reject blocks that meet without an area: what carries there would be left out in silence.
-
-    Raises
-    ------
-    InputError
-        Naming the first of them.
-    """
+def bare_joints(surfaces: PolyhedralAssembly) -> list[tuple[int, int]]:
+    """Pairs of blocks that touch along edges or at points alone."""
     found = surfaces.interfaces
     pairs = np.sort(np.column_stack([found.block_m, found.block_s]), axis=1)
     key = pairs[:, 0] * surfaces.n_blocks + pairs[:, 1]
-    bare = np.flatnonzero(~np.isin(key, key[found.patch >= 0]))
-    if bare.size:
-        m, s = pairs[bare[0]].tolist()
-        raise InputError(
-            f"{name}: blocks {m} and {s} touch along an edge or at a point alone, near "
-            f"{np.round(found.centroids[bare[0]], 3).tolist()} mm; finite-element contact needs "
-            "faces: place the blocks so that faces touch or with a gap, or use `tubelock mbd`, "
-            "which has such contacts"
-        )
+    bare = np.unique(pairs[~np.isin(key, key[found.patch >= 0])], axis=0)
+    return [(m, s) for m, s in bare.tolist()]
 
 
 def unmatched_joints(
@@ -153,7 +151,7 @@ def contact_distance(assembly: PolyhedralAssembly) -> IntArray:
     return np.where(reached, distance, last).astype(np.int64)
 
 
-def refuse_two_weights(scene: MeshScene, name: str) -> None:
+def refuse_two_weights(scene: PolyhedralScene, name: str) -> None:
     """Reject a weight that is stated twice.
 
     Raises
@@ -168,7 +166,7 @@ def refuse_two_weights(scene: MeshScene, name: str) -> None:
         )
 
 
-def own_load(scene: MeshScene, name: str, assembly: Assembly) -> LoadCase:
+def own_load(scene: PolyhedralScene, name: str, assembly: Assembly) -> LoadCase:
     """Loads on whole blocks, with the density of the material.
 
     Raises

@@ -71,7 +71,7 @@ def fem(
     Static or explicit: displacements, principal stresses, contact pressures, energies.
     """
     from validation.output.deformable.answers import FILES
-    from validation.scene.read import DeformableScene, load_scene, with_auto
+    from validation.scene.read import load_scene, with_auto
 
     file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
     targets = _targets(accuracy, max_seconds, resume)
@@ -79,11 +79,6 @@ def fem(
     if resume is not None and not _goes_on(resume, stated):
         stated.reads = (resume,)
     with stated as outputs:
-        if not isinstance(file.scene, DeformableScene):
-            raise InputError(
-                f"{file.name}: block.type {file.scene.block.type!r} has no hexahedral mesh for "
-                "deformable blocks; `tubelock mbd` gives the rigid-body solution"
-            )
         missed = _answer(
             file.name,
             file.scene,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from fem.answer import answer_of
@@ -19,11 +20,13 @@ from geometry.answer import Answer, Measure
 from geometry.assembly import Assembly
 from geometry.measures import JointResultants
 from geometry.mesh import FloatArray, IntArray
+from validation.build.own_blocks import bare_joints
+from validation.build.polyhedra import build_polyhedra
 from validation.run.measures import FrictionSet, StaticReference, drawing_scale
 from validation.run.stages import peak_memory_mb
 from validation.scene.deformable import Method
 from validation.scene.family import RoundScene
-from validation.scene.polyhedra import STRAIGHT_EDGES
+from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 from validation.scene.read import DeformableScene
 from validation.scene.usage import count
 
@@ -88,7 +91,7 @@ class DeformableRun:
             static["static_reference"] = self.reference.as_json(self.answer.measures)
         return {
             "scene": self.name,
-            **({"edges": STRAIGHT_EDGES} if self.straightened else {}),
+            **self.notes,
             **friction,
             **static,
             **self.refinement,
@@ -220,10 +223,28 @@ class DeformableRun:
             f"{elements} elements{degree}{each}{self.scene.gap_words}"
         )
 
-    @property
-    def straightened(self) -> bool:
-        """Whether files have nodes between corners, which elements of degree 1 have no use for."""
-        return self.scene.straightened(self.deformable.assembly)
+    @cached_property
+    def notes(self) -> dict[str, str]:
+        """How solids were meshed where their files do not say it, by the name of the row."""
+        assembly, notes = self.deformable.assembly, {}
+        if self.scene.straightened(assembly):
+            notes["edges"] = STRAIGHT_EDGES
+        sizes = [shape.tetrahedra for shape in assembly.shapes if shape.tetrahedra is not None]
+        if sizes:
+            to = f" to {max(sizes):.3g}" if max(sizes) > min(sizes) else ""
+            notes["tetrahedra"] = (
+                f"size {min(sizes):.3g}{to} mm (mesh.size; by default ∛V), each split into "
+                "four hexahedra"
+            )
+        if isinstance(self.scene, PolyhedralScene) and self.meets:
+            bare = bare_joints(build_polyhedra(self.scene, Path()))
+            more = f" and {len(bare) - 1} more pairs" if len(bare) > 1 else ""
+            if bare:
+                notes["edge contacts"] = (
+                    f"left out: blocks {bare[0][0]} and {bare[0][1]}{more} touch along an edge or "
+                    "at a point alone"
+                )
+        return notes
 
     @property
     def is_tube(self) -> bool:

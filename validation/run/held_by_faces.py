@@ -21,7 +21,7 @@ from validation.build.blocks import build_weight
 from validation.build.polyhedra import detection_options
 from validation.errors import InputError
 from validation.run.held_by_friction import MOST_POINTS, motion_words
-from validation.scene.polyhedra import MeshScene
+from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
 
 
@@ -30,15 +30,16 @@ def faces_words(name: str, scene: DeformableScene, assembly: Assembly) -> str | 
 
     None where faces carry the load, for other blocks, for curved faces, and for many contacts.
     """
-    if not isinstance(scene, MeshScene):
-        return None
-    if any(shape.curve is not None for shape in assembly.shapes):
+    curved = any(shape.curve is not None for shape in assembly.shapes)
+    if curved or not isinstance(scene, PolyhedralScene):
         return None
     # Loaded here: it reads files, which other scenes have none of.
     from validation.build.own_blocks import own_load
 
     surfaces = as_polyhedral(assembly, detection_options(scene.detection))
     bare = surfaces.with_faces_alone()
+    if surfaces.interfaces.n_contacts and not bare.interfaces.n_contacts:
+        return "blocks touch along edges and at points alone, and edges and points carry nothing"
     if not 0 < bare.interfaces.n_contacts <= MOST_POINTS:
         return None
     contacts = contact_jacobian(bare)

@@ -173,29 +173,31 @@ def too_large(scene: BaseModel) -> str | None:
 
     What is counted is a lower bound: a scene that passes may still be too much for a method.
     """
-    blocks, elements, facets = _counts(scene)
+    # Triangulated blocks are meshed for deformable answers alone.
+    counts = (_blocks(scene), 0.0, 0.0) if hasattr(scene, "detection") else _counts(scene)
+    blocks, elements, facets = counts
     each = facets * _FACET if facets else _BLOCK
-    return _refused(scene, elements * _ELEMENT + blocks * each)
+    return _refused(counts, elements * _ELEMENT + blocks * each)
 
 
 def too_large_to_deform(scene: BaseModel, *, static: bool) -> str | None:
     """As `too_large`, of a scene whose blocks deform: in a static run, or in an explicit one."""
-    blocks, elements, facets = _counts(scene)
+    counts = blocks, elements, facets = _counts(scene)
     need = blocks * elements * _STATE
     if static and blocks > 1.0:
         need = facets * facets * _FACET_PAIR
     elif static and elements:
         across = elements / max(_divisions(scene))
         need = elements * min(_FACTOR * elements ** (1.0 / 3.0), _BAND * across)
-    return _refused(scene, need)
+    return _refused(counts, need)
 
 
-def _refused(scene: BaseModel, need: float) -> str | None:
+def _refused(counts: tuple[float, float, float], need: float) -> str | None:
     """One line on a scene that needs so many bytes, where the machine has fewer."""
     there = machine_memory()
     if there is None or need <= _SHARE * there:
         return None
-    blocks, elements, facets = _counts(scene)
+    blocks, elements, facets = counts
     what = f"{_short(blocks)} blocks"
     remedy = "fewer of them (assembly)"
     if facets:
@@ -228,7 +230,7 @@ def machine_memory() -> int | None:
 
 
 def _counts(scene: Any) -> tuple[float, float, float]:
-    """Blocks, elements and outer facets of a block; no facets for triangulated blocks."""
+    """Blocks, elements and outer facets of a block."""
     fem: Any = getattr(scene, "fem", None)
     around = [n * (1 if fem is None else fem.degree) for n in _divisions(scene)]
     elements = math.prod(around)

@@ -1,4 +1,4 @@
-"""Scenes of triangulated blocks: families with known verdicts, and your own meshes. Rigid only."""
+"""Scenes of triangulated blocks: families with known verdicts, and your own meshes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from validation.scene.sections import (
     RigidSection,
     Section,
     Vector,
-    WholeScene,
     vector_words,
 )
 
@@ -77,12 +76,23 @@ class DetectionSection(Section):
     """``vertices``: exact for flat faces; ``centroids``: for finely meshed curved faces."""
 
 
-class _PolyhedralScene(WholeScene):
+class SolidMeshSection(Section):
+    """``[mesh]`` of deformable blocks that come without hexahedra."""
+
+    divisions: Annotated[int, Field(ge=1)] = 4
+    """Elements along each edge of a block with six flat sides of four corners."""
+    size: Positive | None = None
+    """Edge of the tetrahedra of any other block [mm], each of which is split into four hexahedra;
+    by default ∛V of the block."""
+
+
+class _PolyhedralScene(DeformableSections):
     """Keys that all of these scenes share."""
 
     load: BodyLoadSection = BodyLoadSection()
     detection: DetectionSection = DetectionSection()
     rigid: RigidSection = RigidSection()
+    mesh: SolidMeshSection = SolidMeshSection()
 
 
 class TetrahedraSection(Section):
@@ -250,20 +260,12 @@ class FixedBlocksSection(Section):
     """Numbers of fixed blocks, counted from 0 in the order of parts, places and solids."""
 
 
-class OwnMeshSection(Section):
-    """``[mesh]`` of imported blocks whose files contain no hexahedra."""
-
-    divisions: Annotated[int, Field(ge=1)] = 4
-    """Elements along each edge of a block that can be divided into hexahedra."""
-
-
-class MeshScene(_PolyhedralScene, DeformableSections):
+class MeshScene(_PolyhedralScene):
     """Blocks from mesh or CAD files."""
 
     block: MeshBlockSection
     parts: Annotated[tuple[PartSection, ...], Field(min_length=1)]
     assembly: FixedBlocksSection = FixedBlocksSection()
-    mesh: OwnMeshSection = OwnMeshSection()
 
     def straightened(self, assembly: Assembly) -> bool:
         """Whether files have nodes between corners that elements of degree 1 leave out."""

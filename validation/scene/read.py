@@ -20,7 +20,7 @@ from pydantic import ValidationError
 from geometry.errors import unreadable
 from validation.errors import InputError, one_line
 from validation.scene.builtin import builtin_names, builtin_text
-from validation.scene.deformable import AutoSection, DeformableSections, EffectName, parse_share
+from validation.scene.deformable import AutoSection, EffectName, parse_share
 from validation.scene.families import sine
 from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import implausible, too_large
@@ -30,12 +30,11 @@ from validation.scene.polyhedra import POLYHEDRAL_TYPES, MeshScene, PolyhedralSc
 _DECIMAL_COMMA = re.compile(r"^\s*\w+\s*=\s*([-+]?\d+,\d+)\s*(?:#.*)?$", re.MULTILINE)
 
 TubeScene = sine.TubeScene
-#: Scenes of blocks that meet and can be hexahedra: what deformable blocks are for.
-DeformableScene: TypeAlias = AssemblyScene | MeshScene
-Scene: TypeAlias = AssemblyScene | PolyhedralScene
+#: All scenes: their blocks can be rigid or deformable.
+DeformableScene: TypeAlias = AssemblyScene | PolyhedralScene
 
 #: Scene class by ``[block] type``.
-SCENE_TYPES: dict[str, type[Scene]] = {
+SCENE_TYPES: dict[str, type[DeformableScene]] = {
     **AssemblyScene.families,
     **POLYHEDRAL_TYPES,
 }
@@ -47,7 +46,7 @@ class SceneFile:
 
     name: str
     """Name of the built-in scene or stem of the file."""
-    scene: Scene
+    scene: DeformableScene
     """The checked content, overrides applied."""
     folder: Path = Path()
     """Folder that file names in the scene are relative to."""
@@ -161,7 +160,7 @@ def require_deformable(file: SceneFile, command: str) -> DeformableScene:
     InputError
         Where it has none; the command that needs them is named.
     """
-    if not isinstance(file.scene, DeformableScene) or not file.scene.meets:
+    if not file.scene.meets:
         raise InputError(
             f"{file.name}: block.type {file.scene.block.type!r} has no deformable blocks in "
             f"contact, and `tubelock {command}` needs them; expected a scene such as tsb1-pipe"
@@ -182,7 +181,7 @@ def with_auto(file: SceneFile, tolerance: str | None, keep: Iterable[str] = ()) 
     names = tuple(keep)
     if tolerance is None and not names:
         return file
-    if not isinstance(file.scene, DeformableSections) or not file.scene.meets:
+    if not file.scene.meets:
         raise InputError(
             f"{file.name}: --auto compares contact pressures of deformable blocks; expected a "
             "scene with contact, such as tsb1-pipe"
@@ -228,7 +227,7 @@ def _example(kind: str) -> dict[str, Any]:
     return next((data for data in every if data["block"]["type"] == kind), {})
 
 
-def check_scene(data: Mapping[str, Any], source: str = "scene") -> Scene:
+def check_scene(data: Mapping[str, Any], source: str = "scene") -> DeformableScene:
     """Check a scene's data.
 
     Raises

@@ -143,11 +143,8 @@ def _fem_run(study: Study, file: SceneFile) -> DeformableRun:
     from validation.run.accuracy import DEFAULT_TARGETS, refined
     from validation.run.estimate import estimated_errors
     from validation.run.solve import run_converged, run_scene
-    from validation.scene.read import DeformableScene
 
     name, scene = file.name, file.scene
-    if not isinstance(scene, DeformableScene):
-        raise InputError(f"block.type {scene.block.type!r} is not built for `fem` yet")
     stated = {} if study.accuracy is None else dict.fromkeys(DEFAULT_TARGETS, study.accuracy)
     if refined(name, scene, stated):
         targets = stated or dict.fromkeys(DEFAULT_TARGETS, RANKING)

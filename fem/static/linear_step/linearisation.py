@@ -137,6 +137,10 @@ class Linearisation:
     """p'(x̂), (n_facets, n_points) [MPa/mm]."""
     load_factor: float = 1.0
     """Share of the loads that acts [-]."""
+    coupling: FloatArray | None = None
+    """Slope of the friction tractions, two rows after those of the overclosures for each point, by
+    the overclosure of their point, (n_facets, 2 n_points) [MPa/mm]; None: their limits are frozen.
+    The matrix is not symmetric then."""
 
     def linear_pressure(self, system: LocalSystem, displacement: FloatArray) -> FloatArray:
         """Pressure of the tangent at a displacement, (n_facets, n_points) [MPa]."""
@@ -229,13 +233,18 @@ class SparseStep:
         rows = gradient_matrix(system, linear.gradient) @ self._transform
         matrix = self._matrix(linear, rows, holding)
         constant = linear.pressure + linear.stiffness * (linear.constant - linear.at)
+        if linear.coupling is not None:
+            n_points = constant.shape[1] // 3
+            normal = np.repeat((linear.constant - linear.at)[:, :n_points], 2, axis=1)
+            constant[:, n_points:] += linear.coupling * normal
         right = linear.load_factor * (self._transform.T @ system.external_force.ravel())
         right -= rows.T @ (linear.weights * constant).ravel()
         if holding:
             right += holding * self._shares() * (self._transform.T @ before.ravel())
         right -= matrix @ self._value
         solution = self._value.copy()
-        solution[self._free] = self._factor(matrix)(right[self._free])
+        symmetric = linear.coupling is None
+        solution[self._free] = self._factor(matrix, symmetric=symmetric)(right[self._free])
         return (self._transform @ solution).reshape(-1, 3)
 
     def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
@@ -259,12 +268,27 @@ class SparseStep:
     def _matrix(self, linear: Linearisation, rows: csr_array, holding: float) -> csr_array:
         stiff = (linear.weights * linear.stiffness).ravel()[:, None]
         matrix = csr_array(self._stiffness + rows.T @ rows.multiply(stiff).tocsr())
+        if linear.coupling is not None:
+            matrix = csr_array(matrix + self._coupled(linear, rows))
         return csr_array(matrix + diags_array(holding * self._shares())) if holding else matrix
 
-    def _factor(self, matrix: csr_array) -> Callable[[FloatArray], FloatArray]:
+    @staticmethod
+    def _coupled(linear: Linearisation, rows: csr_array) -> csr_array:
+        """Forces of friction that follow the pressure of their point."""
+        assert linear.coupling is not None
+        numbers = np.arange(linear.weights.size).reshape(linear.weights.shape)
+        n_points = linear.weights.shape[1] // 3
+        tangential = numbers[:, n_points:].ravel()
+        normal = np.repeat(numbers[:, :n_points], 2, axis=1).ravel()
+        slope = linear.weights.ravel()[tangential] * linear.coupling.ravel()
+        return csr_array(rows[tangential].T @ rows[normal].multiply(slope[:, None]).tocsr())
+
+    def _factor(
+        self, matrix: csr_array, *, symmetric: bool = True
+    ) -> Callable[[FloatArray], FloatArray]:
         kept = csr_array(matrix[self._free][:, self._free])
         try:
-            return factorize(kept, self._solver)
+            return factorize(kept, self._solver) if symmetric else _superlu(kept)
         except SparseSolverError as error:
             raise UnheldBlocksError(str(error), ()) from None
 

@@ -30,7 +30,6 @@ from validation.output.pictures.energies import draw_energies
 from validation.run.accuracy import reached_rows
 from validation.run.stages import cpu_words, peak_memory_mb
 from validation.scene.deformable import FemSection
-from validation.scene.polyhedra import STRAIGHT_EDGES
 
 if TYPE_CHECKING:
     from fem.explicit.output.energy import History
@@ -180,8 +179,8 @@ def print_run(run: DeformableRun, console: Console) -> None:
         table.add_row("force residual", f"{run.solution.residual:.2e}")
     if run.static is not None and run.meets:
         table.add_row("Newton iterations", f"{run.static.newton_iterations}")
-    if run.straightened:
-        table.add_row("edges", STRAIGHT_EDGES)
+    for row, words in run.notes.items():
+        table.add_row(row, words)
     model = run.deformable.model
     table.add_row("method, element", f"{run.method}, {element_words(model.groups[0])}")
     table.add_row(

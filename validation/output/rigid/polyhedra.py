@@ -10,7 +10,6 @@ from rich.console import Console
 from geometry.files.hexahedral_solids import six_sided_hexahedra
 from geometry.files.mesh_io import write_triangles
 from geometry.measures import JointResultants
-from geometry.mesh import MeshError
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from validation.output.console import two_columns
 from validation.output.joints import JOINT_FILES, write_joints
@@ -107,18 +106,15 @@ def verdict_words(run: PolyhedralRun) -> str:
 
 
 def volume_words(run: PolyhedralRun) -> str:
-    """Describe whether a finite-element analysis of the blocks is possible."""
-    if not isinstance(run.scene, MeshScene):
-        return "none (triangulated blocks): rigid-block analysis only"
-    surfaces = [part for part in run.scene.parts if Path(part.file).suffix.lower() in _SURFACES]
-    if len(surfaces) < len(run.scene.parts):
-        return "hexahedra of the files (`tubelock fem` names blocks without)"
-    try:
-        for shape in run.assembly.shapes:
-            six_sided_hexahedra(shape, 1)
-    except MeshError as error:
-        return f"none: rigid-block analysis only ({error})"
-    return "hexahedral meshing possible: every block has six flat sides"
+    """Describe how `tubelock fem` meshes the blocks."""
+    parts = run.scene.parts if isinstance(run.scene, MeshScene) else ()
+    if any(Path(part.file).suffix.lower() not in _SURFACES for part in parts):
+        return "hexahedra of the files, where they have them"
+    shapes = run.assembly.shapes
+    other = sum(six_sided_hexahedra(shape, 1) is None for shape in shapes)
+    if not other:
+        return "hexahedral meshing possible: every block has six flat sides"
+    return f"{other} of {len(shapes)} shapes: tetrahedra, each split into four hexahedra"
 
 
 def joint_words(joints: JointResultants) -> list[tuple[str, str]]:

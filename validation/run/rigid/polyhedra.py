@@ -19,7 +19,7 @@ from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhe
 from validation.run.rigid.answer import RigidAnswer
 from validation.run.rigid.first_rows import measure
 from validation.run.stages import stages
-from validation.scene.polyhedra import STRAIGHT_EDGES, BodyLoadSection, MeshScene, PolyhedralScene
+from validation.scene.polyhedra import STRAIGHT_EDGES, BodyLoadSection, PolyhedralScene
 from validation.scene.read import SceneFile
 
 
@@ -182,8 +182,8 @@ def class_by_faces(run: PolyhedralRun) -> Classification:
 
 
 def _body_load(name: str, scene: PolyhedralScene) -> BodyLoadSection:
-    """Loads on whole blocks; own blocks may state their weight among the effects."""
-    if not isinstance(scene, MeshScene) or scene.effects.gravity is None:
+    """Loads on whole blocks; scenes may state the weight among the effects."""
+    if scene.effects.gravity is None:
         return scene.load
     refuse_two_weights(scene, name)
     stated: dict[str, Any] = {"gravity": scene.effects.gravity}
