@@ -250,9 +250,8 @@ def _problem(
     friction = deformable.contact.friction
     rows = None if friction is None else friction_rows(system, friction)
     step: LinearStep
-    # Points of a search are more than displacements, and friction follows their pressures in these.
-    many = searched is not None and (rows is not None or searched.n_facets > 3 * system.n_nodes)
-    if many or options.method is StaticMethod.SPARSE:
+    # On searched points limits of friction follow the pressures, in displacements alone.
+    if options.method is StaticMethod.SPARSE or not (searched is None or rows is None):
         step, kept = SparseStep(system, options.sparse_solver), np.ones(system.n_nodes, np.bool_)
     else:
         step = CondensedStep(system, store)
