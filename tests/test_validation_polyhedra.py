@@ -117,7 +117,7 @@ def test_command_writes_contacts_and_pictures(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["mbd", str(scene), "-o", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
     assert "interlocked" in done.output
-    assert "rigid-block analysis only" in done.output
+    assert "tetrahedra, each split" in done.output
     contacts = meshio.read(tmp_path / "out" / "contacts.vtu")
     area = 0.0
     for a, b, c in contacts.points[contacts.cells[0].data]:
