@@ -1,5 +1,7 @@
 """Static states with finite rotation: against explicit dynamics, and where they end."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,9 +12,10 @@ from fem.explicit.solve import StopCriterion, solve
 from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.recovery import block_displacements
+from fem.static import rotation
 from fem.static.result import StaticError
 from fem.static.rotation import solve_static_with_rotation
-from fem.static.solve import solve_static
+from fem.static.solve import StaticOptions, solve_static
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import hexagon_tube, sine_tube
@@ -112,3 +115,32 @@ def test_a_small_turn_of_a_block_gives_no_strain():
     moved = np.cross([0.0, angle, 0.0], group.reference_positions())
     local, _ = block_displacements(group, moved, finite_rotation=True)
     assert np.abs(local).max() < angle**2 * np.ptp(group.mesh.nodes)
+
+
+def test_a_round_without_equilibrium_is_one_of_blocks_that_turn_too_far(monkeypatch):
+    """The first round is one of small rotations; "Newton did not converge" names no rotation."""
+
+    def ends(*arguments, start=None, **stated):
+        found = solve_static(*arguments, start=start, **stated)
+        return found if start is None else replace(found, residual=1e-4, converged=False)
+
+    monkeypatch.setattr(rotation, "solve_static", ends)
+    with pytest.raises(StaticError, match=r"blocks turn too far .* after 1 rounds"):
+        solve_static_with_rotation(pipe(0.1))
+
+
+def test_rounds_that_stagnate_below_the_tolerance_are_an_answer(monkeypatch, turned):
+    """Each round is asked for a hundredth of the tolerance; round-off may end it before."""
+
+    def stagnating(*arguments, **stated):
+        return replace(solve_static(*arguments, **stated), residual=3e-10, converged=False)
+
+    monkeypatch.setattr(rotation, "solve_static", stagnating)
+    found = solve_static_with_rotation(pipe(0.1), StaticOptions(tolerance=1e-8))
+    assert found.converged
+    assert "did not converge" not in found.status
+    # Residuals of 1e-8 of the load, which the softest motion amplifies by 1e2.
+    for moved, expected in zip(found.displacements, turned.displacements, strict=True):
+        assert np.abs(moved - expected).max() < 1e-5 * np.abs(expected).max()
+    rough = solve_static_with_rotation(pipe(0.1), StaticOptions(tolerance=1e-10))
+    assert not rough.converged

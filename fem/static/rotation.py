@@ -68,7 +68,7 @@ def solve_static_with_rotation(
     before: FloatArray | None = None
     added: tuple[NodalLoad, ...] = ()
     history: list[float] = []
-    while result.converged:
+    while result.residual <= options.tolerance:
         found = finite_rotation_loads(model, result.displacements)
         forces = np.concatenate([load.forces.ravel() for load in found])
         change = float(np.linalg.norm(forces if before is None else forces - before))
@@ -77,24 +77,35 @@ def solve_static_with_rotation(
             break
         stuck = len(history) > 4 and history[-1] > _PROGRESS * history[-3]
         if stuck or len(history) > _MAX_ROUNDS:
-            raise StaticError(
-                "effects.finite_rotation: blocks turn too far for the static solver (the forces "
-                f"of the rotation still change by {history[-1]:.2g} of the load after "
-                f'{len(history)} rounds); expected fem.method = "explicit"'
-            )
+            raise _too_far(history)
         before, added = forces, found
         turned = replace(deformable, model=replace(model, loads=(*model.loads, *added)))
         result = solve_static(turned, exact, start=result, store=store)
         residuals += result.residuals
+        if result.residual > options.tolerance:
+            raise _too_far(history)
+    status, converged = result.status, result.residual <= options.tolerance
+    if converged and not result.converged:
+        status = f"equilibrium after {len(residuals)} iterations, residual {result.residual:.1e}"
     rounds = f"; finite rotation in {len(history)} rounds" if history else ""
     return replace(
         result,
         deformable=deformable,
+        converged=converged,
         residual=result.residual + (history[-1] if history else 0.0),
         residuals=tuple(residuals),
-        status=result.status + rounds,
+        status=status + rounds,
         strain_energy=_strain_energy(deformable, result.displacements),
         external_work=result.external_work - _work(added, result.displacements),
+    )
+
+
+def _too_far(changes: list[float]) -> StaticError:
+    """Rounds that lead nowhere, with what the last one changed over the load."""
+    return StaticError(
+        "effects.finite_rotation: blocks turn too far for the static solver (the forces of the "
+        f"rotation still change by {changes[-1]:.2g} of the load after {len(changes)} rounds); "
+        'expected fem.method = "explicit"'
     )
 
 
