@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,14 +21,16 @@ from fem.assembly.contact_state import (
 )
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.peaks import StressPeaks, joint_forces, stress_peaks
-from fem.explicit.setup.quasi_static import QuasiStaticReport, quasi_static_report
-from fem.explicit.setup.statement import ExplicitStatement
-from fem.explicit.solve import ExplicitResult
 from fem.problem.recovery import Recovered, recover
 from fem.static.result import StaticResult
 from geometry.errors import RefusedError
 from geometry.measures import JointResultants
 from geometry.mesh import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from fem.explicit.setup.quasi_static import QuasiStaticReport
+    from fem.explicit.setup.statement import ExplicitStatement
+    from fem.explicit.solve import ExplicitResult
 
 #: Blocks move far where their displacement is this share of their size: relative errors of a
 #: geometry that stays as built are as large.
@@ -74,7 +77,7 @@ class Solution:
     @property
     def explicit(self) -> ExplicitResult | None:
         """Result of an explicit run; None for a static state."""
-        return self.solver if isinstance(self.solver, ExplicitResult) else None
+        return None if isinstance(self.solver, StaticResult) else self.solver
 
     @property
     def residual(self) -> float | None:
@@ -146,6 +149,7 @@ class Solution:
             self.group_displacements,
             averaging_radius=self.averaging_radius,
             finite_rotation=self.finite_rotation,
+            representative=None if self.static is None else self.static.representative,
         )
 
     @property
@@ -218,6 +222,8 @@ class Solution:
     @cached_property
     def quasi_static(self) -> QuasiStaticReport | None:
         """How static the end of an explicit run is; None where nothing recommends a frequency."""
+        from fem.explicit.setup.quasi_static import quasi_static_report
+
         result, stated = self.explicit, self.statement
         if result is None or stated is None or stated.recommended is None:
             return None

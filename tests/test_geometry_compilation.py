@@ -197,11 +197,7 @@ def test_stages_of_a_run_leave_compilation_out() -> None:
     ("command", "module"),
     [
         (["mbd", "tsb1-pipe"], "validation.run.rigid.answer"),
-        pytest.param(
-            ["fem", "tsb1-pipe", "--accuracy", "u=50%"],
-            "fem.static.contact_forces",
-            marks=pytest.mark.xfail(reason="fem.solution imports the explicit kernels"),
-        ),
+        (["fem", "tsb1-pipe", "--accuracy", "u=50%"], "fem.static.contact_forces"),
     ],
 )
 def test_rigid_and_curved_blocks_load_no_compiler(command: list[str], module: str) -> None:

@@ -17,9 +17,11 @@ from fem import Problem, StaticOptions, concrete, solve_static
 from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import coarser, on_mesh
 from fem.accuracy.transfer import interpolation, node_places, transferred
+from fem.assembly.symmetry import largest_cyclic_orbits, with_half_turn
 from fem.element.lagrange_mesh import with_degree
 from fem.static import solve
 from fem.static.contact_forces import grid_blocks
+from fem.static.linear_step.grid_block import PointFlexibility
 from fem.static.solve import StaticMethod
 from geometry import SineBlock, beam, pillar, pipe, shaft, tube, tunnel
 from geometry.block import Block, box_block
@@ -40,8 +42,11 @@ SHAPE = {
 }
 TUBE = tube(SineBlock(**SHAPE), layers=1, mesh=(12, 1, 2))
 TOWER = tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 2))
+#: Half a turn takes facets between its layers onto themselves.
+IMAGES = tube(SineBlock(**SHAPE | {"frequency": 1}), layers=2, mesh=(6, 1, 2))
 PROBLEMS = {
     "pipe": Problem(TOWER, pipe(0.01), concrete),
+    "own images": Problem(IMAGES, pipe(0.01), concrete),
     "tunnel": Problem(TUBE, tunnel(0.01), concrete),
     "shaft": Problem(TUBE, shaft(0.01), concrete),
     "beam": Problem(TUBE, beam(0.01), concrete),
@@ -83,6 +88,33 @@ def test_two_solvers_find_one_state(
     for key, measure in oracle.measures.items():
         assert found.measures[key].value == pytest.approx(measure.value, rel=1e-7), key
         assert found.measures[key].resolved == measure.resolved
+
+
+@pytest.mark.parametrize(
+    ("name", "share"), [("pipe", 0.5), ("own images", 0.5), ("weight along the axis", 1.0)]
+)
+def test_blocks_that_a_half_turn_maps_onto_others_are_not_computed(name: str, share: float) -> None:
+    """Facets that it takes onto themselves count half; a weight along the axis breaks it."""
+    deformable = replace(PROBLEMS[name], degree=2).deformable
+    moving = deformable.deformable_blocks
+    orbits = largest_cyclic_orbits(deformable)
+    half = with_half_turn(deformable, orbits)
+    one, all_layers = (len(np.unique(o.representative[moving])) for o in (half, orbits))
+    assert one == share * all_layers
+    facets = len(half.facets) if half.share is None else half.share.sum()
+    assert facets == share * len(orbits.facets)
+
+
+def test_a_block_is_condensed_on_no_point_too() -> None:
+    """As where all contact is soft at a start: points that are asked for later are added."""
+    grids = grid_blocks(replace(PROBLEMS["pipe"], degree=2).deformable)
+    assert grids is not None
+    points = np.array([0, 7, 100])
+    grown = PointFlexibility(grids[0], points[:0])
+    grown.include(points)
+    expected = PointFlexibility(grids[0], points).between(points, points)
+    one = grown.between(points, points)
+    np.testing.assert_allclose(one, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 
 
 # ---------------------------------------------------------------------------------------------

@@ -234,10 +234,8 @@ def climbed(
 
     Raises
     ------
-    AccuracyError
-        A problem that cannot be refined.
-    StaticError, SymmetryError
-        As `fem.solve_static`.
+    AccuracyError, StaticError, SymmetryError
+        As `converge`.
     """
     check_refinable(problem)
     options = default_options() if options is None else options

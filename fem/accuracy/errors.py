@@ -72,9 +72,9 @@ def falling_bar(values: Sequence[float], falls: Falls) -> float:
     """
     change = values[-1] - values[-2]
     if len(values) == 2:
-        return SAFETY * abs(change) / (falls.least - 1.0)
-    before, both = values[-2] - values[-3], values[-1] - values[-3]
+        return error_bar(values, [falls.least])
+    before = values[-2] - values[-3]
     most = min(falls.most, ALTERNATING) if before * change < 0.0 else falls.most
     seen = abs(before / change) if change else most
     fall = min(max(seen, falls.least), most)
-    return SAFETY * max(abs(change) / (fall - 1.0), abs(both) / (falls.most**2 - 1.0))
+    return error_bar(values[-3:], [falls.most**2, fall])

@@ -61,9 +61,8 @@ def pressures_on_facets(
     basis = BILINEAR if degree == 1 else lagrange_basis(degree)
     blocks = found.block_m[chosen], found.block_s[chosen]
     sides = zip(blocks, (found.quads_m[chosen], found.quads_s[chosen]), strict=True)
-    (nodes_m, u_m), (nodes_s, u_s) = (
-        _at_facets(facets, (solved, displacements), side, degree) for side in sides
-    )
+    state = solved, displacements, alike
+    (nodes_m, u_m), (nodes_s, u_s) = (_at_facets(facets, state, side, degree) for side in sides)
     surfaces = _surfaces(solved, basis, blocks, (nodes_m, nodes_s))
     moved = np.concatenate([u_m, u_s], axis=1)
     overclosures = point_overclosures(surfaces, moved, solved.contact.normals)
@@ -73,16 +72,16 @@ def pressures_on_facets(
 
 def _at_facets(
     facets: Assembly,
-    state: tuple[DeformableAssembly, tuple[FloatArray, ...]],
+    state: tuple[DeformableAssembly, tuple[FloatArray, ...], IntArray],
     side: tuple[IntArray, IntArray],
     degree: int,
 ) -> tuple[FloatArray, FloatArray]:
     """World positions and displacements of the nodes of facets, (n_facets, n_nodes, 3) [mm]."""
-    (solved, displacements), (blocks, quads) = state, side
+    (solved, displacements, alike), (blocks, quads) = state, side
     line = lobatto_points(degree)
-    local = FACET_CORNERS if degree == 1 else grid_points(line, line)
-    positions = np.empty((len(quads), len(local), 3))
-    moved = np.zeros_like(positions)
+    at = FACET_CORNERS if degree == 1 else grid_points(line, line)
+    positions = np.empty((len(quads), len(at), 3))
+    moved = np.empty_like(positions)
     assembly = solved.assembly
     for number, shape in enumerate(facets.shapes):
         rows = np.flatnonzero(facets.shape_of[blocks] == number)
@@ -90,18 +89,24 @@ def _at_facets(
             continue
         known, which = unique_rows(quads[rows])
         element, corners = facet_elements(shape.mesh, known)
-        natural = np.einsum("na,fai->fni", bilinear(local)[0], corners)
+        natural = np.einsum("na,fai->fni", bilinear(at)[0], corners)
         charts = charts_as(shape, charts_of(assembly.shapes[number]))
-        places = places_in(charts, np.repeat(element, len(local)), natural.reshape(-1, 3))
-        to = interpolation(assembly.shapes[number], places)
-        points = (to @ assembly.shapes[number].mesh.nodes).reshape(len(known), len(local), 3)
-        for block in np.unique(blocks[rows]).tolist():
-            mine, turn = blocks[rows] == block, assembly.rotations[block]
-            positions[rows[mine]] = points[which[mine]] @ turn.T + assembly.translations[block]
-            group = int(solved.group_of[block])
+        places = places_in(charts, np.repeat(element, len(at)), natural.reshape(-1, 3))
+        # Blocks that are alike have moved alike in their own frames.
+        stands, field = np.unique(alike[blocks[rows]], return_inverse=True)
+        fields = [assembly.shapes[number].mesh.nodes]
+        for block in stands:
+            group, u = int(solved.group_of[block]), np.zeros_like(fields[0])
             if group >= 0:
-                u = to @ displacements[group][solved.copy_of[block]]
-                moved[rows[mine]] = u.reshape(points.shape)[which[mine]]
+                u = displacements[group][solved.copy_of[block]] @ assembly.rotations[block]
+            fields.append(u)
+        to = interpolation(assembly.shapes[number], places)
+        values = to @ np.concatenate(fields, axis=1)
+        values = np.reshape(values, (len(known), len(at), len(fields), 3))
+        turns = np.swapaxes(assembly.rotations[blocks[rows]], 1, 2)
+        positions[rows] = values[which, :, 0] @ turns
+        positions[rows] += assembly.translations[blocks[rows], None]
+        moved[rows] = values[which, :, 1 + field] @ turns
     return positions, moved
 
 
@@ -114,7 +119,7 @@ def _surfaces(
     """Facets between nodes of two blocks that coincide."""
     (block_m, block_s), (nodes_m, nodes_s) = blocks, nodes
     numbers = np.zeros(nodes_m.shape[:2], dtype=np.int64)
-    offsets = np.einsum("pa,fai->fpi", basis.values, nodes_s - nodes_m)
+    offsets = basis.values @ (nodes_s - nodes_m)
     offsets += (solved.offsets[block_s] - solved.offsets[block_m])[:, None]
     return ContactSurfaces(
         block_m=block_m,

@@ -39,7 +39,7 @@ LOCAL = frozenset({"p_max_point", "sigma_1_averaged"})
 #: beyond `geometry.answer.WIDEST`, so that they are printed as not resolved.
 _BEFORE_EDGES = 0.34
 #: Means over facets, whose errors fall fastest.
-_MEANS = ("p_eff", "p_max", "p_max_facet")
+OF_FACETS = frozenset({"p_eff", "p_max", "p_max_facet"})
 #: Part of the largest last change that a local value is not known better than.
 SHARED = 0.3
 #: Stresses below this share of the largest one need no finer mesh [-].
@@ -135,7 +135,7 @@ def falls_of(name: str) -> Falls:
         return Falls(1.5, 2.0)
     if name == "max_displacement":
         return Falls(1.6, 2.3)
-    return Falls(1.6, 3.2) if name in _MEANS else Falls(1.6, 2.0)
+    return Falls(1.6, 3.2) if name in OF_FACETS else Falls(1.6, 2.0)
 
 
 #: Large elements of growing degree, three meshes before any error bar is believed, then more of

@@ -26,14 +26,13 @@ from contextlib import suppress
 from dataclasses import replace
 
 from fem.accuracy.errors import error_bar
-from fem.accuracy.ladder import LOCAL, SHARED, coarser
+from fem.accuracy.ladder import AT_EDGES, LOCAL, SHARED, coarser
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem
 from fem.measures import bracketed, load_step_change, measures_of
 from fem.solution import Solution
 from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.result import StaticError, StaticResult
-from fem.static.rotation import solve_static_with_rotation
 from fem.static.solve import StaticOptions, solve_static
 from geometry.answer import Measure
 from geometry.errors import RefusedError
@@ -42,8 +41,6 @@ from geometry.errors import RefusedError
 SHARES = (2.0 / 3.0, 0.5)
 #: Error of elements of one degree less over that of a run, at least.
 _DEGREE = 2.0
-#: Peaks that lie inside elements.
-_INSIDE = ("sigma_1_max", "sigma_3_min", "mises_max")
 #: What coarser meshes judge beside them in elements of degree two or more.
 _OF_MESHES = ("sigma_1_averaged", "p_max_point", "max_displacement")
 
@@ -67,6 +64,9 @@ def static_solution(
         As `fem.solve_static`.
     """
     if finite_rotation:
+        # Its internal forces are those of explicit runs, which load a compiler.
+        from fem.static.rotation import solve_static_with_rotation
+
         result = solve_static_with_rotation(deformable, options, store=store)
     else:
         result = solve_static(deformable, options, store=store, start=start)
@@ -102,7 +102,7 @@ def estimated_errors(
         before = measures_of(less)
         degrees = {n: error_bar([before[n].value, m.value], [_DEGREE]) for n, m in measures.items()}
         bars = {n: _both(n, bar, of_meshes.get(n, 0.0)) for n, bar in degrees.items()}
-        sizes = {n: abs(m.value) for n, m in measures.items() if n in LOCAL or n in _INSIDE}
+        sizes = {n: abs(m.value) for n, m in measures.items() if n in LOCAL or n in AT_EDGES}
         least = SHARED * max(
             (bars[n] / sizes[n] for n in LOCAL & sizes.keys() if sizes[n]), default=0.0
         )
@@ -110,7 +110,7 @@ def estimated_errors(
     else:
         sides = bracketed(solution) if of_meshes else {}
         bars = {
-            name: (sum if name in _INSIDE else max)((bar, sides.get(name, 0.0)))
+            name: (sum if name in AT_EDGES else max)((bar, sides.get(name, 0.0)))
             for name, bar in of_meshes.items()
         }
     return {name: steps.get(name, 0.0) + bar for name, bar in bars.items()}
@@ -137,7 +137,7 @@ def _of_meshes(
 
 def _both(name: str, degrees: float, meshes: float) -> float:
     """Estimate of elements of degree two or more from those of degrees and of meshes."""
-    if name in _INSIDE:
+    if name in AT_EDGES:
         return degrees + meshes
     return max(degrees, meshes) if name in _OF_MESHES else degrees
 

@@ -226,6 +226,16 @@ def block_load_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatAr
     return forces if on_faces is None else on_faces + forces
 
 
+def _pressed(load: LoadCase, block: int) -> bytes | None:
+    """Facets of a block under pressures: congruent blocks with the same ones are loaded alike.
+
+    None where other loads act.
+    """
+    if load.body_wrenches is not None or any(f.tractions is not None for f in load.facets):
+        return None
+    return b"|".join(found.quads[found.block == block].tobytes() for found in load.facets)
+
+
 def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray | None:
     """Forces of the loaded facets of one block in its own frame; None where it has none."""
     mesh, rotation = assembly.shape(block).mesh, assembly.rotations[block]
@@ -285,8 +295,15 @@ def _dead_loads(
     loads = []
     for number in range(len(groups)):
         copies, nodes, forces = [], [], []
-        for block in np.flatnonzero(group_of == number):
-            local = block_load_forces(assembly, load, int(block))
+        known: dict[bytes, FloatArray | None] = {}
+        for block in np.flatnonzero(group_of == number).tolist():
+            pressed = _pressed(load, block)
+            if pressed is None or pressed not in known:
+                local = block_load_forces(assembly, load, block)
+            else:
+                local = known[pressed]
+            if pressed is not None:
+                known[pressed] = local
             if local is None:
                 continue
             where = np.flatnonzero(local.any(axis=1))

@@ -85,7 +85,7 @@ class LocalSystem:
     @cached_property
     def rotations(self) -> FloatArray:
         """Rotations of master and opposing block of each facet, (n_facets, 2, 3, 3)."""
-        turns = self.deformable.assembly.rotations
+        turns = self.orbits.rotations(self.deformable)
         return np.stack([turns[self.surfaces.block_m], turns[self.surfaces.block_s]], axis=1)
 
     @cached_property
@@ -186,12 +186,14 @@ class LocalSystem:
 
     def expand(self, displacement: FloatArray) -> list[FloatArray]:
         """World displacements of every copy of each group, (n_copies, n_nodes, 3) [mm]."""
-        deformable = self.deformable
+        deformable, rotations = self.deformable, self.orbits.rotations(self.deformable)
         result = [np.zeros((g.n_copies, g.n_nodes, 3)) for g in deformable.model.groups]
         for block in deformable.deformable_blocks:
             group, copy = int(deformable.group_of[block]), int(deformable.copy_of[block])
             local = displacement[self.nodes_of(int(self.slot_of[block]))]
-            result[group][copy] = local @ deformable.assembly.rotations[block].T
+            nodes = self.orbits.nodes(deformable, int(block))
+            local = local if nodes is None else local[nodes]
+            result[group][copy] = local @ rotations[block].T
         return result
 
 
@@ -213,13 +215,13 @@ def local_system(
     sizes = [deformable.group(int(b)).n_nodes for b in blocks]
     node_start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     surfaces = searched or deformable.surfaces.subset(orbits.facets)
-    corner = np.concatenate(
-        [
-            _slot_nodes(surfaces.quads_m, slot_of[surfaces.block_m], node_start),
-            _slot_nodes(surfaces.quads_s, slot_of[surfaces.block_s], node_start),
-        ],
-        axis=1,
-    )
+    corner = [
+        _slot_nodes(orbits.on_representatives(deformable, of, quads), slot_of[of], node_start)
+        for of, quads in (
+            (surfaces.block_m, surfaces.quads_m),
+            (surfaces.block_s, surfaces.quads_s),
+        )
+    ]
     forces = local_forces(deformable)
     external = [forces[deformable.group_of[b]][deformable.copy_of[b]] for b in blocks]
     return LocalSystem(
@@ -229,7 +231,7 @@ def local_system(
         slot_of=slot_of,
         node_start=node_start,
         surfaces=surfaces,
-        corner_nodes=corner,
+        corner_nodes=np.concatenate(corner, axis=1),
         external_force=np.concatenate(external),
         held=_held_nodes(deformable, blocks, node_start),
     )

@@ -45,8 +45,6 @@ from fem.problem.recovery import block_displacements, moved_bodies
 from geometry.measures import JointResultants, summed_by_joint
 from geometry.mesh import HEX_FACES, FloatArray, IntArray
 
-#: Displacements in block frames are one where they differ by less of the largest.
-_ALIKE = 1e-9
 #: Centres of balls lie this part of the radius apart: the mean over a ball changes little there.
 _CENTRE_SPACING = 0.25
 
@@ -173,6 +171,7 @@ def stress_peaks(
     *,
     averaging_radius: float,
     finite_rotation: bool = False,
+    representative: IntArray | None = None,
 ) -> StressPeaks:
     """Sample the stresses inside all elements.
 
@@ -186,11 +185,18 @@ def stress_peaks(
         Radius of the ball over which stresses are averaged [mm].
     finite_rotation
         Whether the rigid rotation of each block is removed first.
+    representative
+        Block that stands for each block, (n_blocks,), where a symmetry is known.
     """
-    found = [
-        _group_peaks(deformable, k, u, averaging_radius, finite_rotation=finite_rotation)
-        for k, u in enumerate(displacements)
-    ]
+    chosen = deformable.deformable_blocks
+    chosen = chosen if representative is None else np.unique(representative[chosen])
+    found = []
+    for number, (group, u) in enumerate(zip(deformable.model.groups, displacements, strict=True)):
+        local, _ = block_displacements(group, u, finite_rotation=finite_rotation)
+        blocks = chosen[deformable.group_of[chosen] == number]
+        of_group = _lagrange_peaks if isinstance(group.mesh, LagrangeMesh) else _group_peaks
+        moved = local[deformable.copy_of[blocks]]
+        found.append(of_group(deformable, blocks, moved, averaging_radius))
     return StressPeaks(
         sigma_1=max((f.sigma_1 for f in found), key=_value),
         sigma_3=min((f.sigma_3 for f in found), key=_value),
@@ -208,24 +214,17 @@ def _value(peak: Peak) -> float:
 
 
 def _group_peaks(
-    deformable: DeformableAssembly,
-    number: int,
-    displacement: FloatArray,
-    radius: float,
-    *,
-    finite_rotation: bool,
+    deformable: DeformableAssembly, blocks: IntArray, local: FloatArray, radius: float
 ) -> StressPeaks:
-    group = deformable.model.groups[number]
-    local, _ = block_displacements(group, displacement, finite_rotation=finite_rotation)
-    if isinstance(group.mesh, LagrangeMesh):
-        return _lagrange_peaks(deformable, number, local, radius)
+    """Of blocks of one group, from displacements in their frames (n_blocks, n_nodes, 3) [mm]."""
+    group = deformable.group(int(blocks[0]))
     stress = integration_point_stress(group.mesh, group.material, group.element, local)
     principal = principal_stress(stress)
     points = integration_points(group.mesh, group.element)
     per_element = len(points) // group.mesh.n_elements
 
     def peak(values: FloatArray, at: FloatArray, copy: int, row: int, element: int | None) -> Peak:
-        block = _block_of(deformable, number, copy)
+        block = int(blocks[copy])
         where = deformable.assembly.place(block, at[row][None])[0] + deformable.offsets[block]
         face = None if element is None else _element_face(deformable, block, element, at[row])
         return Peak(float(values[copy, row]), (block,), where, face)
@@ -250,19 +249,16 @@ def _group_peaks(
 
 
 def _lagrange_peaks(
-    deformable: DeformableAssembly, number: int, local: FloatArray, radius: float
+    deformable: DeformableAssembly, blocks: IntArray, local: FloatArray, radius: float
 ) -> StressPeaks:
     """The same of elements of higher degree, which hide nothing towards their corners.
 
-    There their polynomials overshoot (`fem.element.lagrange_stress.everywhere`). Copies that have
-    moved alike in their own frames are sampled once.
+    There their polynomials overshoot (`fem.element.lagrange_stress.everywhere`).
     """
-    rounded = np.rint(local / max(_ALIKE * np.abs(local).max(), 1e-300)).reshape(len(local), -1)
-    copies = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
-    bodies = moved_bodies(deformable.model.groups[number], local[copies])
+    bodies = moved_bodies(deformable.group(int(blocks[0])), local)
 
     def peak(found: PointValue) -> Peak:
-        block = _block_of(deformable, number, int(copies[found.layer - 1]))
+        block = int(blocks[found.layer - 1])
         where = deformable.assembly.place(block, found.position[None])[0]
         return Peak(found.value, (block,), where + deformable.offsets[block], None)
 
@@ -360,11 +356,6 @@ def _shares(volumes: FloatArray, members: IntArray, starts: IntArray) -> csr_arr
 
 # ---------------------------------------------------------------------------------------------
 # Places
-
-
-def _block_of(deformable: DeformableAssembly, group: int, copy: int) -> int:
-    mine = (deformable.group_of == group) & (deformable.copy_of == copy)
-    return int(np.flatnonzero(mine)[0])
 
 
 def _element_face(

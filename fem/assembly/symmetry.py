@@ -4,18 +4,22 @@ A rotation about the tube axis that maps every block onto a congruent one, and t
 supports with it, makes the displacements of those blocks equal in their own frames. One
 representative per orbit carries the unknowns; of the contacts, one per orbit is integrated.
 Nothing is approximated: the sector gives the digits of the whole at 1/order of the cost.
+
+A half turn about a radius through the middle of a tube, where it is a symmetry as well, halves the
+layers (`with_half_turn`): it turns blocks over, each onto itself but for its place.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from fem.assembly.deformable import DeformableAssembly
+from geometry.block import Block
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, IntArray, cross_matrix
+from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix
 
 #: Relative deviation of placements (in block sizes), rotations and loads that still counts as
 #: symmetric: far above rounding, far below any clearance.
@@ -24,6 +28,20 @@ _TOLERANCE = 1e-9
 
 class SymmetryError(RefusedError):
     """A symmetry that the model does not have: what breaks it."""
+
+
+@dataclass(frozen=True)
+class TurnedOver:
+    """A half turn of every block onto itself, and the blocks that are turned over."""
+
+    blocks: BoolArray
+    """Which of all blocks are so against their representative, (n_blocks,)."""
+    rotations: tuple[FloatArray, ...]
+    """Of each shape in its own frame, (3, 3)."""
+    nodes: tuple[IntArray, ...]
+    """Node of each shape onto which it takes each node, (n_nodes,)."""
+    facets: tuple[IntArray, ...]
+    """The same of its contact facets."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +57,37 @@ class Orbits:
     point_of: IntArray
     """Which point of those facets (n_points · position + point) stands for each point of the
     surfaces, (n_facets, n_points)."""
+    over: TurnedOver | None = None
+    """Blocks that are turned over against their representatives; None: none."""
+    share: FloatArray | None = None
+    """Part of each facet that counts, (n,): a half of those that a half turn takes onto themselves;
+    None: all of each."""
+
+    def rotations(self, deformable: DeformableAssembly) -> FloatArray:
+        """From the frame of each block's representative to the world, (n_blocks, 3, 3)."""
+        assembly, over = deformable.assembly, self.over
+        if over is None:
+            return assembly.rotations
+        turns = np.stack(over.rotations)[assembly.shape_of]
+        return np.where(over.blocks[:, None, None], assembly.rotations @ turns, assembly.rotations)
+
+    def nodes(self, deformable: DeformableAssembly, block: int) -> IntArray | None:
+        """Node of its representative for each node of a block; None: the same."""
+        if self.over is None or not self.over.blocks[block]:
+            return None
+        return self.over.nodes[int(deformable.assembly.shape_of[block])]
+
+    def on_representatives(
+        self, deformable: DeformableAssembly, blocks: IntArray, quads: IntArray
+    ) -> IntArray:
+        """Nodes of facets (n, n_nodes) of blocks as those of their representatives."""
+        if self.over is None:
+            return quads
+        found, shapes = quads.copy(), deformable.assembly.shape_of[blocks]
+        for shape, nodes in enumerate(self.over.nodes):
+            mine = self.over.blocks[blocks] & (shapes == shape)
+            found[mine] = nodes[quads[mine]]
+        return found
 
 
 def no_symmetry(deformable: DeformableAssembly) -> Orbits:
@@ -62,9 +111,9 @@ def cyclic_orbits(deformable: DeformableAssembly, order: int) -> Orbits:
         return no_symmetry(deformable)
     image = _images(deformable, order)
     _check_loads(deformable, image, order)
-    representative = _smallest(deformable, image, order)
-    facets, point_of = _facet_orbits(deformable, representative)
-    return Orbits(order, representative, facets, point_of)
+    none = np.empty(0, dtype=np.int64)
+    orbits = Orbits(order, _smallest(deformable, image, order), none, none)
+    return _with_facets(deformable, orbits)
 
 
 def representatives(deformable: DeformableAssembly, order: int) -> IntArray:
@@ -182,31 +231,170 @@ def _held_components(deformable: DeformableAssembly) -> list[FloatArray]:
     return held
 
 
-def _facet_orbits(
-    deformable: DeformableAssembly, representative: IntArray
-) -> tuple[IntArray, IntArray]:
-    """One facet of each orbit, and for every point which one stands for it.
+def with_half_turn(deformable: DeformableAssembly, orbits: Orbits) -> Orbits:
+    """Orbits of blocks without supports that a half turn about a radius maps as well, if one does.
+
+    The radius lies half way up the tube. No block may be its own image, turned over.
+    """
+    assembly, moving = deformable.assembly, deformable.deformable_blocks
+    if deformable.model.supports or assembly.image_of is not None:
+        return orbits
+    centroids = (assembly.centroids + deformable.offsets - assembly.origin)[moving]
+    height = centroids @ assembly.axis
+    middle = 0.5 * (height.min() + height.max())
+    across = centroids - height[:, None] * assembly.axis
+    size = assembly.characteristic_length
+    opposite = np.abs(height + height[0] - 2.0 * middle) <= _TOLERANCE * size
+    for last in np.flatnonzero(opposite & (orbits.representative[moving] == moving)).tolist():
+        radius = across[0] + across[last]
+        length = float(np.linalg.norm(radius))
+        if length > _TOLERANCE * size:
+            turn = 2.0 * np.outer(radius, radius) / length**2 - np.eye(3)
+            centre = middle * assembly.axis + assembly.origin
+            found = _turned_over(deformable, orbits, turn, centre)
+            if found is not None:
+                return found
+    return orbits
+
+
+def _turned_over(
+    deformable: DeformableAssembly, orbits: Orbits, turn: FloatArray, centre: FloatArray
+) -> Orbits | None:
+    """Orbits with a half turn about a centre as well; None where it is no symmetry."""
+    assembly, moving = deformable.assembly, deformable.deformable_blocks
+    size = assembly.characteristic_length
+    place = (assembly.translations + deformable.offsets - centre)[moving]
+    centroid = (assembly.centroids + deformable.offsets - centre)[moving]
+    distance, found = cKDTree(centroid).query(centroid @ turn.T)
+    to = np.asarray(found, dtype=np.int64)
+    image = np.arange(assembly.n_blocks)
+    image[moving] = moving[to]
+    before = orbits.representative
+    kinds = np.stack([assembly.shape_of, deformable.group_of])
+    if np.max(distance) > _TOLERANCE * size or (kinds != kinds[:, image]).any():
+        return None
+    # x of a block in its own frame comes to own @ x + shift in that of its image.
+    back = np.swapaxes(assembly.rotations[image[moving]], 1, 2)
+    own = back @ turn @ assembly.rotations[moving]
+    shift = np.einsum("bij,bj->bi", back, place @ turn.T - place[to]) / size
+    motion = np.concatenate([own, shift[:, :, None]], axis=2)
+    rotations, nodes, facets = [], [], []
+    for number, shape in enumerate(assembly.shapes):
+        mine = motion[assembly.shape_of[moving] == number]
+        first = mine[0] if len(mine) else np.eye(3, 4)
+        turned = _onto_itself(shape, first[:, :3], size * first[:, 3])
+        if turned is None or np.abs(mine - first).max(initial=0.0) > _TOLERANCE:
+            return None
+        rotations.append(first[:, :3])
+        nodes.append(turned[0])
+        facets.append(turned[1])
+    if (before[image] == before)[moving].any():
+        return None
+    over = TurnedOver(before[image] < before, tuple(rotations), tuple(nodes), tuple(facets))
+    half = replace(orbits, representative=np.minimum(before, before[image]), over=over)
+    if not _loads_turn(deformable, half, image):
+        return None
+    found_facets = _with_facets(deformable, half)
+    return found_facets if _same_facets(deformable, found_facets) else None
+
+
+def _onto_itself(
+    shape: Block, turn: FloatArray, shift: FloatArray
+) -> tuple[IntArray, IntArray] | None:
+    """Where a motion takes each node and each contact facet of a shape; None: not onto itself."""
+    nodes = shape.mesh.nodes
+    distance, found = cKDTree(nodes).query(nodes @ turn.T + shift)
+    if np.max(distance) > _TOLERANCE * np.ptp(nodes, axis=0).max():
+        return None
+    image = np.asarray(found, dtype=np.int64)
+    before = np.sort(shape.contact_quads, axis=1)
+    after = np.sort(image[shape.contact_quads], axis=1)
+    order, other = np.lexsort(before.T), np.lexsort(after.T)
+    if not np.array_equal(before[order], after[other]):
+        return None
+    facets = np.empty(len(order), dtype=np.int64)
+    facets[other] = order
+    return image, facets
+
+
+def _loads_turn(deformable: DeformableAssembly, orbits: Orbits, image: IntArray) -> bool:
+    """Whether the loads of every block are those of its image, turned over."""
+    over = orbits.over
+    assert over is not None
+    forces = local_forces(deformable)
+    largest = max((float(np.abs(f).max()) for f in forces), default=0.0)
+    for block in deformable.deformable_blocks:
+        other, shape = int(image[block]), int(deformable.assembly.shape_of[block])
+        group = int(deformable.group_of[block])
+        one, two = (forces[group][deformable.copy_of[b]] for b in (block, other))
+        expected = one @ over.rotations[shape].T
+        if np.abs(two[over.nodes[shape]] - expected).max() > _TOLERANCE * largest:
+            return False
+    return True
+
+
+def _same_facets(deformable: DeformableAssembly, orbits: Orbits) -> bool:
+    """Whether every point has the gap and the area of the one that stands for it."""
+    surfaces = deformable.surfaces
+    size = deformable.assembly.characteristic_length
+    for values, unit in ((surfaces.initial_gaps, size), (surfaces.weights, size**2)):
+        stands = values[orbits.facets].ravel()[orbits.point_of]
+        if np.abs(values - stands).max() > _TOLERANCE * unit:
+            return False
+    return True
+
+
+def _with_facets(deformable: DeformableAssembly, orbits: Orbits) -> Orbits:
+    """Find one facet of each orbit, and for every point which one stands for it.
 
     A facet of a block meets exactly one other facet, so the two (representative, facet number)
     of a contact, unordered, name its orbit.
     """
     surfaces, basis = deformable.surfaces, deformable.surfaces.basis
     found = deformable.assembly.interfaces
-    width = int(deformable.assembly.eligible_facets().max()) + 1
-    end_m = representative[surfaces.block_m] * width + found.facet_m[surfaces.facet]
-    end_s = representative[surfaces.block_s] * width + found.facet_s[surfaces.facet]
+    sides = [
+        (surfaces.block_m, found.facet_m[surfaces.facet], surfaces.quads_m),
+        (surfaces.block_s, found.facet_s[surfaces.facet], surfaces.quads_s),
+    ]
+    end_m, end_s = (_ends(deformable, orbits, *side[:2]) for side in sides)
     key = np.column_stack([np.minimum(end_m, end_s), np.maximum(end_m, end_s)])
     _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
     facets = np.sort(first).astype(np.int64)
     position = np.searchsorted(facets, first)[which.ravel()]
     # Points go with corners. Where master and opposing block have changed places, the image's
     # corners are those of the representative's opposing facet, in another order.
-    same = end_m == end_m[facets[position]]
+    quads_m, quads_s = (
+        orbits.on_representatives(deformable, blocks, quads[:, basis.corners])
+        for blocks, _, quads in sides
+    )
+    rigid = end_m < 0
+    end, one = np.where(rigid, end_s, end_m), np.where(rigid[:, None], quads_s, quads_m)
+    other = np.where(rigid[:, None], quads_m, quads_s)
     stands = facets[position]
-    quads_m, quads_s = (q[:, basis.corners] for q in (surfaces.quads_m, surfaces.quads_s))
-    corners = np.where(same[:, None], quads_m[stands], quads_s[stands])
-    match = quads_m[:, :, None] == corners[:, None, :]
+    same = end == end[stands]
+    corners = np.where(same[:, None], one[stands], other[stands])
+    match = one[:, :, None] == corners[:, None, :]
     if not (match.sum(axis=2) == 1).all():
         raise SymmetryError("symmetry: facets of one orbit have different corners")
     point_of: IntArray = basis.n_points * position[:, None]
-    return facets, point_of + basis.points_after(match.argmax(axis=2))
+    point_of = point_of + basis.points_after(match.argmax(axis=2))
+    share = None if orbits.over is None else np.where(end_m == end_s, 0.5, 1.0)[facets]
+    return replace(orbits, facets=facets, point_of=point_of, share=share)
+
+
+def _ends(
+    deformable: DeformableAssembly, orbits: Orbits, blocks: IntArray, facets: IntArray
+) -> IntArray:
+    """Number of a facet of a representative that stands for facets of blocks, (n,).
+
+    Where blocks are turned over, all facets of rigid blocks are -1: their frames may differ.
+    """
+    width, over = int(deformable.assembly.eligible_facets().max()) + 1, orbits.over
+    if over is None:
+        return orbits.representative[blocks] * width + facets
+    shapes, own = deformable.assembly.shape_of[blocks], facets.copy()
+    for shape, onto in enumerate(over.facets):
+        mine = over.blocks[blocks] & (shapes == shape)
+        own[mine] = onto[facets[mine]]
+    moving = deformable.group_of[blocks] >= 0
+    return np.where(moving, orbits.representative[blocks] * width + own, -1)

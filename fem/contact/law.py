@@ -97,35 +97,14 @@ def law_pressure(overclosure: float, law: LawConstants) -> float:
     return _pressure(min(overclosure, LARGEST_OVERCLOSURE), law)
 
 
-@njit(cache=True)
-def law_stored_energy(overclosure: float, law: LawConstants) -> float:
-    """Integral of the pressure over the overclosure [N mm per mm²]."""
-    if overclosure <= law.start:
-        return 0.0
-    if overclosure < law.linear_start:
-        x = (overclosure - law.start) / law.length
-        return law.scale * law.length * _energy_integral(x)
-    beyond = min(overclosure, LARGEST_OVERCLOSURE) - law.linear_start
-    return law.linear_energy + beyond * (law.linear_pressure + 0.5 * law.linear_stiffness * beyond)
-
-
-@njit(cache=True)
-def _energy_integral(x: float) -> float:
+def _energy_integral(x: npt.ArrayLike) -> FloatArray:
     """∫ t (eᵗ - 1) dt from 0 to x = (x - 1) eˣ + 1 - x²/2 = Σ_{k>=3} (k - 1) xᵏ / k!."""
-    if x > _SERIES_END:
-        return (x - 1.0) * math.exp(x) + 1.0 - 0.5 * x * x
-    term = x * x / 2.0
-    total = 0.0
+    x = np.asarray(x, dtype=np.float64)
+    term, total = 0.5 * x * x, np.zeros_like(x)
     for k in range(3, 20):
-        term *= x / k
+        term = term * x / k
         total += (k - 1) * term
-    return total
-
-
-@njit(cache=True)
-def _stored_energies(x: FloatArray, law: LawConstants, out: FloatArray) -> None:
-    for i in range(len(x)):
-        out[i] = law_stored_energy(x[i], law)
+    return np.where(x > _SERIES_END, (x - 1.0) * np.exp(x) + 1.0 - 0.5 * x * x, total)
 
 
 class ContactLaw:
@@ -166,10 +145,12 @@ class ContactLaw:
 
     def stored_energy(self, overclosure: npt.ArrayLike) -> FloatArray:
         """Energy per area ∫ p dx [N/mm] at overclosures [mm] of any shape."""
-        array = np.array(overclosure, dtype=np.float64, order="C")
-        out = np.empty(array.shape)
-        _stored_energies(array.reshape(-1), self.constants, out.reshape(-1))
-        return out
+        law, given = self.constants, np.asarray(overclosure, dtype=np.float64)
+        x = (np.clip(given, law.start, law.linear_start) - law.start) / law.length
+        beyond = np.clip(given - law.linear_start, 0.0, LARGEST_OVERCLOSURE - law.linear_start)
+        linear = law.linear_pressure + 0.5 * law.linear_stiffness * beyond
+        curve = law.scale * law.length * _energy_integral(x)
+        return np.where(beyond > 0.0, law.linear_energy + beyond * linear, curve)
 
     def overclosure(self, pressure: npt.ArrayLike) -> FloatArray:
         """Inverse of `pressure`: overclosures [mm] for pressures [MPa] of any shape.
@@ -289,7 +270,7 @@ class ExponentialLaw(ContactLaw):
             linear_start=length * (x - 1.0),
             linear_pressure=scale * x * math.expm1(x),
             linear_stiffness=self._curve_stiffness(x),
-            linear_energy=scale * length * float(_energy_integral.__wrapped__(x)),
+            linear_energy=scale * length * float(_energy_integral(x)),
         )
 
 

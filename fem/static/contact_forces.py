@@ -119,7 +119,9 @@ class _Points:
         surfaces = system.surfaces
         assert isinstance(surfaces, ContactSurfaces)
         self.surfaces = surfaces
-        self.weights: FloatArray = surfaces.weights.ravel()
+        share = system.orbits.share
+        weights = surfaces.weights if share is None else share[:, None] * surfaces.weights
+        self.weights: FloatArray = weights.ravel()
         self.n = len(self.weights)
         self.grids = [grids[int(system.deformable.group_of[block])] for block in system.blocks]
         self.slot_level = levels_of(system)
@@ -135,13 +137,13 @@ class _Points:
         )
         self.joint = np.repeat(np.asarray(pair[1]).ravel(), per_facet)
         self.parts: list[list[_Part]] = [[] for _ in self.grids]
-        quads = (surfaces.quads_m, surfaces.quads_s)
+        quads = np.split(system.corner_nodes, 2, axis=1)
         numbers = np.arange(self.n).reshape(n_facets, per_facet)
         for slot, grid in enumerate(self.grids):
             tree = cKDTree(grid.positions)
             for side in range(2):
                 mine = np.flatnonzero(slots[side] == slot)
-                corners = grid.nodes[quads[side][mine]]
+                corners = grid.nodes[quads[side][mine] - system.node_start[slot]]
                 places = np.einsum("pa,fai->fpi", surfaces.basis.values, corners)
                 away, nearest = tree.query(places.reshape(-1, 3))
                 away, local = np.asarray(away), np.asarray(nearest, dtype=np.int64)
@@ -268,7 +270,7 @@ class _ForceProblem:
         mine = [[_among(part, row) for part in parts] for parts in points.parts]
         nodal = self.load + turning.forces
         loads = [points.on_grid(s, nodal) + f for s, f in enumerate(points.pushed(given))]
-        loaded = [b.displacements(f[None])[0] for b, f in zip(self.blocks, loads, strict=True)]
+        loaded = self._displacements(loads)
         approach = points.approach(loaded) - points.gaps + turning.overclosure
         side, motions = right + approach[stiff], np.zeros_like(before)
         for slot, (grid, load) in enumerate(zip(points.grids, loads, strict=True)):
@@ -279,12 +281,20 @@ class _ForceProblem:
         for k, (found, alpha) in enumerate(factor_chain(levels).solve(sides)):
             forces[stiff[members[k]]] = found
             motions[self.members[k]] = alpha.reshape(-1, 6)
-        displaced = []
-        pushed = points.pushed(forces - given)
-        for slot, (block, push) in enumerate(zip(self.blocks, pushed, strict=True)):
-            rigid = (block.block.rigid @ motions[slot]).reshape(-1, 3)
-            displaced.append(loaded[slot] + block.displacements(push[None])[0] + rigid)
+        displaced = self._displacements(points.pushed(forces - given))
+        for slot, grid in enumerate(points.grids):
+            displaced[slot] += loaded[slot] + (grid.rigid @ motions[slot]).reshape(-1, 3)
         return forces, motions, displaced
+
+    def _displacements(self, forces: list[FloatArray]) -> list[FloatArray]:
+        """G of the forces on each grid, those of congruent blocks at once."""
+        found = forces.copy()
+        for block in set(self.blocks):
+            slots = [slot for slot, other in enumerate(self.blocks) if other is block]
+            moved = block.displacements(np.stack([forces[slot] for slot in slots]))
+            for slot, own in zip(slots, moved, strict=True):
+                found[slot] = own
+        return found
 
     def _chain(
         self, stiff: IntArray, mine: list[list[_Part]], softness: FloatArray, holding: float

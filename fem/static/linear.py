@@ -194,6 +194,7 @@ def solve_apart(
         external_work=found.external_work,
         frictional_dissipation=0.0,
         symmetry=1,
+        representative=np.arange(deformable.assembly.n_blocks),
         n_unknowns=3 * deformable.model.n_nodes,
         cpu_seconds={"total": found.cpu_seconds},
         load_steps=load_steps,

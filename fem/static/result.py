@@ -70,6 +70,8 @@ class StaticResult:
     about a tenth with four."""
     symmetry: int
     """Order of the sector model that was used."""
+    representative: IntArray
+    """Block that stands for each block, (n_blocks,)."""
     n_unknowns: int
     """Displacement unknowns of the representative blocks."""
     cpu_seconds: dict[str, float]
@@ -122,13 +124,15 @@ def loose_blocks(
     displacements: tuple[FloatArray, ...],
     point_pressures: FloatArray,
     surfaces: ContactSurfaces | SearchedSurfaces,
+    representative: IntArray,
 ) -> IntArray:
     """Blocks without support that could move while all contacts that press keep pressing, (n,).
 
     Each block is judged with its neighbours at rest: what is named here is certainly not held
     (frictionless contacts on it have fewer than six independent directions); blocks that could
     only move together are not found. Displacements are those of each group in world axes,
-    (n_copies, n_nodes, 3) [mm], pressures those of the points of the facets [MPa].
+    (n_copies, n_nodes, 3) [mm], pressures those of the points of the facets [MPa]. Of blocks that
+    one stands for (n_blocks,) that one is judged.
     """
     assembly = deformable.assembly
     corners = corner_displacements(deformable, displacements, surfaces)
@@ -139,7 +143,8 @@ def loose_blocks(
         for copy in support.copies
     }
     loose = []
-    for block in deformable.deformable_blocks:
+    moving = deformable.deformable_blocks
+    for block in np.unique(representative[moving]):
         if (int(deformable.group_of[block]), int(deformable.copy_of[block])) in supported:
             continue
         arms = assembly.nodes(int(block)) - assembly.centroids[block]
@@ -157,7 +162,7 @@ def loose_blocks(
         stiffness = np.linalg.eigvalsh(wrenches.T @ wrenches)
         if stiffness[0] <= _HELD * stiffness[-1]:
             loose.append(int(block))
-    return np.array(loose, dtype=np.int64)
+    return moving[np.isin(representative[moving], loose)]
 
 
 #: Change of the measures by twice as many parts below which they are enough [-].

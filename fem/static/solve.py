@@ -22,7 +22,13 @@ import numpy as np
 from fem.assembly.contact_state import corner_displacements, facing_points
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.local_system import LocalSystem, free_motions, local_system
-from fem.assembly.symmetry import Orbits, cyclic_orbits, largest_cyclic_orbits, no_symmetry
+from fem.assembly.symmetry import (
+    Orbits,
+    cyclic_orbits,
+    largest_cyclic_orbits,
+    no_symmetry,
+    with_half_turn,
+)
 from fem.contact.friction import friction_tractions
 from fem.contact.search import FacingPoints, SearchedSurfaces, searched_surfaces
 from fem.contact.surfaces import ContactSurfaces
@@ -169,8 +175,9 @@ def _load(
     orbits = _orbits(deformable, options.symmetry)
     grids = grid_blocks(deformable) if options.method is StaticMethod.CONDENSED else None
     if grids is not None:
+        half = with_half_turn(deformable, orbits) if options.symmetry is None else orbits
         with contextlib.suppress(StaticError):  # what it does not solve, the general solver may
-            return _in_contact_forces(local_system(deformable, orbits), options, grids, start)
+            return _in_contact_forces(local_system(deformable, half), options, grids, start)
     points = None
     if deformable.contact.finite_sliding:
         points = facing_points(deformable, None if start is None else start.displacements, orbits)
@@ -469,7 +476,7 @@ def _result(
     pressures = law.pressure(overclosure)
     loose = np.zeros(0, dtype=np.int64)
     if deformable.contact.friction is None:
-        loose = loose_blocks(deformable, displacements, pressures, surfaces)
+        loose = loose_blocks(deformable, displacements, pressures, surfaces, orbits.representative)
     strain = 0.5 * displacement * outcome.internal_force
     work = displacement * system.external_force
     stored = surfaces.weights * law.stored_energy(overclosure)
@@ -489,6 +496,7 @@ def _result(
         external_work=float(share @ work.sum(axis=1)),
         frictional_dissipation=state.dissipation,
         symmetry=orbits.order,
+        representative=orbits.representative,
         n_unknowns=displacement.size,
         load_steps=options.load_steps,
         cpu_seconds=outcome.seconds,

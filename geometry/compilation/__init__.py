@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import geometry.compilation.started  # noqa: F401 - now, before any kernel
-
-if TYPE_CHECKING:
-    from geometry.compilation.cache import Compiling
 
 
 class Kernel:
@@ -57,6 +55,35 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return lambda function: Kernel(function, options, cached=cached)
 
 
+class Compiling:
+    """Counts the CPU time that functions are compiled in, and tells when the first one is."""
+
+    def __init__(self, tell: Callable[[], None] | None) -> None:
+        self.cpu_seconds = 0.0
+        self._tell = tell
+        self._depth = 0  # a function is compiled with those it calls
+        self._start = 0.0
+
+    def start(self) -> None:
+        """Start the clock at the outermost function."""
+        if self._tell is not None:
+            self._tell()
+            self._tell = None
+        if self._depth == 0:
+            self._start = time.process_time()
+        self._depth += 1
+
+    def stop(self) -> None:
+        """Stop it there."""
+        self._depth -= 1
+        if self._depth == 0:
+            self.cpu_seconds += time.process_time() - self._start
+
+
+#: Those that count now. The compiler, once it is loaded, starts and stops them.
+CLOCKS: list[Compiling] = []
+
+
 @contextlib.contextmanager
 def compiling(tell: Callable[[], None] | None = None) -> Iterator[Compiling]:
     """Watch over what is compiled inside: work is timed without it, and people are told once.
@@ -66,10 +93,9 @@ def compiling(tell: Callable[[], None] | None = None) -> Iterator[Compiling]:
     tell
         Called before the first function is compiled; never where all are loaded.
     """
-    from numba.core import event
-
-    from geometry.compilation.cache import Compiling
-
-    listener = Compiling(tell)
-    with event.install_listener("numba:compile", listener):
-        yield listener
+    clock = Compiling(tell)
+    CLOCKS.append(clock)
+    try:
+        yield clock
+    finally:
+        CLOCKS.remove(clock)

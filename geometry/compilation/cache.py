@@ -22,7 +22,6 @@ import pickle
 import stat
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -35,6 +34,7 @@ from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
 
+from geometry.compilation import CLOCKS
 from geometry.compilation.started import STARTED
 
 _LOG = logging.getLogger(__name__)
@@ -45,29 +45,21 @@ _SWITCHES = ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "DEBUGINFO
 _DIGEST_LENGTH = hashlib.sha256().digest_size
 
 
-class Compiling(event.Listener):  # type: ignore[misc]
-    """Counts the CPU time that functions are compiled in, and tells when the first one is."""
-
-    def __init__(self, tell: Callable[[], None] | None) -> None:
-        self.cpu_seconds = 0.0
-        self._tell = tell
-        self._depth = 0  # a function is compiled with those it calls
-        self._start = 0.0
+class _Watch(event.Listener):  # type: ignore[misc]
+    """Passes on when compilation starts and ends."""
 
     def on_start(self, _: Any) -> None:
-        """Start the clock at the outermost function."""
-        if self._tell is not None:
-            self._tell()
-            self._tell = None
-        if self._depth == 0:
-            self._start = time.process_time()
-        self._depth += 1
+        """Start the clocks."""
+        for clock in CLOCKS:
+            clock.start()
 
     def on_end(self, _: Any) -> None:
-        """Stop it there."""
-        self._depth -= 1
-        if self._depth == 0:
-            self.cpu_seconds += time.process_time() - self._start
+        """Stop them."""
+        for clock in CLOCKS:
+            clock.stop()
+
+
+event.register("numba:compile", _Watch())
 
 
 class KernelCache(NullCache):  # type: ignore[misc]

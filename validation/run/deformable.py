@@ -6,13 +6,12 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fem.answer import answer_of
 from fem.assembly.contact_state import ContactMeasures, ContactState
 from fem.assembly.deformable import DeformableAssembly
 from fem.element.lagrange_mesh import LagrangeMesh, in_pieces
-from fem.explicit.solve import ExplicitResult
 from fem.measures import contact_on
 from fem.solution import Solution
 from fem.static.result import StaticResult
@@ -29,6 +28,9 @@ from validation.scene.family import RoundScene
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 from validation.scene.read import DeformableScene
 from validation.scene.usage import count
+
+if TYPE_CHECKING:
+    from fem.explicit.solve import ExplicitResult
 
 
 class ContactSearch(StrEnum):

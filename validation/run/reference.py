@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 from fem.accuracy.converge import MOST_WORK
 from fem.accuracy.converge import Progress as Refinement
+from fem.accuracy.ladder import OF_FACETS
 from geometry.errors import RefusedError
 from validation.run.accuracy import DEFAULT_TARGETS, why_not_converged
 from validation.run.deformable import DeformableRun
@@ -18,9 +19,6 @@ from validation.run.measures import StaticReference
 from validation.run.solve import run_converged
 from validation.scene.deformable import Damping, Method
 from validation.scene.read import DeformableScene
-
-#: Measures that are means over the facets of a mesh.
-OF_FACETS = frozenset({"p_eff", "p_max", "p_max_facet"})
 
 
 def converged_scene(scene: DeformableScene) -> DeformableScene:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,12 +17,8 @@ from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem
 from fem.assembly.symmetry import SymmetryError
 from fem.contact.law import LinearPenalty
-from fem.explicit.setup.assembly import COUNTED_PRESSURE
-from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
-from fem.explicit.solve import Frame, Output, Progress, Status
 from fem.measures import load_step_change
 from fem.solution import Solution
-from fem.solvers import explicit_answer
 from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.result import LOAD_TOLERANCE
 from fem.static.solve import StaticOptions, solve_static
@@ -45,6 +41,10 @@ from validation.run.stages import stages
 from validation.scene.deformable import Damping, FemSection, Method
 from validation.scene.read import DeformableScene
 from validation.scene.usage import count
+
+if TYPE_CHECKING:
+    from fem.explicit.setup.statement import ExplicitStatement
+    from fem.explicit.solve import Frame, Progress
 
 #: Why a sector asked for is refused.
 _NO_SECTOR = (
@@ -69,6 +69,8 @@ def run_scene(name: str, scene: DeformableScene) -> DeformableRun:
     """
     if fem_section(scene, name).method is Method.STATIC:
         return run_static(name, scene)
+    from fem.explicit.solve import Status
+
     run = run_explicit(name, scene)
     if run.explicit is not None and run.explicit.status is Status.INTERRUPTED:
         raise InputError(f"{name}: interrupted")
@@ -288,6 +290,8 @@ def _static_frames(
     There are ``count`` of them, or as many as load steps, each with its part of the load and the
     displacements of each group, the whole load last.
     """
+    from fem.explicit.solve import Frame
+
     rest = tuple(np.zeros_like(u) for u in steps[-1][1])
     states = [(0.0, rest), *steps]
     chosen = np.unique(np.round(np.linspace(len(states) - 1, 0, min(count, len(states)))))
@@ -305,7 +309,7 @@ def scene_statement(
     name: str,
     deformable: DeformableAssembly,
     *,
-    counted_pressure: float = COUNTED_PRESSURE,
+    counted_pressure: float | None = None,
 ) -> ExplicitStatement:
     """State the explicit problem of a scene.
 
@@ -316,8 +320,11 @@ def scene_statement(
     InputError
         When its effects or its symmetry do not fit.
     """
+    from fem.explicit.setup.statement import explicit_statement
+
     fem = fem_section(scene, name)
     count(scene.material, "density")
+    counted = {} if counted_pressure is None else {"counted_pressure": counted_pressure}
     with named(name):
         try:
             return explicit_statement(
@@ -327,8 +334,8 @@ def scene_statement(
                 ramp_time=fem.ramp_time,
                 end_time=fem.end_time,
                 mass_scaling=fem.mass_scaling,
-                counted_pressure=counted_pressure,
                 motion=scene.motion,
+                **counted,
             )
         except SymmetryError:
             if fem.symmetry == "sector":
@@ -376,6 +383,9 @@ def run_explicit(
     InputError
         Input that cannot be run, or a run that went unstable (with the remedy).
     """
+    from fem.explicit.solve import Output
+    from fem.solvers import explicit_answer
+
     with stages() as watch:
         fem = fem_section(scene, name)
         built = build_deformable(scene, name) if deformable is None else deformable

@@ -6,12 +6,8 @@ import resource
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
-from geometry.compilation import compiling
-
-if TYPE_CHECKING:
-    from geometry.compilation.cache import Compiling
+from geometry.compilation import Compiling, compiling
 
 
 class Stages:

@@ -364,6 +364,8 @@ def _joined(fronts: list[_Front], inside: int, steps: list[Elimination]) -> _Fro
 
 def _subtract_square(matrix: FloatArray, factor: FloatArray) -> None:
     """Subtract WᵀW from a symmetric matrix in C order; W in Fortran order, both by BLAS."""
+    if not len(matrix):  # no point is asked for
+        return
     # The lower triangle in Fortran order is the upper one of the matrix.
     scipy.linalg.blas.dsyrk(-1.0, factor, 1.0, matrix.T, trans=1, lower=1, overwrite_c=1)
     n = len(matrix)
