@@ -5,7 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geometry.assembly import Assembly
+from geometry.families.boxes import ColumnBox, box_column
 from geometry.files.hexahedral_solids import hexahedral_block
+from geometry.measures import matched_area
 from geometry.mesh import HexMesh, structured_hexahedra
 
 pytestmark = pytest.mark.quick
@@ -43,3 +45,11 @@ def test_facets_match_whichever_way_a_block_is_turned(turn: float) -> None:
 def test_facets_that_nearly_match_are_no_contact(other: dict[str, float]) -> None:
     """A turn keeps the centroid: corners decide. 0.1° move them by 14 mm · 0.0017 = 0.025 mm."""
     assert pair(**other).interfaces.n_contacts == 0
+
+
+def test_the_area_that_matches_is_that_of_one_pair_of_blocks() -> None:
+    """Equal boxes match on 40 × 30 mm²; a box of other divisions matches nothing of the last."""
+    box, other = ColumnBox((40.0, 30.0, 60.0), (2, 3, 1)), ColumnBox((40.0, 30.0, 60.0), (3, 2, 1))
+    column = box_column([box, box, box, other])
+    areas = [matched_area(column, m, s) for m, s in ((0, 1), (1, 2), (0, 2), (2, 3))]
+    np.testing.assert_allclose(areas, [1200.0, 1200.0, 0.0, 0.0], rtol=1e-14)
