@@ -72,6 +72,13 @@ def _case(name: str) -> Case:
     return found
 
 
+def test_no_reference_is_a_mesh_of_the_answer() -> None:
+    """However many meshes an answer took, what judges its bars is none of them."""
+    for case in cases():
+        for n in range(2, len(LADDER.rungs) + 1):
+            assert error_bars.reference_mesh(case, n) not in LADDER.rungs[:n]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_bars_hold_on_cheap_problems(name: str) -> None:
