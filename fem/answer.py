@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from fem.assembly.statement import Problem
 from fem.element.stress import von_mises
-from fem.measures import contact_on, measures_of
+from fem.measures import contact_on, contacts_of, measures_of
 from fem.problem.time_step import added_mass_share
 from fem.solution import Solution
-from geometry.answer import Answer, Array, Lazy, face_names, interface_contacts
+from geometry.answer import Answer, Array, Lazy
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
 
@@ -23,6 +24,7 @@ def answer_of(
     *,
     facets: tuple[Assembly, FloatArray] | None = None,
     remarks: Mapping[str, str] | None = None,
+    problem: Problem | None = None,
     title: str | None = None,
     beside: Callable[[], dict[str, Any]] | None = None,
 ) -> Answer:
@@ -39,6 +41,8 @@ def answer_of(
         [MPa]: `p_eff`, `p_max`, `p_max_facet` and `contacts` are then those of its facets.
     remarks
         Why values are none to use, by the name of the measure.
+    problem
+        What was solved.
     title
         What was solved, in a line; None: load, blocks and mesh.
     beside
@@ -54,9 +58,10 @@ def answer_of(
         cells=solution.hexahedra,
         block_of_point=solution.block_of_node,
         layer_of_point=layer[solution.block_of_node],
-        contacts=Lazy(_contacts(solution) if facets is None else _contacts_of(*facets)),
+        contacts=contacts_of(solution, facets),
         reported=lambda: report_of(solution, facets) | ({} if beside is None else beside()),
         details=solution,
+        problem=problem,
     )
 
 
@@ -84,56 +89,6 @@ def _fields(solution: Solution) -> Lazy[Array]:
             "mises": lambda: von_mises(principal()),
         }
     )
-
-
-# ---------------------------------------------------------------------------------------------
-# Contacts
-
-
-def _contacts(solution: Solution) -> dict[str, Callable[[], Array]]:
-    """Contact facets as they are solved, in the order of the interfaces that they are.
-
-    Facets that a search found are none: they come in the order of their blocks and of the facets
-    of the second one.
-    """
-    state, assembly = solution.contact_state, solution.deformable.assembly
-    if not solution.deformable.meets:
-        return {}
-    values: dict[str, Callable[[], Array]] = {"pressure": lambda: state.pressures}
-    if state.interface is not None:
-        found = values | interface_contacts(assembly, state.interface)
-        return found | {"area": lambda: state.areas}
-    assert state.position_s is not None
-    position = state.position_s
-    order = np.lexsort((position, state.block_s, state.block_m))
-
-    def sides() -> Array:
-        of_s = face_names(assembly, state.block_s, position)
-        return np.column_stack([np.full_like(of_s, ""), of_s])
-
-    blocks = np.column_stack([state.block_m, state.block_s])
-    values |= {
-        "area": lambda: state.areas,
-        "blocks": lambda: blocks,
-        "layer": lambda: assembly.layer[blocks],
-        "side": sides,
-        "centroid": lambda: state.centroids,
-        "normal": lambda: state.mean_normals,
-        "corners": lambda: state.corners,
-    }
-    return {name: _ordered(maker, order) for name, maker in values.items()}
-
-
-def _ordered(maker: Callable[[], Array], order: Array) -> Callable[[], Array]:
-    return lambda: maker()[order]
-
-
-def _contacts_of(assembly: Assembly, pressures: FloatArray) -> dict[str, Callable[[], Array]]:
-    """Interfaces of a mesh with pressures given for all of them; frames do not press on frames."""
-    found = assembly.interfaces
-    index = np.flatnonzero(~(assembly.fixed[found.block_m] & assembly.fixed[found.block_s]))
-    values: dict[str, Callable[[], Array]] = {"pressure": lambda: pressures[index]}
-    return values | interface_contacts(assembly, index)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -22,10 +23,18 @@ from fem.assembly.peaks import (
 )
 from fem.contact.facet_peaks import LARGEST_FACTOR
 from fem.solution import Solution
-from geometry.answer import Lazy, Measure, place
+from geometry.answer import (
+    Array,
+    Lazy,
+    Measure,
+    facet_sides,
+    interface_contacts,
+    largest_facet_mean,
+    place,
+)
 from geometry.assembly import Assembly
-from geometry.measures import block_measures, measures
-from geometry.mesh import FloatArray, IntArray
+from geometry.measures import facet_measures
+from geometry.mesh import FloatArray
 
 
 def measures_of(
@@ -72,32 +81,19 @@ def _pressures(
         largest = largest_pressure(solution.deformable, law, solution.contact_state)
         return Measure(0.0, "MPa") if largest is None else _measure(solution, largest)
 
-    at_points = {"p_max_point": at_a_point}
-    if facets is not None:
-        return facet_measures(*facets) | at_points
-    state = solution.contact_state
-    return {
-        "p_eff": lambda: Measure(solution.contact.p_eff, "MPa"),
-        "p_max": lambda: Measure(solution.contact.p_max, "MPa"),
-        "p_max_facet": lambda: largest_mean(
-            solution.deformable.assembly,
-            np.column_stack([state.block_m, state.block_s]),
-            state.pressures,
-            state.centroids,
-        ),
-    } | at_points
+    def largest_mean() -> Measure:
+        assembly = solution.deformable.assembly if facets is None else facets[0]
+        return largest_facet_mean(assembly, contacts_of(solution, facets))
 
+    @cache
+    def of_paper() -> ContactMeasures:
+        return contact_on(solution, facets)
 
-def facet_measures(assembly: Assembly, pressures: FloatArray) -> dict[str, Callable[[], Measure]]:
-    """Means over the facets of an assembly, from the pressures of its interfaces (n,) [MPa]."""
-    found = assembly.interfaces
-    m, s = (assembly.originals[b] for b in (found.block_m, found.block_s))
-    per_block = block_measures(assembly.free_blocks, m, s, pressures, found.areas)
-    blocks = np.column_stack([found.block_m, found.block_s])
     return {
-        "p_eff": lambda: Measure(float(per_block.p_eff.mean()), "MPa"),
-        "p_max": lambda: Measure(float(per_block.p_max.mean()), "MPa"),
-        "p_max_facet": lambda: largest_mean(assembly, blocks, pressures, found.centroids),
+        "p_eff": lambda: Measure(of_paper().p_eff, "MPa"),
+        "p_max": lambda: Measure(of_paper().p_max, "MPa"),
+        "p_max_facet": largest_mean,
+        "p_max_point": at_a_point,
     }
 
 
@@ -112,25 +108,64 @@ def contact_on(
     if facets is None:
         return found
     assembly, pressures = facets
-    blocks, matched = assembly.free_blocks, assembly.interfaces
-    m, s = (assembly.originals[b] for b in (matched.block_m, matched.block_s))
-    per_block = block_measures(blocks, m, s, pressures, matched.areas)
-    eligible, areas = assembly.eligible_facets(), assembly.eligible_areas()
-    overall = vars(measures(per_block, eligible[blocks], areas[blocks]))
-    shared = {name: value for name, value in overall.items() if hasattr(found, name)}
+    per_block, overall = facet_measures(assembly, np.arange(len(pressures)), pressures)
+    shared = {name: value for name, value in vars(overall).items() if hasattr(found, name)}
     return replace(found, **shared, per_block=per_block)
 
 
-def largest_mean(
-    assembly: Assembly, blocks: IntArray, pressures: FloatArray, centroids: FloatArray
-) -> Measure:
-    """Largest of the mean pressures of facets (n,) between blocks (n, 2), at their centroids."""
-    if not len(pressures):
-        return Measure(0.0, "MPa")
-    worst = int(pressures.argmax())
-    pair = int(blocks[worst, 0]), int(blocks[worst, 1])
-    where = place(assembly, pair, centroids[worst], None)
-    return Measure(float(pressures[worst]), "MPa", place=where)
+def contacts_of(
+    solution: Solution, facets: tuple[Assembly, FloatArray] | None = None
+) -> Lazy[Array]:
+    """Contact facets of a solution (`Answer.contacts`), or of other facets where these are given.
+
+    They come in the order of the interfaces that they are. Facets that a search found are none:
+    they come in the order of their blocks and of the facets of the second one.
+    """
+    if facets is not None:
+        return Lazy(_interfaces_of(*facets))
+    return Lazy(_facets_of(solution) if solution.deformable.meets else {})
+
+
+def _facets_of(solution: Solution) -> dict[str, Callable[[], Array]]:
+    """Facets as they are solved."""
+    state, assembly = solution.contact_state, solution.deformable.assembly
+    values: dict[str, Callable[[], Array]] = {
+        "pressure": lambda: state.pressures,
+        "force": lambda: state.forces,
+        "gap": lambda: -state.deepest,
+    }
+    if state.interface is not None:
+        found = values | interface_contacts(assembly, state.interface)
+        return found | {"area": lambda: state.areas}
+    assert state.position_s is not None
+    position = state.position_s
+    order = np.lexsort((position, state.block_s, state.block_m))
+
+    blocks = np.column_stack([state.block_m, state.block_s])
+    values |= {
+        "area": lambda: state.areas,
+        "blocks": lambda: blocks,
+        "layer": lambda: assembly.layer[blocks],
+        **facet_sides(
+            assembly, (state.block_m, state.block_s), (np.full_like(position, -1), position)
+        ),
+        "centroid": lambda: state.centroids,
+        "normal": lambda: state.mean_normals,
+        "corners": lambda: state.corners,
+    }
+    return {name: _ordered(maker, order) for name, maker in values.items()}
+
+
+def _ordered(maker: Callable[[], Array], order: Array) -> Callable[[], Array]:
+    return lambda: maker()[order]
+
+
+def _interfaces_of(assembly: Assembly, pressures: FloatArray) -> dict[str, Callable[[], Array]]:
+    """Interfaces of a mesh with pressures given for all of them; frames do not press on frames."""
+    found = assembly.interfaces
+    index = np.flatnonzero(~(assembly.fixed[found.block_m] & assembly.fixed[found.block_s]))
+    values: dict[str, Callable[[], Array]] = {"pressure": lambda: pressures[index]}
+    return values | interface_contacts(assembly, index)
 
 
 def _measure(solution: Solution, peak: Peak, unit: str = "MPa", **beside: float) -> Measure:

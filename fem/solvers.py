@@ -111,6 +111,7 @@ def solve_static(
             found.errors,
             facets=found.facets,
             remarks=found.remarks,
+            problem=problem,
             beside=lambda: found.report,
         )
     options = default_options() if options is None else options
@@ -119,7 +120,8 @@ def solve_static(
         return static_solution(stated.deformable, options, finite_rotation=stated.finite_rotation)
 
     solution = solve_on(problem)
-    return answer_of(solution, static_errors(problem, solution, solve_on) if error_bars else {})
+    errors = static_errors(problem, solution, solve_on) if error_bars else {}
+    return answer_of(solution, errors, problem=problem)
 
 
 def _require_problem(problem: object) -> None:
@@ -220,7 +222,7 @@ def solve_explicit(
         residual=residual if static else 0.0,
         threads=threads,
     )
-    return answer_of(replace(found, static_below=residual))
+    return answer_of(replace(found, static_below=residual), problem=problem)
 
 
 def explicit_answer(

@@ -7,8 +7,8 @@ then computed once, and only the solver's own result is left behind.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any, TypeVar, final
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, final
 import numpy as np
 import numpy.typing as npt
 
-from geometry.assembly import Assembly
+from geometry.assembly import AnyBlocks, Assembly
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 
@@ -48,8 +48,8 @@ class Measure:
     error: float | None = None
     """Estimate of the error of discretisation, in the same unit; None where none was asked for."""
     place: dict[str, Any] | None = None
-    """Where the value is, of measures that have a place: blocks, layer, face, position (3,) [mm],
-    and in tubes radius [mm], angle [degrees] and height [mm]."""
+    """Where the value is, of measures that have a place: blocks, layer, face (None where there is
+    none), position (3,) [mm], and in tubes radius [mm], angle [degrees] and height [mm]."""
     resolved: bool = True
     """Whether the mesh resolves the value; else it is that of an integration point."""
     remark: str = ""
@@ -65,12 +65,12 @@ class Measure:
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data; a place only where there is one."""
-        data: dict[str, Any] = {"value": self.value, "error": self.error, "unit": self.unit}
+        found: dict[str, Any] = {"value": self.value, "error": self.error, "unit": self.unit}
         if not self.resolved:
-            data["resolved"] = False
+            found["resolved"] = False
         if self.remark:
-            data["remark"] = self.remark
-        return data if self.place is None else data | {"place": self.place}
+            found["remark"] = self.remark
+        return found if self.place is None else found | {"place": self.place}
 
     @property
     def value_words(self) -> str:
@@ -98,7 +98,9 @@ class Measure:
         if where is None:
             return ""
         blocks = " and ".join(str(b) for b in where["blocks"])
-        words = f"block{'s' if len(where['blocks']) > 1 else ''} {blocks}, layer {where['layer']}"
+        words = f"block{'s' if len(where['blocks']) > 1 else ''} {blocks}"
+        if where["layer"] is not None:
+            words += f", layer {where['layer']}"
         if where["face"] is not None:
             words += f", face {where['face']}"
         if "radius" in where:
@@ -130,6 +132,12 @@ TITLES = {
     "p_max": Title("p_max of the paper", "mean over blocks of their largest facet mean"),
     "p_eff": Title("p_eff of the paper", "mean over the effective facets"),
 }
+#: Measures that rigid answers have beside pressures.
+FORCES = {
+    "least_joint_force": Title("least normal force of a joint"),
+    "largest_joint_force": Title("largest normal force of a joint"),
+    "total_reaction": Title("total reaction"),
+}
 
 #: Other names of measures.
 ALIASES = {"u": "max_displacement"}
@@ -145,20 +153,21 @@ UNITS = {
     "centroid": "mm",
     "corners": "mm",
     "force": "N",
+    "gap": "mm",
     "mechanism": "-",
 }
 
 
 def measure_rows(measures: Mapping[str, Measure]) -> list[tuple[str, str]]:
     """Measures in words, a row each: title; value, error, unit, remark and place."""
-    rows = []
-    for name in (*TITLES, *(name for name in measures if name not in TITLES)):
+    found, titles = [], TITLES | FORCES
+    for name in (*titles, *(name for name in measures if name not in titles)):
         if name in measures:
-            measure, title = measures[name], TITLES.get(name, Title(name))
-            remark = title.remark.format(**(measure.place or {}))
-            words = f"{measure.value_words} {remark}{measure.place_words}".rstrip()
-            rows.append((title.words, words.removesuffix(";")))
-    return rows
+            measure, title = measures[name], titles.get(name, Title(name))
+            told = title.remark.format(**(measure.place or {}))
+            words = f"{measure.value_words} {told}{measure.place_words}".rstrip()
+            found.append((title.words, words.removesuffix(";")))
+    return found
 
 
 class Lazy(Mapping[str, Value]):
@@ -253,14 +262,19 @@ class Answer:
     """Its layer, (n_points,): 0 the lower frame."""
     contacts: Mapping[str, Array]
     """Values of the contact facets by name, each (n_contacts, …), in the order of the assembly's
-    `interfaces` for every solver: ``pressure`` [MPa], compression positive, ``area`` [mm²],
-    ``blocks`` (n, 2), their ``layer`` (n, 2) and ``side`` (n, 2), the face of each block,
+    `interfaces` for every solver, before the load acts: ``pressure`` [MPa], compression positive,
+    ``area`` [mm²], ``blocks`` (n, 2), their ``layer`` (n, 2), the ``facet`` (n, 2) of each in its
+    `Block.contact_quads`, -1 where a search found none, and its face, ``side`` (n, 2),
     ``centroid`` (n, 3) [mm], ``normal`` (n, 3) from the first block to the second one, ``corners``
-    (n, 4, 3) [mm], all before the load acts. Empty where blocks do not meet."""
+    (n, 4, 3) [mm]. Of facets that were solved also the ``force`` on the second block, (n, 3) [N],
+    and of deformable blocks the smallest ``gap`` [mm]. Flat patches of triangulated blocks have no
+    layer, facet, side and corners. Empty where blocks do not meet."""
     reported: Callable[[], dict[str, Any]]
     """Makes `report`."""
     details: Any = None
-    """The solver's own result; None in an answer that was pickled."""
+    """The solver's own result; None in an answer that was pickled or read."""
+    problem: Any = None
+    """What was solved, with its ``blocks`` on the facets of `contacts`; None in such an answer."""
 
     def __post_init__(self) -> None:
         for name in ("points", "cells", "block_of_point", "layer_of_point"):
@@ -274,6 +288,10 @@ class Answer:
     def report(self) -> dict[str, Any]:
         """How it was computed: residual, iterations, times and more, as plain data."""
         return self.reported()
+
+    def with_report(self, more: Mapping[str, Any]) -> Answer:
+        """Return the same answer with more, plain data, in its report."""
+        return replace(self, reported=lambda: self.report | dict(more)) if more else self
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything but fields and contacts as plain data: what ``--json`` prints."""
@@ -310,16 +328,16 @@ class Answer:
         """Contact facets as a pyvista mesh, with pressure, area, blocks, layers and normals."""
         import pyvista as pv
 
-        contacts = self.contacts
-        if "corners" in contacts:
-            n, per_facet = contacts["corners"].shape[:2]
+        found = self.contacts
+        if "corners" in found:
+            n, per_facet = found["corners"].shape[:2]
             faces = np.arange(n * per_facet).reshape(n, per_facet)
-            surface = pv.PolyData.from_regular_faces(contacts["corners"].reshape(-1, 3), faces)
+            surface = pv.PolyData.from_regular_faces(found["corners"].reshape(-1, 3), faces)
             data = surface.cell_data
         else:
-            surface = pv.PolyData(np.array(contacts.get("centroid", np.empty((0, 3)))))
+            surface = pv.PolyData(np.array(found.get("centroid", np.empty((0, 3)))))
             data = surface.point_data
-        for name, values in contacts.items():
+        for name, values in found.items():
             if values.ndim < 3 and name != "centroid":
                 data[name] = values
         return surface
@@ -362,16 +380,36 @@ def is_round(assembly: Assembly) -> bool:
 
 
 def place(
-    assembly: Assembly, blocks: tuple[int, ...], position: FloatArray, face: str | None
+    assembly: AnyBlocks, blocks: tuple[int, ...], position: FloatArray, face: str | None = None
 ) -> dict[str, Any]:
-    """Describe the place of a value: blocks, layer, face, position (tubes: about the axis)."""
-    location: dict[str, Any] = {
+    """Say where a value is: blocks, layer, face and position, of tubes also about their axis."""
+    found: dict[str, Any] = {
         "blocks": list(blocks),
-        "layer": int(assembly.layer[blocks[0]]),
+        "layer": None,
         "face": face,
         "position": position.tolist(),
     }
-    return location | (about_axis(assembly, position) if is_round(assembly) else {})
+    if not isinstance(assembly, Assembly):
+        return found
+    found["layer"] = int(assembly.layer[blocks[0]])
+    return found | (about_axis(assembly, position) if is_round(assembly) else {})
+
+
+def largest_facet_mean(assembly: AnyBlocks, contacts: Mapping[str, Array]) -> Measure:
+    """Largest pressure of some contact facets (see `Answer.contacts`), with its place.
+
+    The place also has the ``facet_area`` [mm²] over which it is the mean; without facets the
+    pressure is zero and has no place.
+    """
+    pressures = contacts["pressure"]
+    if not len(pressures):
+        return Measure(0.0, "MPa")
+    worst = int(pressures.argmax())
+    m, s = contacts["blocks"][worst].tolist()
+    face = str(contacts["side"][worst, 0]) if "side" in contacts else ""
+    where = place(assembly, (m, s), contacts["centroid"][worst], face or None)
+    where["facet_area"] = float(contacts["area"][worst])
+    return Measure(float(pressures[worst]), "MPa", place=where)
 
 
 def about_axis(assembly: Assembly, position: FloatArray) -> dict[str, float]:
@@ -385,25 +423,34 @@ def about_axis(assembly: Assembly, position: FloatArray) -> dict[str, float]:
 
 def interface_contacts(assembly: Assembly, index: IntArray) -> dict[str, Callable[[], Array]]:
     """Makers of what contacts have beside pressures, of some of the assembly's interfaces (n,)."""
-    interfaces = assembly.interfaces
-    m, s = interfaces.block_m[index], interfaces.block_s[index]
+    from geometry.files.mesh_io import interface_surface
 
-    def sides() -> Array:
-        positions = ((m, interfaces.facet_m[index]), (s, interfaces.facet_s[index]))
-        return np.stack([face_names(assembly, *side) for side in positions], axis=1)
-
+    found = assembly.interfaces
+    m, s = found.block_m[index], found.block_s[index]
     return {
-        "area": lambda: interfaces.areas[index],
+        "area": lambda: found.areas[index],
         "blocks": lambda: np.column_stack([m, s]),
         "layer": lambda: np.column_stack([assembly.layer[m], assembly.layer[s]]),
-        "side": sides,
-        "centroid": lambda: interfaces.centroids[index],
-        "normal": lambda: interfaces.normals[index],
-        "corners": lambda: _corners(assembly, m, interfaces.quads_m[index]),
+        **facet_sides(assembly, (m, s), (found.facet_m[index], found.facet_s[index])),
+        "centroid": lambda: found.centroids[index],
+        "normal": lambda: found.normals[index],
+        "corners": lambda: interface_surface(assembly, index).nodes.reshape(-1, 4, 3),
     }
 
 
-def face_names(assembly: Assembly, blocks: IntArray, positions: IntArray) -> Array:
+def facet_sides(
+    assembly: Assembly, blocks: Sequence[IntArray], facets: Sequence[IntArray]
+) -> dict[str, Callable[[], Array]]:
+    """Makers of ``facet`` and ``side`` of contacts, from blocks and facets (n,) of both sides."""
+
+    def sides() -> Array:
+        names = [_face_names(assembly, *side) for side in zip(blocks, facets, strict=True)]
+        return np.stack(names, axis=1)
+
+    return {"facet": lambda: np.column_stack(list(facets)), "side": sides}
+
+
+def _face_names(assembly: Assembly, blocks: IntArray, positions: IntArray) -> Array:
     """Face of each block (n,) that the facet at a position of its `contact_quads` belongs to."""
     of_shape = [
         np.repeat(shape.contact_faces, [len(shape.faces[f]) for f in shape.contact_faces])
@@ -411,13 +458,4 @@ def face_names(assembly: Assembly, blocks: IntArray, positions: IntArray) -> Arr
     ]
     starts = np.cumsum([0, *(len(names) for names in of_shape)])
     every: Array = np.concatenate(of_shape)
-    return every[starts[assembly.shape_of[blocks]] + positions]
-
-
-def _corners(assembly: Assembly, blocks: IntArray, quads: IntArray) -> FloatArray:
-    """World positions of corners (n, 4) of the meshes of blocks (n,), (n, 4, 3) [mm]."""
-    corners = np.empty((*quads.shape, 3))
-    for block in np.unique(blocks).tolist():
-        members = blocks == block
-        corners[members] = assembly.nodes(block)[quads[members]]
-    return corners
+    return np.where(positions < 0, "", every[starts[assembly.shape_of[blocks]] + positions])

@@ -127,6 +127,11 @@ class PlacedBlocks(ABC, Generic[AnyShape]):
         """Numbers of the blocks outside the frame, (n_free,)."""
         return np.flatnonzero(~self.fixed)
 
+    @cached_property
+    def originals(self) -> IntArray:
+        """Block that each block is or is the image of, (n_blocks,)."""
+        return np.arange(self.n_blocks)
+
     def shape(self, block: int) -> AnyShape:
         """Return the shape of one block."""
         return self.shapes[int(self.shape_of[block])]
@@ -228,6 +233,8 @@ class Assembly(PlacedBlocks[Block]):
     image_of: IntArray | None = None
     """Block whose translated image each block is, itself where it is none, (n_blocks,): what a
     periodic cell meets at its end. None: no images."""
+    parameters: Any = None
+    """What a family made the blocks from, such as `geometry.families.tube.TubeParameters`."""
 
     def __repr__(self) -> str:
         """Name and size: arrays are not printed."""

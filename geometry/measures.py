@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.assembly import Assembly, ContactSet
+from geometry.assembly import AnyBlocks, Assembly, ContactSet
 from geometry.mesh import FloatArray, IntArray
 
 #: Pressures below this fraction of the largest are round-off of the solver.
@@ -126,6 +126,20 @@ def measures(
         p_eff_pooled=pooled,
         p_max=float(per_block.p_max.mean()),
     )
+
+
+def facet_measures(
+    assembly: AnyBlocks, index: IntArray, pressures: FloatArray
+) -> tuple[BlockMeasures, Measures]:
+    """Measures of the free blocks, and of the assembly, from pressures of its contacts.
+
+    Pressures are those of the contacts at places ``index`` of the interfaces, (n,) [MPa].
+    """
+    free, found = assembly.free_blocks, assembly.interfaces
+    m, s = (assembly.originals[b[index]] for b in (found.block_m, found.block_s))
+    per_block = block_measures(free, m, s, pressures, found.areas[index])
+    eligible, areas = assembly.eligible_facets(), assembly.eligible_areas()
+    return per_block, measures(per_block, eligible[free], areas[free])
 
 
 #: Normal forces below this part of the largest force have no place where they act.

@@ -9,9 +9,9 @@ from typing import Protocol, cast
 from geometry.assembly import AnyBlocks, PlacedBlocks
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
-from geometry.measures import BlockMeasures, Measures, block_measures, measures
+from geometry.measures import BlockMeasures, Measures, facet_measures
 from geometry.mesh import FloatArray, IntArray
-from mbd.contact_jacobian import Contacts, contact_jacobian, generalized_force
+from mbd.contact_jacobian import contact_jacobian, generalized_force
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.mechanism import Classification, MechanismClass, classify
 from mbd.options import Norm, Solver
@@ -39,6 +39,8 @@ class RigidResult:
     """λ >= 0, (n_contacts,) [N]."""
     contact_pressures: FloatArray
     """λ / A, (n_contacts,) [MPa]."""
+    norm: Norm
+    """What the contact forces minimise."""
     n_blocks: int
     """Blocks free to move under the load."""
     cpu_seconds: dict[str, float]
@@ -143,7 +145,9 @@ def rigid_result(
     balance = equilibrium(contacts.jacobian, force, solver=solver, weights=weights)
     pressures = balance.forces / contacts.areas
     lap("equilibrium")
-    per_block, overall = _measured(assembly, contacts, pressures) if balance.holds else (None, None)
+    per_block, overall = None, None
+    if balance.holds:
+        per_block, overall = facet_measures(assembly, contacts.index, pressures)
     lap("measures")
     seconds["total"] = sum(seconds.values())
     return RigidResult(
@@ -156,16 +160,7 @@ def rigid_result(
         contact_index=contacts.index,
         contact_forces=balance.forces,
         contact_pressures=pressures,
+        norm=norm,
         n_blocks=len(contacts.free_blocks),
         cpu_seconds=seconds,
     )
-
-
-def _measured(
-    assembly: AnyBlocks, contacts: Contacts, pressures: FloatArray
-) -> tuple[BlockMeasures, Measures]:
-    """Measures of every free block, and of the assembly."""
-    free = assembly.free_blocks
-    per_block = block_measures(free, contacts.block_m, contacts.block_s, pressures, contacts.areas)
-    eligible = assembly.eligible_facets()[free]
-    return per_block, measures(per_block, eligible, assembly.eligible_areas()[free])

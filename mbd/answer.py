@@ -3,19 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
-from geometry.answer import Answer, Array, Lazy, Measure, interface_contacts, known, place
+from geometry.answer import (
+    Answer,
+    Array,
+    Lazy,
+    Measure,
+    interface_contacts,
+    known,
+    largest_facet_mean,
+    place,
+)
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
-from geometry.measures import joint_resultants
+from geometry.measures import JointResultants, Measures, joint_resultants
 from geometry.mesh import FloatArray, IntArray
 from mbd.analysis import RigidResult, RigidStatement, check_types, rigid_result
 from mbd.mechanism import Classification, Mechanism, SelfStress
 from mbd.options import Norm, Solver
+
+if TYPE_CHECKING:
+    from geometry.polyhedra.assembly import PolyhedralAssembly
+
+#: Units of numbers in the report.
+REPORT_UNITS = {
+    "length": "mm",
+    "force": "N",
+    "moment": "N mm",
+    "pressure": "MPa",
+    "rotation": "rad",
+    "mechanism": "rows of the free blocks: displacement (3), rotation in rad times rotation_length "
+    "in mm (3), to any scale",
+}
 
 Option = TypeVar("Option", Norm, Solver)
 
@@ -60,8 +85,8 @@ def analyse(
         return analyse(statement.blocks, statement.rigid_load, norm=norm, solver=solver)
     blocks = cast("AnyBlocks", assembly)
     chosen = {} if norm is None else {"norm": _named(Norm, "norm", norm)}
-    result = rigid_result(blocks, load, solver=_named(Solver, "solver", solver), **chosen)
-    return answer_of(blocks, load, result)
+    found = rigid_result(blocks, load, solver=_named(Solver, "solver", solver), **chosen)
+    return answer_of(blocks, load, found)
 
 
 class OptionError(RefusedError):
@@ -73,69 +98,218 @@ def _named(kind: type[Option], name: str, value: Option | str) -> Option:
     try:
         return kind(value)
     except ValueError:
-        expected = ", ".join(repr(str(option)) for option in kind)
-        raise OptionError(f"{name}: got {value!r}; expected {expected}") from None
+        known = ", ".join(repr(str(option)) for option in kind)
+        raise OptionError(f"{name}: got {value!r}; expected {known}") from None
 
 
-def answer_of(assembly: AnyBlocks, load: LoadCase, result: RigidResult) -> Answer:
-    """Make the answer of a rigid result."""
+class Stated(NamedTuple):
+    """What was analysed: a `RigidStatement`."""
+
+    blocks: AnyBlocks
+    rigid_load: LoadCase
+
+
+@dataclass(frozen=True)
+class Carried:
+    """Contact forces that an answer shows, and whether they balance the load."""
+
+    holds: bool
+    forces: FloatArray
+    """On block s of each contact, zero where nothing holds; (n_contacts, 3) [N]."""
+    normal_forces: FloatArray
+    """Part along the normals, (n_contacts,) [N]."""
+    measures: Measures | None
+    """The paper's measures of the pressures; None where nothing holds."""
+    words: str
+    """The answer as a headline says it."""
+    mechanism: FloatArray | None
+    """What the load drives, (n_rows,), where it is not carried."""
+    friction: float | None = None
+    """Coefficient [-]; None without friction."""
+
+
+def without_friction(assembly: AnyBlocks, result: RigidResult) -> Carried:
+    """Contact forces of a rigid result."""
+    found = result.equilibrium
+    normal_forces = result.contact_forces * found.holds
+    forces = normal_forces[:, None] * assembly.interfaces.normals[result.contact_index]
+    return Carried(
+        holds=found.holds,
+        forces=forces,
+        normal_forces=normal_forces,
+        measures=result.measures,
+        words=str(result.mechanism),
+        mechanism=found.mechanism,
+    )
+
+
+def answer_of(
+    assembly: AnyBlocks,
+    load: LoadCase,
+    result: RigidResult,
+    *,
+    carried: Carried | None = None,
+    beside: Callable[[], dict[str, Any]] | None = None,
+) -> Answer:
+    """Make the answer of a rigid result.
+
+    Parameters
+    ----------
+    assembly, load
+        What was analysed.
+    result
+        Its class and its forces without friction.
+    carried
+        The forces that are shown; None: those without friction.
+    beside
+        More of the report, as plain data; it is asked when the report is read.
+    """
+    shown = without_friction(assembly, result) if carried is None else carried
     points, cells, block = _points(assembly)
     layer = _layers(assembly)
-    motion = block_motion(assembly, load, result)
+    motion = block_motion(assembly, load, result, shown)
     fields: dict[str, Callable[[], Array]] = {}
     if motion is not None:
         moving = motion
         fields["mechanism"] = lambda: _node_motion(assembly, moving, points, block)
-    carried = "carries the load" if result.equilibrium.holds else "does not carry the load"
+    verdict = "carries the load" if shown.holds else "does not carry the load"
+    if shown.friction is not None:
+        verdict += f" with friction μ = {shown.friction:g}"
+    found = _Found(assembly, load, result, shown)
     return Answer(
-        title=f"{assembly.name}: rigid, {result.mechanism}, {carried}",
+        title=f"{assembly.name}: rigid, {result.mechanism}, {verdict}",
         method="rigid",
-        measures=known(_measures(assembly, result)),
+        measures=known(found.measures()),
         fields=Lazy(fields),
         points=points,
         cells=cells,
         block_of_point=block,
         layer_of_point=layer[block],
-        contacts=Lazy(_contacts(assembly, result) if result.equilibrium.holds else {}),
-        reported=lambda: _report(assembly, result),
+        contacts=found.contacts,
+        reported=lambda: found.report() | ({} if beside is None else beside()),
         details=result,
+        problem=Stated(assembly, load),
     )
 
 
-def _measures(assembly: AnyBlocks, result: RigidResult) -> dict[str, Measure]:
-    """Pressures of the paper and the largest one; none where nothing balances the load."""
-    if result.measures is None:
+@dataclass(frozen=True)
+class _Found:
+    """What follows from the contact forces that are shown."""
+
+    assembly: AnyBlocks
+    load: LoadCase
+    result: RigidResult
+    carried: Carried
+
+    @cached_property
+    def contacts(self) -> Lazy[Array]:
+        """`Answer.contacts`; nothing where nothing balances the load."""
+        index = self.result.contact_index
+        return Lazy(_contacts(self.assembly, index, self.carried) if self.carried.holds else {})
+
+    @cached_property
+    def joints(self) -> JointResultants:
+        return joints_of(self.assembly, self.result.contact_index, self.carried.forces)
+
+    @cached_property
+    def reaction(self) -> FloatArray:
+        """Force of all held blocks on the free ones, which balances load and weight, (3,) [N]."""
+        found, index, held = self.assembly.interfaces, self.result.contact_index, self.load.fixed
+        sign = held[found.block_m[index]].astype(float) - held[found.block_s[index]].astype(float)
+        return np.asarray((sign[:, None] * self.carried.forces).sum(axis=0))
+
+    @property
+    def paper(self) -> Measures | None:
+        """The paper's measures, which are means over facets that match."""
+        return self.carried.measures if isinstance(self.assembly, Assembly) else None
+
+    def measures(self) -> dict[str, Measure]:
+        """Pressures, joint forces and reaction; none where nothing balances the load."""
+        if not self.carried.holds:
+            return {}
+        found = {}
+        if self.contacts:
+            found["p_max_facet"] = largest_facet_mean(self.assembly, self.contacts)
+        if self.paper is not None:
+            found["p_max"] = Measure(self.paper.p_max, "MPa")
+            found["p_eff"] = Measure(self.paper.p_eff, "MPa")
+        found |= _joint_extremes(self.assembly, self.joints)
+        return found | {"total_reaction": Measure(float(np.linalg.norm(self.reaction)), "N")}
+
+    def report(self) -> dict[str, Any]:
+        """What the analysis says of itself, as plain data."""
+        result, balance, holds = self.result, self.result.equilibrium, self.carried.holds
+        return {
+            "mechanism": str(result.mechanism),
+            "mechanism_as_supported": str(result.supported_classification.mechanism),
+            "certificate": certificate_report(result.classification),
+            "equilibrium": {
+                "holds": balance.holds,
+                "residual": balance.residual,
+                "iterations": balance.iterations,
+                "status": balance.status,
+            },
+            "norm": str(result.norm),
+            "answer": self.carried.words,
+            "carried": holds,
+            **({} if self.paper is None else {"contact": asdict(self.paper)}),
+            "reaction": self.reaction.tolist() if holds else None,
+            "joints": self.joints.as_json() if holds else [],
+            "units": REPORT_UNITS,
+            "rotation_length": self.assembly.characteristic_length,
+            "free_blocks": np.flatnonzero(~self.load.fixed).tolist(),
+            "n_blocks": result.n_blocks,
+            "n_contacts": result.n_contacts,
+            "cpu_seconds": result.cpu_seconds,
+        }
+
+
+def _joint_extremes(assembly: AnyBlocks, joints: JointResultants) -> dict[str, Measure]:
+    """Least and largest normal force between two blocks; nothing where none touch."""
+    if not len(joints.block_m):
         return {}
-    worst = int(result.contact_pressures.argmax())
-    at, interfaces = int(result.contact_index[worst]), assembly.interfaces
-    pair = int(interfaces.block_m[at]), int(interfaces.block_s[at])
-    where: dict[str, Any] | None = None
-    if isinstance(assembly, Assembly):
-        where = place(assembly, pair, interfaces.centroids[at], None)
-    else:
-        position = interfaces.centroids[at].tolist()
-        where = {"blocks": list(pair), "layer": 0, "face": None, "position": position}
-    return {
-        "p_max_facet": Measure(float(result.contact_pressures[worst]), "MPa", place=where),
-        "p_max": Measure(result.measures.p_max, "MPa"),
-        "p_eff": Measure(result.measures.p_eff, "MPa"),
-    }
+    force, found = joints.normal_force, {}
+    for name, k in (
+        ("least_joint_force", int(np.argmin(force))),
+        ("largest_joint_force", int(np.argmax(force))),
+    ):
+        pair = int(joints.block_m[k]), int(joints.block_s[k])
+        where = place(assembly, pair, joints.centroids[k])
+        found[name] = Measure(float(force[k]), "N", place=where)
+    return found
 
 
-def _contacts(assembly: AnyBlocks, result: RigidResult) -> dict[str, Callable[[], Array]]:
-    """Contacts in the order of the interfaces, with pressures and normal forces."""
-    index, interfaces = result.contact_index, assembly.interfaces
-    values: dict[str, Callable[[], Array]] = {
-        "pressure": lambda: result.contact_pressures,
-        "force": lambda: result.contact_forces,
-    }
+def joints_of(assembly: AnyBlocks, index: IntArray, forces: FloatArray) -> JointResultants:
+    """Resultants of forces on block s of some contacts, (n, 3) [N], by pairs of blocks."""
+    found, centroids = assembly.interfaces, None
+    if not isinstance(assembly, Assembly):
+        pairs = np.unique(np.column_stack([found.block_m[index], found.block_s[index]]), axis=0)
+        centroids = cast("PolyhedralAssembly", assembly).joint_centroids(pairs)
+    return joint_resultants(found, index, forces, centroids)
+
+
+def _contacts(
+    assembly: AnyBlocks, index: IntArray, carried: Carried
+) -> dict[str, Callable[[], Array]]:
+    """Facets in the order of the interfaces, of triangulated blocks flat patches."""
     if isinstance(assembly, Assembly):
+        areas = assembly.interfaces.areas[index]
+        values: dict[str, Callable[[], Array]] = {
+            "pressure": lambda: carried.normal_forces / areas,
+            "force": lambda: carried.forces,
+        }
         return values | interface_contacts(assembly, index)
-    return values | {
-        "area": lambda: interfaces.areas[index],
-        "blocks": lambda: np.column_stack([interfaces.block_m[index], interfaces.block_s[index]]),
-        "centroid": lambda: interfaces.centroids[index],
-        "normal": lambda: interfaces.normals[index],
+    found = cast("PolyhedralAssembly", assembly).interfaces
+    patches = found.patches
+    if not len(patches.areas):
+        return {}
+    return {
+        "pressure": lambda: found.of_patches(index, carried.normal_forces) / patches.areas,
+        "force": lambda: found.of_patches(index, carried.forces),
+        "area": lambda: patches.areas,
+        "blocks": lambda: np.column_stack([patches.block_m, patches.block_s]),
+        "centroid": lambda: found.polygons.patch_centroids,
+        "normal": lambda: patches.normals,
     }
 
 
@@ -160,14 +334,19 @@ def _layers(assembly: AnyBlocks) -> IntArray:
     return np.zeros(assembly.n_blocks, dtype=np.int64)
 
 
-def block_motion(assembly: AnyBlocks, load: LoadCase, result: RigidResult) -> FloatArray | None:
-    """(δt [mm], δθ [rad]) of each block under the mechanism, (n_blocks, 6); None where locked.
+def block_motion(
+    assembly: AnyBlocks, load: LoadCase, result: RigidResult, carried: Carried
+) -> FloatArray | None:
+    """(δt [mm], δθ [rad]) of each block under the mechanism, (n_blocks, 6).
 
-    Prefers the mechanism that the load drives; blocks held by the certificate's supports stay.
+    None where locked, or where friction holds the blocks. Prefers the mechanism that the load
+    drives; blocks held by the certificate's supports stay.
     """
-    driven, certificate = result.equilibrium.mechanism, result.classification.certificate
-    if driven is not None:
-        return placed_motion(assembly, driven, ~load.fixed)
+    certificate = result.classification.certificate
+    if carried.mechanism is not None:
+        return placed_motion(assembly, carried.mechanism, ~load.fixed)
+    if carried.friction is not None and carried.holds:
+        return None
     if isinstance(certificate, Mechanism):
         return placed_motion(assembly, certificate.virtual_displacement, ~assembly.fixed)
     return None
@@ -188,28 +367,6 @@ def _node_motion(
     arms = points - assembly.centroids[block]
     moved = moving[block, :3] + np.cross(moving[block, 3:], arms)
     return np.asarray(moved / np.linalg.norm(moved, axis=1).max())
-
-
-def _report(assembly: AnyBlocks, result: RigidResult) -> dict[str, Any]:
-    """Evidence and statistics of the analysis, as plain data."""
-    equilibrium = result.equilibrium
-    forces = result.contact_forces[:, None] * assembly.interfaces.normals[result.contact_index]
-    joints = joint_resultants(assembly.interfaces, result.contact_index, forces)
-    return {
-        "mechanism": str(result.mechanism),
-        "mechanism_as_supported": str(result.supported_classification.mechanism),
-        "certificate": certificate_report(result.classification),
-        "equilibrium": {
-            "holds": equilibrium.holds,
-            "residual": equilibrium.residual,
-            "iterations": equilibrium.iterations,
-            "status": equilibrium.status,
-        },
-        "joints": joints.as_json() if equilibrium.holds else [],
-        "n_blocks": result.n_blocks,
-        "n_contacts": result.n_contacts,
-        "cpu_seconds": result.cpu_seconds,
-    }
 
 
 def certificate_report(classification: Classification) -> dict[str, Any] | None:

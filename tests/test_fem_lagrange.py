@@ -27,8 +27,7 @@ from geometry.families.sine_block import TSB1, SineBlockDivisions, sine_block
 from geometry.mesh import FloatArray, MeshError, boundary_quads
 from geometry.refinement import charts_of
 from tests.test_validation_own_fem import deformable
-from validation.build.deformable import build_hexahedra, build_problem
-from validation.run.deformable import run_json
+from validation.build.deformable import scene_problem
 from validation.run.solve import run_static
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
@@ -202,7 +201,7 @@ def test_an_element_that_folds_is_refused() -> None:
 def curved(degree: int, layers: int = 1, *settings: str, case: str = "pipe") -> Problem:
     mesh = ("mesh.around=12", "mesh.radial=2", "mesh.axial=4", f"assembly.layers={layers}")
     scene = deformable(f"tsb1-{case}", *mesh, f"fem.degree={degree}", *settings)
-    return build_problem(scene, "tube", build_hexahedra(scene, "tube"))
+    return scene_problem(scene, "tube")
 
 
 GRAVITY = "effects.gravity=[0.0, 0.0, -9.81e5]"  # a hundredfold, so that weight is felt
@@ -240,7 +239,7 @@ def test_a_cap_says_where_it_acted_and_lowers_the_peak() -> None:
     mesh = ("mesh.around=12", "mesh.radial=2", "mesh.axial=4", "assembly.layers=1")
 
     def answer(*settings: str):  # type: ignore[no-untyped-def]
-        return run_json(run_static("tube", deformable("tsb1-pipe", *mesh, *settings)))
+        return run_static("tube", deformable("tsb1-pipe", *mesh, *settings)).answer.as_dict()
 
     plain = answer("fem.degree=2")
     capped = answer("fem.degree=2", "contact.maximum_stiffness=100")

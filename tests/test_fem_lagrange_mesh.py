@@ -42,7 +42,7 @@ from tests.conftest import tsb
 from tests.fem_problems import CONCRETE, degrees_of_freedom, distorted_box, static_displacement
 from tests.test_validation_own_fem import deformable
 from validation.build.deck import build_deck
-from validation.build.deformable import build_deformable, build_hexahedra, build_problem
+from validation.build.deformable import build_deformable, scene_problem
 from validation.comparison.calculix import calculix_available, run_calculix
 from validation.errors import InputError
 from validation.run.estimate import estimated_errors
@@ -227,7 +227,7 @@ MESH = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2")
 
 def stated(name: str, *settings: str) -> Problem:
     scene = deformable(name, "fem.method='static'", *settings)
-    return build_problem(scene, name, build_hexahedra(scene, name))
+    return scene_problem(scene, name)
 
 
 def test_solvers_agree_on_a_pressure_that_is_not_resolved() -> None:

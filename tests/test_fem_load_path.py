@@ -19,7 +19,6 @@ from fem.static.solve import StaticOptions, solve_static
 from tests.test_fem_friction_laws import plate
 from tests.test_fem_static import pipe, sheared_column
 from validation.errors import InputError
-from validation.run.deformable import run_json
 from validation.run.friction_set import friction_set
 from validation.run.solve import run_static
 
@@ -130,7 +129,7 @@ def test_the_answer_names_its_member_and_the_width():
     refused = friction_set(run, carries_no_more)
     assert not refused.width
     assert "too much" in refused.remark
-    assert run_json(replace(run, friction=refused))["friction"]["past_and_back"] == {}
+    assert replace(run, friction=refused).answer.as_dict()["friction"]["past_and_back"] == {}
 
 
 def test_without_friction_there_is_no_set():

@@ -43,10 +43,15 @@ def test_a_changed_answer_is_noticed() -> None:
         other = replace(fixture, ask=lambda: {**fixture.stored, "answer": answer})
         return [path for path, _, _ in other.compare(TOLERANCE)]
 
-    largest = measures["p_max"]
+    largest = measures["p_max"]["value"]
     assert paths() == []
-    assert paths(measures=measures | {"p_max": largest * (1 + 1e-11)}) == []
-    assert paths(measures=measures | {"p_max": largest * (1 + 1e-8)}) == ["answer.measures.p_max"]
+
+    def changed(by: float) -> list[str]:
+        other = measures["p_max"] | {"value": largest * (1 + by)}
+        return paths(measures=measures | {"p_max": other})
+
+    assert changed(1e-11) == []
+    assert changed(1e-8) == ["answer.measures.p_max.value"]
     assert paths(mechanism="activated") == ["answer.mechanism"]
     assert paths(unused_keys=[]) == ["answer.unused_keys.length"]
     assert paths(more=1) == ["answer.more"]

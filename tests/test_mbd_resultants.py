@@ -12,7 +12,6 @@ from mbd import contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from tests.test_validation_own_fem import column
 from validation.output.rigid.polyhedra import write_contacts
-from validation.run.deformable import run_json
 from validation.run.rigid.answer import run_rigid
 from validation.run.rigid.polyhedra import PolyhedralRun, run_polyhedra
 from validation.run.solve import run_static
@@ -134,20 +133,20 @@ def test_the_field_that_is_written_carries_the_load(tmp_path: Path) -> None:
     lifted -= (area[on_last, None] * traction[on_last]).sum(axis=0)
     weight = 2.4e-9 * 9810.0 * run.assembly.volumes[~run.assembly.fixed].sum()
     np.testing.assert_allclose(lifted, [0.0, 0.0, weight], atol=1e-5 * weight)
-    answer = run.json()
+    answer = run.answer.as_dict()
     assert answer["carried"]
     assert answer["answer"] == "carried with friction μ = 0.6 (without: activated)"
     assert len(answer["joints"]) == 8
     keys = set(answer["joints"][0])
     pressed = run_static("column", column(0.01))  # type: ignore[arg-type]
-    assert set(run_json(pressed)["joints"][0]) == keys
+    assert set(pressed.answer.as_dict()["joints"][0]) == keys
 
 
 def test_an_attempt_that_failed_is_no_field(tmp_path: Path) -> None:
     run = arch_run(0.05)
     write_contacts(run, tmp_path / "contacts.vtu")
     assert "patch_pressure" not in meshio.read(tmp_path / "contacts.vtu").cell_data
-    answer = run.json()
+    answer = run.answer.as_dict()
     assert answer["answer"] == "not carried with friction μ = 0.05"
     assert answer["largest_contact_force"] is None
     assert answer["joints"] == []
@@ -156,10 +155,11 @@ def test_an_attempt_that_failed_is_no_field(tmp_path: Path) -> None:
 def test_a_tube_shows_the_answer_with_friction() -> None:
     small = ("mesh.edge=2", "mesh.radial=1", "assembly.layers=2", "rigid.friction=0.6")
     run = run_rigid(load_scene("thb0-pipe", small))
-    answer = run.json()
+    answer = run.answer.as_dict()
     assert not answer["equilibrium"]["holds"]
     assert answer["carried"]
-    assert answer["measures"]["p_max"] > 0.0
-    assert answer["measures"]["p_max"] <= run.contact_pressures.max()
+    largest = answer["measures"]["p_max_facet"]["value"]
+    assert 0.0 < answer["measures"]["p_max"]["value"] <= largest
+    assert largest == run.answer.contacts["pressure"].max()
     without = run_rigid(load_scene("thb0-pipe", small[:-1]))
-    assert without.json()["joints"] == []
+    assert without.answer.as_dict()["joints"] == []

@@ -31,6 +31,8 @@ from geometry.mesh import FloatArray
 from geometry.refinement import charts_of, with_lines
 from tests.test_fem_lagrange_mesh import HEXAGON, WALL, sine
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from validation import read_answer
+from validation.output.answer_files import FILES
 
 SHAPE = {
     "height": 200,
@@ -154,8 +156,10 @@ def test_frames_and_files_change_no_number(tubelock) -> None:  # noqa: F811
     """Issue 28: with two frames the same command gave other measures and other error bars."""
     expected = measured(tubelock, "fem.degree=3")
     files = ("-o", "out")
-    agree(measured(tubelock, "fem.degree=3", "fem.frames=2", more=files), expected)
-    assert {"fields.vtu", "joints.csv"} <= {path.name for path in Path("out").iterdir()}
+    found = measured(tubelock, "fem.degree=3", "fem.frames=2", more=files)
+    agree(found, expected)
+    assert {*FILES, "joints.csv"} <= {path.name for path in Path("out").iterdir()}
+    assert read_answer("out").as_dict()["measures"] == found
 
 
 @pytest.mark.slow

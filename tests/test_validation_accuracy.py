@@ -16,7 +16,7 @@ from fem.assembly.statement import Problem
 from geometry.answer import Measure
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import column, deformable
-from validation.build.deformable import build_hexahedra, build_problem
+from validation.build.deformable import scene_problem
 from validation.costs.references import references
 from validation.errors import InputError
 from validation.run import solve
@@ -26,7 +26,7 @@ from validation.run.measures import FrictionSet
 
 def stated(name: str, *settings: str) -> Problem:
     scene = deformable(name, *(settings or ("assembly.layers=1",)))
-    return build_problem(scene, name, build_hexahedra(scene, name))
+    return scene_problem(scene, name)
 
 
 def test_what_is_asked_is_read() -> None:

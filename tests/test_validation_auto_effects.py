@@ -11,8 +11,9 @@ import pytest
 from fem.assembly.contact_state import contact_measures
 from fem.static.solve import StaticOptions, solve_static
 from tests.fem_problems import pair_resultants
+from validation import compare
 from validation.cli.app import app
-from validation.comparison.answers import compare
+from validation.comparison.scene import compared_runs
 from validation.effects.auto import EffectsDecision, decide_effects
 from validation.effects.probe import Answer, Change, answer_of, change
 from validation.errors import InputError
@@ -296,15 +297,11 @@ def test_sideways_weight_breaks_the_sector() -> None:
 def test_rigid_blocks_of_a_comparison_weigh_as_much() -> None:
     # The frame carries the weight of the free blocks, to the residual of the equilibrium.
     scene = scene_of(*COARSE, "effects.gravity=[0,0,-9806.65]")
-    found = compare("tube", scene, explicit=False)
-    assembly = found.rigid.assembly
+    rigid, deformable = compared_runs("tube", scene)
+    found, assembly = compare(*(r.answer for r in (*rigid, *deformable))), rigid[0].assembly
     weight = 2.4e-9 * 9806.65 * assembly.volumes[assembly.free_blocks].sum()
-    interfaces, fixed = assembly.interfaces, assembly.fixed
-    pair = np.searchsorted(interfaces.pair_start, found.contacts, side="right") - 1
-    first = interfaces.pair_start[np.unique(pair)]
-    m, s = fixed[interfaces.block_m[first]], fixed[interfaces.block_s[first]]
-    for method in ("rigid (force)", "rigid (pressure)"):
-        forces = found.interface_forces[method]
+    m, s = assembly.fixed[np.unique(found.contacts["blocks"], axis=0)].T
+    for forces in found.interface_forces[:2]:
         on_frame = forces[s & ~m].sum(axis=0) - forces[m & ~s].sum(axis=0)
         assert on_frame[2] == pytest.approx(-weight, rel=1e-6)
 

@@ -14,7 +14,6 @@ from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
 from validation.output.deformable.answers import print_run
-from validation.run.deformable import run_json
 from validation.run.solve import run_explicit, run_static, scene_statement
 from validation.scene.read import DeformableScene, SceneFile, check_scene
 
@@ -37,13 +36,13 @@ def test_a_scene_without_a_cap_follows_the_law_of_the_text() -> None:
     # residual is 1e-8 of the load, and a joint is as stiff as the boxes within tenfold.
     top = 2 * overclosure(PRESSURE) + PRESSURE * 160.0 / 33e3
     assert run.largest_displacement == pytest.approx(top, rel=1e-7)
-    assert run_json(run)["contact_cap"] is None
+    assert run.answer.as_dict()["contact_cap"] is None
 
 
 def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
     capped = changed(PRESSURE, contact={"maximum_stiffness": 1000.0})
     run = run_static("column", capped)
-    found = run_json(run)["contact_cap"]
+    found = run.answer.as_dict()["contact_cap"]
     points = 2 * 3 * 2 * 4
     assert found["points"] == found["pressing_points"] == points
     assert found["force_share"] == pytest.approx(1.0, rel=1e-12)
@@ -54,7 +53,7 @@ def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
     print_run(run, Console(width=300))
     assert f"at {points} of {points} closed contact points, 100 %" in capsys.readouterr().out
     idle = run_static("column", changed(0.5, contact={"maximum_stiffness": 1000.0}))
-    assert run_json(idle)["contact_cap"]["points"] == 0
+    assert idle.answer.as_dict()["contact_cap"]["points"] == 0
 
 
 def test_decks_carry_a_cap_and_say_where_there_is_none() -> None:

@@ -10,7 +10,7 @@ from tests.test_validation_own_fem import column, deformable
 from validation.build.deformable import build_deformable
 from validation.costs.references import references
 from validation.output.deformable.answers import print_run
-from validation.run.deformable import DeformableRun, run_json
+from validation.run.deformable import DeformableRun
 from validation.run.estimate import estimated_errors
 from validation.run.solve import run_static
 
@@ -113,10 +113,10 @@ def test_errors_are_printed_and_in_the_data(capsys: pytest.CaptureFixture[str]) 
     from dataclasses import replace
 
     run = run_static("column", column(0.5))
-    plain = run_json(run)["measures"]
+    plain = run.answer.as_dict()["measures"]
     assert all(measure["error"] is None for measure in plain.values())
     told = replace(run, errors={"p_max_point": 0.034})
-    found = run_json(told)["measures"]["p_max_point"]
+    found = told.answer.as_dict()["measures"]["p_max_point"]
     assert found["error"] == 0.034
     assert found["unit"] == "MPa"
     print_run(told, Console(width=300))

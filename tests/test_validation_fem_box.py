@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from validation.run.deformable import run_json
+from validation import read_answer
+from validation.output.answer_files import FILES
 from validation.run.solve import run_scene
 from validation.scene.read import DeformableScene, load_scene
 
@@ -31,7 +32,7 @@ def test_static_bar_under_uniform_traction_is_the_closed_form() -> None:
         "material.poisson_ratio=0",
         'load={"x+"={traction=[0.5,0,0]}}',
     )
-    data = run_json(run_scene("bar", scene))
+    data = run_scene("bar", scene).answer.as_dict()
     tip = data["faces"]["x+"]["mean_displacement"]
     # Round-off times the condition number of a 40-element bar, about 1e4.
     assert tip[0] == pytest.approx(0.5 * 400 / 33000, rel=1e-10)
@@ -41,7 +42,7 @@ def test_static_bar_under_uniform_traction_is_the_closed_form() -> None:
 
 def test_cantilever_tip_against_timoshenko_beam() -> None:
     scene = box("cantilever", "fem.method=static")
-    data = run_json(run_scene("cantilever", scene))
+    data = run_scene("cantilever", scene).answer.as_dict()
     width, height, length, young = 40.0, 60.0, 400.0, 33000.0
     force, inertia = 0.05 * width * height, width * height**3 / 12
     shear = young / 2.4
@@ -55,7 +56,7 @@ def test_cantilever_tip_against_timoshenko_beam() -> None:
 
 def test_slowly_loaded_explicit_run_ends_at_the_static_answer() -> None:
     settings = ("mesh.divisions=[10,2,2]", "fem.frames=0")
-    static = run_json(run_scene("s", box("cantilever", *settings, "fem.method=static")))
+    static = run_scene("s", box("cantilever", *settings, "fem.method=static")).answer.as_dict()
     run = run_scene(
         "e",
         box("cantilever", *settings, "fem.damping=static", "fem.end_time=0.2", "fem.residual=1e-5"),
@@ -63,7 +64,7 @@ def test_slowly_loaded_explicit_run_ends_at_the_static_answer() -> None:
     assert run.explicit is not None
     assert run.explicit.status == "converged"
     a = static["faces"]["x+"]["mean_displacement"][2]
-    b = run_json(run)["faces"]["x+"]["mean_displacement"][2]
+    b = run.answer.as_dict()["faces"]["x+"]["mean_displacement"][2]
     # The residual bounds the relative error in the energy norm; the lowest mode's share of the
     # load is of order one, so ten times the residual is generous.
     assert b == pytest.approx(a, rel=1e-4)
@@ -123,7 +124,7 @@ def test_files_of_a_run(tubelock) -> None:  # noqa: F811
     assert status == 0
     found = {p.name for p in Path("run").iterdir()}
     assert found == {
-        "fields.vtu",
+        *FILES[:3],
         "stresses.png",
         "history.csv",
         "energies.png",
@@ -134,6 +135,7 @@ def test_files_of_a_run(tubelock) -> None:  # noqa: F811
     }
     assert Path("run/frames.pvd").read_text().count("DataSet") == 3
     mesh = meshio.read("run/fields.vtu")
+    assert set(read_answer("run").fields) < set(mesh.point_data) | {"principal_stress"}
     # Four by two by two elements with eight integration points each.
     assert mesh.cell_data["sigma_1_integration_points"][0].shape == (16, 8)
     assert set(mesh.point_data) == {

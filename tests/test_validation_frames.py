@@ -7,7 +7,7 @@ import meshio
 import numpy as np
 import pytest
 
-from validation.build.deformable import build_deformable
+from validation.build.deformable import build_deformable, scene_problem
 from validation.output.deformable.fields import FrameWriter
 from validation.run.solve import run_explicit, run_static
 from validation.scene.read import load_scene
@@ -24,10 +24,11 @@ def written(folder: Path) -> list[float]:
 
 def box_frames(folder: Path, count: int, *settings: str):
     scene = load_scene("cantilever", [COARSE, f"fem.frames={count}", *settings]).scene
-    box = build_deformable(scene, "box")  # type: ignore[arg-type]
-    writer = FrameWriter(folder, box.model.groups, count, finite_rotation=False)
+    box = scene_problem(scene, "box")  # type: ignore[arg-type]
+    groups = box.deformable.model.groups
+    writer = FrameWriter(folder, groups, count, finite_rotation=False)
     run = run_static if "fem.method=static" in settings else run_explicit
-    return run("box", scene, deformable=box, on_frame=writer)  # type: ignore[arg-type,operator]
+    return run("box", scene, problem=box, on_frame=writer)  # type: ignore[arg-type,operator]
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 12])
@@ -73,11 +74,12 @@ def test_frames_of_a_static_run_of_blocks_are_its_load_steps(tmp_path: Path) -> 
 
     def run(folder: Path | None, *settings: str):
         scene = load_scene("tsb1-pipe", [*small, *settings]).scene
-        deformable = build_deformable(scene, "tube")  # type: ignore[arg-type]
+        problem = scene_problem(scene, "tube")  # type: ignore[arg-type]
         writer = None
         if folder is not None:
-            writer = FrameWriter(folder, deformable.model.groups, 3, finite_rotation=False)
-        return run_static("tube", scene, deformable=deformable, on_frame=writer)  # type: ignore[arg-type]
+            groups = problem.deformable.model.groups
+            writer = FrameWriter(folder, groups, 3, finite_rotation=False)
+        return run_static("tube", scene, problem=problem, on_frame=writer)  # type: ignore[arg-type]
 
     full = run(tmp_path, "fem.frames=3")
     assert written(tmp_path) == [0.0, 0.5, 1.0]

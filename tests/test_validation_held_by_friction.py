@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from validation.build.deformable import build_deformable
+from validation.build.deformable import scene_problem
 from validation.errors import InputError
 from validation.run import solve
 from validation.run.solve import run_static
@@ -62,7 +62,7 @@ def test_blocks_that_are_built_already_are_asked_too(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(solve, "static_solution", _solver_called)
     scene = _pile(1.0, 0.3)
     with pytest.raises(InputError, match="block 1 slides on block 0"):
-        run_static("pile", scene, deformable=build_deformable(scene, "pile"))
+        run_static("pile", scene, problem=scene_problem(scene, "pile"))
 
 
 def test_without_friction_nothing_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,6 @@ from tests.test_fem_lagrange_mesh import CURVED, WALL, from_twenty, relative
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import own_scene
 from validation.comparison.calculix import calculix_available, run_calculix
-from validation.run.deformable import run_json
 from validation.run.solve import run_static
 
 GRAVITY = "[effects]\ngravity = [0.0, 1e6, -1e6]\n"
@@ -86,7 +85,7 @@ def test_own_files_of_a_family_give_its_answer(tmp_path: Path) -> None:
     assert run.measures["max_displacement"].value == pytest.approx(family["u"].value, rel=1e-6)
     ours, theirs = np.sort(run.contact_state.pressures), np.sort(family.contacts["pressure"])
     np.testing.assert_allclose(ours, theirs, atol=1e-6 * theirs.max())
-    assert "edges" not in run_json(run)
+    assert "edges" not in run.answer.as_dict()
 
 
 ANGLE, RADII, HEIGHT, PIECES = 1.2, (300.0, 400.0), 80.0, 3
@@ -134,7 +133,7 @@ places = [{{at = [0, 0, 0]}}, {{at = [0, 0, -{HEIGHT}], fixed = true}}]
     angle = 2.0 * s * (c if degree == 1 else (4.0 - c) / 3.0)
     volume = PIECES * angle * 0.5 * (RADII[1] ** 2 - RADII[0] ** 2) * HEIGHT
     assert run.contact.force == pytest.approx(2.4e-9 * 9810.0 * volume, rel=1e-7)
-    assert ("edges" in run_json(run)) == (degree == 1)
+    assert ("edges" in run.answer.as_dict()) == (degree == 1)
 
 
 @pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")

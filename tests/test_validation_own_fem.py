@@ -37,11 +37,10 @@ from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable
-from validation.comparison.answers import compare
+from validation.comparison.scene import compared_runs
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures.tubes import run_facets
-from validation.run.deformable import run_json
 from validation.run.solve import run_explicit, run_static, scene_statement
 from validation.scene.read import DeformableScene, SceneFile, check_scene, load_scene
 
@@ -276,7 +275,7 @@ def test_joint_forces_that_leave_friction_out_are_named_so(tmp_path: Path, frict
         load += "[effects.friction]\ncoefficient = 0.5\n"
     parts = f'[[parts]]\nfile = "brick.inp"\nplaces = {places}\n'
     run = run_static("own", own_scene(tmp_path, parts, load=load))
-    (joint,) = run_json(run)["joints"]
+    (joint,) = run.answer.as_dict()["joints"]
     end = "_without_friction" if friction else ""
     weight = 2.4e-9 * 400_000.0 * 9810.0
     assert joint[f"normal_force{end}"] == pytest.approx(weight, rel=1e-6)
@@ -297,16 +296,17 @@ file = "wedge.stl"
 places = [{axis = [0, 1, 0], angle = 0, fixed = true}, {axis = [0, 1, 0], angle = -60},
           {axis = [0, 1, 0], angle = -120, fixed = true}]
 """
-    found = compare("arch", own_scene(tmp_path, parts), explicit=False)
+    rigid, (static,) = compared_runs("arch", own_scene(tmp_path, parts))
     weight = 2.4e-9 * wedge().mass_properties.volume * 9810.0
     # Each joint leans by 60°, so its normal force is W / (2 cos 60°). The normals turn by the
     # displacement over a facet's size, 25 mm.
-    turned = found.static.largest_displacement / 25.0
-    assert found.static.contact.force == pytest.approx(2 * weight, rel=turned)
-    areas = found.rigid.assembly.interfaces.areas
-    for answer in found.answers:
-        if answer.method.startswith("rigid"):
-            assert answer.pressures @ areas == pytest.approx(2 * weight, rel=1e-6)
+    turned = static.largest_displacement / 25.0
+    assert static.contact.force == pytest.approx(2 * weight, rel=turned)
+    assert len(rigid) == 2
+    for run in rigid:
+        contacts = run.answer.contacts
+        pressed = contacts["pressure"] @ contacts["area"]
+        assert pressed == pytest.approx(2 * weight, rel=1e-6)
 
 
 def test_a_prism_of_tetrahedra_weighs_on_its_joint(tmp_path: Path) -> None:

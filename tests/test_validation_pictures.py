@@ -22,9 +22,9 @@ from geometry.block import box_block
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import column
 from tests.test_validation_tubes import tube
+from validation import compare
 from validation.build.blocks import build_scene
-from validation.comparison.answers import compare
-from validation.comparison.report import draw_comparison
+from validation.comparison.scene import compared_runs
 from validation.errors import InputError
 from validation.output.files import PICTURES, require_picture
 from validation.output.pictures import assemblies, tubes
@@ -343,8 +343,8 @@ def test_no_words_of_a_comparison_overlap_or_leave_the_page(
     pressure: float, figures: list[Figure], tmp_path: Path
 ) -> None:
     """One column of panels for each answer, and numbers of any size."""
-    found = compare("column", column(pressure), explicit=False)
-    draw_comparison(found, tmp_path / "comparison.png")
+    rigid, deformable = compared_runs("column", column(pressure))
+    compare(*(run.answer for run in (*rigid, *deformable))).draw(tmp_path / "comparison.png")
     (figure,) = figures
     assert_words_have_room(figure)
 

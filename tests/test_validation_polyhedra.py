@@ -31,7 +31,7 @@ EDGE = 60.0
 
 def _answer(file: SceneFile) -> dict[str, object]:
     assert isinstance(file.scene, PolyhedralScene)
-    return run_polyhedra(file, file.scene).json()
+    return run_polyhedra(file, file.scene).answer.as_dict()
 
 
 def _save(path: Path, shape: Polyhedron, scale: float = 1.0) -> None:
@@ -103,13 +103,15 @@ def test_friction_can_be_asked_of_a_tube() -> None:
     from validation.run.rigid.answer import run_rigid
 
     settings = ["mesh.edge=6", "mesh.radial=3", "assembly.layers=4"]
-    slippery = run_rigid(load_scene("thb0-pipe", [*settings, "rigid.friction=0.01"])).json()
+    slippery = run_rigid(
+        load_scene("thb0-pipe", [*settings, "rigid.friction=0.01"])
+    ).answer.as_dict()
     assert slippery["friction"]["holds"] is False
     assert slippery["friction"]["work"] > 0
     assert slippery["friction"]["smallest_contact_work"] >= -1e-6 * slippery["friction"]["work"]
-    rough = run_rigid(load_scene("thb0-pipe", [*settings, "rigid.friction=1.0"])).json()
+    rough = run_rigid(load_scene("thb0-pipe", [*settings, "rigid.friction=1.0"])).answer.as_dict()
     assert rough["friction"]["holds"] is True
-    assert "friction" not in run_rigid(load_scene("thb0-pipe", settings)).json()
+    assert "friction" not in run_rigid(load_scene("thb0-pipe", settings)).answer.as_dict()
 
 
 def test_command_writes_contacts_and_pictures(tmp_path: Path) -> None:
@@ -254,7 +256,7 @@ def test_what_point_contacts_alone_lock_is_said_to_be(tmp_path: Path) -> None:
     file = load_scene(str(_panel(tmp_path)))
     assert isinstance(file.scene, PolyhedralScene)
     run = run_polyhedra(file, file.scene)
-    answer = run.json()
+    answer = run.answer.as_dict()
     assert (answer["mechanism"], answer["n_crossing_edges"]) == ("locked", 32)
     assert answer["certificate"]["kind"] == "self-stress"
     faces = answer["by_faces_alone"]

@@ -122,7 +122,7 @@ def multiplied_out(sliding: dict[str, Any]) -> dict[str, float]:
 
 def test_certified_sliding_can_be_checked_from_the_json(tmp_path: Path) -> None:
     """STL files round corners to 1e-7 of their size; programs are solved to 1e-7."""
-    answer = solved(flat_arch(tmp_path)).json()
+    answer = solved(flat_arch(tmp_path)).answer.as_dict()
     sliding = answer["sliding"]
     assert sliding["certified"]
     laws = multiplied_out(sliding)
@@ -202,10 +202,11 @@ def tube(folder: Path, case: str, *, amplitude: float = 20.0, radial: int = 2) -
 
 def test_the_largest_pressure_is_the_largest_of_all_contacts(tmp_path: Path) -> None:
     run = tube(tmp_path, "tunnel")
-    peak = run.json()["measures"]["p_max_facet"]
-    assert peak["value"] == run.contact_pressures.max()
-    assert peak["value"] >= run.json()["measures"]["p_max"]
-    contact = run.result.contact_index[run.contact_pressures.argmax()]
+    peak = run.answer.as_dict()["measures"]["p_max_facet"]
+    pressures = run.answer.contacts["pressure"]
+    assert peak["value"] == pressures.max()
+    assert peak["value"] >= run.answer["p_max"].value
+    contact = run.result.contact_index[pressures.argmax()]
     found, place = run.assembly.interfaces, peak["place"]
     np.testing.assert_allclose(place["position"], found.centroids[contact])
     assert place["blocks"] == [found.block_m[contact], found.block_s[contact]]
@@ -220,14 +221,16 @@ def test_the_largest_pressure_is_the_largest_of_all_contacts(tmp_path: Path) -> 
 @pytest.mark.parametrize("scene", ["wall", "arch", "tetrahedra"])
 def test_the_supports_carry_the_weight(scene: str) -> None:
     run = solved(scene, "rigid.friction=1.0", "rigid.margin=false")
-    found = run.json()["measures"]
+    answer = run.answer.as_dict()
+    found = answer["measures"]
     weight = run.load.body_wrenches
     assert weight is not None
     applied = weight[~run.load.fixed, :3].sum(axis=0)
     # Residual of an equilibrium, relative to the load.
     size = np.linalg.norm(applied)
-    np.testing.assert_allclose(found["total_reaction"]["force"], -applied, atol=1e-6 * size)
-    forces = [joint["normal_force"] for joint in run.json()["joints"]]
+    np.testing.assert_allclose(answer["reaction"], -applied, atol=1e-6 * size)
+    assert found["total_reaction"]["value"] == np.linalg.norm(answer["reaction"])
+    forces = [joint["normal_force"] for joint in answer["joints"]]
     assert found["least_joint_force"]["value"] == min(forces)
     assert found["largest_joint_force"]["value"] == max(forces)
 
@@ -236,10 +239,10 @@ def test_the_supports_carry_the_weight(scene: str) -> None:
     ("case", "radius", "sense"), [("tunnel", 180.0, "compression"), ("pipe", 120.0, "tension")]
 )
 def test_ring_pressure_by_hand(tmp_path: Path, case: str, radius: float, sense: str) -> None:
-    ring = tube(tmp_path, case).json()["ring_pressure"]
+    ring = tube(tmp_path, case).answer.as_dict()["ring_pressure"]
     assert ring["value"] == pytest.approx(0.01 * radius / 60.0, rel=1e-15)
     assert ring["sense"] == sense
-    assert tube(tmp_path, "shaft").json()["ring_pressure"] is None
+    assert tube(tmp_path, "shaft").answer.as_dict()["ring_pressure"] is None
 
 
 def test_the_default_norm_gives_the_ring_pressure_on_any_mesh(tmp_path: Path) -> None:
@@ -247,12 +250,12 @@ def test_the_default_norm_gives_the_ring_pressure_on_any_mesh(tmp_path: Path) ->
     for radial in (1, 2, 4):
         run = tube(tmp_path, "tunnel", amplitude=0.0, radial=radial)
         upright = np.abs(run.assembly.interfaces.normals[run.result.contact_index, 2]) < 1e-6
-        pressures = run.contact_pressures[upright]
+        pressures = run.answer.contacts["pressure"][upright]
         areas = run.assembly.interfaces.areas[run.result.contact_index][upright]
         assert pressures @ areas / areas.sum() == pytest.approx(0.03, rel=0.02)
         if radial == 1:
             # One facet through the wall: its mean is that of the joint.
-            assert run.first_measures["p_max_facet"]["value"] == pytest.approx(0.03, rel=0.02)
+            assert run.answer["p_max_facet"].value == pytest.approx(0.03, rel=0.02)
 
 
 def test_first_rows_are_printed_before_the_paper_s_measures(tmp_path: Path) -> None:

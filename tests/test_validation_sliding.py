@@ -28,10 +28,9 @@ from geometry.polyhedra.polyhedron import polyhedron_from_quads
 from tests.fem_problems import deformable_assembly, in_contact
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import QUADS, SECTIONS, brick_corners, overclosure, write_stl
-from validation.build.deformable import build_deformable
+from validation.build.deformable import build_deformable, scene_problem
 from validation.errors import InputError
 from validation.output.deformable.answers import print_run
-from validation.run.deformable import run_json
 from validation.run.solve import run_explicit, run_scene, run_static
 from validation.scene.read import DeformableScene, check_scene, load_scene
 
@@ -70,7 +69,7 @@ def test_patch_test_of_a_column_that_does_not_match() -> None:
     for joint in ((0, 1), (1, 2)):
         points = found.joint(*joint)
         assert found.point_areas[points].sum() == pytest.approx(8000.0, rel=1e-12)
-    data = run_json(run)
+    data = run.answer.as_dict()
     assert data["contact_search"] == "finite sliding (non-matching meshes)"
     assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
     assert data["contact"]["p_max"] == pytest.approx(0.5, rel=1e-6)
@@ -152,7 +151,7 @@ def test_rigid_blocks_meet_where_a_search_finds_facets(tubelock) -> None:  # noq
     assert data["n_contacts"] == 16 + 15
     for method in ("rigid (force)", "rigid (pressure)"):
         assert data["interface_force_error"][method] < 1e-7
-        assert data["agreement_with_static"][method][0]["force_ratio"] == pytest.approx(1, abs=1e-7)
+        assert data["agreement"][method][0]["force_ratio"] == pytest.approx(1, abs=1e-7)
 
 
 def test_decks_of_joints_that_do_not_match(tubelock) -> None:  # noqa: F811
@@ -183,7 +182,7 @@ def test_matching_joints_have_no_search_unless_asked() -> None:
     fixed = "matching meshes, fixed pairs (small sliding)"
     for asked, words in ((False, fixed), (True, "finite sliding")):
         run = run_explicit("column", column(*matching, effects={"finite_sliding": asked}))
-        data = run_json(run)
+        data = run.answer.as_dict()
         assert data["contact_search"] == words
         assert (run.contact_state.interface is None) == asked
         assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
@@ -395,10 +394,10 @@ def test_a_stick_too_stiff_for_the_time_step_is_refused() -> None:
 def test_an_overlap_that_no_facet_matches_is_refused() -> None:
     """Boxes 0.05 mm in each other, beyond the law's curve: named with their depth."""
     scene = column(*CROSSING, contact={"law": "exponential"})
-    deformable = build_deformable(scene, "column")
-    deformable.offsets[1:, 2] -= 0.05
+    problem = scene_problem(scene, "column")
+    problem.deformable.offsets[1:, 2] -= 0.05
     with pytest.raises(InputError, match=r"deepest 0.05 mm between blocks"):
-        run_explicit("column", scene, deformable=deformable)
+        run_explicit("column", scene, problem=problem)
 
 
 @pytest.mark.parametrize(
@@ -423,4 +422,4 @@ def test_blocks_that_nothing_determines_and_large_motions_are_named(
     text = capsys.readouterr().out
     assert ("4, 5, 6, 7: no contact holds them in every direction" in text) == (clearance > 0.0)
     assert ("large motion" in text) == (clearance == 5.0)
-    assert ("large_motion" in run_json(run)) == (clearance == 5.0)
+    assert ("large_motion" in run.answer.as_dict()) == (clearance == 5.0)

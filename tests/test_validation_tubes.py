@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import signal
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,9 +13,11 @@ import numpy as np
 import pytest
 
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from validation.comparison.answers import agreement, compare, effective_region, explicit_errors
-from validation.comparison.report import print_comparison
-from validation.output.console import text_console
+from validation import compare, read_answer
+from validation.comparison.agreement import agreement, effective_region
+from validation.comparison.scene import compared_runs
+from validation.errors import InputError
+from validation.output.answer_files import FILES
 from validation.run.solve import run_explicit, run_static
 from validation.scene.read import DeformableScene, load_scene
 
@@ -30,9 +33,12 @@ def tube(name: str, *settings: str) -> DeformableScene:
     return scene
 
 
-def test_three_answers_to_one_scene(capsys) -> None:
-    found = compare("tsb1-pipe", tube("tsb1-pipe", "fem.mesh='scene'"), explicit=True)
-    errors = explicit_errors(found)
+def test_three_answers_to_one_scene() -> None:
+    scene = tube("tsb1-pipe", "fem.mesh='scene'")
+    rigid, deformable = compared_runs("tsb1-pipe", scene, explicit=True)
+    found = compare(*(run.answer for run in (*rigid, *deformable)))
+    assert found.names == ("rigid (force)", "rigid (pressure)", "static", "explicit")
+    errors = found.explicit_errors
     assert errors is not None
     # What the project promises of an explicit run to the static state.
     assert errors["displacement_rms"] < 2e-3
@@ -40,12 +46,17 @@ def test_three_answers_to_one_scene(capsys) -> None:
     assert errors["p_max"] < 5e-3
     # Stiff blocks on linear springs are the rigid limit of a uniform foundation; 2 × 2 points in
     # place of one per facet let a facet carry a moment, with two facets per half wave.
-    rigid = next(a for a in found.answers if a.method == "rigid (pressure)")
-    assert found.steps[0].p_max == pytest.approx(rigid.p_max, rel=0.15)
-    assert found.steps[-1].p_max == pytest.approx(found.static.contact.p_max, rel=1e-3)
-    print_comparison(found, text_console())
+    assert found.steps[0].p_max == pytest.approx(found.rows["p_max"]["rigid (pressure)"], rel=0.15)
+    assert found.steps[-1].p_max == pytest.approx(found.static["p_max"].value, rel=1e-3)
     # Units are text: what stands in square brackets is no markup.
-    assert "|u| max [mm]" in capsys.readouterr().out
+    assert "|u| max [mm]" in repr(found)
+    # What was written or pickled has the same numbers, and no problem to take apart.
+    again = compare(*pickle.loads(pickle.dumps(found.answers)))
+    assert again.agreement == found.agreement
+    assert again.rows == found.rows
+    assert again.steps == ()
+    with pytest.raises(InputError, match="does not hold its blocks"):
+        again.draw("none.png")
 
 
 def test_sector_and_whole_tube_give_the_same_digits() -> None:
@@ -87,8 +98,7 @@ def test_json_and_files_of_a_static_tube(tubelock) -> None:  # noqa: F811
     assert data["newton_iterations"] <= 18
     assert data["residual"] < 1e-8
     assert {p.name for p in Path("run").iterdir()} == {
-        "fields.vtu",
-        "contact_pressures.vtu",
+        *FILES,
         "contact_pressures.png",
         "stresses.png",
         "sections.png",
@@ -120,6 +130,8 @@ def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> N
     assert tubelock(*arguments, "-o", "cut", "--resume", "cut/checkpoint.npz")[0] == 0
     for name in ("history.csv", "fields.vtu"):
         assert Path("whole", name).read_bytes() == Path("cut", name).read_bytes()
+    whole, cut = read_answer("whole"), read_answer("cut")
+    assert (whole.method, repr(whole)) == ("explicit", repr(cut))
 
 
 def test_larger_clearance_means_larger_displacement_and_pressure(tubelock) -> None:  # noqa: F811

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     from fem.assembly.statement import Problem
     from geometry.answer import Answer
-    from validation.comparison.of_answers import AnswerComparison
+    from validation.comparison.answers import Comparison
     from validation.costs.study import CostStudy
     from validation.scene.read import SceneFile
     from validation.study.study import Study
@@ -36,13 +36,9 @@ class Scene:
         InputError
             A scene that cannot be built.
         """
-        from validation.build.deformable import build_hexahedra, build_problem
-        from validation.errors import named
+        from validation.build.deformable import scene_problem
 
-        name, scene = self.file.name, self.file.scene
-        blocks = build_hexahedra(scene, name)
-        with named(name):
-            return build_problem(scene, name, blocks)
+        return scene_problem(self.file.scene, self.file.name)
 
 
 def load_scene(source: str | Path, settings: Mapping[str, Any] | None = None) -> Scene:
@@ -118,21 +114,23 @@ def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool
     return draw(answer, field, layer=layer, unrolled=unrolled)
 
 
-def compare(*answers: Answer) -> AnswerComparison:
+def compare(*answers: Answer) -> Comparison:
     """Compare answers to one problem: measures side by side, pressures facet by facet.
+
+    ``print(compare(rigid, static))`` is what `tubelock compare` prints; ``draw(path)`` its picture.
 
     Raises
     ------
     InputError
         Fewer than two answers, or answers on other facets.
     """
-    from validation.comparison.of_answers import compare_answers
+    from validation.comparison.answers import compare_answers
 
     return compare_answers(answers)
 
 
 def cost(
-    scene: str | Path | Scene,
+    scene: str | Path | Scene | Problem,
     settings: Mapping[str, Any] | None = None,
     *,
     quick: bool = False,
@@ -143,7 +141,7 @@ def cost(
     Parameters
     ----------
     scene, settings
-        As `load_scene`.
+        As `sweep`.
     quick
         Coarse meshes only.
     store
@@ -169,8 +167,25 @@ def cost(
             return run_cost(file.name, checked, plan, kept)
 
 
-def _scene(scene: str | Path | Scene, settings: Mapping[str, Any] | None) -> Scene:
-    return scene if isinstance(scene, Scene) else load_scene(scene, settings)
+def _scene(scene: str | Path | Scene | Problem, settings: Mapping[str, Any] | None) -> Scene:
+    """Scene of a name, a file, a checked scene or a problem, with some settings changed."""
+    if isinstance(scene, str | Path):
+        return load_scene(scene, settings)
+    from validation.scene.read import SceneFile, apply_overrides, check_scene
+
+    name, data = _stated(scene)
+    checked = check_scene(apply_overrides(data, _overrides(settings)), name)
+    return Scene(SceneFile(name=name, scene=checked))
+
+
+def _stated(scene: Scene | Problem) -> tuple[str, dict[str, Any]]:
+    """Name and data of a checked scene, or of the scene that states a problem."""
+    if isinstance(scene, Scene):
+        keys = scene.file.scene.model_dump(mode="json", exclude_unset=True)
+        return scene.file.name, keys
+    from validation.build.stated import stated_scene
+
+    return scene.blocks.name, stated_scene(scene)
 
 
 @dataclass(frozen=True, repr=False)
@@ -216,7 +231,7 @@ class SweepResult:
 
 
 def sweep(
-    scene: str | Path,
+    scene: str | Path | Scene | Problem,
     parameters: Mapping[str, Sequence[Any]],
     settings: Mapping[str, Any] | None = None,
     *,
@@ -230,7 +245,8 @@ def sweep(
     Parameters
     ----------
     scene
-        Name of a built-in scene, or a TOML file.
+        Name of a built-in scene, a TOML file, a scene of `load_scene`, or a `fem.Problem` whose
+        blocks `geometry.tube` made: what is varied are the keys of the scene that states it.
     parameters
         Values by key, such as ``{"block.amplitude": [0, 10, 20]}``; the last varies fastest.
     settings
@@ -247,7 +263,8 @@ def sweep(
     Raises
     ------
     InputError
-        Parameters that a scene does not have, or a store of another study.
+        Parameters that a scene does not have, a problem that no scene states, or a store of
+        another study.
     """
     from tempfile import TemporaryDirectory
     from time import perf_counter
@@ -259,7 +276,7 @@ def sweep(
     from validation.study.study import check_study
 
     data: dict[str, Any] = {
-        "scene": str(scene),
+        "scene": str(scene) if isinstance(scene, str | Path) else _stated(scene)[1],
         "quantity": quantity,
         "parameters": dict(parameters),
     }

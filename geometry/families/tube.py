@@ -6,6 +6,7 @@ And what a long tube repeats: a periodic cell of two layers.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,6 +31,16 @@ from geometry.families.sine_block import (
     waves_of_turn,
 )
 from geometry.mesh import FloatArray
+
+
+@dataclass(frozen=True)
+class TubeParameters:
+    """What a tube is made from: the arguments of `sine_tube` or `hexagon_tube`."""
+
+    block: SineBlockParameters | HexagonBlockParameters
+    divisions: SineBlockDivisions | HexagonBlockDivisions
+    layers: int
+    turn: LayerTurn | float = LayerTurn.HALF_BLOCK
 
 
 def is_count(value: object) -> bool:
@@ -72,7 +83,6 @@ def sine_tube(
     AssemblyError, BlockParameterError
         When no such tube exists.
     """
-    n = block.blocks_per_layer
     _check_layers(layers)
     angle = _turn_angle(block, divisions, turn)
     shapes = (
@@ -81,7 +91,8 @@ def sine_tube(
         top_frame_block(block, divisions),
     )
     elevation = np.concatenate([[0.0], block.height * np.arange(layers + 1)])
-    return _tube("sine-tube", shapes, n, angle, elevation)
+    made = TubeParameters(block, divisions, layers, turn)
+    return _tube("sine-tube", shapes, made, angle, elevation)
 
 
 def _turn_angle(
@@ -121,8 +132,8 @@ def hexagon_tube(
         top_hexagon_frame(block, divisions),
     )
     elevation = block.layer_pitch * np.arange(layers + 2, dtype=np.float64)
-    n = block.blocks_per_layer
-    return _tube("hexagon-tube", shapes, n, block.block_angle / 2, elevation)
+    made = TubeParameters(block, divisions, layers)
+    return _tube("hexagon-tube", shapes, made, block.block_angle / 2, elevation)
 
 
 def tube(
@@ -216,10 +227,14 @@ def _check_layers(layers: int) -> None:
 
 
 def _tube(
-    name: str, shapes: tuple[Block, Block, Block], n: int, turn: float, elevation: FloatArray
+    name: str,
+    shapes: tuple[Block, Block, Block],
+    made: TubeParameters,
+    turn: float,
+    elevation: FloatArray,
 ) -> Assembly:
-    """Place n blocks in each layer: shapes are (free, bottom frame, top frame)."""
-    last = len(elevation) - 1
+    """Place the blocks of each layer: shapes are (free, bottom frame, top frame)."""
+    last, n = len(elevation) - 1, made.block.blocks_per_layer
     layer = np.repeat(np.arange(last + 1), n)
     angle = np.tile(np.arange(n) * (2 * np.pi / n), last + 1)
     angle = angle + np.where(layer % 2 == 1, turn, 0.0)
@@ -231,6 +246,7 @@ def _tube(
         translations=np.column_stack([np.zeros((len(layer), 2)), elevation[layer]]),
         layer=layer,
         fixed=(layer == 0) | (layer == last),
+        parameters=made,
     )
 
 

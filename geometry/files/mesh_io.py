@@ -151,9 +151,16 @@ def write_points(path: Path, points: FloatArray, point_data: _Data) -> None:
     _write(path, points, "vertex", np.arange(len(points))[:, None], point_data=point_data)
 
 
-def write_triangles(path: Path, points: FloatArray, triangles: IntArray, cell_data: _Data) -> None:
-    """Write triangles with one row of data per triangle."""
-    _write(path, points, "triangle", triangles, cell_data=cell_data)
+def write_triangles(
+    path: Path,
+    points: FloatArray,
+    triangles: IntArray,
+    cell_data: _Data,
+    *,
+    point_data: _Data | None = None,
+) -> None:
+    """Write triangles with one row of data per triangle, and per point."""
+    _write(path, points, "triangle", triangles, point_data=point_data, cell_data=cell_data)
 
 
 @contextmanager

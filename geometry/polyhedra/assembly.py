@@ -57,6 +57,27 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
         same = {part.name: getattr(self, part.name) for part in fields(self)}
         return _WithFacesAlone(found=self.interfaces, **same)
 
+    def joint_centroids(self, pairs: IntArray) -> FloatArray:
+        """Centroid of the contact area of each of some pairs of blocks, sorted, (n, 3) [mm].
+
+        Pairs (n, 2) that only touch at points get the mean of those.
+        """
+        found, n = self.interfaces, self.n_blocks
+        middles, areas, patch = found.polygons.triangle_areas
+        keys = pairs[:, 0] * n + pairs[:, 1]
+        of_area = found.patches.block_m[patch] * n + found.patches.block_s[patch]
+        bare = found.patch < 0
+        of_point = (found.block_m * n + found.block_s)[bare]
+        only = ~np.isin(of_point, of_area)
+        key = np.concatenate([of_area, of_point[only]])
+        points = np.concatenate([middles, found.centroids[bare][only]])
+        weight = np.concatenate([areas, np.ones(int(only.sum()))])
+        known = np.isin(key, keys)
+        row = np.searchsorted(keys, key[known])
+        total = np.zeros((len(keys), 3))
+        np.add.at(total, row, weight[known, None] * points[known])
+        return total / np.bincount(row, weights=weight[known], minlength=len(keys))[:, None]
+
     def eligible_facets(self) -> IntArray:
         """Contact points of each block, (n_blocks,)."""
         interfaces, n = self.interfaces, self.n_blocks

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -49,6 +50,34 @@ class ContactPolygons:
     """(n_polygons,) [mm²]."""
     patch: IntArray
     """Patch of each polygon, (n_polygons,)."""
+
+    @cached_property
+    def triangles(self) -> tuple[IntArray, IntArray]:
+        """Polygons as fans: places of their corners (n, 3), and the polygon of each (n,)."""
+        count = np.diff(self.start)
+        fans, owner = [np.zeros((0, 3), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+        for k in range(1, int(count.max(initial=2)) - 1):
+            has = np.flatnonzero(count > k + 1)
+            first = self.start[:-1][has]
+            fans.append(np.column_stack([first, first + k, first + k + 1]))
+            owner.append(has)
+        return np.concatenate(fans), np.concatenate(owner)
+
+    @cached_property
+    def triangle_areas(self) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Centroid (n, 3) [mm], area (n,) [mm²] and patch (n,) of each of those triangles."""
+        triangles, owner = self.triangles
+        p = self.corners[triangles]
+        areas = 0.5 * np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
+        return p.mean(axis=1), areas, self.patch[owner]
+
+    @property
+    def patch_centroids(self) -> FloatArray:
+        """Centroid of each patch, (n_patches, 3) [mm]."""
+        middles, areas, patch = self.triangle_areas
+        total = np.zeros((int(self.patch.max(initial=-1)) + 1, 3))
+        np.add.at(total, patch, areas[:, None] * middles)
+        return total / np.bincount(patch, weights=areas)[:, None]
 
 
 @dataclass(frozen=True)
@@ -96,6 +125,13 @@ class ContactPoints:
     def n_pairs(self) -> int:
         """Number of block pairs that touch."""
         return len(self.pair_start) - 1
+
+    def of_patches(self, index: IntArray, values: FloatArray) -> FloatArray:
+        """Sum by patch of values (n, …) of the contacts at places ``index`` (n,)."""
+        total = np.zeros((len(self.patches.areas), *values.shape[1:]))
+        patch = self.patch[index]
+        np.add.at(total, patch[patch >= 0], values[patch >= 0])
+        return total
 
     @property
     def of_faces(self) -> ContactPoints:

@@ -222,8 +222,8 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
     )
 
 
-def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
-    """Build the deformable blocks of a scene.
+def scene_problem(scene: DeformableScene, name: str) -> Problem:
+    """State the problem of a scene.
 
     Raises
     ------
@@ -232,4 +232,17 @@ def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
     """
     blocks = build_hexahedra(scene, name)
     with named(name):
-        return build_problem(scene, name, blocks).deformable
+        return build_problem(scene, name, blocks)
+
+
+def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
+    """Build the deformable blocks of a scene.
+
+    Raises
+    ------
+    InputError
+        When it describes nothing that can be solved.
+    """
+    problem = scene_problem(scene, name)
+    with named(name):
+        return problem.deformable

@@ -70,16 +70,6 @@ class FacingBlocks(Assembly):
         """How many of the facets that were found cover the contact faces of each block."""
         return np.rint(facets_that_fit(self, self.found)).astype(np.int64)
 
-    def positions(self, state: ContactState) -> IntArray:
-        """Position of each facet of a later state in the interfaces, -1 where none is; (n,)."""
-        key = [np.column_stack([s.block_m, s.block_s, _positions(s)]) for s in (self.found, state)]
-        _, number = np.unique(np.concatenate(key), axis=0, return_inverse=True)
-        number = number.ravel()
-        place = np.full(int(number.max(initial=-1)) + 1, -1, dtype=np.int64)
-        n = self.found.n_facets
-        place[number[:n]] = np.arange(n)
-        return place[number[n:]]
-
 
 def facing_blocks(assembly: Assembly) -> FacingBlocks:
     """Return the same blocks with contacts that a search finds."""

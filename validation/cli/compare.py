@@ -32,7 +32,9 @@ def compare(
 ) -> None:
     """Compare rigid, static and explicit results on the same facets."""
     from validation.build.cell import refuse_cell
-    from validation.comparison import answers, report
+    from validation.calls import compare as compared
+    from validation.comparison import report
+    from validation.comparison.scene import comparable_problem, compared_runs
     from validation.output.console import explicit_progress, status, told_of_compilation
     from validation.run.accuracy import progress_words
     from validation.run.stages import peak_memory_mb
@@ -48,25 +50,27 @@ def compare(
             checked, decision = decided(checked, file.name, outputs.console)
             added["effects_decision"] = decision.as_json()
         refuse_cell(checked, file.name, "compare")
-        answers.build_comparable(checked, file.name)
+        comparable_problem(checked, file.name)
         with (
             explicit_progress() if explicit else told_of_compilation() as progress,
             status(outputs.console, f"{file.name}: rigid blocks, then static") as tell,
             recording(checked) as use,
         ):
-            found = answers.compare(
+            rigid, deformable = compared_runs(
                 file.name,
                 checked,
                 explicit=explicit,
                 progress=progress,
                 refinement=lambda now: tell(f"{file.name}: static, {progress_words(now)}"),
             )
+            found = compared(*(run.answer for run in rigid), *(run.answer for run in deformable))
+            data = found.as_dict()
         report.print_comparison(found, outputs.console)
         outputs.tell_unused(use)
         peak = peak_memory_mb()
         outputs.console.print(f"peak memory {peak:.0f} MB")
-        outputs.write("picture", report.PICTURE, lambda path: report.draw_comparison(found, path))
-        outputs.write_json(report.comparison_json(found) | {"peak_memory_mb": peak} | added)
+        outputs.write("picture", report.PICTURE, found.draw)
+        outputs.write_json({"scene": file.name, **data, "peak_memory_mb": peak, **added})
 
 
 def clearance(

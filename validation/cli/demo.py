@@ -45,8 +45,8 @@ def _tables(outputs: Outputs) -> None:
 
 def _rigid(outputs: Outputs) -> None:
     """Draw three tubes of rigid blocks, and write their contact pressures."""
+    from validation.output.answer_files import write_contacts
     from validation.output.pictures.assemblies import draw_assembly, draw_pressures
-    from validation.output.rigid.assembly import write_pressures
     from validation.run.rigid.answer import run_rigid
     from validation.scene.read import load_scene
 
@@ -56,13 +56,14 @@ def _rigid(outputs: Outputs) -> None:
         title = f"{name}: {run.scene.load_words}"
         outputs.write("picture", f"{name}-scene.png", partial(draw, title=title))
         outputs.write("picture", f"{name}-pressures.png", partial(draw_pressures, run))
-        outputs.write("pressures", f"{name}-pressures.vtu", partial(write_pressures, run))
+        outputs.write("pressures", f"{name}-pressures.vtu", partial(write_contacts, run.answer))
 
 
 def _deformable(outputs: Outputs) -> None:
     """Solve the reduced-layer case by statics and compare it with rigid blocks."""
-    from validation.comparison.answers import compare
-    from validation.comparison.report import draw_comparison, print_comparison
+    from validation.calls import compare
+    from validation.comparison.report import print_comparison
+    from validation.comparison.scene import compared_runs
     from validation.output.pictures.tubes import draw_sections, draw_stresses
     from validation.scene.read import load_scene, require_deformable
 
@@ -71,11 +72,12 @@ def _deformable(outputs: Outputs) -> None:
         "the error bars are small; about half a minute):"
     )
     scene = require_deformable(load_scene("tsb1-pipe", REDUCED), "demo")
-    found = compare("tsb1-pipe", scene)
+    rigid, (static,) = compared_runs("tsb1-pipe", scene)
+    found = compare(*(run.answer for run in rigid), static.answer)
     print_comparison(found, outputs.console)
-    outputs.write("picture", "compare-rigid-fem.png", partial(draw_comparison, found))
-    outputs.write("picture", "fem-stresses.png", partial(draw_stresses, found.static))
-    outputs.write("picture", "fem-sections.png", partial(draw_sections, found.static))
+    outputs.write("picture", "compare-rigid-fem.png", found.draw)
+    outputs.write("picture", "fem-stresses.png", partial(draw_stresses, static))
+    outputs.write("picture", "fem-sections.png", partial(draw_sections, static))
 
 
 def _decks(outputs: Outputs) -> None:

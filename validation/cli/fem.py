@@ -201,12 +201,13 @@ def _answer(
             run, beside = _solved(name, scene, outputs, resume)
             added |= beside
             run = _with_errors(run, outputs, reference=reference)
-        data = run.answer.as_dict() | added
-    if outputs.folder is not None:
-        write_run_files(run, outputs)
+        answer = run.answer.with_report(added)
+        _ = answer.as_dict()  # what it reads of the scene
     print_run(run, outputs.console)
     outputs.tell_unused(use)
-    outputs.write_json(data)
+    if outputs.folder is not None:
+        write_run_files(run, outputs)
+    outputs.write_answer(answer)
     missed: list[str] = run.refinement.get("accuracy", {}).get("not_reached", [])
     return missed
 
@@ -263,7 +264,8 @@ def _solved(
     name: str, scene: DeformableScene, outputs: Outputs, resume: Path | None
 ) -> tuple[DeformableRun, dict[str, Any]]:
     """Solve on the mesh of the scene; what is reported beside the run."""
-    from validation.build.deformable import build_deformable, fem_section
+    from validation.build.deformable import fem_section, scene_problem
+    from validation.errors import named
     from validation.output.console import explicit_progress, status, told_of_compilation
     from validation.run.solve import run_explicit, run_static, scene_statement
     from validation.run.stages import stages, summed
@@ -274,8 +276,9 @@ def _solved(
     if fem.method is Method.STATIC:
         refuse_resume(resume)
     with stages() as watch, told_of_compilation():
-        deformable = build_deformable(scene, name)
-        statement = None
+        problem, statement = scene_problem(scene, name), None
+        with named(name):
+            deformable = problem.deformable
         if fem.method is Method.EXPLICIT:
             statement = scene_statement(scene, name, deformable)
         watch.lap("build")
@@ -290,13 +293,13 @@ def _solved(
     if statement is None:
         with status(outputs.console, f"{name}: static"), told_of_compilation():
             frames = kept.get("on_frame")
-            run = run_static(name, scene, deformable=deformable, on_frame=frames)
+            run = run_static(name, scene, problem=problem, on_frame=frames)
     else:
         with explicit_progress() as progress:
             run = run_explicit(
                 name,
                 scene,
-                deformable=deformable,
+                problem=problem,
                 statement=statement,
                 progress=progress,
                 resume=resume,

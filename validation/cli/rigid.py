@@ -82,13 +82,13 @@ def mbd(
             found = layers_to_unlock(file)
             outputs.console.print(f"{'unlock':9} {found.words}")
             added["layers_to_unlock"] = found.as_json()
-        if outputs.folder is not None:
-            rigid.write(run, outputs)
         if refine:
             change = refined(file, run)
             outputs.console.print(f"{'refined':9} {change.words}")
             added["refinement"] = change.as_json()
-        outputs.write_json(run.json() | added)
+        if outputs.folder is not None:
+            rigid.write(run, outputs)
+        outputs.write_answer(run.answer.with_report(added))
 
 
 @dataclass(frozen=True)

@@ -1,31 +1,29 @@
 """Why rigid and deformable answers differ: one assumption changed at a time.
 
 rigid blocks (uniform foundation) → the same as stiff finite elements on linear springs → the
-scene's contact law → the scene's elasticity → the scene's initial gaps. The first two agree
-where the finite elements are right; each later row shows what its own step does.
+problem's contact law → its elasticity → its initial gaps. The first two agree where the finite
+elements are right; each later row shows what its own step does.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import LADDER, on_rung
 from fem.accuracy.one_mesh import static_solution
-from fem.assembly.contact_state import ContactMeasures, contact_measures
-from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem
-from fem.contact.law import ContactLaw, LinearPenalty
+from fem.contact.law import LinearPenalty
 from fem.measures import contact_on
-from fem.problem.model import BlockGroup
 from fem.static.linear_step.condensed import FlexibilityStore
-from fem.static.solve import StaticOptions, solve_static
+from fem.static.solve import StaticOptions
+from geometry.answer import Answer
 from geometry.errors import RefusedError
-from validation.build.deformable import build_deformable
-from validation.run.deformable import DeformableRun
-from validation.scene.read import DeformableScene
+from validation.scene.deformable import gap_words
 
 #: Stiffer by this factor, blocks deform a thousandth of what the contact springs do.
 STIFFENING = 1.0e4
@@ -49,93 +47,54 @@ class Step:
     """[%]"""
 
 
-def stiffened(deformable: DeformableAssembly, factor: float) -> DeformableAssembly:
-    """Return the same blocks, ``factor`` times as stiff."""
-
-    def group(g: BlockGroup) -> BlockGroup:
-        material = replace(g.material, young_modulus=factor * g.material.young_modulus)
-        return replace(g, material=material, reference=replace(g.reference, material=material))
-
-    model = replace(deformable.model, groups=tuple(group(g) for g in deformable.model.groups))
-    return replace(deformable, model=model)
+def is_refined(answer: Answer) -> bool:
+    """Whether a static answer was solved on finer and finer meshes."""
+    return "accuracy" in answer.report
 
 
-def decompose_converged(problem: Problem, static: DeformableRun) -> list[Step]:
-    """Steps from rigid blocks to the converged static state, over the facets of the problem's mesh.
+def decompose(static: Answer) -> list[Step]:
+    """Steps from rigid blocks to a static answer, over the facets of the mesh of its problem.
 
-    Stiff blocks are solved with few elements of high degree.
+    Where the answer was refined, stiff blocks are solved with few elements of high degree. Steps
+    that find no solution are left out (a clearance without elasticity may leave blocks that nothing
+    places). The answer itself is the last step.
     """
+    problem: Problem = static.problem
     opened = problem.clearance > 0.0 or problem.spacing > 0.0
-    closed = replace(problem, clearance=0.0, spacing=0.0, friction=None)
+    closed = replace(problem, clearance=0.0, spacing=0.0)
     material = replace(problem.material, young_modulus=STIFFENING * problem.material.young_modulus)
-    stiff = replace(closed, material=material)
+    stiff = replace(closed, material=material, friction=None, check_units=False)
+    found = static.report["contact"]
+    mean = np.array([found["mean_overclosure"]])
+    springs = LinearPenalty(max(float(problem.contact_law.stiffness(mean)[0]), 1.0))
     tasks = [
-        (
-            "rigid blocks with linear normal contact (penalty)",
-            replace(stiff, law=_springs(static.deformable.contact.law, static)),
-        ),
+        ("rigid blocks with linear normal contact (penalty)", replace(stiff, law=springs)),
         ("with the scene's contact law", stiff),
-        *([(_ELASTICITY, replace(closed, friction=problem.friction))] if opened else []),
+        *([(_ELASTICITY, closed)] if opened else []),
     ]
-    steps = []
+    steps, store = [], FlexibilityStore()
     for words, task in tasks:
         try:
-            deformable = on_rung(task, _STIFF_RUNG).deformable
-            found = static_solution(deformable, StaticOptions(tolerance=1e-4))
-            assert found.static is not None
-            pressures = pressures_on_facets(
-                task.blocks,
-                deformable,
-                found.group_displacements,
-                symmetry=found.static.symmetry,
-            )
+            steps.append(_step(words, _solved(task, store, refined=is_refined(static))))
         except RefusedError:
             continue
-        steps.append(_measured(words, contact_on(found, (task.blocks, pressures))))
-    last = f"with the initial gaps{static.scene.gap_words}" if opened else _ELASTICITY
-    return [*steps, _measured(last, static.contact)]
+    last = f"with the initial gaps{gap_words(problem)}" if opened else _ELASTICITY
+    return [*steps, _step(last, found)]
 
 
-def _springs(law: ContactLaw, static: DeformableRun) -> LinearPenalty:
-    """Linear springs as stiff as a law at the mean overclosure."""
-    mean = np.array([static.contact.mean_overclosure])
-    return LinearPenalty(max(float(law.stiffness(mean)[0]), 1.0))
+def _solved(task: Problem, store: FlexibilityStore, *, refined: bool) -> Mapping[str, Any]:
+    """The paper's measures of a static state, over the facets of the problem's mesh."""
+    options = StaticOptions(tolerance=1e-4)
+    if not refined:
+        return vars(static_solution(task.deformable, options, store=store).contact)
+    deformable = on_rung(task, _STIFF_RUNG).deformable
+    found = static_solution(deformable, options)
+    assert found.static is not None
+    pressures = pressures_on_facets(
+        task.blocks, deformable, found.group_displacements, symmetry=found.static.symmetry
+    )
+    return vars(contact_on(found, (task.blocks, pressures)))
 
 
-def _measured(words: str, found: ContactMeasures) -> Step:
-    return Step(words, found.p_eff, found.p_max, found.effective_count_percent)
-
-
-def decompose(name: str, scene: DeformableScene, static: DeformableRun) -> list[Step]:
-    """Steps from rigid blocks to the scene, each a static solution.
-
-    Steps that find no solution are left out (a clearance without elasticity may leave blocks that
-    nothing places). The scene's own static answer is the last step.
-    """
-    opened = scene.contact.opened
-    closed = static.deformable
-    if opened:
-        shut = scene.changed({"contact": {"clearance": 0.0, "spacing": 0.0}})
-        closed = build_deformable(shut, name)
-    springs = _springs(closed.contact.law, static)
-    stiff = stiffened(closed, STIFFENING)
-    tasks = [
-        (
-            "rigid blocks with linear normal contact (penalty)",
-            replace(stiff, contact=replace(closed.contact, law=springs, friction=None)),
-        ),
-        ("with the scene's contact law", stiff),
-    ]
-    if opened:
-        tasks.append((_ELASTICITY, closed))
-    steps, store = [], FlexibilityStore()
-    for words, problem in tasks:
-        try:
-            result = solve_static(problem, StaticOptions(tolerance=1e-4), store=store)
-        except RefusedError:
-            continue
-        if result.converged:
-            measured = contact_measures(result.deformable.assembly, result.contact_state)
-            steps.append(_measured(words, measured))
-    last = f"with the initial gaps{scene.gap_words}" if opened else _ELASTICITY
-    return [*steps, _measured(last, static.contact)]
+def _step(words: str, found: Mapping[str, Any]) -> Step:
+    return Step(words, found["p_eff"], found["p_max"], found["effective_count_percent"])

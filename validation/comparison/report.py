@@ -1,32 +1,28 @@
-"""A comparison as tables, words, figure and data."""
+"""A comparison as tables, words and figure."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Console
+from rich.console import Console, RenderableType
 
 from geometry.answer import Measure
 from geometry.mesh import FloatArray, IntArray
-from validation.comparison.answers import (
-    Answer,
-    Comparison,
-    conclusion,
-    explanations,
-    explicit_errors,
-    interface_force_error,
-)
-from validation.output.console import listing, tabled
+from validation.errors import InputError
+from validation.output.console import listing, plain_console, tabled
 from validation.output.pictures.assemblies import ring_panel, unrolled_panel
-from validation.output.pictures.bodies import above_and_below, eye, interface_facets
+from validation.output.pictures.bodies import PressedFacets, above_and_below, eye
 from validation.output.pictures.canvas import Part
 from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import PRESSURE_MAP, STRESS_MAP, Scale, scale_from_zero
+
+if TYPE_CHECKING:
+    from validation.comparison.answers import Comparison
 
 #: Columns of the two tables, a line each.
 _COLUMNS = """p_eff: mean pressure on the effective facets of a block, mean over blocks
@@ -43,162 +39,183 @@ force: total contact force, relative to the static one"""
 PICTURE = "comparison.png"
 
 
-def comparison_json(found: Comparison) -> dict[str, Any]:
-    """Return the comparison as plain data."""
-    return {
-        "scene": found.name,
-        "n_contacts": len(found.contacts),
-        "answers": [_plain(a) for a in found.answers],
-        "agreement_with_static": {
-            method: [asdict(a) for a in rows] for method, rows in found.agreement.items()
-        },
-        "interface_force_error": {
-            method: interface_force_error(found, method) for method in found.agreement
-        },
-        "explicit_errors": explicit_errors(found),
-        "max_displacement": {
-            a.method: a.max_displacement.value for a in found.answers if a.max_displacement
-        },
-        "steps": [asdict(step) for step in found.steps],
-        "explanations": explanations(found),
-        "conclusion": conclusion(found),
-    }
-
-
-def _plain(answer: Answer) -> dict[str, Any]:
-    """Numbers of an answer; those at a point with error and unit."""
-    numbers = {k: v for k, v in vars(answer).items() if k not in ("pressures", "max_displacement")}
-    at_point = answer.p_max_point
-    return numbers | {"p_max_point": None if at_point is None else at_point.as_json()}
+def comparison_text(found: Comparison) -> str:
+    """Tables and words as text."""
+    text = StringIO()
+    print_comparison(found, plain_console(text))
+    return text.getvalue().rstrip()
 
 
 def print_comparison(found: Comparison, console: Console) -> None:
     """Print both tables and the words."""
-    answers: dict[str, Callable[[Answer], str]] = {
-        "answer": lambda answer: answer.method,
-        "p_eff [MPa]": partial(_facet_mean, "p_eff"),
-        "p_max [MPa]": partial(_facet_mean, "p_max"),
-        "p_max of a facet": partial(_facet_mean, "p_max_facet"),
-        "p_max at a point": lambda answer: _number(answer.p_max_point),
-        "effective": lambda answer: f"{answer.effective_count_percent:.1f} %",
-        "|u| max [mm]": lambda answer: _number(answer.max_displacement),
-        "CPU s": lambda answer: f"{answer.cpu_seconds:.2f}",
+    for part in _parts(found):
+        console.print(part)
+
+
+def _parts(found: Comparison) -> Iterator[RenderableType]:
+    """Tables and lines, one after the other."""
+
+    def column(name: str) -> Callable[[int], str]:
+        return lambda k: _number(found.answers[k].measures.get(name))
+
+    columns: dict[str, Callable[[int], str]] = {
+        "answer": lambda k: found.names[k],
+        "p_eff [MPa]": column("p_eff"),
+        "p_max [MPa]": column("p_max"),
+        "p_max of a facet": column("p_max_facet"),
+        "p_max at a point": column("p_max_point"),
+        "effective": lambda k: (
+            f"{found.answers[k].report['contact']['effective_count_percent']:.1f} %"
+        ),
+        "|u| max [mm]": column("max_displacement"),
+        "CPU s": lambda k: f"{_seconds(found.answers[k].report['cpu_seconds']):.2f}",
     }
-    title = f"{found.name}: contact pressures over the facets of [mesh]"
-    console.print(tabled(title, found.answers, answers))
-    for answer in found.answers:
-        console.print(f"• {answer.method}: {answer.words}")
-    console.print(_COLUMNS)
-    title = "Contact pressures relative to the static analysis"
+    title = f"{_scene_of(found)}: contact pressures over the facets of [mesh]"
+    yield tabled(title, range(len(found.answers)), columns)
+    for name, words in zip(found.names, found.words, strict=True):
+        yield f"• {name}: {words}"
+    yield _COLUMNS
+    title = f"Contact pressures relative to the {found.names[found.reference]} analysis"
     numbers = ("correlation", "overlap of effective areas", "peaks located", "force")
     table = listing(title, "answer", "faces", numbers=numbers)
-    layer = found.static.deformable.assembly.n_layers // 2 + 1
-    joints = "whole tube" if found.static.is_tube else "all joints"
     for method, rows in found.agreement.items():
         for row in rows:
-            words = joints if row.faces == "all" else f"layer {layer} {row.faces}"
             table.add_row(
                 method,
-                words,
+                _faces_words(found, row.faces),
                 f"{row.correlation:.3f}",
                 f"{100 * row.overlap:.0f} %",
                 f"{100 * row.peaks_found:.0f} %",
                 f"{100 * (row.force_ratio - 1):+.1f} %",
             )
-    console.print(table)
-    console.print(_AGREEMENT)
-    console.print("Influence of each modelling assumption, from rigid to deformable blocks:")
-    for line in explanations(found):
-        console.print(f"• {line}")
-    console.print(f"Conclusion: {conclusion(found)}")
+    yield table
+    yield _AGREEMENT
+    if found.explanations:
+        yield "Influence of each modelling assumption, from rigid to deformable blocks:"
+    yield from (f"• {line}" for line in found.explanations)
+    yield f"Conclusion: {found.conclusion}"
 
 
-def _facet_mean(name: str, answer: Answer) -> str:
-    """Value and error bar; facet means of rigid blocks have four digits and no bar."""
-    value, error = getattr(answer, name), answer.errors.get(name)
-    return f"{value:.4g}" if error is None else _number(Measure(value, "MPa", error))
+def _scene_of(found: Comparison) -> str:
+    """Name of the scene; of a problem without one, of its blocks."""
+    first = found.answers[0]
+    return str(first.report.get("scene", first.title.partition(":")[0]))
+
+
+def _faces_words(found: Comparison, faces: str) -> str:
+    if faces == "all":
+        return "whole tube" if found.is_tube else "all joints"
+    return f"layer {found.layer} {faces}"
+
+
+def _seconds(stages: dict[str, float]) -> float:
+    """CPU time from the built problem to the pressures [s]."""
+    return next(stages[name] for name in ("solve", "total", "loop") if name in stages)
 
 
 def _number(measure: Measure | None) -> str:
     """Value and error bar without the unit, which the head of the column has."""
-    return "–" if measure is None else measure.value_words.removesuffix(f" {measure.unit}")
+    if measure is None:
+        return "–"
+    if measure.error is None and not measure.remark and measure.resolved:
+        return f"{measure.value:.4g}"
+    return measure.value_words.removesuffix(f" {measure.unit}")
 
 
 def draw_comparison(found: Comparison, path: Path) -> None:
-    """Draw the joints in the static answer, and what each other answer differs by.
+    """Draw the joints in the reference, and what each other answer differs by.
 
     Of a tube the joints of the middle layer, unrolled; of other assemblies all joints.
+
+    Raises
+    ------
+    InputError
+        Answers that were pickled or read: they do not hold the blocks.
     """
-    reference = next(a for a in found.answers if a.method == "static")
-    others = [a for a in found.answers if a is not reference]
-    draw = _tube_columns if found.static.is_tube else _wall_columns
-    load = found.static.scene.load_words
+    if found.static.problem is None:
+        raise InputError(
+            f"{found.static.title}: was pickled or read and does not hold its blocks; expected an "
+            "answer as its solver returns it"
+        )
+    draw = _tube_columns if found.is_tube else _wall_columns
     title = (
-        f"{found.name}: {load}; contact pressure of deformable blocks (static), and differences "
+        f"{found.static.title}; contact pressure ({found.names[found.reference]}), and differences "
         "from it; r: Pearson correlation of the facet pressures"
     )
-    columns = draw(found, reference, others)
+    columns = draw(found, [k for k in range(len(found.names)) if k != found.reference])
     gallery(columns, title, path, height=2.7 * max(len(column) for column in columns))
 
 
+def _pressed(found: Comparison, rows: IntArray, pressures: FloatArray) -> PressedFacets:
+    """Some of the shared facets with some pressures (n,), before any displacement."""
+    blocks = found.contacts["blocks"][rows]
+    assembly = found.static.problem.blocks
+    return PressedFacets(
+        assembly=assembly,
+        block_m=blocks[:, 0],
+        block_s=blocks[:, 1],
+        corners=found.contacts["corners"][rows],
+        pressures=pressures,
+        nodes=assembly.nodes,
+    )
+
+
 def _difference(
-    reference: Answer, other: Answer, others: Sequence[Answer], rows: IntArray
+    found: Comparison, other: int, others: Sequence[int], rows: IntArray
 ) -> tuple[FloatArray, Scale]:
     """Pressures of an answer less those of the reference, and the colours of all differences."""
-    changes = {a.method: a.pressures[rows] - reference.pressures[rows] for a in others}
+    reference = found.pressures[found.reference]
+    changes = {k: found.pressures[k][rows] - reference[rows] for k in others}
     # Differences of the order of round-off show no pattern that means anything.
-    least = 1e-6 * float(reference.pressures.max(initial=0.0))
+    least = 1e-6 * float(reference.max(initial=0.0))
     every = np.concatenate([np.zeros(1), *changes.values()])
     reach = max(float(np.abs(every).max()), least, 1e-300)
-    change = changes[other.method]
+    change = changes[other]
     reached = (float(change.min(initial=0.0)), float(change.max(initial=0.0)))
-    label = f"{other.method} − static [MPa]"
+    label = f"{found.names[other]} − {found.names[found.reference]} [MPa]"
     return change, Scale(label, STRESS_MAP, -reach, reach, reached, diverging=True)
 
 
-def _tube_columns(
-    found: Comparison, reference: Answer, others: Sequence[Answer]
-) -> list[list[Panel]]:
+def _tube_columns(found: Comparison, others: Sequence[int]) -> list[list[Panel]]:
     """Pressures of the middle layer's joints, seen and unrolled; differences, unrolled."""
-    assembly = found.rigid.assembly
-    facets = interface_facets(assembly, found.contacts, reference.pressures)
-    layer = assembly.n_layers // 2 + 1
-    joints = {"top": layer, "bottom": layer - 1}
-    shown = np.concatenate([facets.between(lower) for lower in joints.values()])
+    pressures, name = found.pressures[found.reference], found.names[found.reference]
+    facets = _pressed(found, found.faces["all"], pressures)
+    joints = {"top": found.layer, "bottom": found.layer - 1}
+    shown = np.concatenate([found.faces[side] for side in joints])
     label = "contact pressure [MPa]"
-    scale = scale_from_zero(label, PRESSURE_MAP, [facets.pressures[shown]], nothing="open joint")
-    columns = [[ring_panel(facets, k, side, scale, layer) for side, k in joints.items()]]
-    for side, lower in joints.items():
-        flat = unrolled_panel(facets, lower, side, scale, title=f"{side} faces: static")
+    scale = scale_from_zero(label, PRESSURE_MAP, [pressures[shown]], nothing="open joint")
+    panels = [ring_panel(facets, k, side, scale, found.layer) for side, k in joints.items()]
+    columns = [panels]
+    for number, (side, lower) in enumerate(joints.items()):
+        flat = unrolled_panel(facets, lower, side, scale, title=f"{side} faces: {name}")
         column = [replace(flat, scale=scale)]
         for other in others:
-            change, colours = _difference(reference, other, others, shown)
-            pressed = interface_facets(assembly, found.contacts[shown], change)
-            agreed = {row.faces: row.correlation for row in found.agreement[other.method]}
-            words = f"{side} faces: {other.method} − static, r = {agreed[side]:.3f}"
+            change, colours = _difference(found, other, others, shown)
+            agreed = found.agreement[found.names[other]][1 + number].correlation
+            words = f"{side} faces: {found.names[other]} − {name}, r = {agreed:.3f}"
+            pressed = _pressed(found, shown, change)
             panel = unrolled_panel(pressed, lower, side, colours, title=words)
             column.append(replace(panel, scale=colours))
         columns.append(column)
     return columns
 
 
-def _wall_columns(
-    found: Comparison, reference: Answer, others: Sequence[Answer]
-) -> list[list[Panel]]:
+def _wall_columns(found: Comparison, others: Sequence[int]) -> list[list[Panel]]:
     """Pressures of all joints, and differences, from above and from below."""
-    assembly = found.rigid.assembly
-    everything, blocks = np.arange(len(found.contacts)), range(assembly.n_blocks)
+    everything = found.faces["all"]
 
     def column(name: str, values: FloatArray, scale: Scale) -> list[Panel]:
-        facets = interface_facets(assembly, found.contacts, values)
+        facets = _pressed(found, everything, values)
+        blocks = range(facets.assembly.n_blocks)
         parts: list[Part] = [facets.surface(everything, scale), facets.outlines(blocks)]
-        above, below = above_and_below(parts, eye(assembly), title=name, scale=scale)
+        look_at = eye(facets.assembly)
+        above, below = above_and_below(parts, look_at, title=name, scale=scale)
         return [replace(above, scale=None), below]
 
-    label, found_pressures = "contact pressure [MPa]", [reference.pressures]
-    pressed = scale_from_zero(label, PRESSURE_MAP, found_pressures, nothing="open joint")
-    columns = [column("static", reference.pressures, pressed)]
+    label, pressures = "contact pressure [MPa]", found.pressures[found.reference]
+    scale = scale_from_zero(label, PRESSURE_MAP, [pressures], nothing="open joint")
+    columns = [column(found.names[found.reference], pressures, scale)]
     for other in others:
-        change, colours = _difference(reference, other, others, everything)
-        columns.append(column(other.method, change, colours))
+        change, colours = _difference(found, other, others, everything)
+        columns.append(column(found.names[other], change, colours))
     return columns

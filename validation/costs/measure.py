@@ -18,7 +18,7 @@ from fem.explicit.solve import Status
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.mesh import FloatArray
 from validation.build.blocks import build_assembly, build_scene
-from validation.build.deformable import build_deformable, build_hexahedra, build_problem
+from validation.build.deformable import build_deformable, scene_problem
 from validation.costs.calculix import MethodAnswer, solve_by_calculix
 from validation.costs.partition import PARTITION_LEVEL, partition_pressures
 from validation.costs.settings import BaseMesh, CostSetting, with_setting
@@ -173,7 +173,7 @@ def _rigid(where: str, scene: AssemblyScene, _: CostSetting) -> MethodAnswer:
 def _curved(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAnswer:
     """All rungs of `fem --accuracy` up to one: what its answer costs a user."""
     start = time.process_time()
-    problem = build_problem(scene, where, build_hexahedra(scene, where))
+    problem = scene_problem(scene, where)
     *_, finest = climbed(problem, LADDER.rungs[: setting.level])
     seconds = time.process_time() - start
     scalars = {name: finest.measures[name].value for name in SCALARS}

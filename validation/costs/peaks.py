@@ -21,7 +21,7 @@ from fem.accuracy.ladder import LADDER, Rung
 from fem.assembly.contact_state import CapAction
 from fem.assembly.statement import Problem
 from geometry.answer import Measure
-from validation.build.deformable import build_hexahedra, build_problem
+from validation.build.deformable import scene_problem
 from validation.costs.references import Reference, references
 from validation.output.console import listing
 from validation.scene.read import DeformableScene, load_scene
@@ -74,7 +74,7 @@ def tube(*settings: str) -> Problem:
     """Two layers of TSB1 pipe."""
     scene = load_scene(NAME, (*SETTINGS, *settings)).scene
     assert isinstance(scene, DeformableScene)
-    return build_problem(scene, NAME, build_hexahedra(scene, NAME))
+    return scene_problem(scene, NAME)
 
 
 def judges() -> dict[str, Reference]:

@@ -16,7 +16,7 @@ from fem.element.hexahedron import ElementType
 from fem.static.contact_forces import grid_blocks
 from mbd.options import Norm
 from validation.build.cell import refuse_cell
-from validation.build.deformable import build_hexahedra, build_problem, fem_section
+from validation.build.deformable import fem_section, scene_problem
 from validation.comparison.calculix import calculix_version
 from validation.costs.measure import SCALARS
 from validation.costs.settings import (
@@ -168,7 +168,7 @@ def full_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostP
 
 def _why_no_ladder(name: str, scene: AssemblyScene) -> str | None:
     """Why the finest meshes of `fem --accuracy` are no reference; None where they are."""
-    problem = build_problem(scene, name, build_hexahedra(scene, name))
+    problem = scene_problem(scene, name)
     why = why_not_refined(problem)
     if why is not None:
         return f"it does not refine {why}"

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from geometry.answer import Answer, Measure, known
+from geometry.answer import Answer, Array, Measure, known
 from geometry.errors import unreadable
+from geometry.files.mesh_io import write_hex_mesh, write_surface, write_triangles
+from geometry.mesh import HexMesh, QuadSurface
 from validation.errors import InputError
-from validation.output.files import prepare_folder, write_whole
+from validation.output.files import prepare_folder, write_json, write_whole
 
 #: Files of an answer.
-FILES = ("answer.json", "answer.npz", "mesh.vtu", "contacts.vtp")
+FILES = ("answer.json", "answer.npz", "fields.vtu", "contact_pressures.vtu")
 _ARRAYS = ("points", "cells", "block_of_point", "layer_of_point")
 
 
@@ -24,28 +27,76 @@ def write_answer(answer: Answer, folder: Path) -> tuple[Path, ...]:
     Returns
     -------
     tuple[Path, ...]
-        The files; without contacts there is no file of them.
+        The files; without contact facets there is no file of them.
     """
     folder = prepare_folder(folder)
-    text = json.dumps(answer.as_dict(), indent=2, ensure_ascii=False) + "\n"
+    written = []
+    for _, name, write in answer_files(answer):
+        written.append(folder / name)
+        write(written[-1])
+    return tuple(written)
+
+
+def answer_files(answer: Answer) -> Iterator[tuple[str, str, Callable[[Path], None]]]:
+    """Files of an answer: what each holds in a word, its name, and who writes it."""
+    data, arrays, fields, contacts = FILES
+    yield "answer", data, lambda path: write_json(str(path), answer.as_dict())
+    yield "arrays", arrays, lambda path: write_whole(path, lambda file: _write_arrays(answer, file))
+    yield "fields", fields, lambda path: _write_fields(answer, path)
+    if "corners" in answer.contacts:
+        yield "pressures", contacts, lambda path: write_contacts(answer, path)
+
+
+def _write_arrays(answer: Answer, path: Path) -> None:
     arrays: dict[str, Any] = {name: getattr(answer, name) for name in _ARRAYS}
     arrays |= {f"field {name}": values for name, values in answer.fields.items()}
     arrays |= {f"contact {name}": values for name, values in answer.contacts.items()}
+    with path.open("wb") as file:
+        np.savez(file, **arrays)
 
-    def archive(path: Path) -> None:
-        with path.open("wb") as file:
-            np.savez_compressed(file, **arrays)
 
-    write_whole(folder / FILES[0], lambda path: path.write_text(text, "utf-8"))
-    write_whole(folder / FILES[1], archive)
-    write_whole(folder / FILES[2], lambda path: answer.mesh().save(path))
-    if not len(answer.contacts):
-        return tuple(folder / name for name in FILES[:3])
-    contacts = answer.contact_mesh()
-    for name in [n for n in contacts.array_names if contacts[n].dtype.kind == "U"]:
-        contacts.cell_data.pop(name, None)  # names of faces, which the format has no columns of
-    write_whole(folder / FILES[3], contacts.save)
-    return tuple(folder / name for name in FILES)
+def _write_fields(answer: Answer, path: Path) -> None:
+    """Write blocks before the load acts with their fields; of deformable ones as they were solved.
+
+    An answer that was read has no elements of higher degree and no integration points.
+    """
+    if answer.method != "rigid" and answer.details is not None:
+        from validation.output.deformable.fields import write_solution
+
+        write_solution(answer.details, path)
+        return
+    first = answer.cells[:, 0]
+    owners = {
+        "block": answer.block_of_point[first].astype(np.int32),
+        "layer": answer.layer_of_point[first].astype(np.int32),
+    }
+    if answer.cells.shape[1] == 8:
+        mesh = HexMesh(answer.points, answer.cells)
+        write_hex_mesh(path, mesh, point_data=answer.fields, cell_data=owners)
+    else:
+        write_triangles(path, answer.points, answer.cells, owners, point_data=answer.fields)
+
+
+def write_contacts(answer: Answer, path: Path) -> None:
+    """Write contact facets with pressures, forces, gaps, blocks and layers as `.vtu`.
+
+    They are those that were solved, else those of the answer.
+    """
+    found: Mapping[str, Array] = answer.contacts
+    if answer.method != "rigid" and answer.details is not None:
+        from fem.measures import contacts_of
+
+        found = contacts_of(answer.details)
+    given = {"pressure": "contact_pressure", "force": "contact_force"}
+    values = {given.get(n, n): found[n] for n in ("pressure", "force", "gap") if n in found}
+    if "force" in found:
+        values["traction"] = found["force"] / found["area"][:, None]
+    values |= {name: found[name] for name in ("normal", "area")}
+    for k, side in enumerate("ms"):
+        values[f"block_{side}"] = found["blocks"][:, k].astype(np.int32)
+        values[f"layer_{side}"] = found["layer"][:, k].astype(np.int32)
+    corners = found["corners"].reshape(-1, 3)
+    write_surface(path, QuadSurface(corners, np.arange(len(corners)).reshape(-1, 4)), values)
 
 
 def read_answer(folder: Path) -> Answer:

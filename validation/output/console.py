@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import IO, TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
@@ -44,15 +44,21 @@ def text_console(json: str | None = None) -> Console:
     return _console(stderr=json == "-")
 
 
-def _console(*, stderr: bool) -> Console:
+def plain_console(file: IO[str]) -> Console:
+    """Text into an open file, as wide as a log."""
+    return _console(file=file)
+
+
+def _console(*, stderr: bool = False, file: IO[str] | None = None) -> Console:
     def make(width: int | None) -> Console:
         return Console(
+            file=file,
             stderr=stderr,
             highlight=False,
             soft_wrap=True,
             markup=False,
             emoji=False,
-            quiet=quiet.get(),
+            quiet=quiet.get() and file is None,
             width=width,
         )
 

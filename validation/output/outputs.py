@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from validation.errors import InputError
+from validation.output.answer_files import answer_files
 from validation.output.console import text_console
 from validation.output.files import PICTURES, output_folder, prepare_file, write_json
 from validation.output.pictures.look import Look, looking
@@ -21,6 +22,7 @@ from validation.output.provenance import Provenance, stamp_vtu, stamped
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from geometry.answer import Answer
     from validation.scene.read import SceneFile
     from validation.scene.usage import KeyUse
 
@@ -176,6 +178,12 @@ class Outputs:
             if path.suffix == ".vtu":
                 stamp_vtu(path, self.origin)
             self.say(words, path)
+
+    def write_answer(self, answer: Answer) -> None:
+        """Write the files of an answer into the folder, and its data where ``--json`` says."""
+        for words, name, write in answer_files(answer) if self.folder is not None else ():
+            self.write(words, name, write)
+        self.write_json(answer.as_dict())
 
     def tell_unused(self, use: KeyUse) -> None:
         """Print the defaults that the answer depends on and the keys that it ignores."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from validation.scene.read import SceneFile
 
 #: Version of what ``--json`` writes. It rises when a key goes or changes its meaning.
-JSON_VERSION = 2
+JSON_VERSION = 3
 #: Libraries whose versions can move the last digits of an answer.
 _LIBRARIES = ("numpy", "scipy", "numba")
 #: What answers depend on; pictures, tables and commands may change.

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from fem.accuracy.converge import TARGETS, Progress, is_negligible, relative, why_not_refined
 from geometry.answer import ALIASES, TITLES, Measure
 from geometry.errors import RefusedError
-from validation.build.deformable import build_hexahedra, build_problem, fem_section
+from validation.build.deformable import fem_section, scene_problem
 from validation.errors import InputError
 from validation.scene.deformable import FemSection, Method, parse_share
 from validation.scene.read import DeformableScene
@@ -99,7 +99,7 @@ def why_not_converged(name: str, scene: DeformableScene) -> str | None:
     """
     if scene.is_cell:
         return "a periodic cell"
-    return why_not_refined(build_problem(scene, name, build_hexahedra(scene, name)))
+    return why_not_refined(scene_problem(scene, name))
 
 
 def progress_words(now: Progress) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from fem.answer import answer_of
 from fem.assembly.contact_state import ContactMeasures, ContactState
 from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.statement import Problem
 from fem.element.lagrange_mesh import LagrangeMesh, in_pieces
 from fem.measures import contact_on
 from fem.solution import Solution
@@ -47,6 +48,8 @@ class DeformableRun:
 
     name: str
     scene: DeformableScene
+    problem: Problem
+    """What its scene states."""
     solution: Solution
     """Displacements, stresses, contact, and what the solver says of itself."""
     cpu_seconds: dict[str, float]
@@ -76,6 +79,7 @@ class DeformableRun:
             self.errors,
             facets=self.facets,
             remarks=self.remarks,
+            problem=self.problem,
             title=self.title,
             beside=self._beside,
         )
@@ -252,8 +256,3 @@ class DeformableRun:
     def is_tube(self) -> bool:
         """Whether the blocks stand round an axis, with inner and outer faces."""
         return isinstance(self.scene, RoundScene)
-
-
-def run_json(run: DeformableRun) -> dict[str, Any]:
-    """Return the result as plain data, numbers in full precision."""
-    return run.answer.as_dict()

@@ -24,13 +24,7 @@ from fem.static.result import LOAD_TOLERANCE
 from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
-from validation.build.deformable import (
-    build_deformable,
-    build_effects,
-    build_hexahedra,
-    build_problem,
-    fem_section,
-)
+from validation.build.deformable import build_effects, fem_section, scene_problem
 from validation.errors import InputError, named
 from validation.run.deformable import DeformableRun
 from validation.run.friction_path import friction_width, seeks_static_state
@@ -129,7 +123,7 @@ def run_static(
     name: str,
     scene: DeformableScene,
     *,
-    deformable: DeformableAssembly | None = None,
+    problem: Problem | None = None,
     store: FlexibilityStore | None = None,
     on_frame: Callable[[Frame], None] | None = None,
     load_path: tuple[float, ...] | None = None,
@@ -149,20 +143,23 @@ def run_static(
         fem = fem_section(scene, name)
         if scene.effects.friction is not None and not scene.is_cell:
             require_held_by_friction(name, scene, scene.effects.friction.coefficient)
-        if deformable is None:
-            deformable = build_deformable(scene, name)
+        problem = scene_problem(scene, name) if problem is None else problem
+        with named(name):
+            deformable = problem.deformable
         require_held_by_faces(name, scene, deformable.assembly)
         options = replace(static_options(scene, fem), load_path=load_path)
         turning = scene.effects.finite_rotation is True
         watch.lap("build")
-        with _floating_named(name, scene, deformable, options):
+        with _floating_named(name, scene, problem, options):
             solution = static_solution(deformable, options, finite_rotation=turning, store=store)
         watch.lap("solve")
         _require_sector(name, scene, fem, solution)
         if on_frame is not None:
             write_static_frames(fem.frames, solution, options, on_frame)
             watch.lap("frames")
-    return DeformableRun(name=name, scene=scene, solution=solution, cpu_seconds=watch.seconds())
+    return DeformableRun(
+        name=name, scene=scene, problem=problem, solution=solution, cpu_seconds=watch.seconds()
+    )
 
 
 def run_converged(
@@ -187,8 +184,7 @@ def run_converged(
         if scene.effects.friction is not None:
             require_held_by_friction(name, scene, scene.effects.friction.coefficient)
         options = static_options(scene, fem)
-        with named(name):
-            problem = build_problem(scene, name, build_hexahedra(scene, name))
+        problem = scene_problem(scene, name)
         require_held_by_faces(name, scene, problem.blocks)
         watch.lap("build")
         with _floating_named(name, scene, problem, options):
@@ -212,6 +208,7 @@ def run_converged(
     return DeformableRun(
         name=name,
         scene=scene,
+        problem=problem,
         solution=found.solution,
         cpu_seconds=watch.seconds(),
         errors=found.errors,
@@ -237,16 +234,15 @@ def _friction_of(
 def _floating_named(
     name: str,
     scene: DeformableScene,
-    stated: DeformableAssembly | Problem,
+    problem: Problem,
     options: StaticOptions,
 ) -> Iterator[None]:
     """Name the scene where a static run ends without an answer, and blocks that float in gaps."""
     try:
         yield
     except RefusedError as error:
-        built = stated.deformable if isinstance(stated, Problem) else stated
-        why = floating_words(scene, built, options) or str(error)
-        faces = faces_words(name, scene, built.assembly)
+        why = floating_words(scene, problem.deformable, options) or str(error)
+        faces = faces_words(name, scene, problem.deformable.assembly)
         raise InputError(f"{name}: {why}{f'; {faces}' if faces else ''}") from None
 
 
@@ -363,7 +359,7 @@ def run_explicit(
     name: str,
     scene: DeformableScene,
     *,
-    deformable: DeformableAssembly | None = None,
+    problem: Problem | None = None,
     statement: ExplicitStatement | None = None,
     progress: Callable[[Progress], None] | None = None,
     on_frame: Callable[[Frame], None] | None = None,
@@ -372,8 +368,8 @@ def run_explicit(
 ) -> DeformableRun:
     """Run the blocks of a scene by explicit dynamics.
 
-    The blocks may be built already and the problem stated (`scene_statement`); progress is told at
-    every sample, frames have the displacements of all blocks, and a checkpoint is written and
+    The problem may be stated already, also as an explicit one (`scene_statement`); progress is told
+    at every sample, frames have the displacements of all blocks, and a checkpoint is written and
     resumed as `fem.explicit.solve.solve` does.
 
     A run whose contact grows stiffer than its time step allows starts again with a shorter one.
@@ -388,7 +384,9 @@ def run_explicit(
 
     with stages() as watch:
         fem = fem_section(scene, name)
-        built = build_deformable(scene, name) if deformable is None else deformable
+        problem = scene_problem(scene, name) if problem is None else problem
+        with named(name):
+            built = problem.deformable
         stated = scene_statement(scene, name, built) if statement is None else statement
         watch.lap("build")
         key = "safety_factor" if fem.time_step is None else "time_step"
@@ -413,4 +411,6 @@ def run_explicit(
     seconds = {**watch.seconds(), "loop": result.cpu_seconds}
     if stated.recommended is not None:  # else no static state is expected
         solution = replace(solution, static_below=fem.residual)
-    return DeformableRun(name=name, scene=scene, solution=solution, cpu_seconds=seconds)
+    return DeformableRun(
+        name=name, scene=scene, problem=problem, solution=solution, cpu_seconds=seconds
+    )

@@ -203,6 +203,12 @@ class ContactSection(_LawKeys):  # type: ignore[misc]
         return self
 
 
+def gap_words(gaps: Any) -> str:
+    """``clearance`` and ``spacing`` in words, to follow others; nothing where there are none."""
+    given = ((name, getattr(gaps, name)) for name in ("clearance", "spacing"))
+    return "".join(f", {name} {value:g} mm" for name, value in given if value)
+
+
 class RayleighSection(Section):
     """``[effects.rayleigh]``: Rayleigh damping α M + β K; unlisted terms are inactive."""
 
@@ -465,9 +471,7 @@ class DeformableSections(WholeScene):
     @property
     def gap_words(self) -> str:
         """Gaps before the load acts, to follow other words; nothing where there are none."""
-        found = self.contact
-        given = (("clearance", found.clearance), ("spacing", found.spacing)) if self.meets else ()
-        return "".join(f", {name} {value:g} mm" for name, value in given if value)
+        return gap_words(self.contact) if self.meets else ""
 
     @property
     def weight(self) -> Vector | None:

@@ -130,7 +130,7 @@ def _rigid_results(file: SceneFile) -> dict[str, Any]:
         "n_contacts": result.n_contacts,
         "iterations": result.equilibrium.iterations,
     }
-    measures = run.measures
+    measures = run.carried.measures
     names = ("effective_count_percent", "effective_area_percent", "p_eff", "p_eff_pooled", "p_max")
     for name in names:
         found[name] = None if measures is None else getattr(measures, name)

@@ -247,7 +247,7 @@ def check_study(
             hint = f"; did you mean {near[0]!r}?" if near else ""
             raise InputError(f"{name}: unknown key {key}{hint}; expected {', '.join(known)}")
     scene, quantity = data.get("scene"), data.get("quantity", "rigid")
-    if not isinstance(scene, str):
+    if not isinstance(scene, str | Mapping):
         raise InputError(
             f'{name}: scene: got {scene!r}, expected a scene, e.g. scene = "tsb1-pipe"'
         )
@@ -270,10 +270,12 @@ def check_study(
         )
     settings = dict(_flat(data.get("settings", {}), ()))
     _refuse_twice(name, parameters, settings)
-    source = _scene_source(scene, folder)
-    _, base = scene_data(source)
-    base = apply_overrides(base, [*_assignments(settings), *overrides])
-    files = [Path(source), *(Path(part["file"]) for part in base.get("parts", ()))]
+    files = []
+    if isinstance(scene, str):
+        source = _scene_source(scene, folder)
+        files, (_, scene) = [Path(source)], scene_data(source)
+    base = apply_overrides(scene, [*_assignments(settings), *overrides])
+    files += (Path(part["file"]) for part in base.get("parts", ()))
     reads = tuple(file for file in files if file.is_file())
     study = Study(name, quantity, base, parameters, accuracy, reads)
     _check_count(study)

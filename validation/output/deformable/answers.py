@@ -16,12 +16,8 @@ from fem.assembly.contact_state import CapAction
 from fem.problem.model import element_words
 from fem.problem.time_step import added_mass_share
 from geometry.answer import TITLES, Measure, measure_rows
-from geometry.assembly import Assembly
-from geometry.files.mesh_io import write_surface
-from geometry.measures import block_measures, measures
-from geometry.mesh import FloatArray, QuadSurface
+from validation.output import answer_files
 from validation.output.console import listing, two_columns
-from validation.output.deformable.fields import element_owners, facet_owners, write_fields
 from validation.output.files import write_whole
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
@@ -39,8 +35,7 @@ if TYPE_CHECKING:
 
 #: Files of a run.
 FILES = (
-    "fields.vtu",
-    "contact_pressures.vtu",
+    *answer_files.FILES,
     "contact_pressures.png",
     "stresses.png",
     "sections.png",
@@ -54,50 +49,14 @@ FILES = (
 
 
 def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
-    """Write fields, contact pressures, pictures and history; nothing without a folder."""
-    outputs.write("fields", "fields.vtu", lambda path: _write_fields(run, path))
-    write_state_files(run, outputs)
+    """Write joints, pictures and history beside the answer; nothing without a folder."""
+    if run.meets:
+        write_joints(run.joints, outputs)
+    for file, draw in _pictures(run).items():
+        outputs.write("picture", file, partial(draw, run))
     if run.explicit is not None:
         _write_history(run.explicit.history, run.name, outputs)
     _name_frames(run.scene.fem, outputs)
-
-
-def write_state_files(state: DeformableRun, outputs: Outputs) -> None:
-    """Write contact pressures, joints and pictures of a state; nothing without a folder."""
-    if state.meets:
-        outputs.write("pressures", "contact_pressures.vtu", lambda path: write_contact(state, path))
-        write_joints(state.joints, outputs)
-    for file, draw in _pictures(state).items():
-        outputs.write("picture", file, partial(draw, state))
-
-
-def _write_fields(run: DeformableRun, path: Path) -> None:
-    write_fields(
-        path,
-        run.deformable.model.groups,
-        run.displacements,
-        finite_rotation=run.solution.finite_rotation,
-        recovered=run.solution.recovered,
-        owners=element_owners(run.deformable),
-    )
-
-
-def write_contact(run: DeformableRun, path: Path) -> None:
-    """Write contact facets with pressures, forces and gaps."""
-    found = run.contact_state
-    quads = np.arange(4 * found.n_facets).reshape(-1, 4)
-    write_surface(
-        path,
-        QuadSurface(found.corners.reshape(-1, 3), quads),
-        {
-            "contact_pressure": found.pressures,
-            "contact_force": found.forces,
-            "gap": -found.deepest,
-            "normal": found.mean_normals,
-            "area": found.areas,
-            **facet_owners(run.deformable.assembly, found.block_m, found.block_s),
-        },
-    )
 
 
 def _pictures(state: DeformableRun) -> dict[str, Callable[[DeformableRun, Path], None]]:
@@ -292,35 +251,20 @@ def _add_explicit(table: Table, run: DeformableRun, result: ExplicitResult) -> N
 def _add_contact(table: Table, run: DeformableRun) -> None:
     """Print the rows of contact."""
     if run.facets is not None:
-        _add_facets(table, run.facets)
+        size = float(np.sqrt(run.facets[0].interfaces.areas.mean()))
+        words = f"those of [mesh], {size:.3g} mm (square root of the mean area)"
+        table.add_row("facets of p_eff, p_max", words)
     table.add_row("contact search", str(run.contact_search))
     if run.friction is not None:
         table.add_row("friction", _friction_words(run.friction))
     _add_slip(table, run.solution.slip)
-    if run.facets is None:
-        contact = run.contact
-        table.add_row("p_eff over all blocks (tables)", f"{contact.p_eff_pooled:.5g} MPa")
-        table.add_row("effective contact elements", f"{contact.effective_count_percent:.2f} %")
+    contact = run.contact
+    table.add_row("p_eff over all blocks (tables)", f"{contact.p_eff_pooled:.5g} MPa")
+    table.add_row("effective contact elements", f"{contact.effective_count_percent:.2f} %")
     if run.solution.cap is not None:
         table.add_row("contact stiffness cap", cap_words(run.solution.cap))
-    overclosure = run.contact.mean_overclosure
+    overclosure = contact.mean_overclosure
     table.add_row("mean penetration", f"{overclosure:.4g} mm over the closed contacts")
-
-
-def _add_facets(table: Table, facets: tuple[Assembly, FloatArray]) -> None:
-    """Print the measures of the paper that depend on its facets, and how large these are."""
-    assembly, pressures = facets
-    found, free = assembly.interfaces, assembly.free_blocks
-    per_block = block_measures(free, found.block_m, found.block_s, pressures, found.areas)
-    all_blocks = measures(
-        per_block, assembly.eligible_facets()[free], assembly.eligible_areas()[free]
-    )
-    size = float(np.sqrt(found.areas.mean()))
-    table.add_row(
-        "facets of p_eff, p_max", f"those of [mesh], {size:.3g} mm (square root of the mean area)"
-    )
-    table.add_row("p_eff over all blocks (tables)", f"{all_blocks.p_eff_pooled:.5g} MPa")
-    table.add_row("effective contact elements", f"{all_blocks.effective_count_percent:.2f} %")
 
 
 def _friction_words(found: FrictionSet) -> str:

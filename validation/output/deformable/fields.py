@@ -15,15 +15,15 @@ from fem.element.lagrange_stress import cells_of, equidistant, grid_places
 from fem.element.stress import von_mises
 from fem.problem.model import BlockGroup
 from fem.problem.recovery import Recovered, block_displacements, moved_bodies, recover
-from geometry.assembly import Assembly
 from geometry.files.mesh_io import write_hex_mesh, write_lagrange_cells
-from geometry.mesh import FloatArray, HexMesh, IntArray
+from geometry.mesh import FloatArray, HexMesh
 from validation.output.files import write_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fem.explicit.solve import Frame
+    from fem.solution import Solution
 
 
 def groups_mesh(groups: Sequence[BlockGroup]) -> HexMesh:
@@ -108,6 +108,18 @@ def write_fields(
     )
 
 
+def write_solution(found: Solution, path: Path) -> None:
+    """Write the fields of a solution as cells of the degree of its elements."""
+    write_fields(
+        path,
+        found.deformable.model.groups,
+        found.group_displacements,
+        finite_rotation=found.finite_rotation,
+        recovered=found.recovered,
+        owners=element_owners(found.deformable),
+    )
+
+
 def point_data(
     groups: Sequence[BlockGroup], recovered: Sequence[Recovered]
 ) -> dict[str, NDArray[Any]]:
@@ -138,18 +150,6 @@ def element_owners(deformable: DeformableAssembly) -> dict[str, NDArray[np.int32
         "block": blocks,
         "layer": deformable.assembly.layer[blocks].astype(np.int32),
         "group": np.concatenate(group_of),
-    }
-
-
-def facet_owners(
-    assembly: Assembly, block_m: IntArray, block_s: IntArray
-) -> dict[str, NDArray[np.int32]]:
-    """Blocks and layers on both sides of each contact facet, (n_facets,)."""
-    return {
-        "block_m": block_m.astype(np.int32),
-        "block_s": block_s.astype(np.int32),
-        "layer_m": assembly.layer[block_m].astype(np.int32),
-        "layer_s": assembly.layer[block_s].astype(np.int32),
     }
 
 

@@ -104,7 +104,7 @@ def draw_assembly(
 
 def pressure_title(run: RigidRun) -> str:
     """Scene, load, class and measures of a rigid result."""
-    measures = run.measures
+    measures = run.carried.measures
     text = f"{run.name}: {run.scene.load_words}; {run.carried.words}"
     if measures is not None:
         text += (
@@ -117,7 +117,9 @@ def pressure_title(run: RigidRun) -> str:
 
 def draw_pressures(run: RigidRun, path: Path) -> None:
     """Draw the contact pressures of a rigid result in equilibrium."""
-    facets = interface_facets(run.assembly, run.result.contact_index, run.contact_pressures)
+    facets = interface_facets(
+        run.assembly, run.result.contact_index, run.answer.contacts["pressure"]
+    )
     draw_pressed_facets(facets, path, title=pressure_title(run), weight=run.scene.weight)
 
 
@@ -313,10 +315,8 @@ def _joint_edges(flat: FloatArray, pair: IntArray) -> FloatArray:
 
 def draw_mechanism(run: RigidRun, path: Path) -> None:
     """Draw the certified mechanism: blocks moved along it, coloured by how far they move."""
-    from validation.run.rigid.answer import mechanism_displacements
-
     assembly = run.assembly
-    displacement = mechanism_displacements(run)
+    displacement = run.answer.fields.get("mechanism")
     if displacement is None:
         raise ValueError("a locked assembly has no mechanism to draw")
     length = 0.3 * assembly.characteristic_length

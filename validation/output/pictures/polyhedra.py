@@ -34,7 +34,6 @@ from validation.output.pictures.canvas import (
 )
 from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import PRESSURE_MAP, VERMILION, scale_from_zero
-from validation.run.rigid.polyhedra import contact_triangles
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,7 +113,7 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
     label = "mean contact pressure [MPa]"
     scale = scale_from_zero(label, PRESSURE_MAP, [pressures], nothing="open joint")
     pressed = scale.reached[1] > 0.0
-    triangles, owner = contact_triangles(run)
+    triangles, owner = run.assembly.interfaces.polygons.triangles
     colour: Any = _PALE
     if pressed:
         colour = scale.of(pressures[interfaces.polygons.patch[owner]])

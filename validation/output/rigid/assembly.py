@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from geometry.files.mesh_io import assembly_mesh, interface_surface, write_hex_mesh, write_surface
 from mbd import Measures
 from mbd.options import Norm
+from validation.output import answer_files
 from validation.output.console import two_columns
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
@@ -24,8 +22,7 @@ from validation.output.rigid.words import (
     held_words,
     ring_words,
 )
-from validation.run.rigid.answer import RigidRun, mechanism_displacements
-from validation.run.rigid.first_rows import ring_pressure
+from validation.run.rigid.answer import RigidRun
 from validation.run.stages import cpu_words
 
 if TYPE_CHECKING:
@@ -33,62 +30,16 @@ if TYPE_CHECKING:
     from validation.run.rigid.explosion import Explosion
 
 #: Files of a rigid result.
-FILES = (
-    "contact_pressures.vtu",
-    "contact_pressures.png",
-    "mechanism.vtu",
-    "mechanism.png",
-    *JOINT_FILES,
-)
+FILES = (*answer_files.FILES, "contact_pressures.png", "mechanism.png", *JOINT_FILES)
 
 
 def write_rigid(run: RigidRun, outputs: Outputs) -> None:
-    """Write pressures, joints and mechanism of the result; nothing without a folder."""
+    """Write pictures and joints beside the answer; nothing without a folder."""
     if run.carried.holds:
-        outputs.write("pressures", "contact_pressures.vtu", lambda path: write_pressures(run, path))
         outputs.write("picture", "contact_pressures.png", lambda path: draw_pressures(run, path))
         write_joints(run.joints, outputs)
-    if mechanism_displacements(run) is not None:
-        outputs.write("mechanism", "mechanism.vtu", lambda path: write_mechanism(run, path))
+    if "mechanism" in run.answer.fields:
         outputs.write("picture", "mechanism.png", lambda path: draw_mechanism(run, path))
-
-
-def write_mechanism(run: RigidRun, path: Path) -> None:
-    """Write all blocks with the mechanism's first-order displacement as `.vtu`."""
-    displacement = mechanism_displacements(run)
-    if displacement is None:
-        raise ValueError("a locked assembly has no mechanism to write")
-    mesh, owner = assembly_mesh(run.assembly)
-    write_hex_mesh(
-        path,
-        mesh,
-        point_data={"mechanism": displacement},
-        cell_data={
-            "block": owner.astype(np.int32),
-            "layer": run.assembly.layer[owner].astype(np.int32),
-        },
-    )
-
-
-def write_pressures(run: RigidRun, path: Path) -> None:
-    """Write the contact facets with pressures, forces, normals and blocks as `.vtu`."""
-    index = run.result.contact_index
-    interfaces = run.assembly.interfaces
-    write_surface(
-        path,
-        interface_surface(run.assembly, index),
-        {
-            "contact_pressure": run.contact_pressures,
-            "contact_force": run.contact_pressures * interfaces.areas[index],
-            "traction": run.carried.forces / interfaces.areas[index, None],
-            "area": interfaces.areas[index],
-            "normal": interfaces.normals[index],
-            "block_m": interfaces.block_m[index].astype(np.int32),
-            "block_s": interfaces.block_s[index].astype(np.int32),
-            "layer_m": run.assembly.layer[interfaces.block_m[index]].astype(np.int32),
-            "layer_s": run.assembly.layer[interfaces.block_s[index]].astype(np.int32),
-        },
-    )
 
 
 def print_rigid(run: RigidRun, console: Console) -> None:
@@ -102,13 +53,13 @@ def print_rigid(run: RigidRun, console: Console) -> None:
     if run.held is not None:
         table.add_row("resistance to pushes", held_words(run.held))
     add_first_rows(table, run)
-    ring = ring_pressure(scene)
+    ring = run.answer.report["ring_pressure"]
     if ring is not None:
         table.add_row("hoop stress p·r/t", ring_words(ring))
     add_further_rows(table, run.further)
     table.add_row("proof", certificate_words(result.classification))
-    if run.measures is not None:
-        add_paper_rows(table, run.measures, scene.rigid.norm)
+    if run.carried.measures is not None:
+        add_paper_rows(table, run.carried.measures, scene.rigid.norm)
     table.add_row(
         "model", f"{result.n_blocks} free blocks, {result.n_contacts} contact facet pairs"
     )

@@ -11,6 +11,7 @@ from geometry.files.hexahedral_solids import six_sided_hexahedra
 from geometry.files.mesh_io import write_triangles
 from geometry.measures import JointResultants
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
+from validation.output import answer_files
 from validation.output.console import two_columns
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
@@ -22,7 +23,7 @@ from validation.output.rigid.words import (
     certificate_words,
     held_words,
 )
-from validation.run.rigid.polyhedra import PolyhedralRun, contact_triangles, mechanism_motion
+from validation.run.rigid.polyhedra import PolyhedralRun, mechanism_motion
 from validation.run.stages import cpu_words
 from validation.scene.polyhedra import STRAIGHT_EDGES, MeshScene
 
@@ -31,7 +32,7 @@ _NOTHING = 1e-9
 #: Files that hold surfaces alone.
 _SURFACES = {".stl", ".obj", ".ply"}
 #: Files of a rigid result.
-FILES = ("contacts.vtu", "contacts.png", "mechanism.png", *JOINT_FILES)
+FILES = (*answer_files.FILES, "contacts.vtu", "contacts.png", "mechanism.png", *JOINT_FILES)
 
 
 def write_polyhedra(run: PolyhedralRun, outputs: Outputs) -> None:
@@ -60,10 +61,11 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
     if run.faces is not None:
         table.add_row("by faces alone", CLASS_WORDS[run.faces.mechanism])
         table.add_row("proof for the faces", certificate_words(run.faces))
-    if run.carried.holds and run.normal_forces.max(initial=0.0) > 0:
+    forces = run.carried.normal_forces
+    if run.carried.holds and forces.max(initial=0.0) > 0:
         if not run.patch_pressures.size:
             table.add_row("largest contact pressure", "none: edges and points have no area")
-        table.add_row("largest contact force", f"{run.normal_forces.max():.5g} N")
+        table.add_row("largest contact force", f"{forces.max():.5g} N")
         for words, value in joint_words(run.joints):
             table.add_row(words, value)
     bare = bare_words(run)
@@ -137,13 +139,14 @@ def write_contacts(run: PolyhedralRun, path: Path) -> None:
     """Write the contact polygons with pressures, normals and blocks as `.vtu` triangles."""
     interfaces = run.assembly.interfaces
     polygons, patches = interfaces.polygons, interfaces.patches
-    triangles, owner = contact_triangles(run)
+    triangles, owner = polygons.triangles
     patch = polygons.patch[owner]
     carried = {}
-    if run.carried.holds:  # an attempt that failed is no field
+    if contacts := run.answer.contacts:  # an attempt that failed is no field
+        traction = contacts["force"] / contacts["area"][:, None]
         carried = {
-            "patch_pressure": run.patch_pressures[patch],
-            "patch_traction": run.patch_tractions[patch],
+            "patch_pressure": contacts["pressure"][patch],
+            "patch_traction": traction[patch],
         }
     write_triangles(
         path,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
+from geometry.answer import Measure
 from mbd import Classification, Mechanism, MechanismClass, SelfStress
 from mbd.force_range import ForceRanges
 from validation.run.rigid.answer import RigidAnswer
@@ -54,45 +56,39 @@ def add_first_rows(table: Table, run: RigidAnswer) -> None:
     """Add the main results: equilibrium, largest pressure, forces, reaction."""
     if run.further is None or run.further.friction is None:
         table.add_row("in equilibrium", run.result.equilibrium.status)
-    found = run.first_measures
+    found = run.answer.measures
     if "p_max_facet" in found:
         table.add_row("largest contact pressure", pressure_words(found["p_max_facet"]))
     if "least_joint_force" in found:
         table.add_row("normal forces of joints", joint_force_words(found))
     if "total_reaction" in found:
-        table.add_row("total reaction", reaction_words(found))
+        table.add_row("total reaction", reaction_words(found, run.answer.report["reaction"]))
 
 
-def reaction_words(found: dict[str, dict[str, Any]]) -> str:
+def reaction_words(found: Mapping[str, Measure], force: list[float]) -> str:
     """Sum of the forces of fixed blocks; nothing where the load balances itself to round-off."""
-    reaction = found["total_reaction"]
-    size = max(reaction["value"], found.get("largest_joint_force", {}).get("value", 0.0))
-    parts = [0.0 if abs(x) <= _NOISE * size else x for x in reaction["force"]]
+    size = max(found[n].value for n in ("total_reaction", "largest_joint_force") if n in found)
+    parts = [0.0 if abs(x) <= _NOISE * size else x for x in force]
     if not any(parts):
         return "0 N: the loads are self-equilibrated"
-    return f"{reaction['value']:.5g} N: ({', '.join(f'{x:.5g}' for x in parts)})"
+    return f"{found['total_reaction'].value_words}: ({', '.join(f'{x:.5g}' for x in parts)})"
 
 
-def pressure_words(peak: dict[str, Any]) -> str:
+def pressure_words(peak: Measure) -> str:
     """Value of a mean over a facet, how large that is, and where."""
-    where = peak["place"]
-    words = f"{peak['value']:.5g} MPa, mean over a facet of {peak['facet_area']:.4g} mm²: blocks "
-    words += " and ".join(map(str, where["blocks"]))
-    if where["layer"] is not None:
-        words += f", layer {where['layer']}"
-    if where["face"] is not None:
-        words += f", face {where['face']}"
-    if "radius" in where:
-        return f"{words}, r {where['radius']:.1f}, {where['angle']:.1f}°, z {where['height']:.1f}"
-    return f"{words}, at ({', '.join(f'{x:.1f}' for x in where['position'])})"
+    if peak.place is None:
+        return peak.value_words
+    area = f"mean over a facet of {peak.place['facet_area']:.4g} mm²"
+    return f"{peak.value_words}, {area}: {peak.place_words}"
 
 
-def joint_force_words(found: dict[str, dict[str, Any]]) -> str:
+def joint_force_words(found: Mapping[str, Measure]) -> str:
     """Least and largest normal force between two blocks, and which blocks."""
     parts = []
     for word, name in (("least", "least_joint_force"), ("largest", "largest_joint_force")):
-        joint = "–".join(map(str, found[name]["place"]["blocks"]))
-        parts.append(f"{word} {found[name]['value']:.5g} N (joint {joint})")
+        where = found[name].place or {}
+        joint = "–".join(map(str, where["blocks"]))
+        parts.append(f"{word} {found[name].value_words} (joint {joint})")
     return ", ".join(parts)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from fem.problem.recovery import recover
 from geometry.measures import between_layers
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from validation.comparison.answers import effective_region
+from validation.comparison.agreement import effective_region
 from validation.paper.claims.claim import Claims, Truth, Verdict, judged
 from validation.paper.evidence import Evidence
 from validation.run.deformable import DeformableRun

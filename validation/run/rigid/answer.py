@@ -3,77 +3,34 @@
 from __future__ import annotations
 
 import time
-from abc import ABC, abstractmethod
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 import scipy.spatial  # noqa: F401 - what matches facets, loaded before the clock runs
 
+from geometry.answer import Answer
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase, with_body_wrenches
-from geometry.measures import JointResultants, joint_resultants
+from geometry.measures import JointResultants, facet_measures
 from geometry.mesh import FloatArray
-from mbd import (
-    Measures,
-    Mechanism,
-    RigidResult,
-    block_measures,
-    block_wrenches,
-    measures,
-    rigid_result,
-)
-from mbd.answer import certificate_report, placed_motion
+from mbd import RigidResult, block_wrenches, rigid_result
+from mbd.answer import Carried, answer_of, block_motion, joints_of, without_friction
 from mbd.margin import held_against
 from validation.build.blocks import BuiltScene, build_scene, build_weight
-from validation.run.rigid.first_rows import (
-    joint_extremes,
-    largest_facet_pressure,
-    ring_pressure,
-    total_reaction,
-)
-from validation.run.rigid.further import (
-    Further,
-    further_answers,
-    further_json,
-)
+from validation.run.rigid.further import Further, further_answers, further_json
 from validation.scene.family import AssemblyScene, RoundScene
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene, SceneFile
 
-#: Units of numbers in JSON.
-UNITS = {
-    "length": "mm",
-    "force": "N",
-    "moment": "N mm",
-    "pressure": "MPa",
-    "rotation": "rad",
-    "mechanism": "rows of the free blocks: displacement (3), rotation in rad times rotation_length "
-    "in mm (3), to any scale",
-}
-
-
-@dataclass(frozen=True)
-class Carried:
-    """The contact forces of the answer that was asked for: with friction, if it was asked."""
-
-    holds: bool
-    """Whether they balance the load."""
-    forces: FloatArray
-    """On block s of each contact, zero where nothing holds; (n_contacts, 3) [N]."""
-    words: str
-    """The answer as a headline says it."""
-    mechanism: FloatArray | None
-    """What the load drives, (n_rows,), where it is not carried."""
-
-    def normal_forces(self, normals: FloatArray) -> FloatArray:
-        """Part along the normals of the contacts, (n_contacts,) [N]."""
-        return np.maximum(np.einsum("ni,ni->n", self.forces, normals), 0.0)
+#: Load cases that put the ring of a tube under pressure: the loaded face, and what the ring gets.
+_RINGS = {"pipe": ("inner", "tension"), "tunnel": ("outer", "compression")}
+_OPPOSITE = {"tension": "compression", "compression": "tension"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigidAnswer(ABC):
+class RigidAnswer:
     """A scene, what was built from it, and the rigid-block result."""
 
     name: str
@@ -110,32 +67,48 @@ class RigidAnswer(ABC):
 
     @cached_property
     def carried(self) -> Carried:
-        """Contact forces of the answer that was asked for."""
-        result, further, normals = self.result, self.further, self._normals
+        """Contact forces of the answer that was asked for: with friction, if it was asked."""
+        result, further = self.result, self.further
         if further is None or further.friction is None:
-            holds = result.equilibrium.holds
-            forces = result.contact_forces[:, None] * normals * holds
-            return Carried(holds, forces, str(result.mechanism), result.equilibrium.mechanism)
-        asked = further.friction
+            return without_friction(self.assembly, result)
+        asked, coefficient = further.friction, self.scene.rigid.friction
+        index, found = result.contact_index, self.assembly.interfaces
+        given = further.friction_forces
+        forces = np.zeros((len(index), 3)) if given is None else given
+        normal = np.maximum(np.einsum("ni,ni->n", forces, found.normals[index]), 0.0)
         verdict = "carried" if asked.holds else "not carried"
         if not asked.holds and asked.mechanism is None:
             verdict = "undecided"
-        words = f"{verdict} with friction μ = {self.scene.rigid.friction:g}"
+        words = f"{verdict} with friction μ = {coefficient:g}"
+        measured = None
         if asked.holds:
             words += f" (without: {result.mechanism})"
-        given = further.friction_forces
-        forces = np.zeros_like(normals) if given is None else given
-        return Carried(asked.holds, forces, words, asked.mechanism)
+            measured = facet_measures(self.assembly, index, normal / found.areas[index])[1]
+        return Carried(
+            holds=asked.holds,
+            forces=forces,
+            normal_forces=normal,
+            measures=measured,
+            words=words,
+            mechanism=asked.mechanism,
+            friction=coefficient,
+        )
 
-    @property
-    def normal_forces(self) -> FloatArray:
-        """Normal part of those forces, (n_contacts,) [N]."""
-        return self.carried.normal_forces(self._normals)
+    @cached_property
+    def answer(self) -> Answer:
+        """The answer that does not depend on the scene; its report says more of it."""
+        return answer_of(
+            self.assembly, self.load, self.result, carried=self.carried, beside=self._beside
+        )
 
-    @property
-    def _normals(self) -> FloatArray:
-        normals: FloatArray = self.assembly.interfaces.normals[self.result.contact_index]
-        return normals
+    def _beside(self) -> dict[str, Any]:
+        """What the report says of the scene and of what it asks further."""
+        return {
+            "scene": self.name,
+            "held_against": self.held,
+            **further_json(self.further),
+            "cpu_seconds": self.cpu_seconds,
+        }
 
     @cached_property
     def held(self) -> dict[str, bool] | None:
@@ -148,73 +121,12 @@ class RigidAnswer(ABC):
     @cached_property
     def joints(self) -> JointResultants:
         """Resultants of the forces between each two blocks."""
-        return joint_resultants(
-            self.assembly.interfaces, self.result.contact_index, self.carried.forces
-        )
-
-    @property
-    @abstractmethod
-    def largest_pressure(self) -> dict[str, Any] | None:
-        """Largest mean pressure over one facet or flat patch; None where none has an area."""
-
-    @cached_property
-    def first_measures(self) -> dict[str, dict[str, Any]]:
-        """What acts at one place, by name (`validation.run.rigid.first_rows`).
-
-        Nothing where no forces hold the load.
-        """
-        if not self.carried.holds:
-            return {}
-        index = self.result.contact_index
-        reaction = total_reaction(self.assembly, index, self.carried.forces, self.load.fixed)
-        peak = self.largest_pressure
-        found = {} if peak is None else {"p_max_facet": peak}
-        return found | joint_extremes(self.joints) | {"total_reaction": reaction}
+        return joints_of(self.assembly, self.result.contact_index, self.carried.forces)
 
     @cached_property
     def motion(self) -> FloatArray | None:
-        """(δt [mm], δθ [rad]) of each block under the certified mechanism, (n_blocks, 6).
-
-        None if locked, or where friction was asked for and holds the blocks. Prefers the mechanism
-        that the load drives; blocks held by the certificate's supports stay.
-        """
-        driven = self.carried.mechanism
-        if self.carried.holds and self.scene.rigid.friction is not None:
-            return None
-        certificate = self.result.classification.certificate
-        if driven is not None:
-            return placed_motion(self.assembly, driven, ~self.load.fixed)
-        if isinstance(certificate, Mechanism):
-            motion = certificate.virtual_displacement
-            return placed_motion(self.assembly, motion, ~self.assembly.fixed)
-        return None
-
-    def json(self) -> dict[str, Any]:
-        """Return the answer as plain data, numbers in full precision."""
-        result = self.result
-        return {
-            "scene": self.name,
-            "mechanism": str(result.mechanism),
-            "certificate": certificate_report(result.classification),
-            "equilibrium": {
-                "holds": result.equilibrium.holds,
-                "residual": result.equilibrium.residual,
-                "iterations": result.equilibrium.iterations,
-                "status": result.equilibrium.status,
-            },
-            "held_against": self.held,
-            "answer": self.carried.words,
-            "carried": self.carried.holds,
-            "measures": self.first_measures or None,
-            "joints": self.joints.as_json() if self.carried.holds else [],
-            "units": UNITS,
-            "rotation_length": self.assembly.characteristic_length,
-            "free_blocks": np.flatnonzero(~self.load.fixed).tolist(),
-            "n_blocks": result.n_blocks,
-            "n_contacts": result.n_contacts,
-            **further_json(self.further),
-            "cpu_seconds": self.cpu_seconds,
-        }
+        """`mbd.answer.block_motion` of what is shown."""
+        return block_motion(self.assembly, self.load, self.result, self.carried)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -228,47 +140,24 @@ class RigidRun(RigidAnswer):
     scene: DeformableScene
     assembly: Assembly
 
-    @cached_property
-    def contact_pressures(self) -> FloatArray:
-        """Pressures of that answer, (n_contacts,) [MPa]."""
-        return self.normal_forces / self.assembly.interfaces.areas[self.result.contact_index]
+    def _beside(self) -> dict[str, Any]:
+        return super()._beside() | {"ring_pressure": ring_pressure(self.scene)}
 
-    @property
-    def largest_pressure(self) -> dict[str, Any] | None:
-        """Largest mean pressure over a facet, and where; None without contacts."""
-        tube = isinstance(self.scene, RoundScene)
-        index = self.result.contact_index
-        return largest_facet_pressure(self.assembly, index, self.contact_pressures, tube=tube)
 
-    @cached_property
-    def measures(self) -> Measures | None:
-        """The paper's measures of those pressures; None where nothing holds."""
-        if self.further is None or self.further.friction is None:
-            return self.result.measures
-        if not self.carried.holds:
-            return None
-        index, found = self.result.contact_index, self.assembly.interfaces
-        measured = self.result.measured_blocks
-        of_blocks = block_measures(
-            measured,
-            found.block_m[index],
-            found.block_s[index],
-            self.contact_pressures,
-            found.areas[index],
-        )
-        eligible, areas = self.assembly.eligible_facets(), self.assembly.eligible_areas()
-        return measures(of_blocks, eligible[measured], areas[measured])
-
-    def json(self) -> dict[str, Any]:
-        """Return the answer as plain data, numbers in full precision."""
-        found = None
-        if self.measures is not None:
-            found = self.first_measures | asdict(self.measures)
-        return super().json() | {
-            "mechanism_as_supported": str(self.result.supported_classification.mechanism),
-            "measures": found,
-            "ring_pressure": ring_pressure(self.scene),
-        }
+def ring_pressure(scene: object) -> dict[str, Any] | None:
+    """Mean hoop stress p·r/t of a closed ring, by hand; None but for tubes under pressure."""
+    if not isinstance(scene, RoundScene) or scene.load.case not in _RINGS:
+        return None
+    face, sense = _RINGS[scene.load.case]
+    pressure, thickness = scene.load.pressure, scene.thickness
+    radius = float(scene.block.inner_radius)  # type: ignore[attr-defined]
+    radius += thickness * (face == "outer")
+    return {
+        "value": abs(pressure) * radius / thickness,
+        "unit": "MPa",
+        "radius": radius,
+        "sense": sense if pressure >= 0.0 else _OPPOSITE[sense],
+    }
 
 
 def run_rigid(file: SceneFile) -> RigidRun:
@@ -286,24 +175,6 @@ def analyse_rigid(built: BuiltScene) -> RigidRun:
     building = {"build": built.cpu_seconds, "total": built.cpu_seconds}
     stated = {"name": built.name, "scene": scene, "assembly": assembly, "load": load}
     return RigidRun.to((dead, live), building, **stated)
-
-
-def mechanism_displacements(run: RigidRun) -> FloatArray | None:
-    """First-order motion of every block's nodes, `RigidAnswer.motion`.
-
-    Returns
-    -------
-    FloatArray | None
-        Displacements of the nodes of `assembly_mesh`, largest 1, (n_nodes, 3); None without motion.
-    """
-    moving, assembly = run.motion, run.assembly
-    if moving is None:
-        return None
-    arms = (assembly.nodes(b) - assembly.centroids[b] for b in range(assembly.n_blocks))
-    parts = [m[:3] + np.cross(m[3:], arm) for m, arm in zip(moving, arms, strict=True)]
-    displacement = np.concatenate(parts)
-    largest = float(np.linalg.norm(displacement, axis=1).max())
-    return displacement / largest
 
 
 @dataclass

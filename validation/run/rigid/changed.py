@@ -106,10 +106,10 @@ def refined(file: SceneFile, run: RigidAnswer) -> Refinement:
 
 def _compared(run: RigidRun) -> dict[str, float]:
     """Pressures of an answer by name [MPa]; none where nothing holds."""
-    peak = run.first_measures.get("p_max_facet")
-    if run.measures is None or peak is None:
+    peak, paper = run.answer.measures.get("p_max_facet"), run.carried.measures
+    if paper is None or peak is None:
         return {}
-    return {"p_max_facet": peak["value"]} | {k: getattr(run.measures, k) for k in _COMPARED}
+    return {"p_max_facet": peak.value} | {k: getattr(paper, k) for k in _COMPARED}
 
 
 # ---------------------------------------------------------------------------------------------

@@ -1,0 +1,102 @@
+"""`tubelock compare`: rigid, static and explicit answers to one scene, on the same facets.
+
+The static answer is the converged one, evaluated over the facets of the scene's mesh; an explicit
+run has the elements of that mesh, and so has the static answer that it ends at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from fem.accuracy.converge import MOST_WORK
+from fem.assembly.statement import Problem
+from geometry.assembly import Assembly
+from mbd.options import Norm
+from validation.build.blocks import BuiltScene
+from validation.build.deformable import fem_section, scene_load, scene_problem
+from validation.build.facing import facing_blocks
+from validation.errors import InputError
+from validation.run.accuracy import DEFAULT_TARGETS, refined
+from validation.run.deformable import DeformableRun
+from validation.run.held_by_faces import require_held_by_faces
+from validation.run.rigid.answer import RigidRun, analyse_rigid
+from validation.run.solve import run_converged, run_explicit, run_static
+from validation.scene.deformable import Damping, Method
+from validation.scene.read import DeformableScene
+from validation.scene.sections import RigidSection
+from validation.scene.usage import uncounted
+
+
+def compared_runs(
+    name: str,
+    scene: DeformableScene,
+    *,
+    explicit: bool = False,
+    progress: Any = None,
+    refinement: Any = None,
+) -> tuple[list[RigidRun], list[DeformableRun]]:
+    """Answer a scene by rigid blocks in both norms, and by static and ``explicit`` elements.
+
+    ``progress`` is called by the explicit run, ``refinement`` before each mesh of the static one.
+
+    Raises
+    ------
+    InputError
+        Input that cannot be solved, or a load that rigid blocks do not carry.
+    """
+    problem = comparable_problem(scene, name)
+    require_held_by_faces(name, scene, problem.blocks)
+    rigid = list(_rigid_runs(name, scene, problem))
+    static = scene.changed({"fem.method": Method.STATIC})
+    one_mesh = problem.finite_sliding or not refined(name, static, {})
+    found: list[DeformableRun] = []
+    if not one_mesh:
+        found.append(
+            run_converged(name, static, DEFAULT_TARGETS, most_work=MOST_WORK, progress=refinement)
+        )
+    if one_mesh or explicit:
+        found.append(run_static(name, static, problem=problem))
+    if explicit:
+        damping = scene.fem.damping or Damping.STATIC
+        dynamic = scene.changed({"fem": {"method": Method.EXPLICIT, "damping": damping}})
+        found.append(run_explicit(name, dynamic, problem=problem, progress=progress))
+    return rigid, found
+
+
+def _rigid_runs(name: str, scene: DeformableScene, problem: Problem) -> Iterator[RigidRun]:
+    """Answers of rigid blocks in both norms.
+
+    Raises
+    ------
+    InputError
+        A load that they do not carry.
+    """
+    assembly: Assembly = problem.blocks
+    if problem.finite_sliding:
+        assembly = facing_blocks(problem.deformable.assembly)
+    load = scene_load(scene, name, assembly)
+    idle = [(RigidSection, key) for key in RigidSection.model_fields if key != "solver"]
+    for norm in Norm:
+        # Both norms are compared, and no answer further to them.
+        section = RigidSection(norm=norm, solver=scene.rigid.solver)
+        with uncounted(*idle):
+            run = analyse_rigid(
+                BuiltScene(name, scene.changed({"rigid": section}), assembly, load, 0.0)
+            )
+        if not run.result.equilibrium.holds:
+            raise InputError(f"{name}: {run.result.equilibrium.status}")
+        yield run
+
+
+def comparable_problem(scene: DeformableScene, name: str) -> Problem:
+    """State the problem that all answers share.
+
+    Raises
+    ------
+    InputError
+        When they cannot be solved.
+    """
+    fem_section(scene, name)
+    # The method is not the scene's to choose here.
+    return scene_problem(scene.changed({"fem.method": Method.STATIC}), name)
