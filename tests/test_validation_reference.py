@@ -12,7 +12,7 @@ import pytest
 from fem.accuracy.converge import MOST_WORK
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation import compare
-from validation.comparison.answers import Comparison
+from validation.comparison.report import Comparison
 from validation.comparison.scene import compared_runs
 from validation.run.accuracy import DEFAULT_TARGETS
 from validation.run.deformable import DeformableRun

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     from fem.assembly.statement import Problem
     from geometry.answer import Answer
-    from validation.comparison.answers import Comparison
+    from validation.comparison.report import Comparison
     from validation.costs.study import CostStudy
     from validation.scene.read import SceneFile
     from validation.study.study import Study
@@ -124,7 +124,7 @@ def compare(*answers: Answer) -> Comparison:
     InputError
         Fewer than two answers, or answers on other facets.
     """
-    from validation.comparison.answers import compare_answers
+    from validation.comparison.report import compare_answers
 
     return compare_answers(answers)
 

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import geometry.compilation.started  # noqa: F401 - now, before any kernel
+from geometry.compilation.clocks import CLOCKS, Compiling
 
 
 class Kernel:
@@ -53,35 +53,6 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """`numba.njit`; with ``cache=True`` the machine code is kept in a `KernelCache`."""
     cached = options.pop("cache", False)
     return lambda function: Kernel(function, options, cached=cached)
-
-
-class Compiling:
-    """Counts the CPU time that functions are compiled in, and tells when the first one is."""
-
-    def __init__(self, tell: Callable[[], None] | None) -> None:
-        self.cpu_seconds = 0.0
-        self._tell = tell
-        self._depth = 0  # a function is compiled with those it calls
-        self._start = 0.0
-
-    def start(self) -> None:
-        """Start the clock at the outermost function."""
-        if self._tell is not None:
-            self._tell()
-            self._tell = None
-        if self._depth == 0:
-            self._start = time.process_time()
-        self._depth += 1
-
-    def stop(self) -> None:
-        """Stop it there."""
-        self._depth -= 1
-        if self._depth == 0:
-            self.cpu_seconds += time.process_time() - self._start
-
-
-#: Those that count now. The compiler, once it is loaded, starts and stops them.
-CLOCKS: list[Compiling] = []
 
 
 @contextlib.contextmanager

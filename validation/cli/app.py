@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from validation.cli import compare, cost, decks, demo, fem, look, paper, rigid, study, trust
+from validation.cli import compare, cost, decks, fem, look, paper, rigid, study, trust
 from validation.cli.options import command
 from validation.cli.usage import Command, Group
 from validation.errors import run_command
@@ -75,7 +75,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "export": decks.export,
         "import": decks.import_,
     },
-    "Paper": {"demo": demo.demo},
+    "Paper": {"demo": paper.demo},
     "Verify": {
         "stability": trust.stability,
         "cell": trust.cell,

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -40,8 +39,8 @@ _NEAR, _NEAR_SEARCHED = 1e-3, 0.5
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison:
-    """Answers to one problem; the repr is its tables and its conclusion."""
+class ComparedAnswers:
+    """Answers to one problem on the contact facets that they share."""
 
     answers: tuple[Answer, ...]
     """In the order in which they were given."""
@@ -302,31 +301,13 @@ class Comparison:
             "conclusion": self.conclusion,
         }
 
-    def draw(self, path: str | Path) -> None:
-        """Draw the joints in the reference, and what each other answer differs by (PNG, SVG, PDF).
-
-        Raises
-        ------
-        InputError
-            Answers that were pickled or read: they do not hold the blocks.
-        """
-        from validation.comparison.report import draw_comparison
-
-        draw_comparison(self, Path(path))
-
-    def __repr__(self) -> str:
-        """Return tables and conclusion as text."""
-        from validation.comparison.report import comparison_text
-
-        return comparison_text(self)
-
 
 def _kind(answer: Answer) -> str:
     return f"rigid ({answer.report['norm']})" if answer.method == "rigid" else answer.method
 
 
-def compare_answers(answers: Sequence[Answer]) -> Comparison:
-    """Compare answers to one problem on the contact facets that they share.
+def shared_facets(answers: Sequence[Answer]) -> tuple[IntArray, ...]:
+    """Where the contact facets that all answers share are in the contacts of each, (n,) each.
 
     Raises
     ------
@@ -343,10 +324,7 @@ def compare_answers(answers: Sequence[Answer]) -> Comparison:
     rows = np.arange(len(first.contacts["facet"]))
     for ours, _ in shared:
         rows = np.intersect1d(rows, ours)
-    return Comparison(
-        tuple(answers),
-        (rows, *(theirs[np.searchsorted(ours, rows)] for ours, theirs in shared)),
-    )
+    return (rows, *(theirs[np.searchsorted(ours, rows)] for ours, theirs in shared))
 
 
 def _shared(first: Answer, other: Answer) -> tuple[IntArray, IntArray]:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console, RenderableType
 
-from geometry.answer import Measure
+from geometry.answer import Answer, Measure
 from geometry.mesh import FloatArray, IntArray
+from validation.comparison.answers import ComparedAnswers, shared_facets
 from validation.errors import InputError
 from validation.output.console import listing, plain_console, tabled
 from validation.output.pictures.assemblies import ring_panel, unrolled_panel
@@ -20,9 +20,6 @@ from validation.output.pictures.bodies import PressedFacets, above_and_below, ey
 from validation.output.pictures.canvas import Part
 from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import PRESSURE_MAP, STRESS_MAP, Scale, scale_from_zero
-
-if TYPE_CHECKING:
-    from validation.comparison.answers import Comparison
 
 #: Columns of the two tables, a line each.
 _COLUMNS = """p_eff: mean pressure on the effective facets of a block, mean over blocks
@@ -39,20 +36,45 @@ force: total contact force, relative to the static one"""
 PICTURE = "comparison.png"
 
 
-def comparison_text(found: Comparison) -> str:
-    """Tables and words as text."""
-    text = StringIO()
-    print_comparison(found, plain_console(text))
-    return text.getvalue().rstrip()
+@dataclass(frozen=True, repr=False)
+class Comparison(ComparedAnswers):
+    """Answers to one problem; the repr is its tables and its conclusion."""
+
+    def draw(self, path: str | Path) -> None:
+        """Draw the joints in the reference, and what each other answer differs by (PNG, SVG, PDF).
+
+        Raises
+        ------
+        InputError
+            Answers that were pickled or read: they do not hold the blocks.
+        """
+        _draw(self, Path(path))
+
+    def __repr__(self) -> str:
+        """Return tables and conclusion as text."""
+        text = StringIO()
+        print_comparison(self, plain_console(text))
+        return text.getvalue().rstrip()
 
 
-def print_comparison(found: Comparison, console: Console) -> None:
+def compare_answers(answers: Sequence[Answer]) -> Comparison:
+    """Compare answers to one problem on the contact facets that they share.
+
+    Raises
+    ------
+    InputError
+        Fewer than two answers, or answers whose contact facets are others.
+    """
+    return Comparison(tuple(answers), shared_facets(answers))
+
+
+def print_comparison(found: ComparedAnswers, console: Console) -> None:
     """Print both tables and the words."""
     for part in _parts(found):
         console.print(part)
 
 
-def _parts(found: Comparison) -> Iterator[RenderableType]:
+def _parts(found: ComparedAnswers) -> Iterator[RenderableType]:
     """Tables and lines, one after the other."""
 
     def column(name: str) -> Callable[[int], str]:
@@ -96,13 +118,13 @@ def _parts(found: Comparison) -> Iterator[RenderableType]:
     yield f"Conclusion: {found.conclusion}"
 
 
-def _scene_of(found: Comparison) -> str:
+def _scene_of(found: ComparedAnswers) -> str:
     """Name of the scene; of a problem without one, of its blocks."""
     first = found.answers[0]
     return str(first.report.get("scene", first.title.partition(":")[0]))
 
 
-def _faces_words(found: Comparison, faces: str) -> str:
+def _faces_words(found: ComparedAnswers, faces: str) -> str:
     if faces == "all":
         return "whole tube" if found.is_tube else "all joints"
     return f"layer {found.layer} {faces}"
@@ -122,15 +144,10 @@ def _number(measure: Measure | None) -> str:
     return measure.value_words.removesuffix(f" {measure.unit}")
 
 
-def draw_comparison(found: Comparison, path: Path) -> None:
-    """Draw the joints in the reference, and what each other answer differs by.
+def _draw(found: ComparedAnswers, path: Path) -> None:
+    """Draw a comparison.
 
     Of a tube the joints of the middle layer, unrolled; of other assemblies all joints.
-
-    Raises
-    ------
-    InputError
-        Answers that were pickled or read: they do not hold the blocks.
     """
     if found.static.problem is None:
         raise InputError(
@@ -146,7 +163,7 @@ def draw_comparison(found: Comparison, path: Path) -> None:
     gallery(columns, title, path, height=2.7 * max(len(column) for column in columns))
 
 
-def _pressed(found: Comparison, rows: IntArray, pressures: FloatArray) -> PressedFacets:
+def _pressed(found: ComparedAnswers, rows: IntArray, pressures: FloatArray) -> PressedFacets:
     """Some of the shared facets with some pressures (n,), before any displacement."""
     blocks = found.contacts["blocks"][rows]
     assembly = found.static.problem.blocks
@@ -161,7 +178,7 @@ def _pressed(found: Comparison, rows: IntArray, pressures: FloatArray) -> Presse
 
 
 def _difference(
-    found: Comparison, other: int, others: Sequence[int], rows: IntArray
+    found: ComparedAnswers, other: int, others: Sequence[int], rows: IntArray
 ) -> tuple[FloatArray, Scale]:
     """Pressures of an answer less those of the reference, and the colours of all differences."""
     reference = found.pressures[found.reference]
@@ -176,7 +193,7 @@ def _difference(
     return change, Scale(label, STRESS_MAP, -reach, reach, reached, diverging=True)
 
 
-def _tube_columns(found: Comparison, others: Sequence[int]) -> list[list[Panel]]:
+def _tube_columns(found: ComparedAnswers, others: Sequence[int]) -> list[list[Panel]]:
     """Pressures of the middle layer's joints, seen and unrolled; differences, unrolled."""
     pressures, name = found.pressures[found.reference], found.names[found.reference]
     facets = _pressed(found, found.faces["all"], pressures)
@@ -200,7 +217,7 @@ def _tube_columns(found: Comparison, others: Sequence[int]) -> list[list[Panel]]
     return columns
 
 
-def _wall_columns(found: Comparison, others: Sequence[int]) -> list[list[Panel]]:
+def _wall_columns(found: ComparedAnswers, others: Sequence[int]) -> list[list[Panel]]:
     """Pressures of all joints, and differences, from above and from below."""
     everything = found.faces["all"]
 

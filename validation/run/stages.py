@@ -7,7 +7,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from geometry.compilation import Compiling, compiling
+from geometry.compilation import compiling
+from geometry.compilation.clocks import Compiling
 
 
 class Stages:
