@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.errors import RefusedError
+from geometry.measures import first_largest
 from geometry.mesh import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -404,12 +405,12 @@ def largest_facet_mean(assembly: AnyBlocks, contacts: Mapping[str, Array]) -> Me
     pressures = contacts["pressure"]
     if not len(pressures):
         return Measure(0.0, "MPa")
-    worst = int(pressures.argmax())
+    worst = first_largest(pressures)
     m, s = contacts["blocks"][worst].tolist()
     face = str(contacts["side"][worst, 0]) if "side" in contacts else ""
     where = place(assembly, (m, s), contacts["centroid"][worst], face or None)
     where["facet_area"] = float(contacts["area"][worst])
-    return Measure(float(pressures[worst]), "MPa", place=where)
+    return Measure(float(pressures.max()), "MPa", place=where)
 
 
 def about_axis(assembly: Assembly, position: FloatArray) -> dict[str, float]:

@@ -25,6 +25,14 @@ from geometry.mesh import FloatArray, IntArray
 
 #: Pressures below this fraction of the largest are round-off of the solver.
 _ROUND_OFF = 1e-12
+#: Values that differ by a smaller share are those of symmetric places, but for what solvers leave.
+_TIE = 1e-6
+
+
+def first_largest(values: FloatArray) -> int:
+    """Flat index of the first of the largest values: of symmetric places the same one always."""
+    most = float(values.max())
+    return int(np.argmax(values.ravel() >= most - _TIE * abs(most)))
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ from fem.element.stress import (
 )
 from fem.problem.model import BlockGroup
 from fem.problem.recovery import block_displacements, moved_bodies
-from geometry.measures import JointResultants, summed_by_joint
+from geometry.measures import JointResultants, first_largest, summed_by_joint
 from geometry.mesh import HEX_FACES, FloatArray, IntArray
 
 #: Centres of balls lie this part of the radius apart: the mean over a ball changes little there.
@@ -77,12 +77,12 @@ def largest_pressure(
         return None
     found = _matched_peaks(law, state)
     if found is None:
-        point = int(np.argmax(state.point_pressures))
+        point = first_largest(state.point_pressures)
         facet, where = int(state.facet[point]), state.positions[point]
-        value, resolved = float(state.point_pressures[point]), True
+        value, resolved = float(state.point_pressures.max()), True
     else:
-        facet = int(np.argmax(found.values))
-        value, resolved = float(found.values[facet]), found.all_resolved
+        facet = first_largest(found.values)
+        value, resolved = float(found.values.max()), found.all_resolved
         where = _place_of_peak(deformable, found, facet)
     pair = int(state.block_m[facet]), int(state.block_s[facet])
     return Peak(value, pair, where, _nearest_face(deformable, pair[0], where), resolved)
@@ -132,12 +132,14 @@ def largest_displacement(
     deformable: DeformableAssembly, displacements: tuple[FloatArray, ...]
 ) -> Peak:
     """Node that moves most, and by how much [mm]."""
-    best: tuple[float, int, int] = (-1.0, 0, 0)
-    for block in deformable.deformable_blocks.tolist():
-        u = displacements[deformable.group_of[block]][deformable.copy_of[block]]
-        size = np.linalg.norm(u, axis=1)
-        best = max(best, (float(size.max()), block, int(size.argmax())))
-    value, block, node = best
+    blocks = deformable.deformable_blocks.tolist()
+    sizes = [
+        np.linalg.norm(displacements[deformable.group_of[b]][deformable.copy_of[b]], axis=1)
+        for b in blocks
+    ]
+    largest = np.array([size.max() for size in sizes])
+    first, value = first_largest(largest), float(largest.max())
+    block, node = blocks[first], first_largest(sizes[first])
     where = deformable.assembly.nodes(block)[node] + deformable.offsets[block]
     return Peak(value, (block,), where, _nearest_face(deformable, block, where))
 
@@ -198,10 +200,10 @@ def stress_peaks(
         moved = local[deformable.copy_of[blocks]]
         found.append(of_group(deformable, blocks, moved, averaging_radius))
     return StressPeaks(
-        sigma_1=max((f.sigma_1 for f in found), key=_value),
-        sigma_3=min((f.sigma_3 for f in found), key=_value),
-        mises=max((f.mises for f in found), key=_value),
-        sigma_1_averaged=max((f.sigma_1_averaged for f in found), key=_value),
+        sigma_1=_largest([f.sigma_1 for f in found]),
+        sigma_3=_largest([f.sigma_3 for f in found], -1.0),
+        mises=_largest([f.mises for f in found]),
+        sigma_1_averaged=_largest([f.sigma_1_averaged for f in found]),
         averaging_radius=averaging_radius,
         sigma_1_at_corners=max(f.sigma_1_at_corners for f in found),
         sigma_3_at_corners=min(f.sigma_3_at_corners for f in found),
@@ -209,8 +211,9 @@ def stress_peaks(
     )
 
 
-def _value(peak: Peak) -> float:
-    return peak.value
+def _largest(peaks: list[Peak], sign: float = 1.0) -> Peak:
+    values = sign * np.array([peak.value for peak in peaks])
+    return replace(peaks[first_largest(values)], value=sign * float(values.max()))
 
 
 def _group_peaks(
@@ -223,26 +226,24 @@ def _group_peaks(
     points = integration_points(group.mesh, group.element)
     per_element = len(points) // group.mesh.n_elements
 
-    def peak(values: FloatArray, at: FloatArray, copy: int, row: int, element: int | None) -> Peak:
-        block = int(blocks[copy])
+    def peak(values: FloatArray, at: FloatArray, *, inside: bool) -> Peak:
+        copy, row = (int(k) for k in np.unravel_index(first_largest(values), values.shape))
+        block, face = int(blocks[copy]), None
         where = deformable.assembly.place(block, at[row][None])[0] + deformable.offsets[block]
-        face = None if element is None else _element_face(deformable, block, element, at[row])
-        return Peak(float(values[copy, row]), (block,), where, face)
-
-    def inside(values: FloatArray, flat: int) -> Peak:
-        copy, row = np.unravel_index(flat, values.shape)
-        return peak(values, points, int(copy), int(row), int(row) // per_element)
+        if inside:
+            face = _element_face(deformable, block, row // per_element, at[row])
+        return Peak(float(values.max()), (block,), where, face)
 
     first, third, mises = principal[:, :, 0], principal[:, :, 2], von_mises(principal)
     balls = ball_averages(group, points, radius)
     averaged = principal_stress(balls.averaged(stress))[:, :, 0]
-    copy, row = np.unravel_index(int(averaged.argmax()), averaged.shape)
     at_corners = _corner_extremes(group, stress, principal)
+    least = peak(-third, points, inside=True)
     return StressPeaks(
-        inside(first, int(first.argmax())),
-        inside(third, int(third.argmin())),
-        inside(mises, int(mises.argmax())),
-        peak(averaged, balls.centres, int(copy), int(row), None),
+        peak(first, points, inside=True),
+        replace(least, value=-least.value),
+        peak(mises, points, inside=True),
+        peak(averaged, balls.centres, inside=False),
         radius,
         *at_corners,
     )

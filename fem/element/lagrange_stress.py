@@ -23,6 +23,7 @@ from fem.element.lagrange import (
     tensor_points,
 )
 from fem.element.stress import principal_stress, stress_of_gradient, von_mises
+from geometry.measures import first_largest
 from geometry.mesh import FloatArray, IntArray
 
 #: Size of cells over the radius of a ball.
@@ -87,16 +88,16 @@ class SampledStress:
     def extreme(self, component: int) -> PointValue:
         """Largest first (0) or least third (2) principal stress."""
         values = self.principal[..., component]
-        return self._at(values, int(values.argmax() if component == 0 else values.argmin()))
+        return self._at(values if component == 0 else -values, 1.0 if component == 0 else -1.0)
 
     def largest_mises(self) -> PointValue:
         """Largest von Mises stress."""
         values = von_mises(self.principal)
-        return self._at(values, int(values.argmax()))
+        return self._at(values, 1.0)
 
-    def _at(self, values: FloatArray, flat: int) -> PointValue:
-        layer, element, point = np.unravel_index(flat, values.shape)
-        value = float(values[layer, element, point])
+    def _at(self, values: FloatArray, sign: float) -> PointValue:
+        layer, element, point = np.unravel_index(first_largest(values), values.shape)
+        value = sign * float(values.max())
         return PointValue(value, int(layer) + 1, self.positions[element, point], None)
 
 
@@ -195,8 +196,8 @@ def averaged_tension(bodies: MovedBodies, radius: float) -> tuple[PointValue, Po
 
 def _largest_at(values: FloatArray, positions: FloatArray) -> PointValue:
     """The largest of values (n_bodies, n) at positions (n, 3)."""
-    layer, which = np.unravel_index(int(values.argmax()), values.shape)
-    return PointValue(float(values[layer, which]), int(layer) + 1, positions[which], None)
+    layer, which = np.unravel_index(first_largest(values), values.shape)
+    return PointValue(float(values.max()), int(layer) + 1, positions[which], None)
 
 
 def _largest(places: FloatArray, tension: FloatArray, share: float) -> FloatArray:
