@@ -263,7 +263,7 @@ def test_every_load_has_a_name(load) -> None:
 
 
 def test_what_an_answer_does_not_have_is_refused(problem) -> None:
-    with pytest.raises(ProblemError, match=r"friction: got 0\.3; rigid blocks"):
+    with pytest.raises(ProblemError, match=r"friction: got 0\.3; the rigid-block analysis"):
         analyse(replace(problem, friction=0.3))
     with pytest.raises(ProblemError, match="clearance"):
         analyse(replace(problem, clearance=0.1))

@@ -36,7 +36,7 @@ def scene(**sections: object) -> TubeScene:
 @pytest.mark.parametrize(
     ("command", "used"),
     [
-        (("mbd", "--json", "a.json"), ()),
+        (("mbd", "--json", "a.json"), ("mesh",)),
         (("fem", "--json", "a.json", *settings(*SMALL, *ONE_MESH)), ("material", "contact")),
         (("compare", "--json", "a.json", *settings(*SMALL, *ONE_MESH)), ("material", "contact")),
         (("export", "-o", "a.inp"), ("material", "contact", "fem")),

@@ -150,7 +150,8 @@ class ContactLaw:
         beyond = np.clip(given - law.linear_start, 0.0, LARGEST_OVERCLOSURE - law.linear_start)
         linear = law.linear_pressure + 0.5 * law.linear_stiffness * beyond
         curve = law.scale * law.length * _energy_integral(x)
-        return np.where(beyond > 0.0, law.linear_energy + beyond * linear, curve)
+        with np.errstate(under="ignore"):  # no energy, then
+            return np.where(beyond > 0.0, law.linear_energy + beyond * linear, curve)
 
     def overclosure(self, pressure: npt.ArrayLike) -> FloatArray:
         """Inverse of `pressure`: overclosures [mm] for pressures [MPa] of any shape.
