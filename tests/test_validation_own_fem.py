@@ -176,7 +176,8 @@ def test_the_frame_of_a_wall_carries_the_load(
 @pytest.mark.slow
 def test_a_wall_is_compared_and_drawn(tubelock, tmp_path: Path) -> None:  # noqa: F811
     small = [
-        f"--set={s}" for s in ("assembly.layers=1", "assembly.columns=1", "mesh.divisions=[8,2,2]")
+        *("--set", "assembly.layers=1", "--set", "assembly.columns=1"),
+        *("--set", "mesh.divisions=[8,2,2]", "--set", "fem.mesh=scene"),
     ]
     folder = tmp_path / "wall"
     status, out, _ = tubelock("compare", "osteomorphic", *small, "--no-explicit", "-o", str(folder))
