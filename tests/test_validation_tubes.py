@@ -68,6 +68,7 @@ def test_sector_and_whole_tube_give_the_same_digits() -> None:
         np.testing.assert_allclose(b, a, atol=1e-6 * np.abs(a).max())
 
 
+@pytest.mark.slow
 def test_sector_is_refused_where_the_load_breaks_it(tubelock) -> None:  # noqa: F811
     status, _, err = tubelock("fem", "tsb1-beam", *SETTINGS, "--set", "fem.symmetry=sector")
     assert status == 2
