@@ -22,7 +22,7 @@ from geometry.answer import (
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
-from geometry.measures import JointResultants, Measures, joint_resultants
+from geometry.measures import JointResultants, Measures, first_largest, joint_resultants
 from geometry.mesh import FloatArray, IntArray
 from mbd.analysis import RigidResult, RigidStatement, check_types, rigid_result
 from mbd.mechanism import Classification, Mechanism, SelfStress
@@ -269,13 +269,13 @@ def _joint_extremes(assembly: AnyBlocks, joints: JointResultants) -> dict[str, M
     if not len(joints.block_m):
         return {}
     force, found = joints.normal_force, {}
-    for name, k in (
-        ("least_joint_force", int(np.argmin(force))),
-        ("largest_joint_force", int(np.argmax(force))),
+    for name, extreme, k in (
+        ("least_joint_force", force.min(), first_largest(force.max() - force)),
+        ("largest_joint_force", force.max(), first_largest(force)),
     ):
         pair = int(joints.block_m[k]), int(joints.block_s[k])
         where = place(assembly, pair, joints.centroids[k])
-        found[name] = Measure(float(force[k]), "N", place=where)
+        found[name] = Measure(float(extreme), "N", place=where)
     return found
 
 

@@ -295,15 +295,12 @@ def _dead_loads(
     loads = []
     for number in range(len(groups)):
         copies, nodes, forces = [], [], []
-        known: dict[bytes, FloatArray | None] = {}
+        known: dict[bytes | None, FloatArray | None] = {}
         for block in np.flatnonzero(group_of == number).tolist():
             pressed = _pressed(load, block)
             if pressed is None or pressed not in known:
-                local = block_load_forces(assembly, load, block)
-            else:
-                local = known[pressed]
-            if pressed is not None:
-                known[pressed] = local
+                known[pressed] = block_load_forces(assembly, load, block)
+            local = known[pressed]
             if local is None:
                 continue
             where = np.flatnonzero(local.any(axis=1))
