@@ -30,16 +30,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from fem.accuracy.statics import solve_static
     from fem.assembly.deformable import Frames
     from fem.assembly.statement import Problem
     from fem.contact.friction import CoulombFriction
     from fem.contact.law import ExponentialLaw, LinearPenalty
     from fem.contact.own_law import TabularLaw
     from fem.decks.problem import write_deck
+    from fem.dynamics import solve_explicit
     from fem.element.hexahedron import ElementType
     from fem.element.material import Material, concrete
     from fem.explicit.solve import solve
-    from fem.solvers import solve_explicit, solve_static
     from fem.static.solve import StaticOptions
 
 __all__ = [
@@ -72,8 +73,8 @@ _PLACES = {
     "StaticOptions": ("fem.static.solve", "StaticOptions"),
     "concrete": ("fem.element.material", "concrete"),
     "solve": ("fem.explicit.solve", "solve"),
-    "solve_explicit": ("fem.solvers", "solve_explicit"),
-    "solve_static": ("fem.solvers", "solve_static"),
+    "solve_explicit": ("fem.dynamics", "solve_explicit"),
+    "solve_static": ("fem.accuracy.statics", "solve_static"),
     "write_deck": ("fem.decks.problem", "write_deck"),
 }
 

@@ -7,7 +7,7 @@ import pytest
 from fem.accuracy.converge import LEAST_MESHES, MOST_WORK, TARGETS, converge, is_reached
 from fem.accuracy.errors import ALTERNATING, SAFETY, Falls, falling_bar
 from fem.accuracy.ladder import LADDER
-from fem.solvers import solve_static
+from fem.accuracy.statics import solve_static
 from geometry.answer import WIDEST, Measure
 from tests.verification import error_bars
 from tests.verification.error_problems import Case, cases

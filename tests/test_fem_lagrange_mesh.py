@@ -11,6 +11,7 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
+from fem.accuracy.statics import solve_static
 from fem.assembly.contact_state import corner_displacements
 from fem.assembly.peaks import largest_pressure
 from fem.assembly.statement import Problem, ProblemError
@@ -20,11 +21,11 @@ from fem.contact.law import LinearPenalty
 from fem.contact.surfaces import ContactNormals
 from fem.decks.statement import Flavour
 from fem.decks.write import write_deck
+from fem.dynamics import solve_explicit
 from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, serendipity_block, with_degree
 from fem.element.material import Material
 from fem.problem.loads import pressure_forces
 from fem.problem.model import block_group, lumped_mass
-from fem.solvers import solve_explicit, solve_static
 from fem.static.solve import StaticMethod, StaticOptions
 from geometry.block import Block
 from geometry.families.boxes import ColumnBox, box_column

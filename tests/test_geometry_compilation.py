@@ -215,3 +215,22 @@ finally:
     line = [sys.executable, "-c", script, module, *given]
     done = subprocess.run(line, check=False, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_a_static_solution_in_python_loads_no_compiler() -> None:
+    script = """
+import sys
+from fem import Problem, concrete, solve_static
+from geometry import SineBlock, pipe, tube
+block = SineBlock(
+    height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
+)
+problem = Problem(tube(block, layers=1, mesh=(12, 1, 4)), pipe(0.01), concrete)
+answer = solve_static(problem, accuracy={"u": 0.5})
+assert answer.as_dict()["measures"]["p_max"]["error"] > 0.0
+assert not {"numba", "llvmlite"} & set(sys.modules)
+"""
+    line = [sys.executable, "-c", script]
+    done = subprocess.run(line, check=False, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

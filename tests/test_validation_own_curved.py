@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
+from fem.accuracy.statics import solve_static
 from fem.assembly.statement import Problem
 from fem.element.lagrange_mesh import LagrangeMesh, block_lumped_mass, with_degree
 from fem.element.material import Material
 from fem.problem.model import block_group
-from fem.solvers import solve_static
 from geometry.block import Block
 from geometry.files.block_files import read_blocks
 from geometry.files.hexahedral_solids import file_blocks

@@ -12,12 +12,12 @@ import pytest
 from scipy.optimize import brentq
 
 from fem.accuracy.one_mesh import static_solution
+from fem.accuracy.statics import solve_static
 from fem.assembly.statement import Problem
 from fem.contact.law import LinearPenalty
 from fem.decks.statement import Flavour
 from fem.element.material import Material
 from fem.problem.loads import wrench_forces
-from fem.solvers import solve_static
 from geometry.assembly import Assembly
 from geometry.block import box_block
 from geometry.families.boxes import ColumnBox, box_column, unmatched_joints

@@ -362,3 +362,12 @@ class Problem:
             surfaces=surfaces,
             contact=Contact(self.contact_law, self.normals, self.coulomb, sliding),
         )
+
+
+def require_problem(problem: object) -> None:
+    """Reject what is no statement of a problem."""
+    if not isinstance(problem, Problem):
+        raise ProblemError(
+            f"problem: got a {type(problem).__name__}; expected "
+            "Problem(blocks, pipe(0.01), concrete)"
+        )

@@ -26,8 +26,8 @@ from fem.accuracy.converge import (
     is_reached,
 )
 from fem.accuracy.ladder import LADDER, Ladder, Rung
+from fem.accuracy.statics import solve_static
 from fem.assembly.statement import Problem
-from fem.solvers import solve_static
 from geometry.answer import WIDEST, Measure
 from tests.verification.error_problems import FINER, Case, cases
 

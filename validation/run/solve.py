@@ -379,8 +379,8 @@ def run_explicit(
     InputError
         Input that cannot be run, or a run that went unstable (with the remedy).
     """
+    from fem.dynamics import explicit_answer
     from fem.explicit.solve import Output
-    from fem.solvers import explicit_answer
 
     with stages() as watch:
         fem = fem_section(scene, name)

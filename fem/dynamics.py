@@ -1,27 +1,15 @@
-"""Static and explicit answers to one statement (`fem.assembly.statement.Problem`)."""
+"""Explicit answers to a problem (`fem.assembly.statement.Problem`)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from fem.accuracy.converge import (
-    MOST_WORK,
-    TARGETS,
-    AccuracyError,
-    checked_targets,
-    converge,
-    default_options,
-    why_not_refined,
-)
-from fem.accuracy.converge import Progress as Refinement
-from fem.accuracy.one_mesh import static_errors, static_solution
 from fem.answer import answer_of
-from fem.assembly.statement import Problem, ProblemError
-from fem.element.hexahedron import ElementType
+from fem.assembly.statement import Problem, ProblemError, require_problem
 from fem.explicit.output.checkpoint import OtherProblemError
 from fem.explicit.setup.assembly import ExplicitAssembly
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
@@ -36,119 +24,7 @@ from fem.explicit.solve import (
 )
 from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.solution import RESIDUAL, Solution
-from fem.static.solve import StaticOptions
 from geometry.answer import Answer
-
-
-def solve_static(
-    problem: Problem,
-    options: StaticOptions | None = None,
-    *,
-    mesh: Literal["converged", "scene"] | None = None,
-    accuracy: Mapping[str, float] | None = None,
-    error_bars: bool = True,
-    max_seconds: float | None = None,
-    progress: Callable[[Refinement], None] | None = None,
-) -> Answer:
-    """Solve for the static state, by Newton's method, on meshes as fine as its accuracy needs.
-
-    Parameters
-    ----------
-    problem
-        The statement.
-    options
-        Tolerance, symmetry, load steps. None: with friction as many load steps as it takes for
-        the answer to change by less than 1 % when they are doubled.
-    mesh
-        ``converged``: finer and finer meshes until the requested error bars are reached; the mesh
-        of the problem gives the facets of `p_eff`, `p_max` and `p_max_facet`. ``scene``: exactly
-        the mesh of the problem. None: ``converged``, unless the problem states a degree or an
-        element, or cannot be refined.
-    accuracy
-        Relative error bars [-] by measure, such as ``{"p_max_point": 0.03}``; None: 5 % of
-        displacement, p_eff, pressure at a point and averaged tension.
-    error_bars
-        Whether measures on the mesh of the problem have error bars, from coarser meshes.
-    max_seconds
-        CPU time that refining may take [s]; None: a fixed amount of work, about 20 CPU s, so that a
-        problem has one answer on every machine; no limit with an accuracy.
-    progress
-        Called before each mesh.
-
-    Returns
-    -------
-    Answer
-        Its report says under ``accuracy`` what was reached, and what ended the refinement.
-
-    Raises
-    ------
-    ProblemError
-        An initial motion, which needs an explicit run.
-    AccuracyError
-        A requested accuracy of a problem that cannot be refined, or beside ``mesh = "scene"``.
-    StaticError
-        Without an equilibrium, or where Newton's method did not converge.
-    ContactError
-        Blocks overlap at the start by more than the contact law covers.
-    DeformableAssemblyError
-        Blocks are unrestrained, or fixed blocks have no outer face.
-    SymmetryError
-        The requested symmetry is not one of the load or the supports.
-    """
-    _require_problem(problem)
-    problem.refuse_motion()
-    if refines(problem, mesh, accuracy):
-        found = converge(
-            problem,
-            TARGETS if accuracy is None else checked_targets(accuracy),
-            options=options,
-            max_seconds=max_seconds,
-            most_work=MOST_WORK if accuracy is None else None,
-            progress=progress,
-        )
-        return answer_of(
-            found.solution,
-            found.errors,
-            facets=found.facets,
-            remarks=found.remarks,
-            problem=problem,
-            beside=lambda: found.report,
-        )
-    options = default_options() if options is None else options
-
-    def solve_on(stated: Problem) -> Solution:
-        return static_solution(stated.deformable, options, finite_rotation=stated.finite_rotation)
-
-    solution = solve_on(problem)
-    errors = static_errors(problem, solution, solve_on) if error_bars else {}
-    return answer_of(solution, errors, problem=problem)
-
-
-def _require_problem(problem: object) -> None:
-    """Reject what is no statement of a problem."""
-    if not isinstance(problem, Problem):
-        raise ProblemError(
-            f"problem: got a {type(problem).__name__}; expected "
-            "Problem(blocks, pipe(0.01), concrete)"
-        )
-
-
-def refines(problem: Problem, mesh: str | None, accuracy: Mapping[str, float] | None) -> bool:
-    """Whether a static problem is solved on finer and finer meshes.
-
-    Raises
-    ------
-    AccuracyError
-        An accuracy that is requested of one mesh.
-    """
-    if mesh == "scene" and accuracy is not None:
-        raise AccuracyError(
-            'accuracy: got one beside mesh = "scene", which is one mesh; expected one of the two'
-        )
-    if mesh is not None or accuracy is not None:
-        return mesh != "scene"
-    stated = problem.degree > 1 or problem.element is not ElementType.INCOMPATIBLE
-    return not stated and why_not_refined(problem) is None
 
 
 def solve_explicit(
@@ -194,7 +70,7 @@ def solve_explicit(
     UnstableRun
         A run that gained energy.
     """
-    _require_problem(problem)
+    require_problem(problem)
     if problem.degree > 1:
         raise ProblemError(
             f"degree: got {problem.degree}; explicit runs have elements of degree 1: expected "
