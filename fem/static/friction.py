@@ -1,9 +1,10 @@
 """Friction in the static problem: more rows of the same kind as the contact points.
 
 The slip of a point along two tangents is linear in the displacement, like its overclosure; the
-friction traction stands for the pressure. The sliding limit mu p is that of the last pressures,
-which follows from iteration to iteration (its feedback is of order mu). Within one load step the
-anchors are those of the step's start; at its end they move.
+friction traction stands for the pressure. A sliding point has no stiffness along its slip; its
+traction mu p follows the pressure within the linear problem, so the force of one unit of pressure
+leans by mu (`Linearisation.push`). Within one load step the anchors are those of the step's start;
+at its end they move.
 """
 
 from __future__ import annotations
@@ -17,10 +18,6 @@ from fem.assembly.local_system import LocalSystem
 from fem.contact.friction import CoulombFriction, friction_tractions
 from fem.static.linear_step.linearisation import Linearisation
 from geometry.mesh import FloatArray
-
-#: Stiffness along the sliding direction relative to sticking: the law has none, and with none
-#: the constant traction would be lost from the linear problem.
-_SLIDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -42,53 +39,50 @@ class FrictionRows:
         return slip.reshape(*self.tangents.shape[:3])
 
     def linearise(
-        self,
-        displacement: FloatArray,
-        anchor: FloatArray,
-        pressure: FloatArray,
-        stiffness: FloatArray | None = None,
+        self, normal: Linearisation, displacement: FloatArray, anchor: FloatArray
     ) -> Linearisation:
-        """Tangent of the tractions along the sliding direction and across it.
+        """Join the tangent of the tractions, along the slip and across it, to that of the law.
 
         Parameters
         ----------
+        normal
+            Of the law: its pressures limit friction.
         displacement
             (n_nodes, 3) [mm].
         anchor
             (n_facets, n_points, 2) [mm].
-        pressure
-            What limits friction, (n_facets, n_points) [MPa].
-        stiffness
-            Its slope by the overclosure [MPa/mm], which the limit follows; None: it is frozen.
         """
+        pressure, stick = normal.pressure, self.friction.stick_stiffness
         slip = self.slip(displacement)
         traction, moved = friction_tractions(self.friction, slip, anchor, pressure)
-        stick = self.friction.stick_stiffness
         size = np.linalg.norm(slip - anchor, axis=2)
         length = np.maximum(size, np.finfo(np.float64).tiny)
         along = np.where((size > 0.0)[:, :, None], (slip - anchor) / length[:, :, None], [1.0, 0.0])
         across = np.stack([-along[:, :, 1], along[:, :, 0]], axis=2)
-        slides = (moved != anchor).any(axis=2)
-        pressed = pressure > 0.0
-        stiff_along = stick * np.where(slides, _SLIDING, 1.0) * pressed
+        slides, pressed = (moved != anchor).any(axis=2), pressure > 0.0
+        stiff_along = np.where(slides, 0.0, stick) * pressed
         secant = np.linalg.norm(traction, axis=2) / length
         stiff_across = np.where(slides, secant, stick) * pressed
         turn = np.stack([along, across], axis=2)
         gradient = np.einsum("fpki,fpiax->fpkax", turn, self._by_tangent())
-        at = np.einsum("fpki,fpi->fpk", turn, slip)
+        leans = np.where(slides & pressed, self.friction.coefficient, 0.0)
+        push = normal.gradient + leans[:, :, None, None] * gradient[:, :, 0]
         rows = self.gradient.shape[:2]
-        coupling = None
-        if stiffness is not None:
-            follows = np.where(slides, self.friction.coefficient * stiffness, 0.0)
-            coupling = np.stack([follows, np.zeros_like(follows)], axis=2).reshape(rows)
-        return Linearisation(
-            weights=np.repeat(self.system.surfaces.weights, 2, axis=1),
-            gradient=gradient.reshape(self.gradient.shape),
+        gradient = gradient.reshape(self.gradient.shape)
+        tangential = replace(
+            normal,
+            weights=np.repeat(normal.weights, 2, axis=1),
+            gradient=gradient,
             constant=np.zeros(rows),
-            at=at.reshape(rows),
-            pressure=np.einsum("fpki,fpi->fpk", turn, traction).reshape(rows),
+            at=np.einsum("fpki,fpi->fpk", turn, slip).reshape(rows),
+            pressure=np.einsum(
+                "fpki,fpi->fpk", turn, np.where(slides[:, :, None], 0.0, traction)
+            ).reshape(rows),
             stiffness=np.stack([stiff_along, stiff_across], axis=2).reshape(rows),
-            coupling=coupling,
+        )
+        return replace(
+            _joined(normal, tangential),
+            push=np.concatenate([push, gradient], axis=1) if leans.any() else None,
         )
 
     def _by_tangent(self) -> FloatArray:
@@ -114,11 +108,11 @@ def friction_rows(system: LocalSystem, friction: CoulombFriction) -> FrictionRow
     return FrictionRows(system, friction, tangents, system.local_gradient(world))
 
 
-def joined(normal: Linearisation, tangential: Linearisation) -> Linearisation:
+def _joined(normal: Linearisation, tangential: Linearisation) -> Linearisation:
     """Both kinds of rows in one linear problem."""
-    names = (f.name for f in fields(normal) if f.name not in {"load_factor", "coupling"})
+    names = (f.name for f in fields(normal) if f.name not in {"load_factor", "push"})
     both: dict[str, Any] = {
         name: np.concatenate([getattr(normal, name), getattr(tangential, name)], axis=1)
         for name in names
     }
-    return replace(normal, coupling=tangential.coupling, **both)
+    return replace(normal, **both)

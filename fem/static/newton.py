@@ -31,11 +31,10 @@ from fem.assembly.local_system import FreeMotions, LocalSystem
 from fem.contact.friction import friction_tractions
 from fem.contact.surfaces import ContactNormals, PointKinematics
 from fem.static.energy_descent import minimise_energy
-from fem.static.friction import FrictionRows, joined
+from fem.static.friction import FrictionRows
 from fem.static.linear_step.linearisation import (
     Linearisation,
     LinearStep,
-    SparseStep,
     UnheldBlocksError,
     coarsened,
 )
@@ -65,10 +64,6 @@ _CONTACT_SHARE = 1e-2
 _PATIENCE = 40
 _PATIENCE_NEAR = 10
 _NEAR = 1e-2
-#: Iterations without a better residual after which friction limits follow the pressures by half:
-#: with much friction (mu 0.6) pressures and their limits drive each other up and down.
-_SWINGING = 6
-_LIMIT_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -83,11 +78,6 @@ class StaticProblem:
     friction: FrictionRows | None
     normals: ContactNormals
     free: FreeMotions | None
-
-    @property
-    def couples(self) -> bool:
-        """Whether limits of friction follow the pressures within a linear problem."""
-        return isinstance(self.step, SparseStep)
 
     def kinematics(self, displacement: FloatArray) -> PointKinematics:
         """Overclosures and gradients at a displacement."""
@@ -107,9 +97,6 @@ class StaticState:
     rescues: int = 0
     coarse_iterations: int = 0
     anchor: FloatArray | None = None
-    limiting: FloatArray | None = None
-    """Pressures whose friction limits the last linear problem had."""
-    swinging: bool = False
     dissipation: float = 0.0
     residuals: tuple[float, ...] = ()
     converged: bool = False
@@ -169,8 +156,6 @@ def converge(problem: StaticProblem, state: StaticState) -> StaticState:
     for _ in range(problem.max_iterations):
         state = _iterate(problem, state)
         since = 0 if state.residuals[-1] < 0.9 * least else since + 1
-        if problem.friction is not None and since == _SWINGING and not state.swinging:
-            state, since = replace(state, swinging=True), 0
         least = min(least, state.residuals[-1])
         if state.converged or since > (_PATIENCE_NEAR if least < _NEAR else _PATIENCE):
             break
@@ -211,7 +196,6 @@ def _iterate(problem: StaticProblem, state: StaticState) -> StaticState:
     """One linear problem, and what follows from it."""
     system, law = problem.system, problem.system.deformable.contact.law
     linear = _linearise(system, state)
-    state = _with_limits(problem, state)
     trial, state = _solve(problem, _linear_problem(problem, linear, state), state)
     share = _step_share(problem, linear, state, trial)
     displacement = state.displacement + share * (trial - state.displacement)
@@ -242,22 +226,7 @@ def _linear_problem(
         return coarsened(normal)
     if problem.friction is None:
         return normal
-    assert state.limiting is not None
-    slope = normal.stiffness if problem.couples else None
-    rows = problem.friction.linearise(state.displacement, anchor_of(state), state.limiting, slope)
-    return joined(normal, rows)
-
-
-def _with_limits(problem: StaticProblem, state: StaticState) -> StaticState:
-    """The state with the pressures that limit friction in the next linear problem."""
-    if problem.friction is None:
-        return state
-    if problem.couples:
-        return replace(state, limiting=problem.system.deformable.contact.law.pressure(state.at))
-    pressure = problem.system.deformable.contact.law.pressure(state.kinematics.overclosure)
-    if state.swinging and state.limiting is not None:
-        pressure = state.limiting + _LIMIT_SHARE * (pressure - state.limiting)
-    return replace(state, limiting=pressure)
+    return problem.friction.linearise(normal, state.displacement, anchor_of(state))
 
 
 def _linearise(system: LocalSystem, state: StaticState) -> Linearisation:
@@ -315,9 +284,10 @@ def _step_share(
     """Share of the way to the linear solution at which the energy is least.
 
     One, unless the energy rises steeply at the end. Along the way overclosures and slips are
-    linear, so the energy is convex (friction limits frozen) and the slope is found by bisection
-    from contact points alone. A way on which supports move goes to its end: energy that they
-    bring in says nothing, and no other state has them where they are prescribed.
+    linear, so without friction the energy is convex, and its slope, the work of the unbalanced
+    forces, is found by bisection from contact points alone. A way on which supports move goes to
+    its end: energy that they bring in says nothing, and no other state has them where they are
+    prescribed.
     """
     system, step = problem.system, problem.step
     if not system.has_prescribed(state.displacement):
@@ -335,7 +305,7 @@ def _step_share(
     def slope(share: float) -> float:
         pressure = law.pressure(before + share * change)
         normal = float(np.vdot(weights * pressure, change))
-        return start + share * growth + normal + sliding(share)
+        return start + share * growth + normal + sliding(share, pressure)
 
     first = slope(0.0)
     if not first < 0.0 or slope(1.0) <= -_OVERSHOOT * first:
@@ -352,16 +322,15 @@ def _step_share(
 
 def _sliding_slope(
     problem: StaticProblem, state: StaticState, way: FloatArray
-) -> Callable[[float], float]:
-    """Work of the friction per share of a way, as a function of the share."""
+) -> Callable[[float, FloatArray], float]:
+    """Work of the friction per share of a way, as a function of the share and the pressures."""
     rows = problem.friction
     if rows is None:
-        return lambda _: 0.0
-    pressure = problem.system.deformable.contact.law.pressure(state.kinematics.overclosure)
+        return lambda _share, _pressure: 0.0
     before, change, anchor = rows.slip(state.displacement), rows.slip(way), anchor_of(state)
     weighted = problem.system.surfaces.weights[:, :, None] * change
 
-    def slope(share: float) -> float:
+    def slope(share: float, pressure: FloatArray) -> float:
         traction, _ = friction_tractions(rows.friction, before + share * change, anchor, pressure)
         return float(np.vdot(weighted, traction))
 

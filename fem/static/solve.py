@@ -284,7 +284,7 @@ def _load_up(
     """Apply the load in parts."""
     for factor in _load_path(problem, options, parts):
         begin = state.displacement
-        state = replace(state, load_factor=factor, converged=False, swinging=False)
+        state = replace(state, load_factor=factor, converged=False)
         reached = converge(problem, state)
         if problem.friction is not None and reached.residuals[-1] > _HISTORY:
             # What follows would start from a history that no equilibrium has.
@@ -353,7 +353,7 @@ def _searched_anew(
     there = _problem(system.deformable, system.orbits, options, store, points)
     kinematics = there.kinematics(state.displacement)
     at = kinematics.overclosure
-    return there, replace(state, kinematics=kinematics, at=at, limiting=None)
+    return there, replace(state, kinematics=kinematics, at=at)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,9 @@ Level k has unknowns q (forces) and α (motions):
 
 Only the last forces of a level, those shared with the next one, couple with it. A is positive
 definite, so each level is a Cholesky factorisation, and a small one for its motions.
+
+Where points slide, the friction that follows a contact force turns its direction: A, and the
+couplings, are not symmetric then (`Leaning`), and each level is an LU factorisation.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from geometry.mesh import FloatArray
+from geometry.mesh import FloatArray, IntArray
 
 #: Forces and motions of a level, or their right-hand sides.
 Side = tuple[FloatArray, FloatArray]
@@ -52,15 +55,96 @@ class Level:
     """Coupling of the shared forces with the next level's forces, (n - first_shared, n_next)."""
     next_motions: FloatArray
     """Minus their coupling with its motions, like C; (n - first_shared, n_motions_next)."""
+    leaning: Leaning | None = None
+    """What the forces do where that is not what they feel; None: the system is symmetric."""
+
+    @property
+    def pushed(self) -> Leaning:
+        """What the forces do."""
+        if self.leaning is not None:
+            return self.leaning
+        return Leaning(self.motions, self.next_flexibility.T, self.next_motions)
+
+
+@dataclass(frozen=True)
+class Leaning:
+    """What the forces of a level do to motions and to the next level, when they lean."""
+
+    motions: FloatArray
+    """C of the balance of motions, (n, n_motions)."""
+    next_flexibility: FloatArray
+    """Coupling of the next level's forces with the shared ones, (n_next, n - first_shared)."""
+    next_motions: FloatArray
+    """Like C in the balance of the next motions, (n - first_shared, n_motions_next)."""
 
 
 @dataclass(frozen=True)
 class _Eliminated:
-    """Factors of one level."""
+    """Factors of one symmetric level."""
 
     factor: FloatArray
     motions: FloatArray
     pivot: FloatArray
+
+    def solve(self, force_side: FloatArray, motion_side: FloatArray) -> Side:
+        """(q, α) for given right-hand sides."""
+        right = _lower_solve(self.factor, force_side)
+        alpha = np.zeros(len(motion_side))
+        if len(alpha):
+            alpha = -scipy.linalg.cho_solve((self.pivot, True), motion_side + self.motions.T @ right)
+        forces = scipy.linalg.solve_triangular(
+            self.factor, right + self.motions @ alpha, lower=True, trans="T", check_finite=False
+        )
+        return forces, alpha
+
+    def update(self, level: Level, after: Level) -> None:
+        """Subtract what the level does to the next one."""
+        first = level.first_shared
+        n = level.next_flexibility.shape[1]
+        coupling = np.asfortranarray(np.hstack([level.next_flexibility, -level.next_motions]))
+        response = _lower_solve(self.factor[first:, first:], coupling)
+        update = response.T @ response
+        if len(self.pivot):
+            through = _lower_solve(self.pivot, self.motions[first:].T @ response)
+            update -= through.T @ through
+        after.flexibility[...] -= update[:n, :n]
+        after.motions[...] += update[:n, n:]
+        after.holding[...] += update[n:, n:]
+
+
+@dataclass(frozen=True)
+class _Leant:
+    """Factors of one level whose forces lean."""
+
+    factor: tuple[FloatArray, IntArray]
+    motions: FloatArray
+    """A⁻¹ C."""
+    pushed: FloatArray
+    """C of the balance of motions."""
+    pivot: FloatArray
+
+    def solve(self, force_side: FloatArray, motion_side: FloatArray) -> Side:
+        """(q, α) for given right-hand sides, of one column or several."""
+        forces = scipy.linalg.lu_solve(self.factor, force_side, check_finite=False)
+        if not len(self.pivot):
+            return forces, np.zeros_like(motion_side)
+        alpha = -np.linalg.solve(self.pivot, motion_side + self.pushed.T @ forces)
+        return forces + self.motions @ alpha, alpha
+
+    def update(self, level: Level, after: Level) -> None:
+        """Subtract what the level does to the next one."""
+        assert level.leaning is not None
+        assert after.leaning is not None
+        first, n = level.first_shared, level.next_flexibility.shape[1]
+        coupling = np.zeros((len(self.motions), n + level.next_motions.shape[1]), order="F")
+        coupling[first:] = np.hstack([level.next_flexibility, -level.next_motions])
+        response, _ = self.solve(coupling, np.zeros((len(self.pivot), coupling.shape[1])))
+        pushed = level.leaning
+        update = np.vstack([pushed.next_flexibility, -pushed.next_motions.T]) @ response[first:]
+        after.flexibility[...] -= update[:n, :n]
+        after.motions[...] += update[:n, n:]
+        after.leaning.motions[...] += update[n:, :n].T
+        after.holding[...] += update[n:, n:]
 
 
 @dataclass(frozen=True)
@@ -68,7 +152,7 @@ class ChainFactor:
     """A chain with all its levels eliminated: solves for any right-hand sides."""
 
     levels: Sequence[Level]
-    eliminated: tuple[_Eliminated, ...]
+    eliminated: tuple[_Eliminated | _Leant, ...]
 
     def solve(self, sides: Sequence[Side]) -> list[Side]:
         """Solve for the forces and motions of all levels.
@@ -90,9 +174,10 @@ class ChainFactor:
         ):
             side = (force, motion) if change is None else (force - change[0], motion - change[1])
             done.append(side)
-            forces, _ = _solve(eliminated, *side)
+            forces, _ = eliminated.solve(*side)
             shared = forces[level.first_shared :]
-            change = level.next_flexibility.T @ shared, -level.next_motions.T @ shared
+            pushed = level.pushed
+            change = pushed.next_flexibility @ shared, -pushed.next_motions.T @ shared
         result: list[Side] = []
         for level, eliminated, side in zip(
             reversed(self.levels), reversed(self.eliminated), reversed(done), strict=True
@@ -102,7 +187,7 @@ class ChainFactor:
                 after = result[-1]
                 shared = level.next_motions @ after[1] - level.next_flexibility @ after[0]
                 force[level.first_shared :] += shared
-            result.append(_solve(eliminated, force, side[1]))
+            result.append(eliminated.solve(force, side[1]))
         return result[::-1]
 
 
@@ -116,12 +201,12 @@ def factor_chain(levels: Sequence[Level]) -> ChainFactor:
     LinAlgError
         A flexibility that is not positive definite.
     """
-    done: list[_Eliminated] = []
+    done: list[_Eliminated | _Leant] = []
     for k, level in enumerate(levels):
-        eliminated = _eliminate(k, level)
+        eliminated = _eliminate(k, level) if level.leaning is None else _eliminate_leaning(k, level)
         done.append(eliminated)
         if k + 1 < len(levels):
-            _update(level, eliminated, levels[k + 1])
+            eliminated.update(level, levels[k + 1])
     return ChainFactor(levels, tuple(done))
 
 
@@ -143,46 +228,24 @@ def _eliminate(number: int, level: Level) -> _Eliminated:
     )
 
 
+def _eliminate_leaning(number: int, level: Level) -> _Leant:
+    assert level.leaning is not None
+    factor = scipy.linalg.lu_factor(level.flexibility, overwrite_a=True, check_finite=False)
+    motions = scipy.linalg.lu_solve(factor, level.motions, check_finite=False)
+    pushed = level.leaning.motions
+    pivot = level.holding + pushed.T @ motions
+    _check_resistance(number, pivot)
+    return _Leant(factor, motions, pushed, pivot)
+
+
 def _check_resistance(number: int, pivot: FloatArray) -> None:
+    """Reject a motion whose share of the resistance is below `_SMALLEST_PIVOT`."""
     if not len(pivot):
         return
-    scale = np.sqrt(np.diag(pivot))
+    scale = np.sqrt(np.abs(np.diag(pivot)))
     if (scale > 0.0).all():
-        values, vectors = np.linalg.eigh(pivot / np.outer(scale, scale))
-        if values[0] > _SMALLEST_PIVOT * values[-1]:
+        _, values, vectors = np.linalg.svd(pivot / np.outer(scale, scale))
+        if values[-1] > _SMALLEST_PIVOT * values[0]:
             return
-        raise UnresistedMotionError(number, vectors[:, 0] / scale)
+        raise UnresistedMotionError(number, vectors[-1] / scale)
     raise UnresistedMotionError(number, (scale == 0.0).astype(np.float64))
-
-
-def _solve(eliminated: _Eliminated, force_side: FloatArray, motion_side: FloatArray) -> Side:
-    """(q, α) of one level for given right-hand sides."""
-    right = _lower_solve(eliminated.factor, force_side)
-    alpha = np.zeros(len(motion_side))
-    if len(alpha):
-        alpha = -scipy.linalg.cho_solve(
-            (eliminated.pivot, True), motion_side + eliminated.motions.T @ right
-        )
-    forces = scipy.linalg.solve_triangular(
-        eliminated.factor,
-        right + eliminated.motions @ alpha,
-        lower=True,
-        trans="T",
-        check_finite=False,
-    )
-    return forces, alpha
-
-
-def _update(level: Level, eliminated: _Eliminated, after: Level) -> None:
-    """Subtract what the eliminated level does to the next one."""
-    first = level.first_shared
-    n = level.next_flexibility.shape[1]
-    coupling = np.asfortranarray(np.hstack([level.next_flexibility, -level.next_motions]))
-    response = _lower_solve(eliminated.factor[first:, first:], coupling)
-    update = response.T @ response
-    if len(eliminated.pivot):
-        through = _lower_solve(eliminated.pivot, eliminated.motions[first:].T @ response)
-        update -= through.T @ through
-    after.flexibility[...] -= update[:n, :n]
-    after.motions[...] += update[:n, n:]
-    after.holding[...] += update[n:, n:]

@@ -14,7 +14,8 @@ the law, q / w = p + k (N u + c - x̂), turns into
 whose unknowns are only the points that press, and six motions of each block. Points between the
 same two layers come together, and layers follow each other: a block-tridiagonal system of dense
 blocks (`fem.static.linear_step.block_tridiagonal`). τ holds blocks that too few points press on to
-where they were; at convergence it does nothing.
+where they were; at convergence it does nothing. Where points slide, the friction that follows
+their force goes with it: Nᵀ q becomes Pᵀ q (`Linearisation.push`).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +36,7 @@ from fem.assembly.local_system import LocalSystem, NodalInverse, constraint_tran
 from fem.problem.model import BlockGroup, rigid_motions
 from fem.static.linear_step.block_tridiagonal import (
     ChainFactor,
+    Leaning,
     Level,
     UnresistedMotionError,
     factor_chain,
@@ -283,8 +286,8 @@ class CondensedStep:
                 loads.append(self._to_variables(slot, on_retained)[self._kind(slot).free])
             responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
             side = np.zeros(len(factored.points.number))
-            for (mine, gradient), response in zip(factored.rows, responses, strict=True):
-                side[mine] += gradient @ response
+            for row, response in zip(factored.rows, responses, strict=True):
+                side[row.points] += row.gradient @ response
             motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
             solved = factored.solve(side, motions)
             return self._displacements(factored.rows, responses, *solved, nothing)
@@ -333,18 +336,24 @@ class CondensedStep:
         first_shared = start[1:] - np.bincount(low[shared], minlength=n_levels)[:n_levels]
         return _Points(active[order], start.astype(np.int64), first_shared.astype(np.int64))
 
-    def _rows(self, linear: Linearisation, points: _Points) -> list[tuple[IntArray, csr_array]]:
-        """Active points of each slot and their gradients on its free variables."""
-        gradient = gradient_matrix(self._system, linear.gradient, points.number)
-        if len(self._system.held.nodes):
-            gradient = csr_array(gradient @ self._transform)
-        columns = csc_array(gradient)[:, self._columns]
+    def _rows(self, linear: Linearisation, points: _Points) -> list[_Rows]:
+        """Active points of each slot, their gradients and forces on its free variables."""
+        gradients = self._on_slots(linear.gradient, points)
+        pushes = gradients if linear.push is None else self._on_slots(linear.push, points)
         result = []
-        for slot in range(self._system.n_slots):
-            part = csr_array(columns[:, self._start[slot] : self._start[slot + 1]])
-            mine = np.flatnonzero(np.diff(part.indptr))
-            result.append((mine, part[mine]))
+        for gradient, push in zip(gradients, pushes, strict=True):
+            mine = np.flatnonzero(np.diff(gradient.indptr))
+            own = gradient[mine]
+            result.append(_Rows(mine, own, own if push is gradient else push[mine]))
         return result
+
+    def _on_slots(self, gradient: FloatArray, points: _Points) -> list[csr_array]:
+        """Rows of the active points on the free variables of each slot."""
+        rows = gradient_matrix(self._system, gradient, points.number)
+        if len(self._system.held.nodes):
+            rows = csr_array(rows @ self._transform)
+        columns = csc_array(rows)[:, self._columns]
+        return [csr_array(columns[:, a:b]) for a, b in pairwise(self._start)]
 
     def _chain(
         self,
@@ -364,14 +373,23 @@ class CondensedStep:
             diagonal = points.number[points.start[k] : points.start[k + 1]]
             weight = linear.weights.ravel()[diagonal]
             a[np.diag_indices_from(a)] = 1.0 / (weight * linear.stiffness.ravel()[diagonal])
+            n_next, width_next = (size[k + 1], width[k + 1]) if after else (0, 0)
+            leaning = None
+            if linear.push is not None:
+                leaning = Leaning(
+                    motions=np.zeros((size[k], width[k])),
+                    next_flexibility=np.zeros((n_next, shared)),
+                    next_motions=np.zeros((shared, width_next)),
+                )
             levels.append(
                 Level(
                     flexibility=a,
                     motions=np.zeros((size[k], width[k])),
                     holding=holding * np.eye(width[k]),
                     first_shared=int(size[k]) - shared,
-                    next_flexibility=np.zeros((shared, size[k + 1] if after else 0)),
-                    next_motions=np.zeros((shared, width[k + 1] if after else 0)),
+                    next_flexibility=np.zeros((shared, n_next)),
+                    next_motions=np.zeros((shared, width_next)),
+                    leaning=leaning,
                 )
             )
         return levels, slots
@@ -390,40 +408,39 @@ class CondensedStep:
         stiffness = linear.stiffness.ravel()[where]
         right = (linear.constant - linear.at).ravel()[where]
         right = right + linear.pressure.ravel()[where] / stiffness
-        for slot, (mine, gradient) in enumerate(factored.rows):
-            right[mine] += gradient @ responses[slot]
+        for row, response in zip(factored.rows, responses, strict=True):
+            right[row.points] += row.gradient @ response
         if len(self._system.held.nodes):
             full = gradient_matrix(self._system, linear.gradient, where)
             right += full @ (self._transform @ self._value)
         return right
 
     def _add_slot(
-        self,
-        levels: list[Level],
-        slot: int,
-        span: slice,
-        start: IntArray,
-        rows: tuple[IntArray, csr_array],
+        self, levels: list[Level], slot: int, span: slice, start: IntArray, rows: _Rows
     ) -> None:
         """Add the flexibility of one block, and its motions in the columns ``span``."""
         k = int(self._level_of[slot])
-        kind, (mine, gradient) = self._kind(slot), rows
+        kind, mine = self._kind(slot), rows.points
         level = levels[k]
-        used, position = np.unique(gradient.indices, return_inverse=True)
-        near = csr_array((gradient.data, position, gradient.indptr), (len(mine), len(used)))
-        flexible = near @ (near @ kind.inverse[np.ix_(used, used)]).T
-        motion = gradient @ kind.rigid
+        flexible = rows.flexibility(kind.inverse)
+        felt, done = rows.gradient @ kind.rigid, rows.push @ kind.rigid
         own = mine >= start[k]
         here = mine[own] - start[k]
         level.flexibility[np.ix_(here, here)] += flexible[np.ix_(own, own)]
-        level.motions[here, span] += motion[own]
-        if not own.all():
-            below = levels[k - 1]
-            there = mine[~own] - start[k - 1]
-            shared = there - below.first_shared
-            below.flexibility[np.ix_(there, there)] += flexible[np.ix_(~own, ~own)]
-            below.next_flexibility[np.ix_(shared, here)] += flexible[np.ix_(~own, own)]
-            below.next_motions[shared, span] += motion[~own]
+        level.motions[here, span] += felt[own]
+        if level.leaning is not None:
+            level.leaning.motions[here, span] += done[own]
+        if own.all():
+            return
+        below = levels[k - 1]
+        there = mine[~own] - start[k - 1]
+        shared = there - below.first_shared
+        below.flexibility[np.ix_(there, there)] += flexible[np.ix_(~own, ~own)]
+        below.next_flexibility[np.ix_(shared, here)] += flexible[np.ix_(~own, own)]
+        below.next_motions[shared, span] += felt[~own]
+        if below.leaning is not None:
+            below.leaning.next_flexibility[np.ix_(here, shared)] += flexible[np.ix_(own, ~own)]
+            below.leaning.next_motions[shared, span] += done[~own]
 
     def _motion(self, slot: int, displacement: FloatArray) -> FloatArray:
         """Rigid part α of a displacement of a slot."""
@@ -433,7 +450,7 @@ class CondensedStep:
 
     def _displacements(
         self,
-        rows: list[tuple[IntArray, csr_array]],
+        rows: list[_Rows],
         responses: list[FloatArray],
         forces: FloatArray,
         motions: list[FloatArray],
@@ -441,9 +458,9 @@ class CondensedStep:
     ) -> FloatArray:
         """Displacements of the contact nodes from forces and motions."""
         variables = prescribed.copy()
-        for slot, (mine, gradient) in enumerate(rows):
+        for slot, row in enumerate(rows):
             kind = self._kind(slot)
-            pushed = responses[slot] - kind.inverse @ (gradient.T @ forces[mine])
+            pushed = responses[slot] - kind.inverse @ (row.push.T @ forces[row.points])
             moved = pushed + kind.rigid @ motions[slot]
             variables[self._retained(slot)[kind.free]] = moved
         if len(self._system.held.nodes):
@@ -502,12 +519,32 @@ class _Points:
 
 
 @dataclass(frozen=True)
+class _Rows:
+    """Active points of a slot on its free variables."""
+
+    points: IntArray
+    """Numbers among the active points, (n,)."""
+    gradient: csr_array
+    """∂x/∂u, (n, n_free)."""
+    push: csr_array
+    """Minus the nodal forces of one unit of each, (n, n_free)."""
+
+    def flexibility(self, inverse: FloatArray) -> FloatArray:
+        """Answer of each point to a unit force of each, (n, n)."""
+        used = np.unique(np.concatenate([self.gradient.indices, self.push.indices]))
+        near = csr_array(csc_array(self.gradient)[:, used])
+        push = near if self.push is self.gradient else csr_array(csc_array(self.push)[:, used])
+        flexible: FloatArray = near @ (push @ inverse[np.ix_(used, used)]).T
+        return flexible
+
+
+@dataclass(frozen=True)
 class _Factored:
     """The chain of one linear problem, eliminated."""
 
     points: _Points
-    rows: list[tuple[IntArray, csr_array]]
-    """Active points of each slot and their gradients on its free variables."""
+    rows: list[_Rows]
+    """Of each slot."""
     factor: ChainFactor
     slots: list[list[int]]
     """Slots of each level."""

@@ -137,10 +137,10 @@ class Linearisation:
     """p'(x̂), (n_facets, n_points) [MPa/mm]."""
     load_factor: float = 1.0
     """Share of the loads that acts [-]."""
-    coupling: FloatArray | None = None
-    """Slope of the friction tractions, two rows after those of the overclosures for each point, by
-    the overclosure of their point, (n_facets, 2 n_points) [MPa/mm]; None: their limits are frozen.
-    The matrix is not symmetric then."""
+    push: FloatArray | None = None
+    """Minus the nodal forces of one unit of each row's force, like ``gradient``: of the overclosure
+    of a sliding point with the friction that follows its pressure. The matrix is not symmetric
+    then. None: the gradients."""
 
     def linear_pressure(self, system: LocalSystem, displacement: FloatArray) -> FloatArray:
         """Pressure of the tangent at a displacement, (n_facets, n_points) [MPa]."""
@@ -230,20 +230,16 @@ class SparseStep:
             A singular matrix.
         """
         system = self._system
-        rows = gradient_matrix(system, linear.gradient) @ self._transform
-        matrix = self._matrix(linear, rows, holding)
+        rows, push = self._rows(linear)
+        matrix = self._matrix(linear, rows, push, holding)
         constant = linear.pressure + linear.stiffness * (linear.constant - linear.at)
-        if linear.coupling is not None:
-            n_points = constant.shape[1] // 3
-            normal = np.repeat((linear.constant - linear.at)[:, :n_points], 2, axis=1)
-            constant[:, n_points:] += linear.coupling * normal
         right = linear.load_factor * (self._transform.T @ system.external_force.ravel())
-        right -= rows.T @ (linear.weights * constant).ravel()
+        right -= push.T @ (linear.weights * constant).ravel()
         if holding:
             right += holding * self._shares() * (self._transform.T @ before.ravel())
         right -= matrix @ self._value
         solution = self._value.copy()
-        symmetric = linear.coupling is None
+        symmetric = linear.push is None
         solution[self._free] = self._factor(matrix, symmetric=symmetric)(right[self._free])
         return (self._transform @ solution).reshape(-1, 3)
 
@@ -255,8 +251,8 @@ class SparseStep:
         UnheldBlocksError
             A singular matrix.
         """
-        rows = gradient_matrix(self._system, linear.gradient) @ self._transform
-        solve = self._factor(self._matrix(linear, rows, holding))
+        matrix = self._matrix(linear, *self._rows(linear), holding)
+        solve = self._factor(matrix, symmetric=linear.push is None)
 
         def apply(force: FloatArray) -> FloatArray:
             solution = np.zeros_like(self._value)
@@ -265,23 +261,19 @@ class SparseStep:
 
         return apply
 
-    def _matrix(self, linear: Linearisation, rows: csr_array, holding: float) -> csr_array:
-        stiff = (linear.weights * linear.stiffness).ravel()[:, None]
-        matrix = csr_array(self._stiffness + rows.T @ rows.multiply(stiff).tocsr())
-        if linear.coupling is not None:
-            matrix = csr_array(matrix + self._coupled(linear, rows))
-        return csr_array(matrix + diags_array(holding * self._shares())) if holding else matrix
+    def _rows(self, linear: Linearisation) -> tuple[csr_array, csr_array]:
+        """Gradients of all points, and their forces."""
+        rows = gradient_matrix(self._system, linear.gradient) @ self._transform
+        if linear.push is None:
+            return rows, rows
+        return rows, gradient_matrix(self._system, linear.push) @ self._transform
 
-    @staticmethod
-    def _coupled(linear: Linearisation, rows: csr_array) -> csr_array:
-        """Forces of friction that follow the pressure of their point."""
-        assert linear.coupling is not None
-        numbers = np.arange(linear.weights.size).reshape(linear.weights.shape)
-        n_points = linear.weights.shape[1] // 3
-        tangential = numbers[:, n_points:].ravel()
-        normal = np.repeat(numbers[:, :n_points], 2, axis=1).ravel()
-        slope = linear.weights.ravel()[tangential] * linear.coupling.ravel()
-        return csr_array(rows[tangential].T @ rows[normal].multiply(slope[:, None]).tocsr())
+    def _matrix(
+        self, linear: Linearisation, rows: csr_array, push: csr_array, holding: float
+    ) -> csr_array:
+        stiff = (linear.weights * linear.stiffness).ravel()[:, None]
+        matrix = csr_array(self._stiffness + push.T @ rows.multiply(stiff).tocsr())
+        return csr_array(matrix + diags_array(holding * self._shares()) if holding else matrix)
 
     def _factor(
         self, matrix: csr_array, *, symmetric: bool = True
