@@ -1,5 +1,7 @@
 """Condensation, chains of saddle-point blocks and sparse solvers against dense algebra."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
@@ -9,7 +11,12 @@ from fem.element.material import Material
 from fem.problem.model import block_group
 from fem.static.linear_step import condensation
 from fem.static.linear_step import linearisation as sparse_solver
-from fem.static.linear_step.block_tridiagonal import Level, UnresistedMotionError, factor_chain
+from fem.static.linear_step.block_tridiagonal import (
+    Leaning,
+    Level,
+    UnresistedMotionError,
+    factor_chain,
+)
 from fem.static.linear_step.condensation import condense
 from fem.static.linear_step.condensed import block_motions
 from fem.static.linear_step.linearisation import SparseSolver, SparseSolverError, factorize
@@ -109,6 +116,57 @@ def test_chain_is_the_dense_solution():
         solved = factor.solve([(share * d, share * e) for d, e in sides])
         found = np.concatenate([q for q, _ in solved] + [alpha for _, alpha in solved])
         assert np.abs(found - share * expected).max() < 1e-10 * np.abs(share * expected).max()
+
+
+def test_a_chain_whose_forces_lean_is_the_dense_solution():
+    """The forces of sliding points are C' α and A' q where they are felt as C α and A q."""
+    felt, sides, _ = random_chain([6, 9, 4, 7], [3, 2, 0, 3])
+    levels = []
+    for k, level in enumerate(felt):
+        lean = np.random.default_rng(k)
+        after = felt[k + 1].motions.shape if k + 1 < len(felt) else (0, 0)
+        shared = len(level.motions) - level.first_shared
+        done = Leaning(
+            motions=level.motions + 0.3 * lean.standard_normal(level.motions.shape),
+            next_flexibility=0.3 * lean.standard_normal((after[0], shared)),
+            next_motions=level.next_motions + 0.3 * lean.standard_normal((shared, after[1])),
+        )
+        levels.append(replace(level, leaning=done))
+    matrix = dense_chain(levels)
+    sizes = [len(level.motions) + level.motions.shape[1] for level in levels]
+    expected = np.linalg.solve(matrix, np.concatenate([np.concatenate(side) for side in sides]))
+    found = factor_chain(levels).solve(sides)
+    assert sum(sizes) == len(expected)
+    solved = np.concatenate([np.concatenate(side) for side in found])
+    assert np.abs(solved - expected).max() < 1e-9 * np.abs(expected).max()
+
+
+def dense_chain(levels):
+    """The matrix of leaning levels, forces and motions of each level together."""
+    rows = [[None] * len(levels) for _ in levels]
+    for k, level in enumerate(levels):
+        n, m = level.motions.shape
+        done = level.leaning
+        rows[k][k] = np.block(
+            [[level.flexibility, -level.motions], [-done.motions.T, -level.holding]]
+        )
+        if k + 1 == len(levels):
+            continue
+        n_next, m_next = levels[k + 1].motions.shape
+        upper = np.zeros((n + m, n_next + m_next))
+        upper[level.first_shared : n] = np.hstack([level.next_flexibility, -level.next_motions])
+        lower = np.zeros((n_next + m_next, n + m))
+        lower[:, level.first_shared : n] = np.vstack([done.next_flexibility, -done.next_motions.T])
+        rows[k][k + 1], rows[k + 1][k] = upper, lower
+    return np.block(
+        [
+            [
+                np.zeros((len(row[i]), len(rows[j][j]))) if cell is None else cell
+                for j, cell in enumerate(row)
+            ]
+            for i, row in enumerate(rows)
+        ]
+    )
 
 
 def test_a_motion_without_resistance_is_named():

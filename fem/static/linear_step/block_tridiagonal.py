@@ -17,9 +17,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import scipy.linalg
 
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray
 
 #: Forces and motions of a level, or their right-hand sides.
 Side = tuple[FloatArray, FloatArray]
@@ -91,7 +92,9 @@ class _Eliminated:
         right = _lower_solve(self.factor, force_side)
         alpha = np.zeros(len(motion_side))
         if len(alpha):
-            alpha = -scipy.linalg.cho_solve((self.pivot, True), motion_side + self.motions.T @ right)
+            alpha = -scipy.linalg.cho_solve(
+                (self.pivot, True), motion_side + self.motions.T @ right
+            )
         forces = scipy.linalg.solve_triangular(
             self.factor, right + self.motions @ alpha, lower=True, trans="T", check_finite=False
         )
@@ -116,7 +119,7 @@ class _Eliminated:
 class _Leant:
     """Factors of one level whose forces lean."""
 
-    factor: tuple[FloatArray, IntArray]
+    factor: tuple[FloatArray, npt.NDArray[np.signedinteger]]
     motions: FloatArray
     """A⁻¹ C."""
     pushed: FloatArray
@@ -128,7 +131,7 @@ class _Leant:
         forces = scipy.linalg.lu_solve(self.factor, force_side, check_finite=False)
         if not len(self.pivot):
             return forces, np.zeros_like(motion_side)
-        alpha = -np.linalg.solve(self.pivot, motion_side + self.pushed.T @ forces)
+        alpha: FloatArray = -np.linalg.solve(self.pivot, motion_side + self.pushed.T @ forces)
         return forces + self.motions @ alpha, alpha
 
     def update(self, level: Level, after: Level) -> None:
