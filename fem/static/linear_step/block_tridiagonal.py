@@ -131,7 +131,8 @@ class _Leant:
         forces = scipy.linalg.lu_solve(self.factor, force_side, check_finite=False)
         if not len(self.pivot):
             return forces, np.zeros_like(motion_side)
-        alpha: FloatArray = -np.linalg.solve(self.pivot, motion_side + self.pushed.T @ forces)
+        balance = motion_side + self.pushed.T @ forces
+        alpha = np.asarray(-np.linalg.solve(self.pivot, balance), dtype=np.float64)
         return forces + self.motions @ alpha, alpha
 
     def update(self, level: Level, after: Level) -> None:
