@@ -88,6 +88,8 @@ class PlacedBlocks(ABC, Generic[AnyShape]):
     """Rigid translation of each block, (n_blocks, 3) [mm]."""
     fixed: BoolArray
     """Whether the block belongs to the frame or is the image of another one, (n_blocks,)."""
+    names: tuple[str, ...] = ()
+    """Name that its file gives each block, empty without one; () where no file does."""
 
     def __post_init__(self) -> None:
         self._check_shapes()
@@ -131,6 +133,11 @@ class PlacedBlocks(ABC, Generic[AnyShape]):
     def originals(self) -> IntArray:
         """Block that each block is or is the image of, (n_blocks,)."""
         return np.arange(self.n_blocks)
+
+    def named(self, block: int) -> str:
+        """Number of a block, with its name if it has one."""
+        name = self.names[block] if self.names else ""
+        return f"{block} ({name})" if name else str(block)
 
     def shape(self, block: int) -> AnyShape:
         """Return the shape of one block."""

@@ -1,10 +1,10 @@
-"""Block shapes from files: STL, OBJ, PLY, VTU, INP through meshio, STEP through gmsh."""
+"""Block shapes from files: surfaces and meshes of many formats, STEP through gmsh."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,19 @@ import numpy as np
 
 from geometry.errors import unreadable
 from geometry.files.mesh_io import read_any_mesh
+from geometry.files.named_surfaces import OWN_UNITS, READERS, NamedSurface, read_named
 from geometry.files.obj import read_obj
+from geometry.files.repair import repaired, turned_alike
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray, MeshError, check_mesh
 from geometry.polyhedra.polygons import surface_of_polygons
-from geometry.polyhedra.polyhedron import Polyhedron, merge_points, merged_polyhedron
+from geometry.polyhedra.polyhedron import (
+    Polyhedron,
+    check_polyhedron,
+    faults,
+    is_closed,
+    merge_points,
+    turned_outward,
+)
 from geometry.polyhedra.solids import closed_solids, one_solid
 from geometry.polyhedra.triangle_search import distinct_rows
 
@@ -26,6 +35,8 @@ UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 _LARGEST = 1e30
 #: Suffixes of STEP files.
 STEP_SUFFIXES = {".step", ".stp"}
+#: Suffixes of files that hold no hexahedra, and whose surfaces have names.
+SURFACES_ALONE = {".obj", *READERS}
 #: gmsh's number for eight-node hexahedra.
 _HEXAHEDRON = 5
 #: Faces of solid cells, all counter-clockwise seen from outside where the first one is.
@@ -130,10 +141,6 @@ def _others(shell: IntArray, outside: list[IntArray]) -> IntArray:
 
 def _read_meshio(path: Path) -> tuple[FloatArray, IntArray, bool]:
     """Points, triangles, and whether nodes between corners were left out."""
-    if path.suffix.lower() == ".obj":
-        points, faces = read_obj(path)
-        _check_finite(path, points)
-        return *surface_of_polygons(str(path), points, faces), False
     mesh = read_any_mesh(path)
     points = np.asarray(mesh.points, dtype=np.float64)
     if not points.size:
@@ -217,76 +224,172 @@ def _read_step(path: Path, element_size: float | None) -> list[tuple[FloatArray,
             for _, face in gmsh.model.getBoundary([(3, volume)], oriented=False):
                 _, nodes = gmsh.model.mesh.getElementsByType(2, face)
                 parts.append(place[nodes.astype(np.int64)].reshape(-1, 3))
-            solids.append((points, one_solid(points, _oriented(np.concatenate(parts)))))
+            solids.append((points, one_solid(points, turned_alike(np.concatenate(parts)))))
         return solids
 
 
-def _oriented(triangles: IntArray) -> IntArray:
-    """Turn the triangles of a closed surface all the same way (CAD faces have their own)."""
-    by_edge: dict[tuple[int, int], list[int]] = {}
-    for k, (a, b, c) in enumerate(triangles.tolist()):
-        for edge in ((a, b), (b, c), (c, a)):
-            by_edge.setdefault((min(edge), max(edge)), []).append(k)
-    turned = triangles.copy()
-    seen = np.zeros(len(triangles), dtype=bool)
-    for seed in range(len(triangles)):
-        if seen[seed]:
-            continue
-        seen[seed], todo = True, [seed]
-        while todo:
-            a, b, c = turned[todo.pop()].tolist()
-            for start, end in ((a, b), (b, c), (c, a)):
-                for other in by_edge[min(start, end), max(start, end)]:
-                    if seen[other]:
-                        continue
-                    p, q, r = turned[other].tolist()
-                    if (start, end) in ((p, q), (q, r), (r, p)):
-                        turned[other] = turned[other, ::-1]
-                    seen[other] = True
-                    todo.append(other)
-    return turned
+@dataclass(frozen=True)
+class _Solid:
+    """One closed surface, or what should be one."""
+
+    name: str
+    """In messages."""
+    points: FloatArray
+    """[mm]"""
+    triangles: IntArray
+    given_name: str = ""
+    held: bool = False
+    repairs: tuple[str, ...] = ()
+    fault: str = ""
+    """Why its surface could not be taken apart into solids; empty where it could."""
+
+    def block(self) -> Polyhedron:
+        """As a block, not checked."""
+        return replace(
+            turned_outward(self.name, self.points, self.triangles),
+            given_name=self.given_name,
+            held=self.held,
+            repairs=self.repairs,
+        )
 
 
 def read_blocks(
-    path: Path, *, units: str = "mm", element_size: float | None = None
+    path: Path, *, units: str = "mm", element_size: float | None = None, repair: bool = False
 ) -> list[Polyhedron]:
     """Read the solids of a file: each closed surface is one block shape.
 
+    Objects and groups that are closed by themselves are taken one by one and keep their names.
     Solids that touch along faces, edges or corners are told apart, and cavities belong to the
     solid round them; see `closed_solids`.
 
     Parameters
     ----------
     path
-        .stl, .obj, .ply, .vtu, .inp, … (meshio) or .step, .stp (gmsh).
+        .stl, .obj, .ply, .off, .vtu, .inp, … (meshio), .step, .stp (gmsh), .json (compas), .glb,
+        .gltf, .3mf (trimesh) or .3dm (rhino3dm).
     units
-        Unit of the file: mm, cm, m or inch. STEP files name theirs and are read in mm.
+        Unit of the file: mm, cm, m or inch. STEP, glTF, 3MF and 3DM files name theirs and are read
+        in mm.
     element_size
         Largest triangle on curved STEP faces [mm].
+    repair
+        Whether to mend surfaces as `geometry.files.repair.repaired` does.
 
     Raises
     ------
     MeshError
         When the file cannot be read, or its surface bounds no solid.
     """
+    solids, straightened = _solids(path, units, element_size, repair=repair)
+    blocks = []
+    for solid in solids:
+        if solid.fault:
+            raise MeshError(solid.fault)
+        block = replace(solid.block(), straightened=straightened)
+        check_polyhedron(block)
+        blocks.append(block)
+    return blocks
+
+
+def diagnosed_blocks(
+    path: Path, *, units: str = "mm", element_size: float | None = None, repair: bool = False
+) -> list[tuple[Polyhedron, list[str]]]:
+    """Read the surfaces of a file as `read_blocks`, and list all that is wrong with each of them.
+
+    Raises
+    ------
+    MeshError
+        When the file cannot be read.
+    """
+    solids, _ = _solids(path, units, element_size, repair=repair)
+    return [
+        (block, [solid.fault.removeprefix(f"{solid.name}: ")] if solid.fault else [*faults(block)])
+        for solid in solids
+        for block in [solid.block()]
+    ]
+
+
+def _solids(
+    path: Path, units: str, element_size: float | None, *, repair: bool
+) -> tuple[list[_Solid], bool]:
+    """Surfaces of all solids of a file, and whether nodes between corners were left out."""
     if units not in UNITS:
         raise MeshError(f"block.units: got {units!r}, expected one of {', '.join(UNITS)}")
-    straightened = False
-    if path.suffix.lower() in STEP_SUFFIXES:
-        raw = [merge_points(*solid) for solid in _read_step(path, element_size)]
+    suffix = path.suffix.lower()
+    if suffix in STEP_SUFFIXES:
+        found = [("", *merge_points(*solid)) for solid in _read_step(path, element_size)]
+        several = len(found) > 1
+        return [
+            _Solid(f"{path.name}{f' part {k}' if several else ''}", points, triangles)
+            for k, (_, points, triangles) in enumerate(found)
+        ], False
+    if suffix in SURFACES_ALONE:
+        surfaces = read_obj(path) if suffix == ".obj" else read_named(path)
+        straightened = False
+        for surface in surfaces:
+            _check_finite(path, surface.points)
+        parts = _closed_or_whole(path, surfaces)
     else:
         points, triangles, straightened = _read_meshio(path)
-        points, triangles = merge_points(points, triangles)
-        raw = [(points, part) for part in closed_solids(str(path), points, triangles)]
-    scale = UNITS[units] if path.suffix.lower() not in STEP_SUFFIXES else 1.0
-    several = len(raw) > 1
-    blocks = [
-        merged_polyhedron(
-            f"{path.name}{f' part {k}' if several else ''}", scale * points, triangles
+        parts = [(NamedSurface("", points, ()), *merge_points(points, triangles))]
+    scale = 1.0 if suffix in OWN_UNITS else UNITS[units]
+    solids: list[_Solid] = []
+    for surface, points, triangles in parts:
+        solids += _solids_of(path, surface, scale * points, triangles, repair=repair)
+    if len(solids) > 1:
+        solids = [
+            solid if solid.given_name else replace(solid, name=f"{path.name} part {k}")
+            for k, solid in enumerate(solids)
+        ]
+    return solids, straightened
+
+
+_Part = tuple[NamedSurface, FloatArray, IntArray]
+
+
+def _closed_or_whole(path: Path, surfaces: list[NamedSurface]) -> list[_Part]:
+    """Objects with their merged points and triangles; all as one where most of them are open.
+
+    Programs also group the faces of one solid, by material or by side.
+    """
+    parts: list[_Part] = []
+    for surface in surfaces:
+        name = f"{path}: {surface.name}" if surface.name else str(path)
+        points, triangles = surface_of_polygons(name, surface.points, surface.faces)
+        parts.append((surface, *merge_points(points, triangles)))
+    closed = sum(is_closed(triangles) for _, _, triangles in parts)
+    if len(parts) == 1 or 2 * closed >= len(parts):
+        return parts
+    shift = np.cumsum([0, *(len(points) for _, points, _ in parts)])
+    points = np.concatenate([points for _, points, _ in parts])
+    triangles = np.concatenate([t + k for (_, _, t), k in zip(parts, shift[:-1], strict=True)])
+    return [(NamedSurface("", points, ()), *merge_points(points, triangles))]
+
+
+def _solids_of(
+    path: Path, surface: NamedSurface, points: FloatArray, triangles: IntArray, *, repair: bool
+) -> list[_Solid]:
+    """Solids of one surface; one with its fault where it cannot be taken apart."""
+    name = f"{path.name}: {surface.name}" if surface.name else path.name
+    repairs: tuple[str, ...] = ()
+    if repair:
+        points, triangles, repairs = repaired(points, triangles)
+    whole = _Solid(name, points, triangles, surface.name, surface.held, repairs)
+    try:
+        solids = closed_solids(name if surface.name else str(path), points, triangles)
+    except MeshError as error:
+        return [replace(whole, fault=str(error))]
+    if len(solids) == 1:
+        return [replace(whole, triangles=solids[0])]
+    return [
+        replace(
+            whole,
+            name=f"{name} part {k}",
+            given_name=f"{surface.name} part {k}" if surface.name else "",
+            triangles=part,
         )
-        for k, (points, triangles) in enumerate(raw)
+        for k, part in enumerate(solids)
     ]
-    return [replace(solid, straightened=True) for solid in blocks] if straightened else blocks
 
 
 def _made_of_hexahedra(gmsh: Any, divisions: int) -> bool:

@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from geometry.block import Block, Curve
 from geometry.files.block_files import (
     STEP_SUFFIXES,
+    SURFACES_ALONE,
     UNITS,
     gmsh_session,
     hexahedra_in,
@@ -96,6 +97,8 @@ def file_blocks(
         if not meshes:
             return [solid_block(solid, divisions, size) for solid in solids]
         return _of_solids([hexahedral_block("part", mesh) for mesh in meshes], solids)
+    if path.suffix.lower() in SURFACES_ALONE:
+        return [solid_block(solid, divisions, size) for solid in solids]
     read = read_any_mesh(path)
     if not any(cells.type in HEXAHEDRA for cells in read.cells):
         return [solid_block(solid, divisions, size) for solid in solids]

@@ -74,16 +74,16 @@ def _write(
     data: dict[str, Any] = {"point_data": point_data or {}, "cell_data": cell_data or {}}
     if path.suffix.lower() == ".vtu":
         grid = as_grid(points, _VTK_KINDS[kind], cells, **data)
-        _whole(path, lambda partial: write_vtu(partial, grid))
+        write_whole(path, lambda partial: write_vtu(partial, grid))
         return
     import meshio
 
     data["cell_data"] = {name: [values] for name, values in data["cell_data"].items()}
     mesh = meshio.Mesh(points, [(kind, cells)], **data)
-    _whole(path, lambda partial: meshio.write(partial, mesh))
+    write_whole(path, lambda partial: meshio.write(partial, mesh))
 
 
-def _whole(path: Path, write: Callable[[Path], object]) -> None:
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Write under another name first."""
     partial = path.with_name(f".partial-{path.name}")
     try:

@@ -109,6 +109,7 @@ def polyhedral_assembly(
     blocks: list[tuple[Polyhedron, FloatArray, FloatArray]],
     fixed: BoolArray,
     detection: DetectionOptions | None = None,
+    names: tuple[str, ...] = (),
 ) -> PolyhedralAssembly:
     """Assemble blocks given as (shape, rotation, translation); equal shapes are shared.
 
@@ -141,6 +142,7 @@ def polyhedral_assembly(
         rotations=np.array([rotation for _, rotation, _ in blocks], dtype=np.float64),
         translations=np.array([shift for _, _, shift in blocks], dtype=np.float64),
         fixed=fixed,
+        names=names,
         detection=detection or DetectionOptions(),
     )
 
@@ -156,5 +158,6 @@ def as_polyhedral(
         rotations=assembly.rotations,
         translations=assembly.translations,
         fixed=assembly.fixed,
+        names=assembly.names,
         detection=detection or DetectionOptions(),
     )

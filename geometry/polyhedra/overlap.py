@@ -212,6 +212,8 @@ def find_overlaps(
     return sorted(overlaps, key=lambda overlap: -overlap.depth)
 
 
+#: Largest tolerance, in block lengths ∛V.
+_LARGEST = 0.1
 #: Overlapping pairs that one message names.
 _MOST_NAMED = 20
 
@@ -247,7 +249,7 @@ def check_contacts(assembly: PolyhedralAssembly) -> None:
             break
     more = f" (and {lonely.size - 1} more)" if lonely.size > 1 else ""
     raise AssemblyError(
-        f"{assembly.name}: block {block}{more} touches no other block within "
+        f"{assembly.name}: block {assembly.named(block)}{more} touches no other block within "
         f"{assembly.tolerance:.3g} mm; {remedy}"
     )
 
@@ -272,7 +274,8 @@ def check_overlaps(assembly: PolyhedralAssembly) -> None:
     if not overlaps:
         return
     pairs = "; ".join(
-        f"blocks {o.block_a} and {o.block_b} overlap by {o.depth:.3g} mm near "
+        f"blocks {assembly.named(o.block_a)} and {assembly.named(o.block_b)} overlap by "
+        f"{o.depth:.3g} mm near "
         f"{np.round(o.point, 2).tolist()} mm"
         for o in overlaps[:_MOST_NAMED]
     )
@@ -280,8 +283,16 @@ def check_overlaps(assembly: PolyhedralAssembly) -> None:
     count = f" ({len(overlaps)} overlapping pairs)" if len(overlaps) > 1 else ""
     raise AssemblyError(
         f"{assembly.name}: {pairs}{more}{count}; expected blocks that touch within "
-        f"{assembly.tolerance:.3g} mm: move them apart or set detection.tolerance"
+        f"{assembly.tolerance:.3g} mm: move them apart{_wider(assembly, overlaps[0].depth)}"
     )
+
+
+def _wider(assembly: PolyhedralAssembly, depth: float) -> str:
+    """Words for a tolerance that takes overlaps as joints; empty where none may be so large."""
+    tolerance = float(f"{1.05 * depth:.2g}")
+    if tolerance > _LARGEST * assembly.characteristic_length:
+        return ""
+    return f", or set detection.tolerance = {tolerance:g} if they are meant to touch"
 
 
 def check_assembly(assembly: PolyhedralAssembly) -> None:
@@ -296,7 +307,7 @@ def check_assembly(assembly: PolyhedralAssembly) -> None:
         raise AssemblyError(
             f"detection.tolerance: got {assembly.tolerance}, expected a positive length in mm"
         )
-    if assembly.tolerance > 0.1 * assembly.characteristic_length:
+    if assembly.tolerance > _LARGEST * assembly.characteristic_length:
         raise AssemblyError(
             f"detection.tolerance: got {assembly.tolerance:g} mm for blocks of "
             f"{assembly.characteristic_length:.3g} mm; expected a small fraction of a block"

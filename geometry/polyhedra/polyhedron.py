@@ -5,7 +5,7 @@ Such a block has mass, faces and contacts, but no volume mesh: it is for rigid-b
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -45,6 +45,12 @@ class Polyhedron:
     """Corners counter-clockwise seen from outside, (n_triangles, 3)."""
     straightened: bool = False
     """Whether its file has nodes between corners, which a polyhedron has no use for."""
+    given_name: str = ""
+    """Name that its file gives it; empty without."""
+    held: bool = False
+    """Whether its file says that it is a support."""
+    repairs: tuple[str, ...] = ()
+    """What was changed in its surface on request."""
 
     @cached_property
     def corners(self) -> FloatArray:
@@ -153,70 +159,85 @@ def _edge_uses(triangles: IntArray) -> tuple[IntArray, IntArray]:
     return ends[first], np.column_stack([balance, count])
 
 
+def is_closed(triangles: IntArray) -> bool:
+    """Whether no edge belongs to one triangle only."""
+    return len(triangles) > 0 and bool((_edge_uses(triangles)[1][:, 1] > 1).all())
+
+
 def check_polyhedron(block: Polyhedron) -> None:
     """Reject surfaces that bound no solid.
 
     Raises
     ------
     MeshError
-        Non-finite points, an open surface, triangles turned against their neighbours, a surface
-        that cuts through itself, no volume.
+        The first of its `faults`.
     """
-    name = block.name
+    fault = next(faults(block), None)
+    if fault is not None:
+        raise MeshError(f"{block.name}: {fault}")
+
+
+def faults(block: Polyhedron) -> Iterator[str]:
+    """Why a surface bounds no solid, what must be mended first comes first.
+
+    Non-finite points, triangles without area, an open surface, triangles turned against their
+    neighbours or folded on them, a surface that cuts through itself, no volume.
+    """
     if len(block.triangles) < 4:
-        raise MeshError(
-            f"{name}: got {len(block.triangles)} triangles; expected a closed surface of at least 4"
-        )
+        yield f"got {len(block.triangles)} triangles; expected a closed surface of at least 4"
+        return
     if not np.isfinite(block.points).all():
-        raise MeshError(f"{name}: a vertex is not finite; expected finite coordinates in mm")
+        yield "a vertex is not finite; expected finite coordinates in mm"
+        return
     size = float(np.linalg.norm(np.ptp(block.points, axis=0)))
     if size == 0.0:
-        raise MeshError(f"{name}: all points coincide; expected a solid")
-    if block.areas.min() <= 1e-14 * size**2:
-        bad = int(np.argmin(block.areas))
-        raise MeshError(f"{name}: triangle {bad} has no area; remove degenerate triangles")
+        yield "all points coincide; expected a solid"
+        return
+    flat = np.flatnonzero(block.areas <= 1e-14 * size**2)
+    if flat.size:
+        yield f"triangle {flat[0]} has no area; remove degenerate triangles"
     edges, uses = _edge_uses(block.triangles)
     open_edges = np.flatnonzero(uses[:, 1] == 1)
     if open_edges.size:
         middle = block.points[edges[open_edges[0]]].mean(axis=0)
-        raise MeshError(
-            f"{name}: the surface is open: {open_edges.size} edges belong to one triangle only, "
+        yield (
+            f"the surface is open: {open_edges.size} edges belong to one triangle only, "
             f"the first near {np.round(middle, 3).tolist()} mm; expected a closed surface: "
             "close the holes in the program that made it"
         )
-    turned = np.flatnonzero(uses[:, 0] != 0)
+    turned = np.flatnonzero((uses[:, 0] != 0) & (uses[:, 1] != 1))
     if turned.size:
         middle = block.points[edges[turned[0]]].mean(axis=0)
-        raise MeshError(
-            f"{name}: neighbouring triangles face opposite ways at {turned.size} edges, the first "
+        yield (
+            f"neighbouring triangles face opposite ways at {turned.size} edges, the first "
             f"near {np.round(middle, 3).tolist()} mm; expected normals that all point outward"
         )
-    _check_folds(block, across_matter(name, block.points, block.triangles))
+    if flat.size or open_edges.size or turned.size:
+        return
+    yield from _folds(block, across_matter(block.name, block.points, block.triangles))
     if block.mass_properties.volume <= 1e-12 * size**3:
-        raise MeshError(
-            f"{name}: volume {block.mass_properties.volume:.3g} mm³; expected a positive volume"
-        )
+        yield f"volume {block.mass_properties.volume:.3g} mm³; expected a positive volume"
     crossing = piercings(block.points, block.surface, block.plane_of, 1e-7 * size)
     if len(crossing):
-        raise MeshError(
-            f"{name}: the surface cuts through itself near "
-            f"{np.round(crossing[0], 3).tolist()} mm ({len(crossing)} places); expected a surface "
-            "without self-intersections: unite or separate the parts"
+        yield (
+            f"the surface cuts through itself near {np.round(crossing[0], 3).tolist()} mm "
+            f"({len(crossing)} places); expected a surface without self-intersections: unite or "
+            "separate the parts"
         )
 
 
-def _check_folds(block: Polyhedron, neighbours: IntArray) -> None:
-    """Reject triangles that lie on their neighbours, as where a concave face was cut wrongly."""
+def _folds(block: Polyhedron, neighbours: IntArray) -> Iterator[str]:
+    """Triangles that lie on their neighbours, as where a concave face was cut wrongly."""
     a, b = neighbours.T
     opposite = np.einsum("ni,ni->n", block.normals[a], block.normals[b]) < -1.0 + _FLAT
     folded = np.flatnonzero(opposite)
     if folded.size:
         place = block.corners[a[folded[0]]].mean(axis=0)
-        raise MeshError(
-            f"{block.name}: the surface is folded back on itself near "
-            f"{np.round(place, 3).tolist()} mm ({folded.size} places): two triangles lie on each "
-            "other; expected faces cut into triangles that stay inside them: write the file with "
-            "polygons, or triangulate in the program that made it"
+        yield (
+            f"the surface is folded back on itself near {np.round(place, 3).tolist()} mm "
+            f"({folded.size} places): two triangles lie on each other; expected faces cut into "
+            "triangles that stay inside them: write the file with polygons, or triangulate in the "
+            "program that made it"
         )
 
 
@@ -263,12 +284,18 @@ def polyhedron(name: str, points: FloatArray, triangles: IntArray) -> Polyhedron
 
 def merged_polyhedron(name: str, points: FloatArray, triangles: IntArray) -> Polyhedron:
     """As `polyhedron`, of points that are merged already."""
+    block = turned_outward(name, points, triangles)
+    check_polyhedron(block)
+    return block
+
+
+def turned_outward(name: str, points: FloatArray, triangles: IntArray) -> Polyhedron:
+    """Block of the points that are used, not checked; turned as a whole where it faces inward."""
     used, inverse = np.unique(triangles, return_inverse=True)
     points, triangles = points[used], inverse.reshape(triangles.shape).astype(np.int64)
     block = Polyhedron(name, points, triangles)
     if len(triangles) >= 4 and block.mass_properties.volume < 0:
         block = Polyhedron(name, points, np.ascontiguousarray(triangles[:, ::-1]))
-    check_polyhedron(block)
     return block
 
 

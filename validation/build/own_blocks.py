@@ -14,18 +14,19 @@ from fem.element.lagrange_mesh import with_degree
 from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block
 from geometry.errors import RefusedError
-from geometry.files.block_files import read_blocks
 from geometry.files.hexahedral_solids import file_blocks, solid_block
 from geometry.loads import LoadCase
 from geometry.measures import UnmatchedJoint, matched_area
 from geometry.mesh import IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from geometry.polyhedra.overlap import check_assembly
+from geometry.polyhedra.polyhedron import Polyhedron
 from validation.build.blocks import HexahedralBlocks
 from validation.build.polyhedra import (
     build_body_loads,
     build_polyhedra,
     detection_options,
+    file_solids,
     placed_blocks,
 )
 from validation.errors import InputError
@@ -77,12 +78,13 @@ def _assembly(scene: PolyhedralScene, name: str) -> Assembly:
             fixed=solids.fixed,
             unmatched_allowed=True,
         )
-    placed, fixed = placed_blocks(scene, lambda file: _part_blocks(Path(file), scene))
+    placed = placed_blocks(scene, lambda file: _part_blocks(Path(file), scene))
+    fixed = placed.fixed
     if not fixed.any() or fixed.all():
         raise AssemblyError(
             f"got {int(fixed.sum())} fixed blocks of {len(fixed)}; expected some fixed, some free"
         )
-    blocks, turns, shifts = zip(*placed, strict=True)
+    blocks, turns, shifts = zip(*placed.blocks, strict=True)
     shapes = {id(block): block for block in blocks}
     number = {key: place for place, key in enumerate(shapes)}
     return Assembly(
@@ -93,14 +95,16 @@ def _assembly(scene: PolyhedralScene, name: str) -> Assembly:
         translations=np.array(shifts, dtype=np.float64),
         layer=np.where(fixed, 0, 1),
         fixed=fixed,
+        names=placed.names,
         unmatched_allowed=True,
     )
 
 
-def _part_blocks(path: Path, scene: MeshScene) -> Sequence[Block]:
+def _part_blocks(path: Path, scene: MeshScene) -> Sequence[tuple[Block, Polyhedron]]:
     units, mesh = scene.block.units, scene.mesh
-    solids = read_blocks(path, units=units, element_size=scene.block.element_size)
-    return file_blocks(path, solids, units=units, divisions=mesh.divisions, size=mesh.size)
+    solids = file_solids(scene, path)
+    blocks = file_blocks(path, solids, units=units, divisions=mesh.divisions, size=mesh.size)
+    return list(zip(blocks, solids, strict=True))
 
 
 def bare_joints(surfaces: PolyhedralAssembly) -> list[tuple[int, int]]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,6 +16,7 @@ from geometry.families.masonry import circular_arch, running_bond_wall
 from geometry.families.platonic_layers import cubes_layer, octahedra_layer, tetrahedra_layer
 from geometry.families.voxels import voxel_assembly
 from geometry.files.block_files import read_blocks
+from geometry.files.named_surfaces import Y_UP
 from geometry.loads import LoadCase
 from geometry.mesh import BoolArray, FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
@@ -109,53 +111,79 @@ def motion(place: PlaceSection) -> tuple[FloatArray, FloatArray]:
 
 
 def _from_files(scene: MeshScene, folder: Path, detection: DetectionOptions) -> PolyhedralAssembly:
-    def read(file: str) -> Sequence[Polyhedron]:
-        return read_blocks(
-            folder / file, units=scene.block.units, element_size=scene.block.element_size
-        )
+    def read(file: str) -> Sequence[tuple[Polyhedron, Polyhedron]]:
+        return [(solid, solid) for solid in file_solids(scene, folder / file)]
 
-    return polyhedral_assembly("own blocks", *placed_blocks(scene, read), detection)
+    placed = placed_blocks(scene, read)
+    return polyhedral_assembly("own blocks", placed.blocks, placed.fixed, detection, placed.names)
+
+
+def file_solids(scene: MeshScene, path: Path) -> list[Polyhedron]:
+    """Solids of one of the files of a scene."""
+    block = scene.block
+    return read_blocks(
+        path, units=block.units, element_size=block.element_size, repair=block.repair
+    )
+
+
+@dataclass(frozen=True)
+class Placed(Generic[Shape]):
+    """Blocks of all parts, in the order of places."""
+
+    blocks: list[tuple[Shape, FloatArray, FloatArray]]
+    """With rotation (3, 3) and translation (3,) [mm]."""
+    fixed: BoolArray
+    """Which are held: by their file, their place, number or name; (n_blocks,)."""
+    names: tuple[str, ...]
+    """As in `geometry.assembly.PlacedBlocks`."""
 
 
 def placed_blocks(
-    scene: MeshScene, read: Callable[[str], Sequence[Shape]]
-) -> tuple[list[tuple[Shape, FloatArray, FloatArray]], BoolArray]:
-    """Blocks of all parts with rotation (3, 3) and translation (3,) [mm], in the order of places.
+    scene: MeshScene, read: Callable[[str], Sequence[tuple[Shape, Polyhedron]]]
+) -> Placed[Shape]:
+    """Place the blocks of all parts.
 
     Parameters
     ----------
     scene
         Its parts.
     read
-        Reads the blocks of a file.
-
-    Returns
-    -------
-    tuple
-        The blocks, and which of them are held, by their places or by number; (n_blocks,).
+        Reads the blocks of a file, and the solids that it gives.
 
     Raises
     ------
     AssemblyError
-        For a number that no block has.
+        For a number or a name that no block has.
     """
     blocks: list[tuple[Shape, FloatArray, FloatArray]] = []
     held: list[bool] = []
+    names: list[str] = []
+    upright = Y_UP if scene.block.up == "y" else np.eye(3)
     for part in scene.parts:
-        shapes = read(part.file)
+        found = read(part.file)
         for place in part.places:
             turn, shift = motion(place)
-            blocks += [(shape, turn, shift) for shape in shapes]
-            held += [part.fixed or place.fixed] * len(shapes)
+            blocks += [(shape, turn @ upright, shift) for shape, _ in found]
+            held += [part.fixed or place.fixed or solid.held for _, solid in found]
+            names += [solid.given_name for _, solid in found]
     fixed = np.array(held)
-    for number in scene.assembly.fixed:
-        if number >= len(held):
-            raise AssemblyError(
-                f"assembly.fixed: got block {number}, but there are {len(held)} blocks, "
-                f"numbered 0 to {len(held) - 1}"
-            )
-        fixed[number] = True
-    return blocks, fixed
+    for one in scene.assembly.fixed:
+        fixed[_numbers_of(one, names)] = True
+    return Placed(blocks, fixed, tuple(names) if any(names) else ())
+
+
+def _numbers_of(one: int | str, names: list[str]) -> list[int]:
+    """Blocks of a number or a name, both as `assembly.fixed` has them."""
+    found = [one] if isinstance(one, int) else [k for k, name in enumerate(names) if name == one]
+    if found and found[0] < len(names):
+        return found
+    if isinstance(one, int):
+        there = f"there are {len(names)} blocks, numbered 0 to {len(names) - 1}"
+    else:
+        known = list(dict.fromkeys(name for name in names if name))
+        close = difflib.get_close_matches(one, known, n=3, cutoff=0.0)
+        there = f"names are {', '.join(close)}, …" if close else "the files name no blocks"
+    raise AssemblyError(f"assembly.fixed: got block {one!r}, but {there}")
 
 
 @dataclass(frozen=True)

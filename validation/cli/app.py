@@ -19,8 +19,9 @@ _HELP = (
     "stresses."
 )
 _EPILOG = (
-    "Exit status: 0 done; 1 a robustness case failed (`stability`); 2 input error, with a one-line "
-    "diagnostic; 3 a requested accuracy was not reached (`fem --accuracy`); 130 interrupted. "
+    "Exit status: 0 done; 1 a robustness case failed (`stability`) or a file has faults (`check`); "
+    "2 input error, with a one-line diagnostic; 3 a requested accuracy was not reached "
+    "(`fem --accuracy`); 130 interrupted. "
     "NO_COLOR=1 in the environment switches colours off."
 )
 
@@ -74,6 +75,8 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "schema": look.schema,
         "export": decks.export,
         "import": decks.import_,
+        "check": decks.check,
+        "repair": decks.repair,
     },
     "Paper": {"demo": paper.demo},
     "Verify": {

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from validation.cli.options import JsonOption, SceneArgument, SetOption
 from validation.errors import InputError
 
+if TYPE_CHECKING:
+    from validation.scene.read import SceneFile
+
 
 def export(
     scene: SceneArgument,
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE.inp", help="Input deck to write.")
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE.inp|obj|json",
+            help="File to write: an input deck, or blocks as OBJ or as an assembly of compas.",
+        ),
     ],
     flavour: Annotated[
         str | None,
@@ -30,7 +39,7 @@ def export(
     ] = None,
     settings: SetOption = None,
 ) -> None:
-    """Write an input deck for Abaqus or CalculiX."""
+    """Write an input deck for Abaqus or CalculiX, or the blocks as OBJ or compas JSON."""
     from fem.decks.statement import Flavour
     from validation.output.decks import export_deck, print_export
     from validation.output.outputs import Outputs
@@ -40,11 +49,92 @@ def export(
     if flavour is not None and flavour not in set(Flavour):
         raise InputError(f"--flavour {flavour}: expected one of {', '.join(Flavour)}")
     file = load_scene(scene, settings or ())
+    if output.suffix.lower() != ".inp":
+        if flavour is not None:
+            raise InputError(f"--flavour {flavour}: {output} is no deck; expected -o FILE.inp")
+        _export_blocks(file, output)
+        return
     with Outputs(files={"-o": output}, scene=file) as outputs:
         with recording(file.scene) as use:
             written = export_deck(file, None if flavour is None else Flavour(flavour), output)
         print_export(written, outputs.console)
         outputs.tell_unused(use)
+
+
+def _export_blocks(file: SceneFile, output: Path) -> None:
+    """Write the blocks of a scene where they stand."""
+    from geometry.files.write_solids import SOLID_SUFFIXES, write_solids
+    from geometry.polyhedra.assembly import as_polyhedral
+    from validation.build.blocks import build_scene
+    from validation.build.polyhedra import build_polyhedra
+    from validation.output.files import prepare_file
+    from validation.output.outputs import Outputs
+    from validation.scene.polyhedra import PolyhedralScene
+
+    if output.suffix.lower() not in SOLID_SUFFIXES:
+        raise InputError(f"-o {output}: expected a name that ends in .inp, .obj or .json")
+    with Outputs(files={"-o": output}, scene=file) as outputs:
+        if isinstance(file.scene, PolyhedralScene):
+            placed = build_polyhedra(file.scene, file.folder)
+        else:
+            placed = as_polyhedral(build_scene(file, command="export").assembly)
+        prepare_file(output)
+        write_solids(output, placed)
+        outputs.say(f"{placed.n_blocks} blocks", output)
+
+
+UnitsOption = Annotated[
+    str, typer.Option("--units", metavar="mm|cm|m|inch", help="Unit of the file.")
+]
+UpOption = Annotated[str, typer.Option("--up", metavar="y|z", help="Axis that points up.")]
+
+
+def _one_of(option: str, got: str, allowed: tuple[str, ...]) -> None:
+    if got not in allowed:
+        raise InputError(f"{option} {got}: expected one of {', '.join(allowed)}")
+
+
+def check(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Blocks: STL, OBJ, STEP, JSON, …")],
+    units: UnitsOption = "mm",
+    up: UpOption = "z",
+    json: JsonOption = None,
+) -> None:
+    """Say what is wrong with the blocks of a file, block by block."""
+    from validation.output.outputs import Outputs
+    from validation.output.solids import check_file
+
+    _one_of("--units", units, ("mm", "cm", "m", "inch"))
+    _one_of("--up", up, ("y", "z"))
+    with Outputs(json, reads=(file,)) as outputs:
+        found = check_file(file, units=units, up=up, repair=False)
+        outputs.console.print(found.table())
+        outputs.write_json(found.as_dict())
+    if not found.clean:
+        raise typer.Exit(1)
+
+
+def repair(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Blocks: STL, OBJ, STEP, JSON, …")],
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", metavar="FILE.obj|json", help="File to write, in mm."),
+    ],
+    units: UnitsOption = "mm",
+    up: UpOption = "z",
+    json: JsonOption = None,
+) -> None:
+    """Drop double triangles, turn wrong ones, close flat holes; say what was changed."""
+    from validation.output.outputs import Outputs
+    from validation.output.solids import write_repaired
+
+    _one_of("--units", units, ("mm", "cm", "m", "inch"))
+    _one_of("--up", up, ("y", "z"))
+    with Outputs(json, files={"-o": output}, reads=(file,)) as outputs:
+        found = write_repaired(file, output, units=units, up=up)
+        outputs.console.print(found.table())
+        outputs.write_json(found.as_dict())
+        outputs.say(f"{len(found.blocks)} blocks", output)
 
 
 def import_(

@@ -17,19 +17,24 @@ JOINT_FILES = ("joints.csv", "joints.vtu")
 _AXES = ("x", "y", "z")
 
 
-def write_joints(joints: JointResultants, outputs: Outputs) -> None:
-    """Write both files; nothing without a folder or without joints."""
+def write_joints(joints: JointResultants, names: tuple[str, ...], outputs: Outputs) -> None:
+    """Write both files; nothing without a folder or without joints.
+
+    ``names`` are those of the blocks, () without any.
+    """
     if len(joints.block_m):
-        outputs.write("joints", "joints.csv", lambda path: _write_table(joints, path))
+        outputs.write("joints", "joints.csv", lambda path: _write_table(joints, names, path))
         outputs.write("joints", "joints.vtu", lambda path: _write_points(joints, path))
 
 
-def _write_table(joints: JointResultants, path: Path) -> None:
+def _write_table(joints: JointResultants, names: tuple[str, ...], path: Path) -> None:
     """One row a joint; forces and moments act on block s, moments about the centroid."""
     name = joints.name
+    named = np.array(names)
     columns = {
         "block_m": joints.block_m,
         "block_s": joints.block_s,
+        **({"name_m": named[joints.block_m], "name_s": named[joints.block_s]} if names else {}),
         "area_mm2": joints.areas,
         **_components("centroid", joints.centroids, "mm"),
         **_components("normal", joints.normals, ""),

@@ -20,6 +20,7 @@ from geometry.answer import Answer, Measure
 from geometry.assembly import Assembly
 from geometry.measures import JointResultants
 from geometry.mesh import FloatArray, IntArray
+from validation.build.doubts import doubts
 from validation.build.own_blocks import bare_joints
 from validation.build.polyhedra import build_polyhedra
 from validation.run.measures import FrictionSet, StaticReference, drawing_scale
@@ -232,7 +233,10 @@ class DeformableRun:
     @cached_property
     def notes(self) -> dict[str, str]:
         """How solids were meshed where their files do not say it, by the name of the row."""
-        assembly, notes = self.deformable.assembly, {}
+        assembly = self.deformable.assembly
+        notes: dict[str, str] = {}
+        if isinstance(self.scene, PolyhedralScene):
+            notes |= doubts(self.scene, assembly, Path())
         if self.scene.straightened(assembly):
             notes["edges"] = STRAIGHT_EDGES
         sizes = [shape.tetrahedra for shape in assembly.shapes if shape.tetrahedra is not None]
@@ -247,8 +251,8 @@ class DeformableRun:
             more = f" and {len(bare) - 1} more pairs" if len(bare) > 1 else ""
             if bare:
                 notes["edge contacts"] = (
-                    f"left out: blocks {bare[0][0]} and {bare[0][1]}{more} touch along an edge or "
-                    "at a point alone"
+                    f"left out: blocks {assembly.named(bare[0][0])} and "
+                    f"{assembly.named(bare[0][1])}{more} touch along an edge or at a point alone"
                 )
         return notes
 

@@ -226,7 +226,11 @@ class MeshBlockSection(Section):
 
     type: Literal["mesh"]
     units: Literal["mm", "cm", "m", "inch"] = "mm"
-    """Unit of the files; STEP files contain their unit."""
+    """Unit of the files; STEP, glTF, 3MF and 3DM files contain theirs."""
+    up: Literal["y", "z"] = "z"
+    """Axis of the files that points up; y becomes z. glTF files are read with y up already."""
+    repair: bool = False
+    """Drop triangles that are there twice, turn those that face the wrong way, close flat holes."""
     element_size: Positive | None = None
     """Largest triangle on curved STEP faces [mm]."""
 
@@ -246,8 +250,8 @@ class PartSection(Section):
     """``[[parts]]``: a mesh file and the positions of its copies."""
 
     file: str
-    """STL, OBJ, PLY, VTU, INP, STEP; relative to the scene's folder. Each closed surface in it is
-    a block."""
+    """STL, OBJ, PLY, OFF, VTU, INP, STEP, JSON (compas), glTF, 3MF, 3DM; relative to the scene's
+    folder. Each closed object, group or surface in it is a block."""
     fixed: bool = False
     """Whether all its copies are fixed."""
     places: Annotated[tuple[PlaceSection, ...], Field(min_length=1)] = (PlaceSection(),)
@@ -256,8 +260,9 @@ class PartSection(Section):
 class FixedBlocksSection(Section):
     """``[assembly]`` of imported blocks."""
 
-    fixed: tuple[Annotated[int, Field(ge=0)], ...] = ()
-    """Numbers of fixed blocks, counted from 0 in the order of parts, places and solids."""
+    fixed: tuple[Annotated[int, Field(ge=0)] | str, ...] = ()
+    """Fixed blocks: numbers, counted from 0 in the order of parts, places and solids, or names
+    of the files' objects."""
 
 
 class MeshScene(_PolyhedralScene):

@@ -173,7 +173,9 @@ def labels(assembly: AnyBlocks, blocks: Iterable[int]) -> dict[int, str]:
     named = look().labels
     if named == "none":
         return {}
-    return {b: assembly.shape(b).name if named == "names" else str(b) for b in blocks}
+    if named == "numbers":
+        return {b: str(b) for b in blocks}
+    return {b: assembly.names[b] if assembly.names else assembly.shape(b).name for b in blocks}
 
 
 def labelled(

@@ -40,7 +40,7 @@ def write_polyhedra(run: PolyhedralRun, outputs: Outputs) -> None:
     outputs.write("contacts", "contacts.vtu", lambda path: write_contacts(run, path))
     outputs.write("picture", "contacts.png", lambda path: draw_polyhedra(run, path))
     if run.carried.holds:
-        write_joints(run.joints, outputs)
+        write_joints(run.joints, run.assembly.names, outputs)
     motion = mechanism_motion(run)
     if motion is not None:
         outputs.write(
@@ -83,6 +83,8 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
     table.add_row("volume mesh", volume_words(run))
     if run.straightened:
         table.add_row("edges", STRAIGHT_EDGES)
+    for name, words in run.doubts.items():
+        table.add_row(name, words)
     table.add_row("CPU seconds", cpu_words(run.cpu_seconds))
     console.print(table)
 

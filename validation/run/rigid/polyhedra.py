@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,6 +14,7 @@ from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from mbd import Classification, classify, contact_jacobian, generalized_force
 from mbd.answer import certificate_report
+from validation.build.doubts import doubts
 from validation.build.own_blocks import refuse_two_weights
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
 from validation.run.rigid.answer import RigidAnswer
@@ -30,6 +32,8 @@ class PolyhedralRun(RigidAnswer):
     loads: BodyLoads
     faces: Classification | None = None
     """Class by the contacts that have an area alone, with its certificate; None where all have."""
+    doubts: Mapping[str, str] = field(default_factory=dict)
+    """What may be meant in another way, by the name of the row."""
 
     @cached_property
     def patch_pressures(self) -> FloatArray:
@@ -54,6 +58,8 @@ class PolyhedralRun(RigidAnswer):
             "contact_area": float(interfaces.patches.areas.sum()),
             "tolerance": self.assembly.tolerance,
             **({"edges": STRAIGHT_EDGES} if self.straightened else {}),
+            **self.doubts,
+            **({"block_names": list(self.assembly.names)} if self.assembly.names else {}),
         }
 
     @property
@@ -92,6 +98,7 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
         assembly=assembly,
         load=loads.load_case(assembly),
         loads=loads,
+        doubts=doubts(scene, assembly, file.folder),
     )
     if not sum(run.bare_contacts.values()):
         return run

@@ -1,0 +1,234 @@
+"""What is wrong with the blocks of a file, and the same blocks written again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from geometry.files.block_files import UNITS, diagnosed_blocks
+from geometry.files.named_surfaces import Y_UP
+from geometry.files.write_solids import SOLID_SUFFIXES, write_solids
+from geometry.mesh import MeshError
+from geometry.polyhedra.assembly import PolyhedralAssembly
+from geometry.polyhedra.overlap import Overlap, SignedDistance, find_overlaps
+from geometry.polyhedra.polyhedron import Polyhedron
+from validation.errors import InputError
+from validation.output.console import two_columns
+from validation.output.files import prepare_file
+
+#: Faces farther apart than this many contact tolerances are no gap of a joint.
+_GAPS = 100.0
+#: Rows of a kind that the table shows; JSON has all.
+_MOST = 20
+#: Blocks shorter than this (∛V) in the unit of their file were drawn in metres.
+_METRES = 5.0
+
+
+@dataclass(frozen=True)
+class FileCheck:
+    """The blocks of a file, and what is wrong with them."""
+
+    path: Path
+    units: str
+    blocks: list[Polyhedron]
+    faults: list[list[str]]
+    """Of each block."""
+    overlaps: list[Overlap] = field(default_factory=list)
+    """Pairs deeper in each other than the contact tolerance."""
+    gaps: list[tuple[int, int, float]] = field(default_factory=list)
+    """Pairs of blocks that nearly touch, and their distance [mm]."""
+    n_touching: int = 0
+    """Pairs of blocks that touch."""
+    assembly: PolyhedralAssembly | None = None
+    """The blocks without faults."""
+
+    @property
+    def clean(self) -> bool:
+        """Whether nothing is wrong."""
+        return not any(self.faults) and not self.overlaps
+
+    @property
+    def length(self) -> float:
+        """∛V of a block of mean volume [mm]; 0 where no block is closed."""
+        return 0.0 if self.assembly is None else self.assembly.characteristic_length
+
+    def likely_unit(self) -> str:
+        """Unit that the size of the blocks suggests, empty where it agrees with the one stated."""
+        likely = "m" if 0.0 < self.length / UNITS[self.units] < _METRES else ""
+        return likely if likely != self.units else ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it as plain data."""
+        return {
+            "file": str(self.path),
+            "clean": self.clean,
+            "blocks": [
+                {
+                    "name": block.given_name or block.name,
+                    "support": block.held,
+                    "volume": None if faults else block.volume,
+                    "triangles": len(block.triangles),
+                    "faults": faults,
+                    "repairs": list(block.repairs),
+                }
+                for block, faults in zip(self.blocks, self.faults, strict=True)
+            ],
+            "size": self.size.tolist(),
+            "tolerance": None if self.assembly is None else self.assembly.tolerance,
+            "touching_pairs": self.n_touching,
+            "overlaps": [
+                {"blocks": [o.block_a, o.block_b], "depth": o.depth, "point": o.point.tolist()}
+                for o in self.overlaps
+            ],
+            "gaps": [{"blocks": [a, b], "gap": gap} for a, b, gap in self.gaps],
+            "likely_unit": self.likely_unit() or self.units,
+        }
+
+    @property
+    def size(self) -> np.ndarray[Any, Any]:
+        """Edges of the box round all blocks [mm]."""
+        return np.ptp(np.concatenate([block.points for block in self.blocks]), axis=0)
+
+    def table(self) -> Table:
+        """All of it as text, what is wrong first."""
+        bad = [k for k, faults in enumerate(self.faults) if faults]
+        table = two_columns(f"{self.path}: {len(self.blocks)} blocks")
+        table.add_row("blocks", f"{len(self.blocks) - len(bad)} closed, {len(bad)} not")
+        for k in bad[:_MOST]:
+            table.add_row(self._name(k), "; ".join(self.faults[k]))
+        repaired = [k for k, block in enumerate(self.blocks) if block.repairs]
+        for k in repaired[:_MOST]:
+            table.add_row(f"repaired: {self._name(k)}", ", ".join(self.blocks[k].repairs))
+        if max(len(bad), len(repaired)) > _MOST:
+            table.add_row("more", f"only {_MOST} of them are listed; --json FILE has all")
+        if self.assembly is not None:
+            tolerance = self.assembly.tolerance
+            words = f"{self.n_touching} pairs within {tolerance:.3g} mm"
+            table.add_row("touching", words)
+            for o in self.overlaps[:_MOST]:
+                pair = f"{self._name(o.block_a)} and {self._name(o.block_b)}"
+                near = np.round(o.point, 2).tolist()
+                table.add_row("overlap", f"{pair}: {o.depth:.3g} mm deep near {near} mm")
+            for a, b, gap in self.gaps[:_MOST]:
+                words = f"{self._name(a)} and {self._name(b)}: {gap:.3g} mm apart"
+                table.add_row("gap", words)
+            table.add_row("∛V of a block", f"{self.length:.4g} mm ({self.units} in the file)")
+        likely = self.likely_unit()
+        if likely:
+            words = (
+                f"{likely}: such small blocks are rare; --units {likely}, block.units in a scene"
+            )
+            table.add_row("likely unit", words)
+        table.add_row("size", " × ".join(f"{x:.5g}" for x in self.size) + " mm (x, y, z)")
+        held = [k for k, block in enumerate(self.blocks) if block.held]
+        table.add_row("supports", f"{len(held)} by the file" if held else "the file names none")
+        return table
+
+    def _name(self, k: int) -> str:
+        block = self.blocks[k]
+        return f"block {k}" + (f" ({block.given_name})" if block.given_name else "")
+
+
+def check_file(path: Path, *, units: str, up: str, repair: bool) -> FileCheck:
+    """Read a file and look for all that keeps its blocks from being analysed.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read.
+    """
+    try:
+        found = diagnosed_blocks(path, units=units, repair=repair)
+    except MeshError as error:
+        raise InputError(str(error)) from None
+    number = [k for k, (_, faults) in enumerate(found) if not faults]
+    check = FileCheck(path, units, [block for block, _ in found], [faults for _, faults in found])
+    if not number:
+        return check
+    assembly = _assembly(path.stem, [found[k][0] for k in number], up)
+    overlaps, gaps, touching = _neighbours(assembly)
+    return replace(
+        check,
+        overlaps=[
+            replace(o, block_a=number[o.block_a], block_b=number[o.block_b]) for o in overlaps
+        ],
+        gaps=[(number[a], number[b], gap) for a, b, gap in gaps],
+        n_touching=len(touching),
+        assembly=assembly,
+    )
+
+
+def _assembly(name: str, blocks: list[Polyhedron], up: str) -> PolyhedralAssembly:
+    """Blocks where their file has them, y up turned to z up; held where the file says so."""
+    n = len(blocks)
+    names = tuple(block.given_name for block in blocks)
+    return PolyhedralAssembly(
+        name=name,
+        shapes=tuple(blocks),
+        shape_of=np.arange(n),
+        rotations=np.tile(Y_UP if up == "y" else np.eye(3), (n, 1, 1)),
+        translations=np.zeros((n, 3)),
+        fixed=np.array([block.held for block in blocks], dtype=np.bool_),
+        names=names if any(names) else (),
+    )
+
+
+_Pairs = list[tuple[int, int]]
+
+
+def _neighbours(
+    assembly: PolyhedralAssembly,
+) -> tuple[list[Overlap], list[tuple[int, int, float]], _Pairs]:
+    """Overlaps, gaps that are nearly joints, and pairs of blocks that touch."""
+    placed = assembly.shapes, assembly.shape_of, assembly.rotations, assembly.translations
+    overlaps = find_overlaps(*placed, assembly.tolerance)
+    touching = _pairs(assembly, assembly.tolerance)
+    near = set(_pairs(assembly, _GAPS * assembly.tolerance)) - set(touching)
+    near -= {(o.block_a, o.block_b) for o in overlaps}
+    return overlaps, [(a, b, _distance(assembly, a, b)) for a, b in sorted(near)], touching
+
+
+def _pairs(assembly: PolyhedralAssembly, tolerance: float) -> _Pairs:
+    contacts = assembly.contacts_within(tolerance)
+    pairs = np.sort(np.column_stack([contacts.block_m, contacts.block_s]), axis=1)
+    return [(a, b) for a, b in np.unique(pairs, axis=0).tolist()]
+
+
+def _distance(assembly: PolyhedralAssembly, a: int, b: int) -> float:
+    """Least distance of a corner of one block from the surface of the other [mm]."""
+    return min(
+        float(
+            np.abs(
+                SignedDistance(assembly.shape(one))(
+                    (assembly.points(other) - assembly.translations[one]) @ assembly.rotations[one]
+                )
+            ).min()
+        )
+        for one, other in ((a, b), (b, a))
+    )
+
+
+def write_repaired(path: Path, output: Path, *, units: str, up: str) -> FileCheck:
+    """Mend the blocks of a file and write them again, in mm with z up.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read or written, or a block that stays faulty: nothing is written.
+    """
+    if output.suffix.lower() not in SOLID_SUFFIXES:
+        raise InputError(f"-o {output}: expected a name that ends in .obj or .json (compas)")
+    check = check_file(path, units=units, up=up, repair=True)
+    for k, faults in enumerate(check.faults):
+        if faults:
+            raise InputError(
+                f"{path}: block {k} ({check.blocks[k].name}) cannot be repaired: {faults[0]}"
+            )
+    assert check.assembly is not None
+    prepare_file(output)
+    write_solids(output, check.assembly)
+    return check
