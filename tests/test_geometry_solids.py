@@ -200,7 +200,8 @@ def test_an_obj_says_the_same_however_it_is_written(tmp_path: Path) -> None:
     for name, (line, corners) in ways.items():
         lines = [*vertices, *(line.format(*row) for row in corners.tolist())]
         (tmp_path / f"{name}.obj").write_text("\n".join(lines))
-        found, (group,) = read_obj(tmp_path / f"{name}.obj")
+        (surface,) = read_obj(tmp_path / f"{name}.obj")
+        found, (group,) = surface.points, surface.faces
         np.testing.assert_array_equal(found, points)
         np.testing.assert_array_equal(group, faces - 1)
 

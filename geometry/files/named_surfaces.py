@@ -118,8 +118,13 @@ def read_scene_graph(path: Path) -> list[NamedSurface]:
     MeshError
         A file that trimesh cannot read.
     """
-    import trimesh
-
+    try:
+        import trimesh
+    except ImportError:
+        raise MeshError(
+            f"{path}: needs trimesh, which is not installed: pip install 'tubelock[formats]', or "
+            "export the model as OBJ"
+        ) from None
     try:
         scene = trimesh.load_scene(path, process=False)
     except Exception as error:  # trimesh raises whatever its readers meet
@@ -164,8 +169,8 @@ def read_rhino(path: Path) -> list[NamedSurface]:
         import rhino3dm
     except ImportError:
         raise MeshError(
-            f"{path}: needs rhino3dm, which is not installed: pip install rhino3dm, or export the "
-            "model as OBJ"
+            f"{path}: needs rhino3dm, which is not installed: pip install 'tubelock[formats]', or "
+            "export the model as OBJ"
         ) from None
     file = rhino3dm.File3dm.Read(str(path))
     if file is None:

@@ -60,6 +60,7 @@ def _by_name(
     lines: list[str], points: FloatArray, faces: list[IntArray], at: list[IntArray]
 ) -> list[NamedSurface]:
     """Faces of each object, or of each group, with the points that they use."""
+    alone = ""
     for kind in ("o ", "g "):
         heads = [k for k, line in enumerate(lines) if line.startswith(kind)]
         names = ["", *(lines[k][2:].strip() for k in heads)]
@@ -67,8 +68,9 @@ def _by_name(
         used = list(dict.fromkeys(names[k] for k in np.unique(np.concatenate(of_face))))
         if len(used) > 1:
             break
+        alone = alone or used[0]
     else:
-        return [NamedSurface(used[0], points, tuple(faces))]
+        return [NamedSurface(alone, points, tuple(faces))]
     number = np.array([used.index(name) if name in used else -1 for name in names])
     surfaces = []
     for k, name in enumerate(used):

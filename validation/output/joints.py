@@ -17,7 +17,7 @@ JOINT_FILES = ("joints.csv", "joints.vtu")
 _AXES = ("x", "y", "z")
 
 
-def write_joints(joints: JointResultants, names: tuple[str, ...], outputs: Outputs) -> None:
+def write_joints(joints: JointResultants, outputs: Outputs, names: tuple[str, ...] = ()) -> None:
     """Write both files; nothing without a folder or without joints.
 
     ``names`` are those of the blocks, () without any.

@@ -51,7 +51,7 @@ FILES = (
 def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
     """Write joints, pictures and history beside the answer; nothing without a folder."""
     if run.meets:
-        write_joints(run.joints, run.deformable.assembly.names, outputs)
+        write_joints(run.joints, outputs, run.deformable.assembly.names)
     for file, draw in _pictures(run).items():
         outputs.write("picture", file, partial(draw, run))
     if run.explicit is not None:

@@ -37,7 +37,7 @@ def write_rigid(run: RigidRun, outputs: Outputs) -> None:
     """Write pictures and joints beside the answer; nothing without a folder."""
     if run.carried.holds:
         outputs.write("picture", "contact_pressures.png", lambda path: draw_pressures(run, path))
-        write_joints(run.joints, run.assembly.names, outputs)
+        write_joints(run.joints, outputs, run.assembly.names)
     if "mechanism" in run.answer.fields:
         outputs.write("picture", "mechanism.png", lambda path: draw_mechanism(run, path))
 

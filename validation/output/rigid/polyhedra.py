@@ -40,7 +40,7 @@ def write_polyhedra(run: PolyhedralRun, outputs: Outputs) -> None:
     outputs.write("contacts", "contacts.vtu", lambda path: write_contacts(run, path))
     outputs.write("picture", "contacts.png", lambda path: draw_polyhedra(run, path))
     if run.carried.holds:
-        write_joints(run.joints, run.assembly.names, outputs)
+        write_joints(run.joints, outputs, run.assembly.names)
     motion = mechanism_motion(run)
     if motion is not None:
         outputs.write(

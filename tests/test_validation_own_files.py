@@ -1,0 +1,353 @@
+"""Other people's files: formats, names, supports, which way is up, what is wrong and its repair."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from geometry.errors import RefusedError
+from geometry.files.block_files import diagnosed_blocks, read_blocks
+from geometry.files.named_surfaces import Y_UP
+from geometry.files.write_solids import flat_faces, write_solids
+from geometry.polyhedra.assembly import PolyhedralAssembly
+from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
+from validation.cli.app import app
+from validation.errors import InputError
+from validation.output.solids import check_file, write_repaired
+from validation.run.rigid.polyhedra import run_polyhedra
+from validation.scene.read import load_scene
+
+pytestmark = pytest.mark.quick
+
+#: Corners of a box by signs, and its sides seen from outside.
+_CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=np.float64)
+_SIDES = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+
+
+def obj(
+    path: Path,
+    boxes: dict[str, tuple[list[float], list[float]]],
+    sides: list[list[int]] = _SIDES,
+    *,
+    head: str = "o",
+    each: Callable[[int], str] = lambda _: "",
+) -> Path:
+    """Write boxes by name, lowest corner and size as one OBJ file."""
+    lines, first = [], 1
+    for name, (at, size) in boxes.items():
+        lines += [f"{head} {name}"] if head else []
+        lines += ["v {} {} {}".format(*p) for p in np.array(at) + _CORNERS * size]
+        for k, side in enumerate(sides):
+            lines += [each(k)] if each(k) else []
+            lines.append("f " + " ".join(str(first + corner) for corner in side))
+        first += 8
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+STACK = {
+    "base": ([0.0, 0.0, 0.0], [300.0, 300.0, 100.0]),
+    "block": ([50.0, 50.0, 100.0], [100.0, 100.0, 200.0]),
+}
+
+
+def scene_of(file: Path, *lines: str) -> Path:
+    path = file.with_suffix(".toml")
+    path.write_text(
+        "\n".join(
+            [
+                "[block]",
+                'type = "mesh"',
+                *(line for line in lines if line.startswith(("up", "repair"))),
+                "[[parts]]",
+                f'file = "{file.name}"',
+                *(line for line in lines if line.startswith("places")),
+                "[assembly]",
+                *(line for line in lines if line.startswith("fixed")),
+                "[load]",
+                "density = 2.4e-9",
+                "gravity = [0, 0, -9810]",
+            ]
+        )
+    )
+    return path
+
+
+def rigid(file: Path, *lines: str):  # type: ignore[no-untyped-def]
+    loaded = load_scene(str(scene_of(file, *lines)))
+    return run_polyhedra(loaded, loaded.scene)  # type: ignore[arg-type]
+
+
+def test_objects_of_an_obj_are_blocks_with_names(tmp_path: Path) -> None:
+    blocks = read_blocks(obj(tmp_path / "a.obj", STACK))
+    assert [block.given_name for block in blocks] == ["base", "block"]
+    np.testing.assert_allclose([block.volume for block in blocks], [9e6, 2e6], rtol=1e-12)
+
+
+def test_objects_may_share_faces_that_look_the_same_way(tmp_path: Path) -> None:
+    # Two boxes in each other by a face: one surface cannot say which matter is whose.
+    same = {"a": ([0.0] * 3, [100.0] * 3), "b": ([0.0] * 3, [100.0, 100.0, 50.0])}
+    assert len(read_blocks(obj(tmp_path / "named.obj", same))) == 2
+    with pytest.raises(RefusedError):
+        read_blocks(obj(tmp_path / "unnamed.obj", same, head=""))
+
+
+def test_groups_that_are_the_sides_of_one_solid_are_one_block(tmp_path: Path) -> None:
+    file = obj(tmp_path / "a.obj", {"": STACK["base"]}, head="", each=lambda k: f"g side {k}")
+    (block,) = read_blocks(file)
+    assert block.volume == pytest.approx(9e6, rel=1e-12)
+
+
+def test_a_name_that_comes_again_goes_on(tmp_path: Path) -> None:
+    file = obj(tmp_path / "a.obj", STACK)
+    lines = file.read_text().splitlines()
+    last = lines.pop(-1)
+    first = lines.index("o block")
+    lines.insert(first, "o block")
+    file.write_text("\n".join([*lines, "o base", "o block", last]) + "\n")
+    assert [b.given_name for b in read_blocks(file)] == ["base", "block"]
+
+
+@pytest.mark.parametrize(
+    ("sides", "changes"),
+    [
+        (_SIDES + _SIDES[:2], ("4 triangles that were there twice dropped",)),
+        ([*_SIDES[:-1], _SIDES[-1][::-1]], ("2 triangles turned",)),
+        (_SIDES[:-1], ("1 flat hole closed",)),
+        (
+            [*_SIDES[:4], _SIDES[4][::-1], _SIDES[0]],
+            (
+                "2 triangles that were there twice dropped",
+                "2 triangles turned",
+                "1 flat hole closed",
+            ),
+        ),
+    ],
+)
+def test_faults_are_named_and_mended_on_request(
+    tmp_path: Path, sides: list[list[int]], changes: tuple[str, ...]
+) -> None:
+    file = obj(tmp_path / "a.obj", {"base": STACK["base"]}, sides)
+    with pytest.raises(RefusedError, match=r"base: .*block\.repair = true"):
+        read_blocks(file)
+    ((_, faults),) = diagnosed_blocks(file)
+    assert faults
+    (block,) = read_blocks(file, repair=True)
+    assert block.volume == pytest.approx(9e6, rel=1e-12)
+    assert block.repairs == changes
+
+
+def test_a_clean_file_is_not_changed_by_repair(tmp_path: Path) -> None:
+    file = obj(tmp_path / "a.obj", STACK)
+    for plain, mended in zip(read_blocks(file), read_blocks(file, repair=True), strict=True):
+        assert mended.repairs == ()
+        np.testing.assert_array_equal(plain.points, mended.points)
+        np.testing.assert_array_equal(plain.triangles, mended.triangles)
+
+
+def placed(shapes: list[Polyhedron], fixed: list[bool], *, step: float = 1.0) -> PolyhedralAssembly:
+    n = len(shapes)
+    return PolyhedralAssembly(
+        name="written",
+        shapes=tuple(shapes),
+        shape_of=np.arange(n),
+        rotations=np.tile(np.eye(3), (n, 1, 1)),
+        translations=step * np.arange(3.0 * n).reshape(n, 3),
+        fixed=np.array(fixed),
+        names=tuple(f"part {k}" for k in range(n)),
+    )
+
+
+def some_solids() -> list[Polyhedron]:
+    rng = np.random.default_rng(5)
+    return [
+        convex_polyhedron("hull", 100.0 * rng.standard_normal((12, 3))),
+        convex_polyhedron("box", 50.0 * _CORNERS),
+    ]
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".json"])
+def test_written_solids_are_read_again(tmp_path: Path, suffix: str) -> None:
+    assembly = placed(some_solids(), [True, False])
+    write_solids(tmp_path / f"a{suffix}", assembly)
+    read = read_blocks(tmp_path / f"a{suffix}")
+    assert [block.given_name for block in read] == list(assembly.names)
+    assert [block.held for block in read] == [suffix == ".json", False]
+    np.testing.assert_allclose([b.volume for b in read], assembly.volumes, rtol=1e-12)
+    np.testing.assert_allclose(
+        np.array([b.centroid for b in read]), assembly.centroids, rtol=0, atol=1e-9
+    )
+
+
+def test_flat_faces_are_polygons() -> None:
+    hull, box = some_solids()
+    assert sorted(map(len, flat_faces(box))) == [4] * 6
+    assert sorted(map(len, flat_faces(hull))) == [3] * len(hull.triangles)
+
+
+def test_compas_reads_what_is_written(tmp_path: Path) -> None:
+    compas = pytest.importorskip("compas")
+    pytest.importorskip("compas_assembly")
+    write_solids(tmp_path / "a.json", placed(some_solids(), [True, False]))
+    assembly = compas.json_load(tmp_path / "a.json")
+    volumes = [abs(block.volume()) for block in assembly.blocks()]
+    np.testing.assert_allclose(volumes, [s.volume for s in some_solids()], rtol=1e-9)
+
+
+def test_a_model_of_compas_moves_its_elements(tmp_path: Path) -> None:
+    write_solids(tmp_path / "a.json", placed(some_solids()[1:], [False]))
+    data = json.loads((tmp_path / "a.json").read_text())
+    mesh = data["data"]["graph"]["data"]["node"]["0"]["block"]
+    matrix = [[0, -1, 0, 5], [1, 0, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]]
+    element = {
+        "name": "lintel",
+        "is_support": True,
+        "geometry": mesh | {"data": mesh["data"] | {"attributes": {}}},
+        "transformation": {"data": {"matrix": matrix}},
+    }
+    (tmp_path / "m.json").write_text(json.dumps({"data": {"elements": {"x": {"data": element}}}}))
+    (block,) = read_blocks(tmp_path / "m.json")
+    assert (block.given_name, block.held) == ("lintel", True)
+    # The first block was written at 0, 1, 2 mm.
+    np.testing.assert_allclose(block.centroid, [5 - 26, 6 + 25, 7 + 27], atol=1e-9)
+
+
+@pytest.mark.parametrize(("suffix", "unit"), [(".glb", "meter"), (".3mf", "cm")])
+def test_formats_with_units_are_read_in_millimetres(tmp_path: Path, suffix: str, unit: str) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    length = {"meter": 1000.0, "cm": 10.0}[unit]
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.creation.box(extents=(1, 2, 3)), node_name="lintel")
+    if suffix == ".3mf":
+        scene.units = "centimeter"
+    scene.export(tmp_path / f"a{suffix}")
+    if suffix == ".3mf":
+        scene.units = unit
+    (block,) = read_blocks(tmp_path / f"a{suffix}")
+    assert block.given_name
+    extent = [1, 3, 2] if suffix == ".glb" else [1, 2, 3]  # the y axis of glTF points up
+    if suffix == ".3mf":
+        length = block.volume ** (1 / 3) / 6 ** (1 / 3)
+        assert length in (pytest.approx(1.0), pytest.approx(10.0))
+    np.testing.assert_allclose(np.ptp(block.points, axis=0), length * np.array(extent), rtol=1e-6)
+
+
+def test_rhino_meshes_and_their_unit(tmp_path: Path) -> None:
+    rhino3dm = pytest.importorskip("rhino3dm")
+    file = rhino3dm.File3dm()
+    file.Settings.ModelUnitSystem = rhino3dm.UnitSystem.Centimeters
+    mesh = rhino3dm.Mesh()
+    for x, y, z in (10 * _CORNERS).tolist():
+        mesh.Vertices.Add(x, y, z)
+    for side in _SIDES:
+        mesh.Faces.AddFace(*side)
+    of = rhino3dm.ObjectAttributes()
+    of.Name = "keystone"
+    file.Objects.AddMesh(mesh, of)
+    file.Objects.AddPoint(rhino3dm.Point3d(0, 0, 0))
+    file.Write(str(tmp_path / "a.3dm"), 7)
+    (block,) = read_blocks(tmp_path / "a.3dm")
+    assert block.given_name == "keystone"
+    assert block.volume == pytest.approx(1e6, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.json", "{"),
+        ("a.json", '{"vertex": 3}'),
+        ("a.json", '{"vertex": {"0": {}}, "face": {"0": ["1", "2"]}}'),
+        ("a.json", "[" * 100_000),
+        ("a.glb", "glTF"),
+        ("a.gltf", "{}"),
+        ("a.3mf", "PK"),
+        ("a.3dm", "3D Geometry"),
+    ],
+)
+def test_files_that_are_none_get_one_line(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(RefusedError, match=name) as raised:
+        read_blocks(tmp_path / name)
+    assert "\n" not in str(raised.value)
+
+
+def test_blocks_are_fixed_by_name(tmp_path: Path) -> None:
+    file = obj(tmp_path / "a.obj", STACK)
+    run = rigid(file, 'fixed = ["base"]')
+    assert run.assembly.fixed.tolist() == [True, False]
+    assert run.answer.as_dict()["block_names"] == ["base", "block"]
+    with pytest.raises(RefusedError, match=r"got block 'bas', but names are base, block"):
+        rigid(file, 'fixed = ["bas"]')
+
+
+def test_supports_of_a_file_are_supports(tmp_path: Path) -> None:
+    lower, upper = read_blocks(obj(tmp_path / "a.obj", STACK))
+    write_solids(tmp_path / "b.json", placed([lower, upper], [True, False], step=0.0))
+    assert rigid(tmp_path / "b.json").assembly.fixed.tolist() == [True, False]
+
+
+def test_y_up_gives_the_answer_of_z_up(tmp_path: Path) -> None:
+    upright = rigid(obj(tmp_path / "z.obj", STACK), "fixed = [0]")
+    lying = {
+        name: ((Y_UP.T @ at + np.minimum(Y_UP.T @ size, 0)).tolist(), abs(Y_UP.T @ size).tolist())
+        for name, (at, size) in STACK.items()
+    }
+    file = obj(tmp_path / "y.obj", lying)
+    turned = rigid(file, "fixed = [0]", 'up = "y"')
+    np.testing.assert_allclose(turned.assembly.centroids, upright.assembly.centroids, atol=1e-9)
+    forces = [float(run.carried.normal_forces.sum()) for run in (turned, upright)]
+    assert forces[0] == pytest.approx(forces[1], rel=1e-9)
+    assert not turned.doubts
+    assert not upright.doubts
+    doubt = rigid(file, "fixed = [0]").doubts["which way is up"]
+    assert "every support lies on the -y side" in doubt
+    assert 'block.up = "y"' in doubt
+
+
+def test_overlaps_are_named_with_a_tolerance_that_works(tmp_path: Path) -> None:
+    deep = STACK | {"block": ([50.0, 50.0, 95.0], [100.0, 100.0, 200.0])}
+    file = obj(tmp_path / "a.obj", deep)
+    with pytest.raises(
+        RefusedError, match=r"blocks 0 \(base\) and 1 \(block\) overlap by 5 mm"
+    ) as e:
+        rigid(file, "fixed = [0]")
+    tolerance = str(e.value).partition("detection.tolerance = ")[2].split()[0]
+    loaded = load_scene(str(scene_of(file, "fixed = [0]")), [f"detection.tolerance={tolerance}"])
+    assert run_polyhedra(loaded, loaded.scene).carried.holds  # type: ignore[arg-type]
+
+
+def test_check_lists_faults_overlaps_and_gaps(tmp_path: Path) -> None:
+    boxes = STACK | {
+        "beside": ([151.0, 50.0, 100.0], [100.0, 100.0, 200.0]),
+        "deep": ([0.0, 0.0, -95.0], [300.0, 300.0, 100.0]),
+    }
+    file = obj(tmp_path / "a.obj", boxes)
+    check = check_file(file, units="mm", up="z", repair=False)
+    assert not check.clean
+    assert [(o.block_a, o.block_b) for o in check.overlaps] == [(0, 3)]
+    assert check.overlaps[0].depth == pytest.approx(5.0, rel=1e-9)
+    assert check.gaps == [(1, 2, pytest.approx(1.0, rel=1e-9))]
+    runner = CliRunner()
+    assert runner.invoke(app, ["check", str(file)]).exit_code == 1
+    clean = obj(tmp_path / "b.obj", STACK)
+    assert runner.invoke(app, ["check", str(clean)]).exit_code == 0
+    small = {name: ([0.0, 0.0, 0.3 * k], [0.3] * 3) for k, name in enumerate("ab")}
+    metres = check_file(obj(tmp_path / "c.obj", small), units="mm", up="z", repair=False)
+    assert metres.as_dict()["likely_unit"] == "m"
+
+
+def test_repair_writes_what_check_finds_clean(tmp_path: Path) -> None:
+    file = obj(tmp_path / "a.obj", STACK, _SIDES + _SIDES[:1])
+    runner = CliRunner()
+    for name in ("b.obj", "b.json"):
+        assert runner.invoke(app, ["repair", str(file), "-o", str(tmp_path / name)]).exit_code == 0
+        assert check_file(tmp_path / name, units="mm", up="z", repair=False).clean
+    lid = obj(tmp_path / "open.obj", {"a": STACK["base"]}, _SIDES[:3])
+    with pytest.raises(InputError, match="cannot be repaired"):
+        write_repaired(lid, tmp_path / "c.obj", units="mm", up="z")
+    assert not (tmp_path / "c.obj").exists()
