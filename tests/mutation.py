@@ -96,6 +96,8 @@ SUBJECTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("test_validation_store.py",),
     ),
 }
+#: Seed of the published sample (docs/trust/input-validation.md), written down before its run.
+SEED = 31
 #: Changes of cosmic-ray that are tried: one for each kind of slip.
 OPERATORS = (
     *(
@@ -271,7 +273,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--subject", choices=SUBJECTS, action="append")
     parser.add_argument("--count", type=int, default=20, help="changes of each subject")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=SEED)
     asked = parser.parse_args()
     os.environ.setdefault("MPLBACKEND", "Agg")
     sys.path = [
