@@ -18,6 +18,7 @@ from geometry.mesh import MeshError
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.cli.fem import _targets
 from validation.run.accuracy import parse_targets
+from validation.run.solve import run_static
 from validation.scene.builtin import builtin_text
 from validation.scene.read import load_scene
 
@@ -42,6 +43,19 @@ from validation.scene.read import load_scene
         (["fem", "tsb1-pipe", "--set", "fem.frames=1000000000"], "or equal to 10000"),
         (["mbd", "tsb1-pipe", "--set", "pictures.font_size=72"], "or equal to 36"),
         (["fem", "tsb1-pipe", "--accuracy", "u=1%", "--max-seconds", "0"], "--max-seconds: got 0"),
+        # No error bar holds what effects that are left out change.
+        (
+            ["fem", "tsb1-pipe", "--accuracy", "u=0.5%", "--auto", "1%"],
+            "expected --auto of at most 0.5%",
+        ),
+        (
+            [
+                *("fem", "tsb1-pipe", "--accuracy", "u=5%", "--auto", "1%"),
+                "--set",
+                "fem.method=explicit",
+            ],
+            'expected fem.method = "static"',
+        ),
         (
             ["fem", "tsb1-pipe", "--set", "fem.degree=2", "--set", "fem.element=reduced"],
             'fem.element: got "reduced" with fem.degree = 2',
@@ -154,3 +168,18 @@ def test_waves_that_are_almost_upright_are_named(
     assert (rise / run).max() == pytest.approx(shape.steepest_slope, rel=(np.pi / 32) ** 2)
     if degrees is not None:
         assert f"as steep as {degrees}°" in out
+
+
+@pytest.mark.parametrize(("ratio", "degree"), [(0.4999, 1), (0.4999, 2), (0.3, 1)])
+def test_oscillating_mean_stresses_are_named(ratio: float, degree: int) -> None:
+    """Of a nearly incompressible cantilever; not where every element has one mean stress."""
+    settings = ["fem.method=static", "mesh.divisions=[6,1,1]", f"material.poisson_ratio={ratio}"]
+    found = {}
+    for element in ("incompatible", "b-bar") if degree == 1 else (None,):
+        kind = [f"fem.degree={degree}"] if element is None else [f"fem.element={element}"]
+        scene = load_scene("cantilever", settings + kind).scene
+        found[element] = run_static("cantilever", scene).notes  # type: ignore[arg-type]
+    assert ("nearly incompressible" in found[None if degree > 1 else "incompatible"]) is (
+        ratio > 0.4
+    )
+    assert "nearly incompressible" not in found.get("b-bar", {})

@@ -415,7 +415,8 @@ def _beyond(
     need = _expected_seconds(stated, solved)
     if need <= left:
         return None
-    return f"the limit of CPU time: the next mesh needs about {need:.2g} s, and {left:.2g} s remain"
+    spent = f"{left:.2g} s remain" if left > 0.0 else "none remains"
+    return f"the limit of CPU time: the next mesh needs about {need:.2g} s, and {spent}"
 
 
 def _expected_seconds(stated: Problem, solved: list[Solved]) -> float:

@@ -189,10 +189,11 @@ def _answer(
 ) -> list[str]:
     """Solve a scene, print and write its answer; names of the measures that were not reached."""
     from validation.output.deformable.answers import print_run, write_run_files
-    from validation.run.accuracy import refined
+    from validation.run.accuracy import check_request, refined
     from validation.scene.usage import recording
 
     with recording(scene) as use:
+        check_request(name, scene, targets)
         scene, added = _decided(name, scene, outputs)
         if refined(name, scene, targets):
             refuse_resume(resume)

@@ -121,8 +121,7 @@ def effects_json(report: EffectReport, tolerance: float = TOLERANCE) -> dict[str
     data |= data.pop("answer") or {}
     for cost, found in zip(data["costs"], report.costs, strict=True):
         cost |= {key: 100.0 * value for key, value in (cost.pop("change") or {}).items()}
-        # Readers of earlier files ask for "available"; now every effect is.
-        cost |= {"matters": found.matters(tolerance), "available": True}
+        cost["matters"] = found.matters(tolerance)
         effect = cost.pop("effect")
         cost |= {key: effect[key] for key in ("name", "setting", "note")}
     return data

@@ -48,6 +48,39 @@ def states_its_mesh(fem: FemSection) -> bool:
     return fem.degree > 1 or "element" in fem.model_fields_set
 
 
+def check_request(name: str, scene: DeformableScene, targets: Mapping[str, float]) -> None:
+    """Reject an accuracy that a scene cannot reach, whatever its effects.
+
+    Effects that ``[effects] auto`` leaves out may change p_max, p_eff and u by its tolerance, which
+    no error bar holds: it may not exceed a request.
+
+    Raises
+    ------
+    InputError
+        For an explicit run, for one mesh, or for a tolerance above the smallest request.
+    """
+    if not targets:
+        return
+    fem, auto = scene.fem, scene.effects.auto
+    if fem.method is not Method.STATIC:
+        raise InputError(
+            f'{name}: --accuracy: got fem.method = "{fem.method}"; explicit runs keep the mesh '
+            'of the scene: expected fem.method = "static"'
+        )
+    if fem.mesh == "scene":
+        raise InputError(
+            f'{name}: --accuracy: got fem.mesh = "scene", which is one mesh; expected one of '
+            "the two"
+        )
+    least = min(targets, key=lambda target: targets[target])
+    if auto is not None and auto.tolerance > targets[least]:
+        raise InputError(
+            f"{name}: --accuracy: got {least}={100 * targets[least]:g}% where effects may be left "
+            f"out that change {100 * auto.tolerance:g} %; expected --auto of at most "
+            f"{100 * targets[least]:g}%"
+        )
+
+
 def refined(name: str, scene: DeformableScene, targets: Mapping[str, float]) -> bool:
     """Whether a scene is solved on finer and finer meshes, not on its own.
 
@@ -56,20 +89,11 @@ def refined(name: str, scene: DeformableScene, targets: Mapping[str, float]) -> 
     InputError
         An accuracy requested of a run that does not refine.
     """
+    check_request(name, scene, targets)
     fem = fem_section(scene, name)
-    if fem.method is not Method.STATIC:
-        if targets:
-            raise InputError(
-                f'{name}: --accuracy: got fem.method = "{fem.method}"; explicit runs keep the mesh '
-                'of the scene: expected fem.method = "static"'
-            )
+    if fem.method is not Method.STATIC or fem.mesh == "scene":
         return False
-    if fem.mesh == "scene" or (fem.mesh is None and states_its_mesh(fem) and not targets):
-        if targets:
-            raise InputError(
-                f'{name}: --accuracy: got fem.mesh = "scene", which is one mesh; expected one of '
-                "the two"
-            )
+    if fem.mesh is None and states_its_mesh(fem) and not targets:
         return False
     try:
         why = why_not_converged(name, scene)

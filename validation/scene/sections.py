@@ -157,9 +157,23 @@ class TubeLoadSection(Section):
     def words(self) -> str:
         """The load with its size."""
         layer = "" if self.layer is None else f" (layer {self.layer})"
-        case = CASES[self.case]
-        printed = ", as printed" if case.force_as_printed and self.as_printed else ""
-        return f"{case.words} {self.pressure:g} MPa{layer}{printed}"
+        printed = ", as printed" if CASES[self.case].force_as_printed and self.as_printed else ""
+        return f"{self.case_words} {self.pressure:g} MPa{layer}{printed}"
+
+    @property
+    def case_words(self) -> str:
+        """The load without its size."""
+        return CASES[self.case].words
+
+
+class WallLoadSection(TubeLoadSection):
+    """``[load]`` of a planar wall: a load case of tubes, on the face of the same name."""
+
+    @property
+    def case_words(self) -> str:
+        """The load without its size: a wall has two sides, no inside."""
+        sides = {"pipe": "pressure on the inner side", "tunnel": "pressure on the outer side"}
+        return sides.get(self.case, super().case_words)
 
 
 class RigidSection(Section):

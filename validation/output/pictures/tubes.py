@@ -135,9 +135,13 @@ def extreme(run: DeformableRun, stress: Stress) -> tuple[FloatArray, str]:
 
 
 def _joint(run: DeformableRun, block: int, node: int) -> str:
-    """Say that a node lies in a joint, which no look from outside shows."""
+    """Say that a node lies in a joint, and whether no look from outside shows it."""
     shape = run.drawn.shape(block)
-    return ", in a joint" if np.isin(node, shape.contact_quads) else ""
+    if not np.isin(node, shape.contact_quads):
+        return ""
+    free = [quads for face, quads in shape.faces.items() if face not in shape.contact_faces]
+    seen = any(np.isin(node, quads) for quads in free)
+    return ", at the edge of a joint" if seen else ", hidden in a joint"
 
 
 def draw_stresses(run: DeformableRun, path: Path) -> None:

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from validation.scene.deformable import DivisionsSection
 from validation.scene.family import AssemblyScene, BlockSection
-from validation.scene.sections import BlockSize, Section, TubeLoadSection
+from validation.scene.sections import BlockSize, Section, WallLoadSection
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
@@ -35,7 +35,7 @@ class BrickScene(AssemblyScene):
     block: BrickSection
     assembly: StackAssemblySection
     mesh: DivisionsSection = DivisionsSection(divisions=(8, 4, 4))
-    load: TubeLoadSection
+    load: WallLoadSection
 
     def build(self) -> Assembly:
         """Build the stack."""

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from validation.scene.deformable import DivisionsSection
 from validation.scene.family import AssemblyScene, BlockSection
-from validation.scene.sections import Finite, NonNegative, Positive, Section, TubeLoadSection
+from validation.scene.sections import Finite, NonNegative, Positive, Section, WallLoadSection
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,7 +28,7 @@ class _WallScene(AssemblyScene):
 
     assembly: WallAssemblySection
     mesh: DivisionsSection
-    load: TubeLoadSection
+    load: WallLoadSection
 
     def _wall(self, build: Callable[..., Assembly], *shape: float) -> Assembly:
         """Wall of the scene's blocks, whose further numbers are the shape."""
