@@ -551,6 +551,20 @@ def test_a_killed_worker_process_loses_no_design(many_walls, tmp_path) -> None:
     assert tally.workers >= 3
 
 
+def test_a_script_without_a_main_guard_sweeps(tmp_path) -> None:
+    """Worker processes that import the calling script start its study again, and end."""
+    script = tmp_path / "plain.py"
+    script.write_text(
+        "from validation import load_scene, sweep\n"
+        'wall = load_scene("brick-stack", {"mesh.divisions": [2, 1, 1], "assembly.layers": 1})\n'
+        'study = sweep(wall, {"load.pressure": [0.01, 0.02]})\n'
+        'print([row["status"] for row in study.rows], __file__)\n'
+    )
+    ran = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
+    assert ran.stdout.split("\n") == [f"['ok', 'ok'] {script}", ""]
+    assert not ran.stderr
+
+
 def test_a_runner_needs_a_worker(walls) -> None:
     with pytest.raises(InputError, match="expected at least 1"):
         LocalRunner(walls, 0)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import uuid
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -145,6 +146,22 @@ def _interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+@contextmanager
+def _main_left_out() -> Iterator[None]:
+    """Let processes started here not import the calling script, of which designs need nothing.
+
+    A script without a main guard would start its study again in every one of them.
+    """
+    main = vars(sys.modules["__main__"])
+    before = {name: main[name] for name in ("__spec__", "__file__") if name in main}
+    main["__spec__"] = None
+    main.pop("__file__", None)
+    try:
+        yield
+    finally:
+        main.update(before)
+
+
 def _start_worker(stop: Event) -> None:
     """Leave Ctrl-C to the parent, and end when it asks to or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -226,7 +243,7 @@ class LocalRunner:
             # Noted before it is handed over: a pool that breaks here loses nothing.
             placeholder: Future[Row] = Future()
             pending[placeholder] = number
-            with _interrupts_held():
+            with _interrupts_held(), _main_left_out():
                 future = pool.submit(run_design, self.study, number)
             del pending[placeholder]
             pending[future] = number
