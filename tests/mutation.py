@@ -62,7 +62,12 @@ SUBJECTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "error bars": (
         ("fem/accuracy/errors.py", "fem/accuracy/ladder.py", "fem/accuracy/facets.py"),
-        ("test_error_bars.py", "test_validation_error_estimate.py"),
+        (
+            "test_fem_ladder.py",
+            "test_validation_accuracy.py",
+            "test_error_bars.py",
+            "test_validation_error_estimate.py",
+        ),
     ),
     "decks": (
         ("fem/decks/*.py", "validation/build/deck.py"),

@@ -1,12 +1,27 @@
-"""A contact law that decks do not know is rejected by name, not exported as another one."""
+"""Laws of decks: their contact law, what they name, what they hold, how long their lines are."""
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from fem.contact.law import ExponentialLaw, LawConstants, LinearPenalty
-from fem.decks.keywords import DeckError
+from fem.decks.faces import contact_patches
+from fem.decks.keywords import ENTRIES_PER_LINE, LINE_LENGTH, DeckError, entry_lines
 from fem.decks.laws import law_heading, law_lines, law_notes, law_table
+from fem.decks.problem import element_time_step
+from fem.decks.statement import Deck, Flavour
+from fem.decks.write import deck_lines
+from fem.problem.effects import Effects
+from fem.problem.time_step import characteristic_time_step
+from validation.build.deck import build_deck
+from validation.scene.read import load_scene
+
+pytestmark = pytest.mark.quick
 
 
 def static_notes(law) -> list[str]:  # type: ignore[no-untyped-def]
@@ -36,3 +51,61 @@ def test_neither_flavour_takes_it_for_the_exponential_law() -> None:
     for explicit in (True, False):
         with pytest.raises(DeckError, match="'own'"):
             law_lines(Own(), explicit=explicit)  # type: ignore[arg-type]
+
+
+def tube_deck(flavour: Flavour, *keys: str) -> Deck:
+    coarse = ["mesh.around=12", "mesh.radial=1", "mesh.axial=2", "assembly.layers=1"]
+    return build_deck(load_scene("tsb1-pipe", [*coarse, *keys]), flavour)
+
+
+@given(lengths=st.lists(st.integers(1, 80), max_size=60))
+@settings(max_examples=50, deadline=None)
+def test_lists_keep_their_entries_on_lines_that_programs_read(lengths: list[int]) -> None:
+    entries = ["x" * length for length in lengths]
+    lines = list(entry_lines(entries))
+    assert [word for line in lines for word in line.split(", ")] == entries
+    assert all(len(line) <= LINE_LENGTH for line in lines)
+    assert all(line.count(",") < ENTRIES_PER_LINE for line in lines)
+
+
+@pytest.mark.parametrize("flavour", [Flavour.PAIRS, Flavour.CALCULIX])
+@pytest.mark.parametrize("sliding", ["false", "true"])
+def test_decks_define_the_surfaces_that_they_name(flavour: Flavour, sliding: str) -> None:
+    """Those of contact pairs and of pressures; no pair of two fixed blocks."""
+    deck = tube_deck(flavour, f"effects.finite_sliding={sliding}")
+    lines = list(deck_lines(deck))
+    defined = {m[1] for line in lines if (m := re.match(r"\*Surface, .*name=([^,]+)", line))}
+    part = {line.split("name=")[1].split(",")[0] for line in lines if line.startswith("*Instance")}
+    named = set()
+    for at, line in enumerate(lines):
+        if line.startswith("*Contact Pair"):
+            named |= set(lines[at + 1].split(", "))
+        if line.startswith("*Dsload"):
+            named |= {loaded.split(",")[0] for loaded in lines[at + 1 : at + 5]}
+    # Surfaces of a part are named through its instances.
+    assert {name.split(".")[-1] if part else name for name in named} <= defined
+    held = set(deck.held_blocks.tolist())
+    pairs = contact_patches(deck).pairs
+    assert len(pairs) >= 12
+    assert not any({pair.block_m, pair.block_s} <= held for pair in pairs)
+
+
+def test_fixed_blocks_are_held_in_every_direction() -> None:
+    for flavour in Flavour:
+        lines = list(deck_lines(tube_deck(flavour)))
+        at = lines.index("*Boundary")
+        assert all(line.endswith(", 1, 3") for line in lines[at + 1 : at + 9])
+
+
+def test_the_time_step_of_elements_knows_bulk_viscosity_where_there_is_one() -> None:
+    """Without it, the least over elements; with it, times √(1 + b²) − b."""
+    viscous = tube_deck(Flavour.GENERAL)
+    plain = replace(viscous, effects=Effects())
+    least = min(
+        characteristic_time_step(shape.mesh, plain.material, linear_bulk_viscosity=0.0)
+        for shape in plain.assembly.shapes
+    )
+    assert element_time_step(plain) == least
+    assert viscous.effects.bulk_viscosity is not None
+    b = viscous.effects.bulk_viscosity.linear_bulk_viscosity
+    assert element_time_step(viscous) == pytest.approx(((1 + b**2) ** 0.5 - b) * least, rel=1e-12)

@@ -12,6 +12,7 @@ from geometry.families.sine_block import SineBlockDivisions, sine_block
 from geometry.files.mesh_io import read_hex_mesh, write_hex_mesh
 from geometry.mesh import (
     CORNERS,
+    HEX_EDGES,
     HexMesh,
     MeshError,
     QuadSurface,
@@ -21,6 +22,7 @@ from geometry.mesh import (
     gauss_points,
     jacobians,
     shape_values,
+    structured_quads,
     volume_and_centroid,
 )
 from tests.conftest import tsb
@@ -121,3 +123,26 @@ def test_short_ways_to_volume_centroid_and_corners() -> None:
     assert volume == pytest.approx(dv.sum(), rel=1e-12)
     np.testing.assert_allclose(centroid, np.einsum("ep,epi->i", dv, x) / dv.sum(), atol=1e-8)
     np.testing.assert_allclose(corner_jacobians(mesh), jacobians(mesh, CORNERS), rtol=1e-9)
+
+
+@given(seed=st.integers(0, 1000))
+@settings(max_examples=10, deadline=None)
+def test_jacobians_of_corners_are_those_of_the_mapping(seed: int) -> None:
+    """Each is an eighth of the triple product of the three edges that meet."""
+    mesh = distorted_box(seed)
+    mapped = jacobians(mesh, CORNERS)
+    np.testing.assert_allclose(corner_jacobians(mesh), mapped, rtol=1e-12, atol=1e-14)
+
+
+def test_twelve_edges_join_corners_that_differ_in_one_coordinate() -> None:
+    steps = np.abs(np.diff(CORNERS[HEX_EDGES], axis=1)[:, 0])
+    assert np.sort(steps, axis=1).tolist() == [[0.0, 0.0, 2.0]] * 12
+    assert len({tuple(sorted(edge)) for edge in HEX_EDGES.tolist()}) == 12
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_a_grid_of_quadrilaterals_covers_its_square_once(n: int) -> None:
+    u, v = (line.ravel() for line in np.indices((n + 1, n + 1)))
+    surface = QuadSurface(np.column_stack([u, v, 0 * u]).astype(float), structured_quads(n))
+    np.testing.assert_array_equal(surface.areas, np.ones(n * n))
+    assert len(np.unique(surface.centroids.round(6), axis=0)) == n * n
