@@ -153,7 +153,7 @@ def _main_left_out() -> Iterator[None]:
     A script without a main guard would start its study again in every one of them.
     """
     main = vars(sys.modules["__main__"])
-    before = {name: main[name] for name in ("__spec__", "__file__") if name in main}
+    before: dict[str, Any] = {n: main[n] for n in ("__spec__", "__file__") if n in main}
     main["__spec__"] = None
     main.pop("__file__", None)
     try:
