@@ -11,10 +11,16 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from fem import Problem, concrete, write_deck
+from geometry.block import box_block
+from geometry.families.boxes import ColumnBox, box_column
+from geometry.files.mesh_io import write_hex_mesh
+from geometry.files.whole import write_whole
+from geometry.loads import face_pressure
 from validation.output import answer_files
-from validation.output.files import write_whole
 
 COMMAND = [sys.executable, "-m", "validation.cli"]
 SMALL = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
@@ -121,3 +127,20 @@ def test_no_link_leads_a_result_elsewhere(tmp_path: Path) -> None:
     plain = tmp_path / "plain"
     plain.touch()
     assert path.stat().st_mode == plain.stat().st_mode
+
+
+def test_meshes_and_decks_have_names_of_their_own_until_they_are_whole(tmp_path: Path) -> None:
+    """As every file: a link under the name that a half file once had leads nowhere."""
+    secret = tmp_path / "secret"
+    secret.write_text("mine")
+    names = ("a.vtu", "a.inp", "deck.inp")
+    for name in names:
+        (tmp_path / f".partial-{name}").symlink_to(secret)
+    box = box_block((1.0, 1.0, 1.0), (1, 1, 1))
+    for name in names[:2]:
+        write_hex_mesh(tmp_path / name, box.mesh)
+    column = box_column([ColumnBox((100.0, 80.0, 50.0), (1, 1, 1))] * 2)
+    load = face_pressure(column, np.array([1]), "z+", 0.5)
+    write_deck(Problem(column, load, concrete), tmp_path / names[2])
+    assert secret.read_text() == "mine"
+    assert all((tmp_path / name).stat().st_size > 100 for name in names)

@@ -24,6 +24,7 @@ from fem.element.lagrange_mesh import serendipity_block
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from fem.problem.time_step import characteristic_time_step
 from geometry.assembly import Assembly
+from geometry.files.whole import write_whole
 from geometry.loads import CircumferentialLoad
 
 #: Explicit run to a static state where nobody names times [s]: with the paper's damping of 2 /s,
@@ -74,12 +75,7 @@ def write_deck(problem: Problem, path: str | Path, *, program: Program = "abaqus
     if path.suffix.lower() != ".inp":
         raise DeckError(f"{path}: expected a file name that ends in .inp")
     deck = problem_deck(problem, _FLAVOURS[program])
-    partial = path.with_name(f".partial-{path.name}")
-    try:
-        write_statement(partial, deck)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    write_whole(path, lambda partial: write_statement(partial, deck))
     return path
 
 

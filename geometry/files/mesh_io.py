@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy.typing as npt
 from geometry.assembly import Assembly
 from geometry.errors import unreadable
 from geometry.files.vtu import as_grid, write_vtu
+from geometry.files.whole import write_whole
 from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, QuadSurface, check_mesh
 
 if TYPE_CHECKING:
@@ -81,16 +81,6 @@ def _write(
     data["cell_data"] = {name: [values] for name, values in data["cell_data"].items()}
     mesh = meshio.Mesh(points, [(kind, cells)], **data)
     write_whole(path, lambda partial: meshio.write(partial, mesh))
-
-
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Write under another name first."""
-    partial = path.with_name(f".partial-{path.name}")
-    try:
-        write(partial)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def write_hex_mesh(

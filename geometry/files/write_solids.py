@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.files.mesh_io import write_whole
+from geometry.files.whole import write_whole
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.polyhedron import Polyhedron

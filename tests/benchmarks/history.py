@@ -24,12 +24,13 @@ from typing import Any
 from fem.problem.effects import Effects
 from fem.problem.model import BlockGroup, Model
 from fem.problem.time_step import critical_time_step
+from geometry.files.whole import write_whole
 from tests.benchmarks import contact, rigid
 from validation.benchmarks import explicit
 from validation.benchmarks.kernels import internal_force_work, update_work
 from validation.benchmarks.roofline import Roofline, Work, roofline
 from validation.errors import InputError
-from validation.output.files import prepare_file, write_whole
+from validation.output.files import prepare_file
 from validation.output.provenance import processor, program
 
 HISTORY = Path(__file__).with_name("history.jsonl")

@@ -12,9 +12,10 @@ import numpy as np
 from geometry.answer import Answer, Array, Measure, known
 from geometry.errors import unreadable
 from geometry.files.mesh_io import write_hex_mesh, write_surface, write_triangles
+from geometry.files.whole import write_whole
 from geometry.mesh import HexMesh, QuadSurface
 from validation.errors import InputError
-from validation.output.files import prepare_folder, write_json, write_whole
+from validation.output.files import prepare_folder, write_json
 
 #: Files of an answer.
 FILES = ("answer.json", "answer.npz", "fields.vtu", "contact_pressures.vtu")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections import Counter
 from dataclasses import dataclass
@@ -19,11 +20,12 @@ from fem.decks.statement import Deck, Flavour, element_name
 from fem.decks.write import write_deck
 from geometry.errors import RefusedError, unreadable
 from geometry.files.mesh_io import assembly_mesh, read_hex_mesh, write_hex_mesh
+from geometry.files.whole import write_whole
 from geometry.mesh import HexMesh, corner_jacobians
 from validation.build.deck import build_deck
 from validation.errors import InputError, named
 from validation.output.console import two_columns
-from validation.output.files import prepare_file, write_whole
+from validation.output.files import prepare_file
 from validation.scene.read import SceneFile
 
 #: Keywords of a file with a mesh and nothing else.
@@ -177,7 +179,7 @@ def _write_mesh(path: Path, mesh: HexMesh, owner: np.ndarray[Any, Any]) -> None:
         raise
     # Each of meshio's writers has its own way to say what it cannot hold.
     except Exception as error:
-        reason = " ".join(str(error).replace(".partial-", "").split())
+        reason = " ".join(re.sub(r"\.partial-\w+", path.stem, str(error)).split())
         raise InputError(
             f"-o {path}: cannot be written as a mesh ({reason}); expected .inp, .vtu, …"
         ) from None

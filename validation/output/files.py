@@ -6,14 +6,14 @@ import csv
 import json
 import math
 import os
-import secrets
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from geometry.files.whole import write_whole
 from validation.errors import InputError
 
 if TYPE_CHECKING:
@@ -111,21 +111,6 @@ def picture_file(given: Path | None, default: Path, scene: SceneFile) -> Path:
             "scene; leave one of them out"
         )
     return given
-
-
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` fill a temporary sibling with the same suffix, then rename it to ``path``.
-
-    Its name is new and nobody can foresee it: calls that write the same file at once each publish a
-    whole one, and no link that lies there leads elsewhere.
-    """
-    partial = path.with_name(f".partial-{secrets.token_hex(8)}{path.suffix}")
-    os.close(os.open(partial, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-    try:
-        write(partial)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def write_csv(path: Path, heads: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:

@@ -22,8 +22,9 @@ from typing import Any, Self
 from filelock import FileLock, Timeout
 
 from geometry.errors import unreadable
+from geometry.files.whole import write_whole
 from validation.errors import InputError
-from validation.output.files import prepare_file, write_whole
+from validation.output.files import prepare_file
 from validation.output.provenance import program
 
 MAGIC = b"SQLite format 3\x00"

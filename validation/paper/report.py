@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from validation.output.files import prepare_folder, write_json, write_whole
+from geometry.files.whole import write_whole
+from validation.output.files import prepare_folder, write_json
 from validation.output.pictures.bodies import EYE, coloured_blocks, interface_facets, outlines
 from validation.output.pictures.canvas import Part, View
 from validation.output.pictures.scales import PRESSURE_MAP, scale_from_zero

@@ -16,9 +16,9 @@ from fem.assembly.contact_state import CapAction
 from fem.problem.model import element_words
 from fem.problem.time_step import added_mass_share
 from geometry.answer import TITLES, Measure, measure_rows
+from geometry.files.whole import write_whole
 from validation.output import answer_files
 from validation.output.console import listing, two_columns
-from validation.output.files import write_whole
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
