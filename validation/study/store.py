@@ -11,8 +11,9 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from geometry.files.whole import write_whole
 from validation.errors import InputError
-from validation.output import files
+from validation.output.files import write_csv as write_table
 from validation.output.provenance import version
 from validation.output.store import PROVEN, Layout, Store, content_key, quoted
 from validation.study.design import Row
@@ -228,7 +229,7 @@ def write_csv(results: ResultFile, path: Path) -> None:
     """Write all rows as CSV; the header names the units."""
     columns = results.shown
     heads = [results.study.head(name) for name in columns]
-    files.write_csv(path, heads, chain.from_iterable(results.batches("number", columns)))
+    write_table(path, heads, chain.from_iterable(results.batches("number", columns)))
 
 
 def require_parquet() -> None:
@@ -261,4 +262,4 @@ def write_parquet(results: ResultFile, path: Path) -> None:
                 ]
                 writer.write_table(pyarrow.Table.from_arrays(arrays, schema=schema))
 
-    files.write_whole(path, write)
+    write_whole(path, write)
