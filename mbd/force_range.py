@@ -215,6 +215,22 @@ def force_ranges(
     return ForceRanges(pairs[:, 0], pairs[:, 1], least, largest, sums, size)
 
 
+def least_forces(
+    contacts: Contacts, load: FloatArray, frictional: FrictionalContacts, asked: IntArray
+) -> FloatArray:
+    """Least normal force of some joints over all admissible states, (n_asked,) [N].
+
+    Joints are numbered as in `ForceRanges`; nan where a program finds none.
+    """
+    pairs = np.column_stack([contacts.block_m, contacts.block_s])
+    joints, joint = np.unique(pairs, axis=0, return_inverse=True)
+    shown = np.zeros(len(pairs))
+    program = _program(contacts, frictional, shown, joint.ravel(), len(joints))
+    size = float(np.linalg.norm(load))
+    found = [program.extreme(int(k), -load / size, 1.0) for k in asked]
+    return size * np.array([np.nan if least is None else least for least in found])
+
+
 def _all_pressed(contacts: Contacts, n_joints: int) -> BoolArray | None:
     """Whether every joint is pressed by one self-stress, as in a locked assembly; else None.
 

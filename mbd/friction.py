@@ -206,9 +206,16 @@ def _cones(contacts: FrictionalContacts) -> tuple[sp.csc_array, list[Any]]:
 
 
 def solve_conic(
-    *, quadratic: Any, cost: FloatArray, equal: Any, target: FloatArray, rows: Any, cones: Any
+    *,
+    quadratic: Any,
+    cost: FloatArray,
+    equal: Any,
+    target: FloatArray,
+    rows: Any,
+    cones: Any,
+    plus: FloatArray | None = None,
 ) -> Any:
-    """Minimise ½ xᵀPx + qᵀx subject to equal x = target, rows x in the cones."""
+    """Minimise ½ xᵀPx + qᵀx subject to equal x = target, rows x + plus in the cones."""
     import clarabel
 
     settings = clarabel.DefaultSettings()
@@ -217,7 +224,7 @@ def solve_conic(
     settings.tol_infeas_abs = settings.tol_infeas_rel = 1e-11
     settings.max_iter = 300
     constraint = sp.vstack([equal, -rows]).tocsc()
-    right = np.concatenate([target, np.zeros(rows.shape[0])])
+    right = np.concatenate([target, np.zeros(rows.shape[0]) if plus is None else plus])
     solver = clarabel.DefaultSolver(
         sp.csc_matrix(quadratic),
         cost,

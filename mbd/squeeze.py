@@ -1,0 +1,146 @@
+"""Whether friction that carries a load is pressed by that load, or only by a squeeze beforehand.
+
+Equilibrium with admissible forces exists for a block between two walls whenever they may press it
+as hard as they like. Nothing but a squeeze that was there before presses them. Joints that are a
+little elastic tell the two apart: with the limits of friction g held fixed, the forces are those of
+least complementary energy,
+
+    min ½ Σ |λ|² / w  s.t.  G λ + f = 0,  λ_n >= 0,  ‖λ_t‖ <= g,
+
+and the limits that belong to them are g = μ λ_n. A fixed point is a state of Coulomb's law in
+elastic joints that were free of stress before the load; where the limits run out before one is
+found, the load does not press the joints enough.
+
+References: Nečas, Jarušek, Haslinger, "On the solution of the variational inequality to the
+Signorini problem with small friction", Boll. Unione Mat. Ital. 17-B (1980), for the fixed point;
+Kao, Iannuzzo, Thomaszewski, Coros, Van Mele, Block, "Coupled rigid-block analysis",
+Computer-Aided Design 146 (2022), for the question.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from mbd.contact_jacobian import Contacts
+from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
+from mbd.force_range import least_forces
+from mbd.friction import FrictionalContacts, solve_conic
+from mbd.options import FrictionLaw
+from geometry.mesh import FloatArray, IntArray
+
+#: Change of the limits over the largest one at which they are those of the forces.
+_SETTLED = 1e-3
+#: Part of the way to the next limits, and the least part that is tried before giving up.
+_STEP, _LEAST_STEP = 0.7, 0.02
+_MOST_STEPS = 60
+#: Joints that are asked for their least force, those first that miss most of it.
+_MOST_JOINTS = 6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Squeeze:
+    """Whether a load that friction can carry also presses the joints that carry it."""
+
+    needed: bool | None
+    """Whether joints must be pressed beforehand; None where no limits were found that settle."""
+    blocks: tuple[int, int] | None = None
+    """The two blocks that need the largest force between them."""
+    least: float = 0.0
+    """Least normal force between them over all admissible states [N]."""
+    programs: int
+    """Quadratic programs solved."""
+
+
+def squeeze(
+    contacts: Contacts,
+    frictional: FrictionalContacts,
+    load: FloatArray,
+    forces: FloatArray,
+    *,
+    weights: FloatArray | None = None,
+) -> Squeeze:
+    """Look for forces that the load itself brings about.
+
+    Parameters
+    ----------
+    contacts, frictional
+        The same contacts without and with tangents.
+    load
+        f, (n_rows,) [N], which can be carried.
+    forces
+        Admissible forces that carry it, (n_contacts, 3) [N]; the limits start from them.
+    weights
+        Column scaling of `mbd.equilibrium.column_weights`, (n_contacts,): w is its square.
+    """
+    size, mu = float(np.linalg.norm(load)), frictional.friction
+    if size == 0.0 or mu == 0.0:
+        return Squeeze(needed=False, programs=0)
+    unit, limits = load / size, mu * forces[:, 0] / size
+    step, programs = _STEP, 0
+    normal = forces[:, 0] / size
+    last = limits
+    while programs < _MOST_STEPS:
+        programs += 1
+        found = _with_limits(frictional, unit, limits, weights)
+        if found is None:
+            step *= 0.5
+            if step < _LEAST_STEP:
+                joint = _most_missing(contacts, frictional, load, last / mu - normal)
+                return Squeeze(needed=True, blocks=joint[0], least=joint[1], programs=programs)
+            limits = last + step * (mu * normal - last)
+            continue
+        normal, last = found[:, 0], limits
+        change = mu * normal - limits
+        if np.abs(change).max() <= _SETTLED * max(limits.max(), mu * normal.max()):
+            return Squeeze(needed=False, programs=programs)
+        limits = limits + step * change
+    return Squeeze(needed=None, programs=programs)
+
+
+def _with_limits(
+    frictional: FrictionalContacts, unit: FloatArray, limits: FloatArray, weights: FloatArray | None
+) -> FloatArray | None:
+    """Forces of least energy with fixed limits of friction, (n, 3); None where none balance."""
+    import clarabel
+
+    n = frictional.n_contacts
+    column = np.ones(n) if weights is None else weights
+    normal = sp.eye_array(3 * n, format="csr")[3 * np.arange(n)]
+    if frictional.law is FrictionLaw.CONE:
+        rows = sp.diags_array(np.tile([0.0, 1.0, 1.0], n))
+        plus = np.column_stack([limits, np.zeros((n, 2))]).ravel()
+        cones = [clarabel.SecondOrderConeT(3)] * n
+    else:
+        sides = np.array([[0, 1, 1], [0, 1, -1], [0, -1, 1], [0, -1, -1]], dtype=np.float64)
+        rows = sp.kron(sp.eye_array(n), sides)
+        plus = np.repeat(limits, 4)
+        cones = [clarabel.NonnegativeConeT(4 * n)]
+    solution = solve_conic(
+        quadratic=sp.diags_array(np.repeat(column**-2.0, 3)),
+        cost=np.zeros(3 * n),
+        equal=frictional.matrix,
+        target=-unit,
+        rows=sp.vstack([normal, rows]).tocsc(),
+        cones=[clarabel.NonnegativeConeT(n), *cones],
+        plus=np.concatenate([np.zeros(n), plus]),
+    )
+    found = np.asarray(solution.x)
+    balanced = np.linalg.norm(frictional.matrix @ found + unit) <= EQUILIBRIUM_TOLERANCE
+    return found.reshape(-1, 3) if balanced else None
+
+
+def _most_missing(
+    contacts: Contacts, frictional: FrictionalContacts, load: FloatArray, missing: FloatArray
+) -> tuple[tuple[int, int] | None, float]:
+    """Joint with the largest least force among those that miss most, and that force [N]."""
+    pairs = np.column_stack([contacts.block_m, contacts.block_s])
+    joints, of = np.unique(pairs, axis=0, return_inverse=True)
+    short = np.bincount(of.ravel(), weights=missing, minlength=len(joints))
+    asked: IntArray = np.argsort(-short, kind="stable")[:_MOST_JOINTS]
+    least = least_forces(contacts, load, frictional, asked)
+    k = int(np.argmax(least))
+    m, s = joints[asked[k]].tolist()
+    return (m, s), float(least[k])
