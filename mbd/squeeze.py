@@ -20,22 +20,25 @@ Computer-Aided Design 146 (2022), for the question.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
+from geometry.mesh import FloatArray, IntArray
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.force_range import least_forces
 from mbd.friction import FrictionalContacts, solve_conic
 from mbd.options import FrictionLaw
-from geometry.mesh import FloatArray, IntArray
 
 #: Change of the limits over the largest one at which they are those of the forces.
 _SETTLED = 1e-3
 #: Part of the way to the next limits, and the least part that is tried before giving up.
-_STEP, _LEAST_STEP = 0.7, 0.02
-_MOST_STEPS = 60
+_STEP, _LEAST_STEP = 0.5, 0.02
+_MOST_STEPS = 100
+#: More contacts than this are not asked: the quadratic programs take minutes.
+MOST_CONTACTS = 20_000
 #: Joints that are asked for their least force, those first that miss most of it.
 _MOST_JOINTS = 6
 
@@ -45,13 +48,27 @@ class Squeeze:
     """Whether a load that friction can carry also presses the joints that carry it."""
 
     needed: bool | None
-    """Whether joints must be pressed beforehand; None where no limits were found that settle."""
+    """Whether joints must be pressed beforehand; None where the limits did not settle, or there
+    are more than `MOST_CONTACTS`."""
     blocks: tuple[int, int] | None = None
     """The two blocks that need the largest force between them."""
     least: float = 0.0
     """Least normal force between them over all admissible states [N]."""
     programs: int
     """Quadratic programs solved."""
+
+    @property
+    def words(self) -> str:
+        """The verdict; empty where no squeeze is needed."""
+        if self.needed is None:
+            return "undecided whether the load itself presses the joints"
+        if not self.needed:
+            return ""
+        press = "held only if joints are pressed beforehand"
+        if self.blocks is None:
+            return press
+        m, s = self.blocks
+        return f"{press}: blocks {m} and {s} with at least {self.least:.4g} N"
 
 
 def squeeze(
@@ -78,6 +95,8 @@ def squeeze(
     size, mu = float(np.linalg.norm(load)), frictional.friction
     if size == 0.0 or mu == 0.0:
         return Squeeze(needed=False, programs=0)
+    if len(forces) > MOST_CONTACTS:
+        return Squeeze(needed=None, programs=0)
     unit, limits = load / size, mu * forces[:, 0] / size
     step, programs = _STEP, 0
     normal = forces[:, 0] / size
@@ -109,6 +128,7 @@ def _with_limits(
     n = frictional.n_contacts
     column = np.ones(n) if weights is None else weights
     normal = sp.eye_array(3 * n, format="csr")[3 * np.arange(n)]
+    rows: Any
     if frictional.law is FrictionLaw.CONE:
         rows = sp.diags_array(np.tile([0.0, 1.0, 1.0], n))
         plus = np.column_stack([limits, np.zeros((n, 2))]).ravel()
@@ -141,6 +161,8 @@ def _most_missing(
     short = np.bincount(of.ravel(), weights=missing, minlength=len(joints))
     asked: IntArray = np.argsort(-short, kind="stable")[:_MOST_JOINTS]
     least = least_forces(contacts, load, frictional, asked)
-    k = int(np.argmax(least))
+    if np.isnan(least).all():
+        return None, 0.0
+    k = int(np.nanargmax(least))
     m, s = joints[asked[k]].tolist()
     return (m, s), float(least[k])

@@ -83,6 +83,8 @@ class RigidAnswer:
         measured = None
         if asked.holds:
             words += f" (without: {result.mechanism})"
+            if further.squeeze is not None and further.squeeze.words:
+                words += f"; {further.squeeze.words}"
             measured = facet_measures(self.assembly, index, normal / found.areas[index])[1]
         return Carried(
             holds=asked.holds,

@@ -25,6 +25,7 @@ from mbd.friction import (
 )
 from mbd.margin import Margin, interlocking_margin
 from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
+from mbd.squeeze import Squeeze, squeeze
 from validation.errors import named
 from validation.run.rigid.sliding_state import SlidingState, sliding_state
 from validation.scene.sections import RigidSection
@@ -44,6 +45,8 @@ class Further:
     ranges: ForceRanges | None = None
     friction_forces: FloatArray | None = None
     """Forces on block s that carry the load with friction; None where none do; (n_contacts, 3)."""
+    squeeze: Squeeze | None = None
+    """Whether friction that carries the load is pressed by it."""
     sliding_state: SlidingState | None = None
     """Forces and motion of `sliding`, for a check by another program."""
 
@@ -70,7 +73,7 @@ def further_answers(
     start = time.process_time()
     contacts = contact_jacobian(assembly, fixed)
     dead, live = (_generalized(w, contacts.free_blocks, contacts.length) for w in wrenches)
-    friction = collapse = sliding = margin = forces = state = None
+    friction = collapse = sliding = margin = forces = state = pressed = None
     weights = column_weights(section.norm, contacts.areas)
     with named("rigid"):
         frictional = frictional_contacts(
@@ -81,6 +84,9 @@ def further_answers(
             if friction.holds:
                 normals = assembly.interfaces.normals[contacts.index]
                 forces = frictional.world(friction.forces, normals)
+                pressed = squeeze(
+                    contacts, frictional, dead + live, friction.forces, weights=weights
+                )
         if section.collapse:
             collapse = collapse_load(frictional, dead, live)
         if section.sliding:
@@ -102,6 +108,7 @@ def further_answers(
         sliding=sliding,
         ranges=ranges,
         friction_forces=forces,
+        squeeze=pressed,
         sliding_state=state,
     )
 
@@ -196,6 +203,8 @@ def further_json(further: Further | None) -> dict[str, Any]:
             "smallest_contact_work": f.smallest_contact_work,
             "status": f.status,
         }
+    if further.squeeze is not None:
+        data["friction"]["squeeze"] = _squeeze_json(further.squeeze)
     if further.collapse is not None:
         c = further.collapse
         data["collapse"] = {
@@ -223,6 +232,12 @@ def further_json(further: Further | None) -> dict[str, Any]:
             "load": m.load,
         }
     return data
+
+
+def _squeeze_json(found: Squeeze) -> dict[str, Any]:
+    blocks = None if found.blocks is None else list(found.blocks)
+    least = found.least if found.needed else None
+    return {"needed": found.needed, "blocks": blocks, "least": least, "programs": found.programs}
 
 
 def _sliding_json(found: SlidingCollapse) -> dict[str, Any]:

@@ -1,0 +1,97 @@
+"""Blocks that friction holds between walls only if something presses the walls beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from geometry.mesh import FloatArray
+from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
+from geometry.polyhedra.polyhedron import convex_polyhedron
+from mbd import contact_jacobian
+from mbd.friction import frictional_contacts, frictional_equilibrium
+from mbd.options import FrictionLaw
+from mbd.squeeze import Squeeze, squeeze
+
+pytestmark = pytest.mark.quick
+
+
+def prism(profile: Sequence[Sequence[float]]) -> FloatArray:
+    """Corners of a profile in x and z, drawn out by 100 mm along y."""
+    flat = np.array(profile, dtype=np.float64)
+    return np.concatenate([np.insert(flat, 1, y, axis=1) for y in (0.0, 100.0)])
+
+
+def between_walls(lean: float) -> PolyhedralAssembly:
+    """A block between two walls that lean by so many mm on 100: over it (+) or under it (-)."""
+    middle = [[-50 - lean / 2, 0], [50 + lean / 2, 0], [50 - lean / 2, 100], [-50 + lean / 2, 100]]
+    right = [[50 + lean / 2, 0], [120, 0], [120, 100], [50 - lean / 2, 100]]
+    left = [[-x, z] for x, z in right]
+    shapes = [convex_polyhedron("prism", prism(p)) for p in (left, right, middle)]
+    places = [(shape, np.eye(3), np.zeros(3)) for shape in shapes]
+    return polyhedral_assembly("walls", places, np.array([True, True, False]))
+
+
+def answer(
+    assembly: PolyhedralAssembly, force: Sequence[float], mu: float, law: FrictionLaw
+) -> tuple[bool, Squeeze | None]:
+    contacts = contact_jacobian(assembly, assembly.fixed)
+    frictional = frictional_contacts(assembly, contacts, mu, law)
+    load = np.array([*force, 0.0, 0.0, 0.0])
+    found = frictional_equilibrium(frictional, load)
+    if not found.holds:
+        return False, None
+    return True, squeeze(contacts, frictional, load, found.forces)
+
+
+@pytest.mark.parametrize("law", [FrictionLaw.CONE, FrictionLaw.PYRAMID])
+@pytest.mark.parametrize("mu", [0.3, 0.84])
+def test_upright_walls_must_press_with_half_the_weight_over_mu(mu: float, law: FrictionLaw) -> None:
+    """Each wall carries half the weight W by friction: 2 μ N >= W."""
+    holds, found = answer(between_walls(0.0), (0.0, 0.0, -1000.0), mu, law)
+    assert holds
+    assert found is not None
+    assert found.needed
+    assert found.least == pytest.approx(1000.0 / (2.0 * mu), rel=1e-6)
+    assert found.blocks in {(0, 2), (1, 2)}
+    assert "pressed beforehand" in found.words
+
+
+def test_walls_that_lean_over_the_block_must_press_harder() -> None:
+    """Walls at an angle φ push down, too: 2 N (μ cos φ - sin φ) >= W."""
+    phi = np.arctan(0.2)
+    holds, found = answer(between_walls(20.0), (0.0, 0.0, -1000.0), 0.84, FrictionLaw.CONE)
+    assert holds
+    assert found is not None
+    assert found.needed
+    least = 1000.0 / (2.0 * (0.84 * np.cos(phi) - np.sin(phi)))
+    assert found.least == pytest.approx(least, rel=1e-6)
+
+
+@pytest.mark.parametrize(("lean", "force"), [(-20.0, (0.0, 0.0, -1000.0)), (0.0, (1.0, 0.0, 0.0))])
+def test_a_load_that_presses_needs_no_squeeze(lean: float, force: tuple[float, ...]) -> None:
+    """A wedge is pressed by its weight, a wall by a push towards it."""
+    holds, found = answer(between_walls(lean), force, 0.3, FrictionLaw.CONE)
+    assert holds
+    assert found is not None
+    assert found.needed is False
+    assert found.words == ""
+
+
+@pytest.mark.parametrize(("slope", "holds"), [(0.25, True), (0.35, False)])
+def test_a_block_on_an_incline_presses_it_by_its_weight(slope: float, holds: bool) -> None:
+    base = [[0, 0], [400, 0], [400, 400 * slope]]
+    along = np.array([1.0, slope]) / np.hypot(1.0, slope)
+    normal = np.array([-along[1], along[0]])
+    start = 100 * along
+    block = [start, start + 100 * along, start + 100 * along + 50 * normal, start + 50 * normal]
+    shapes = [convex_polyhedron("prism", prism(p)) for p in (base, [p.tolist() for p in block])]
+    places = [(shape, np.eye(3), np.zeros(3)) for shape in shapes]
+    assembly = polyhedral_assembly("incline", places, np.array([True, False]))
+    held, found = answer(assembly, (0.0, 0.0, -1000.0), 0.3, FrictionLaw.CONE)
+    assert held == holds
+    if holds:
+        assert found is not None
+        assert found.needed is False
