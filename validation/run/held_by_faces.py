@@ -12,11 +12,15 @@ elsewhere: that is no proof against such a run, and explains one that failed.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from geometry.assembly import Assembly
 from geometry.loads import with_body_wrenches
-from geometry.polyhedra.assembly import as_polyhedral
-from mbd import contact_jacobian, generalized_force, newton_equilibrium
+from geometry.mesh import FloatArray
+from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
+from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibrium
 from mbd.friction import frictional_contacts, frictional_equilibrium
+from mbd.squeeze import squeeze
 from validation.build.blocks import build_weight
 from validation.build.polyhedra import detection_options
 from validation.errors import InputError
@@ -25,11 +29,23 @@ from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
 
 
-def faces_words(name: str, scene: DeformableScene, assembly: Assembly) -> str | None:
-    """Name the motion of own blocks that the load drives and their faces alone do not stop.
+@dataclass(frozen=True)
+class _Faces:
+    """Rigid blocks in contact at the corners of the areas that they share."""
 
-    None where faces carry the load, for other blocks, for curved faces, and for many contacts.
-    """
+    assembly: PolyhedralAssembly
+    contacts: Contacts
+    force: FloatArray
+    """Loads and weight, (n_rows,) [N]."""
+
+    @property
+    def touches(self) -> bool:
+        """Whether any face meets another."""
+        return self.assembly.interfaces.n_contacts > 0
+
+
+def _faces(name: str, scene: DeformableScene, assembly: Assembly) -> _Faces | None:
+    """None for other blocks, for curved faces, and for many contacts."""
     curved = any(shape.curve is not None for shape in assembly.shapes)
     if curved or not isinstance(scene, PolyhedralScene):
         return None
@@ -38,26 +54,53 @@ def faces_words(name: str, scene: DeformableScene, assembly: Assembly) -> str | 
 
     surfaces = as_polyhedral(assembly, detection_options(scene.detection))
     bare = surfaces.with_faces_alone()
-    if surfaces.interfaces.n_contacts and not bare.interfaces.n_contacts:
-        return "blocks touch along edges and at points alone, and edges and points carry nothing"
-    if not 0 < bare.interfaces.n_contacts <= MOST_POINTS:
+    n = bare.interfaces.n_contacts
+    if n > MOST_POINTS or not surfaces.interfaces.n_contacts:
         return None
     contacts = contact_jacobian(bare)
     load, weight = own_load(scene, name, assembly), build_weight(scene, assembly)
     load = load if weight is None else with_body_wrenches(load, weight)
-    force = generalized_force(bare, load, contacts.free_blocks, contacts.length)
-    found = newton_equilibrium(contacts.jacobian, force)
+    return _Faces(
+        bare, contacts, generalized_force(bare, load, contacts.free_blocks, contacts.length)
+    )
+
+
+def faces_words(name: str, scene: DeformableScene, assembly: Assembly) -> str | None:
+    """Name the motion of own blocks that the load drives and their faces alone do not stop.
+
+    None where faces carry the load, for other blocks, for curved faces, and for many contacts.
+    """
+    faces = _faces(name, scene, assembly)
+    if faces is None:
+        return None
+    if not faces.touches:
+        return "blocks touch along edges and at points alone, and edges and points carry nothing"
+    found = newton_equilibrium(faces.contacts.jacobian, faces.force)
     motion = found.mechanism
     friction = scene.effects.friction
     if motion is None or found.holds:
         return None
-    frictional = frictional_contacts(bare, contacts, friction.coefficient if friction else 0.0)
+    mu = friction.coefficient if friction else 0.0
+    frictional = frictional_contacts(faces.assembly, faces.contacts, mu)
     if friction is not None:
-        motion = frictional_equilibrium(frictional, force).mechanism
+        motion = frictional_equilibrium(frictional, faces.force).mechanism
         if motion is None:
             return None
-    words = motion_words(contacts, frictional, motion)
+    words = motion_words(faces.contacts, frictional, motion)
     return f"the load activates a mechanism of the faces ({words}; edges and corners carry no load)"
+
+
+def squeeze_words(name: str, scene: DeformableScene, assembly: Assembly) -> str | None:
+    """Words where only a squeeze beforehand lets friction carry the load of own blocks."""
+    faces, friction = _faces(name, scene, assembly), scene.effects.friction
+    if faces is None or friction is None or not faces.touches:
+        return None
+    frictional = frictional_contacts(faces.assembly, faces.contacts, friction.coefficient)
+    answer = frictional_equilibrium(frictional, faces.force)
+    if not answer.holds:
+        return None
+    found = squeeze(faces.contacts, frictional, faces.force, answer.forces)
+    return f"{found.words}, and the load does not press them" if found.needed else None
 
 
 def require_held_by_faces(name: str, scene: DeformableScene, assembly: Assembly) -> None:

@@ -18,7 +18,6 @@ from geometry.loads import LoadCase, with_body_wrenches
 from geometry.mesh import FloatArray
 from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibrium
 from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equilibrium
-from mbd.squeeze import squeeze
 from validation.build.blocks import build_weight
 from validation.build.deformable import build_hexahedra
 from validation.errors import InputError
@@ -102,26 +101,6 @@ def sliding_words(assembly: Assembly, load: LoadCase, friction: float) -> str | 
     if answer.mechanism is None:
         return None
     return motion_words(contacts, frictional, answer.mechanism)
-
-
-def squeeze_words(scene: DeformableScene, name: str) -> str:
-    """Words where only a squeeze beforehand lets friction carry the load of a run that failed."""
-    if scene.effects.friction is None or scene.is_cell:
-        return ""
-    blocks = build_hexahedra(scene, name)
-    if not 0 < 4 * blocks.assembly.interfaces.n_contacts <= MOST_POINTS:
-        return ""
-    weight = build_weight(scene, blocks.assembly)
-    load = blocks.load if weight is None else with_body_wrenches(blocks.load, weight)
-    points = _at_corners(blocks.assembly)
-    contacts = contact_jacobian(points, load.fixed)
-    force = generalized_force(blocks.assembly, load, contacts.free_blocks, contacts.length)
-    frictional = frictional_contacts(points, contacts, scene.effects.friction.coefficient)
-    answer = frictional_equilibrium(frictional, force)
-    if not answer.holds:
-        return ""
-    found = squeeze(contacts, frictional, force, answer.forces)
-    return f"{found.words}; the load does not press them" if found.needed else ""
 
 
 def motion_words(contacts: Contacts, frictional: FrictionalContacts, motion: FloatArray) -> str:

@@ -28,8 +28,8 @@ from validation.build.deformable import build_effects, fem_section, scene_proble
 from validation.errors import InputError, named
 from validation.run.deformable import DeformableRun
 from validation.run.friction_path import friction_width, seeks_static_state
-from validation.run.held_by_faces import faces_words, require_held_by_faces
-from validation.run.held_by_friction import require_held_by_friction, squeeze_words
+from validation.run.held_by_faces import faces_words, require_held_by_faces, squeeze_words
+from validation.run.held_by_friction import require_held_by_friction
 from validation.run.measures import FrictionSet
 from validation.run.stages import stages
 from validation.scene.deformable import Damping, FemSection, Method
@@ -242,8 +242,11 @@ def _floating_named(
         yield
     except RefusedError as error:
         why = floating_words(scene, problem.deformable, options) or str(error)
-        faces = faces_words(name, scene, problem.deformable.assembly) or squeeze_words(scene, name)
-        raise InputError(f"{name}: {why}{f'; {faces}' if faces else ''}") from None
+        stated = name, scene, problem.deformable.assembly
+        faces = faces_words(*stated) or squeeze_words(*stated)
+        if faces:  # then the solver's own remedies do not help
+            why = f"{why.partition('; ')[0]}: {faces}"
+        raise InputError(f"{name}: {why}") from None
 
 
 def _require_sector(name: str, scene: DeformableScene, fem: FemSection, solution: Solution) -> None:

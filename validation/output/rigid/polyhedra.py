@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from geometry.files.block_files import SURFACES_ALONE
 from geometry.files.hexahedral_solids import six_sided_hexahedra
 from geometry.files.mesh_io import write_triangles
 from geometry.measures import JointResultants
@@ -30,7 +31,7 @@ from validation.scene.polyhedra import STRAIGHT_EDGES, MeshScene
 #: Resultants below this part of the largest normal force are round-off.
 _NOTHING = 1e-9
 #: Files that hold surfaces alone.
-_SURFACES = {".stl", ".obj", ".ply"}
+_SURFACES = {".stl", ".ply", ".off", *SURFACES_ALONE}
 #: Files of a rigid result.
 FILES = (*answer_files.FILES, "contacts.vtu", "contacts.png", "mechanism.png", *JOINT_FILES)
 
