@@ -51,7 +51,7 @@ def answer_of(
     layer = solution.deformable.assembly.layer
     return Answer(
         title=title or _title(solution),
-        method=_method(solution),
+        method=solution.method,
         measures=measures_of(solution, errors, facets=facets, remarks=remarks),
         fields=_fields(solution),
         points=solution.positions,
@@ -65,14 +65,10 @@ def answer_of(
     )
 
 
-def _method(solution: Solution) -> str:
-    return "static" if solution.static is not None else "explicit"
-
-
 def _title(solution: Solution) -> str:
     found = solution.deformable
     blocks, elements = len(found.deformable_blocks), found.model.n_elements
-    return f"{found.assembly.name}: {_method(solution)}, {blocks} blocks, {elements} elements"
+    return f"{found.assembly.name}: {solution.method}, {blocks} blocks, {elements} elements"
 
 
 def _fields(solution: Solution) -> Lazy[Array]:

@@ -25,7 +25,7 @@ from fem.problem.recovery import Recovered, recover
 from fem.static.result import StaticResult
 from geometry.errors import RefusedError
 from geometry.measures import JointResultants
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 
 if TYPE_CHECKING:
     from fem.explicit.setup.quasi_static import QuasiStaticReport
@@ -45,7 +45,7 @@ class SolutionError(RefusedError):
 
 
 @dataclass(frozen=True)
-class Solution:
+class Solution(ReadOnlyArrays):
     """A state of deformable blocks; world axes, mm, N, MPa.
 
     Nodes are those of all blocks that deform, block after block (`block_of_node`); blocks share no
@@ -80,6 +80,11 @@ class Solution:
         return None if isinstance(self.solver, StaticResult) else self.solver
 
     @property
+    def method(self) -> str:
+        """``static`` or ``explicit``."""
+        return "explicit" if self.static is None else "static"
+
+    @property
     def residual(self) -> float | None:
         """Unbalanced over applied force [-]; None where an explicit run did not watch it."""
         return self.solver.residual
@@ -103,6 +108,17 @@ class Solution:
     def displacements(self) -> FloatArray:
         """Of all nodes, (n_nodes, 3) [mm]."""
         return np.concatenate([u.reshape(-1, 3) for u in self.group_displacements])
+
+    def displacement(self, block: int) -> FloatArray:
+        """Of the nodes of a block that deforms, (n_nodes, 3) [mm]."""
+        whole = self.deformable
+        return self.group_displacements[int(whole.group_of[block])][int(whole.copy_of[block])]
+
+    def principal(self, block: int) -> FloatArray:
+        """Principal stresses at the nodes of a block that deforms, (n_nodes, 3) [MPa]."""
+        whole = self.deformable
+        of_group = self.recovered[int(whole.group_of[block])]
+        return of_group.principal[int(whole.copy_of[block])]
 
     @cached_property
     def positions(self) -> FloatArray:

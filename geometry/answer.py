@@ -19,7 +19,7 @@ import numpy.typing as npt
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.errors import RefusedError
 from geometry.measures import first_largest
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray, read_only
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -180,7 +180,7 @@ class Lazy(Mapping[str, Value]):
         known: Mapping[str, Value] | None = None,
     ) -> None:
         self._makers = dict(makers)
-        self._known: dict[str, Value] = {k: _frozen(v) for k, v in (known or {}).items()}
+        self._known: dict[str, Value] = {k: read_only(v) for k, v in (known or {}).items()}
         self._names = tuple(dict.fromkeys((*self._makers, *self._known)))
 
     def __getitem__(self, name: str) -> Value:
@@ -194,7 +194,7 @@ class Lazy(Mapping[str, Value]):
         if name not in self._known:
             if name not in self._makers:
                 raise AnswerError(f"got {name!r}; expected one of {', '.join(self._names)}")
-            self._known[name] = _frozen(self._makers[name]())
+            self._known[name] = read_only(self._makers[name]())
         return self._known[name]
 
     def __contains__(self, name: object) -> bool:
@@ -217,15 +217,6 @@ class Lazy(Mapping[str, Value]):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the values, all of them computed."""
         return Lazy, ({}, dict(self))
-
-
-def _frozen(value: Any) -> Any:
-    """Read-only view of an array; anything else as it is."""
-    if not isinstance(value, np.ndarray):
-        return value
-    view = value.view()
-    view.flags.writeable = False
-    return view
 
 
 def known(values: Mapping[str, Value]) -> Lazy[Value]:
@@ -279,7 +270,7 @@ class Answer:
 
     def __post_init__(self) -> None:
         for name in ("points", "cells", "block_of_point", "layer_of_point"):
-            object.__setattr__(self, name, _frozen(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def __getitem__(self, name: str) -> Measure:
         """Return a measure by its name, ``u`` for ``max_displacement``."""

@@ -15,7 +15,7 @@ import numpy as np
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.interface import Interfaces, match_facets
-from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
 
 #: Blocks smaller or larger than this (∛V) are drawn in other units than millimetres [mm].
 SMALLEST_BLOCK, LARGEST_BLOCK = 1.0, 1e5
@@ -73,7 +73,7 @@ AnyShape = TypeVar("AnyShape", bound=Shape)
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlacedBlocks(ABC, Generic[AnyShape]):
+class PlacedBlocks(ReadOnlyArrays, ABC, Generic[AnyShape]):
     """Blocks as placed copies of shapes, x = rotation @ X + translation, some of them fixed."""
 
     name: str
@@ -92,6 +92,7 @@ class PlacedBlocks(ABC, Generic[AnyShape]):
     """Name that its file gives each block, empty without one; () where no file does."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self._check_shapes()
         for what, unit in (("rotations", ""), ("translations", " in mm")):
             values = getattr(self, what)

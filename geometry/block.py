@@ -17,6 +17,7 @@ from geometry.mesh import (
     HexMesh,
     IntArray,
     QuadSurface,
+    ReadOnlyArrays,
     boundary_quads,
     check_mesh,
     grid_faces,
@@ -37,7 +38,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Block:
+class Block(ReadOnlyArrays):
     """One block shape in its own reference position."""
 
     name: str

@@ -21,6 +21,7 @@ from geometry.mesh import (
     FloatArray,
     HexMesh,
     IntArray,
+    ReadOnlyArrays,
 )
 
 Lines = tuple[FloatArray, FloatArray, FloatArray]
@@ -30,7 +31,7 @@ ANY_DIRECTION = "any"
 
 
 @dataclass(frozen=True)
-class Charts:
+class Charts(ReadOnlyArrays):
     """Structured grids of elements that make up a block."""
 
     directions: tuple[str, str, str]

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 
 from geometry.block import Block
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 
 #: Coincidence tolerance relative to the smallest facet's size.
 _RELATIVE_TOLERANCE = 1e-5
@@ -22,7 +22,7 @@ _SAME_PLACEMENT = 1e-9
 
 
 @dataclass(frozen=True)
-class Interfaces:
+class Interfaces(ReadOnlyArrays):
     """Matched facet pairs as arrays, sorted by block pair (m, s), m < s."""
 
     block_m: IntArray

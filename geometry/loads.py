@@ -19,7 +19,7 @@ import numpy as np
 
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.errors import RefusedError
-from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
 
 
 class LoadCaseError(RefusedError):
@@ -27,7 +27,7 @@ class LoadCaseError(RefusedError):
 
 
 @dataclass(frozen=True)
-class PressureLoad:
+class PressureLoad(ReadOnlyArrays):
     """Pressure on the same face of some blocks."""
 
     blocks: IntArray
@@ -45,7 +45,7 @@ class PressureLoad:
 
 
 @dataclass(frozen=True)
-class TractionLoad:
+class TractionLoad(ReadOnlyArrays):
     """Dead traction of one direction on the same face of some blocks."""
 
     blocks: IntArray
@@ -61,7 +61,7 @@ class TractionLoad:
 
 
 @dataclass(frozen=True)
-class CircumferentialLoad:
+class CircumferentialLoad(ReadOnlyArrays):
     """Dead traction around the axis of the assembly, towards larger angle."""
 
     blocks: IntArray
@@ -83,7 +83,7 @@ FaceLoad: TypeAlias = PressureLoad | TractionLoad | CircumferentialLoad
 
 
 @dataclass(frozen=True)
-class LoadedFacets:
+class LoadedFacets(ReadOnlyArrays):
     """Facets that one load acts on, in the initial configuration."""
 
     block: IntArray
@@ -108,7 +108,7 @@ class LoadedFacets:
 
 
 @dataclass(frozen=True)
-class HeldFace:
+class HeldFace(ReadOnlyArrays):
     """A face whose nodes do not move while a load acts."""
 
     block: int
@@ -118,7 +118,7 @@ class HeldFace:
 
 
 @dataclass(frozen=True)
-class LoadCase:
+class LoadCase(ReadOnlyArrays):
     """Loads on the faces of blocks, and the supports that go with them."""
 
     assembly: AnyBlocks = field(repr=False)
@@ -138,6 +138,7 @@ class LoadCase:
     points; (n_blocks, 6) [N, N mm]."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         fixed, n = np.asarray(self.fixed), self.assembly.n_blocks
         if fixed.dtype != np.bool_ or fixed.shape != (n,):
             raise LoadCaseError(

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from geometry.assembly import AnyBlocks, Assembly, ContactSet
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 
 #: Pressures below this fraction of the largest are round-off of the solver.
 _ROUND_OFF = 1e-12
@@ -57,7 +57,7 @@ class Measures:
 
 
 @dataclass(frozen=True)
-class BlockMeasures:
+class BlockMeasures(ReadOnlyArrays):
     """The same per block."""
 
     participation: IntArray
@@ -155,7 +155,7 @@ _NO_PLACE = 1e-9
 
 
 @dataclass(frozen=True)
-class JointResultants:
+class JointResultants(ReadOnlyArrays):
     """One row for each pair of blocks that touch; forces act on block s."""
 
     block_m: IntArray

@@ -8,8 +8,10 @@ quadrilateral run counter-clockwise seen from outside, so that its normal points
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -51,6 +53,12 @@ HEX_FACES: IntArray = np.array(
     dtype=np.int64,
 )
 
+#: Corners of six tetrahedra round the diagonal from corner 0 to 6 that fill a hexahedron; (6, 4).
+HEX_TETRAHEDRA: IntArray = np.array(
+    [[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]],
+    dtype=np.int64,
+)
+
 #: Local corner numbers of the twelve edges, in the order in which C3D20 and VTK number their
 #: middles; (12, 2).
 HEX_EDGES: IntArray = np.array(
@@ -75,12 +83,44 @@ _NEIGHBOURS = (
 LARGEST_COORDINATE = 1e100
 
 
+def read_only(value: Any) -> Any:
+    """Read-only view of an array, or of the arrays in a tuple or a dictionary; else the value."""
+    if isinstance(value, np.ndarray):
+        view = value.view()
+        view.flags.writeable = False
+        return view
+    if type(value) is tuple:
+        return tuple(read_only(part) for part in value)
+    return {k: read_only(v) for k, v in value.items()} if type(value) is dict else value
+
+
+class ReadOnlyArrays:
+    """Base of frozen dataclasses: arrays that they hold, or compute once, are read-only."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        for part in vars(cls).values():
+            if isinstance(part, cached_property):
+                part.func = partial(_computed, part.func)
+
+    def __post_init__(self) -> None:
+        self.__setstate__(vars(self))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Unpickled arrays would be writable."""
+        vars(self).update({name: read_only(value) for name, value in state.items()})
+
+
+def _computed(function: Callable[[Any], Any], instance: Any) -> Any:
+    return read_only(function(instance))
+
+
 class MeshError(RefusedError):
     """A mesh that cannot be used: the message names the element and what is wrong with it."""
 
 
 @dataclass(frozen=True)
-class HexMesh:
+class HexMesh(ReadOnlyArrays):
     """Eight-node hexahedra of one body."""
 
     nodes: FloatArray
@@ -113,7 +153,7 @@ class HexMesh:
 
 
 @dataclass(frozen=True)
-class QuadSurface:
+class QuadSurface(ReadOnlyArrays):
     """Quadrilateral facets over a set of nodes; the facets may be warped (bilinear patches)."""
 
     nodes: FloatArray

@@ -10,7 +10,7 @@ from geometry.assembly import AnyBlocks, PlacedBlocks
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.measures import BlockMeasures, Measures, facet_measures
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from mbd.contact_jacobian import contact_jacobian, generalized_force
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.mechanism import Classification, MechanismClass, classify
@@ -18,7 +18,7 @@ from mbd.options import Norm, Solver
 
 
 @dataclass(frozen=True)
-class RigidResult:
+class RigidResult(ReadOnlyArrays):
     """Everything the rigid-block analysis of one assembly under one load found."""
 
     classification: Classification

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from geometry.mesh import BoolArray, FloatArray
+from geometry.mesh import BoolArray, FloatArray, ReadOnlyArrays
 from mbd.contact_jacobian import ContactJacobian
 from mbd.options import Norm, Solver
 
@@ -46,7 +46,7 @@ _RAY_TOLERANCE = 1e-10
 
 
 @dataclass(frozen=True)
-class Equilibrium:
+class Equilibrium(ReadOnlyArrays):
     """Contact forces and how well they balance the load."""
 
     holds: bool

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from geometry.mesh import FloatArray
+from geometry.mesh import FloatArray, ReadOnlyArrays
 from mbd.contact_jacobian import ContactJacobian
 from mbd.equilibrium import (
     EQUILIBRIUM_TOLERANCE,
@@ -51,7 +51,7 @@ class MechanismClass(StrEnum):
 
 
 @dataclass(frozen=True)
-class SelfStress:
+class SelfStress(ReadOnlyArrays):
     """Certificate of *locked*: λ >= 1 with G λ = 0, and full rank."""
 
     forces: FloatArray

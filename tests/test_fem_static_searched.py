@@ -26,7 +26,9 @@ def stack(*divisions, law=None, sizes=None, pressure=0.5, shift=0.0, material=ST
     """Boxes on each other, the upper ones moved aside by ``shift``, pressed on the top."""
     sizes = [SIZE] * len(divisions) if sizes is None else sizes
     found = box_column([ColumnBox(s, d) for s, d in zip(sizes, divisions, strict=True)])
-    found.translations[1:, 0] += shift
+    places = found.translations.copy()
+    places[1:, 0] += shift
+    found = replace(found, translations=places)
     load = face_pressure(found, np.array([found.n_blocks - 1]), "z+", pressure)
     return deformable_assembly(
         found,
@@ -62,11 +64,14 @@ def test_higher_degrees_pass_uniform_stress_as_well(degree):
     assert found.contact_state.areas.sum() == pytest.approx(8000.0, rel=1e-12)
     rng = np.random.default_rng(1)
     boxes = box_column([ColumnBox(SIZE, (2, 2, 1)), ColumnBox(SIZE, (3, 3, 1))])
+    shapes = []
     for shape in boxes.shapes:
-        nodes = shape.mesh.nodes[:, :2]
-        low, high = nodes.min(axis=0), nodes.max(axis=0)
-        inner = ((nodes > low + 1e-9) & (nodes < high - 1e-9)).all(axis=1)
-        nodes[inner] += rng.uniform(-4.0, 4.0, (int(inner.sum()), 2))
+        nodes = shape.mesh.nodes.copy()
+        low, high = nodes[:, :2].min(axis=0), nodes[:, :2].max(axis=0)
+        inner = ((nodes[:, :2] > low + 1e-9) & (nodes[:, :2] < high - 1e-9)).all(axis=1)
+        nodes[inner, :2] += rng.uniform(-4.0, 4.0, (int(inner.sum()), 2))
+        shapes.append(replace(shape, mesh=replace(shape.mesh, nodes=nodes)))
+    boxes = replace(boxes, shapes=tuple(shapes))
     load = face_pressure(boxes, np.array([1]), "z+", 0.5)
     options |= {"law": LinearPenalty(1e3), "frames": Frames.DEFORMABLE}
     model = deformable_assembly(boxes, load, STIFF, finite_sliding=True, **options)

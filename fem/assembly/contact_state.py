@@ -25,7 +25,7 @@ from fem.element.facet import facet_areas, facet_functions
 from fem.element.lagrange_mesh import LagrangeMesh
 from geometry.assembly import Assembly
 from geometry.measures import BlockMeasures, block_measures, measures
-from geometry.mesh import FloatArray, IntArray, structured_quads
+from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, structured_quads
 
 
 def block_surfaces(
@@ -126,7 +126,7 @@ _SLIVER = 1e-3
 
 
 @dataclass(frozen=True)
-class ContactState:
+class ContactState(ReadOnlyArrays):
     """Contact of an assembly at given displacements, whether facets match or a search found them.
 
     Facets have points of integration, any number each.
@@ -162,6 +162,19 @@ class ContactState:
     def n_facets(self) -> int:
         """Number of facets."""
         return len(self.block_m)
+
+    @property
+    def matched(self) -> IntArray:
+        """Position of each facet in the assembly's interfaces, (n_facets,).
+
+        Raises
+        ------
+        ValueError
+            Where a search found the facets, which are no interfaces.
+        """
+        if self.interface is None:
+            raise ValueError("contact: facets that a search found are no interfaces")
+        return self.interface
 
     @cached_property
     def areas(self) -> FloatArray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -22,7 +23,7 @@ from fem.contact.surfaces import (
     contact_surfaces,
 )
 from fem.element.hexahedron import ElementType
-from fem.element.lagrange_mesh import with_degree
+from fem.element.lagrange_mesh import in_pieces, with_degree
 from fem.element.material import Material
 from fem.problem.loads import pressure_forces, traction_forces, wrench_forces
 from fem.problem.model import (
@@ -110,6 +111,16 @@ class DeformableAssembly:
         """Blocks that deform, images of others left out, (n,)."""
         original = self.assembly.originals == np.arange(self.assembly.n_blocks)
         return np.flatnonzero((self.group_of >= 0) & original)
+
+    def positions(self, block: int) -> FloatArray:
+        """Nodes of a block before the load acts, spacing included, (n_nodes, 3) [mm]."""
+        return self.assembly.nodes(block) + self.offsets[block]
+
+    @cached_property
+    def drawn(self) -> Assembly:
+        """Blocks of straight pieces between the nodes of their elements, for pictures."""
+        shapes = tuple(in_pieces(shape) for shape in self.assembly.shapes)
+        return replace(self.assembly, shapes=shapes)
 
     def group(self, block: int) -> BlockGroup:
         """Return the group of a deformable block."""

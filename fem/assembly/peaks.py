@@ -43,14 +43,14 @@ from fem.element.stress import (
 from fem.problem.model import BlockGroup
 from fem.problem.recovery import block_displacements, moved_bodies
 from geometry.measures import JointResultants, first_largest, summed_by_joint
-from geometry.mesh import HEX_FACES, FloatArray, IntArray
+from geometry.mesh import HEX_FACES, FloatArray, IntArray, ReadOnlyArrays
 
 #: Centres of balls lie this part of the radius apart: the mean over a ball changes little there.
 _CENTRE_SPACING = 0.25
 
 
 @dataclass(frozen=True)
-class Peak:
+class Peak(ReadOnlyArrays):
     """A largest value and where it is."""
 
     value: float

@@ -23,11 +23,11 @@ from fem.element.stress import (
     rotate_stress,
 )
 from fem.problem.model import BlockGroup
-from geometry.mesh import FloatArray, cross_matrix
+from geometry.mesh import FloatArray, ReadOnlyArrays, cross_matrix
 
 
 @dataclass(frozen=True)
-class Recovered:
+class Recovered(ReadOnlyArrays):
     """Stresses of one group."""
 
     stress: FloatArray

@@ -25,7 +25,7 @@ from fem.assembly.deformable import DeformableAssembly
 from fem.contact.search import FacingPoints, SearchedSurfaces
 from fem.contact.surfaces import ContactSurfaces, facet_pressures
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 
 #: Least stiffness of a block's contacts against a motion, relative to the greatest, that counts
 #: as holding the block.
@@ -37,7 +37,7 @@ class StaticError(RefusedError):
 
 
 @dataclass(frozen=True)
-class StaticResult:
+class StaticResult(ReadOnlyArrays):
     """A static state of the whole assembly, copies of a sector included."""
 
     deformable: DeformableAssembly
