@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from fem.accuracy.converge import LEAST_MESHES, MOST_WORK, TARGETS, converge, is_reached
 from fem.accuracy.errors import ALTERNATING, SAFETY, Falls, falling_bar
-from fem.accuracy.ladder import LADDER
+from fem.accuracy.ladder import LADDER, on_mesh, split
 from fem.accuracy.statics import solve_static
 from geometry.answer import WIDEST, Measure
 from tests.verification import error_bars
 from tests.verification.error_problems import Case, cases
+from validation import load_scene
 
 FALLS = Falls(1.5, 3.0)
 NAMES = ("tube 5: weight", "heavy boxes")
@@ -105,3 +108,21 @@ def test_the_replayed_answer_is_the_one_that_is_printed() -> None:
     for name, measure in answer.measures.items():
         assert replayed[name].value == pytest.approx(measure.value, rel=1e-12, abs=1e-15)
         assert replayed[name].error == pytest.approx(measure.error, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.slow
+def test_hexahedra_of_ones_own_have_bars_from_a_finer_mesh() -> None:
+    """Boxes of three sizes: the change to a mesh three times as fine lies within every bar."""
+    boxes = load_scene("column").problem()
+    shapes = tuple(replace(shape, charts=None) for shape in boxes.blocks.shapes)
+    own = on_mesh(boxes, shapes, 1)
+    found = solve_static(own, mesh="scene")
+    finer = solve_static(split(own, 3, 1), mesh="scene", error_bars=False)
+    for name, measure in found.measures.items():
+        assert measure.error is not None, name
+        assert abs(finer[name].value - measure.value) < measure.error, name
+
+
+def test_boxes_have_bars_where_their_coarser_meshes_do_not_match() -> None:
+    found = solve_static(load_scene("column").problem(), mesh="scene")
+    assert all(measure.error is not None for measure in found.measures.values())

@@ -5,8 +5,9 @@ from __future__ import annotations
 import inspect
 import json
 import pickle
-from dataclasses import fields, replace
-from functools import partial
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ import mbd
 import validation
 from fem import Frames, Problem, concrete, solve_explicit, solve_static
 from fem.answer import answer_of
+from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import ProblemError
 from fem.element.material import Material
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
@@ -33,11 +35,11 @@ from geometry import (
     tunnel,
 )
 from geometry.answer import AnswerError
-from geometry.assembly import AssemblyError
+from geometry.assembly import Assembly, AssemblyError
 from geometry.errors import RefusedError
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.sine_block import BlockParameterError
-from geometry.loads import face_pressure
+from geometry.loads import LoadCase, PressureLoad, face_pressure
 from mbd import analyse
 from validation.run.solve import run_static
 from validation.scene.read import load_scene
@@ -75,6 +77,52 @@ def test_shapes_are_those_that_are_documented(problem, static) -> None:
     assert {len(values) for values in static.contacts.values()} == {n_contacts}
     assert static.contacts["blocks"].shape == static.contacts["side"].shape == (n_contacts, 2)
     assert static.report["residual"] < 1e-8
+
+
+def _writable(value: object, name: str, seen: set[int]) -> Iterator[str]:
+    """Names of the arrays in an object, and in what it computes once, that can be changed.
+
+    All but those of the model that a solver makes of the blocks.
+    """
+    if id(value) in seen or isinstance(value, DeformableAssembly):
+        return
+    seen.add(id(value))
+    if isinstance(value, np.ndarray):
+        if value.flags.writeable:
+            yield name
+    elif isinstance(value, tuple | list):
+        for part in value:
+            yield from _writable(part, name, seen)
+    elif isinstance(value, Mapping):
+        for key, part in value.items():
+            yield from _writable(part, f"{name}.{key}", seen)
+    elif is_dataclass(value) and not isinstance(value, type):
+        kind = type(value)
+        held = [part.name for part in fields(value)]
+        held += [key for key in dir(kind) if isinstance(getattr(kind, key), cached_property)]
+        for key in held:
+            try:
+                part = getattr(value, key)
+            except RefusedError:
+                continue
+            yield from _writable(part, f"{kind.__name__}.{key}", seen)
+
+
+@pytest.mark.parametrize("name", ["blocks", "load", "rigid", "static"])
+def test_arrays_of_public_objects_are_read_only(name, problem, static) -> None:
+    """Also of what comes back from another process."""
+    found = {
+        "blocks": lambda: problem.blocks,
+        "load": lambda: problem.load_case,
+        "rigid": lambda: analyse(problem),
+        "static": lambda: static,
+    }[name]()
+    assert not list(_writable(found, name, set()))
+    details = getattr(found, "details", found)
+    assert not list(_writable(details, name, set()))
+    if name == "rigid":
+        copied = pickle.loads(pickle.dumps(replace(details)))
+        assert not list(_writable(copied, name, set()))
 
 
 def test_arrays_cannot_be_changed(static) -> None:
@@ -163,8 +211,8 @@ def test_three_answers_are_those_of_the_scene(problem, static) -> None:
     scene = load_scene("tsb1-pipe", settings).scene
     run = run_static("scene", scene)  # type: ignore[arg-type]
     pressures = static.contacts["pressure"]
-    assert np.array_equal(run.facet_pressures, pressures)
-    assert {name: m.value for name, m in run.measures.items()} == {
+    assert np.array_equal(run.solution.contact_state.pressures, pressures)
+    assert {name: m.value for name, m in run.answer.measures.items()} == {
         name: m.value for name, m in static.measures.items()
     }
     explicit = solve_explicit(problem)
@@ -350,3 +398,46 @@ def test_help_explains_every_keyword_of_a_problem() -> None:
         if any(found.default is value for value in (0.0, 1, True, False, None)):
             words = parameters.split(f"\n{found.name}\n")[1]
             assert f"Default {found.default}".removesuffix(".0") in words.split("\n\n")[0]
+
+
+def _boxes(*, sunk: float = 0.0, fine: int = 1) -> Assembly:
+    """Three boxes on each other, the last one lowered."""
+    column = box_column([ColumnBox((100.0, 80.0, 60.0), (fine, fine, fine))] * 3)
+    places = column.translations.copy()
+    places[2, 2] -= sunk
+    return replace(column, translations=places)
+
+
+def test_problems_reject_blocks_that_overlap_and_name_both_and_the_depth() -> None:
+    with pytest.raises(AssemblyError, match=r"blocks 1 and 2 overlap by 7 mm; .* move them apart"):
+        Problem(_boxes(sunk=7.0), _pressed(_boxes()), concrete)
+    # Two blocks at one place have no corner in each other.
+    with pytest.raises(AssemblyError, match="blocks 1 and 2 overlap by 30 mm"):
+        Problem(_boxes(sunk=60.0), _pressed(_boxes()), concrete)
+
+
+@pytest.mark.parametrize("fine", [1, 2])
+def test_problems_reject_what_no_solver_can_solve_when_they_are_made(fine: int) -> None:
+    boxes = _boxes(fine=fine)
+    load = _pressed(boxes)
+    assert Problem(boxes, load, concrete).blocks is boxes
+    everything = replace(load, fixed=np.ones(3, dtype=bool))
+    with pytest.raises(RefusedError, match="every block is fixed"):
+        Problem(boxes, everything, concrete)
+    with pytest.raises(RefusedError, match="2 blocks are unrestrained"):
+        Problem(_boxes(sunk=-5.0, fine=fine), replace(load, fixed=np.arange(3) == 2), concrete)
+    with pytest.raises(RefusedError, match=r"deepest 0.1 mm between blocks 0 and 1"):
+        Problem(boxes, load, concrete, clearance=-0.1)
+    brick = boxes.shapes[0]
+    turned = replace(brick.mesh, elements=np.roll(brick.mesh.elements, 4, axis=1))
+    inside_out = replace(brick, mesh=turned, charts=None)
+    with pytest.raises(RefusedError, match="inverted"):
+        Problem(replace(boxes, shapes=(inside_out,)), load, concrete)
+    with pytest.raises(ProblemError, match="got one of 3 blocks for 2 blocks"):
+        Problem(box_column([ColumnBox((100.0, 80.0, 60.0), (1, 1, 1))] * 2), load, concrete)
+
+
+def _pressed(boxes: Assembly) -> LoadCase:
+    """The last box pressed downwards, the first one fixed."""
+    load = PressureLoad(blocks=np.array([2]), face="z+", pressure=0.1)
+    return LoadCase(assembly=boxes, name="pressed", faces=(load,), fixed=np.arange(3) == 0)

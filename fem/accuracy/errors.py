@@ -35,12 +35,13 @@ def error_bar(
         Of the refinements in any order, the one whose error is asked for last: numbers, or arrays
         of whose changes there is a size.
     reductions
-        Factor by which the error of each of the others exceeds that of the last, more than 1.
+        Factor by which the error of each of the others exceeds that of the last: more than 1 of
+        coarser meshes, less of finer ones.
     size
         Size of a change.
     """
     changes = [
-        size(values[-1] - value) / (reduction - 1.0)
+        size(values[-1] - value) / abs(reduction - 1.0)
         for value, reduction in zip(values[:-1], reductions, strict=True)
     ]
     return SAFETY * max(changes)

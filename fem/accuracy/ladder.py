@@ -193,7 +193,7 @@ def on_mesh(problem: Problem, shapes: tuple[Block, ...], degree: int) -> Problem
     load = problem.load
     if isinstance(load, LoadCase):
         load = replace(load, assembly=blocks)
-    return replace(problem, blocks=blocks, load=load, degree=degree)
+    return replace(problem, blocks=blocks, load=load, degree=degree, check_blocks=False)
 
 
 def on_rung(problem: Problem, rung: Rung) -> Problem:
@@ -209,19 +209,26 @@ def on_rung(problem: Problem, rung: Rung) -> Problem:
     """
     shapes = problem.blocks.shapes
     anew = tuple(with_lines(shape, rung.lines(charts_of(shape))) for shape in shapes)
-    if problem.finite_sliding or _meets_alike(problem.blocks, anew):
-        return on_mesh(problem, anew, rung.degree)
-    line = np.linspace(0.0, 1.0, max(1, rung.across) + 1)
-    split = tuple(
-        with_lines(replace(shape, charts=None), {ANY_DIRECTION: line}) for shape in shapes
+    found = on_mesh(problem, anew, rung.degree)
+    if problem.finite_sliding or _meets_alike(problem.blocks, found.blocks):
+        return found
+    return split(problem, max(1, rung.across), rung.degree)
+
+
+def split(problem: Problem, parts: int, degree: int) -> Problem:
+    """State a problem with every hexahedron cut into so many parts along each edge."""
+    line = np.linspace(0.0, 1.0, parts + 1)
+    shapes = tuple(
+        with_lines(replace(shape, charts=None), {ANY_DIRECTION: line})
+        for shape in problem.blocks.shapes
     )
-    return on_mesh(problem, split, rung.degree)
+    return on_mesh(problem, shapes, degree)
 
 
-def _meets_alike(blocks: Assembly, shapes: tuple[Block, ...]) -> bool:
-    """Whether blocks meet the same neighbours with other meshes."""
+def _meets_alike(blocks: Assembly, meshed: Assembly) -> bool:
+    """Whether blocks meet the same neighbours with another mesh."""
     try:
-        found = replace(blocks, shapes=shapes).interfaces
+        found = meshed.interfaces
     except AssemblyError:
         return False
     pairs = [
@@ -234,7 +241,8 @@ def _meets_alike(blocks: Assembly, shapes: tuple[Block, ...]) -> bool:
 def coarser(problem: Problem, share: float) -> Problem | None:
     """State a problem with about that share of the elements along every edge.
 
-    None where it has no fewer: hexahedra without a family are not joined.
+    None where it has no fewer: hexahedra without a family are not joined. Contact is searched where
+    facets of the coarser meshes do not match.
     """
     shapes = tuple(_with_share(shape, share) for shape in problem.blocks.shapes)
     counts = [
@@ -243,7 +251,10 @@ def coarser(problem: Problem, share: float) -> Problem | None:
     ]
     if all(new == old for new, old in counts):
         return None
-    return on_mesh(problem, shapes, problem.degree)
+    found = on_mesh(problem, shapes, problem.degree)
+    if problem.finite_sliding or _meets_alike(problem.blocks, found.blocks):
+        return found
+    return replace(found, finite_sliding=True)
 
 
 def _with_share(block: Block, share: float) -> Block:

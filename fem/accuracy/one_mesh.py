@@ -2,7 +2,7 @@
 
 A run on a mesh with 1/r of the elements along every edge has r times the error, if this falls like
 the size of an element. Coarser meshes, about two thirds and half as fine, are asked
-(`fem.accuracy.errors`).
+(`fem.accuracy.errors`); where there is none, a mesh twice as fine.
 
 Peaks are known from two sides (`fem.measures.bracketed`). Contact forces are in balance on facets,
 so means over them lie below a peak of pressure and values at their corners, continued outwards by a
@@ -26,7 +26,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from fem.accuracy.errors import error_bar
-from fem.accuracy.ladder import AT_EDGES, LOCAL, SHARED, coarser
+from fem.accuracy.ladder import AT_EDGES, LOCAL, SHARED, coarser, split
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem
 from fem.measures import bracketed, load_step_change, measures_of
@@ -41,6 +41,8 @@ from geometry.errors import RefusedError
 SHARES = (2.0 / 3.0, 0.5)
 #: Error of elements of one degree less over that of a run, at least.
 _DEGREE = 2.0
+#: Elements at most of a finer mesh that is solved for error bars alone: some CPU s.
+_MOST_ELEMENTS = 20_000
 #: What coarser meshes judge beside them in elements of degree two or more.
 _OF_MESHES = ("sigma_1_averaged", "p_max_point", "max_displacement")
 
@@ -82,7 +84,7 @@ def static_solution(
 
 
 def estimated_errors(
-    solution: Solution, on_coarser: Iterable[Solution], less: Solution | None = None
+    solution: Solution, on_others: Iterable[Solution], less: Solution | None = None
 ) -> dict[str, float]:
     """Estimate the error of each measure, in its unit; empty without another mesh.
 
@@ -90,13 +92,13 @@ def estimated_errors(
     ----------
     solution
         On the mesh whose errors are asked for.
-    on_coarser
-        The same problem on coarser meshes.
+    on_others
+        The same problem on coarser meshes, or on a finer one.
     less
         The same with elements of one degree less; None for degree one.
     """
     measures = measures_of(solution)
-    of_meshes = _of_meshes(solution, measures, on_coarser)
+    of_meshes = _of_meshes(solution, measures, on_others)
     steps = load_step_change(solution) if solution.static is not None else {}
     if less is not None:
         before = measures_of(less)
@@ -117,18 +119,18 @@ def estimated_errors(
 
 
 def _of_meshes(
-    solution: Solution, measures: Mapping[str, Measure], on_coarser: Iterable[Solution]
+    solution: Solution, measures: Mapping[str, Measure], on_others: Iterable[Solution]
 ) -> dict[str, float]:
-    """Estimates from coarser meshes."""
+    """Estimates from other meshes."""
     values: dict[str, list[float]] = {name: [] for name in measures}
     refinements = []
-    for coarse in on_coarser:
-        ratio = solution.deformable.model.n_elements / coarse.deformable.model.n_elements
+    for other in on_others:
+        ratio = solution.deformable.model.n_elements / other.deformable.model.n_elements
         refinement = ratio ** (1.0 / 3.0)
-        if not refinement > 1.0:
+        if refinement == 1.0:
             continue
         refinements.append(refinement)
-        for name, measure in measures_of(coarse).items():
+        for name, measure in measures_of(other).items():
             values[name].append(measure.value)
     if not refinements:
         return {}
@@ -145,11 +147,20 @@ def _both(name: str, degrees: float, meshes: float) -> float:
 def static_errors(
     problem: Problem, solution: Solution, solve: Callable[[Problem], Solution]
 ) -> dict[str, float]:
-    """Estimate the errors of a static state of a problem by solving it on coarser meshes."""
+    """Estimate the errors of a state of a problem by solving it on coarser meshes.
+
+    Of elements of degree one without a coarser mesh, such as hexahedra of one's own, the static
+    state is solved on a finer one, where this takes no more than seconds.
+    """
     less = None
     if problem.degree > 1:
         less = solve(replace(problem, degree=problem.degree - 1))
-    return estimated_errors(solution, _coarser_solutions(problem, solve), less)
+    others = list(_coarser_solutions(problem, solve))
+    few = 8 * solution.deformable.model.n_elements <= _MOST_ELEMENTS
+    if not others and less is None and few and solution.static is not None:
+        with suppress(RefusedError):
+            others = [solve(split(problem, 2, 1))]
+    return estimated_errors(solution, others, less)
 
 
 def _coarser_solutions(

@@ -52,7 +52,8 @@ def solve_static(
         Relative error bars [-] by measure, such as ``{"p_max_point": 0.03}``; None: 5 % of
         displacement, p_eff, pressure at a point and averaged tension.
     error_bars
-        Whether measures on the mesh of the problem have error bars, from coarser meshes.
+        Whether measures on the mesh of the problem have error bars, from coarser meshes, or from a
+        finer one where there is none.
     max_seconds
         CPU time that refining may take [s]; None: a fixed amount of work, about 20 CPU s, so that a
         problem has one answer on every machine; no limit with an accuracy.

@@ -28,10 +28,11 @@ from fem.assembly.deformable import (
     supports_at,
     touching_surfaces,
 )
+from fem.assembly.overlaps import check_overlaps
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.own_law import PressureLaw, as_law
-from fem.contact.surfaces import ContactNormals
+from fem.contact.surfaces import ContactNormals, ContactSurfaces
 from fem.element.hexahedron import ElementType
 from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND, Material
 from fem.problem.effects import Effects
@@ -39,8 +40,10 @@ from fem.problem.model import Model
 from geometry.assembly import Assembly, spacing_offsets
 from geometry.errors import RefusedError
 from geometry.loads import Load, LoadCase, with_body_wrenches
-from geometry.mesh import FloatArray
+from geometry.mesh import BoolArray, FloatArray, check_mesh
 
+#: Depth that is no overlap, in block lengths ∛V: meshes of curved faces that do not match.
+_LEAST_OVERLAP = 1e-3
 #: Highest degree of elements that anybody has use for.
 _HIGHEST_DEGREE = 8
 
@@ -133,12 +136,21 @@ class Problem:
         Rigid motion of every block at time 0, of explicit runs alone. Default None: at rest.
     check_units
         Whether implausible wave speeds √(E/ρ) and gravity are rejected. Default True.
+    check_blocks
+        Whether blocks that overlap, do not match, are not held, or whose hexahedra are inverted are
+        rejected. Default True.
 
     Raises
     ------
     ProblemError
         What is no load or material, constants or loads in other units, a gravity that is no finite
         vector, clearances that are not finite, a degree or effects that cannot go together.
+    AssemblyError, MeshError
+        Blocks that overlap, both named with the depth, facets that do not match, inverted elements.
+    DeformableAssemblyError
+        Nothing to deform, or blocks that nothing can hold.
+    ContactError
+        Negative gaps deeper than the contact law.
     ContactLawError
         What is no contact law.
     """
@@ -160,6 +172,7 @@ class Problem:
     gravity: Sequence[float] | FloatArray | None = None
     motion: Motion | None = None
     check_units: bool = True
+    check_blocks: bool = True
 
     def __post_init__(self) -> None:
         for name, kinds in _KINDS.items():
@@ -185,6 +198,8 @@ class Problem:
                 f"gravity: got {self.gravity} mm/s², a thousandth of the earth's or less; did you "
                 "mean m/s²? Expected (0, 0, -9810) there (to override: check_units=False)"
             )
+        if self.check_blocks:
+            self._check_blocks()
 
     def __repr__(self) -> str:
         """The values that differ from the defaults, without arrays."""
@@ -213,6 +228,42 @@ class Problem:
                 raise ProblemError(f"{name}: got {value!r}; expected one of {expected}")
         if self.blocks.image_of is not None:
             check_cell(self.blocks, self.frames, finite_sliding=self.finite_sliding)
+
+    def _check_blocks(self) -> None:
+        """Reject blocks that no solver has a state of; solvers go on with what is found here."""
+        blocks, load = self.blocks, self.load_case
+        if load.assembly.n_blocks != blocks.n_blocks:
+            raise ProblemError(
+                f"load: got one of {load.assembly.n_blocks} blocks for {blocks.n_blocks} blocks; "
+                "expected a load on the blocks of the problem"
+            )
+        for shape in blocks.shapes:
+            if shape.charts is None:  # those of families are checked when they are made
+                check_mesh(shape.mesh, shape.name)
+        least = _LEAST_OVERLAP * blocks.characteristic_length
+        check_overlaps(blocks, max(self.contact_law.largest_initial_overclosure, least))
+        deforms = self._deforming()
+        if self.finite_sliding:
+            return
+        if blocks.interfaces.n_contacts:
+            check_held(blocks, load)
+        if self.clearance < 0.0 or self.spacing:
+            self._surfaces(blocks, deforms)
+
+    def _deforming(self) -> BoolArray:
+        """Whether each block deforms, (n_blocks,)."""
+        load, n = self.load_case, self.blocks.n_blocks
+        deforms = ~load.fixed if self.frames is Frames.RIGID else np.ones(n, dtype=np.bool_)
+        if not deforms.any():
+            raise DeformableAssemblyError(
+                f"{self.blocks.name}: every block is fixed; expected at least one that can deform"
+            )
+        return deforms
+
+    def _surfaces(self, assembly: Assembly, deforms: BoolArray) -> ContactSurfaces:
+        """Facets that touch, with the gaps before the load acts."""
+        offsets = spacing_offsets(assembly, self.spacing)
+        return touching_surfaces(assembly, deforms, offsets, self.clearance, self.contact_law)
 
     def _check_units(self) -> None:
         """Reject constants and loads that no solid in mm, N, MPa and t has."""
@@ -333,23 +384,18 @@ class Problem:
         assembly, load, sliding = self.blocks, self.load_case, self.finite_sliding
         if self.degree > 1:
             assembly = curved(assembly, self.degree)
-        rigid = self.frames is Frames.RIGID
-        deforms = ~load.fixed if rigid else np.ones(assembly.n_blocks, dtype=np.bool_)
-        if not deforms.any():
-            raise DeformableAssemblyError(
-                f"{assembly.name}: every block is fixed; expected at least one that can deform"
-            )
+        deforms = self._deforming()
         if sliding:
             assembly = replace(assembly, unmatched_allowed=True)
         elif assembly.interfaces.n_contacts:
             check_held(assembly, load)
         offsets = spacing_offsets(assembly, self.spacing)
-        surfaces = touching_surfaces(assembly, deforms, offsets, self.clearance, self.contact_law)
+        surfaces = self._surfaces(assembly, deforms)
         groups, group_of, copy_of = block_groups(
             assembly, deforms, offsets, self.material, self.element
         )
         loads = nodal_loads(assembly, load, groups, group_of, copy_of)
-        faces = load.held if rigid else held_faces(assembly, load)
+        faces = load.held if self.frames is Frames.RIGID else held_faces(assembly, load)
         supports = supports_at(assembly, faces, group_of, copy_of)
         turning = any(part.follows_block for part in loads)
         effects = Effects(gravity=self.acceleration, finite_rotation=turning)

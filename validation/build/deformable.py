@@ -218,7 +218,9 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
         finite_rotation=scene.effects.finite_rotation,
         gravity=scene.effects.gravity,
         motion=scene.motion,
-        check_units=False,  # the scene was asked at the door
+        # The scene was asked at the door, and solids when they were placed.
+        check_units=False,
+        check_blocks=not isinstance(scene, PolyhedralScene),
     )
 
 

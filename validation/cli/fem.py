@@ -306,8 +306,8 @@ def _solved(
                 resume=resume,
                 **kept,
             )
-    if run.explicit is not None:
-        check_finished(run.explicit, outputs)
+    if run.solution.explicit is not None:
+        check_finished(run.solution.explicit, outputs)
     return replace(run, cpu_seconds=summed(run.cpu_seconds, built)), added
 
 
@@ -329,8 +329,8 @@ def _estimated(
     """The run with its error bars, with friction also with the width of the set of answers."""
     from validation.output.console import status
     from validation.run.accuracy import progress_words
-    from validation.run.estimate import estimated_errors
     from validation.run.reference import static_reference
+    from validation.run.solve import estimated_errors
 
     name, scene, fem = run.name, run.scene, run.scene.fem
     if reference:
@@ -339,7 +339,7 @@ def _estimated(
         watch.lap("static reference")
         run = replace(run, reference=found)
         if found is not None and fem.error_estimate and not found.why_not:
-            return replace(run, errors=found.bars(run.measures))
+            return replace(run, errors=found.bars(run.answer.measures))
     if not fem.error_estimate:
         return run
     with status(outputs.console, f"{name}: two coarser meshes, for the errors"):

@@ -12,7 +12,7 @@ import numpy as np
 
 from fem.accuracy.converge import Converged, converge
 from fem.accuracy.converge import Progress as Refinement
-from fem.accuracy.one_mesh import static_solution
+from fem.accuracy.one_mesh import static_errors, static_solution
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem
 from fem.assembly.symmetry import SymmetryError
@@ -53,8 +53,8 @@ _CLOSING_STEPS = 4
 _FINE = 200.0
 
 
-def run_scene(name: str, scene: DeformableScene) -> DeformableRun:
-    """Solve a scene by its own method.
+def run_scene(name: str, scene: DeformableScene, problem: Problem | None = None) -> DeformableRun:
+    """Solve a scene, or another statement of its problem, by its own method.
 
     Raises
     ------
@@ -62,13 +62,22 @@ def run_scene(name: str, scene: DeformableScene) -> DeformableRun:
         A scene that cannot be solved, or a run that was interrupted.
     """
     if fem_section(scene, name).method is Method.STATIC:
-        return run_static(name, scene)
+        return run_static(name, scene, problem=problem)
     from fem.explicit.solve import Status
 
-    run = run_explicit(name, scene)
-    if run.explicit is not None and run.explicit.status is Status.INTERRUPTED:
+    run = run_explicit(name, scene, problem=problem)
+    if run.solution.explicit is not None and run.solution.explicit.status is Status.INTERRUPTED:
         raise InputError(f"{name}: interrupted")
     return run
+
+
+def estimated_errors(run: DeformableRun) -> dict[str, float]:
+    """Estimate the error of each measure, in its unit, from other meshes solved by its method."""
+
+    def solve(problem: Problem) -> Solution:
+        return run_scene(run.name, run.scene, problem).solution
+
+    return static_errors(run.problem, run.solution, solve)
 
 
 # ---------------------------------------------------------------------------------------------

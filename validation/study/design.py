@@ -141,8 +141,7 @@ def _fem_run(study: Study, file: SceneFile) -> DeformableRun:
     """Solve a design as `tubelock fem` does: on finer and finer meshes, or on its own."""
     from fem.accuracy.converge import MOST_WORK
     from validation.run.accuracy import DEFAULT_TARGETS, refined
-    from validation.run.estimate import estimated_errors
-    from validation.run.solve import run_converged, run_scene
+    from validation.run.solve import estimated_errors, run_converged, run_scene
 
     name, scene = file.name, file.scene
     stated = {} if study.accuracy is None else dict.fromkeys(DEFAULT_TARGETS, study.accuracy)
@@ -161,7 +160,7 @@ def _fem_results(study: Study, file: SceneFile) -> tuple[dict[str, Any], list[st
     from validation.run.accuracy import reached_rows
 
     run = _fem_run(study, file)
-    measures, found = run.measures, dict[str, Any]()
+    measures, found = run.answer.measures, dict[str, Any]()
     named: dict[str, list[str]] = {}
     for name, measure in measures.items():
         if measure.remark:
@@ -174,7 +173,7 @@ def _fem_results(study: Study, file: SceneFile) -> tuple[dict[str, Any], list[st
     found |= {
         "residual": run.solution.residual,
         "energy_balance": run.solution.energy_balance,
-        "n_elements": run.deformable.model.n_elements,
+        "n_elements": run.solution.deformable.model.n_elements,
     }
     remarks = [f"{', '.join(names)}: {remark}" for remark, names in named.items()]
     return found, [*reached_rows(measures, missed), *remarks]

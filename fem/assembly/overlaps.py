@@ -1,0 +1,110 @@
+"""Blocks that share space before the load acts are rejected, with both blocks and the depth."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from geometry.assembly import Assembly, AssemblyError
+from geometry.block import Block
+from geometry.mesh import HEX_TETRAHEDRA, BoolArray, FloatArray, boundary_quads
+
+#: Points of two meshes that lie closer than this share of a block are one.
+_SAME = 1e-9
+
+
+def check_overlaps(assembly: Assembly, tolerance: float) -> None:
+    """Reject blocks that lie deeper in each other than a tolerance [mm].
+
+    Corners and middles of facets and of elements are looked at. Pairs of equal shapes in equal
+    relative positions are looked at once.
+
+    Raises
+    ------
+    AssemblyError
+        Naming the deepest pair and its depth.
+    """
+    solids = [_Solid(shape) for shape in assembly.shapes]
+    boxes = np.array(
+        [
+            [corners.min(axis=0), corners.max(axis=0)]
+            for corners in (assembly.nodes(b) for b in range(assembly.n_blocks))
+        ]
+    )
+    low, high = boxes[:, 0] + 0.5 * tolerance, boxes[:, 1] - 0.5 * tolerance
+    size = float(np.ptp(boxes.reshape(-1, 3), axis=0).max())
+    known: dict[tuple[int, ...], float] = {}
+    found: list[tuple[float, int, int]] = []
+    for a in range(assembly.n_blocks - 1):
+        later = np.arange(a + 1, assembly.n_blocks)
+        share = (low[a] < high[later]).all(axis=1) & (low[later] < high[a]).all(axis=1)
+        for b in later[share & ~(assembly.fixed[a] & assembly.fixed[later])].tolist():
+            turn = assembly.rotations[a].T @ assembly.rotations[b]
+            shift = assembly.rotations[a].T @ (assembly.translations[b] - assembly.translations[a])
+            kinds = int(assembly.shape_of[a]), int(assembly.shape_of[b])
+            rounded = np.round(1e7 * np.concatenate([turn.ravel(), shift / size]))
+            key = (*kinds, *rounded.astype(np.int64).tolist())
+            if key not in known:
+                one, other = (solids[k] for k in kinds)
+                of_b, of_a = other.points @ turn.T + shift, (one.points - shift) @ turn
+                known[key] = max(one.depth(of_b), other.depth(of_a))
+            found.append((known[key], a, b))
+    depth, a, b = max(found, default=(0.0, 0, 0))
+    if depth > tolerance:
+        n = sum(one[0] > tolerance for one in found)
+        more = f" ({n} overlapping pairs)" if n > 1 else ""
+        raise AssemblyError(
+            f"{assembly.name}: blocks {a} and {b} overlap by {depth:.3g} mm{more}; expected blocks "
+            f"that touch within {tolerance:.3g} mm: move them apart (to override: "
+            "check_overlaps=False)"
+        )
+
+
+class _Solid:
+    """A shape as points, and as hexahedra that points may lie in."""
+
+    def __init__(self, shape: Block) -> None:
+        mesh, self._shape = shape.mesh, shape
+        self._corners = mesh.nodes[mesh.elements[:, :8]]
+        middles = mesh.nodes[boundary_quads(mesh)[:, :4]].mean(axis=1)
+        surface = np.concatenate([mesh.nodes[shape.surface_nodes], middles])
+        centres = self._corners.mean(axis=1)
+        self.points = np.concatenate([surface, centres])
+        """On the boundary, and the middles of the elements, (n, 3) [mm]."""
+        self._surface, self._centres = cKDTree(surface), cKDTree(centres)
+        self._radius = float(np.linalg.norm(self._corners - centres[:, None], axis=2).max())
+
+    def depth(self, points: FloatArray) -> float:
+        """How deep the deepest of some points (n, 3) lies inside [mm]."""
+        low, high = self._corners.min(axis=(0, 1)), self._corners.max(axis=(0, 1))
+        points = points[((points > low) & (points < high)).all(axis=1)]
+        if len(points):
+            apart = self._surface.query(points)[0] > _SAME * float(np.ptp([low, high]))
+            points = points[apart]
+        inside = self._inside(points)
+        if not inside.any():
+            return 0.0
+        from geometry.polyhedra.overlap import SignedDistance
+        from geometry.polyhedra.polyhedron import polyhedron_from_block
+
+        distance = SignedDistance(polyhedron_from_block(self._shape))
+        return float(-distance(points[inside]).min())
+
+    def _inside(self, points: FloatArray) -> BoolArray:
+        """Whether points (n, 3) lie in a hexahedron, cut into tetrahedra; (n,)."""
+        near: Any = []
+        if len(points):
+            near = self._centres.query_ball_point(points, self._radius)
+        point = np.repeat(np.arange(len(points)), [len(elements) for elements in near])
+        element = np.array([e for elements in near for e in elements], dtype=np.int64)
+        inside = np.zeros(len(points), dtype=np.bool_)
+        for tetrahedron in HEX_TETRAHEDRA:
+            ends = self._corners[element][:, tetrahedron]
+            edges = np.swapaxes(ends[:, 1:] - ends[:, :1], 1, 2)
+            arms = (points[point] - ends[:, 0])[:, :, None]
+            shares = np.linalg.solve(edges, arms)[:, :, 0]
+            within = (shares >= 0.0).all(axis=1) & (shares.sum(axis=1) <= 1.0)
+            inside[point[within]] = True
+        return inside
