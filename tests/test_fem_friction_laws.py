@@ -116,10 +116,13 @@ def test_a_plate_that_statics_holds_does_not_slide_on_its_way():
     than the rest. Nothing is lost, and both answers are that of an elastic joint: to the residual,
     1e-4, and the way still to go, 1e-3."""
     static, slow = run_static("plate", plate("static")), run_explicit("plate", plate("explicit"))
-    lost = (slow.explicit.energies.frictional_dissipation, static.static.frictional_dissipation)
-    assert np.abs(lost).max() < 1e-12 * slow.explicit.energies.contact_energy
+    lost = (
+        slow.solution.explicit.energies.frictional_dissipation,
+        static.solution.static.frictional_dissipation,
+    )
+    assert np.abs(lost).max() < 1e-12 * slow.solution.explicit.energies.contact_energy
     for name in ("p_max", "p_eff", "max_displacement"):
-        assert slow.measures[name].value == pytest.approx(static.measures[name].value, rel=2e-3)
+        assert slow.answer[name].value == pytest.approx(static.answer[name].value, rel=2e-3)
 
 
 def test_gravity_grows_only_on_the_way_to_a_static_state():

@@ -46,8 +46,7 @@ from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable, scene_problem
 from validation.comparison.calculix import calculix_available, run_calculix
 from validation.errors import InputError
-from validation.run.estimate import estimated_errors
-from validation.run.solve import run_static
+from validation.run.solve import estimated_errors, run_static
 from validation.scene.read import load_scene
 
 HEXAGON = HexagonBlockParameters(blocks_per_layer=4, inner_radius=120.0, thickness=40.0)
@@ -302,11 +301,11 @@ def test_error_bars_hold_the_next_degree() -> None:
     run = run_static("hexagons", deformable("thb0-tunnel", *settings, "fem.degree=2"))
     finer = run_static("hexagons", deformable("thb0-tunnel", *settings, "fem.degree=3"))
     errors = estimated_errors(run)
-    assert errors.keys() == run.measures.keys()
+    assert errors.keys() == run.answer.measures.keys()
     missed = [
         name
-        for name, measure in run.measures.items()
-        if measure.resolved and abs(measure.value - finer.measures[name].value) > errors[name]
+        for name, measure in run.answer.measures.items()
+        if measure.resolved and abs(measure.value - finer.answer[name].value) > errors[name]
     ]
     assert len(missed) <= 1, missed
 

@@ -116,8 +116,8 @@ def test_the_answer_names_its_member_and_the_width():
     more is not carried there is no other end, and the reason is said."""
     run = run_static("plate", plate("static"))
     found = friction_set(run)
-    assert f"monotonic loading in {run.static.load_steps} steps" in found.member
-    assert set(found.change) == set(found.width) == set(run.measures)
+    assert f"monotonic loading in {run.solution.static.load_steps} steps" in found.member
+    assert set(found.change) == set(found.width) == set(run.answer.measures)
     assert max(found.change.values()) < 1e-6
     assert np.abs(list(found.width.values())).max() < 1e-6
 

@@ -45,14 +45,14 @@ def test_overclosures_at_corners_are_those_of_the_surfaces(normals: ContactNorma
 
 
 def test_a_uniform_state_is_its_own_peak(pressed: DeformableRun) -> None:
-    found = pressed.measures
+    found = pressed.answer.measures
     # The static residual is 1e-8 of the load; a joint is as stiff as the boxes within tenfold.
     assert found["p_max_point"].value == pytest.approx(PRESSURE, rel=1e-6)
     assert found["p_max"].value == pytest.approx(PRESSURE, rel=1e-6)
     assert found["sigma_3_min"].value == pytest.approx(-PRESSURE, rel=1e-6)
     assert abs(found["sigma_1_max"].value) < 1e-6 * PRESSURE
     assert abs(found["sigma_1_averaged"].value) < 1e-6 * PRESSURE
-    assert found["max_displacement"].value == pressed.largest_displacement
+    assert found["max_displacement"].value == pressed.solution.largest_displacement
     where = found["max_displacement"].place
     assert where is not None
     assert where["blocks"] == [2]
@@ -61,7 +61,7 @@ def test_a_uniform_state_is_its_own_peak(pressed: DeformableRun) -> None:
 
 
 def test_joints_carry_the_load(pressed: DeformableRun) -> None:
-    joints = joint_forces(pressed.contact_state)
+    joints = joint_forces(pressed.solution.contact_state)
     assert joints.block_m.tolist() == [0, 1]
     assert joints.block_s.tolist() == [1, 2]
     # On the upper block: up, with the whole load; no moment about the middle of the joint.
@@ -72,7 +72,7 @@ def test_joints_carry_the_load(pressed: DeformableRun) -> None:
 
 def test_balls_average_over_the_part_in_the_block(pressed: DeformableRun) -> None:
     """A constant stays; a linear field becomes its value at the ball's part in the block."""
-    group = pressed.deformable.model.groups[0]
+    group = pressed.solution.deformable.model.groups[0]
     points = integration_points(group.mesh, group.element)
     for radius in (1.0, 20.0, 60.0, 1e3):
         balls = ball_averages(group, points, radius)

@@ -53,14 +53,14 @@ def test_decisions_are_those_of_the_full_runs() -> None:
         EffectName.FINITE_ROTATION,
     }
     bare = scene_of(*MESH)
-    reference = answer_of(run_static("tube", bare))
+    reference = answer_of(run_static("tube", bare).solution)
     added = {
         FRICTION: {"effects.friction": scene.effects.friction},
         EffectName.GRAVITY: {"effects.gravity": scene.effects.gravity},
         CLEARANCE: {"contact.clearance": 1e-5},
     }
     for effect, changes in added.items():
-        true = change(reference, answer_of(run_static("tube", bare.changed(changes))))
+        true = change(reference, answer_of(run_static("tube", bare.changed(changes)).solution))
         simulated, probed = of(found, effect)
         assert probed is not None
         assert 0.5 < probed.largest / true.largest < 2.0
@@ -79,11 +79,11 @@ def test_the_rule_is_that_of_the_effects_command() -> None:
     settings = [*COARSE, "fem.load_steps=1"]
     scene = scene_of(*settings, "effects.friction.coefficient=0.5", "effects.auto=0.01")
     _, found = decide_effects(scene, "tube")
-    base = answer_of(run_static("tube", scene_of(*settings)))
+    base = answer_of(run_static("tube", scene_of(*settings)).solution)
     for effect in (FRICTION, EffectName.FINITE_ROTATION, EffectName.ELASTIC_FRAME):
         value = scene.effects.friction if effect is FRICTION else True
         with_it = scene_of(*settings).changed({f"effects.{effect}": value})
-        true = change(base, answer_of(run_static("tube", with_it)))
+        true = change(base, answer_of(run_static("tube", with_it).solution))
         simulated, probed = of(found, effect)
         assert probed is not None
         assert probed.values == pytest.approx(true.values, abs=1e-3)
@@ -104,7 +104,7 @@ def test_finite_rotation_is_estimated_as_explicit_runs_find_it() -> None:
     for finite in (True, False):
         probe = scene.changed({"effects": {"auto": None, "finite_rotation": finite}})
         run = run_explicit("tube", probe)
-        answers.append(answer_of(run))
+        answers.append(answer_of(run.solution))
     true = change(*reversed(answers))
     assert estimated is not None
     assert true.largest > 0.003
@@ -123,9 +123,11 @@ def test_damping_does_not_change_the_state_at_rest() -> None:
     assert found.cpu_seconds < 1.0
     with_damping = run_explicit("tube", scene_of(*plain, *damped))
     without, bare = (run_explicit("tube", s) for s in (decided, scene_of(*plain)))
-    assert change(answer_of(with_damping), answer_of(without)).largest < 2e-3
+    assert change(answer_of(with_damping.solution), answer_of(without.solution)).largest < 2e-3
     # What is left out gives the bits of a scene that does not name it.
-    for a, b in zip(without.displacements, bare.displacements, strict=True):
+    for a, b in zip(
+        without.solution.group_displacements, bare.solution.group_displacements, strict=True
+    ):
         np.testing.assert_array_equal(a, b)
 
 
@@ -156,7 +158,9 @@ def test_what_is_kept_stays_and_what_is_left_out_leaves_no_bit() -> None:
     assert also.as_written == (FRICTION,)
     bare = run_static("tube", scene_of(*COARSE))
     again = run_static("tube", decided)
-    for a, b in zip(bare.displacements, again.displacements, strict=True):
+    for a, b in zip(
+        bare.solution.group_displacements, again.solution.group_displacements, strict=True
+    ):
         np.testing.assert_array_equal(a, b)
 
 
@@ -215,8 +219,8 @@ def test_finite_rotation_that_matters_is_part_of_the_static_run() -> None:
         run_static("tube", scene.changed({"effects": effects}))
         for effects in (decided.effects, EffectsSection())
     )
-    assert "finite rotation" in run.static.status
-    change = run.largest_displacement / without.largest_displacement - 1.0
+    assert "finite rotation" in run.solution.static.status
+    change = run.solution.largest_displacement / without.solution.largest_displacement - 1.0
     # The probe, on the same mesh, stops at 1e-5 of the load, which soft gaps amplify.
     assert change == pytest.approx(decision.change.displacement, rel=0.05)
 
@@ -272,7 +276,7 @@ def test_static_tube_carries_its_weight() -> None:
     # the weight of the free blocks (pipe pressure has no axial part), to the residual, 1e-8 of
     # the loads.
     run = run_static("tube", scene_of(*COARSE, "effects.gravity=[0,0,-9806.65]"))
-    found = run.deformable
+    found = run.solution.deformable
     weight = sum(float(g.lumped_mass.sum()) * g.n_copies * -9806.65 for g in found.model.groups)
     surfaces, fixed = found.surfaces, found.assembly.fixed
     first = surfaces.pair_start[:-1]
@@ -290,8 +294,8 @@ def test_sideways_weight_breaks_the_sector() -> None:
     sideways = [*COARSE, "effects.gravity=[9806.65,0,0]"]
     static = run_static("tube", scene_of(*sideways))
     explicit = run_explicit("tube", scene_of(*sideways, "fem.method='explicit'"))
-    assert static.static.symmetry == 1
-    assert change(answer_of(static), answer_of(explicit)).largest < 2e-3
+    assert static.solution.static.symmetry == 1
+    assert change(answer_of(static.solution), answer_of(explicit.solution)).largest < 2e-3
 
 
 def test_rigid_blocks_of_a_comparison_weigh_as_much() -> None:

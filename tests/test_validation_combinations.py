@@ -37,9 +37,9 @@ def test_a_sector_gives_the_energies_of_the_whole(setting: str, method: str) -> 
     for symmetry in ("sector", "none"):
         scene = scene_of(f'fem.method="{method}"', f'fem.symmetry="{symmetry}"', setting)
         if method == "static":
-            found.append(run_static("tube", scene).static)
+            found.append(run_static("tube", scene).solution.static)
             continue
-        result = run_explicit("tube", scene).explicit
+        result = run_explicit("tube", scene).solution.explicit
         assert result is not None
         found.append(result.energies)
         last = result.history.column("strain_energy")[-1]
@@ -59,8 +59,10 @@ def test_explicit_friction_follows_slow_loading(case: str) -> None:
     scene = scene_of(friction, 'fem.method="explicit"', 'fem.damping="static"', case=case)
     run = run_explicit("tube", scene)
     slow = solve_static(build_deformable(scene, "tube"), StaticOptions(load_steps=16))
-    assert run.contact_state.point_pressures.max() == pytest.approx(slow.pressures.max(), rel=5e-3)
-    assert run.largest_displacement == pytest.approx(slow.max_displacement, rel=5e-3)
+    assert run.solution.contact_state.point_pressures.max() == pytest.approx(
+        slow.pressures.max(), rel=5e-3
+    )
+    assert run.solution.largest_displacement == pytest.approx(slow.max_displacement, rel=5e-3)
 
 
 def test_constants_of_the_other_law_are_refused() -> None:
@@ -93,10 +95,10 @@ def test_friction_that_closes_a_clearance_is_loaded_in_steps() -> None:
     """One step counts slip before touch as stick, so friction holds where nothing pressed yet."""
     pillar = ("contact.clearance=0.05", "effects.friction.coefficient=0.3")
     gap = run_static("gap", scene_of(*pillar, case="tsb1-pillar"))
-    assert gap.static.load_steps == 16
+    assert gap.solution.static.load_steps == 16
     one = run_static("one", scene_of(*pillar, "fem.load_steps=1", case="tsb1-pillar"))
     # Slip that nothing resisted dissipates nothing: finer loading loses less.
-    lost = [run.static.frictional_dissipation for run in (gap, one)]
+    lost = [run.solution.static.frictional_dissipation for run in (gap, one)]
     assert lost[0] < 0.5 * lost[1]
     plain = run_static("plain", scene_of("contact.clearance=0.05"))
-    assert plain.static.load_steps == 1
+    assert plain.solution.static.load_steps == 1

@@ -35,7 +35,7 @@ def test_a_scene_without_a_cap_follows_the_law_of_the_text() -> None:
     # Without lateral strain every joint closes by the law's inverse, every box by p h / E; the
     # residual is 1e-8 of the load, and a joint is as stiff as the boxes within tenfold.
     top = 2 * overclosure(PRESSURE) + PRESSURE * 160.0 / 33e3
-    assert run.largest_displacement == pytest.approx(top, rel=1e-7)
+    assert run.solution.largest_displacement == pytest.approx(top, rel=1e-7)
     assert run.answer.as_dict()["contact_cap"] is None
 
 
@@ -47,9 +47,9 @@ def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
     assert found["points"] == found["pressing_points"] == points
     assert found["force_share"] == pytest.approx(1.0, rel=1e-12)
     # Linear from the cap on: 1.117 MPa at 1000 MPa/mm more for each joint.
-    start = run.deformable.contact.law.constants
+    start = run.solution.deformable.contact.law.constants
     deep = start.linear_start + (PRESSURE - start.linear_pressure) / 1000.0
-    np.testing.assert_allclose(run.contact_state.point_overclosures, deep, rtol=1e-7)
+    np.testing.assert_allclose(run.solution.contact_state.point_overclosures, deep, rtol=1e-7)
     print_run(run, Console(width=300))
     assert f"at {points} of {points} closed contact points, 100 %" in capsys.readouterr().out
     idle = run_static("column", changed(0.5, contact={"maximum_stiffness": 1000.0}))
@@ -80,7 +80,7 @@ def test_a_run_that_outgrows_its_time_step_starts_again(
     longest = critical_time_step(stated.assembly.model).critical_time_step
     frames: list[Frame] = []
     run = run_explicit("column", changed(pressure, fem={"frames": 5}), on_frame=frames.append)
-    result = run.explicit
+    result = run.solution.explicit
     assert result is not None
     assert result.critical.critical_time_step < longest
     assert run.solution.restarts >= 1
@@ -97,7 +97,7 @@ def test_a_run_that_outgrows_its_time_step_starts_again(
     assert run.solution.statement.counted_pressure >= 4.0
     top = 2 * overclosure(pressure) + pressure * 160.0 / 33e3
     # Damped until the residual is 1e-4 of the load.
-    assert run.largest_displacement == pytest.approx(top, rel=1e-3)
+    assert run.solution.largest_displacement == pytest.approx(top, rel=1e-3)
     # A time step that the scene gives stays: the remedy is named instead.
     given = {"time_step": 0.99 * longest, "sample_interval": 1}
     with pytest.raises(InputError, match=r"reached .* MPa.*time step .* allows"):

@@ -406,20 +406,20 @@ def test_what_calculix_prints_is_measured_as_our_own_answer() -> None:
     found = measured_answer(scene, deck, printed)
     for quantity in ("max_displacement", "sigma_1_averaged"):
         # Places of blocks are rounded to 14 digits in a deck, and the solver stops at 1e-10.
-        assert found.scalars[quantity] == pytest.approx(ours.measures[quantity].value, rel=1e-8)
+        assert found.scalars[quantity] == pytest.approx(ours.answer[quantity].value, rel=1e-8)
     # Uniform nodal pressures are uniform on facets, and so are the paper's means of them.
     np.testing.assert_allclose(found.pressures, 0.3, rtol=1e-14)
     assert found.scalars["p_max_point"] == 0.3
     assert found.scalars["p_eff"] == pytest.approx(0.3, rel=1e-12)
-    assert np.array_equal(np.sort(found.contacts), np.sort(ours.contact_index))
+    assert np.array_equal(np.sort(found.contacts), np.sort(ours.solution.contact_state.matched))
 
 
 def ours_of(run: DeformableRun, block: int) -> FloatArray:
     """Displacements of a block; none where it is held."""
-    deformable = run.deformable
+    deformable = run.solution.deformable
     if deformable.group_of[block] < 0:
         return np.zeros_like(deformable.assembly.shape(block).mesh.nodes)
-    return run.displacement(block)
+    return run.solution.displacement(block)
 
 
 @pytest.mark.skipif(not calculix_available(), reason="ccx is not installed")

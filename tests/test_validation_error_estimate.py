@@ -11,8 +11,7 @@ from validation.build.deformable import build_deformable
 from validation.costs.references import references
 from validation.output.deformable.answers import print_run
 from validation.run.deformable import DeformableRun
-from validation.run.estimate import estimated_errors
-from validation.run.solve import run_static
+from validation.run.solve import estimated_errors, run_static
 
 #: Scenes of the coverage: three shapes under three loads, contact on slopes, waves and flanks.
 CASES = {
@@ -40,10 +39,10 @@ def test_estimates_cover_nine_of_ten_errors() -> None:
     for name in CASES:
         run, reference = solved(name, 1), solved(name, 2)
         errors = estimated_errors(run)
-        assert set(errors) == set(run.measures)
+        assert set(errors) == set(run.answer.measures)
         for measure, error in errors.items():
             judged += 1
-            true = abs(run.measures[measure].value - reference.measures[measure].value)
+            true = abs(run.answer[measure].value - reference.answer[measure].value)
             if true > error:
                 missed.append((name, measure, true, error))
     assert judged == 36
@@ -66,7 +65,7 @@ def test_estimates_of_higher_degree_cover_nine_of_ten_errors() -> None:
             run = run_static(name, deformable(name, *settings, f"fem.degree={degree}"))
             errors = estimated_errors(run)
             for measure, reference in known.items():
-                found = run.measures[measure]
+                found = run.answer[measure]
                 if not found.resolved or errors[measure] > WIDEST * abs(found.value):
                     continue  # printed as not resolved on this mesh
                 judged += 1

@@ -85,7 +85,7 @@ file = load_scene("plain.toml")
 schema = scene_schema()["properties"]["block"]["properties"]["type"]["enum"]
 print(json.dumps({
     "rigid": str(run_rigid(file).result.mechanism),
-    "static": run_static(file.name, file.scene).contact.p_eff,
+    "static": run_static(file.name, file.scene).solution.contact.p_eff,
     "deck": build_deck(file, Flavour.GENERAL).name,
     "explodes": run_explosion(file).explodes,
     "schema": "plain" in schema,

@@ -61,8 +61,8 @@ def test_slowly_loaded_explicit_run_ends_at_the_static_answer() -> None:
         "e",
         box("cantilever", *settings, "fem.damping=static", "fem.end_time=0.2", "fem.residual=1e-5"),
     )
-    assert run.explicit is not None
-    assert run.explicit.status == "converged"
+    assert run.solution.explicit is not None
+    assert run.solution.explicit.status == "converged"
     a = static["faces"]["x+"]["mean_displacement"][2]
     b = run.answer.as_dict()["faces"]["x+"]["mean_displacement"][2]
     # The residual bounds the relative error in the energy norm; the lowest mode's share of the
@@ -153,7 +153,10 @@ def test_copies_move_as_one_block_does() -> None:
     for copy in range(3):
         # The lanes run through the same sums in the same order.
         np.testing.assert_allclose(
-            three.displacements[0][copy], one.displacements[0][0], rtol=0, atol=1e-15
+            three.solution.group_displacements[0][copy],
+            one.solution.group_displacements[0][0],
+            rtol=0,
+            atol=1e-15,
         )
 
 

@@ -53,11 +53,11 @@ def test_sections_lie_in_the_layer_that_they_name() -> None:
     scene = load_scene("thb0-tunnel", small).scene
     assert isinstance(scene, DeformableScene)
     run = run_static("thb0-tunnel", scene)
-    assembly = run.deformable.assembly
+    assembly = run.solution.deformable.assembly
     along = np.concatenate([assembly.nodes(b) for b in assembly.free_blocks]) @ assembly.axis
-    heights = section_heights(run)
+    heights = section_heights(run.solution)
     assert along.min() < heights[0]
     assert heights[-1] < along.max()
     # One height above and below the middle each, by the symmetry of the hexagon.
     assert heights[0] + heights[-1] == pytest.approx(along.min() + along.max(), abs=1e-3)
-    assert all(len(section(run, z).triangles) for z in heights)
+    assert all(len(section(run.solution, z).triangles) for z in heights)

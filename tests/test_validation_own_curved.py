@@ -81,9 +81,12 @@ def test_own_files_of_a_family_give_its_answer(tmp_path: Path) -> None:
     load = LoadCase(WALL, "weight", (), WALL.fixed)
     problem = Problem(WALL, load, material, degree=2, gravity=[0.0, 1e6, -1e6])
     family = solve_static(problem, error_bars=False)
-    assert run.contact_state.n_facets == len(family.contacts["pressure"])
-    assert run.measures["max_displacement"].value == pytest.approx(family["u"].value, rel=1e-6)
-    ours, theirs = np.sort(run.contact_state.pressures), np.sort(family.contacts["pressure"])
+    assert run.solution.contact_state.n_facets == len(family.contacts["pressure"])
+    assert run.answer["max_displacement"].value == pytest.approx(family["u"].value, rel=1e-6)
+    ours, theirs = (
+        np.sort(run.solution.contact_state.pressures),
+        np.sort(family.contacts["pressure"]),
+    )
     np.testing.assert_allclose(ours, theirs, atol=1e-6 * theirs.max())
     assert "edges" not in run.answer.as_dict()
 
@@ -132,7 +135,7 @@ places = [{{at = [0, 0, 0]}}, {{at = [0, 0, -{HEIGHT}], fixed = true}}]
     s, c = np.sin(0.5 * ANGLE / PIECES), np.cos(0.5 * ANGLE / PIECES)
     angle = 2.0 * s * (c if degree == 1 else (4.0 - c) / 3.0)
     volume = PIECES * angle * 0.5 * (RADII[1] ** 2 - RADII[0] ** 2) * HEIGHT
-    assert run.contact.force == pytest.approx(2.4e-9 * 9810.0 * volume, rel=1e-7)
+    assert run.solution.contact.force == pytest.approx(2.4e-9 * 9810.0 * volume, rel=1e-7)
     assert ("edges" in run.answer.as_dict()) == (degree == 1)
 
 

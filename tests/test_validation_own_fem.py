@@ -103,8 +103,8 @@ def test_a_column_of_boxes_under_pressure() -> None:
     top = 2 * overclosure(pressure) + pressure * 160.0 / 33e3
     static = run_static("column", column(pressure))
     # The static residual is 1e-8 of the load; a joint is as stiff as the boxes within tenfold.
-    assert static.largest_displacement == pytest.approx(top, rel=1e-7)
-    np.testing.assert_allclose(static.contact_state.point_pressures, pressure, rtol=1e-7)
+    assert static.solution.largest_displacement == pytest.approx(top, rel=1e-7)
+    np.testing.assert_allclose(static.solution.contact_state.point_pressures, pressure, rtol=1e-7)
     quadratic = run_static("column", column(pressure).changed({"fem.degree": 2}))
     for run in (static, quadratic):
         # What is drawn: joints of 100 × 80 mm² in pieces of a uniform pressure.
@@ -114,11 +114,11 @@ def test_a_column_of_boxes_under_pressure() -> None:
         faces = QuadSurface(drawn.corners.reshape(-1, 3), quads)
         assert faces.areas.sum() == pytest.approx(2 * 8000.0, rel=1e-4)
         assert not drawn.scale.note
-    assert len(quadratic.contact_state.pressures) < len(run_facets(quadratic).pressures)
+    assert len(quadratic.solution.contact_state.pressures) < len(run_facets(quadratic).pressures)
     explicit = run_explicit("column", column(pressure))
     # Damped until the residual is 1e-4 of the load.
-    assert explicit.largest_displacement == pytest.approx(top, rel=1e-3)
-    np.testing.assert_allclose(explicit.contact_state.point_pressures, pressure, rtol=1e-3)
+    assert explicit.solution.largest_displacement == pytest.approx(top, rel=1e-3)
+    np.testing.assert_allclose(explicit.solution.contact_state.point_pressures, pressure, rtol=1e-3)
 
 
 def test_joints_of_a_static_column_that_do_not_match_are_found() -> None:
@@ -148,9 +148,11 @@ def test_one_sector_of_a_hexagon_tube_gives_the_whole() -> None:
     small = ("assembly.layers=1", "mesh.edge=4", "mesh.radial=2")
     whole = run_static("whole", deformable("thb0-tunnel", *small, "fem.symmetry='none'"))
     sector = run_static("sector", deformable("thb0-tunnel", *small, "fem.symmetry='sector'"))
-    assert sector.static.symmetry == 4
+    assert sector.solution.static.symmetry == 4
     # Both stop at a residual of 1e-8 of the load; the tube's softest motion amplifies it tenfold.
-    for a, b in zip(whole.displacements, sector.displacements, strict=True):
+    for a, b in zip(
+        whole.solution.group_displacements, sector.solution.group_displacements, strict=True
+    ):
         np.testing.assert_allclose(b, a, atol=1e-6 * np.abs(a).max())
 
 
@@ -164,9 +166,9 @@ def test_the_frame_of_a_wall_carries_the_load(
 ) -> None:
     small = ("assembly.layers=1", "assembly.columns=1", f"mesh.divisions={divisions}")
     run = run_static(name, deformable(name, *small, f"fem.degree={degree}"))
-    found = run.contact_state
+    found = run.solution.contact_state
     # One free block: what its facets push the frame with, towards +y, is pressure times area.
-    sign = np.where(run.deformable.group_of[found.block_m] >= 0, 1.0, -1.0)
+    sign = np.where(run.solution.deformable.group_of[found.block_m] >= 0, 1.0, -1.0)
     total = (sign[found.facet][:, None] * found.point_forces).sum(axis=0)
     # The residual is 1e-8 of the load.
     assert total[1] == pytest.approx(0.01 * area, rel=1e-7)
@@ -235,7 +237,7 @@ places = [{at = [0, 0, 100]}]
     run = run_static("own", own_scene(tmp_path, parts).changed({"fem.degree": degree}))
     weight = 2.4e-9 * 400_000.0 * 9810.0
     # Two bricks on the lower joint, one on the upper; the residual is 1e-8 of the load.
-    assert run.contact.force == pytest.approx(3 * weight, rel=1e-7)
+    assert run.solution.contact.force == pytest.approx(3 * weight, rel=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -283,7 +285,7 @@ def test_joint_forces_that_leave_friction_out_are_named_so(tmp_path: Path, frict
     assert joint[f"shear_force{end}"] < 1e-3 * weight
     assert ("shear_force" in joint) == (not friction)
     with Outputs(folder=tmp_path / "out", names=JOINT_FILES) as outputs:
-        write_joints(run.joints, outputs)
+        write_joints(run.solution.joints, outputs)
     head = (tmp_path / "out" / "joints.csv").read_text("utf-8").splitlines()[0].split(",")
     assert (f"shear_force{end}_N" in head, "shear_force_N" in head) == (True, not friction)
     assert f"force{end}" in meshio.read(tmp_path / "out" / "joints.vtu").point_data
@@ -301,8 +303,8 @@ places = [{axis = [0, 1, 0], angle = 0, fixed = true}, {axis = [0, 1, 0], angle 
     weight = 2.4e-9 * wedge().mass_properties.volume * 9810.0
     # Each joint leans by 60°, so its normal force is W / (2 cos 60°). The normals turn by the
     # displacement over a facet's size, 25 mm.
-    turned = static.largest_displacement / 25.0
-    assert static.contact.force == pytest.approx(2 * weight, rel=turned)
+    turned = static.solution.largest_displacement / 25.0
+    assert static.solution.contact.force == pytest.approx(2 * weight, rel=turned)
     assert len(rigid) == 2
     for run in rigid:
         contacts = run.answer.contacts
@@ -321,7 +323,7 @@ def test_a_prism_of_tetrahedra_weighs_on_its_joint(tmp_path: Path) -> None:
     scene = own_scene(tmp_path, parts.format("prism.stl"))
     run = run_static("own", scene.changed({"mesh.size": 100.0, "mesh.divisions": 1}))
     # Half of an eighth of a box; the residual is 1e-8 of the load.
-    assert run.contact.force == pytest.approx(2.4e-9 * 25_000.0 * 9810.0, rel=1e-7)
+    assert run.solution.contact.force == pytest.approx(2.4e-9 * 25_000.0 * 9810.0, rel=1e-7)
     assert "four hexahedra" in run.notes["tetrahedra"]
     assert "degree 2" in run.title
 
@@ -384,10 +386,10 @@ def test_a_panel_of_truncated_tetrahedra_is_held_by_friction(tmp_path: Path) -> 
     load += "[effects.friction]\ncoefficient = 0.6\n"
     scene = own_scene(tmp_path, '[[parts]]\nfile = "panel.obj"\n', load=load)
     run = run_static("panel", scene.changed({"mesh.divisions": 2, "fem.load_steps": 1}))
-    assert run.static is not None
-    assert run.static.converged
+    assert run.solution.static is not None
+    assert run.solution.static.converged
     # Newton's method with the whole tangent; by frozen limits no number of iterations was enough.
-    assert run.static.newton_iterations < 60
+    assert run.solution.static.newton_iterations < 60
     assert "touch along an edge or at a point alone" in run.notes["edge contacts"]
 
 

@@ -79,9 +79,9 @@ def test_cells_on_top_of_each_other_are_an_equilibrium_of_a_tube(cell: Deformabl
     # Displacements of the cell, repeated over six layers, balance in every layer that does not
     # touch the frame: to the residual of the cell, 1e-8 of its loads. In the outer layers, which
     # the cell knows nothing of, they do not.
-    u, n = cell.displacements[0], 4
+    u, n = cell.solution.group_displacements[0], 4
     norms = unbalanced_forces(scene_of(*COARSE, "assembly.layers=6"), {1: u[:n], 0: u[n:]})
-    size = float(np.linalg.norm(local_forces(cell.deformable)[0]))
+    size = float(np.linalg.norm(local_forces(cell.solution.deformable)[0]))
     assert max(norms[k] for k in (2, 3, 4, 5)) < 1e-7 * size
     assert min(norms[1], norms[6]) > 0.1 * size
 
@@ -91,9 +91,9 @@ def test_middle_of_longer_tubes_tends_to_the_cell(cell: DeformableRun) -> None:
     # share out over all layers: an error c/L. Twice as many layers have half of it, to the next
     # order in 1/L: a tenth at sixteen layers, within a quarter here; and what extrapolation
     # leaves is a fraction of it.
-    limit = middle_answer(cell)
+    limit = middle_answer(cell.solution)
     found = {
-        n: middle_answer(run_static("tube", scene_of(*COARSE, f"assembly.layers={n}")))
+        n: middle_answer(run_static("tube", scene_of(*COARSE, f"assembly.layers={n}")).solution)
         for n in (4, 16, 32)
     }
     for name in ("p_max", "p_eff", "displacement"):
@@ -106,7 +106,7 @@ def test_middle_of_longer_tubes_tends_to_the_cell(cell: DeformableRun) -> None:
 def test_cell_is_in_balance(cell: DeformableRun) -> None:
     # Nothing pushes the cell along its axis, so both interfaces carry the same axial force, and
     # the sector gives the digits of the whole ring: to the residuals.
-    deformable = cell.deformable
+    deformable = cell.solution.deformable
     exact = StaticOptions(tolerance=1e-11)
     result = solve_static(deformable, exact)
     force, _ = pair_resultants(result)
@@ -132,12 +132,15 @@ def test_explicit_cell_ends_at_the_static_one(cell: DeformableRun) -> None:
     # displacements agree to a few times that over the ratio of the two, 1e-4.
     settings = [*CELL, "fem.method='explicit'", "fem.residual=1e-6"]
     run = run_explicit("cell", scene_of(*settings))
-    size = np.abs(cell.displacements[0]).max()
+    size = np.abs(cell.solution.group_displacements[0]).max()
     np.testing.assert_allclose(
-        run.displacements[0], cell.displacements[0], rtol=0, atol=1e-4 * size
+        run.solution.group_displacements[0],
+        cell.solution.group_displacements[0],
+        rtol=0,
+        atol=1e-4 * size,
     )
-    assert run.contact.p_max == pytest.approx(cell.contact.p_max, rel=1e-4)
-    assert run.contact.p_eff == pytest.approx(cell.contact.p_eff, rel=1e-4)
+    assert run.solution.contact.p_max == pytest.approx(cell.solution.contact.p_max, rel=1e-4)
+    assert run.solution.contact.p_eff == pytest.approx(cell.solution.contact.p_eff, rel=1e-4)
 
 
 @pytest.mark.parametrize("finite_rotation", ["false", "true"])
@@ -154,25 +157,27 @@ def test_nothing_turns_an_explicit_cell(case: str, mesh: list[str], finite_rotat
     still = run_static("cell", scene_of(*settings, case=case))
     moving = [*settings, "fem.method='explicit'", "fem.residual=1e-6"]
     run = run_explicit("cell", scene_of(*moving, case=case))
-    result = run.explicit
+    result = run.solution.explicit
     assert result is not None
     assert result.status is Status.CONVERGED
     # The constraint does no work but on motions of second order.
     assert abs(result.energy_balance) < 1e-3
-    for found, expected in zip(run.displacements, still.displacements, strict=True):
+    for found, expected in zip(
+        run.solution.group_displacements, still.solution.group_displacements, strict=True
+    ):
         size = np.abs(expected).max()
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4 * size)
-    assert run.contact.p_max == pytest.approx(still.contact.p_max, rel=1e-4)
+    assert run.solution.contact.p_max == pytest.approx(still.solution.contact.p_max, rel=1e-4)
 
 
 def test_friction_and_clearance_close_the_cell_too() -> None:
     # The same limit, with an error that falls with the number of layers.
     more = ["effects.friction.coefficient=0.05", "contact.clearance=1e-3"]
-    limit = middle_answer(run_static("cell", scene_of(*CELL, *more)))
+    limit = middle_answer(run_static("cell", scene_of(*CELL, *more)).solution)
     errors = []
     for n in (4, 16):
         tube = run_static("tube", scene_of(*COARSE, *more, f"assembly.layers={n}"))
-        errors.append(abs(middle_answer(tube).p_eff / limit.p_eff - 1.0))
+        errors.append(abs(middle_answer(tube.solution).p_eff / limit.p_eff - 1.0))
     assert errors[1] < 0.5 * errors[0]
 
 
@@ -183,16 +188,19 @@ def test_hexagon_blocks_have_a_cell() -> None:
     mesh = ["mesh.edge=4", "mesh.radial=2"]
     scene = scene_of(*mesh, "fem.symmetry='periodic cell'", case="thb0-tunnel")
     run = run_static("cell", scene)
-    assert run.static.newton_iterations < 12
-    sparse = solve_static(run.deformable, StaticOptions(method=StaticMethod.SPARSE))
+    assert run.solution.static.newton_iterations < 12
+    sparse = solve_static(run.solution.deformable, StaticOptions(method=StaticMethod.SPARSE))
     np.testing.assert_allclose(
-        sparse.facet_pressures, run.facet_pressures, rtol=0, atol=1e-4 * run.contact.p_max
+        sparse.facet_pressures,
+        run.solution.contact_state.pressures,
+        rtol=0,
+        atol=1e-4 * run.solution.contact.p_max,
     )
     errors = []
     for n in (2, 12):
         tube = scene_of(*mesh, f"assembly.layers={n}", case="thb0-tunnel")
-        middle = middle_answer(run_static("tube", tube))
-        errors.append(abs(run.contact.p_eff / middle.p_eff - 1.0))
+        middle = middle_answer(run_static("tube", tube).solution)
+        errors.append(abs(run.solution.contact.p_eff / middle.p_eff - 1.0))
     assert errors[1] < 0.8 * errors[0]
 
 

@@ -35,6 +35,7 @@ from validation.output.pictures.look import Look, looking
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
 from validation.output.pictures.scales import Scale, scale_from_zero, symmetric_scale
 from validation.output.pictures.sections import section
+from validation.run.measures import drawing_scale
 from validation.run.rigid.answer import run_rigid
 from validation.run.rigid.polyhedra import mechanism_motion, run_polyhedra
 from validation.run.solve import run_static
@@ -221,8 +222,8 @@ def test_unrolled_side_joints_lie_apart_and_keep_their_area() -> None:
 def test_sections_show_both_neighbours() -> None:
     """Where a layer's waves end, its neighbours fill the ring: nothing looks like a bite."""
     run = run_static("tsb1-pipe", tube("tsb1-pipe", "mesh.around=48"))
-    for z in tubes.section_heights(run):
-        cut = section(run, z)
+    for z in tubes.section_heights(run.solution):
+        cut = section(run.solution, z)
         area = 0.0
         for triangles in (cut.triangles, cut.rigid):
             a, b, c = (cut.points[triangles[:, k]] for k in range(3))
@@ -237,7 +238,7 @@ def test_sections_show_both_neighbours() -> None:
 def test_sections_have_the_area_of_the_tube_and_the_lines_of_its_joints() -> None:
     run = run_static("tsb1-pipe", tube("tsb1-pipe", "mesh.around=48"))
     # In the middle of the layer, away from the waves: four quarters of a ring.
-    cut = section(run, float(np.mean(tubes.section_heights(run))))
+    cut = section(run.solution, float(np.mean(tubes.section_heights(run.solution))))
     a, b, c = (cut.points[cut.triangles[:, k]] for k in range(3))
     (x, y), (u, v) = (b - a).T, (c - a).T
     area = 0.5 * np.abs(x * v - y * u).sum()
@@ -368,7 +369,7 @@ def test_a_third_stress_is_one_line(figures: list[Figure], tmp_path: Path, monke
         "σ₁",
         "σ₃",
         "σ₂",
-        f"deformed shape,\nscale factor {run.drawing_scale:g}",
+        f"deformed shape,\nscale factor {drawing_scale(run.solution):g}",
     ]
 
 

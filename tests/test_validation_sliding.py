@@ -60,12 +60,12 @@ def test_patch_test_of_a_column_that_does_not_match() -> None:
     load's pressure, every joint closes by the law's inverse, every box by p h / E. The residual is
     1e-8 of the load; a joint is as stiff as the boxes within tenfold."""
     run = run_explicit("column", column(*CROSSING))
-    assert run.explicit.status == "converged"
-    found = run.contact_state
+    assert run.solution.explicit.status == "converged"
+    found = run.solution.contact_state
     np.testing.assert_allclose(found.point_pressures, 0.5, rtol=1e-6)
     np.testing.assert_allclose(found.pressures, 0.5, rtol=1e-6)
     top = 2 * overclosure(0.5) + 0.5 * 150.0 / 33e3
-    assert run.largest_displacement == pytest.approx(top, rel=1e-6)
+    assert run.solution.largest_displacement == pytest.approx(top, rel=1e-6)
     for joint in ((0, 1), (1, 2)):
         points = found.joint(*joint)
         assert found.point_areas[points].sum() == pytest.approx(8000.0, rel=1e-12)
@@ -84,7 +84,7 @@ def test_one_facet_in_the_middle_of_four() -> None:
     """No facet lies inside another: the only one is cut in four equal parts, on which the load
     presses alike by symmetry, to the residual."""
     scene = column((WIDE, (2, 2, 1)), ((50.0, 40.0, 50.0), (1, 1, 1)))
-    found = run_explicit("column", scene).contact_state
+    found = run_explicit("column", scene).solution.contact_state
     assert found.n_facets == 1
     quarter = np.sign(found.positions[:, :2]) @ [2.0, 1.0]
     areas = [found.point_areas[quarter == k].sum() for k in (-3.0, -1.0, 1.0, 3.0)]
@@ -97,7 +97,7 @@ def test_forces_and_moments_of_a_smaller_box_that_crosses_facets() -> None:
     centred, the upper joint on the area of the box alone, to the residual of 1e-8."""
     boxes = ((WIDE, (4, 4, 2)), (WIDE, (3, 3, 2)), ((60.0, 40.0, 50.0), (5, 3, 2)))
     run = run_explicit("column", column(*boxes, poisson=0.2))
-    found = run.contact_state
+    found = run.solution.contact_state
     load = 0.5 * 2400.0
     for joint, area in (((0, 1), 8000.0), ((1, 2), 2400.0)):
         points = found.joint(*joint)
@@ -184,7 +184,7 @@ def test_matching_joints_have_no_search_unless_asked() -> None:
         run = run_explicit("column", column(*matching, effects={"finite_sliding": asked}))
         data = run.answer.as_dict()
         assert data["contact_search"] == words
-        assert (run.contact_state.interface is None) == asked
+        assert (run.solution.contact_state.interface is None) == asked
         assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
         assert data["n_contacts"] == 16
         assert data["contact"]["effective_count_percent"] == pytest.approx(50.0, rel=1e-9)
@@ -231,19 +231,23 @@ def test_measures_of_a_small_slide_are_those_of_matched_facets() -> None:
         run = run_explicit("tube", load_scene("tsb1-pipe", settings).scene)  # type: ignore[arg-type]
         found.append(run)
     matched, searched = found
-    ours, theirs = (asdict(run.contact) for run in (searched, matched))
+    ours, theirs = (asdict(run.solution.contact) for run in (searched, matched))
     for key in theirs.keys() - {"per_block"}:
         assert ours[key] == pytest.approx(theirs[key], rel=1e-3), key
     for key in ("p_eff", "p_max"):
-        a, b = (getattr(run.contact.per_block, key) for run in (searched, matched))
+        a, b = (getattr(run.solution.contact.per_block, key) for run in (searched, matched))
         np.testing.assert_allclose(a, b, rtol=1e-3)
-    assert searched.contact_state.n_facets == matched.contact_state.n_facets
+    assert searched.solution.contact_state.n_facets == matched.solution.contact_state.n_facets
     # The same facets in whatever order, drawn on the one side or the other of the joint.
-    order = [np.lexsort(np.round(run.contact_state.centroids, 1).T) for run in (searched, matched)]
+    order = [
+        np.lexsort(np.round(run.solution.contact_state.centroids, 1).T)
+        for run in (searched, matched)
+    ]
     a, b = (
-        run.contact_state.centroids[o] for run, o in zip((searched, matched), order, strict=True)
+        run.solution.contact_state.centroids[o]
+        for run, o in zip((searched, matched), order, strict=True)
     )
-    assert np.abs(a - b).max() < 2.0 * matched.largest_displacement
+    assert np.abs(a - b).max() < 2.0 * matched.solution.largest_displacement
 
 
 def test_a_pushed_box_presses_where_it_ended() -> None:
@@ -265,8 +269,8 @@ def test_a_pushed_box_presses_where_it_ended() -> None:
     )
     run = run_explicit("push", scene)
     slide = 2e3 * (0.03 - (1.0 - np.exp(-30.0)) / 1e3)
-    assert run.displacement(1)[:, 0].mean() == pytest.approx(slide, rel=1e-3)
-    found = run.contact_state
+    assert run.solution.displacement(1)[:, 0].mean() == pytest.approx(slide, rel=1e-3)
+    found = run.solution.contact_state
     forces = found.point_forces
     assert forces.sum(axis=0) == pytest.approx([0.0, 0.0, 200.0], abs=0.2)
     centre = forces[:, 2] @ found.positions / forces[:, 2].sum()
@@ -333,12 +337,12 @@ def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
     static = load_scene(str(path)).scene
     assert isinstance(static, DeformableScene)
     weight = 2.4e-9 * 400_000.0 * 9810.0
-    assert run_static("own", static).contact.force == pytest.approx(weight, rel=1e-6)
+    assert run_static("own", static).solution.contact.force == pytest.approx(weight, rel=1e-6)
     explicit = load_scene(str(path), ["fem.method='explicit'"]).scene
     assert isinstance(explicit, DeformableScene)
     run = run_explicit("own", explicit)
     assert str(run.contact_search) == "finite sliding (non-matching meshes)"
-    assert run.contact.force == pytest.approx(weight, rel=1e-3)
+    assert run.solution.contact.force == pytest.approx(weight, rel=1e-3)
 
 
 @pytest.mark.parametrize("method", ["static", "explicit"])
@@ -372,7 +376,7 @@ forces = [{block = 3, force = [0, 0, -4000]}]
     settings = ["fem.residual=1e-6", "effects.friction.coefficient=0.3", f"fem.method='{method}'"]
     scene = load_scene(str(path), settings).scene
     assert isinstance(scene, DeformableScene)
-    found = run_scene("own", scene).contact_state
+    found = run_scene("own", scene).solution.contact_state
     weight = 2.4e-9 * 400_000.0 * 9810.0
     for joint, area, force in (
         ((0, 2), 4000.0, 2000.0 + weight),

@@ -333,7 +333,7 @@ def test_a_deformable_design_is_refined_as_the_command_does() -> None:
     row = run_design(study, 0)
     assert row.status == "ok", row.message
     scene = study.scene_file(0).scene
-    reference = run_converged("tube", scene, dict.fromkeys(DEFAULT_TARGETS, 0.3)).measures
+    reference = run_converged("tube", scene, dict.fromkeys(DEFAULT_TARGETS, 0.3)).answer.measures
     for name in DEFAULT_TARGETS:
         value, error = row.results[name], row.results[f"{name}_error"]
         assert (value, error) == (reference[name].value, reference[name].error)

@@ -62,9 +62,11 @@ def test_three_answers_to_one_scene() -> None:
 def test_sector_and_whole_tube_give_the_same_digits() -> None:
     whole = run_static("whole", tube("tsb1-shaft", "fem.symmetry='none'"))
     sector = run_static("sector", tube("tsb1-shaft", "fem.symmetry='sector'"))
-    assert sector.static.symmetry == 4
+    assert sector.solution.static.symmetry == 4
     # Both stop at a residual of 1e-8 of the load; the tube's softest motion amplifies it tenfold.
-    for a, b in zip(whole.displacements, sector.displacements, strict=True):
+    for a, b in zip(
+        whole.solution.group_displacements, sector.solution.group_displacements, strict=True
+    ):
         np.testing.assert_allclose(b, a, atol=1e-6 * np.abs(a).max())
 
 
@@ -78,8 +80,8 @@ def test_sector_is_refused_where_the_load_breaks_it(tubelock) -> None:  # noqa: 
 @pytest.mark.parametrize("case", ["tunnel", "pillar", "beam"])
 def test_every_load_case_has_a_static_answer(case: str) -> None:
     run = run_static(case, tube(f"tsb1-{case}"))
-    assert run.static.residual < 1e-8
-    assert run.contact.p_max > 0
+    assert run.solution.static.residual < 1e-8
+    assert run.solution.contact.p_max > 0
 
 
 @pytest.mark.slow
@@ -148,10 +150,10 @@ def test_larger_clearance_means_larger_displacement_and_pressure(tubelock) -> No
 def test_paper_damping_rings_where_adaptive_damping_settles() -> None:
     # α = 2 /s damps over half a second: after a few milliseconds the tube still moves.
     scene = tube("tsb1-pipe", "fem.damping='paper'", "fem.end_time=2e-3", "fem.ramp_time=1e-4")
-    ringing = run_explicit("paper", scene).explicit
+    ringing = run_explicit("paper", scene).solution.explicit
     assert ringing is not None
     calm = tube("tsb1-pipe", "fem.damping='static'")
-    settled = run_explicit("static", calm).explicit
+    settled = run_explicit("static", calm).solution.explicit
     assert settled is not None
     assert settled.residual is not None
     assert ringing.residual is not None
@@ -194,11 +196,11 @@ def test_bad_input_gives_one_line(tubelock, command, settings, message) -> None:
 def test_friction_is_absent_unless_named_and_then_dissipates() -> None:
     plain = run_static("plain", tube("tsb1-pipe"))
     rough = run_static("rough", tube("tsb1-pipe", "effects.friction.coefficient=0.3"))
-    assert plain.deformable.contact.friction is None
-    assert plain.static.frictional_dissipation == 0.0
-    assert rough.static.frictional_dissipation > 0.0
+    assert plain.solution.deformable.contact.friction is None
+    assert plain.solution.static.frictional_dissipation == 0.0
+    assert rough.solution.static.frictional_dissipation > 0.0
     # Friction only resists: with it the tube moves less.
-    assert rough.largest_displacement < plain.largest_displacement
+    assert rough.solution.largest_displacement < plain.solution.largest_displacement
 
 
 def test_uniform_pressures_agree_whatever_their_round_off() -> None:

@@ -37,12 +37,12 @@ def rigid(file: SceneFile) -> FloatArray:
 
 
 def static(file: SceneFile) -> FloatArray:
-    return run_static(file.name, file.scene).facet_pressures  # type: ignore[arg-type]
+    return run_static(file.name, file.scene).solution.contact_state.pressures  # type: ignore[arg-type]
 
 
 def explicit(file: SceneFile) -> FloatArray:
     run = run_explicit(file.name, file.scene)  # type: ignore[arg-type]
-    return run.facet_pressures
+    return run.solution.contact_state.pressures
 
 
 def other(value: object) -> object:

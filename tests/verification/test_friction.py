@@ -66,7 +66,7 @@ def outside(runs, name):
 
     What half as many load steps change is no distance.
     """
-    direct, explicit, back = (run.measures[name].value for run in runs)
+    direct, explicit, back = (run.answer[name].value for run in runs)
     low, high = sorted((direct, back))
     steps = load_step_change(runs[0].solution).get(name, 0.0)
     return max(low - steps - explicit, explicit - high - steps, 0.0) / abs(direct)
@@ -74,7 +74,7 @@ def outside(runs, name):
 
 def changes(runs, k):
     """Explicit (1), or past and back (2), over static straight up, less one [-]."""
-    values = ({name: run.measures[name].value for name in MEASURES} for run in (runs[0], runs[k]))
+    values = ({name: run.answer[name].value for name in MEASURES} for run in (runs[0], runs[k]))
     direct, other = values
     return {name: other[name] / direct[name] - 1.0 for name in MEASURES}
 

@@ -69,17 +69,21 @@ def clearance_rows(
     for gap in gaps:
         spaced = scene.changed({f"contact.{kind}": gap, "fem.method": Method.STATIC})
         run = run_static(f"{name}, {kind} {gap:g} mm", spaced, store=store)
-        blocks = run.deformable.deformable_blocks.tolist()
+        blocks = run.solution.deformable.deformable_blocks.tolist()
         rows.append(
             ClearanceRow(
                 kind=kind,
                 gap=gap,
-                max_displacement=run.largest_displacement,
-                p_eff=run.contact.p_eff,
-                p_max=run.contact.p_max,
-                effective_count_percent=run.contact.effective_count_percent,
-                max_principal_stress=max(float(run.principal(b)[:, 0].max()) for b in blocks),
-                newton_iterations=0 if run.static is None else run.static.newton_iterations,
+                max_displacement=run.solution.largest_displacement,
+                p_eff=run.solution.contact.p_eff,
+                p_max=run.solution.contact.p_max,
+                effective_count_percent=run.solution.contact.effective_count_percent,
+                max_principal_stress=max(
+                    float(run.solution.principal(b)[:, 0].max()) for b in blocks
+                ),
+                newton_iterations=0
+                if run.solution.static is None
+                else run.solution.static.newton_iterations,
                 cpu_seconds=run.cpu_seconds["total"],
             )
         )

@@ -189,12 +189,14 @@ def _curved(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAns
 def _deformable(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAnswer:
     start = time.process_time()
     tube = (run_static if setting.method == "static" else run_explicit)(where, scene)
-    if tube.explicit is not None and tube.explicit.status is Status.INTERRUPTED:
+    if tube.solution.explicit is not None and tube.solution.explicit.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     seconds = time.process_time() - start
     scalars, details = _numbers(tube)
-    contacts, pressures = tube.contact_index, tube.facet_pressures
-    return MethodAnswer(tube.deformable.assembly, scalars, contacts, pressures, seconds, details)
+    contacts, pressures = tube.solution.contact_state.matched, tube.solution.contact_state.pressures
+    return MethodAnswer(
+        tube.solution.deformable.assembly, scalars, contacts, pressures, seconds, details
+    )
 
 
 _METHODS: dict[str, Callable[[str, AssemblyScene, CostSetting], MethodAnswer]] = {
@@ -207,9 +209,9 @@ _METHODS: dict[str, Callable[[str, AssemblyScene, CostSetting], MethodAnswer]] =
 
 
 def _numbers(tube: DeformableRun) -> tuple[dict[str, float], dict[str, Any]]:
-    scalars = {name: tube.measures[name].value for name in SCALARS}
+    scalars = {name: tube.answer[name].value for name in SCALARS}
     kept = ("status", "n_steps", "time_step", "time", "newton_iterations", "residual", "symmetry")
     told = {key: getattr(tube.solution.solver, key, None) for key in kept}
     details = {key: value for key, value in told.items() if value is not None}
-    elements = tube.deformable.model.groups[0].mesh.n_elements
+    elements = tube.solution.deformable.model.groups[0].mesh.n_elements
     return scalars, details | {"elements_per_block": elements}

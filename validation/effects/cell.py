@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from fem.solution import Solution
 from geometry.mesh import FloatArray
 from validation.build.cell import check_cell
 from validation.effects.probe import Answer, Change, answer_of, change, mesh_words, probe_scene
 from validation.output.console import listing
-from validation.run.deformable import DeformableRun
 from validation.run.solve import run_static
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
@@ -83,42 +83,42 @@ def _static(scene: DeformableScene, symmetry: str) -> DeformableScene:
 def _beside(cell_scene: DeformableScene, tube_scene: DeformableScene, name: str) -> CellError:
     cell, tube = run_static(name, cell_scene), run_static(name, tube_scene)
     return CellError(
-        layers=tube.deformable.assembly.n_layers,
+        layers=tube.solution.deformable.assembly.n_layers,
         mesh=mesh_words(cell_scene),
-        cell=middle_answer(cell),
-        middle=middle_answer(tube),
-        tube=answer_of(tube),
+        cell=middle_answer(cell.solution),
+        middle=middle_answer(tube.solution),
+        tube=answer_of(tube.solution),
         cell_seconds=cell.cpu_seconds["total"],
         tube_seconds=tube.cpu_seconds["total"],
     )
 
 
-def middle_answer(run: DeformableRun) -> Answer:
+def middle_answer(solution: Solution) -> Answer:
     """Answer of the two middle layers, rid of their mean motion along and about the axis.
 
     Of a tube with an odd number of layers, those are the middle one and the one below it.
     """
-    assembly = run.deformable.assembly
+    assembly = solution.deformable.assembly
     lower = max(assembly.n_layers // 2, 1)
     layers = (1, 2) if assembly.image_of is not None else (lower, lower + 1)
     chosen = np.isin(assembly.layer[assembly.free_blocks], layers)
     blocks = assembly.free_blocks[chosen]
-    found = run.contact.per_block
+    found = solution.contact.per_block
     return Answer(
         p_max=float(found.p_max[chosen].mean()),
         p_eff=float(found.p_eff[chosen].mean()),
-        displacement=_own_displacement(run, blocks.tolist()),
+        displacement=_own_displacement(solution, blocks.tolist()),
     )
 
 
-def _own_displacement(run: DeformableRun, blocks: list[int]) -> float:
+def _own_displacement(solution: Solution, blocks: list[int]) -> float:
     """Largest displacement of some blocks beyond their mean motion along and about the axis."""
-    assembly = run.deformable.assembly
+    assembly = solution.deformable.assembly
     places, moves, masses = [], [], []
     for block in blocks:
-        places.append(run.positions(block) - assembly.origin)
-        moves.append(run.displacement(block))
-        masses.append(run.deformable.group(block).lumped_mass)
+        places.append(solution.deformable.positions(block) - assembly.origin)
+        moves.append(solution.displacement(block))
+        masses.append(solution.deformable.group(block).lumped_mass)
     x, u, mass = np.concatenate(places), np.concatenate(moves), np.concatenate(masses)
     about: FloatArray = np.cross(assembly.axis, x)
     motions = np.stack([np.broadcast_to(assembly.axis, x.shape), about])

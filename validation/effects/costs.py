@@ -222,14 +222,14 @@ def effect_costs(
     answer = None
     if answers:
         found = run_explicit(name, base)
-        result = found.explicit
+        result = found.solution.explicit
         assert result is not None
         if str(result.status) != "converged":
             raise InputError(
                 f"{name}: the scene without effects did not arrive at its static state by "
                 f"{result.time:.3g} s; expected a larger fem.end_time, or none"
             )
-        answer = answer_of(found)
+        answer = answer_of(found.solution)
     step_time = min(advance(system, state) for _ in range(ROUNDS))
     assert statement.recommended is not None  # blocks meet
     frequency = statement.recommended.frequency
@@ -269,7 +269,7 @@ def _measure(base: _Base, say: Callable[[str], None]) -> Iterator[EffectCost]:
         plain, mine = (min(column) for column in zip(*rounds, strict=True))
         moved = None
         if base.answer is not None:
-            moved = change(base.answer, answer_of(run_explicit(name, scene)))
+            moved = change(base.answer, answer_of(run_explicit(name, scene).solution))
         yield EffectCost(
             effect,
             change=moved,

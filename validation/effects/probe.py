@@ -10,7 +10,7 @@ import numpy as np
 
 from fem.assembly.contact_state import contact_measures
 from fem.assembly.deformable import DeformableAssembly
-from fem.solution import largest_slip
+from fem.solution import Solution, largest_slip
 from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.result import StaticResult
 from fem.static.rotation import solve_static_with_rotation
@@ -18,7 +18,6 @@ from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
-from validation.run.deformable import DeformableRun
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 
@@ -66,9 +65,9 @@ class Change(Answer):
         return f"{name} {100 * value:+.2g} %" if value else "no change"
 
 
-def answer_of(run: DeformableRun) -> Answer:
+def answer_of(solution: Solution) -> Answer:
     """Quantities of a run."""
-    return Answer(run.contact.p_max, run.contact.p_eff, run.largest_displacement)
+    return Answer(solution.contact.p_max, solution.contact.p_eff, solution.largest_displacement)
 
 
 def change(before: Answer, after: Answer) -> Change:

@@ -243,7 +243,7 @@ def draw_cost(evidence: Evidence, path: Path) -> None:
         ),
         (
             [
-                (run.deformable.surfaces.n_facets, run.cpu_seconds["total"])
+                (run.solution.deformable.surfaces.n_facets, run.cpu_seconds["total"])
                 for run in evidence.fem_runs.values()
             ],
             {"marker": "^", "markersize": 6, "color": "#D55E00"},

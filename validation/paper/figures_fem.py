@@ -30,6 +30,7 @@ from validation.paper.claims.deformable import (
 )
 from validation.paper.evidence import Evidence
 from validation.run.deformable import DeformableRun
+from validation.run.measures import drawing_scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,7 +67,7 @@ def draw_layer_comparison(evidence: Evidence, path: Path) -> None:
     columns: list[list[Panel]] = [[] for _ in range(4)]
     for number, pair in enumerate(pressure_pairs(evidence)):
         block, case, side = pair.name.split()
-        corners = facet_outlines(evidence.fem(block, case).deformable.assembly, pair)
+        corners = facet_outlines(evidence.fem(block, case).solution.deformable.assembly, pair)
         for offset, (words, values) in enumerate(
             (("rigid", pair.rigid), ("deformable", pair.deformable))
         ):
@@ -99,11 +100,11 @@ def outer_surface(
     run: DeformableRun, component: int
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Arc length, height [mm] and principal stress [MPa] of every free block's outer face."""
-    for block in run.deformable.assembly.free_blocks.tolist():
-        nodes = block_grid(run, run.deformable.assembly.nodes(block))[-1]
+    for block in run.solution.deformable.assembly.free_blocks.tolist():
+        nodes = block_grid(run, run.solution.deformable.assembly.nodes(block))[-1]
         theta = np.unwrap(np.arctan2(nodes[..., 1], nodes[..., 0]), axis=0)
         radius = np.linalg.norm(nodes[..., :2], axis=2)
-        values = block_grid(run, run.principal(block))[-1, ..., component]
+        values = block_grid(run, run.solution.principal(block))[-1, ..., component]
         yield theta * radius, nodes[..., 2], values
 
 
@@ -114,7 +115,9 @@ def draw_principal(evidence: Evidence, component: int, path: Path) -> None:
     for row, column, run in _runs(evidence):
         faces = list(outer_surface(run, component))
         scale = symmetric_scale(f"{symbol} [MPa]", STRESS_MAP, [f[2] for f in faces])
-        circle = 2 * np.pi * float(np.linalg.norm(run.deformable.assembly.nodes(0)[-1, :2]))
+        circle = (
+            2 * np.pi * float(np.linalg.norm(run.solution.deformable.assembly.nodes(0)[-1, :2]))
+        )
         z = np.concatenate([f[1].ravel() for f in faces])
         tall = float(np.ptp(z))
         columns[column].append(
@@ -163,7 +166,11 @@ def draw_displacements(evidence: Evidence, path: Path) -> None:
     """Draw figure disp: deformed tubes, five cases, both blocks."""
     columns: list[list[Panel]] = [[] for _ in CASES]
     for row, column, run in _runs(evidence):
-        words = f"{BLOCKS[row]} {CASES[column]}\ndeformed, scale factor {run.drawing_scale:g}"
-        columns[column].append(replace(moved_panel(run, all_faces(run), EYE), title=words))
+        words = (
+            f"{BLOCKS[row]} {CASES[column]}\ndeformed, scale factor {drawing_scale(run.solution):g}"
+        )
+        columns[column].append(
+            replace(moved_panel(run.solution, all_faces(run.solution), EYE), title=words)
+        )
     title = "Displacements at 0.01 MPa, static state, no initial gaps"
     gallery(columns, title, path, height=14.5)

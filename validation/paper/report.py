@@ -34,6 +34,7 @@ from validation.paper.figures import CostRow, FigureFile, cost_rows, draw_figure
 from validation.paper.reading import Sensitivity, sensitivity
 from validation.paper.tables import Tables, compute_tables, count_words, lines_by_block, tables_json
 from validation.run.deformable import DeformableRun
+from validation.run.measures import drawing_scale
 from validation.run.rigid.answer import RigidRun
 
 
@@ -194,20 +195,20 @@ def _pressure_view(run: RigidRun, title: str, name: str) -> View3d:
 
 def _stress_view(run: DeformableRun) -> View3d:
     """All faces of the middle layers' blocks, coloured by σ₁, moved by exaggerated displacement."""
-    assembly, scale = run.deformable.assembly, replace(stress_scale(run), label="MPa")
-    shown = np.flatnonzero(np.isin(assembly.layer, _SHOWN)).tolist()
+    solution, deformable = run.solution, run.solution.deformable
+    scale, factor = replace(stress_scale(solution), label="MPa"), drawing_scale(solution)
     surface = coloured_blocks(
-        assembly,
-        shown,
-        lambda block: run.principal(block)[:, 0],
+        deformable.assembly,
+        np.flatnonzero(np.isin(deformable.assembly.layer, _SHOWN)).tolist(),
+        lambda block: solution.principal(block)[:, 0],
         scale,
-        nodes=lambda block: run.positions(block) + run.drawing_scale * run.displacement(block),
-        faces=all_faces(run),
+        nodes=lambda block: deformable.positions(block) + factor * solution.displacement(block),
+        faces=all_faces(solution),
     )
     return make_view(
         "stress-pipe",
         f"TSB1 under internal pressure, layers {_SHOWN[0]} to {_SHOWN[-1]}, displacements × "
-        f"{run.drawing_scale:g}",
+        f"{factor:g}",
         "Deformable blocks: maximum principal stress σ₁; red is tension.",
         View([surface], EYE),
         scale=scale,

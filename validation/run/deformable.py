@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fem.answer import answer_of
-from fem.assembly.contact_state import ContactMeasures, ContactState
-from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem
 from fem.element.hexahedron import ElementType
-from fem.element.lagrange_mesh import LagrangeMesh, in_pieces
-from fem.measures import contact_on
+from fem.element.lagrange_mesh import LagrangeMesh
 from fem.solution import Solution
-from fem.static.result import StaticResult
-from geometry.answer import Answer, Measure
+from geometry.answer import Answer
 from geometry.assembly import Assembly
-from geometry.measures import JointResultants
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray
 from validation.build.doubts import doubts
 from validation.build.own_blocks import bare_joints
 from validation.build.polyhedra import build_polyhedra
-from validation.run.measures import FrictionSet, StaticReference, drawing_scale
+from validation.run.measures import FrictionSet, StaticReference
 from validation.run.stages import peak_memory_mb
-from validation.scene.deformable import Method
 from validation.scene.family import RoundScene
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 from validation.scene.read import DeformableScene
 from validation.scene.usage import count
-
-if TYPE_CHECKING:
-    from fem.explicit.solve import ExplicitResult
 
 #: Poisson's ratio from which mean stresses oscillate [-]: on TSB1, 24 × 2 × 8 elements, σ₁ of
 #: incompatible modes is then twice that of b-bar (1.2 times at 0.2), 12 times at 0.4999.
@@ -92,11 +83,6 @@ class DeformableRun:
             beside=self._beside,
         )
 
-    @property
-    def measures(self) -> dict[str, Measure]:
-        """Numbers of the answer with errors, units and places."""
-        return dict(self.answer.measures)
-
     def _beside(self) -> dict[str, Any]:
         """What the report says of the scene, and of the process that solved it."""
         friction = {} if self.friction is None else {"friction": self.friction.as_json()}
@@ -109,122 +95,30 @@ class DeformableRun:
             **friction,
             **static,
             **self.refinement,
-            **({"contact_search": str(self.contact_search)} if self.meets else {}),
+            **(
+                {"contact_search": str(self.contact_search)}
+                if self.solution.deformable.meets
+                else {}
+            ),
             "cpu_seconds": self.cpu_seconds,
             "peak_memory_mb": peak_memory_mb(),
         }
 
     @property
-    def deformable(self) -> DeformableAssembly:
-        """What was solved."""
-        return self.solution.deformable
-
-    @property
-    def displacements(self) -> tuple[FloatArray, ...]:
-        """Of each group, (n_copies, n_nodes, 3) [mm], world axes."""
-        return self.solution.group_displacements
-
-    @property
-    def contact_state(self) -> ContactState:
-        """Facets in contact at the end, with pressures and overclosures."""
-        return self.solution.contact_state
-
-    @property
-    def static(self) -> StaticResult | None:
-        """What the static solver says of itself; None for an explicit run."""
-        return self.solution.static
-
-    @property
-    def explicit(self) -> ExplicitResult | None:
-        """What the explicit run says of itself; None for a static one."""
-        return self.solution.explicit
-
-    @property
-    def method(self) -> Method:
-        """How the scene was solved."""
-        return Method.EXPLICIT if self.static is None else Method.STATIC
-
-    @property
-    def meets(self) -> bool:
-        """Whether blocks meet; else they are single bodies."""
-        return self.deformable.meets
-
-    @cached_property
-    def drawn(self) -> Assembly:
-        """Blocks of straight pieces between the nodes of their elements, for pictures."""
-        assembly = self.deformable.assembly
-        return replace(assembly, shapes=tuple(in_pieces(shape) for shape in assembly.shapes))
-
-    def displacement(self, block: int) -> FloatArray:
-        """Nodal displacements of a deformable block, (n_nodes, 3) [mm]."""
-        d = self.deformable
-        return self.displacements[int(d.group_of[block])][int(d.copy_of[block])]
-
-    def principal(self, block: int) -> FloatArray:
-        """Principal stresses at the nodes of a deformable block, (n_nodes, 3) [MPa]."""
-        d = self.deformable
-        found = self.solution.recovered[int(d.group_of[block])]
-        return found.principal[int(d.copy_of[block])]
-
-    def positions(self, block: int) -> FloatArray:
-        """Nodes of a block before the load acts, spacing included, (n_nodes, 3) [mm]."""
-        return self.deformable.assembly.nodes(block) + self.deformable.offsets[block]
-
-    @property
     def contact_search(self) -> ContactSearch:
         """Whether and why facets that face each other were searched."""
-        if not self.deformable.contact.finite_sliding:
+        if not self.solution.deformable.contact.finite_sliding:
             return ContactSearch.NONE
         asked = self.scene.effects.finite_sliding
         return ContactSearch.ASKED if asked else ContactSearch.NEEDED
 
     @property
-    def contact_index(self) -> IntArray:
-        """Position of each contact facet in the assembly's interfaces, (n_facets,).
-
-        Raises
-        ------
-        ValueError
-            For a run with finite sliding, whose facets are no interfaces.
-        """
-        index = self.contact_state.interface
-        if index is None:
-            raise ValueError(f"{self.name}: facets that a search found are no interfaces")
-        return index
-
-    @property
-    def facet_pressures(self) -> FloatArray:
-        """Mean contact pressure of each facet, (n_facets,) [MPa]."""
-        return self.contact_state.pressures
-
-    @property
-    def contact(self) -> ContactMeasures:
-        """The paper's measures over the facets of the scene's mesh, and more."""
-        return contact_on(self.solution, self.facets)
-
-    @property
-    def joints(self) -> JointResultants:
-        """Resultants of the contact forces between each two blocks; friction is not in them."""
-        return self.solution.joints
-
-    @property
-    def largest_displacement(self) -> float:
-        """Largest nodal displacement [mm]."""
-        return self.solution.largest_displacement
-
-    @property
-    def drawing_scale(self) -> float:
-        """Round factor that makes the displacement visible in a picture."""
-        size = self.deformable.assembly.characteristic_length
-        return drawing_scale(self.largest_displacement, size)
-
-    @property
     def title(self) -> str:
         """Scene, load, method and mesh, for pictures."""
-        d, each = self.deformable, ""
+        d, each = self.solution.deformable, ""
         solved = d.model.groups[0].mesh
         degree = f" of degree {solved.degree}" if isinstance(solved, LagrangeMesh) else ""
-        if self.is_tube:
+        if isinstance(self.scene, RoundScene):
             count, what = d.assembly.n_layers, "layer"
             elements, each = d.model.groups[0].mesh.n_elements, " per block"
         else:
@@ -233,18 +127,18 @@ class DeformableRun:
         if d.assembly.image_of is not None:
             part = "periodic cell"
         return (
-            f"{self.name}, {part}: {self.scene.load_words}; {self.method} FEM, "
+            f"{self.name}, {part}: {self.scene.load_words}; {self.solution.method} FEM, "
             f"{elements} elements{degree}{each}{self.scene.gap_words}"
         )
 
     @cached_property
     def notes(self) -> dict[str, str]:
         """What no key of the scene says of its elements, by the name of the row."""
-        assembly = self.deformable.assembly
+        assembly = self.solution.deformable.assembly
         notes: dict[str, str] = {}
         if isinstance(self.scene, PolyhedralScene):
             notes |= doubts(self.scene, assembly, Path())
-        group = self.deformable.model.groups[0]
+        group = self.solution.deformable.model.groups[0]
         bounded = not isinstance(group.mesh, LagrangeMesh) and group.element in _MEAN_STRESS
         if group.material.poisson_ratio >= NEARLY_INCOMPRESSIBLE and not bounded:
             notes["nearly incompressible"] = (
@@ -260,7 +154,7 @@ class DeformableRun:
                 f"size {min(sizes):.3g}{to} mm (mesh.size; by default ∛V), each split into "
                 "four hexahedra"
             )
-        if isinstance(self.scene, PolyhedralScene) and self.meets:
+        if isinstance(self.scene, PolyhedralScene) and self.solution.deformable.meets:
             bare = bare_joints(build_polyhedra(self.scene, Path()))
             more = f" and {len(bare) - 1} more pairs" if len(bare) > 1 else ""
             if bare:
@@ -269,8 +163,3 @@ class DeformableRun:
                     f"{assembly.named(bare[0][1])}{more} touch along an edge or at a point alone"
                 )
         return notes
-
-    @property
-    def is_tube(self) -> bool:
-        """Whether the blocks stand round an axis, with inner and outer faces."""
-        return isinstance(self.scene, RoundScene)

@@ -44,7 +44,7 @@ def friction_set(
     found, reason = None, ""
     for scene in _meshes(run.scene):
         try:
-            found = scene, solve(run.name, scene).measures
+            found = scene, solve(run.name, scene).answer.measures
             break
         except RefusedError as error:
             reason = str(error)
@@ -57,10 +57,12 @@ def friction_set(
         return FrictionSet(member, change, {}, f"150 % of the load are not carried: {error}")
     width = {
         name: measure.value / direct[name].value - 1.0
-        for name, measure in back.measures.items()
+        for name, measure in back.answer.measures.items()
         if direct[name].value
     }
-    return FrictionSet(member, change, width, f"on {back.deformable.model.n_elements} elements")
+    return FrictionSet(
+        member, change, width, f"on {back.solution.deformable.model.n_elements} elements"
+    )
 
 
 def _meshes(scene: DeformableScene) -> Iterator[DeformableScene]:
@@ -75,8 +77,8 @@ def _meshes(scene: DeformableScene) -> Iterator[DeformableScene]:
 
 def _member(run: DeformableRun) -> str:
     """How the load was applied."""
-    if run.static is not None:
-        return monotonic(run.static.load_steps)
+    if run.solution.static is not None:
+        return monotonic(run.solution.static.load_steps)
     stated = run.solution.statement
     assert stated is not None
     return f"smooth ramp of {1e3 * stated.ramp_time:.3g} ms, damped"

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fem.solution import Solution
 from geometry.answer import Measure
 
 
@@ -80,8 +81,10 @@ class StaticReference:
         }
 
 
-def drawing_scale(largest: float, size: float) -> float:
-    """Power of ten that makes a displacement visible against a size, both [mm]; at least one."""
+def drawing_scale(solution: Solution) -> float:
+    """Power of ten that makes displacements visible in a picture; at least one."""
+    largest = solution.largest_displacement
+    size = solution.deformable.assembly.characteristic_length
     if largest == 0.0:
         return 1.0
     return float(max(10.0 ** np.floor(np.log10(0.15 * size / largest)), 1.0))

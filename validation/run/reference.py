@@ -46,7 +46,7 @@ def static_reference(
 
     Where there is none, the result says why.
     """
-    if run.explicit is None or run.scene.fem.damping is not Damping.STATIC:
+    if run.solution.explicit is None or run.scene.fem.damping is not Damping.STATIC:
         return None
     why = why_no_reference(run.name, run.scene)
     if why is not None:
@@ -61,7 +61,7 @@ def static_reference(
         )
     except RefusedError as error:
         return StaticReference(why_not=str(error).removeprefix(f"{run.name}: "))
-    measures = found.measures
+    measures = found.answer.measures
     if found.facets is None:  # means over other facets than the run's
         measures = {name: m for name, m in measures.items() if name not in OF_FACETS}
     return StaticReference(measures, found.refinement, found.cpu_seconds)

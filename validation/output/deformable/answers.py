@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from fem.assembly.contact_state import CapAction
+from fem.measures import contact_on
 from fem.problem.model import element_words
 from fem.problem.time_step import added_mass_share
 from geometry.answer import TITLES, Measure, measure_rows
@@ -26,6 +27,7 @@ from validation.output.pictures.energies import draw_energies
 from validation.run.accuracy import reached_rows
 from validation.run.stages import cpu_words, peak_memory_mb
 from validation.scene.deformable import FemSection
+from validation.scene.family import RoundScene
 
 if TYPE_CHECKING:
     from fem.explicit.output.energy import History
@@ -50,22 +52,22 @@ FILES = (
 
 def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
     """Write joints, pictures and history beside the answer; nothing without a folder."""
-    if run.meets:
-        write_joints(run.joints, outputs, run.deformable.assembly.names)
+    if run.solution.deformable.meets:
+        write_joints(run.solution.joints, outputs, run.solution.deformable.assembly.names)
     for file, draw in _pictures(run).items():
         outputs.write("picture", file, partial(draw, run))
-    if run.explicit is not None:
-        _write_history(run.explicit.history, run.name, outputs)
+    if run.solution.explicit is not None:
+        _write_history(run.solution.explicit.history, run.name, outputs)
     _name_frames(run.scene.fem, outputs)
 
 
 def _pictures(state: DeformableRun) -> dict[str, Callable[[DeformableRun, Path], None]]:
     """Pictures of a state; sections and the view along an axis are those of tubes."""
     pictures: dict[str, Callable[[DeformableRun, Path], None]] = {}
-    if state.meets:
+    if state.solution.deformable.meets:
         pictures["contact_pressures.png"] = tubes.draw_contact
     pictures["stresses.png"] = tubes.draw_stresses
-    if state.is_tube:
+    if isinstance(state.scene, RoundScene):
         pictures["sections.png"] = tubes.draw_sections
         pictures["displacement.png"] = tubes.draw_displacement
     return pictures
@@ -106,7 +108,7 @@ def _add_motion(table: Table, run: DeformableRun) -> None:
     share = run.solution.large_motion
     if share is not None:
         small = {
-            "finite_sliding": run.deformable.contact.finite_sliding,
+            "finite_sliding": run.solution.deformable.contact.finite_sliding,
             "finite_rotation": run.solution.finite_rotation,
         }
         missing = " and ".join(f"effects.{name} = true" for name, on in small.items() if not on)
@@ -115,7 +117,7 @@ def _add_motion(table: Table, run: DeformableRun) -> None:
             f"blocks move by {100 * share:.2g} % of their size, but contacts or rotations are "
             f"those of small motions: expect errors of this order; set {missing}",
         )
-    loose = [] if run.static is None else run.static.loose_blocks.tolist()
+    loose = [] if run.solution.static is None else run.solution.static.loose_blocks.tolist()
     if loose:
         table.add_row(
             "unrestrained blocks",
@@ -130,21 +132,22 @@ def print_run(run: DeformableRun, console: Console) -> None:
     add_measures(table, run.answer.measures)
     _add_accuracy(table, run)
     _add_motion(table, run)
-    if run.meets:
+    if run.solution.deformable.meets:
         _add_contact(table, run)
-    if run.explicit is not None:
-        _add_explicit(table, run, run.explicit)
+    if run.solution.explicit is not None:
+        _add_explicit(table, run, run.solution.explicit)
     if run.solution.residual is not None:
         table.add_row("force residual", f"{run.solution.residual:.2e}")
-    if run.static is not None and run.meets:
-        table.add_row("Newton iterations", f"{run.static.newton_iterations}")
+    if run.solution.static is not None and run.solution.deformable.meets:
+        table.add_row("Newton iterations", f"{run.solution.static.newton_iterations}")
     for row, words in run.notes.items():
         table.add_row(row, words)
-    model = run.deformable.model
-    table.add_row("method, element", f"{run.method}, {element_words(model.groups[0])}")
+    deformable = run.solution.deformable
+    model = deformable.model
+    table.add_row("method, element", f"{run.answer.method}, {element_words(model.groups[0])}")
     table.add_row(
         "blocks, elements, nodes",
-        f"{len(run.deformable.deformable_blocks)} deformable, {model.n_elements}, {model.n_nodes}",
+        f"{len(deformable.deformable_blocks)} deformable, {model.n_elements}, {model.n_nodes}",
     )
     for k, mesh in enumerate(run.refinement.get("meshes", ())):
         words = (
@@ -164,7 +167,7 @@ def _print_reference(run: DeformableRun, found: StaticReference, console: Consol
     if found.why_not:
         console.print(f"no converged static state to compare with: {found.why_not}")
         return
-    measures = run.measures
+    measures = run.answer.measures
     errors = found.errors(measures)
     heads = ("this mesh", "converged static state", "discretisation error")
     table = listing(f"{run.name}: this mesh and the converged static state", "", numbers=heads)
@@ -258,7 +261,7 @@ def _add_contact(table: Table, run: DeformableRun) -> None:
     if run.friction is not None:
         table.add_row("friction", _friction_words(run.friction))
     _add_slip(table, run.solution.slip)
-    contact = run.contact
+    contact = contact_on(run.solution, run.facets)
     table.add_row("p_eff over all blocks (tables)", f"{contact.p_eff_pooled:.5g} MPa")
     table.add_row("effective contact elements", f"{contact.effective_count_percent:.2f} %")
     if run.solution.cap is not None:

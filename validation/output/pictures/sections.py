@@ -11,7 +11,7 @@ from geometry.files.vtu import as_grid
 from geometry.mesh import FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from validation.run.deformable import DeformableRun
+    from fem.solution import Solution
 
 
 #: VTK's numbers of cells.
@@ -34,9 +34,9 @@ class Section:
     """Triangles of blocks that have no stresses, (n, 3)."""
 
 
-def section(run: DeformableRun, z: float) -> Section:
+def section(solution: Solution, z: float) -> Section:
     """Cut all blocks by the plane at height z [mm]."""
-    cuts = [_cut_block(run, b, z) for b in range(run.drawn.n_blocks)]
+    cuts = [_cut_block(solution, b, z) for b in range(solution.deformable.drawn.n_blocks)]
     found = [cut for cut in cuts if cut is not None]
     counts = np.cumsum([0, *(len(cut.points) for cut in found)])
     shifted = [
@@ -52,13 +52,16 @@ def section(run: DeformableRun, z: float) -> Section:
     )
 
 
-def _cut_block(run: DeformableRun, block: int, z: float) -> Section | None:
+def _cut_block(solution: Solution, block: int, z: float) -> Section | None:
     """Cut one block; None where the plane does not meet it."""
-    nodes, shape = run.positions(block), run.drawn.shape(block)
+    nodes, shape = (
+        solution.deformable.positions(block),
+        solution.deformable.drawn.shape(block),
+    )
     if not nodes[:, 2].min() < z < nodes[:, 2].max():
         return None
-    stressed = run.deformable.group_of[block] >= 0
-    principal = run.principal(block) if stressed else np.zeros((len(nodes), 3))
+    stressed = solution.deformable.group_of[block] >= 0
+    principal = solution.principal(block) if stressed else np.zeros((len(nodes), 3))
     grid = as_grid(nodes, _HEXAHEDRON, shape.mesh.elements, {"principal": principal}, {})
     cut = _cut(grid, z)
     if cut.GetPoints() is None or not cut.GetNumberOfPolys():

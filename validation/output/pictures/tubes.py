@@ -35,10 +35,13 @@ from validation.output.pictures.scales import (
     symmetric_scale,
 )
 from validation.output.pictures.sections import Section, section
+from validation.run.measures import drawing_scale
+from validation.scene.family import RoundScene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from fem.solution import Solution
     from validation.run.deformable import DeformableRun
 
 #: Faces of a tube's blocks that are seen from outside when blocks have moved.
@@ -70,7 +73,7 @@ STRESSES = (
 
 
 def blocks_view(
-    run: DeformableRun,
+    solution: Solution,
     values: Callable[[int], FloatArray],
     scale: Scale,
     faces: Sequence[str],
@@ -79,17 +82,20 @@ def blocks_view(
     factor: float = 0.0,
 ) -> View:
     """Named faces of all deformable blocks, moved by a factor of their displacement."""
-    assembly, deformable = run.drawn, run.deformable.deformable_blocks.tolist()
+    assembly, deformable = (
+        solution.deformable.drawn,
+        solution.deformable.deformable_blocks.tolist(),
+    )
 
     def nodes(block: int) -> FloatArray:
-        return run.positions(block) + factor * run.displacement(block)
+        return solution.deformable.positions(block) + factor * solution.displacement(block)
 
     parts: list[Part] = [
         coloured_blocks(assembly, deformable, values, scale, nodes=nodes, faces=faces)
     ]
-    rigid = np.flatnonzero(run.deformable.group_of < 0).tolist()
+    rigid = np.flatnonzero(solution.deformable.group_of < 0).tolist()
     # Single bodies show their edges, and where they were.
-    edged = rigid if run.meets else deformable
+    edged = rigid if solution.deformable.meets else deformable
     parts.append(outlines(assembly, edged, opacity=0.6))
     return View(parts, direction)
 
@@ -98,45 +104,46 @@ def blocks_view(
 # Stresses and displacements
 
 
-def _moved(run: DeformableRun, block: int) -> FloatArray:
-    return np.asarray(np.linalg.norm(run.displacement(block), axis=1))
+def _moved(solution: Solution, block: int) -> FloatArray:
+    return np.asarray(np.linalg.norm(solution.displacement(block), axis=1))
 
 
-def all_faces(run: DeformableRun) -> tuple[str, ...]:
+def all_faces(solution: Solution) -> tuple[str, ...]:
     """Names of all faces of the deformable blocks."""
-    assembly = run.drawn
-    shapes = (assembly.shape(b) for b in run.deformable.deformable_blocks.tolist())
+    assembly = solution.deformable.drawn
+    shapes = (assembly.shape(b) for b in solution.deformable.deformable_blocks.tolist())
     return tuple(dict.fromkeys(face for shape in shapes for face in shape.faces))
 
 
-def _stress(run: DeformableRun, stress: Stress, block: int) -> FloatArray:
-    return stress.of(run.principal(block))
+def _stress(solution: Solution, stress: Stress, block: int) -> FloatArray:
+    return stress.of(solution.principal(block))
 
 
-def stress_scale(run: DeformableRun, stress: Stress = STRESSES[0]) -> Scale:
+def stress_scale(solution: Solution, stress: Stress = STRESSES[0]) -> Scale:
     """Colours of a stress, with what it reaches anywhere in the blocks."""
-    blocks = run.deformable.deformable_blocks.tolist()
-    values = [_stress(run, stress, b) for b in blocks]
+    blocks = solution.deformable.deformable_blocks.tolist()
+    values = [_stress(solution, stress, b) for b in blocks]
     return symmetric_scale(f"{stress.symbol} [MPa]", STRESS_MAP, values)
 
 
 def extreme(run: DeformableRun, stress: Stress) -> tuple[FloatArray, str]:
     """Where a stress is extreme at a node, and words for it and for what the tables give."""
     best, place, words = -np.inf, np.zeros(3), ""
-    for block in run.deformable.deformable_blocks.tolist():
-        values = stress.sign * _stress(run, stress, block)
+    for block in run.solution.deformable.deformable_blocks.tolist():
+        values = stress.sign * _stress(run.solution, stress, block)
         node = int(values.argmax())
         if values[node] > best:
             best = float(values[node])
-            place = run.positions(block)[node]
-            words = f"○ node: {stress.sign * best:.3g}, block {block}{_joint(run, block, node)}"
-    inside = run.measures[stress.measure].value
+            place = run.solution.deformable.positions(block)[node]
+            joint = _joint(run.solution, block, node)
+            words = f"○ node: {stress.sign * best:.3g}, block {block}{joint}"
+    inside = run.answer[stress.measure].value
     return place, f"{words}\nintegration point: {inside:.3g}".replace("-", "−")
 
 
-def _joint(run: DeformableRun, block: int, node: int) -> str:
+def _joint(solution: Solution, block: int, node: int) -> str:
     """Say that a node lies in a joint, and whether no look from outside shows it."""
-    shape = run.drawn.shape(block)
+    shape = solution.deformable.drawn.shape(block)
     if not np.isin(node, shape.contact_quads):
         return ""
     free = [quads for face, quads in shape.faces.items() if face not in shape.contact_faces]
@@ -144,60 +151,73 @@ def _joint(run: DeformableRun, block: int, node: int) -> str:
     return ", at the edge of a joint" if seen else ", hidden in a joint"
 
 
+def _is_tube(run: DeformableRun) -> bool:
+    """Whether the blocks stand round an axis, with inner and outer faces."""
+    return isinstance(run.scene, RoundScene)
+
+
 def draw_stresses(run: DeformableRun, path: Path) -> None:
     """Draw stresses and the displacement, and the first stress on the faces that meet others.
 
     Of a tube the outer surface, and the joints of the middle layer; of other blocks all surfaces.
     """
-    assembly, tube = run.drawn, run.is_tube
-    direction, faces = eye(assembly), ("outer",) if tube else all_faces(run)
+    solution, tube = run.solution, _is_tube(run)
+    direction = eye(solution.deformable.drawn)
+    faces = ("outer",) if tube else all_faces(solution)
     columns = []
     for stress in STRESSES:
-        scale, values = stress_scale(run, stress), partial(_stress, run, stress)
+        scale, values = stress_scale(solution, stress), partial(_stress, solution, stress)
         words = f"{stress.symbol}{', outer surface' if tube else ''}"
-        panel = Panel(words, blocks_view(run, values, scale, faces, direction), scale=scale)
+        panel = Panel(words, blocks_view(solution, values, scale, faces, direction), scale=scale)
         columns.append([marked(scale, panel, *extreme(run, stress))])
-    columns.append([moved_panel(run, _SHELL if tube else all_faces(run), direction)])
-    joints = _joint_panels(run) if run.meets else []
+    moved = _SHELL if tube else all_faces(solution)
+    columns.append([moved_panel(solution, moved, direction)])
+    joints = _joint_panels(run) if solution.deformable.meets else []
     columns += [joints] if tube else [[panel] for panel in joints]
     gallery(columns, run.title, path, height=7.5 if tube else 5.5)
 
 
-def moved_panel(run: DeformableRun, faces: Sequence[str], direction: Direction) -> Panel:
+def moved_panel(solution: Solution, faces: Sequence[str], direction: Direction) -> Panel:
     """The deformed shape, coloured by the displacement."""
-    blocks, factor = run.deformable.deformable_blocks.tolist(), run.drawing_scale
-    scale = scale_from_zero("|u| [mm]", MOTION_MAP, [_moved(run, b) for b in blocks])
-    view = blocks_view(run, partial(_moved, run), scale, faces, direction, factor=factor)
+    blocks, factor = solution.deformable.deformable_blocks.tolist(), drawing_scale(solution)
+    scale = scale_from_zero("|u| [mm]", MOTION_MAP, [_moved(solution, b) for b in blocks])
+    view = blocks_view(solution, partial(_moved, solution), scale, faces, direction, factor=factor)
     return Panel(f"deformed shape,\nscale factor {factor:g}", view, scale=scale)
 
 
 def _joint_panels(run: DeformableRun) -> list[Panel]:
     """Draw the first stress on the faces that meet other blocks, from above and from below."""
-    assembly, stress = run.drawn, STRESSES[0]
-    scale = stress_scale(run, stress)
-    blocks, where = run.deformable.deformable_blocks, "in the joints"
-    if run.is_tube:
+    assembly, stress = run.solution.deformable.drawn, STRESSES[0]
+    scale = stress_scale(run.solution, stress)
+    blocks, where = run.solution.deformable.deformable_blocks, "in the joints"
+    if _is_tube(run):
         layer = middle_layer(assembly)
         blocks, where = blocks[assembly.layer[blocks] == layer], f"in the joints of layer {layer}"
     names = tuple(dict.fromkeys(f for s in assembly.shapes for f in s.contact_faces))
-    values, shown = partial(_stress, run, stress), blocks.tolist()
+    values, shown = partial(_stress, run.solution, stress), blocks.tolist()
     # Two faces lie on each other in a joint: the eye sees the one that looks at it.
     parts: list[Part] = [
         coloured_blocks(
-            assembly, shown, values, scale, nodes=run.positions, faces=names, two_sided=False
+            assembly,
+            shown,
+            values,
+            scale,
+            nodes=run.solution.deformable.positions,
+            faces=names,
+            two_sided=False,
         ),
-        outlines(assembly, shown, nodes=run.positions, opacity=0.5),
+        outlines(assembly, shown, nodes=run.solution.deformable.positions, opacity=0.5),
     ]
-    direction = FROM_ABOVE if run.is_tube else eye(assembly)
+    direction = FROM_ABOVE if _is_tube(run) else eye(assembly)
     top, bottom = above_and_below(parts, direction, title=f"{stress.symbol} {where}", scale=scale)
-    if run.is_tube:
+    if _is_tube(run):
         return [replace(top, scale=None), bottom]
     return [top, marked(scale, bottom, *extreme(run, stress))]
 
 
 def draw_displacement(run: DeformableRun, path: Path) -> None:
     """Draw the displacement of a tube, seen along the x axis."""
-    panel = moved_panel(run, (*_SHELL, "top", "bottom"), (1.0, 0.0, 0.0))
+    panel = moved_panel(run.solution, (*_SHELL, "top", "bottom"), (1.0, 0.0, 0.0))
     title = f"{run.title}\ndisplacement magnitude, view along x"
     gallery([[replace(panel, scale=None)]], title, path, height=8.5, scale=panel.scale)
 
@@ -206,9 +226,9 @@ def draw_displacement(run: DeformableRun, path: Path) -> None:
 # Sections
 
 
-def section_heights(run: DeformableRun) -> tuple[float, ...]:
+def section_heights(solution: Solution) -> tuple[float, ...]:
     """Heights of the paper's sections through the middle layer: 10 and 20 mm from its ends."""
-    assembly = run.drawn
+    assembly = solution.deformable.drawn
     layer = middle_layer(assembly)
     # Where a layer begins depends on the tube: layers of hexagons reach into each other.
     centres = (assembly.centroids @ assembly.axis)[assembly.layer == layer]
@@ -232,7 +252,7 @@ def _pitch(assembly: Any) -> float:
 
 def draw_sections(run: DeformableRun, path: Path) -> None:
     """Draw stresses in four sections through the middle layer, as the paper's figures."""
-    cuts = {z: section(run, z) for z in section_heights(run)}
+    cuts = {z: section(run.solution, z) for z in section_heights(run.solution)}
     scales = [
         symmetric_scale(
             f"{stress.symbol} [MPa]", STRESS_MAP, [stress.of(cut.values) for cut in cuts.values()]
@@ -249,7 +269,8 @@ def draw_sections(run: DeformableRun, path: Path) -> None:
         ]
         for z, cut in cuts.items()
     ]
-    title = f"{run.title}: sections through layer {middle_layer(run.drawn)} (mid-height)"
+    layer = middle_layer(run.solution.deformable.drawn)
+    title = f"{run.title}: sections through layer {layer} (mid-height)"
     if any(len(cut.rigid) for cut in cuts.values()):
         title += "; grey: fixed blocks"
     gallery(columns, title, path, height=7.5, widest=18.0, scale=scales)
@@ -282,30 +303,30 @@ def _draw_section(axes: Axes, *, cut: Section, values: FloatArray, scale: Scale)
 
 def run_facets(run: DeformableRun) -> PressedFacets:
     """Contact facets of a run where they ended, those of higher degree in pieces."""
-    group_of = run.deformable.group_of
+    group_of = run.solution.deformable.group_of
 
     def nodes(block: int) -> FloatArray:
-        placed = run.positions(block)
-        return placed + run.displacement(block) if group_of[block] >= 0 else placed
+        placed = run.solution.deformable.positions(block)
+        return placed + run.solution.displacement(block) if group_of[block] >= 0 else placed
 
-    found = run.contact_state
+    found = run.solution.contact_state
     owner, corners, pressures = np.arange(found.n_facets), found.corners, found.pressures
     if found.corner_overclosures is not None and found.corner_overclosures.shape[1] > 4:
-        corners, pressures = _pieces(run, nodes, found.corner_overclosures)
+        corners, pressures = _pieces(run.solution, nodes, found.corner_overclosures)
         owner = np.repeat(owner, len(pressures) // found.n_facets)
     return PressedFacets(
-        assembly=run.drawn,
+        assembly=run.solution.deformable.drawn,
         block_m=found.block_m[owner],
         block_s=found.block_s[owner],
         corners=corners,
         pressures=pressures,
         nodes=nodes,
-        largest=run.measures["p_max_point"].value,
+        largest=run.answer["p_max_point"].value,
     )
 
 
 def _pieces(
-    run: DeformableRun, nodes: Callable[[int], FloatArray], overclosures: FloatArray
+    solution: Solution, nodes: Callable[[int], FloatArray], overclosures: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Cut facets of higher degree where they are drawn: between nodes, and at equal parts of that.
 
@@ -314,7 +335,7 @@ def _pieces(
     tuple[FloatArray, FloatArray]
         Corners, (n, 4, 3) [mm], and mean pressures, (n,) [MPa]; facet after facet.
     """
-    surfaces = run.deformable.surfaces
+    surfaces = solution.deformable.surfaces
     places = np.empty((*surfaces.quads_m.shape, 3))
     for block in np.unique(surfaces.block_m).tolist():
         mine = surfaces.block_m == block
@@ -325,7 +346,7 @@ def _pieces(
     line = np.interp(np.arange(parts * (len(ends) - 1) + 1) / parts, np.arange(len(ends)), ends)
     quads = structured_quads(len(line) - 1)
     corners = (_linear(line, ends) @ places)[:, quads].reshape(-1, 4, 3)
-    pressures = run.deformable.contact.law.pressure(overclosures @ _linear(line, looks).T)
+    pressures = solution.deformable.contact.law.pressure(overclosures @ _linear(line, looks).T)
     return corners, pressures[:, quads].mean(axis=2).ravel()
 
 

@@ -41,18 +41,18 @@ def block_grid(run: DeformableRun, values: FloatArray) -> FloatArray:
 
 
 def _block_in(run: DeformableRun, layer: int, place: int = 0) -> int:
-    return int(np.flatnonzero(run.deformable.assembly.layer == layer)[place])
+    return int(np.flatnonzero(run.solution.deformable.assembly.layer == layer)[place])
 
 
 def _sigma(run: DeformableRun, layer: int, component: int = 0, place: int = 0) -> FloatArray:
     """Principal stress (0: σ₁, 2: σ₃) of one block on its grid."""
-    return block_grid(run, run.principal(_block_in(run, layer, place))[:, component])
+    return block_grid(run, run.solution.principal(_block_in(run, layer, place))[:, component])
 
 
 def _volumes(run: DeformableRun) -> FloatArray:
     """Volume that belongs to each node of the free block, on its grid [mm³]."""
-    block = int(run.deformable.assembly.free_blocks[0])
-    mesh = run.deformable.assembly.shape(block).mesh
+    block = int(run.solution.deformable.assembly.free_blocks[0])
+    mesh = run.solution.deformable.assembly.shape(block).mesh
     corners = mesh.nodes[mesh.elements]
     edges = corners[:, [1, 3, 4]] - corners[:, [0]]
     share = np.repeat(np.abs(np.linalg.det(edges)) / 8, 8)
@@ -113,17 +113,17 @@ def pressure_pairs(evidence: Evidence) -> list[PressurePair]:
 
 
 def _pair(name: str, run: DeformableRun, rigid: RigidRun, lower: int) -> PressurePair:
-    assembly = run.deformable.assembly
-    rows = between_layers(assembly, run.contact_index, lower)
+    assembly = run.solution.deformable.assembly
+    rows = between_layers(assembly, run.solution.contact_state.matched, lower)
     other = between_layers(rigid.assembly, rigid.result.contact_index, lower)
-    contacts = run.contact_index[rows]
+    contacts = run.solution.contact_state.matched[rows]
     order = np.argsort(rigid.result.contact_index[other])
     position = np.searchsorted(rigid.result.contact_index[other][order], contacts)
     return PressurePair(
         name,
         contacts,
         rigid.result.contact_pressures[other][order][position],
-        run.facet_pressures[rows],
+        run.solution.contact_state.pressures[rows],
     )
 
 
@@ -154,7 +154,7 @@ def _peaks_found(evidence: Evidence) -> Verdict:
 def _areas_fem(evidence: Evidence) -> Verdict:
     values, words = {}, []
     for case, target in (("pipe", 30.0), ("tunnel", 50.0)):
-        found = [vars(evidence.fem(b, case).contact) for b in BLOCKS]
+        found = [vars(evidence.fem(b, case).solution.contact) for b in BLOCKS]
         counts = [c["effective_count_percent"] for c in found]
         values[case] = counts
         words.append(
@@ -199,8 +199,8 @@ def _under_the_waves(evidence: Evidence) -> Verdict:
     for block in BLOCKS:
         for case in CASES:
             run = evidence.fem(block, case)
-            free = run.deformable.assembly.free_blocks
-            values = np.array([block_grid(run, run.principal(int(b))[:, 0]) for b in free])
+            free = run.solution.deformable.assembly.free_blocks
+            values = np.array([block_grid(run, run.solution.principal(int(b))[:, 0]) for b in free])
             height = np.linspace(0.0, 1.0, values.shape[3])
             high = height[np.nonzero(values > np.quantile(values, 0.99))[3]]
             shares[f"{block} {case}"] = float(((high <= 0.2) | (high >= 0.8)).mean())
@@ -435,8 +435,8 @@ def _tube(run: DeformableRun) -> TubeScene:
 def _mean_displacement(run: DeformableRun) -> float:
     volumes = _volumes(run)
     sizes = [
-        block_grid(run, np.linalg.norm(run.displacement(int(b)), axis=1))
-        for b in run.deformable.assembly.free_blocks
+        block_grid(run, np.linalg.norm(run.solution.displacement(int(b)), axis=1))
+        for b in run.solution.deformable.assembly.free_blocks
     ]
     return float(np.mean([np.average(size, weights=volumes) for size in sizes]))
 
@@ -460,18 +460,18 @@ for _case in ("pipe", "tunnel"):
 
 def _load(run: DeformableRun) -> FloatArray:
     """Resultant of the load [N]."""
-    load = _tube(run).build_load(run.deformable.assembly)
+    load = _tube(run).build_load(run.solution.deformable.assembly)
     return load.facet_forces.sum(axis=0)
 
 
 def _far_axial_stress(run: DeformableRun, force: FloatArray) -> float:
     """Mean σ_zz over the outer surface within 30° of the direction of the load, layers 5 to 9."""
-    assembly, deformable = run.deformable.assembly, run.deformable
+    assembly, deformable = run.solution.deformable.assembly, run.solution.deformable
     away = force[:2] / np.linalg.norm(force[:2])
     groups = deformable.model.groups
     stress = [
         recover(group, u, finite_rotation=run.scene.effects.finite_rotation).stress
-        for group, u in zip(groups, run.displacements, strict=True)
+        for group, u in zip(groups, run.solution.group_displacements, strict=True)
     ]
     values = []
     for block in np.flatnonzero((assembly.layer >= 5) & (assembly.layer <= 9)).tolist():
@@ -492,13 +492,15 @@ def _monolithic(evidence: Evidence) -> Verdict:
         (length, bending), material = _monolith(run), _tube(run).material
         force = float(np.linalg.norm(_load(run)))
         sag = force * length**3 / (192 * material.young_modulus * bending)
-        ratios[f"{name} beam"] = run.largest_displacement / sag
+        ratios[f"{name} beam"] = run.solution.largest_displacement / sag
         run = evidence.fem(name, "shaft")
         block = _tube(run).shape
         torque = _tube(run).load.pressure * 2 * np.pi * block.outer_radius**2 * block.height
         shear = material.young_modulus / (2 * (1 + material.poisson_ratio))
         turn = torque / 2 * (length / 2) / (shear * 2 * bending)
-        ratios[f"{name} shaft"] = run.largest_displacement / float(turn * block.outer_radius)
+        ratios[f"{name} shaft"] = run.solution.largest_displacement / float(
+            turn * block.outer_radius
+        )
     return judged(
         all(ratio < 2 for ratio in ratios.values()),
         "largest displacement over that of a solid tube (beam and torsion theory): "
