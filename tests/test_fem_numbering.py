@@ -58,8 +58,8 @@ def test_an_answer_with_friction_does_not_depend_on_the_numbering(tmp_path: Path
             {"fem.mesh": "scene", "fem.error_estimate": False}
         )
         run = run_static("boxes", scene)
-        assert run.static is not None
-        assert run.static.converged
+        assert run.solution.static is not None
+        assert run.solution.static.converged
         found.append([run.answer.measures[m].value for m in ("max_displacement", "p_max_point")])
     for other in found[1:]:
         assert other == pytest.approx(found[0], rel=1e-5)

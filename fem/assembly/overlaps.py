@@ -56,9 +56,9 @@ def check_overlaps(assembly: Assembly, tolerance: float) -> None:
         n = sum(one[0] > tolerance for one in found)
         more = f" ({n} overlapping pairs)" if n > 1 else ""
         raise AssemblyError(
-            f"{assembly.name}: blocks {assembly.named(a)} and {assembly.named(b)} overlap by {depth:.3g} mm{more}; expected blocks "
-            f"that touch within {tolerance:.3g} mm: move them apart (to override: "
-            "check_overlaps=False)"
+            f"{assembly.name}: blocks {assembly.named(a)} and {assembly.named(b)} overlap by "
+            f"{depth:.3g} mm{more}; expected blocks that touch within {tolerance:.3g} mm: move "
+            "them apart (to override: check_blocks=False)"
         )
 
 
