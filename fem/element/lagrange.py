@@ -100,36 +100,6 @@ class LagrangeElement:
         """Points of the stiffness: degree + 1 in each direction."""
         return tensor_points(self.degree, *gauss_line(self.degree + 1))
 
-    def nodes_between(self, ends: FloatArray) -> FloatArray:
-        """Places of the nodes of elements along a line, each once, from the elements' ends."""
-        inside = 0.5 * (lobatto_points(self.degree)[1:] + 1.0)
-        between = ends[:-1, None] + np.diff(ends)[:, None] * inside
-        return np.concatenate([ends[:1], between.ravel()])
-
-    def interpolation(
-        self, ends: FloatArray, places: FloatArray, *, slopes: bool = False
-    ) -> FloatArray:
-        """Values at places of a line from those at the nodes of its elements, (n, n_nodes).
-
-        Parameters
-        ----------
-        ends
-            Of the elements.
-        places
-            On the line.
-        slopes
-            Slopes along the line instead; where elements meet those of the second one.
-        """
-        n = len(ends) - 1
-        element = np.clip(np.searchsorted(ends, places, side="right") - 1, 0, n - 1)
-        size = np.diff(ends)[element]
-        found, derived = line_basis(self.degree, 2.0 * (places - ends[element]) / size - 1.0)
-        matrix = np.zeros((len(places), n * self.degree + 1))
-        columns = self.degree * element[:, None] + np.arange(self.degree + 1)
-        chosen = derived * (2.0 / size)[:, None] if slopes else found
-        np.put_along_axis(matrix, columns, chosen, axis=1)
-        return matrix
-
     def gradients(self, coordinates: FloatArray, at: TensorPoints) -> tuple[FloatArray, FloatArray]:
         """Gradients of the functions and volumes of points of one element.
 
