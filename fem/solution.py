@@ -22,7 +22,7 @@ from fem.assembly.contact_state import (
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.peaks import StressPeaks, joint_forces, stress_peaks
 from fem.problem.recovery import Recovered, recover
-from fem.static.result import StaticResult
+from fem.static.result import StaticResult, loose_blocks
 from geometry.errors import RefusedError
 from geometry.measures import JointResultants
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
@@ -232,6 +232,29 @@ class Solution(ReadOnlyArrays):
         pressures = self.contact_state.pressures
         slip, size = largest_slip(self.deformable, self.group_displacements, pressures)
         return {"largest": slip, "facet_size": size}
+
+    @cached_property
+    def loose_blocks(self) -> IntArray:
+        """Blocks that no pressing contact holds in every direction, (n,).
+
+        Pressures are determined, the places of these blocks are not. Not judged: friction, and
+        explicit runs with searched facets or to another end than the static state.
+        """
+        model = self.deformable
+        if self.static is not None:
+            return self.static.loose_blocks
+        judged = model.contact.friction is None and not model.contact.finite_sliding
+        if self.quasi_static is None or not judged:
+            return np.zeros(0, dtype=np.int64)
+        corners = corner_displacements(model, self.group_displacements, model.surfaces)
+        there = model.surfaces.kinematics(corners, model.contact.normals)
+        return loose_blocks(
+            model,
+            self.group_displacements,
+            model.contact.law.pressure(there.overclosure),
+            model.surfaces,
+            np.arange(model.assembly.n_blocks),
+        )
 
     # ---- the end of a run
 

@@ -117,7 +117,7 @@ def _add_motion(table: Table, run: DeformableRun) -> None:
             f"blocks move by {100 * share:.2g} % of their size, but contacts or rotations are "
             f"those of small motions: expect errors of this order; set {missing}",
         )
-    loose = [] if run.solution.static is None else run.solution.static.loose_blocks.tolist()
+    loose = run.solution.loose_blocks.tolist()
     if loose:
         table.add_row(
             "unrestrained blocks",

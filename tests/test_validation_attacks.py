@@ -1,0 +1,57 @@
+"""Attacks of users on what they are told: misspelt keys, accuracies beside tolerances."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geometry.errors import RefusedError
+from tests.test_validation_fuzz import PLACES, kind_of
+from validation.errors import InputError
+from validation.run.accuracy import check_request
+from validation.scene.read import DeformableScene, load_scene
+
+pytestmark = pytest.mark.quick
+
+#: Keys of a section, in scenes whose sections every such scene has.
+LONG = [(name, path) for name, path in PLACES if len(path) == 2 and len(path[1]) > 4]
+
+
+@given(place=st.sampled_from(LONG), at=st.integers(1, 3))
+@settings(max_examples=100, deadline=None)
+def test_a_key_that_lacks_a_letter_is_answered_with_the_key(
+    place: tuple[str, tuple[str, ...]], at: int
+) -> None:
+    name, (section, key) = place
+    slip = key[:at] + key[at + 1 :]
+    if slip in kind_of(name).model_fields:
+        return
+    with pytest.raises(RefusedError) as refused:
+        load_scene(name, [f"{section}.{slip}=1"])
+    words = str(refused.value)
+    assert "\n" not in words
+    assert f"{section}.{slip}" in words
+    assert key in words.replace(f"{section}.{slip}", "")
+
+
+@cache
+def tube(auto: float | None) -> DeformableScene:
+    scene = load_scene("tsb1-pipe", [] if auto is None else [f"effects.auto={auto}"]).scene
+    assert isinstance(scene, DeformableScene)
+    return scene
+
+
+@given(auto=st.sampled_from([None, 0.001, 0.01, 0.05]), share=st.floats(1e-4, 0.5))
+@settings(max_examples=50, deadline=None)
+def test_no_bar_is_promised_below_what_left_out_effects_change(
+    auto: float | None, share: float
+) -> None:
+    targets = {"max_displacement": 0.9, "p_eff": share}
+    if auto is None or auto <= share:
+        check_request("tube", tube(auto), targets)
+        return
+    with pytest.raises(InputError, match=r"got p_eff=.*expected --auto of at most"):
+        check_request("tube", tube(auto), targets)
