@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fem.contact.cuts import carry_over, clip, fine_points, moment_points
+from fem.contact.cuts import carry_over
+from fem.contact.pieces import clip, fine_points, moment_points
 from fem.contact.search import BlockSurface, FacingPoints
 
 pytestmark = pytest.mark.quick

@@ -3,15 +3,9 @@
 A facet of the *slave* surface that lies inside one facet of the *master* surface carries 2 × 2
 Gauss points: the shape functions of both are smooth there, so a uniform pressure gives exact nodal
 forces. A facet that crosses edges of the other surface, or hangs over its rim, is cut along those
-edges into convex pieces. Quadrilaterals have Gauss points of their own, so points move little when
-a slide begins; other pieces have three points of equal weight: with centroid c, second moment
-M = L Lᵀ (over the area), and v_k the corners of an equilateral triangle of radius √2,
-
-    x_k = c + L v_k
-
-integrate quadratic functions on *any* piece, and lie in it: a convex figure of unit second moment
-holds the disc of radius √2 round its centroid (Kannan, Lovász and Simonovits, Discrete Comput.
-Geom. 13 (1995), theorem 4.1). So the patch test holds for meshes that do not match.
+edges into convex pieces (`fem.contact.pieces`). Quadrilaterals have Gauss points of their own, so
+points move little when a slide begins; other pieces have three points of equal weight that
+integrate quadratic functions. So the patch test holds for meshes that do not match.
 """
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator"
@@ -22,36 +16,29 @@ import math
 
 import numpy as np
 
+from fem.contact.pieces import (
+    CLOSE_ENOUGH,
+    CORNERS,
+    SEARCH_STEPS,
+    area_of,
+    clip,
+    fine_points,
+    gauss_points,
+    moment_points,
+    natural_coordinates,
+    shape_values,
+    sliver_points,
+    width,
+)
 from geometry.compilation import njit
 
 _OPTIONS = {"error_model": "numpy", "nogil": True}
 
-#: Newton iterations on the closest point of a facet, from its centre.
-_SEARCH_STEPS = 12
-
-#: Newton on natural coordinates is quadratic: a step of this leaves an error of its square.
-CLOSE_ENOUGH = 1e-8
-
-#: Corners of a cut polygon at most: four, and one more for each edge that cuts.
-_CORNERS = 12
-
-#: Radon's points of a triangle, exact to degree 5: shares of the corners, and weights.
-_NEAR, _FAR = (6.0 - math.sqrt(15.0)) / 21.0, (6.0 + math.sqrt(15.0)) / 21.0
-_RADON = np.concatenate(
-    [np.full((1, 3), 1.0 / 3.0), *(x + (1.0 - 3.0 * x) * np.eye(3) for x in (_NEAR, _FAR))]
-)
-_RADON_WEIGHTS = (
-    np.repeat(np.array([270.0, 155.0 - 15.0**0.5, 155.0 + 15.0**0.5]), [1, 3, 3]) / 1200
-)
-
 #: Points of a piece at most: those of the triangles from one corner.
-_MOST = 7 * (_CORNERS - 2)
+_MOST = 7 * (CORNERS - 2)
 
 #: Pieces smaller than this share of their facet are rounding.
 _SLIVER = 1e-8
-
-#: Distance from an edge, in facet sizes, below which a corner lies on it.
-_ON_EDGE = 1e-9
 
 #: Share of a facet beyond the edges of the one that it faces that changes no pressure: what the
 #: continued shape functions err by is its square.
@@ -63,19 +50,14 @@ _UNCOVERED = 1e-6
 #: A point whose closest point lies this far outside a facet, in natural coordinates, faces another.
 _RIM = 0.1
 
-#: Facets that look at each other: least cosine between one normal and the other's opposite.
-OPPOSITE = 0.3
+#: Facets that look at each other: least cosine between one normal and the other's opposite. What
+#: leans more touches along an edge or at a corner: where edges cross, depth does not follow from
+#: area, and the pressure has no bound.
+OPPOSITE = 0.7
 
-
-@njit(**_OPTIONS)
-def shape_values(xi, values):
-    """Bilinear shape functions and their two slopes at natural coordinates, (4, 3)."""
-    for a in range(4):
-        r = -1.0 if a in (0, 3) else 1.0
-        s = -1.0 if a in (0, 1) else 1.0
-        values[a, 0] = 0.25 * (1.0 + r * xi[0]) * (1.0 + s * xi[1])
-        values[a, 1] = 0.25 * r * (1.0 + s * xi[1])
-        values[a, 2] = 0.25 * s * (1.0 + r * xi[0])
+#: So do facets that lean by more than this cosine and lie in each other by more than this share of
+#: the width of their piece: behind a convex edge.
+_LEANING, _SHARP = 0.9, 0.5
 
 
 @njit(**_OPTIONS)
@@ -111,7 +93,7 @@ def closest_point(corners, point, xi, work):
     values = work[:4]
     x, normal, first, second = work[4], work[5], work[6], work[7]
     d = work[8]
-    for _ in range(_SEARCH_STEPS):
+    for _ in range(SEARCH_STEPS):
         _frame(corners, xi, values, x, first, second)
         twist = 0.0
         for i in range(3):
@@ -170,188 +152,6 @@ def closest_on_facets(corners, points, xi, gap, normal, start):
 
 
 @njit(**_OPTIONS)
-def _area(polygon, n):
-    """Positive where the corners run counter-clockwise."""
-    total = 0.0
-    for k in range(n):
-        j = k + 1 if k + 1 < n else 0
-        total += polygon[k, 0] * polygon[j, 1] - polygon[k, 1] * polygon[j, 0]
-    return 0.5 * total
-
-
-@njit(**_OPTIONS)
-def clip(polygon, n, quad, size, spare):
-    """Part of a convex polygon inside a counter-clockwise quadrilateral: its corners' number.
-
-    ``polygon`` (m, 2) is overwritten, ``spare`` alike is work.
-    """
-    for e in range(4):
-        f = e + 1 if e < 3 else 0
-        along_x, along_y = quad[f, 0] - quad[e, 0], quad[f, 1] - quad[e, 1]
-        length = math.sqrt(along_x * along_x + along_y * along_y)
-        if not length > 0.0:
-            continue
-        kept = 0
-        for k in range(n):
-            j = k + 1 if k + 1 < n else 0
-            here = along_x * (polygon[k, 1] - quad[e, 1]) - along_y * (polygon[k, 0] - quad[e, 0])
-            there = along_x * (polygon[j, 1] - quad[e, 1]) - along_y * (polygon[j, 0] - quad[e, 0])
-            here /= length
-            there /= length
-            if abs(here) < _ON_EDGE * size:
-                here = 0.0
-            if abs(there) < _ON_EDGE * size:
-                there = 0.0
-            if here >= 0.0:
-                spare[kept, 0], spare[kept, 1] = polygon[k, 0], polygon[k, 1]
-                kept += 1
-            if here * there < 0.0:
-                share = here / (here - there)
-                for i in range(2):
-                    spare[kept, i] = polygon[k, i] + share * (polygon[j, i] - polygon[k, i])
-                kept += 1
-        n = kept
-        for k in range(n):
-            polygon[k, 0], polygon[k, 1] = spare[k, 0], spare[k, 1]
-        if n < 3:
-            return 0
-    return n
-
-
-@njit(**_OPTIONS)
-def _moments(polygon, n):
-    """Area of a convex polygon, its centroid, and second moments about it over the area."""
-    area, x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    ox, oy = polygon[0, 0], polygon[0, 1]
-    for k in range(1, n - 1):
-        ax, ay = polygon[k, 0] - ox, polygon[k, 1] - oy
-        bx, by = polygon[k + 1, 0] - ox, polygon[k + 1, 1] - oy
-        part = 0.5 * (ax * by - ay * bx)
-        area += part
-        x += part * (ax + bx) / 3.0
-        y += part * (ay + by) / 3.0
-        xx += part * (ax * ax + ax * bx + bx * bx) / 6.0
-        xy += part * (2.0 * ax * ay + ax * by + bx * ay + 2.0 * bx * by) / 12.0
-        yy += part * (ay * ay + ay * by + by * by) / 6.0
-    x, y = x / area, y / area
-    return area, ox + x, oy + y, xx / area - x * x, xy / area - x * y, yy / area - y * y
-
-
-@njit(**_OPTIONS)
-def sliver_points(polygon, n, least, points):
-    """One or two points of equal weight that integrate what matters on a sliver; none elsewhere.
-
-    A moment λ of area A on a facet of area W changes its nodal forces by a share of A λ / W². Where
-    A λ is below ``least`` the moment is left out: two points lie at the root of the larger moment
-    along its axis, one in the centroid.
-    """
-    area, x, y, xx, xy, yy = _moments(polygon, n)
-    mean, half = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
-    if area * (mean - half) >= least:
-        return 0
-    if area * (mean + half) < least:
-        points[0, 0], points[0, 1] = x, y
-        return 1
-    angle, root = 0.5 * math.atan2(2.0 * xy, xx - yy), math.sqrt(mean + half)
-    for k in range(2):
-        way = root if k else -root
-        points[k, 0], points[k, 1] = x + way * math.cos(angle), y + way * math.sin(angle)
-    return 2
-
-
-@njit(**_OPTIONS)
-def moment_points(polygon, n, points):
-    """Three points that integrate quadratic functions on a convex polygon; its area."""
-    area, x, y, xx, xy, yy = _moments(polygon, n)
-    low_xx = math.sqrt(max(xx, 0.0))
-    low_xy = xy / low_xx if low_xx > 0.0 else 0.0
-    low_yy = math.sqrt(max(yy - low_xy * low_xy, 0.0))
-    for k in range(3):
-        angle = 0.5 * math.pi + 2.0 * math.pi * k / 3.0
-        u, v = math.sqrt(2.0) * math.cos(angle), math.sqrt(2.0) * math.sin(angle)
-        points[k, 0] = x + low_xx * u
-        points[k, 1] = y + low_xy * u + low_yy * v
-    return area
-
-
-@njit(**_OPTIONS)
-def _gauss_points(quad, points, weights):
-    """2 × 2 Gauss points of a plane quadrilateral and their areas."""
-    values, xi = np.empty((4, 3)), np.empty(2)
-    for k in range(4):
-        xi[0] = (-1.0 if k in (0, 3) else 1.0) / math.sqrt(3.0)
-        xi[1] = (-1.0 if k in (0, 1) else 1.0) / math.sqrt(3.0)
-        weights[k] = _in_quadrilateral(quad, xi, values, points[k])
-
-
-@njit(**_OPTIONS)
-def _in_quadrilateral(quad, xi, values, point):
-    """Point of a plane quadrilateral at natural coordinates; its area over that in them."""
-    shape_values(xi, values)
-    rx, ry, sx, sy = 0.0, 0.0, 0.0, 0.0
-    point[0], point[1] = 0.0, 0.0
-    for a in range(4):
-        point[0] += values[a, 0] * quad[a, 0]
-        point[1] += values[a, 0] * quad[a, 1]
-        rx += values[a, 1] * quad[a, 0]
-        ry += values[a, 1] * quad[a, 1]
-        sx += values[a, 2] * quad[a, 0]
-        sy += values[a, 2] * quad[a, 1]
-    return rx * sy - ry * sx
-
-
-@njit(**_OPTIONS)
-def fine_points(piece, n, points, weights):
-    """Points of a convex piece for functions of degree 4, and their areas; their number.
-
-    Quadrilaterals have 3 × 3 Gauss points, other pieces Radon's in triangles from one corner.
-    """
-    count = 0
-    if n == 4:
-        values, xi = np.empty((4, 3)), np.empty(2)
-        for i in range(3):
-            for j in range(3):
-                xi[0], xi[1] = (i - 1) * math.sqrt(0.6), (j - 1) * math.sqrt(0.6)
-                weight = (5.0 if i != 1 else 8.0) * (5.0 if j != 1 else 8.0) / 81.0
-                weights[count] = weight * _in_quadrilateral(piece, xi, values, points[count])
-                count += 1
-        return count
-    for k in range(1, n - 1):
-        ax, ay = piece[k, 0] - piece[0, 0], piece[k, 1] - piece[0, 1]
-        bx, by = piece[k + 1, 0] - piece[0, 0], piece[k + 1, 1] - piece[0, 1]
-        area = 0.5 * (ax * by - ay * bx)
-        for p in range(7):
-            weights[count] = area * _RADON_WEIGHTS[p]
-            points[count, 0] = piece[0, 0] + _RADON[p, 1] * ax + _RADON[p, 2] * bx
-            points[count, 1] = piece[0, 1] + _RADON[p, 1] * ay + _RADON[p, 2] * by
-            count += 1
-    return count
-
-
-@njit(**_OPTIONS)
-def natural_coordinates(quad, point, xi):
-    """Natural coordinates of a point of a plane quadrilateral (4, 2), by Newton."""
-    values = np.empty((4, 3))
-    xi[0], xi[1] = 0.0, 0.0
-    for _ in range(_SEARCH_STEPS):
-        shape_values(xi, values)
-        px, py, rx, ry, sx, sy = point[0], point[1], 0.0, 0.0, 0.0, 0.0
-        for a in range(4):
-            px -= values[a, 0] * quad[a, 0]
-            py -= values[a, 0] * quad[a, 1]
-            rx += values[a, 1] * quad[a, 0]
-            ry += values[a, 1] * quad[a, 1]
-            sx += values[a, 2] * quad[a, 0]
-            sy += values[a, 2] * quad[a, 1]
-        scale = rx * sy - ry * sx
-        dr, ds = (sy * px - sx * py) / scale, (rx * py - ry * px) / scale
-        xi[0] += dr
-        xi[1] += ds
-        if abs(dr) + abs(ds) < CLOSE_ENOUGH:
-            break
-
-
-@njit(**_OPTIONS)
 def _plane(corners, plane, flat):
     """Centre, two axes and normal of a facet (4, 3) in ``plane`` (4, 3), its corners in them."""
     for i in range(3):
@@ -378,14 +178,14 @@ def _project(corners, plane, flat):
 
 
 @njit(**_OPTIONS)
-def _faces(corners, plane, normal):
-    """Whether a facet looks against the normal of a plane."""
+def _opposition(corners, plane, normal):
+    """Cosine between the normal of a plane and the opposite of a facet's."""
     first, second = np.empty(3), np.empty(3)
     for i in range(3):
         first[i] = corners[2, i] - corners[0, i]
         second[i] = corners[3, i] - corners[1, i]
     _cross(first, second, normal)
-    return _dot(normal, plane[3]) < -OPPOSITE * math.sqrt(_dot(normal, normal))
+    return -_dot(normal, plane[3]) / math.sqrt(_dot(normal, normal))
 
 
 @njit(**_OPTIONS)
@@ -427,7 +227,7 @@ def _lift(values, own, point):
 def _within(own, flat, other, at, many, bounds, xi, work):
     """Mean distance of points of a plane facet from another, infinite where that is not faced.
 
-    ``xi``: out, natural coordinates on both, (many, 2, 2).
+    And whether all of them lie behind it. ``xi``: out, natural coordinates on both, (many, 2, 2).
     """
     values, point = np.empty((4, 3)), np.empty(3)
     least, most, out, mean = np.inf, -np.inf, 0.0, 0.0
@@ -441,14 +241,15 @@ def _within(own, flat, other, at, many, bounds, xi, work):
         mean += abs(gap) / many
         out = max(out, abs(xi[p, 1, 0]), abs(xi[p, 1, 1]))
     faced = least <= bounds[1] and most >= bounds[0] and out <= 1.0 + _RIM
-    return mean if faced else np.inf
+    return mean if faced else np.inf, most < 0.0
 
 
 @njit(**_OPTIONS)
 def _piece(own, flat, plane, other, bounds, size, piece, at, xi, work):
     """Corners' number of the piece of a facet over another, its area and distance."""
-    quad, turned, spare = np.empty((4, 2)), np.empty((4, 2)), np.empty((_CORNERS, 2))
-    if not _faces(other, plane, work[0]):
+    quad, turned, spare = np.empty((4, 2)), np.empty((4, 2)), np.empty((CORNERS, 2))
+    opposition = _opposition(other, plane, work[0])
+    if not opposition > OPPOSITE:
         return 0, 0.0, np.inf
     _project(other, plane, turned)
     if _apart(flat, turned):
@@ -457,10 +258,13 @@ def _piece(own, flat, plane, other, bounds, size, piece, at, xi, work):
         for i in range(2):
             quad[a, i], piece[a, i] = turned[3 - a, i], flat[a, i]
     n = clip(piece, 4, quad, size, spare)
-    if n == 0 or _area(piece, n) <= _SLIVER * size * size:
+    if n == 0 or area_of(piece, n) <= _SLIVER * size * size:
         return 0, 0.0, np.inf
     area = moment_points(piece, n, at)
-    return n, area, _within(own, flat, other, at, 3, bounds, xi, work)
+    distance, behind = _within(own, flat, other, at, 3, bounds, xi, work)
+    if behind and opposition < _LEANING and distance > _SHARP * width(piece, n):
+        return 0, 0.0, np.inf
+    return n, area, distance
 
 
 # Rows are copied number by number: numba compiles for ``a[k] = b[j]`` the words in which it would
@@ -532,7 +336,7 @@ def cut_facets(
     most = 1
     for f in range(len(quads)):
         most = max(most, start[f + 1] - start[f])
-    pieces, corners = np.empty((most, _CORNERS, 2)), np.empty(most, np.int64)
+    pieces, corners = np.empty((most, CORNERS, 2)), np.empty(most, np.int64)
     which, sizes, away = np.empty(most, np.int64), np.empty(most), np.empty(most)
     own, other, plane = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
     flat, at = np.empty((4, 2)), np.empty((_MOST, 2))
@@ -544,7 +348,7 @@ def cut_facets(
             continue
         _corners_of(quads[f], position, own)
         _plane(own, plane, flat)
-        whole = _area(flat, 4)
+        whole = area_of(flat, 4)
         found, covered = 0, 0.0
         for k in range(start[f], start[f + 1]):
             _corners_of(quads[near[k]], position, other)
@@ -581,7 +385,7 @@ def cut_facets(
                 many = fine_points(pieces[c], n, at, part)
             elif n == 4:
                 many = 4
-                _gauss_points(pieces[c], at, part)
+                gauss_points(pieces[c], at, part)
             else:
                 many = 3
                 part[:] = moment_points(pieces[c], n, at) / 3.0
