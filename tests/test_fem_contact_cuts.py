@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from fem.contact.cuts import carry_over
+from fem.contact.cuts import carry_over, closest_on_facets
 from fem.contact.pieces import clip, fine_points, moment_points
 from fem.contact.search import BlockSurface, FacingPoints
+from geometry.block import box_block
+from geometry.mesh import boundary_quads
 
 pytestmark = pytest.mark.quick
 
@@ -156,3 +158,33 @@ def test_slivers_have_fewer_points_and_err_by_their_share(shift):
     assert fewer < many
     assert same == pytest.approx(area, rel=1e-12)
     assert np.abs(close - exact).max() < 4 * 9 * slight
+
+
+def leaning_box(z, lean, cells=2):
+    """Surface of a box of 100 × 100 × 50 mm above a height or below it, its far side wider."""
+    mesh = box_block((1.0, 1.0, 1.0), (cells,) * 3).mesh
+    unit = (mesh.nodes - mesh.nodes.min(axis=0)) / np.ptp(mesh.nodes, axis=0)
+    grow = lean * np.abs(unit[:, 2:] - (0.0 if z > 0.0 else 1.0))
+    points = np.column_stack([100.0 * unit[:, :2] + grow * (2.0 * unit[:, :2] - 1.0), unit[:, 2]])
+    points[:, 2] = 50.0 * points[:, 2] - (0.0 if z > 0.0 else 50.0)
+    quads = boundary_quads(mesh)
+    nodes = np.unique(quads)
+    return nodes, points[nodes], np.searchsorted(nodes, quads)
+
+
+@pytest.mark.parametrize("lean", [-40.0, -25.0, 0.0, 25.0, 40.0])
+@pytest.mark.parametrize("moved", [(0.0, 0.0, -1e-3), (1e-3, 5e-4, -1e-3)])
+def test_nothing_lies_deeper_than_blocks_have_moved(lean, moved):
+    """Aligned faces whose other sides lean, moved by 1e-3 mm: a side of one block lay 19 mm behind
+    the side of the other round the corner, and edges that cross at any depth."""
+    blocks = [leaning_box(-1.0, lean), leaning_box(1.0, lean)]
+    surfaces = tuple(
+        BlockSurface(k, k, 0, np.eye(3), nodes, points + k * np.array(moved), quads)
+        for k, (nodes, points, quads) in enumerate(blocks)
+    )
+    facing = FacingPoints(surfaces, reach=1e-3)
+    corners, found = facing.position[facing.quads], facing.now
+    points = np.einsum("na,nai->ni", found.shapes, corners[found.slave])
+    gap, normal = np.empty(len(points)), np.empty((len(points), 3))
+    closest_on_facets(corners[found.facet], points, found.xi.copy(), gap, normal, True)
+    assert gap.min() > -2e-3

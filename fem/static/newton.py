@@ -127,7 +127,8 @@ def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
         at=at,
         first_holding=holding,
         holding=holding,
-        coarse_iterations=_COARSE_ITERATIONS if start is None else 0,
+        # Without friction blocks that only friction holds would move far away.
+        coarse_iterations=_COARSE_ITERATIONS if start is None and contact.friction is None else 0,
     )
 
 
@@ -221,7 +222,7 @@ def _iterate(problem: StaticProblem, state: StaticState) -> StaticState:
 def _linear_problem(
     problem: StaticProblem, normal: Linearisation, state: StaticState
 ) -> Linearisation:
-    """One pressure a facet at first; friction, where there is any, after that."""
+    """One pressure a facet at first; with friction its rows."""
     if state.coarse_iterations > 0:
         return coarsened(normal)
     if problem.friction is None:
