@@ -426,11 +426,11 @@ def test_faces_that_slide_on_each_other_press_nowhere(tmp_path: Path) -> None:
 
 
 def test_little_friction_holds_a_panel_by_a_squeeze_alone(tmp_path: Path) -> None:
-    """Faces that lean by 25° slide down together below tan 25° = 0.466, although rigid blocks are
-    in equilibrium with any friction: their joints can press each other."""
+    """Rigid blocks are in equilibrium with any friction, as their joints can press each other. From
+    rest the four slide down their faces together with little of it, in explicit runs as well."""
     scene = panel_scene(tmp_path, 2, 0.3)
     assembly = build_deformable(scene, "panel").assembly
-    for friction, slides in ((0.3, True), (0.46, True), (0.48, False)):
+    for friction, slides in ((0.3, True), (0.45, True), (0.5, False)):
         changed = scene.changed({"effects.friction.coefficient": friction})
         assert (sliding_words("panel", changed, assembly) is not None) == slides
     with pytest.raises(InputError, match=r"slide from rest .*rigid\.ranges"):
