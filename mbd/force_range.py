@@ -11,8 +11,7 @@ program finds all of these first, max Σ s_j with s_j <= 1 and s_j <= the sum of
 friction the pyramid stands for the cone, inside it: every state counted is admissible, and the
 true range is no narrower.
 
-There are far more contacts than equations, so programs start from few columns and price the
-others by the multipliers (column generation): no column may promise less than the optimum found.
+Only the costs differ from program to program: each starts from the basis of the last one.
 
 References: eq. SCP-linear of the paper; Kao, Iannuzzo, Thomaszewski, Coros, Van Mele, Block,
 "Coupled rigid-block analysis", Computer-Aided Design 146 (2022), on the indeterminacy.
@@ -21,7 +20,6 @@ References: eq. SCP-linear of the paper; Kao, Iannuzzo, Thomaszewski, Coros, Van
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -112,12 +110,6 @@ def plane_problem(
 #: Joints whose range is narrower than this fraction of the load count as determined: linear
 #: programs are solved to 1e-7 of a load of one.
 DETERMINED = 1e-6
-#: Programs of no more contacts start with all columns.
-_FEW = 3000
-#: Columns taken in at once.
-_MORE = 500
-#: Reduced cost below which a column is taken in; costs are one.
-_PRICED = 1e-8
 #: Imbalance over the load above which a linear program's answer is not believed.
 _BALANCED = 1e-6
 
@@ -194,24 +186,22 @@ def force_ranges(
     sums = np.asarray(np.bincount(joint, weights=shown, minlength=n_joints), dtype=np.float64)
     if plane is not None:
         frictional, load = plane.contacts, plane.load(load)
-        joint, shown = joint[plane.kept], shown[plane.kept]
-    program = _program(contacts, frictional, shown, joint, n_joints)
-    unit = load / size if size > 0.0 else load
+        joint = joint[plane.kept]
+    matrix, of = _columns(contacts, frictional, joint)
     pressed = _all_pressed(contacts, n_joints)
     if pressed is None:
-        pressed = program.self_stressed()
+        pressed = _self_stressed(matrix, of, n_joints)
+    programs = _Programs(matrix, -load / size if size > 0.0 else -load)
     least, largest = np.zeros(n_joints), np.full(n_joints, np.inf)
     for k in range(n_joints):
-        found = program.extreme(k, -unit, 1.0)
+        found = programs.least((of == k).astype(np.float64))
         if found is None:
             return None
         least[k] = size * found
-        if pressed[k] or size == 0.0:
-            largest[k] = np.inf if pressed[k] else 0.0
-            continue
-        found = program.extreme(k, -unit, -1.0)
+    for k in np.flatnonzero(~pressed).tolist():
+        found = programs.least(-(of == k).astype(np.float64)) if size > 0.0 else 0.0
         # What only the solver's tolerance lets grow without bound is no answer.
-        largest[k] = np.nan if found is None else size * found
+        largest[k] = np.nan if found is None else -size * found
     return ForceRanges(pairs[:, 0], pairs[:, 1], least, largest, sums, size)
 
 
@@ -223,11 +213,11 @@ def least_forces(
     Joints are numbered as in `ForceRanges`; nan where a program finds none.
     """
     pairs = np.column_stack([contacts.block_m, contacts.block_s])
-    joints, joint = np.unique(pairs, axis=0, return_inverse=True)
-    shown = np.zeros(len(pairs))
-    program = _program(contacts, frictional, shown, joint.ravel(), len(joints))
+    _, joint = np.unique(pairs, axis=0, return_inverse=True)
+    matrix, of = _columns(contacts, frictional, joint.ravel())
     size = float(np.linalg.norm(load))
-    found = [program.extreme(int(k), -load / size, 1.0) for k in asked]
+    programs = _Programs(matrix, -load / size)
+    found = [programs.least((of == k).astype(np.float64)) for k in asked.tolist()]
     return size * np.array([np.nan if least is None else least for least in found])
 
 
@@ -243,131 +233,84 @@ def _all_pressed(contacts: Contacts, n_joints: int) -> BoolArray | None:
     return np.ones(n_joints, dtype=np.bool_) if stress.holds else None
 
 
-@dataclass(frozen=True)
-class _Program:
-    """Balance and admissibility of contact forces, one column for each component."""
+def _columns(
+    contacts: Contacts, frictional: FrictionalContacts | None, joint: IntArray
+) -> tuple[sp.csc_array, IntArray]:
+    """Wrenches of the edges of all admissible forces, each with a normal force of one.
 
-    matrix: sp.csc_array
-    """(n_rows, n_columns)"""
-    sums: sp.csr_array
-    """Normal force of each joint, (n_joints, n_columns)."""
-    cone: sp.csc_array
-    """Rows whose products with the forces are not positive; none without friction."""
-    signed: BoolArray
-    """Columns that are not negative: the normal forces; (n_columns,)."""
-    pool: BoolArray
-    """Columns that programs start with; grows from program to program; (n_columns,)."""
-
-    def extreme(self, joint: int, target: FloatArray, sign: float) -> float | None:
-        """Least (sign 1) or largest (sign -1) force of a joint; None if there is none."""
-        cost = sign * self.sums[[joint]].toarray().ravel()
-        rows = _Rows(self.matrix, target, self.cone)
-        solution = _minimise(cost, rows, self.signed, self.pool)
-        if solution is None:
-            return None
-        imbalance = float(np.linalg.norm(self.matrix @ solution - target))
-        if imbalance > _BALANCED * float(np.linalg.norm(target)):
-            return None
-        return abs(float(cost @ solution))
-
-    def self_stressed(self) -> BoolArray:
-        """Which joints some admissible self-stress presses, (n_joints,)."""
-        n_joints, n_columns = self.sums.shape
-        n_rows, n_cone = self.matrix.shape[0], self.cone.shape[0]
-        # x = (λ, 1 - s): the largest Σ s is the least Σ (1 - s), columns not negative as the rest.
-        rows = _Rows(
-            sp.csc_array(sp.hstack([self.matrix, sp.csc_array((n_rows, n_joints))])),
-            np.zeros(n_rows),
-            sp.csc_array(
-                sp.vstack(
-                    [
-                        sp.hstack([-self.sums, -sp.eye_array(n_joints)]),
-                        sp.hstack([self.cone, sp.csc_array((n_cone, n_joints))]),
-                    ]
-                )
-            ),
-            np.concatenate([-np.ones(n_joints), np.zeros(n_cone)]),
-        )
-        pool = np.concatenate([self.pool, np.ones(n_joints, dtype=np.bool_)])
-        solution = _minimise(
-            np.concatenate([np.zeros(n_columns), np.ones(n_joints)]),
-            rows,
-            np.concatenate([self.signed, np.ones(n_joints, dtype=np.bool_)]),
-            pool,
-        )
-        if solution is None:
-            return np.zeros(n_joints, dtype=np.bool_)
-        # Self-stresses are a cone: s is 0, or can be scaled up to 1.
-        return solution[n_columns:] < 0.5
-
-
-def _program(
-    contacts: Contacts,
-    frictional: FrictionalContacts | None,
-    shown: FloatArray,
-    joint: IntArray,
-    n_joints: int,
-) -> _Program:
-    n = len(joint)
-    each = 1 if frictional is None else 3
-    normal = each * np.arange(n)
-    sums = sp.csr_array((np.ones(n), (joint, normal)), shape=(n_joints, each * n))
-    signed = np.zeros(each * n, dtype=np.bool_)
-    signed[normal] = True
-    pool = ~signed
-    pool[normal] = (shown > 0.0) | (n <= _FEW)
+    Admissible forces are their sums with factors that are not negative: the normal without
+    friction, the four edges (1, ±μ, 0) and (1, 0, ±μ) of the pyramid with it. Returns
+    (n_rows, n_columns) and the joint of each column, (n_columns,).
+    """
     if frictional is None:
-        none, matrix = sp.csc_array((0, n)), contacts.jacobian.to_matrix()
-        if n > _FEW:
-            # As many columns as equations balance what the pressing ones balance.
-            basis = _Rows(matrix, matrix @ shown, none)
-            first = _minimise(np.ones(n), basis, signed, pool, grow=False)
-            pool = pool if first is None else first > 0.0
-        return _Program(matrix, sums, none, signed, pool)
+        return contacts.jacobian.to_matrix(), joint
     mu = frictional.friction
-    sides = np.array([[-mu, 1, 1], [-mu, 1, -1], [-mu, -1, 1], [-mu, -1, -1]], dtype=np.float64)
-    cone = sp.csc_array(sp.kron(sp.eye_array(n), sides))
-    return _Program(frictional.matrix, sums, cone, signed, pool)
+    edges = np.array([[1.0, 1.0, 1.0, 1.0], [mu, -mu, 0.0, 0.0], [0.0, 0.0, mu, -mu]])
+    generators = sp.kron(sp.eye_array(len(joint)), edges)
+    return sp.csc_array(frictional.matrix @ generators), np.repeat(joint, 4)
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """equal x = target, above x <= limit."""
+def _self_stressed(matrix: sp.csc_array, of: IntArray, n_joints: int) -> BoolArray:
+    """Which joints some admissible self-stress presses, (n_joints,).
 
-    equal: sp.csc_array
-    target: FloatArray
-    above: sp.csc_array
-    limit: FloatArray | None = None
-    """None: zeros."""
+    Max Σ s_j with s_j <= 1 and s_j <= the sum of joint j: self-stresses are a cone, so that s is 0
+    or can be scaled up to 1. With 1 - s >= 0 in place of s and what is above s all is not negative.
+    """
+    n_rows, n = matrix.shape
+    sums = sp.csc_array((np.ones(n), (of, np.arange(n))), shape=(n_joints, n))
+    eye, none = sp.eye_array(n_joints), sp.csc_array((n_rows, n_joints))
+    equal = sp.vstack([sp.hstack([matrix, none, none]), sp.hstack([sums, eye, -eye])])
+    programs = _Programs(
+        sp.csc_array(equal),
+        np.concatenate([np.zeros(n_rows), np.ones(n_joints)]),
+        upper=np.concatenate([np.full(n, np.inf), np.ones(n_joints), np.full(n_joints, np.inf)]),
+    )
+    programs.least(np.concatenate([np.zeros(n), np.ones(n_joints), np.zeros(n_joints)]))
+    return programs.x[n : n + n_joints] < 0.5
 
 
-def _minimise(
-    cost: FloatArray, rows: _Rows, signed: BoolArray, pool: BoolArray, *, grow: bool = True
-) -> FloatArray | None:
-    """Least cost · x in HiGHS by columns of a pool that grows; None without an answer."""
-    # Loaded here: most answers need no linear program.
-    from scipy.optimize import linprog
+class _Programs:
+    """Least costs over matrix x = target, 0 <= x <= upper, each from the last one's basis (HiGHS).
 
-    right = np.zeros(rows.above.shape[0]) if rows.limit is None else rows.limit
-    while True:
-        columns = np.flatnonzero(pool)
-        constraints: dict[str, Any] = {"A_eq": rows.equal[:, columns], "b_eq": rows.target}
-        if rows.above.shape[0]:
-            constraints |= {"A_ub": rows.above[:, columns], "b_ub": right}
-        lower = np.where(signed[columns], 0.0, -np.inf)
-        bounds = np.column_stack([lower, np.full(len(columns), np.inf)])
-        constraints["bounds"] = bounds
-        solution = linprog(cost[columns], method="highs", **constraints)
-        if solution.x is None or not solution.success:
+    References: Huangfu and Hall, "Parallelizing the dual revised simplex method", Math. Program.
+    Comput. 10 (2018).
+    """
+
+    def __init__(
+        self, matrix: sp.csc_array, target: FloatArray, *, upper: FloatArray | None = None
+    ) -> None:
+        # Loaded here: most answers need no linear program.
+        import highspy
+
+        self._matrix, self._target = matrix, target
+        self._status = highspy.HighsModelStatus
+        n_rows, n = matrix.shape
+        self._places = np.arange(n, dtype=np.int32)
+        self.x = np.zeros(n)
+        program = highspy.HighsLp()
+        program.num_row_, program.num_col_ = n_rows, n
+        program.col_cost_, program.col_lower_ = np.zeros(n), np.zeros(n)
+        program.col_upper_ = np.full(n, np.inf) if upper is None else upper
+        program.row_lower_ = program.row_upper_ = target
+        program.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+        program.a_matrix_.start_ = matrix.indptr
+        program.a_matrix_.index_ = matrix.indices
+        program.a_matrix_.value_ = matrix.data
+        self._solver = highspy.Highs()
+        self._solver.setOptionValue("output_flag", False)
+        self._solver.setOptionValue("threads", 1)
+        self._solver.passModel(program)
+
+    def least(self, cost: FloatArray) -> float | None:
+        """Least cost · x; None if there is none, or if it does not balance the target."""
+        self._solver.changeColsCost(len(cost), self._places, cost)
+        self._solver.run()
+        if self._solver.getModelStatus() != self._status.kOptimal:
             return None
-        price = cost - rows.equal.T @ solution.eqlin.marginals
-        if rows.above.shape[0]:
-            price -= rows.above.T @ solution.ineqlin.marginals
-        price[pool] = 0.0
-        cheapest = np.argsort(price)[:_MORE]
-        cheapest = cheapest[price[cheapest] < -_PRICED]
-        if not (grow and len(cheapest)):
-            x = np.zeros(len(cost))
-            x[columns] = solution.x
-            return x
-        pool[cheapest] = True
+        # From here on only costs change: the last x stays feasible.
+        self._solver.setOptionValue("simplex_strategy", 4)
+        self.x = np.array(self._solver.getSolution().col_value)
+        imbalance = float(np.linalg.norm(self._matrix @ self.x - self._target))
+        if imbalance > _BALANCED * float(np.linalg.norm(self._target)):
+            return None
+        return float(cost @ self.x)

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
+from scipy.optimize import linprog
 
 from geometry.families.masonry import box, circular_arch, running_bond_wall
 from geometry.families.platonic_layers import tetrahedra_layer
@@ -131,6 +133,45 @@ def test_ranges_in_the_plane_are_those_in_space() -> None:
     np.testing.assert_allclose(flat.shown, space.shown)
     np.testing.assert_allclose(flat.least, space.least, atol=slack)
     np.testing.assert_allclose(flat.largest, space.largest, atol=slack)
+
+
+def test_the_solver_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    """What goes to standard output would be in the middle of ``--json -``."""
+    arch = circular_arch(1000.0, 150.0, 300.0, 3)
+    contacts, load = contact_jacobian(arch), body_force(arch, DOWN)
+    frictional = frictional_contacts(arch, contacts, 0.8)
+    shown = frictional_equilibrium(frictional, load).forces[:, 0]
+    assert force_ranges(contacts, load, shown, frictional=frictional) is not None
+    assert capfd.readouterr() == ("", "")
+
+
+def test_ranges_are_those_of_programs_from_scratch() -> None:
+    """Each joint's range beside a linear program of its own, with scipy's HiGHS."""
+    wall = running_bond_wall((200.0, 100.0, 80.0), 2, 2)
+    contacts, load = contact_jacobian(wall), body_force(wall, DOWN + 0.1 * np.eye(3)[0])
+    mu = 0.5
+    frictional = frictional_contacts(wall, contacts, mu, FrictionLaw.PYRAMID)
+    shown = frictional_equilibrium(frictional, load).forces[:, 0]
+    found = force_ranges(contacts, load, shown, frictional=frictional)
+    assert found is not None
+    n = frictional.n_contacts
+    sides = np.array([[-mu, 1, 1], [-mu, 1, -1], [-mu, -1, 1], [-mu, -1, -1]])
+    for k in range(len(found.least)):
+        of = (contacts.block_m == found.block_m[k]) & (contacts.block_s == found.block_s[k])
+        cost = np.kron(of.astype(np.float64), [1.0, 0.0, 0.0])
+        for sign, value in ((1.0, found.least[k]), (-1.0, found.largest[k])):
+            one = linprog(
+                sign * cost,
+                A_ub=sp.kron(sp.eye_array(n), sides).tocsr(),
+                b_ub=np.zeros(4 * n),
+                A_eq=frictional.matrix,
+                b_eq=-load / found.load,
+                bounds=[(None, None)] * (3 * n),
+            )
+            if np.isinf(value):
+                assert one.status == 3  # unbounded
+            else:
+                assert found.load * sign * one.fun == pytest.approx(value, abs=1e-6 * found.load)
 
 
 def test_no_admissible_state_has_no_ranges() -> None:
