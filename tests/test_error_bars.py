@@ -8,7 +8,7 @@ import pytest
 
 from fem.accuracy.converge import LEAST_MESHES, MOST_WORK, TARGETS, converge, is_reached
 from fem.accuracy.errors import ALTERNATING, SAFETY, Falls, falling_bar
-from fem.accuracy.ladder import LADDER, on_mesh, split
+from fem.accuracy.ladder import LADDER, PRESSURES, on_mesh, split
 from fem.accuracy.statics import solve_static
 from geometry.answer import WIDEST, Measure
 from tests.verification import error_bars
@@ -57,10 +57,12 @@ def test_a_local_value_is_not_known_better_than_others_settle() -> None:
 
 
 def test_stresses_at_edges_are_not_resolved_before_the_mesh_is_finer_there() -> None:
-    """The first three meshes differ in degree alone."""
-    found = [_measures(sigma_1_max=2.0)] * 4
+    """The first meshes have as many elements between the upper and lower faces."""
+    found = [_measures(sigma_1_max=2.0)] * 5
+    assert PRESSURES.error_bars(found[:4])["sigma_1_max"] > WIDEST * 2.0
+    assert PRESSURES.error_bars(found)["sigma_1_max"] == 0.0
     assert LADDER.error_bars(found[:3])["sigma_1_max"] > WIDEST * 2.0
-    assert LADDER.error_bars(found)["sigma_1_max"] == 0.0
+    assert LADDER.error_bars(found[:4])["sigma_1_max"] == 0.0
 
 
 def test_round_off_needs_no_finer_mesh() -> None:
@@ -78,8 +80,8 @@ def _case(name: str) -> Case:
 def test_no_reference_is_a_mesh_of_the_answer() -> None:
     """However many meshes an answer took, what judges its bars is none of them."""
     for case in cases():
-        for n in range(2, len(LADDER.rungs) + 1):
-            assert error_bars.reference_mesh(case, n) not in LADDER.rungs[:n]
+        for n in range(2, len(PRESSURES.rungs) + 1):
+            assert error_bars.reference_mesh(case, n) not in PRESSURES.rungs[:n]
 
 
 @pytest.mark.slow

@@ -5,7 +5,9 @@ these and towards the outer face; along a block they are equal, with lines at th
 neighbours.
 
 Displacements, p_eff and averaged tension are integrals: they gain more with the degree of few large
-elements. Where nothing else is requested, that ladder is taken. Peaks at edges gain less there.
+elements. Where nothing else is requested, that ladder is taken. A peak of pressure gains most with
+elements along and across a joint, a stress at an edge with those towards it: it has a ladder of its
+own.
 
 An error bar follows the factor by which changes fall (`fem.accuracy.errors.falling_bar`). Its
 bounds were chosen on problems that ``python -m tests.verification error-bars`` solves; which ones
@@ -67,23 +69,20 @@ class Rung:
 
     def lines(self, charts: Charts) -> dict[str, FloatArray]:
         """Ends of the elements of one part of each direction of a block, 0 to 1."""
-        return {
-            name: self._line(name, parts, len(charts.elements))
-            for name, parts in zip(charts.directions, charts.parts, strict=True)
+        parts = dict(zip(charts.directions, charts.parts, strict=True))
+        if len(charts.elements) > 1:
+            along = max(2, self.along // _KITES)
+        else:
+            # Waves across share the elements of those along.
+            each = parts.get("along", 1) * parts.get("across", 1)
+            along = max(_LEAST_PER_WAVE if each > 1 else 1, -(-self.along // each))
+        found = {
+            "along": np.linspace(0.0, 1.0, along + 1),
+            "across": graded_to_one_end(self.across, self.across_grading),
+            "upward": graded_to_both_ends(self.upward, self.upward_grading),
         }
-
-    def _line(self, name: str, parts: int, n_charts: int) -> FloatArray:
-        if name == "across":
-            return graded_to_one_end(self.across, self.across_grading)
-        if name == "upward":
-            return graded_to_both_ends(self.upward, self.upward_grading)
-        if name == "along" and n_charts == 1:
-            least = _LEAST_PER_WAVE if parts > 1 else 1
-            return np.linspace(0.0, 1.0, max(least, -(-self.along // parts)) + 1)
-        if name == "along":
-            return np.linspace(0.0, 1.0, max(2, -(-self.along // _KITES)) + 1)
-        return np.linspace(0.0, 1.0, max(1, self.across) + 1)
-
+        other = np.linspace(0.0, 1.0, max(1, self.across) + 1)
+        return {name: found.get(name, other) for name in parts}
 
 @dataclass(frozen=True)
 class Ladder:
@@ -96,9 +95,9 @@ class Ladder:
 
         A value that a few elements decide has a bar of `SHARED` of the largest last change at
         least, relative to each value, of the displacement, p_eff and values of its kind: one that
-        hardly changed while others did agrees by chance. Where the last rungs differ in their
-        degree alone, stresses at an edge have a bar of `_BEFORE_EDGES` of their value at least: the
-        degree does not show what the mesh hides there.
+        hardly changed while others did agrees by chance. Where the last rungs have equally many
+        elements between the upper and lower faces, stresses at an edge have a bar of
+        `_BEFORE_EDGES` of their value at least: nothing else shows what the mesh hides there.
         """
         last, before = found[-1], found[-2]
         bars = {
@@ -106,15 +105,11 @@ class Ladder:
             for name in last
         }
         least = dict.fromkeys(LOCAL, SHARED * _largest_change(before, last))
-        if len(set(self._meshes(len(found)))) == 1:
+        if len({rung.upward for rung in self.rungs[max(0, len(found) - 3) : len(found)]}) == 1:
             least |= dict.fromkeys(AT_EDGES, _BEFORE_EDGES)
         for name in least.keys() & last.keys():
             bars[name] = max(bars[name], least[name] * abs(last[name].value))
         return bars
-
-    def _meshes(self, n: int) -> list[Rung]:
-        """Rungs of which the n-th has its error bars, without their degree."""
-        return [replace(rung, degree=0) for rung in self.rungs[max(0, n - 3) : n]]
 
 
 def _largest_change(before: Mapping[str, Measure], last: Mapping[str, Measure]) -> float:
@@ -138,8 +133,7 @@ def falls_of(name: str) -> Falls:
     return Falls(1.6, 3.2) if name in OF_FACETS else Falls(1.6, 2.0)
 
 
-#: Large elements of growing degree, three meshes before any error bar is believed, then more of
-#: them towards the edges.
+#: Large elements of growing degree, then more of them towards the edges: for stresses there.
 _FIRST = tuple(Rung(degree, 12, 1, 4, 1.0, 20.0) for degree in (2, 3, 4))
 LADDER = Ladder(
     (
@@ -149,12 +143,22 @@ LADDER = Ladder(
         Rung(5, 24, 3, 6, 8.0, 150.0),
     )
 )
+#: For the default and for pressures: along a joint, across it, and towards the edges.
+PRESSURES = Ladder(
+    (
+        *_FIRST[:2],
+        Rung(4, 16, 1, 4, 1.0, 20.0),
+        Rung(4, 16, 2, 4, 4.0, 20.0),
+        Rung(4, 24, 3, 6, 6.0, 80.0),
+        Rung(5, 24, 3, 6, 8.0, 150.0),
+    )
+)
 #: For integrals.
 DEGREES = Ladder(
     (
         *_FIRST,
         Rung(5, 12, 1, 4, 1.0, 20.0),
-        Rung(5, 12, 2, 6, 4.0, 40.0),
+        Rung(5, 12, 2, 4, 4.0, 20.0),
         Rung(5, 24, 3, 6, 8.0, 150.0),
     )
 )
@@ -162,7 +166,10 @@ DEGREES = Ladder(
 
 def ladder_for(targets: Iterable[str]) -> Ladder:
     """Ladder that serves some measures best."""
-    return DEGREES if INTEGRALS.issuperset(targets) else LADDER
+    requested = frozenset(targets)
+    if requested <= INTEGRALS:
+        return DEGREES
+    return LADDER if requested & set(AT_EDGES) else PRESSURES
 
 
 def graded_to_one_end(n: int, grading: float) -> FloatArray:
@@ -262,7 +269,7 @@ def _with_share(block: Block, share: float) -> Block:
     if charts is None:
         return block
     first, second, third = (
-        repeated(_fewer(line, parts, share), parts)
+        _fewer(line, parts, share)
         for line, parts in zip(charts.lines, charts.parts, strict=True)
     )
     fewer: Block = charts.build((first, second, third))
@@ -270,10 +277,11 @@ def _with_share(block: Block, share: float) -> Block:
 
 
 def _fewer(line: FloatArray, parts: int, share: float) -> FloatArray:
-    """Lines of one part with about a share of its elements, graded alike."""
+    """Line of equal parts with about a share of its elements, graded alike."""
+    if (len(line) - 1) % parts:  # stated without the ends of its parts
+        parts = 1
     per_part = (len(line) - 1) // parts
     n = max(1, round(share * per_part))
     own = line[: per_part + 1] * parts
     places = np.linspace(0.0, float(per_part), n + 1)
-    fewer: FloatArray = np.interp(places, np.arange(per_part + 1.0), own)
-    return fewer
+    return repeated(np.interp(places, np.arange(per_part + 1.0), own), parts)

@@ -232,9 +232,10 @@ def _held_components(deformable: DeformableAssembly) -> list[FloatArray]:
 
 
 def with_half_turn(deformable: DeformableAssembly, orbits: Orbits) -> Orbits:
-    """Orbits of blocks without supports that a half turn about a radius maps as well, if one does.
+    """Orbits of blocks without supports that a half turn maps as well, if one does.
 
-    The radius lies half way up the tube. No block may be its own image, turned over.
+    About a radius half way up a tube, else about an axis through the middle of all blocks, such as
+    the normal of a wall. No block may be its own image, turned over.
     """
     assembly, moving = deformable.assembly, deformable.deformable_blocks
     if deformable.model.supports or assembly.image_of is not None:
@@ -254,6 +255,11 @@ def with_half_turn(deformable: DeformableAssembly, orbits: Orbits) -> Orbits:
             found = _turned_over(deformable, orbits, turn, centre)
             if found is not None:
                 return found
+    centre = (assembly.centroids + deformable.offsets)[moving].mean(axis=0)
+    for axis in np.eye(3) if orbits.order == 1 else ():
+        found = _turned_over(deformable, orbits, 2.0 * np.outer(axis, axis) - np.eye(3), centre)
+        if found is not None:
+            return found
     return orbits
 
 

@@ -72,7 +72,7 @@ def _block(
     outline: WallBlock,
     divisions: tuple[int, int, int],
     ends: tuple[tuple[float, Profile], tuple[float, Profile]],
-    parts: int,
+    parts: tuple[int, int, int],
 ) -> Block:
     bottom, top = ends
     x1 = outline.width * np.linspace(-0.5, 0.5, divisions[0] + 1)
@@ -91,7 +91,7 @@ def _block(
         _FACES,
         ("bottom", "top", "left", "right"),
         directions=("along", "across", "upward"),
-        parts=(parts, 1, 1),
+        parts=parts,
     )
 
 
@@ -125,7 +125,7 @@ def _wall(
     profiles: tuple[Profile, Profile],
     *,
     offset: float,
-    parts: int,
+    parts: tuple[int, int, int],
     columns: int,
     layers: int,
 ) -> Assembly:
@@ -210,7 +210,7 @@ def planar_sine_wall(
         divisions,
         (profile, profile),
         offset=int(frequency) * block.width / waves,
-        parts=waves,
+        parts=(waves, 1, 1),
         columns=columns,
         layers=layers,
     )
@@ -257,7 +257,7 @@ def osteomorphic_wall(
         divisions,
         (below, above),
         offset=block.width / 2,
-        parts=2,
+        parts=(2, 2, 1),
         columns=columns,
         layers=layers,
     )

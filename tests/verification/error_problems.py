@@ -51,7 +51,7 @@ TUBES: tuple[tuple[str, Load | None, dict[str, float]], ...] = (
 
 #: Mesh of references: elements of degree five, shorter towards the edges than those of any answer.
 FINER = Rung(5, 18, 3, 6, 12.0, 300.0)
-#: The same where that takes minutes: beyond the mesh at which the answer stops.
+#: The same where that takes minutes: those of stresses at edges, beyond the mesh of the answer.
 FOURTH, FIFTH = LADDER.rungs[3:5]
 
 #: Tubes whose references take minutes on `FINER`: many blocks, a clearance, no symmetry, friction.
