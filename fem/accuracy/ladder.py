@@ -4,8 +4,8 @@ Pressures and tension have their peaks at the upper and lower faces, so elements
 these and towards the outer face; along a block they are equal, with lines at the joints of the
 neighbours.
 
-Displacements, p_eff and averaged tension are integrals: they gain more with the degree of few large
-elements. Where nothing else is requested, that ladder is taken. A peak of pressure gains most with
+Displacements, means over facets and averaged tension are integrals: they gain more with the degree
+of few large elements. Where nothing else is requested, that ladder is taken. A peak of pressure gains most with
 elements along and across a joint, a stress at an edge with those towards it: it has a ladder of its
 own.
 
@@ -153,7 +153,7 @@ PRESSURES = Ladder(
         Rung(5, 24, 3, 6, 8.0, 150.0),
     )
 )
-#: For integrals.
+#: For integrals and means over facets.
 DEGREES = Ladder(
     (
         *_FIRST,
@@ -167,7 +167,7 @@ DEGREES = Ladder(
 def ladder_for(targets: Iterable[str]) -> Ladder:
     """Ladder that serves some measures best."""
     requested = frozenset(targets)
-    if requested <= INTEGRALS:
+    if requested <= INTEGRALS | OF_FACETS:
         return DEGREES
     return LADDER if requested & set(AT_EDGES) else PRESSURES
 

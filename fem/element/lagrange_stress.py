@@ -172,7 +172,7 @@ def averaged_tension(bodies: MovedBodies, radius: float) -> tuple[PointValue, Po
         return _points_between(bodies, near(centres, spread), spacing * radius, (centres, within))
 
     rough = _cells(bodies, np.arange(len(nodes)), _ROUGH * radius)
-    places = rough.positions[one_of_each_cube(rough.positions, _CENTRES[0] * radius)]
+    places = rough.positions[one_of_each_cube(rough.positions, radius)]
     fair = _largest(places, _tension(rough, places, radius, _ROUGH), _FAIR)
     places = between(fair, 1.0, _CENTRES[0])
     good = _largest(places, _tension(rough, places, radius, _ROUGH), _GOOD)

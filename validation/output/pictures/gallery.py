@@ -191,22 +191,32 @@ class _Drawing:
     axes: Any
     bar: Any = None
     """Axes of its colour bar."""
+    limits: Any = None
+    """Of a plot before a layout widens them."""
 
 
 class _Page:
     """Panels in a figure that matplotlib's constrained layout sets, twice.
 
     The first time measures what words and bars need beside what is drawn; then each column becomes
-    as wide as its panels are at their height, and the figure as wide as its columns.
+    as wide as its panels are at their height, and the figure as wide as its columns. Most of the
+    time goes into axes and their words, so both times have the same ones.
     """
 
     def __init__(
         self, title: str, legend: Sequence[Any], scales: Sequence[Scale], zoom: float
     ) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
         self.title, self.legend, self.scales, self.zoom = title, legend, scales, zoom
         lines = max((len(scale.lines) for scale in scales), default=0)
         #: Room at the side: for a bar, its numbers, and the lines beside them [in].
         self.side = (_SIDE + _SIDE_LINE * lines) * zoom if scales else 0.0
+        self.figure = Figure(dpi=_MEASURING, layout="constrained")
+        FigureCanvasAgg(self.figure)
+        self.words = self.figure.text(0.0, 0.0, "", fontsize="large", va="top", linespacing=1.15)
+        self.drawings: list[_Drawing] = []
 
     def lay_out(self, columns: _Columns, height: float, widest: float, fixed: bool) -> None:
         """Set columns in a figure, in rows below each other where its width is fixed [in]."""
@@ -237,38 +247,51 @@ class _Page:
         spare: float = 0.0,
     ) -> None:
         """Make the figure of panels so wide and rows so high [in], and let matplotlib set it."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
         zoom = self.zoom
         words = _wrapped(self.title, (width / zoom - 2 * _MARGIN) * _TITLE_LETTERS)
         top = (0.2 + _TITLE_LINE * len(words)) * zoom
         low = (_FOOT + (_LEGEND if self.legend else 0.0)) * zoom
         #: Width and height [in].
         self.size = np.array([width, sum(heights) + top + low])
-        self.figure = Figure(figsize=tuple(self.size), dpi=_MEASURING, layout="constrained")
-        FigureCanvasAgg(self.figure)
+        self.figure.set_size_inches(*self.size)
         left = _MARGIN * zoom + max(0.5 * spare, 0.0)
         rect = np.array([[left, low], [width - 2 * left - self.side, sum(heights)]])
         engine: Any = self.figure.get_layout_engine()
         engine.set(w_pad=_PAD * zoom, h_pad=0.5 * _PAD * zoom, hspace=0.0, wspace=0.0)
         engine.set(rect=tuple((rect / self.size).ravel()))
         at = np.array([(_MARGIN + _PAD) * zoom, self.size[1] - 0.12 * zoom]) / self.size
-        self.figure.text(
-            at[0], at[1], "\n".join(words), fontsize="large", va="top", linespacing=1.15
-        )
-        self.drawings: list[_Drawing] = []
+        self.words.set(position=tuple(at), text="\n".join(words))
+        self._place(rows, widths, heights)
+        _read_no_formulas(self.figure)
+        engine.execute(self.figure)
+
+    def _place(
+        self,
+        rows: Sequence[_Columns],
+        widths: Sequence[Sequence[float]],
+        heights: Sequence[float],
+    ) -> None:
+        """Put panels in rows of columns, each into new axes or those it has."""
+        before = {id(drawing.panel): drawing for drawing in self.drawings}
+        self.drawings = []
         outer = self.figure.add_gridspec(len(rows), 1, height_ratios=list(heights))
         for number, row in enumerate(rows):
             cells = outer[number].subgridspec(1, len(widths[number]), width_ratios=widths[number])
             for c, column in enumerate(row):
                 places = cells[c].subgridspec(len(column), 1)
                 for k, panel in enumerate(column):
-                    axes = self.figure.add_subplot(places[k])
-                    bar = self._fill(panel, axes)
-                    self.drawings.append(_Drawing(panel, number, c, k, axes, bar))
-        _read_no_formulas(self.figure)
-        engine.execute(self.figure)
+                    old = before.get(id(panel))
+                    new = self._filled(panel, places[k]) if old is None else old
+                    if old is not None:
+                        old.axes.set_subplotspec(places[k])
+                        old.axes.set(**old.limits, autoscale_on=True)
+                    self.drawings.append(replace(new, row=number, column=c, place=k))
+
+    def _filled(self, panel: Panel, place: Any) -> _Drawing:
+        axes = self.figure.add_subplot(place)
+        bar = self._fill(panel, axes)
+        limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
+        return _Drawing(panel, 0, 0, 0, axes, bar, limits)
 
     def _fill(self, panel: Panel, axes: Any) -> Any:
         """Draw a plot, or leave room for a view and what is below it; its colour bar's axes."""
