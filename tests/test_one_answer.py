@@ -27,6 +27,7 @@ from geometry import SineBlock, beam, pillar, pipe, shaft, tube, tunnel
 from geometry.block import Block, box_block
 from geometry.charts import unit_lines
 from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
+from geometry.families.planar_wall import WallBlock, osteomorphic_wall
 from geometry.mesh import FloatArray
 from geometry.refinement import charts_of, with_lines
 from tests.test_fem_lagrange_mesh import HEXAGON, WALL, sine
@@ -46,6 +47,7 @@ TUBE = tube(SineBlock(**SHAPE), layers=1, mesh=(12, 1, 2))
 TOWER = tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 2))
 #: Half a turn takes facets between its layers onto themselves.
 IMAGES = tube(SineBlock(**SHAPE | {"frequency": 1}), layers=2, mesh=(6, 1, 2))
+FOUR = osteomorphic_wall(WallBlock(100.0, 40.0, 60.0, 8.0), (4, 2, 2), columns=2, layers=2)
 PROBLEMS = {
     "pipe": Problem(TOWER, pipe(0.01), concrete),
     "own images": Problem(IMAGES, pipe(0.01), concrete),
@@ -55,6 +57,7 @@ PROBLEMS = {
     "pillar": Problem(TUBE, pillar(0.01), concrete),
     "clearance": Problem(TUBE, pipe(0.01), concrete, clearance=0.01),
     "spacing": Problem(TUBE, tunnel(0.01), concrete, spacing=0.002),
+    "wall": Problem(FOUR, pipe(0.01), concrete),
     "weight along the axis": Problem(TOWER, pipe(0.01), concrete, gravity=[0.0, 0.0, -9810.0]),
     "weight across the axis": Problem(TUBE, tunnel(0.01), concrete, gravity=[-9810.0, 0.0, 0.0]),
 }
@@ -93,7 +96,8 @@ def test_two_solvers_find_one_state(
 
 
 @pytest.mark.parametrize(
-    ("name", "share"), [("pipe", 0.5), ("own images", 0.5), ("weight along the axis", 1.0)]
+    ("name", "share"),
+    [("pipe", 0.5), ("own images", 0.5), ("wall", 0.5), ("weight along the axis", 1.0)],
 )
 def test_blocks_that_a_half_turn_maps_onto_others_are_not_computed(name: str, share: float) -> None:
     """Facets that it takes onto themselves count half; a weight along the axis breaks it."""

@@ -42,6 +42,7 @@ from validation.run.solve import run_static
 from validation.scene.read import load_scene
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 RED = np.array([255, 0, 0], dtype=np.uint8)
@@ -385,6 +386,26 @@ def test_the_line_at_the_foot_can_be_left_out(figures: list[Figure], tmp_path: P
         with looking(Look(footer=footer)):
             gallery(columns, "title", tmp_path / "a.png")
         assert any("tubelock" in text for text in words_of(figures[-1])) is footer
+
+
+def test_a_plot_is_drawn_once_and_keeps_its_shape(figures: list[Figure], tmp_path: Path) -> None:
+    """Layouts widen the limits of a plot whose axes have another shape than it."""
+    drawn = []
+
+    def plot(axes: Axes) -> None:
+        drawn.append(axes)
+        axes.plot([0.0, 2.0], [0.0, 2.0])
+        axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+        axes.set_aspect("equal")
+
+    gallery([[Panel("a line", plot=plot, shape=1.0)]], "title", tmp_path / "a.png")
+    (axes,) = drawn
+    assert len(figures) == 1
+    axes.apply_aspect()  # as drawing does
+    box = axes.get_window_extent()
+    spans = [np.ptp(limits) for limits in (axes.get_xlim(), axes.get_ylim())]
+    assert min(spans) >= 1.0
+    assert spans[0] / spans[1] == pytest.approx(box.width / box.height, rel=1e-6)
 
 
 def test_numbers_stand_on_the_blocks_that_are_seen_and_gravity_has_an_arrow(

@@ -5,9 +5,9 @@ these and towards the outer face; along a block they are equal, with lines at th
 neighbours.
 
 Displacements, means over facets and averaged tension are integrals: they gain more with the degree
-of few large elements. Where nothing else is requested, that ladder is taken. A peak of pressure gains most with
-elements along and across a joint, a stress at an edge with those towards it: it has a ladder of its
-own.
+of few large elements. Where nothing else is requested, that ladder is taken. A peak of pressure
+gains most with elements along and across a joint, a stress at an edge with those towards it: it has
+a ladder of its own.
 
 An error bar follows the factor by which changes fall (`fem.accuracy.errors.falling_bar`). Its
 bounds were chosen on problems that ``python -m tests.verification error-bars`` solves; which ones
@@ -83,6 +83,7 @@ class Rung:
         }
         other = np.linspace(0.0, 1.0, max(1, self.across) + 1)
         return {name: found.get(name, other) for name in parts}
+
 
 @dataclass(frozen=True)
 class Ladder:
@@ -269,8 +270,7 @@ def _with_share(block: Block, share: float) -> Block:
     if charts is None:
         return block
     first, second, third = (
-        _fewer(line, parts, share)
-        for line, parts in zip(charts.lines, charts.parts, strict=True)
+        _fewer(line, parts, share) for line, parts in zip(charts.lines, charts.parts, strict=True)
     )
     fewer: Block = charts.build((first, second, third))
     return fewer
