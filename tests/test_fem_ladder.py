@@ -8,11 +8,21 @@ import numpy as np
 import pytest
 
 from fem import concrete
-from fem.accuracy.ladder import DEGREES, LADDER, Rung, coarser, on_rung
+from fem.accuracy.converge import TARGETS
+from fem.accuracy.ladder import (
+    DEGREES,
+    LADDER,
+    PRESSURES,
+    Rung,
+    coarser,
+    ladder_for,
+    on_rung,
+)
 from fem.assembly.statement import Problem
 from fem.contact.law import LinearPenalty
 from geometry.families.boxes import ColumnBox, box_column
-from geometry.loads import face_pressure
+from geometry.families.planar_wall import WallBlock, osteomorphic_wall
+from geometry.loads import face_pressure, pipe
 from geometry.mesh import FloatArray, volume_and_centroid
 from geometry.refinement import charts_of
 from tests.test_validation_accuracy import stated
@@ -40,14 +50,14 @@ def words(rung: Rung) -> str:
     return f"| {rung.along} × {rung.across} × {rung.upward}, degree {rung.degree} | {grading}"
 
 
-def test_the_page_states_the_meshes_of_both_ladders() -> None:
+def test_the_page_states_the_meshes_of_all_ladders() -> None:
     page = PAGE.read_text("utf-8")
-    for ladder, name in ((LADDER, "any peak"), (DEGREES, "integrals")):
+    for ladder, name in ((PRESSURES, "default"), (LADDER, "stresses"), (DEGREES, "integrals")):
         for number, rung in enumerate(ladder.rungs, start=1):
             assert f"| {name}, {number} {words(rung)}" in page
 
 
-@pytest.mark.parametrize("ladder", [LADDER, DEGREES])
+@pytest.mark.parametrize("ladder", [PRESSURES, LADDER, DEGREES])
 def test_every_mesh_has_more_unknowns_than_the_one_before(ladder) -> None:  # type: ignore[no-untyped-def]
     sizes = [r.along * r.across * r.upward * r.degree**3 for r in ladder.rungs]
     assert sizes == sorted(set(sizes))
@@ -92,3 +102,24 @@ def test_a_coarser_mesh_has_every_second_line() -> None:
             np.testing.assert_allclose(after, before[::2], rtol=0, atol=1e-15)
     np.testing.assert_allclose(volumes(coarse), volumes(fine), rtol=1e-12)
     assert coarser(boxes((1, 1, 1), (1, 1, 1), (1, 1, 1)), 0.5) is None
+
+
+def test_requests_choose_the_ladder() -> None:
+    """Stresses at a point need elements towards edges; integrals and facet means the degree."""
+    assert ladder_for(["max_displacement", "p_eff", "p_max"]) is DEGREES
+    assert ladder_for(TARGETS) is PRESSURES
+    assert ladder_for(["p_max_point", "sigma_1_max"]) is LADDER
+
+
+def test_osteomorphic_blocks_are_refined_across_their_waves() -> None:
+    """They have a wave along and half a one across: the crest is a line of every mesh."""
+    wall = osteomorphic_wall(WallBlock(200.0, 100.0, 80.0, 10.0), (4, 3, 2), columns=1, layers=1)
+    problem = Problem(wall, pipe(0.01), concrete)
+    for rung in PRESSURES.rungs:
+        charts = charts_of(on_rung(problem, rung).blocks.shapes[0])
+        assert 0.5 in charts.lines[charts.directions.index("across")]
+        assert charts.counts[1] == 2 * rung.across
+    # A stated mesh without that line has coarser ones all the same.
+    coarse = coarser(problem, 0.5)
+    assert coarse is not None
+    np.testing.assert_allclose(volumes(coarse), volumes(problem), rtol=0.1)
