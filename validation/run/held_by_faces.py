@@ -13,18 +13,13 @@ elsewhere: that is no proof against such a run, and explains one that failed.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
-from scipy.optimize import linprog
-from scipy.sparse import block_diag
 
 from geometry.assembly import Assembly
 from geometry.loads import with_body_wrenches
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibrium
-from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equilibrium
+from mbd.friction import frictional_contacts, frictional_equilibrium
 from mbd.squeeze import squeeze
 from validation.build.blocks import build_weight
 from validation.build.polyhedra import detection_options
@@ -32,9 +27,6 @@ from validation.errors import InputError
 from validation.run.held_by_friction import MOST_POINTS, motion_words
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
-
-#: Contacts that open by less than this share of the largest slip stay closed.
-_CLOSED = 1e-9
 
 
 @dataclass(frozen=True)
@@ -109,54 +101,6 @@ def squeeze_words(name: str, scene: DeformableScene, assembly: Assembly) -> str 
         return None
     found = squeeze(faces.contacts, frictional, faces.force, answer.forces)
     return f"{found.words}, and the load does not press them" if found.needed else None
-
-
-def sliding_words(name: str, scene: DeformableScene, assembly: Assembly) -> str | None:
-    """Words where own blocks slide from rest although friction could hold them; None elsewhere.
-
-    Friction at its limit against the motion that the load drives without friction leaves the load a
-    part of its work, and every other motion is in balance. Rigid blocks whose joints are pressed
-    together beforehand may carry the same load.
-    """
-    faces, friction = _faces(name, scene, assembly), scene.effects.friction
-    if faces is None or friction is None or not faces.touches:
-        return None
-    motion = newton_equilibrium(faces.contacts.jacobian, faces.force).mechanism
-    if motion is None:
-        return None
-    frictional = frictional_contacts(faces.assembly, faces.contacts, friction.coefficient)
-    left = sliding_share(frictional, faces.force, motion)
-    if left is None:
-        return None
-    words = motion_words(faces.contacts, frictional, motion)
-    return (
-        f"blocks slide from rest ({words}): friction of {friction.coefficient:g} leaves {left:.0%} "
-        "of the load that drives them; only joints pressed together beforehand would carry it "
-        "(`tubelock mbd` with rigid.ranges = true)"
-    )
-
-
-def sliding_share(
-    frictional: FrictionalContacts, force: FloatArray, motion: FloatArray
-) -> float | None:
-    """Part of the driving load that friction at its limit against a motion leaves, 0 to 1.
-
-    Contacts that the motion keeps closed slide, others open. None where friction stops the motion.
-    """
-    relative = frictional.slip(motion)
-    size = np.linalg.norm(relative[:, 1:], axis=1)
-    closed = np.abs(relative[:, 0]) <= _CLOSED * np.abs(relative).max()
-    along = relative[:, 1:] / np.maximum(size, np.finfo(np.float64).tiny)[:, None]
-    unit = np.column_stack([np.ones(len(along)), -frictional.friction * along])
-    columns = frictional.matrix @ block_diag([row[:, None] for row in unit], format="csc")
-    # G λ + f = c · motion with the largest c.
-    equations = np.column_stack([columns.toarray()[:, closed], -motion])
-    price = np.zeros(equations.shape[1])
-    price[-1] = -1.0
-    solved: Any = linprog(price, A_eq=equations, b_eq=-force, bounds=(0.0, None))
-    if solved.status != 0:
-        return None
-    return float(solved.x[-1] * (motion @ motion) / (force @ motion))
 
 
 def require_held_by_faces(name: str, scene: DeformableScene, assembly: Assembly) -> None:

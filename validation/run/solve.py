@@ -31,7 +31,6 @@ from validation.run.friction_path import friction_width, seeks_static_state
 from validation.run.held_by_faces import (
     faces_words,
     require_held_by_faces,
-    sliding_words,
     squeeze_words,
 )
 from validation.run.held_by_friction import require_held_by_friction
@@ -257,7 +256,7 @@ def _floating_named(
     except RefusedError as error:
         why = floating_words(scene, problem.deformable, options) or str(error)
         stated = name, scene, problem.deformable.assembly
-        faces = faces_words(*stated) or squeeze_words(*stated) or sliding_words(*stated)
+        faces = faces_words(*stated) or squeeze_words(*stated)
         if faces:  # then the solver's own remedies do not help
             why = f"{why.partition('; ')[0]}: {faces}"
         raise InputError(f"{name}: {why}") from None
