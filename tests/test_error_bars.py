@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from fem import Problem, concrete
 from fem.accuracy.converge import LEAST_MESHES, MOST_WORK, TARGETS, converge, is_reached
 from fem.accuracy.errors import ALTERNATING, SAFETY, Falls, falling_bar
-from fem.accuracy.ladder import LADDER, PRESSURES, on_mesh, split
+from fem.accuracy.ladder import LADDER, PRESSURES, coarser, on_mesh, split
 from fem.accuracy.statics import solve_static
+from geometry import SineBlock, pipe, tube
 from geometry.answer import WIDEST, Measure
 from tests.verification import error_bars
 from tests.verification.error_problems import Case, cases
@@ -128,3 +131,16 @@ def test_hexahedra_of_ones_own_have_bars_from_a_finer_mesh() -> None:
 def test_boxes_have_bars_where_their_coarser_meshes_do_not_match() -> None:
     found = solve_static(load_scene("column").problem(), mesh="scene")
     assert all(measure.error is not None for measure in found.measures.values())
+
+
+def test_coarser_meshes_keep_the_waves_of_the_faces_that_meet() -> None:
+    """At half the elements every corner of 12 lies at a zero of the sine: the faces were flat."""
+    block = SineBlock(
+        height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
+    )
+    problem = Problem(tube(block, layers=1, mesh=(12, 1, 4)), pipe(0.01), concrete)
+    assert coarser(problem, 0.5) is None
+    found = coarser(problem, 2.0 / 3.0)
+    assert found is not None
+    heights = [np.ptp(p.blocks.shapes[0].mesh.nodes[:, 2]) for p in (problem, found)]
+    assert heights[1] > 0.9 * heights[0]

@@ -134,6 +134,8 @@ def falls_of(name: str) -> Falls:
     return Falls(1.6, 3.2) if name in OF_FACETS else Falls(1.6, 2.0)
 
 
+#: Share of the extent of a face that coarse meshes keep at least; rounding of an extent.
+_LEAST_EXTENT, _SAME = 0.5, 1e-9
 #: Large elements of growing degree, then more of them towards the edges: for stresses there.
 _FIRST = tuple(Rung(degree, 12, 1, 4, 1.0, 20.0) for degree in (2, 3, 4))
 LADDER = Ladder(
@@ -249,7 +251,8 @@ def _meets_alike(blocks: Assembly, meshed: Assembly) -> bool:
 def coarser(problem: Problem, share: float) -> Problem | None:
     """State a problem with about that share of the elements along every edge.
 
-    None where it has no fewer: hexahedra without a family are not joined. Contact is searched where
+    None where it has no fewer: hexahedra without a family are not joined; and where there are
+    too few for the waves of the faces that meet. Contact is searched where
     facets of the coarser meshes do not match.
     """
     shapes = tuple(_with_share(shape, share) for shape in problem.blocks.shapes)
@@ -257,12 +260,22 @@ def coarser(problem: Problem, share: float) -> Problem | None:
         (new.mesh.n_elements, old.mesh.n_elements)
         for new, old in zip(shapes, problem.blocks.shapes, strict=True)
     ]
-    if all(new == old for new, old in counts):
+    lost = any(map(_flattened, shapes, problem.blocks.shapes))
+    if lost or all(new == old for new, old in counts):
         return None
     found = on_mesh(problem, shapes, problem.degree)
     if problem.finite_sliding or _meets_alike(problem.blocks, found.blocks):
         return found
     return replace(found, finite_sliding=True)
+
+
+def _flattened(coarse: Block, block: Block) -> bool:
+    """Whether a coarse mesh misses the waves of a block: half of the extent of a joint face."""
+    for face in block.contact_faces:
+        extent, left = (np.ptp(b.mesh.nodes[b.faces[face]], axis=(0, 1)) for b in (block, coarse))
+        if (left < _LEAST_EXTENT * extent - _SAME * extent.max()).any():
+            return True
+    return False
 
 
 def _with_share(block: Block, share: float) -> Block:
@@ -277,11 +290,11 @@ def _with_share(block: Block, share: float) -> Block:
 
 
 def _fewer(line: FloatArray, parts: int, share: float) -> FloatArray:
-    """Line of equal parts with about a share of its elements, graded alike."""
+    """Line of equal parts with about a share of its elements, graded alike; waves keep two."""
     if (len(line) - 1) % parts:  # stated without the ends of its parts
         parts = 1
     per_part = (len(line) - 1) // parts
-    n = max(1, round(share * per_part))
+    n = max(min(per_part, 2) if parts > 1 else 1, round(share * per_part))
     own = line[: per_part + 1] * parts
     places = np.linspace(0.0, float(per_part), n + 1)
     return repeated(np.interp(places, np.arange(per_part + 1.0), own), parts)
