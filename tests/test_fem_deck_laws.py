@@ -85,9 +85,13 @@ def test_decks_define_the_surfaces_that_they_name(flavour: Flavour, sliding: str
     # Surfaces of a part are named through its instances.
     assert {name.split(".")[-1] if part else name for name in named} <= defined
     held = set(deck.held_blocks.tolist())
-    pairs = contact_patches(deck).pairs
-    assert len(pairs) >= 12
-    assert not any({pair.block_m, pair.block_s} <= held for pair in pairs)
+    found = []
+    for searched in (False, True):  # facets that match, whole faces that face each other
+        pairs = contact_patches(replace(deck, searched=searched)).pairs
+        found.append({frozenset((pair.block_m, pair.block_s)) for pair in pairs})
+        assert not any(pair <= held for pair in found[-1])
+    assert found[0] == found[1]
+    assert len(found[0]) == 20
 
 
 def test_fixed_blocks_are_held_in_every_direction() -> None:
