@@ -58,7 +58,12 @@ SUBJECTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "general contact": (
         ("fem/contact/cuts.py", "fem/contact/search.py"),
-        ("test_fem_contact_cuts.py", "test_fem_sliding_contact.py", "test_fem_static_searched.py"),
+        (
+            "test_fem_contact_bounds.py",
+            "test_fem_contact_cuts.py",
+            "test_fem_sliding_contact.py",
+            "test_fem_static_searched.py",
+        ),
     ),
     "error bars": (
         ("fem/accuracy/errors.py", "fem/accuracy/ladder.py", "fem/accuracy/facets.py"),
