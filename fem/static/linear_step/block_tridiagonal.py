@@ -238,18 +238,23 @@ def _eliminate_leaning(number: int, level: Level) -> _Leant:
     motions = scipy.linalg.lu_solve(factor, level.motions, check_finite=False)
     pushed = level.leaning.motions
     pivot = level.holding + pushed.T @ motions
-    _check_resistance(number, pivot)
+    _check_resistance(number, pivot, symmetric=False)
     return _Leant(factor, motions, pushed, pivot)
 
 
-def _check_resistance(number: int, pivot: FloatArray) -> None:
+def _check_resistance(number: int, pivot: FloatArray, *, symmetric: bool = True) -> None:
     """Reject a motion whose share of the resistance is below `_SMALLEST_PIVOT`."""
     if not len(pivot):
         return
-    scale = np.sqrt(np.abs(np.diag(pivot)))
+    scale = np.sqrt(np.abs(np.diag(pivot)) if not symmetric else np.diag(pivot))
     if (scale > 0.0).all():
-        _, values, vectors = np.linalg.svd(pivot / np.outer(scale, scale))
-        if values[-1] > _SMALLEST_PIVOT * values[0]:
+        scaled = pivot / np.outer(scale, scale)
+        if symmetric:
+            values, vectors = np.linalg.eigh(scaled)
+        else:
+            _, values, rows = np.linalg.svd(scaled)
+            values, vectors = values[::-1], rows[::-1].T
+        if values[0] > _SMALLEST_PIVOT * values[-1]:
             return
-        raise UnresistedMotionError(number, vectors[-1] / scale)
+        raise UnresistedMotionError(number, vectors[:, 0] / scale)
     raise UnresistedMotionError(number, (scale == 0.0).astype(np.float64))
