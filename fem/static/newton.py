@@ -171,16 +171,19 @@ def has_potential(problem: StaticProblem) -> bool:
 def descend(problem: StaticProblem, state: StaticState) -> StaticState:
     """Follow the energy from the equilibrium with reference normals."""
     start = converge(replace(problem, normals=ContactNormals.REFERENCE), state)
-    descent = minimise_energy(
-        problem.system,
-        problem.step,
-        start.displacement,
-        residual=partial(_relative, problem),
-        load_factor=state.load_factor,
-        holding=start.holding,
-        tolerance=problem.tolerance,
-        max_iterations=problem.max_iterations,
-    )
+    try:
+        descent = minimise_energy(
+            problem.system,
+            problem.step,
+            start.displacement,
+            residual=partial(_relative, problem),
+            load_factor=state.load_factor,
+            holding=start.holding,
+            tolerance=problem.tolerance,
+            max_iterations=problem.max_iterations,
+        )
+    except UnheldBlocksError as error:
+        raise StaticError(_unheld_text(error)) from None
     kinematics = problem.kinematics(descent.displacement)
     return replace(
         start,
