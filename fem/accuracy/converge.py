@@ -41,6 +41,8 @@ MOST_WORK = 6e11
 _GENERAL_WORK, _FRICTION_WORK = 12 * 6**3, 1000
 #: Meshes before an error bar is believed: one agreement of two is no convergence.
 LEAST_MESHES = 3
+#: Meshes without which there is no error bar.
+_FOR_BARS = 2
 #: A stress at an edge that changes by more than the first share of its value, and by more than the
 #: second one of the change before, grows.
 _GROWTH, _SLOWING = 0.05, 0.7
@@ -197,35 +199,39 @@ def converge(
     check_refinable(problem)
     options = default_options() if options is None else options
     ladder = ladder_for(targets) if ladder is None else ladder
-    solved: list[Solved] = []
+    # Of earlier meshes only their numbers stay in memory.
+    last: Solved | None = None
+    meshes, values = list[dict[str, Any]](), list[Mapping[str, Measure]]()
     ended, errors = "the finest mesh", dict[str, float]()
     for number, rung in enumerate(ladder.rungs, 1):
         stated = on_rung(problem, rung)
-        why = _beyond(stated, solved, max_seconds, most_work)
+        spent = sum(mesh["cpu_seconds"] for mesh in meshes)
+        left = None if max_seconds is None else max_seconds - spent
+        why = None if number < _FOR_BARS + 1 else _beyond(stated, last, left, most_work)
         if why is not None:
             ended = why
             break
         if progress is not None:
-            progress(_progress(ladder, number, stated, solved, errors))
+            progress(_progress(ladder, number, stated, last, errors))
         try:
-            found = _solve(problem, stated, rung, options, solved[-1] if solved else None)
+            last = _solve(problem, stated, rung, options, last)
         except StaticError:
-            if not solved:
+            if last is None:
                 raise
             ended = "the next mesh, which did not converge"
             break
-        solved.append(found)
-        if len(solved) == 1:
+        meshes.append(_row(last))
+        values.append(last.measures)
+        if number < _FOR_BARS:
             continue
-        errors = bars_of(ladder, [s.measures for s in solved], found.steps)
-        if is_reached(_with_errors(found.measures, errors), targets, len(solved)):
+        errors = bars_of(ladder, values, last.steps)
+        if is_reached(_with_errors(last.measures, errors), targets, number):
             ended = "the requested accuracy"
             break
-    last = solved[-1]
+    assert last is not None
     measures = _with_errors(last.measures, errors)
-    report = _report(solved, measures, _among(targets, measures), ended)
-    remarks = growing([s.measures for s in solved])
-    return Converged(last.problem, last.solution, errors, remarks, last.facets, report)
+    report = _report(meshes, measures, _among(targets, measures), ended)
+    return Converged(last.problem, last.solution, errors, growing(values), last.facets, report)
 
 
 def climbed(
@@ -396,12 +402,11 @@ def work(stated: Problem, symmetry: int) -> float:
 
 
 def _beyond(
-    stated: Problem, solved: list[Solved], seconds: float | None, most_work: float | None
+    stated: Problem, last: Solved | None, left: float | None, most_work: float | None
 ) -> str | None:
-    """Why a mesh is not solved; None where it may be. Without two meshes there is no answer."""
-    if len(solved) < 2:
-        return None
-    static = solved[-1].solution.static
+    """Why a mesh is not solved in the CPU time that is left [s]; None where it may be."""
+    assert last is not None
+    static = last.solution.static
     assert static is not None
     points = _points(stated, static.symmetry)
     if most_work is not None and work(stated, static.symmetry) > most_work:
@@ -409,20 +414,14 @@ def _beyond(
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if 16.0 * (points**2).sum() > _MEMORY_SHARE * memory:
         return "the memory of this machine"
-    if seconds is None:
+    need = _expected_seconds(stated, last)
+    if left is None or need <= left:
         return None
-    left = seconds - sum(s.seconds for s in solved)
-    need = _expected_seconds(stated, solved)
-    if need <= left:
-        return None
-    spent = f"{left:.2g} s remain" if left > 0.0 else "none remains"
-    return f"the limit of CPU time: the next mesh needs about {need:.2g} s, and {spent}"
+    return f"the limit of CPU time: the next mesh needs about {need:.2g} s, and {left:.2g} s remain"
 
 
-def _expected_seconds(stated: Problem, solved: list[Solved]) -> float:
-    last = solved[-1]
-    growth = (_unknowns(stated) / _unknowns(last.problem)) ** _TIME_POWER
-    return growth * last.seconds
+def _expected_seconds(stated: Problem, last: Solved) -> float:
+    return (_unknowns(stated) / _unknowns(last.problem)) ** _TIME_POWER * last.seconds
 
 
 def _unknowns(stated: Problem) -> float:
@@ -434,41 +433,42 @@ def _progress(
     ladder: Ladder,
     number: int,
     stated: Problem,
-    solved: list[Solved],
+    last: Solved | None,
     errors: Mapping[str, float],
 ) -> Progress:
-    before = _with_errors(solved[-1].measures, errors) if solved else {}
-    seconds = _expected_seconds(stated, solved) if solved else 0.0
+    before = {} if last is None else _with_errors(last.measures, errors)
+    seconds = 0.0 if last is None else _expected_seconds(stated, last)
     return Progress(number, len(ladder.rungs), round(_unknowns(stated)), before, seconds)
 
 
 def _report(
-    solved: list[Solved],
+    meshes: list[dict[str, Any]],
     measures: Mapping[str, Measure],
     targets: Mapping[str, float],
     ended: str,
 ) -> dict[str, Any]:
     """What the answer says of its accuracy, as plain data."""
-    missed = unmet(measures, targets)
     return {
         "accuracy": {
             "requested": dict(targets),
             "reached": {name: relative(measures[name]) for name in targets},
-            "not_reached": missed,
+            "not_reached": unmet(measures, targets),
             "ended_by": ended,
         },
-        "degree": solved[-1].rung.degree,
-        "meshes": [
-            {
-                "degree": s.rung.degree,
-                "elements_per_block": s.problem.blocks.shapes[0].mesh.n_elements,
-                "unknowns": s.unknowns,
-                "cpu_seconds": s.seconds,
-                "work": s.work,
-                "measures": {name: measure.value for name, measure in s.measures.items()},
-                "not_resolved": [name for name, m in s.measures.items() if not m.resolved],
-                "load_step_changes": dict(s.steps),
-            }
-            for s in solved
-        ],
+        "degree": meshes[-1]["degree"],
+        "meshes": meshes,
+    }
+
+
+def _row(solved: Solved) -> dict[str, Any]:
+    """What the answer says of a mesh, as plain data."""
+    return {
+        "degree": solved.rung.degree,
+        "elements_per_block": solved.problem.blocks.shapes[0].mesh.n_elements,
+        "unknowns": solved.unknowns,
+        "cpu_seconds": solved.seconds,
+        "work": solved.work,
+        "measures": {name: measure.value for name, measure in solved.measures.items()},
+        "not_resolved": [name for name, m in solved.measures.items() if not m.resolved],
+        "load_step_changes": dict(solved.steps),
     }

@@ -25,6 +25,9 @@ from fem.element.stress import (
 from fem.problem.model import BlockGroup
 from geometry.mesh import FloatArray, ReadOnlyArrays, cross_matrix
 
+#: Copies with elements of a higher degree whose stresses at all points are in memory at once.
+_AT_ONCE = 8
+
 
 @dataclass(frozen=True)
 class Recovered(ReadOnlyArrays):
@@ -122,13 +125,26 @@ def recover(
     """
     local, frames = block_displacements(group, displacement, finite_rotation=finite_rotation)
     if isinstance(group.mesh, LagrangeMesh):
-        bodies = moved_bodies(group, local)
-        at_nodes, inside = nodal_stress_of(bodies), everywhere(bodies).stress
-        return _recovered(at_nodes, inside.reshape(len(local), -1, 6), frames)
+        found = [
+            _of_bodies(group, local[k : k + _AT_ONCE], frames[k : k + _AT_ONCE])
+            for k in range(0, len(local), _AT_ONCE)
+        ]
+        return Recovered(
+            stress=np.concatenate([of.stress for of in found]),
+            principal=np.concatenate([of.principal for of in found]),
+            point_principal=np.concatenate([of.point_principal for of in found]),
+        )
     operator = nodal_stress_operator(group.mesh, group.material, group.element)
     at_nodes = nodal_stress(operator, local)
     at_points = integration_point_stress(group.mesh, group.material, group.element, local)
     return _recovered(at_nodes, at_points, frames)
+
+
+def _of_bodies(group: BlockGroup, local: FloatArray, frames: FloatArray) -> Recovered:
+    """Of some copies with elements of a higher degree."""
+    bodies = moved_bodies(group, local)
+    inside = everywhere(bodies).stress.reshape(len(local), -1, 6)
+    return _recovered(nodal_stress_of(bodies), inside, frames)
 
 
 def _recovered(at_nodes: FloatArray, at_points: FloatArray, frames: FloatArray) -> Recovered:
