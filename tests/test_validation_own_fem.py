@@ -406,6 +406,28 @@ def test_a_panel_of_truncated_tetrahedra_is_held_by_friction(tmp_path: Path) -> 
     assert run.solution.static.residual <= 1e-8
 
 
+@pytest.mark.parametrize(
+    ("family", "size", "friction"),
+    [
+        ("tetrahedra", ("assembly.rows=2", "assembly.columns=2"), 0.6),
+        ("cubes", ("assembly.rings=1", "effects.gravity=[0,0,-9810]"), 0.3),
+        ("octahedra", ("assembly.rings=1", "effects.gravity=[0,0,-9810]"), 0.3),
+    ],
+)
+def test_built_in_panels_stand_under_their_weight(
+    family: str, size: tuple[str, ...], friction: float
+) -> None:
+    """Blocks that gmsh fills or a grid does, whose faces meet in part and whose edges cross: forces
+    of all free blocks balance, and Newton's method takes no more iterations than one joint."""
+    scene = deformable(family, *size)
+    stated = {"effects.friction.coefficient": friction, "fem.degree": 1, "fem.load_steps": 1}
+    found = run_static(family, scene.changed(stated)).solution.static
+    assert found is not None
+    assert found.converged
+    assert found.residual <= 1e-8
+    assert found.newton_iterations <= 30
+
+
 def test_faces_that_slide_on_each_other_press_nowhere(tmp_path: Path) -> None:
     """All four blocks of a panel sink along their faces: those stay in contact, to rounding of the
     file. Edges that cross lay in each other by 0.024 mm, where the law knows no bound."""
