@@ -304,7 +304,7 @@ def _contacts(
     if not len(patches.areas):
         return {}
     return {
-        "pressure": lambda: found.of_patches(index, carried.normal_forces) / patches.areas,
+        "pressure": lambda: found.patch_pressures(index, carried.normal_forces),
         "force": lambda: found.of_patches(index, carried.forces),
         "area": lambda: patches.areas,
         "blocks": lambda: np.column_stack([patches.block_m, patches.block_s]),

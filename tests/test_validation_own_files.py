@@ -351,3 +351,35 @@ def test_repair_writes_what_check_finds_clean(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be repaired"):
         write_repaired(lid, tmp_path / "c.obj", units="mm", up="z")
     assert not (tmp_path / "c.obj").exists()
+
+
+def test_a_sliver_has_no_pressure_of_its_own(tmp_path: Path) -> None:
+    """A ridge 0.01 mm wide beside a face of 100 mm carries what its corner points carry."""
+    block = convex_polyhedron(
+        "block",
+        [[x, y, z] for y in (0, 100) for x, z in ((0, 0), (100, 0), (0, 90), (100, 90))],
+    )
+    # The base has a second plane under the last hundredth of a millimetre, too flat to matter.
+    base = convex_polyhedron(
+        "base",
+        [
+            [x, y, z]
+            for y in (0, 100)
+            for x, z in ((0, 0), (99.99, 0), (100.0, -2e-5), (0, -50), (100.0, -50))
+        ],
+    )
+    assembly = PolyhedralAssembly(
+        name="ridge",
+        shapes=(base, block),
+        shape_of=np.arange(2),
+        rotations=np.tile(np.eye(3), (2, 1, 1)),
+        translations=np.zeros((2, 3)),
+        fixed=np.array([True, False]),
+    )
+    found = assembly.interfaces
+    areas = found.patches.areas
+    assert len(areas) == 2
+    assert areas.min() < 2.0
+    forces = np.arange(1.0, found.n_contacts + 1.0)
+    pressures = found.patch_pressures(np.arange(found.n_contacts), forces)
+    np.testing.assert_allclose(pressures, forces.sum() / areas.sum(), rtol=1e-12)

@@ -34,6 +34,8 @@ CROSSING_EDGES = -1
 STANDING_CORNER = -2
 #: Area that a contact without area stands for, as a part of the mean area of the others.
 _POINT_AREA = 1e-2
+#: Patches smaller than this part of the mean patch of their joint are what clipping left.
+_SLIVER_PATCH = 0.05
 #: Overlaps smaller than this fraction of the smaller triangle are edges that touch.
 _SLIVER = 1e-7
 
@@ -132,6 +134,43 @@ class ContactPoints:
         patch = self.patch[index]
         np.add.at(total, patch[patch >= 0], values[patch >= 0])
         return total
+
+    def patch_pressures(self, index: IntArray, normal_forces: FloatArray) -> FloatArray:
+        """Mean pressure of each patch, (n_patches,) [MPa].
+
+        A patch below `_SLIVER_PATCH` of the mean area of its joint's patches shares the pressure of
+        the nearest one that is not: what clipping leaves has no pressure of its own.
+
+        Parameters
+        ----------
+        index, normal_forces
+            Places of some contacts and their forces, (n,) and (n,) [N].
+        """
+        host, areas = self._hosts, self.patches.areas
+        force = np.bincount(
+            host, weights=self.of_patches(index, normal_forces), minlength=len(areas)
+        )
+        area = np.bincount(host, weights=areas, minlength=len(areas))
+        return (force / np.where(area > 0.0, area, 1.0))[host]
+
+    @cached_property
+    def _hosts(self) -> IntArray:
+        """Patch that each patch shares its pressure with, itself for most; (n_patches,)."""
+        patches = self.patches
+        host = np.arange(len(patches.areas))
+        pairs = np.column_stack([patches.block_m, patches.block_s])
+        _, joint = np.unique(pairs, axis=0, return_inverse=True)
+        joint = joint.ravel()
+        mean = np.bincount(joint, weights=patches.areas) / np.maximum(np.bincount(joint), 1)
+        small = patches.areas < _SLIVER_PATCH * mean[joint]
+        if not small.any():
+            return host
+        middles = self.polygons.patch_centroids
+        for k in np.flatnonzero(small).tolist():
+            others = np.flatnonzero((joint == joint[k]) & ~small)
+            away = np.linalg.norm(middles[others] - middles[k], axis=1)
+            host[k] = others[int(np.argmin(away))]
+        return host
 
     @property
     def of_faces(self) -> ContactPoints:

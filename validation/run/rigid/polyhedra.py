@@ -39,7 +39,7 @@ class PolyhedralRun(RigidAnswer):
     def patch_pressures(self) -> FloatArray:
         """Mean pressure of each patch; zero where nothing holds; (n_patches,) [MPa]."""
         found, index = self.assembly.interfaces, self.result.contact_index
-        return found.of_patches(index, self.carried.normal_forces) / found.patches.areas
+        return found.patch_pressures(index, self.carried.normal_forces)
 
     def _beside(self) -> dict[str, Any]:
         interfaces, faces = self.assembly.interfaces, None
