@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from geometry.assembly import AnyBlocks, AssemblyError
 from geometry.families.masonry import circular_arch, running_bond_wall
 from geometry.families.platonic_layers import cubes_layer, octahedra_layer, tetrahedra_layer
+from geometry.families.versatile_panel import versatile_panel
 from geometry.families.voxels import voxel_assembly
 from geometry.files.block_files import read_blocks
 from geometry.files.named_surfaces import Y_UP
@@ -35,6 +36,7 @@ from validation.scene.polyhedra import (
     PlaceSection,
     PolyhedralScene,
     TetrahedraScene,
+    VersatileScene,
     VoxelScene,
     WallScene,
 )
@@ -52,6 +54,14 @@ _FAMILIES: dict[type, Callable[[Any, DetectionOptions], PolyhedralAssembly]] = {
     ),
     OctahedraScene: lambda s, d: octahedra_layer(s.block.edge, s.assembly.rings, d),
     CubesScene: lambda s, d: cubes_layer(s.block.edge, s.assembly.rings, s.block.arrangement, d),
+    VersatileScene: lambda s, d: versatile_panel(
+        s.block.side,
+        s.block.height,
+        s.assembly.columns,
+        s.assembly.rows,
+        arrangement=s.block.arrangement,
+        detection=d,
+    ),
     WallScene: lambda s, d: running_bond_wall(s.block.size, s.assembly.columns, s.assembly.rows, d),
     ArchScene: lambda s, d: circular_arch(
         s.block.radius,

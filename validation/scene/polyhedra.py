@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 from pydantic import Field
 
 from geometry.assembly import Assembly
+from geometry.families.versatile_panel import PanelArrangement
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement
 from validation.scene.deformable import DeformableSections
 from validation.scene.ranges import ACCELERATION, DENSITY, SIZE
@@ -123,6 +124,26 @@ class OctahedraSection(Section):
     type: Literal["octahedra"]
     edge: Positive
     """[mm]"""
+
+
+class VersatileSection(Section):
+    """``[block] type = "versatile"``: Versatile Blocks."""
+
+    type: Literal["versatile"]
+    side: Positive
+    """Of the square below [mm]."""
+    height: Positive
+    """[mm]"""
+    arrangement: PanelArrangement = PanelArrangement.P1
+    """``p1``: all blocks alike; ``pg``: every other column turned by 90°; ``p4``: four turns round
+    a point."""
+
+
+class VersatileScene(_PolyhedralScene):
+    """A panel of Versatile Blocks."""
+
+    block: VersatileSection
+    assembly: GridSection
 
 
 class RingsSection(Section):
@@ -287,7 +308,14 @@ class MeshScene(_PolyhedralScene):
 
 #: Scenes of triangulated blocks.
 PolyhedralScene: TypeAlias = (
-    TetrahedraScene | OctahedraScene | CubesScene | WallScene | ArchScene | VoxelScene | MeshScene
+    TetrahedraScene
+    | OctahedraScene
+    | CubesScene
+    | VersatileScene
+    | WallScene
+    | ArchScene
+    | VoxelScene
+    | MeshScene
 )
 
 #: Scene class by ``[block] type``.
@@ -295,6 +323,7 @@ POLYHEDRAL_TYPES: dict[str, type[PolyhedralScene]] = {
     "tetrahedra": TetrahedraScene,
     "octahedra": OctahedraScene,
     "cubes": CubesScene,
+    "versatile": VersatileScene,
     "wall": WallScene,
     "arch": ArchScene,
     "voxels": VoxelScene,

@@ -1,0 +1,52 @@
+"""Versatile Blocks: three arrangements of one shape that fill a plate, and lock."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from geometry.errors import RefusedError
+from geometry.families.versatile_panel import PanelArrangement, versatile_block, versatile_panel
+from geometry.polyhedra.overlap import check_assembly
+from mbd import classify, contact_jacobian, generalized_force
+from validation.build.polyhedra import build_body_loads, build_polyhedra
+from validation.scene.read import load_scene
+
+pytestmark = pytest.mark.quick
+
+SIDE, HEIGHT = 300.0, 170.0
+
+
+def test_a_block_is_as_large_as_its_part_of_the_plate() -> None:
+    block = versatile_block(SIDE, HEIGHT)
+    assert block.volume == pytest.approx(SIDE**2 * HEIGHT, rel=1e-12)
+    horizontal = np.abs(block.normals[:, 2]) > 1.0 - 1e-12
+    both = [block.areas[horizontal & (block.normals[:, 2] * way > 0)].sum() for way in (-1, 1)]
+    np.testing.assert_allclose(both, SIDE**2, rtol=1e-12)
+
+
+@pytest.mark.parametrize("arrangement", list(PanelArrangement))
+def test_free_blocks_touch_with_all_of_their_sides(arrangement: PanelArrangement) -> None:
+    panel = versatile_panel(SIDE, HEIGHT, 3, 2, arrangement=arrangement)
+    check_assembly(panel)
+    block = versatile_block(SIDE, HEIGHT)
+    sides = block.areas[np.abs(block.normals[:, 2]) < 1.0 - 1e-12].sum()
+    faces = panel.with_faces_alone()
+    np.testing.assert_allclose(faces.eligible_areas()[~panel.fixed], sides, rtol=1e-6)
+
+
+@pytest.mark.parametrize("arrangement", ["p1", "pg", "p4"])
+def test_the_scene_is_interlocked_by_its_faces_in_every_arrangement(arrangement: str) -> None:
+    settings = (f"block.arrangement={arrangement}", "assembly.columns=2", "assembly.rows=2")
+    file = load_scene("versatile", settings)
+    panel = build_polyhedra(file.scene, file.folder).with_faces_alone()  # type: ignore[arg-type]
+    load = build_body_loads(file.scene.load, panel).load_case(panel)  # type: ignore[arg-type]
+    contacts = contact_jacobian(panel, panel.fixed)
+    force = generalized_force(panel, load, contacts.free_blocks, contacts.length)
+    assert classify(contacts.jacobian, force).locked
+
+
+@pytest.mark.parametrize("wrong", [(0.0, 1.0, 1, 1), (1.0, -1.0, 1, 1), (1.0, 1.0, 0, 1)])
+def test_panels_that_cannot_be_built(wrong: tuple[float, float, int, int]) -> None:
+    with pytest.raises(RefusedError, match="expected"):
+        versatile_panel(*wrong)
