@@ -44,6 +44,8 @@ _BEFORE_EDGES = 0.34
 OF_FACETS = frozenset({"p_eff", "p_max", "p_max_facet"})
 #: Part of the largest last change that a local value is not known better than.
 SHARED = 0.3
+#: The same of means over facets, which elements in one direction alone may not change.
+SHARED_OF_FACETS = 0.1
 #: Stresses below this share of the largest one need no finer mesh [-].
 NEGLIGIBLE = 1e-3
 #: Elements along a wave at least.
@@ -95,17 +97,20 @@ class Ladder:
         """Estimated errors of the measures of the last of its first two rungs or more.
 
         A value that a few elements decide has a bar of `SHARED` of the largest last change at
-        least, relative to each value, of the displacement, p_eff and values of its kind: one that
-        hardly changed while others did agrees by chance. Where the last rungs have equally many
-        elements between the upper and lower faces, stresses at an edge have a bar of
-        `_BEFORE_EDGES` of their value at least: nothing else shows what the mesh hides there.
+        least, relative to each value, of the displacement, p_eff and values of its kind, a mean
+        over facets of `SHARED_OF_FACETS`: one that hardly changed while others did agrees by
+        chance. Where the last rungs have equally many elements between the upper and lower faces,
+        stresses at an edge have a bar of `_BEFORE_EDGES` of their value at least: nothing else
+        shows what the mesh hides there.
         """
         last, before = found[-1], found[-2]
         bars = {
             name: falling_bar([measures[name].value for measures in found], falls_of(name))
             for name in last
         }
-        least = dict.fromkeys(LOCAL, SHARED * _largest_change(before, last))
+        change = _largest_change(before, last)
+        least = dict.fromkeys(LOCAL, SHARED * change)
+        least |= dict.fromkeys(OF_FACETS, SHARED_OF_FACETS * change)
         if len({rung.upward for rung in self.rungs[max(0, len(found) - 3) : len(found)]}) == 1:
             least |= dict.fromkeys(AT_EDGES, _BEFORE_EDGES)
         for name in least.keys() & last.keys():
