@@ -383,3 +383,27 @@ def test_a_sliver_has_no_pressure_of_its_own(tmp_path: Path) -> None:
     forces = np.arange(1.0, found.n_contacts + 1.0)
     pressures = found.patch_pressures(np.arange(found.n_contacts), forces)
     np.testing.assert_allclose(pressures, forces.sum() / areas.sum(), rtol=1e-12)
+
+
+def _facets(at: float, *, indent: str = "") -> str:
+    """Twelve triangles of a box of 10 mm, as text."""
+    lines = []
+    for a, b, c, d in _SIDES:
+        for corners in ((a, b, c), (a, c, d)):
+            lines += ["facet normal 0 0 0", "outer loop"]
+            lines += ["vertex {} {} {}".format(*(10 * _CORNERS[k] + [at, 0, 0])) for k in corners]
+            lines += ["endloop", "endfacet"]
+    return "\n".join(indent + line for line in lines)
+
+
+def test_stl_as_text_of_any_writer_and_its_names(tmp_path: Path) -> None:
+    one = f"solid a b\r\n{_facets(0.0, indent='  ')}\n\nendsolid a b\n"
+    two = f"solid right\n{_facets(30.0)}\nendsolid right\n"
+    (tmp_path / "two.stl").write_text(one + two, newline="")
+    blocks = read_blocks(tmp_path / "two.stl")
+    assert [block.given_name for block in blocks] == ["a b", "right"]
+    np.testing.assert_allclose([block.volume for block in blocks], 1000.0, rtol=1e-12)
+    for cut in (len(one) + 40, len(one) + len(two) - 20):
+        (tmp_path / "cut.stl").write_text((one + two)[:cut], newline="")
+        with pytest.raises(RefusedError, match="cut short|expected vertex"):
+            read_blocks(tmp_path / "cut.stl")

@@ -15,6 +15,7 @@ from geometry.files.mesh_io import read_any_mesh
 from geometry.files.named_surfaces import OWN_UNITS, READERS, NamedSurface, read_named
 from geometry.files.obj import read_obj
 from geometry.files.repair import repaired, turned_alike
+from geometry.files.stl import is_text, read_stl_text
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray, MeshError, check_mesh
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.polyhedron import (
@@ -323,9 +324,9 @@ def _solids(
             _Solid(f"{path.name}{f' part {k}' if several else ''}", points, triangles)
             for k, (_, points, triangles) in enumerate(found)
         ], False
-    if suffix in SURFACES_ALONE:
-        surfaces = read_obj(path) if suffix == ".obj" else read_named(path)
-        straightened = False
+    straightened = False
+    surfaces = _named_surfaces(path, suffix)
+    if surfaces:
         for surface in surfaces:
             _check_finite(path, surface.points)
         parts = _closed_or_whole(path, surfaces)
@@ -342,6 +343,15 @@ def _solids(
             for k, solid in enumerate(solids)
         ]
     return solids, straightened
+
+
+def _named_surfaces(path: Path, suffix: str) -> list[NamedSurface]:
+    """Surfaces of a format that names them; none of others."""
+    if suffix == ".obj":
+        return read_obj(path)
+    if suffix == ".stl" and unreadable(path) is None and is_text(path):
+        return read_stl_text(path)
+    return read_named(path) if suffix in READERS else []
 
 
 _Part = tuple[NamedSurface, FloatArray, IntArray]
