@@ -39,6 +39,10 @@ MOST_WORK = 6e11
 #: point, about twelve times. With friction ten iterations for each of seven parts of the load:
 #: a thousand times the work where facets match, ten times that of the general solver elsewhere.
 _GENERAL_WORK, _FRICTION_WORK = 12 * 6**3, 1000
+#: Where the second mesh takes this many times the work, none is solved: an error bar needs two.
+FAR_BEYOND = 20.0
+#: Of a shape without a grid, for the square of its unknowns.
+_SHAPE_WORK = 200.0
 #: Meshes before an error bar is believed: one agreement of two is no convergence.
 LEAST_MESHES = 3
 #: Meshes without which there is no error bar.
@@ -198,7 +202,7 @@ def converge(
     """
     check_refinable(problem)
     options = default_options() if options is None else options
-    ladder = ladder_for(targets) if ladder is None else ladder
+    ladder = ladder_for(targets, problem) if ladder is None else ladder
     # Of earlier meshes only their numbers stay in memory.
     last: Solved | None = None
     meshes, values = list[dict[str, Any]](), list[Mapping[str, Measure]]()
@@ -307,6 +311,10 @@ def check_refinable(problem: Problem) -> None:
 
 def why_not_refined(problem: Problem) -> str | None:
     """What stands against refining the mesh of a problem; None where nothing does."""
+    if problem.deformable.contact.finite_sliding:
+        second = on_rung(problem, ladder_for(TARGETS, problem).rungs[_FOR_BARS - 1])
+        if work(second, 1) > FAR_BEYOND * MOST_WORK:
+            return "general contact of so many facets that a second mesh takes minutes"
     if problem.blocks.image_of is not None:
         return "a periodic cell"
     if problem.load_case.without_couple:
@@ -382,9 +390,23 @@ def _with_errors(
     return {name: replace(m, error=errors.get(name)) for name, m in measures.items()}
 
 
+def searched_points(blocks: Assembly, degree: int) -> FloatArray:
+    """Half of the outer points of the free blocks of each layer, (n_layers,)."""
+    free = blocks.free_blocks
+    outer = [len(blocks.shape(block).contact_quads) for block in free.tolist()]
+    return 0.5 * degree**2 * np.bincount(blocks.layer[free], weights=outer).astype(np.float64)
+
+
+def searched_work(points: FloatArray, *, friction: bool) -> float:
+    """Work of general contact of so many points of each layer, as in `MOST_WORK`."""
+    return float((points**3).sum()) * _GENERAL_WORK * (10 if friction else 1)
+
+
 def _points(stated: Problem, symmetry: int) -> FloatArray:
-    """Contact points of each layer of a sector."""
+    """Contact points of each layer of a sector; half of its outer ones where they are searched."""
     deformable = stated.deformable
+    if deformable.contact.finite_sliding:
+        return searched_points(stated.blocks, stated.degree) / symmetry
     surfaces = deformable.surfaces
     layer = deformable.assembly.layer
     low = np.minimum(layer[surfaces.block_m], layer[surfaces.block_s])
@@ -393,12 +415,20 @@ def _points(stated: Problem, symmetry: int) -> FloatArray:
 
 
 def work(stated: Problem, symmetry: int) -> float:
-    """Sum of the cubes of the contact points of each layer of a sector: what a mesh costs."""
-    of_points = float((_points(stated, symmetry) ** 3).sum())
-    general, friction = stated.deformable.contact.finite_sliding, stated.friction is not None
-    if general:
-        return of_points * _GENERAL_WORK * (10 if friction else 1)
-    return of_points * (_FRICTION_WORK if friction else 1)
+    """Sum of the cubes of the contact points of each layer of a sector: what a mesh costs.
+
+    Shapes without a grid are condensed by a factorisation that costs about the square of their
+    unknowns.
+    """
+    points, friction = _points(stated, symmetry), stated.friction is not None
+    of_shapes = 0.0
+    free = {int(k) for k in stated.blocks.shape_of[~stated.blocks.fixed]}
+    for shape in (stated.blocks.shapes[k] for k in free):
+        if shape.charts is None:
+            of_shapes += _SHAPE_WORK * (3.0 * shape.mesh.n_elements * stated.degree**3) ** 2
+    if stated.deformable.contact.finite_sliding:
+        return searched_work(points, friction=friction) + of_shapes
+    return float((points**3).sum()) * (_FRICTION_WORK if friction else 1) + of_shapes
 
 
 def _beyond(

@@ -172,12 +172,19 @@ DEGREES = Ladder(
 )
 
 
-def ladder_for(targets: Iterable[str]) -> Ladder:
-    """Ladder that serves some measures best."""
+def ladder_for(targets: Iterable[str], problem: Problem | None = None) -> Ladder:
+    """Ladder that serves some measures best, of a problem where it is known.
+
+    Hexahedra without a grid are first solved with degree 1: they are many, and cost more with
+    every degree than those of a grid.
+    """
     requested = frozenset(targets)
+    found = LADDER if requested & set(AT_EDGES) else PRESSURES
     if requested <= INTEGRALS | OF_FACETS:
-        return DEGREES
-    return LADDER if requested & set(AT_EDGES) else PRESSURES
+        found = DEGREES
+    if problem is not None and any(shape.charts is None for shape in problem.blocks.shapes):
+        return Ladder((replace(found.rungs[0], degree=1), *found.rungs))
+    return found
 
 
 def graded_to_one_end(n: int, grading: float) -> FloatArray:

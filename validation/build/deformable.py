@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from fem.accuracy.converge import FAR_BEYOND, MOST_WORK, searched_points, searched_work
 from fem.assembly.deformable import DeformableAssembly, Frames
 from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
@@ -175,11 +176,16 @@ def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCas
 def element_degree(scene: DeformableScene, assembly: Assembly) -> int:
     """Degree of the elements of a scene on one mesh: of tetrahedra split into hexahedra 2.
 
-    The scene may state another, or a kind of elements of degree 1; explicit runs have degree 1.
+    The scene may state another, or a kind of elements of degree 1; explicit runs have degree 1, and
+    so has general contact of so many facets that degree 2 takes minutes.
     """
     split = any(shape.tetrahedra is not None for shape in assembly.shapes)
     stated = scene.fem.model_fields_set & {"degree", "element"}
-    return 2 if split and not stated and scene.fem.method is Method.STATIC else scene.fem.degree
+    if not split or stated or scene.fem.method is not Method.STATIC:
+        return scene.fem.degree
+    friction = build_friction(scene.effects) is not None
+    need = searched_work(searched_points(assembly, 2), friction=friction)
+    return 2 if need <= FAR_BEYOND * MOST_WORK else scene.fem.degree
 
 
 def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -> Problem:

@@ -45,7 +45,7 @@ def parse_targets(texts: list[str]) -> dict[str, float]:
 
 def states_its_mesh(fem: FemSection) -> bool:
     """Whether a scene states the elements that it is solved with."""
-    return fem.degree > 1 or "element" in fem.model_fields_set
+    return not fem.model_fields_set.isdisjoint(("degree", "element"))
 
 
 def check_request(name: str, scene: DeformableScene, targets: Mapping[str, float]) -> None:
