@@ -17,7 +17,7 @@ from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import ContactPlacement, DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
-from mbd import block_measures, contact_jacobian, force_range, newton_equilibrium
+from mbd import block_measures, contact_jacobian, newton_equilibrium
 from mbd.force_range import PlaneProblem, force_ranges, plane_problem
 from mbd.friction import FrictionError, frictional_contacts
 from mbd.margin import held_against
@@ -257,27 +257,6 @@ def test_what_acts_out_of_the_plane_is_no_plane_problem(component: int) -> None:
             continue
         with pytest.raises(FrictionError, match="out of the plane"):
             plane.load(load.ravel())
-
-
-def test_programs_that_start_from_few_contacts_find_the_same_ranges(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Contacts that promise a wider range are taken in until none does."""
-    wall = running_bond_wall((200.0, 100.0, 80.0), 3, 3)
-    contacts = contact_jacobian(wall)
-    load = np.zeros((len(contacts.free_blocks), 6))
-    load[:, 2] = -wall.volumes[contacts.free_blocks]
-    load /= np.linalg.norm(load)
-    shown = newton_equilibrium(contacts.jacobian, load.ravel()).forces
-    whole = force_ranges(contacts, load.ravel(), shown)
-    monkeypatch.setattr(force_range, "_FEW", 0)
-    few = force_ranges(contacts, load.ravel(), shown)
-    assert whole is not None
-    assert few is not None
-    assert whole.undetermined.any()
-    # Programs are solved to 1e-7 of a load of one.
-    np.testing.assert_allclose(few.least, whole.least, atol=1e-6)
-    np.testing.assert_allclose(few.largest, whole.largest, atol=1e-6)
 
 
 def test_a_keystone_between_abutments_can_be_prestressed_by_friction_alone() -> None:

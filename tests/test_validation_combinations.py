@@ -95,7 +95,7 @@ def test_friction_that_closes_a_clearance_is_loaded_in_steps() -> None:
     """One step counts slip before touch as stick, so friction holds where nothing pressed yet."""
     pillar = ("contact.clearance=0.05", "effects.friction.coefficient=0.3")
     gap = run_static("gap", scene_of(*pillar, case="tsb1-pillar"))
-    assert gap.solution.static.load_steps == 16
+    assert gap.solution.static.load_steps > 1
     one = run_static("one", scene_of(*pillar, "fem.load_steps=1", case="tsb1-pillar"))
     # Slip that nothing resisted dissipates nothing: finer loading loses less.
     lost = [run.solution.static.frictional_dissipation for run in (gap, one)]

@@ -172,12 +172,12 @@ def _misspelt(problem: Any, problems: list[Any]) -> tuple[int | str, ...] | None
 
 
 def _first(problems: list[Any]) -> Any:
-    """The problem to tell: a key that is misspelt explains why another one is missing."""
-    if problems[0]["type"] == "missing":
-        for problem in problems:
-            if _misspelt(problem, problems) is not None:
-                return problem
-    return problems[0]
+    """The problem to tell: unknown keys before missing ones, most of all those that explain one."""
+    if problems[0]["type"] != "missing":
+        return problems[0]
+    unknown = [problem for problem in problems if problem["type"] == "extra_forbidden"]
+    unknown.sort(key=lambda problem: _misspelt(problem, problems) is None)
+    return (unknown or problems)[0]
 
 
 def _some(words: list[str]) -> str:

@@ -71,9 +71,9 @@ def _export_blocks(file: SceneFile, output: Path) -> None:
     from validation.output.outputs import Outputs
     from validation.scene.polyhedra import PolyhedralScene
 
-    if output.suffix.lower() not in SOLID_SUFFIXES:
-        raise InputError(f"-o {output}: expected a name that ends in .inp, .obj or .json")
     with Outputs(files={"-o": output}, scene=file) as outputs:
+        if output.suffix.lower() not in SOLID_SUFFIXES:
+            raise InputError(f"-o {output}: expected a name that ends in .inp, .obj or .json")
         if isinstance(file.scene, PolyhedralScene):
             placed = build_polyhedra(file.scene, file.folder)
         else:
