@@ -28,7 +28,7 @@ import scipy.sparse as sp
 from geometry.mesh import FloatArray, IntArray
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
-from mbd.force_range import least_forces
+from mbd.force_range import DETERMINED, least_forces
 from mbd.friction import FrictionalContacts, solve_conic
 from mbd.options import FrictionLaw
 
@@ -51,7 +51,7 @@ class Squeeze:
     """Whether joints must be pressed beforehand; None where the limits did not settle, or there
     are more than `MOST_CONTACTS`."""
     blocks: tuple[int, int] | None = None
-    """The two blocks that need the largest force between them."""
+    """The two blocks that need the largest force between them; None where no single joint does."""
     least: float = 0.0
     """Least normal force between them over all admissible states [N]."""
     programs: int
@@ -64,7 +64,7 @@ class Squeeze:
             return "undecided whether the load itself presses the joints"
         if not self.needed:
             return ""
-        press = "held only if joints are pressed beforehand"
+        press = "no state found that the load presses: held only if joints are pressed beforehand"
         if self.blocks is None:
             return press
         m, s = self.blocks
@@ -161,7 +161,8 @@ def _most_missing(
     short = np.bincount(of.ravel(), weights=missing, minlength=len(joints))
     asked: IntArray = np.argsort(-short, kind="stable")[:_MOST_JOINTS]
     least = least_forces(contacts, load, frictional, asked)
-    if np.isnan(least).all():
+    # Where each joint may be open in one state or another, no single one needs a force.
+    if not (least > DETERMINED * np.linalg.norm(load)).any():
         return None, 0.0
     k = int(np.nanargmax(least))
     m, s = joints[asked[k]].tolist()
