@@ -407,3 +407,19 @@ def test_stl_as_text_of_any_writer_and_its_names(tmp_path: Path) -> None:
         (tmp_path / "cut.stl").write_text((one + two)[:cut], newline="")
         with pytest.raises(RefusedError, match=r"cut short|expected vertex"):
             read_blocks(tmp_path / "cut.stl")
+
+
+def test_the_density_of_the_material_is_that_of_the_weight(tmp_path: Path) -> None:
+    """A scene has one weight, whoever asks; two densities are rejected by both."""
+    file = scene_of(obj(tmp_path / "a.obj", STACK), "fixed = [0]")
+    text = file.read_text().replace("density = 2.4e-9\n", "")
+    material = "[material]\ndensity = 7.85e-9\nyoung_modulus = 2.1e5\npoisson_ratio = 0.3\n"
+    file.write_text(text + "\n" + material)
+    loaded = load_scene(str(file))
+    run = run_polyhedra(loaded, loaded.scene)  # type: ignore[arg-type]
+    weight = 7.85e-9 * 2e6 * 9810.0
+    assert run.carried.normal_forces.sum() == pytest.approx(weight, rel=1e-9)
+    file.write_text(text + "\ndensity = 2.4e-9\n" + material)
+    twice = load_scene(str(file))
+    with pytest.raises(RefusedError, match="expected one density"):
+        run_polyhedra(twice, twice.scene)  # type: ignore[arg-type]

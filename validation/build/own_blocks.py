@@ -170,6 +170,22 @@ def refuse_two_weights(scene: PolyhedralScene, name: str) -> None:
         )
 
 
+def refuse_two_densities(scene: PolyhedralScene, name: str) -> None:
+    """Reject loads and a material that state different densities.
+
+    Raises
+    ------
+    InputError
+        With both.
+    """
+    density = scene.material.density
+    if "density" in scene.load.model_fields_set and scene.load.density != density:
+        raise InputError(
+            f"{name}: load.density is {scene.load.density:g} and material.density {density:g} "
+            "t/mm³; expected one density: remove load.density"
+        )
+
+
 def own_load(scene: PolyhedralScene, name: str, assembly: Assembly) -> LoadCase:
     """Loads on whole blocks, with the density of the material.
 
@@ -180,11 +196,7 @@ def own_load(scene: PolyhedralScene, name: str, assembly: Assembly) -> LoadCase:
     """
     density = scene.material.density
     refuse_two_weights(scene, name)
-    if "density" in scene.load.model_fields_set and scene.load.density != density:
-        raise InputError(
-            f"{name}: load.density is {scene.load.density:g} and material.density {density:g} "
-            "t/mm³; expected one density: remove load.density"
-        )
+    refuse_two_densities(scene, name)
     bodies = assembly
     if scene.fem.degree > 1:
         # Blocks of curved elements weigh what is within their curved faces.

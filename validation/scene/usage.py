@@ -6,7 +6,7 @@ the answer. It is named, in words and in the data.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -88,12 +88,20 @@ class KeyUse:
             given = name in self.scene.model_fields_set
             if not given and words and self._reads(section, *type(section).model_fields):
                 found[name] = words
+            # A material that is stated gives the density of loads, too.
+            stated = section.model_fields_set | set(self._of_material())
             for key in section.weighty:
-                if given and key not in section.model_fields_set and self._reads(section, key):
+                if given and key not in stated and self._reads(section, key):
                     unit = unit_of(field_docstrings(type(section))[key])
                     value = f"{section.__dict__[key]:g}"
                     found[f"{name}.{key}"] = value if unit is None else f"{value} {unit.name}"
         return found
+
+    def _of_material(self) -> Iterable[str]:
+        """Keys of the material, where the scene states one."""
+        if "material" not in self.scene.model_fields_set:
+            return ()
+        return type(self.scene.__dict__["material"]).model_fields
 
     def _reads(self, section: BaseModel, *keys: str) -> bool:
         return any((type(section), key) in self._read for key in keys)

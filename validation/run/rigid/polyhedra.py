@@ -15,7 +15,7 @@ from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from mbd import Classification, classify, contact_jacobian, generalized_force
 from mbd.answer import certificate_report
 from validation.build.doubts import doubts
-from validation.build.own_blocks import refuse_two_weights
+from validation.build.own_blocks import refuse_two_densities, refuse_two_weights
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
 from validation.run.rigid.answer import RigidAnswer
 from validation.run.stages import stages
@@ -124,12 +124,13 @@ def class_by_faces(run: PolyhedralRun) -> Classification:
 
 
 def _body_load(name: str, scene: PolyhedralScene) -> BodyLoadSection:
-    """Loads on whole blocks; scenes may state the weight among the effects."""
-    if scene.effects.gravity is None:
-        return scene.load
-    refuse_two_weights(scene, name)
-    stated: dict[str, Any] = {"gravity": scene.effects.gravity}
-    if "material" in scene.model_fields_set or "density" not in scene.load.model_fields_set:
+    """Loads on whole blocks, with the density of the material where the scene states one."""
+    stated: dict[str, Any] = {}
+    if scene.effects.gravity is not None:  # scenes may state the weight among the effects
+        refuse_two_weights(scene, name)
+        stated["gravity"] = scene.effects.gravity
+    if "material" in scene.model_fields_set:
+        refuse_two_densities(scene, name)
         stated["density"] = scene.material.density
     return scene.load.changed(stated)
 
