@@ -343,8 +343,9 @@ class Problem:
         for name in ("finite_sliding", "finite_rotation"):
             if getattr(self, name):
                 raise ProblemError(
-                    f"{name}: got True; the rigid-block analysis assumes small motions: "
-                    "remove it (dataclasses.replace)"
+                    f"{name}: got True; the rigid-block analysis assumes small motions and facets "
+                    "that match: where they do, remove it (dataclasses.replace); `tubelock mbd` "
+                    "finds the contacts of others"
                 )
         self.refuse_motion()
         if self.acceleration is None:
