@@ -133,6 +133,7 @@ def _facets_of(solution: Solution) -> dict[str, Callable[[], Array]]:
         "pressure": lambda: state.pressures,
         "force": lambda: state.forces,
         "gap": lambda: -state.deepest,
+        "slip": lambda: state.slips,
     }
     if state.interface is not None:
         found = values | interface_contacts(assembly, state.interface)

@@ -155,6 +155,7 @@ UNITS = {
     "corners": "mm",
     "force": "N",
     "gap": "mm",
+    "slip": "mm",
     "mechanism": "-",
 }
 
@@ -259,7 +260,8 @@ class Answer:
     `Block.contact_quads`, -1 where a search found none, and its face, ``side`` (n, 2),
     ``centroid`` (n, 3) [mm], ``normal`` (n, 3) from the first block to the second one, ``corners``
     (n, 4, 3) [mm]. Of facets that were solved also the ``force`` on the second block, (n, 3) [N],
-    and of deformable blocks the smallest ``gap`` [mm]. Flat patches of triangulated blocks have no
+    and of deformable blocks the smallest ``gap`` [mm], positive where the facet is open, and the
+    ``slip`` of the second block along the facet, relative to the first, (n, 3) [mm]. Flat patches of triangulated blocks have no
     layer, facet, side and corners. Empty where blocks do not meet."""
     reported: Callable[[], dict[str, Any]]
     """Makes `report`."""

@@ -172,12 +172,25 @@ class JointResultants(ReadOnlyArrays):
     """F, (n_joints, 3) [N]."""
     moments: FloatArray
     """M about the centroid, (n_joints, 3) [N mm]."""
+    smallest_gap: FloatArray | None = None
+    """Of deformable blocks, positive where open: negative is penetration; (n_joints,) [mm]."""
+    largest_gap: FloatArray | None = None
+    """The same, (n_joints,) [mm]."""
+    largest_slip: FloatArray | None = None
+    """Of deformable blocks, size of the displacement of block s along the joint relative to block
+    m, (n_joints,) [mm]."""
     without_friction: bool = False
     """Whether friction acts that these forces leave out: they come from contact pressures alone."""
 
     def name(self, resultant: str) -> str:
         """Name of a resultant in files: ``force``, or ``force_without_friction``."""
         return f"{resultant}_without_friction" if self.without_friction else resultant
+
+    @property
+    def motion(self) -> dict[str, FloatArray]:
+        """Gaps and slip by name, (n_joints,) each [mm]; nothing for rigid blocks."""
+        names = ("smallest_gap", "largest_gap", "largest_slip")
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
     @property
     def normal_force(self) -> FloatArray:
@@ -221,7 +234,8 @@ class JointResultants(ReadOnlyArrays):
         that of the contact area; ``normal`` points from the first to the second. ``normal_force``
         is positive where blocks press and acts at ``point``, ``eccentricity`` from the centroid.
         Lengths in mm, forces in N, moments in N mm, world axes. Where friction acts and is left
-        out, the names of all that follows from forces end in ``_without_friction``.
+        out, the names of all that follows from forces end in ``_without_friction``. Deformable
+        blocks have ``smallest_gap``, ``largest_gap`` and ``largest_slip`` as well.
         """
         resultants = {
             "force": self.forces,
@@ -237,6 +251,7 @@ class JointResultants(ReadOnlyArrays):
             "centroid": self.centroids,
             "normal": self.normals,
             "area": self.areas,
+            **self.motion,
         }
         return [
             {

@@ -139,7 +139,8 @@ def test_the_field_that_is_written_carries_the_load(tmp_path: Path) -> None:
     assert len(answer["joints"]) == 8
     keys = set(answer["joints"][0])
     pressed = run_static("column", column(0.01))  # type: ignore[arg-type]
-    assert set(pressed.answer.as_dict()["joints"][0]) == keys
+    motion = {"smallest_gap", "largest_gap", "largest_slip"}  # rigid blocks do not move
+    assert set(pressed.answer.as_dict()["joints"][0]) == keys | motion
 
 
 def test_an_attempt_that_failed_is_no_field(tmp_path: Path) -> None:

@@ -13,7 +13,13 @@ import numpy as np
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import Orbits
 from fem.contact.law import ContactLaw, ExponentialLaw
-from fem.contact.search import BlockSurface, FacingPoints, SearchedSurfaces, closest_points
+from fem.contact.search import (
+    BlockSurface,
+    FacingPoints,
+    PointsOnFacets,
+    SearchedSurfaces,
+    closest_points,
+)
 from fem.contact.surfaces import (
     ContactSurfaces,
     corner_overclosures,
@@ -152,6 +158,9 @@ class ContactState(ReadOnlyArrays):
     """(n_points,) [MPa]"""
     point_overclosures: FloatArray
     """(n_points,) [mm]"""
+    point_slips: FloatArray
+    """Displacement of block s along the facet, relative to block m, world axes, (n_points, 3) [mm]:
+    of points that coincided as built, or in a search of the points that face each other now."""
     corner_overclosures: FloatArray | None = None
     """Where matched facets are looked at for peaks, at corners of bilinear ones, (n_facets, n)
     [mm]; None where a search found them."""
@@ -203,6 +212,11 @@ class ContactState(ReadOnlyArrays):
         """Normals from m to s, weighted by area, unit length, (n_facets, 3)."""
         mean = self._of_facets(self.point_areas[:, None] * self.normals)
         return mean / np.linalg.norm(mean, axis=1, keepdims=True)
+
+    @cached_property
+    def slips(self) -> FloatArray:
+        """Slips of the points, weighted by area, (n_facets, 3) [mm]."""
+        return self._of_facets(self.point_areas[:, None] * self.point_slips) / self.areas[:, None]
 
     def _of_facets(self, values: FloatArray) -> FloatArray:
         """Sum of the values of the points of each facet, (n_facets, 3)."""
@@ -323,6 +337,7 @@ def matched_state(
         point_areas=surfaces.weights.ravel(),
         point_pressures=pressures.ravel(),
         point_overclosures=overclosures.ravel(),
+        point_slips=_along(basis.difference @ moved, normals).reshape(-1, 3),
         corner_overclosures=corner_overclosures(surfaces, moved, deformable.contact.normals),
     )
 
@@ -349,6 +364,7 @@ def searched_state(points: FacingPoints, law: ContactLaw, clearance: float) -> C
     master, slave = master[near], slave[near]
     position, gap, normal = position[near], gap[near], normal[near]
     overclosure = -gap - clearance
+    slips = _searched_slips(points, found)[near]
     key = np.column_stack([block[master], block[slave], slave])
     entries, which = np.unique(key, axis=0, return_inverse=True)
     which = which.ravel()
@@ -363,8 +379,29 @@ def searched_state(points: FacingPoints, law: ContactLaw, clearance: float) -> C
         point_areas=weights[near],
         point_pressures=law.pressure(overclosure),
         point_overclosures=overclosure,
+        point_slips=slips,
         position_s=points.facet_position[points.pieces * entries[:, 2]] // points.pieces,
     )
+
+
+def _along(vectors: FloatArray, normals: FloatArray) -> FloatArray:
+    """Parts of vectors in the planes of unit normals, (..., 3) each."""
+    return vectors - np.einsum("...i,...i->...", vectors, normals)[..., None] * normals
+
+
+def _searched_slips(points: FacingPoints, found: PointsOnFacets) -> FloatArray:
+    """How far the points that face each other now were apart along the facet, (n_points, 3) [mm].
+
+    Positions before any displacement: a motion that two blocks share is no slip, however large.
+    """
+    reference = np.concatenate([surface.reference for surface in points.surfaces])
+    master, slave = points.whole[found.facet], points.whole[found.slave]
+    values, slopes = facet_functions(found.xi, master.shape[1])
+    here = np.einsum("pa,pai->pi", found.shapes, reference[slave])
+    there = np.einsum("pa,pai->pi", values, reference[master])
+    first, second = np.moveaxis(np.einsum("pak,pai->pki", slopes, reference[master]), 1, 0)
+    normal = np.cross(first, second)
+    return _along(there - here, normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
 
 def _faced_parts(

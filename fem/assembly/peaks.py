@@ -398,11 +398,25 @@ def joint_forces(state: ContactState, *, friction: bool = False) -> JointResulta
     """
     m, s = state.block_m[state.facet], state.block_s[state.facet]
     onwards = np.where(s > m, 1.0, -1.0)[:, None]
+    pairs = np.column_stack([np.minimum(m, s), np.maximum(m, s)])
     found = summed_by_joint(
-        np.column_stack([np.minimum(m, s), np.maximum(m, s)]),
+        pairs,
         points=state.positions,
         normals=onwards * state.normals,
         areas=state.point_areas,
         forces=onwards * state.point_forces,
     )
-    return replace(found, without_friction=friction)
+    _, joint = np.unique(pairs, axis=0, return_inverse=True)
+
+    def largest(values: FloatArray) -> FloatArray:
+        most = np.full(len(found.block_m), -np.inf)
+        np.maximum.at(most, joint.ravel(), values)
+        return most
+
+    return replace(
+        found,
+        smallest_gap=-largest(state.point_overclosures),
+        largest_gap=largest(-state.point_overclosures),
+        largest_slip=largest(np.linalg.norm(state.point_slips, axis=1)),
+        without_friction=friction,
+    )

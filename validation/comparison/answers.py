@@ -92,7 +92,11 @@ class ComparedAnswers:
     def contacts(self) -> dict[str, Array]:
         """The shared facets as the first answer has them, without pressures."""
         found = self.answers[0].contacts
-        return {n: found[n][self.places[0]] for n in found if n not in ("pressure", "force", "gap")}
+        return {
+            n: found[n][self.places[0]]
+            for n in found
+            if n not in ("pressure", "force", "gap", "slip")
+        }
 
     @cached_property
     def pressures(self) -> tuple[FloatArray, ...]:

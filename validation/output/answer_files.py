@@ -79,7 +79,7 @@ def _write_fields(answer: Answer, path: Path) -> None:
 
 
 def write_contacts(answer: Answer, path: Path) -> None:
-    """Write contact facets with pressures, forces, gaps, blocks and layers as `.vtu`.
+    """Write contact facets with pressures, forces, gaps, slips, blocks and layers as `.vtu`.
 
     They are those that were solved, else those of the answer.
     """
@@ -89,7 +89,7 @@ def write_contacts(answer: Answer, path: Path) -> None:
 
         found = contacts_of(answer.details)
     given = {"pressure": "contact_pressure", "force": "contact_force"}
-    values = {given.get(n, n): found[n] for n in ("pressure", "force", "gap") if n in found}
+    values = {given.get(n, n): found[n] for n in ("pressure", "force", "gap", "slip") if n in found}
     if "force" in found:
         values["traction"] = found["force"] / found["area"][:, None]
     values |= {name: found[name] for name in ("normal", "area")}

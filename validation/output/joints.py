@@ -45,6 +45,7 @@ def _write_table(joints: JointResultants, names: tuple[str, ...], path: Path) ->
         f"{name('bending_moment')}_Nmm": joints.bending_moment,
         f"{name('twisting_moment')}_Nmm": joints.twisting_moment,
         **_components(name("thrust_point"), joints.points, "mm"),
+        **{f"{key}_mm": values for key, values in joints.motion.items()},
     }
 
     write_csv(path, columns, zip(*(values.tolist() for values in columns.values()), strict=True))
@@ -69,6 +70,7 @@ def _write_points(joints: JointResultants, path: Path) -> None:
             joints.name("bending_moment"): joints.bending_moment,
             joints.name("eccentricity"): joints.eccentricity,
             "area": joints.areas,
+            **joints.motion,
             "block_m": joints.block_m.astype(np.int32),
             "block_s": joints.block_s.astype(np.int32),
         },

@@ -25,8 +25,8 @@ def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool
     answer
         Of any solver.
     field
-        ``pressure`` or another number of the contacts; ``sigma_1`` to ``sigma_3``, ``mises``; of
-        ``displacement`` and ``mechanism`` the size.
+        ``pressure`` or another number of the contacts, of their ``force`` and ``slip`` the size;
+        ``sigma_1`` to ``sigma_3``, ``mises``; of ``displacement`` and ``mechanism`` the size.
     layer
         Layer of blocks to draw; None: all.
     unrolled
@@ -38,7 +38,7 @@ def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool
     InputError
         A field that the answer does not have, or a layer without blocks.
     """
-    if field in answer.contacts and answer.contacts[field].ndim == 1:
+    if field in answer.contacts and field in _of_facets(answer):
         corners, values = _of_contacts(answer, field, layer)
     else:
         corners, values = _of_blocks(answer, field, layer)
@@ -58,7 +58,14 @@ def _of_contacts(answer: Answer, field: str, layer: int | None) -> tuple[FloatAr
     shown = np.ones(len(found[field]), dtype=np.bool_)
     if layer is not None:
         shown = (found["layer"] == layer).any(axis=1)
-    return found["corners"][shown], found[field][shown].astype(np.float64)
+    values = found[field][shown].astype(np.float64)
+    return found["corners"][shown], values if values.ndim == 1 else np.linalg.norm(values, axis=1)
+
+
+def _of_facets(answer: Answer) -> list[str]:
+    """Numbers of contact facets, and vectors that have a size."""
+    found = answer.contacts
+    return [name for name in found if found[name].ndim == 1 or name in {"force", "slip"}]
 
 
 def _of_blocks(answer: Answer, field: str, layer: int | None) -> tuple[FloatArray, FloatArray]:
@@ -69,9 +76,8 @@ def _of_blocks(answer: Answer, field: str, layer: int | None) -> tuple[FloatArra
         values = answer.fields[field]
         values = values if values.ndim == 1 else np.linalg.norm(values, axis=1)
     else:
-        numbers = [name for name in answer.contacts if answer.contacts[name].ndim == 1]
         parts = list(_PARTS) if "principal_stress" in answer.fields else []
-        known = ", ".join((*answer.fields, *parts, *numbers))
+        known = ", ".join((*answer.fields, *parts, *_of_facets(answer)))
         raise InputError(f"plot: got {field!r}; expected one of {known}")
     faces = _outside(answer.cells)
     if layer is not None:
