@@ -261,8 +261,9 @@ class Answer:
     ``centroid`` (n, 3) [mm], ``normal`` (n, 3) from the first block to the second one, ``corners``
     (n, 4, 3) [mm]. Of facets that were solved also the ``force`` on the second block, (n, 3) [N],
     and of deformable blocks the smallest ``gap`` [mm], positive where the facet is open, and the
-    ``slip`` of the second block along the facet, relative to the first, (n, 3) [mm]. Flat patches of triangulated blocks have no
-    layer, facet, side and corners. Empty where blocks do not meet."""
+    ``slip`` of the second block along the facet, relative to the first, (n, 3) [mm]. Flat patches
+    of triangulated blocks have no layer, facet, side and corners. Empty where blocks do not
+    meet."""
     reported: Callable[[], dict[str, Any]]
     """Makes `report`."""
     details: Any = None
