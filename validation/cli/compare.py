@@ -95,8 +95,6 @@ def clearance(
 
     Prints displacements and contact pressures (static analysis) for each gap.
     """
-    from dataclasses import asdict
-
     from validation.comparison.clearance import GAPS, clearance_rows, draw_clearance, print_rows
     from validation.output.console import status
     from validation.scene.read import load_scene, require_deformable
@@ -113,7 +111,7 @@ def clearance(
         outputs.write(
             "picture", "clearance.png", lambda path: draw_clearance(file.name, rows, path)
         )
-        outputs.write_json([asdict(row) for row in rows])
+        outputs.write_json(rows)
 
 
 def convergence(
@@ -123,8 +121,6 @@ def convergence(
     json: JsonOption = None,
 ) -> None:
     """Measure convergence orders in mesh size and time step."""
-    from dataclasses import asdict
-
     from validation.comparison.convergence import (
         draw_convergence,
         mesh_curves,
@@ -138,8 +134,8 @@ def convergence(
     require_picture(output)
     with Outputs(json, files={"-o": output}) as outputs:
         with status(outputs.console, "measuring"):
-            mesh, time = mesh_curves(), time_step_curve()
-        print_convergence(mesh, time, outputs.console)
-        draw_convergence(mesh, time, output)
+            curves = [*mesh_curves(), time_step_curve()]
+        print_convergence(curves, outputs.console)
+        draw_convergence(curves, output)
         outputs.say("picture", output)
-        outputs.write_json([asdict(curve) | {"order": curve.order} for curve in [*mesh, time]])
+        outputs.write_json(curves)

@@ -7,8 +7,9 @@ eigenfrequency of the same discrete model, so that nothing but the time step err
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,7 +22,7 @@ from fem.explicit.solve import solve
 from fem.problem.model import Model, block_group, fixed_nodes
 from geometry.block import box_block
 from geometry.mesh import FloatArray
-from validation.output.console import listing
+from validation.output.console import tabled
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, OF_LINES
 
@@ -30,22 +31,14 @@ SIZE = (200.0, 20.0, 20.0)
 MATERIAL = Material(density=2.4e-9, young_modulus=33000.0, poisson_ratio=0.0)
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Errors along a refinement."""
+def curve(name: str, sizes: Sequence[float], errors: Sequence[float]) -> dict[str, Any]:
+    """Errors along a refinement, and the slope between the two finest points.
 
-    name: str
-    """Element, or ``time step``."""
-    sizes: tuple[float, ...]
-    """Element size [mm] or time step over the critical one."""
-    errors: tuple[float, ...]
-    """Relative errors of the frequency, magnitude."""
-
-    @property
-    def order(self) -> float:
-        """Slope between the two finest points."""
-        e, h = self.errors, self.sizes
-        return float(np.log(e[-2] / e[-1]) / np.log(h[-2] / h[-1]))
+    Its name is the element, or ``time step``; sizes are those of elements [mm] or the time step
+    over the critical one; errors are relative ones of the frequency, magnitude.
+    """
+    order = np.log(errors[-2] / errors[-1]) / np.log(sizes[-2] / sizes[-1])
+    return {"name": name, "sizes": sizes, "errors": errors, "order": float(order)}
 
 
 def _first_mode(stiffness: sp.csr_array, mass: FloatArray) -> tuple[float, FloatArray]:
@@ -91,18 +84,18 @@ def reference_frequency(n: int = 3) -> float:
     return float(np.sqrt(value[0]))
 
 
-def mesh_curves(levels: tuple[int, ...] = (1, 2, 4)) -> list[Curve]:
+def mesh_curves(levels: tuple[int, ...] = (1, 2, 4)) -> list[dict[str, Any]]:
     """Error of the first frequency over the element size, for every element."""
     exact = reference_frequency()
     curves = []
     for element in ElementType:
         found = [cantilever_frequency(n, element)[0] for n in levels]
-        errors = tuple(abs(omega / exact - 1.0) for omega in found)
-        curves.append(Curve(element.value, tuple(SIZE[1] / n for n in levels), errors))
+        errors = [abs(omega / exact - 1.0) for omega in found]
+        curves.append(curve(element.value, [SIZE[1] / n for n in levels], errors))
     return curves
 
 
-def time_step_curve(fractions: tuple[float, ...] = (0.9, 0.45, 0.225)) -> Curve:
+def time_step_curve(fractions: tuple[float, ...] = (0.9, 0.45, 0.225)) -> dict[str, Any]:
     """Error of the first frequency over the time step, measured by the phase of a free run.
 
     Started in the first mode the motion is cos(ω t); after a quarter past several periods the
@@ -125,21 +118,20 @@ def time_step_curve(fractions: tuple[float, ...] = (0.9, 0.45, 0.225)) -> Curve:
         amplitude /= float(weight @ start.ravel() ** 2)
         phase = np.arccos(np.clip(amplitude, -1.0, 1.0)) + 2 * np.pi * np.floor(periods)
         errors.append(float(abs(phase / (omega * run.time) - 1.0)))
-    return Curve("time step", fractions, tuple(errors))
+    return curve("time step", fractions, errors)
 
 
-def draw_convergence(mesh: list[Curve], time: Curve, path: Path) -> None:
-    """Draw both refinements, log–log, with the observed orders."""
+def draw_convergence(curves: list[dict[str, Any]], path: Path) -> None:
+    """Draw all refinements, log–log, with the observed orders; the last one is the time step's."""
     figure, (left, right) = subplots(1, 2, size=(11, 4.8))
-    for curve, colour, marker in zip(mesh, OF_LINES, "os^D", strict=True):
-        label = f"{curve.name}: order {curve.order:.2f}"
-        left.loglog(curve.sizes, curve.errors, marker=marker, color=colour, label=label)
+    looks = [*zip([left] * 4, OF_LINES, "os^D", strict=False), (right, BLUE, "o")]
+    for found, (axes, colour, marker) in zip(curves, looks, strict=True):
+        name = "measured" if axes is right else found["name"]
+        label = f"{name}: order {found['order']:.2f}"
+        axes.loglog(found["sizes"], found["errors"], marker=marker, color=colour, label=label)
     left.set_xlabel("element size [mm]")
     left.set_ylabel("relative error of the first frequency [–]")
     left.set_title("cantilever 200 × 20 × 20 mm, ν = 0: mesh", loc="left", fontsize=11)
-    right.loglog(
-        time.sizes, time.errors, marker="o", color=BLUE, label=f"measured: order {time.order:.2f}"
-    )
     right.set_xlabel("time step / critical time step [–]")
     right.set_title("the same: time step of the explicit run", loc="left", fontsize=11)
     for axes in (left, right):
@@ -148,13 +140,18 @@ def draw_convergence(mesh: list[Curve], time: Curve, path: Path) -> None:
     save_figure(figure, path)
 
 
-def print_convergence(mesh: list[Curve], time: Curve, console: Console) -> None:
+def print_convergence(curves: list[dict[str, Any]], console: Console) -> None:
     """Print sizes, errors and observed orders."""
+
+    def sizes(found: dict[str, Any]) -> str:
+        unit = "of the critical step" if found is curves[-1] else "mm"
+        return f"{', '.join(f'{size:g}' for size in found['sizes'])} {unit}"
+
+    columns: dict[str, Any] = {
+        "refinement": "{name}",
+        "sizes": sizes,
+        "relative errors": lambda found: ", ".join(f"{e:.2e}" for e in found["errors"]),
+        "order": "{order:.2f}",
+    }
     title = "Observed orders of convergence (first frequency)"
-    table = listing(title, "refinement", "sizes", "relative errors", "order")
-    for curve in [*mesh, time]:
-        unit = "of the critical step" if curve is time else "mm"
-        sizes = f"{', '.join(f'{s:g}' for s in curve.sizes)} {unit}"
-        errors = ", ".join(f"{e:.2e}" for e in curve.errors)
-        table.add_row(curve.name, sizes, errors, f"{curve.order:.2f}")
-    console.print(table)
+    console.print(tabled(title, curves, columns, words=4))

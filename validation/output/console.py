@@ -106,16 +106,21 @@ def listing(title: str, *words: str, numbers: Iterable[str] = (), **options: Any
 def tabled(
     title: str,
     rows: Iterable[T],
-    columns: Mapping[str, Callable[[T], str]],
+    columns: Mapping[str, str | Callable[[T], str]],
     *,
     words: int = 1,
     **options: Any,
 ) -> Table:
-    """Table of rows: what each column says of one, by head; the first ``words`` are no numbers."""
+    """Table of rows: what each column says of one, by head; the first ``words`` are no numbers.
+
+    A column of rows that are data by name may be a format of them: ``"{p_eff:.3g}"``.
+    """
     heads = list(columns)
     table = listing(title, *heads[:words], numbers=heads[words:], **options)
     for row in rows:
-        table.add_row(*(say(row) for say in columns.values()))
+        data = row if isinstance(row, Mapping) else {}
+        cells = (c.format_map(data) if isinstance(c, str) else c(row) for c in columns.values())
+        table.add_row(*cells)
     return table
 
 
