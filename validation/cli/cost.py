@@ -67,12 +67,12 @@ def peaks(json: JsonOption = None) -> None:
 
     Uses high-order (isoparametric) elements; also prints the effect of a contact stiffness cap.
     """
-    from validation.costs.peaks import peaks, peaks_json, print_peaks
+    from validation.costs.peaks import peaks, print_peaks
     from validation.output.console import status
     from validation.output.outputs import Outputs
 
     with Outputs(json) as outputs:
         with status(outputs.console, "two layers of tsb1-pipe, degrees 1 to 3"):
-            orders, cap = peaks()
-        print_peaks(orders, cap, outputs.console)
-        outputs.write_json(peaks_json(orders, cap))
+            found = peaks()
+        print_peaks(found, outputs.console)
+        outputs.write_json(found)

@@ -15,6 +15,7 @@ from validation.output.console import listing
 from validation.output.pictures.gallery import save_figure, subplots, twos_and_fives
 from validation.output.pictures.scales import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
 from validation.output.provenance import Provenance
+from validation.study.study import UNITS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +27,6 @@ _TITLES = {
     "max_displacement": "largest displacement",
     "pressure_l2": "contact pressure field, L2",
 }
-_UNITS = {**{name: unit for name, (unit, _) in SCALARS.items()}, "pressure_l2": "N"}
 _COLOURS = {
     "rigid": GREY,
     "static": BLUE,
@@ -124,7 +124,7 @@ def _print_reference(study: CostStudy, console: Console) -> None:
         how = "not extrapolated, follows no order" if order is None else f"order {order:.2g}"
         if not judges[q].extrapolated:
             how = "as its error bar says"
-        value = "" if q not in SCALARS else f"{float(study.reference[q].value[0]):.5g} {_UNITS[q]} "
+        value = "" if q not in SCALARS else f"{float(study.reference[q].value[0]):.5g} {UNITS[q]} "
         console.print(f"  {_TITLES[q]}: {value}± {percent(study.reference_errors[q])} ({how})")
 
 
