@@ -289,7 +289,7 @@ def _solved(
 
         error = probed_cell_error(scene, name)
         outputs.console.print(cell_table(name, error))
-        added["periodic_cell"] = error.as_json()
+        added["periodic_cell"] = error
     kept = _kept(outputs, scene, deformable.model.groups, resumed=resume is not None)
     if statement is None:
         with status(outputs.console, f"{name}: static"), told_of_compilation():

@@ -77,11 +77,12 @@ def effects(
         found = effect_costs(
             checked.changed({"effects.auto": None}),
             file.name,
+            tolerance=bound,
             told=lambda name: console.print(f"… {name}") if console.is_terminal else None,
         )
-        console.print(report.effects_table(found, bound))
+        console.print(report.effects_table(found))
         outputs.write("picture", report.PICTURE, lambda path: report.draw_effects(found, path))
-        outputs.write_json(report.effects_json(found, bound))
+        outputs.write_json(found)
 
 
 def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption = None) -> None:
@@ -102,4 +103,4 @@ def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption =
         with status(outputs.console, f"{file.name}: periodic cell and whole tube"):
             found = cell_error(checked, file.name)
         outputs.console.print(cell_table(file.name, found))
-        outputs.write_json(found.as_json())
+        outputs.write_json(found)

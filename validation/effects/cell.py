@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from rich.table import Table
 from fem.solution import Solution
 from geometry.mesh import FloatArray
 from validation.build.cell import check_cell
-from validation.effects.probe import Answer, Change, answer_of, change, mesh_words, probe_scene
+from validation.effects.probe import Answer, answer_of, change, mesh_words, probe_scene
 from validation.output.console import listing
 from validation.run.solve import run_static
 from validation.scene.deformable import Method
@@ -22,45 +22,16 @@ from validation.scene.read import DeformableScene
 _FINENESS = 2
 
 
-@dataclass(frozen=True)
-class CellError:
-    """A periodic cell beside the tube that it stands for, both static on one mesh."""
+def cell_error(scene: DeformableScene, name: str) -> dict[str, Any]:
+    """Solve the cell and the whole tube of the scene statically on one mesh.
 
-    layers: int
-    """Free layers of the tube."""
-    mesh: str
-    """Elements of a block."""
-    cell: Answer
-    """Of the cell; displacements relative to its mean motion along and about the axis."""
-    middle: Answer
-    """Of the two middle layers of the tube, in the same way."""
-    tube: Answer
-    """Of the whole tube."""
-    cell_seconds: float
-    """CPU time from the scene to the pressures [s]."""
-    tube_seconds: float
-
-    @property
-    def against_middle(self) -> Change:
-        """From the middle of the tube to the cell: the error of what the cell stands for."""
-        return change(self.middle, self.cell)
-
-    @property
-    def against_tube(self) -> Change:
-        """From the whole tube to the cell: what the ends do is in it."""
-        return change(self.tube, self.cell)
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain data."""
-        errors = {
-            "error_of_middle_layers": asdict(self.against_middle),
-            "difference_from_whole_tube": asdict(self.against_tube),
-        }
-        return asdict(self) | errors
-
-
-def cell_error(scene: DeformableScene, name: str) -> CellError:
-    """Solve the cell and the whole tube statically on the mesh of the scene.
+    Returns
+    -------
+    dict[str, Any]
+        Free layers of the tube and elements of a block; answers of the cell, of the two middle
+        layers, both relative to their mean motion along and about the axis, and of the whole tube
+        [MPa, mm]; CPU times from the scene to the pressures [s]; relative changes: from the middle
+        layers to the cell, which is its error, and from the whole tube, whose ends are in it.
 
     Raises
     ------
@@ -68,29 +39,33 @@ def cell_error(scene: DeformableScene, name: str) -> CellError:
         Where the layers do not repeat, or one of the two cannot be solved.
     """
     check_cell(scene, name)
-    return _beside(_static(scene, "periodic cell"), _static(scene, "auto"), name)
+    cell = run_static(name, _static(scene, "periodic cell"))
+    tube = run_static(name, _static(scene, "auto"))
+    answers = {
+        "cell": middle_answer(cell.solution),
+        "middle": middle_answer(tube.solution),
+        "tube": answer_of(tube.solution),
+    }
+    changes = {
+        "error_of_middle_layers": change(answers["middle"], answers["cell"]),
+        "difference_from_whole_tube": change(answers["tube"], answers["cell"]),
+    }
+    return {
+        "layers": tube.solution.deformable.assembly.n_layers,
+        "mesh": mesh_words(scene),
+        "cell_seconds": cell.cpu_seconds["total"],
+        "tube_seconds": tube.cpu_seconds["total"],
+        **{key: asdict(found) for key, found in (answers | changes).items()},
+    }
 
 
-def probed_cell_error(scene: DeformableScene, name: str) -> CellError:
+def probed_cell_error(scene: DeformableScene, name: str) -> dict[str, Any]:
     """Error of the cell on a mesh that is coarse enough to take seconds, whatever the scene's."""
     return cell_error(probe_scene(_static(scene, "auto"), name, fineness=_FINENESS), name)
 
 
 def _static(scene: DeformableScene, symmetry: str) -> DeformableScene:
     return scene.changed({"fem.symmetry": symmetry, "fem.method": Method.STATIC})
-
-
-def _beside(cell_scene: DeformableScene, tube_scene: DeformableScene, name: str) -> CellError:
-    cell, tube = run_static(name, cell_scene), run_static(name, tube_scene)
-    return CellError(
-        layers=tube.solution.deformable.assembly.n_layers,
-        mesh=mesh_words(cell_scene),
-        cell=middle_answer(cell.solution),
-        middle=middle_answer(tube.solution),
-        tube=answer_of(tube.solution),
-        cell_seconds=cell.cpu_seconds["total"],
-        tube_seconds=tube.cpu_seconds["total"],
-    )
 
 
 def middle_answer(solution: Solution) -> Answer:
@@ -128,21 +103,19 @@ def _own_displacement(solution: Solution, blocks: list[int]) -> float:
     return float(np.linalg.norm(u - np.einsum("k,kni->ni", mean, motions), axis=1).max())
 
 
-def cell_table(name: str, found: CellError) -> Table:
+def cell_table(name: str, found: dict[str, Any]) -> Table:
     """Cell, middle layers and tube, and the error."""
-    title = f"{name}: periodic cell beside {found.layers} layers, static, {found.mesh}"
+    seconds = {key: f"{found[f'{key}_seconds']:.2f}" for key in ("cell", "tube")}
+    rows = [
+        ("periodic cell", "cell", "{:.5g}", 1.0),
+        ("two middle layers of the tube", "middle", "{:.5g}", 1.0),
+        ("whole tube", "tube", "{:.5g}", 1.0),
+        ("error of the middle layers", "error_of_middle_layers", "{:+.2f} %", 100.0),
+        ("difference from the whole tube", "difference_from_whole_tube", "{:+.2f} %", 100.0),
+    ]
+    title = f"{name}: periodic cell beside {found['layers']} layers, static, {found['mesh']}"
     table = listing(title, "", "p_max, MPa", "p_eff, MPa", "u, mm", "CPU s")
-    rows = (
-        ("periodic cell", found.cell, found.cell_seconds),
-        ("two middle layers of the tube", found.middle, None),
-        ("whole tube", found.tube, found.tube_seconds),
-    )
-    for words, a, seconds in rows:
-        numbers = (f"{v:.5g}" for v in a.values)
-        table.add_row(words, *numbers, "" if seconds is None else f"{seconds:.2f}")
-    for words, c in (
-        ("error of the middle layers", found.against_middle),
-        ("difference from the whole tube", found.against_tube),
-    ):
-        table.add_row(words, *(f"{100 * v:+.2f} %" for v in c.values), "")
+    for words, key, form, factor in rows:
+        numbers = (form.format(factor * value) for value in found[key].values())
+        table.add_row(words, *numbers, seconds.get(key, ""))
     return table

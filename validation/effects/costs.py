@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from fem.explicit.step import System, step
 from fem.problem.time_step import critical_time_step
 from validation.build.cell import refuse_cell
 from validation.build.deformable import build_deformable, fem_section
-from validation.effects.probe import Answer, Change, answer_of, change
+from validation.effects.probe import Answer, answer_of, change
 from validation.errors import InputError
 from validation.run.solve import run_explicit, scene_statement
 from validation.scene.deformable import (
@@ -45,57 +45,10 @@ GRAVITY = (0.0, 0.0, -9806.65)
 CLEARANCE = 0.01
 #: Coefficient of friction that is switched on where a scene has none [-].
 FRICTION = 0.1
+#: Change beyond which an effect matters, where nothing else is said.
+TOLERANCE = 0.01
 #: Periods of the lowest excited mode that a run with constant critical damping is given.
 _PERIODS = 20.0
-
-
-@dataclass(frozen=True)
-class Effect:
-    """An effect that can be added to a scene without any."""
-
-    name: str
-    setting: str
-    """The value that is switched on."""
-    changes: Mapping[str, Any]
-    """Of the scene, by place."""
-    note: str = ""
-
-
-@dataclass(frozen=True)
-class EffectCost:
-    """What an effect changes and costs."""
-
-    effect: Effect
-    change: Change | None
-    """Of the answer; None where none was measured."""
-    step: float
-    """CPU time of a step over that of the base [-]."""
-    memory: float
-    """State and constants over those of the base [-]."""
-    time_step: float
-    """Critical time step over that of the base [-]."""
-    new_forms: int
-    """Compiled forms of kernels that the effect needed and nothing before it had."""
-    off_compiles: int
-    """Forms that the base compiled when it ran again after the effect: zero if off is absent."""
-    same_bits: bool
-    """Whether the base then gave the bits that it gave before any effect was used."""
-
-    def matters(self, tolerance: float) -> bool | None:
-        """Whether it changes any quantity by more than a share; None where none was measured."""
-        return None if self.change is None else self.change.matters(tolerance)
-
-
-@dataclass(frozen=True)
-class EffectReport:
-    """The base and all effects."""
-
-    scene: str
-    answer: Answer | None
-    """Of the base; None where the static state was not asked for."""
-    seconds_per_step: float
-    bytes: int
-    costs: tuple[EffectCost, ...]
 
 
 def bare(scene: DeformableScene) -> DeformableScene:
@@ -105,42 +58,37 @@ def bare(scene: DeformableScene) -> DeformableScene:
     return scene.changed({"fem": still, "contact": closed, "effects": EffectsSection()})
 
 
-def effects_of(scene: DeformableScene, mass_damping: float) -> tuple[Effect, ...]:
-    """Every effect with the scene's own value, or a usual one where the scene has none."""
+def effects_of(scene: DeformableScene, mass_damping: float) -> tuple[tuple[Any, ...], ...]:
+    """Every effect with the scene's own value, or a usual one where the scene has none.
+
+    Name, the value that is switched on, what it changes in the scene by place, and a note.
+    """
     own = scene.effects
     rayleigh = own.rayleigh or RayleighSection()
     beta = rayleigh.stiffness_proportional or PAPER_RAYLEIGH.stiffness_proportional or 0.0
     viscosity = own.bulk_viscosity or BulkViscositySection()
+    b1, b2 = viscosity.linear_bulk_viscosity, viscosity.quadratic_bulk_viscosity
     friction = own.friction or FrictionSection(coefficient=FRICTION)
     gravity = own.gravity or GRAVITY
     clearance = scene.contact.clearance or CLEARANCE
+    damped = RayleighSection(mass_proportional=mass_damping)
+    by_rate = RayleighSection(stiffness_proportional=beta)
+    critical = "critical for the lowest excited mode; in place of adaptive damping"
     return (
-        Effect("friction", f"μ = {friction.coefficient:g}", {"effects.friction": friction}),
-        Effect(
+        ("friction", f"μ = {friction.coefficient:g}", {"effects.friction": friction}, ""),
+        (
             "Rayleigh mass",
             f"α = {mass_damping:.3g} /s",
-            {
-                "fem.damping": None,
-                "effects.rayleigh": RayleighSection(mass_proportional=mass_damping),
-            },
-            "critical for the lowest excited mode; in place of adaptive damping",
+            {"fem.damping": None, "effects.rayleigh": damped},
+            critical,
         ),
-        Effect(
-            "Rayleigh stiffness",
-            f"β = {beta:g} s",
-            {"effects.rayleigh": RayleighSection(stiffness_proportional=beta)},
-        ),
-        Effect(
-            "bulk viscosity",
-            f"b₁ = {viscosity.linear_bulk_viscosity:g}, "
-            f"b₂ = {viscosity.quadratic_bulk_viscosity:g}",
-            {"effects.bulk_viscosity": viscosity},
-        ),
-        Effect("finite rotation", "on", {"effects.finite_rotation": True}),
-        Effect("finite sliding", "on", {"effects.finite_sliding": True}),
-        Effect("frame elasticity", "on", {"effects.elastic_frame": True}),
-        Effect("clearance", f"{clearance:g} mm", {"contact.clearance": clearance}),
-        Effect("gravity", f"{abs(gravity[2]):g} mm/s² down", {"effects.gravity": gravity}),
+        ("Rayleigh stiffness", f"β = {beta:g} s", {"effects.rayleigh": by_rate}, ""),
+        ("bulk viscosity", f"b₁ = {b1:g}, b₂ = {b2:g}", {"effects.bulk_viscosity": viscosity}, ""),
+        ("finite rotation", "on", {"effects.finite_rotation": True}, ""),
+        ("finite sliding", "on", {"effects.finite_sliding": True}, ""),
+        ("frame elasticity", "on", {"effects.elastic_frame": True}, ""),
+        ("clearance", f"{clearance:g} mm", {"contact.clearance": clearance}, ""),
+        ("gravity", f"{abs(gravity[2]):g} mm/s² down", {"effects.gravity": gravity}, ""),
     )
 
 
@@ -182,29 +130,27 @@ def _bytes(system: System, state: State) -> int:
     return arrays + sum(body.constant_bytes for body in system.bodies)
 
 
-@dataclass(frozen=True)
-class _Base:
-    """The scene without effects, and what every effect is compared with."""
-
-    scene: DeformableScene
-    name: str
-    bits: bytes
-    ramp_time: float
-    frequency: float
-    answer: Answer | None
-    """None where the static state is not asked for."""
-
-
 def effect_costs(
     scene: DeformableScene,
     name: str,
     *,
+    tolerance: float = TOLERANCE,
     answers: bool = True,
     told: Callable[[str], None] | None = None,
-) -> EffectReport:
+) -> dict[str, Any]:
     """Measure every effect of a deformable tube, and tell what is measured next.
 
-    Without ``answers``, no runs to the static state are made: costs alone.
+    An effect matters where it changes one of p_max, p_eff or the largest displacement by more than
+    the tolerance. Without ``answers``, no runs to the static state are made: costs alone.
+
+    Returns
+    -------
+    dict[str, Any]
+        Of the scene without effects, p_max, p_eff [MPa] and displacement [mm], CPU time of a step
+        [s] and bytes of state and constants. ``costs``: for each effect the change of the three
+        [%], and time of a step, memory and critical time step over those without it; how many
+        compiled forms it needed that nothing before it had; how many forms the base compiled when
+        it ran again after it, zero if off is absent; and whether the base then gave the same bits.
 
     Raises
     ------
@@ -218,65 +164,68 @@ def effect_costs(
     say("no effect")
     first_bits = _bits(base, name)
     system, state = ready(base, name)
-    statement = scene_statement(base, name, build_deformable(base, name))
-    answer = None
-    if answers:
-        found = run_explicit(name, base)
-        result = found.solution.explicit
-        assert result is not None
-        if str(result.status) != "converged":
-            raise InputError(
-                f"{name}: the scene without effects did not arrive at its static state by "
-                f"{result.time:.3g} s; expected a larger fem.end_time, or none"
-            )
-        answer = answer_of(found.solution)
+    answer = _answer(base, name, arrives=True) if answers else None
     step_time = min(advance(system, state) for _ in range(ROUNDS))
+    statement = scene_statement(base, name, build_deformable(base, name))
     assert statement.recommended is not None  # blocks meet
-    frequency = statement.recommended.frequency
-    given = _Base(base, name, first_bits, statement.ramp_time, frequency, answer)
-    costs = tuple(_measure(given, say))
-    return EffectReport(
-        scene=name,
-        answer=answer,
-        seconds_per_step=step_time,
-        bytes=_bytes(system, state),
-        costs=costs,
-    )
+    frequency, ramp = statement.recommended.frequency, statement.ramp_time
+    costs = []
+    for effect, setting, changes, note in effects_of(base, 4.0 * np.pi * frequency):
+        say(effect)
+        changed = base.changed(changes)
+        times = {"ramp_time": ramp}
+        if changed.fem.damping is None:
+            times["end_time"] = ramp + _PERIODS / frequency
+        changed = changed.changed({"fem": times})
+        row, bits = _measured(changed, base, name)
+        row |= {"name": effect, "setting": setting, "note": note, "same_bits": bits == first_bits}
+        moved = None if answer is None else change(answer, _answer(changed, name))
+        if moved is not None:
+            row |= {key: 100.0 * value for key, value in asdict(moved).items()}
+        costs.append(row | {"matters": None if moved is None else moved.matters(tolerance)})
+    return {
+        "scene": name,
+        "tolerance": tolerance,
+        "seconds_per_step": step_time,
+        "bytes": _bytes(system, state),
+        **({} if answer is None else asdict(answer)),
+        "costs": costs,
+    }
 
 
-def _measure(base: _Base, say: Callable[[str], None]) -> Iterator[EffectCost]:
-    """Measure one effect after the other."""
-    name = base.name
-    for effect in effects_of(base.scene, 4.0 * np.pi * base.frequency):
-        say(effect.name)
-        scene = base.scene.changed(effect.changes)
-        times = {"ramp_time": base.ramp_time}
-        if scene.fem.damping is None:
-            times["end_time"] = base.ramp_time + _PERIODS / base.frequency
-        scene = scene.changed({"fem": times})
-        before = compiled_forms()
-        system, state = ready(scene, name)
-        advance(system, state)
-        new = len(compiled_forms() - before)
-        before = compiled_forms()
-        bits = _bits(base.scene, name)
-        again = len(compiled_forms() - before)
-        plain_system, plain_state = ready(base.scene, name)
-        advance(plain_system, plain_state)
-        rounds = [
-            (advance(plain_system, plain_state), advance(system, state)) for _ in range(ROUNDS)
-        ]
-        plain, mine = (min(column) for column in zip(*rounds, strict=True))
-        moved = None
-        if base.answer is not None:
-            moved = change(base.answer, answer_of(run_explicit(name, scene).solution))
-        yield EffectCost(
-            effect,
-            change=moved,
-            step=mine / plain,
-            memory=_bytes(system, state) / _bytes(plain_system, plain_state),
-            time_step=system.time_step / plain_system.time_step,
-            new_forms=new,
-            off_compiles=again,
-            same_bits=bits == base.bits,
+def _answer(scene: DeformableScene, name: str, *, arrives: bool = False) -> Answer:
+    """Answer of an explicit run, which ``arrives`` at its static state or is rejected."""
+    found = run_explicit(name, scene).solution
+    result = found.explicit
+    assert result is not None
+    if arrives and str(result.status) != "converged":
+        raise InputError(
+            f"{name}: the scene without effects did not arrive at its static state by "
+            f"{result.time:.3g} s; expected a larger fem.end_time, or none"
         )
+    return answer_of(found)
+
+
+def _measured(
+    scene: DeformableScene, base: DeformableScene, name: str
+) -> tuple[dict[str, Any], bytes]:
+    """Costs of a scene with one effect over those of the base, and the base's bits after it."""
+    before = compiled_forms()
+    system, state = ready(scene, name)
+    advance(system, state)
+    new = len(compiled_forms() - before)
+    before = compiled_forms()
+    bits = _bits(base, name)
+    again = len(compiled_forms() - before)
+    plain_system, plain_state = ready(base, name)
+    advance(plain_system, plain_state)
+    rounds = [(advance(plain_system, plain_state), advance(system, state)) for _ in range(ROUNDS)]
+    plain, mine = (min(column) for column in zip(*rounds, strict=True))
+    row = {
+        "step": mine / plain,
+        "memory": _bytes(system, state) / _bytes(plain_system, plain_state),
+        "time_step": system.time_step / plain_system.time_step,
+        "new_forms": new,
+        "off_compiles": again,
+    }
+    return row, bits

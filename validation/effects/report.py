@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from validation.effects.auto import EffectsDecision, decide_effects
-from validation.effects.costs import EffectCost, EffectReport
-from validation.effects.probe import Change
+from validation.effects.costs import TOLERANCE
 from validation.errors import InputError
-from validation.output.console import listing, status
+from validation.output.console import status, tabled
 from validation.scene.deformable import parse_share
 from validation.scene.read import DeformableScene
 
 #: Name of the figure.
 PICTURE = "effects.png"
-
-#: Change beyond which an effect matters, where nothing else is said.
-TOLERANCE = 0.01
 
 
 def decided(
@@ -60,42 +54,51 @@ def bound(scene: DeformableScene, tolerance: str | None) -> float:
     return share
 
 
-def _percents(found: Change | None) -> Iterable[str]:
-    if found is None:
-        return ("–",) * 3
-    return ("0" if abs(value) < 5e-6 else f"{100 * value:+.3g} %" for value in found.values)
+#: Quantities whose changes are shown, by their names in rows.
+_CHANGES = {"p_max": "p_max", "p_eff": "p_eff", "displacement": "u"}
 
 
-def _absent(cost: EffectCost) -> str:
-    if cost.off_compiles or not cost.same_bits:
-        return f"CHANGED: {cost.off_compiles} new forms, bitwise equal: {cost.same_bits}"
-    return f"unchanged ({cost.new_forms})"
+def _change(key: str) -> Callable[[Mapping[str, Any]], str]:
+    """Words for the change of a quantity."""
+
+    def words(cost: Mapping[str, Any]) -> str:
+        value = cost.get(key)
+        return "–" if value is None else "0" if abs(value) < 5e-4 else f"{value:+.3g} %"
+
+    return words
 
 
-def effects_table(report: EffectReport, tolerance: float = TOLERANCE) -> Table:
-    """Return one row for each effect; it matters where it changes more than the tolerance."""
+def _absent(cost: Mapping[str, Any]) -> str:
+    if cost["off_compiles"] or not cost["same_bits"]:
+        return f"CHANGED: {cost['off_compiles']} new forms, bitwise equal: {cost['same_bits']}"
+    return f"unchanged ({cost['new_forms']})"
+
+
+def effects_table(found: Mapping[str, Any]) -> Table:
+    """Return one row for each effect of `effect_costs`."""
     answer = ""
-    if report.answer is not None:
-        p_max, p_eff, u = report.answer.values
-        answer = f"p_max {p_max:.4g} MPa, p_eff {p_eff:.4g} MPa, u {u:.4g} mm, "
-    matters = f"> {100 * tolerance:.3g} %"
-    names = (
-        "effect",
-        "on",
-        "p_max",
-        "p_eff",
-        "u",
-        matters,
-        "CPU time",
-        "memory",
-        "Δt",
-        "switched off",
-    )
-    table = listing(
-        f"{report.scene}: one effect at a time added to the reference run\n"
-        f"without: {answer}{1e6 * report.seconds_per_step:.1f} CPU µs per step, "
-        f"{report.bytes / 2**20:.2f} MiB",
-        *names,
+    if "p_max" in found:
+        answer = "p_max {p_max:.4g} MPa, p_eff {p_eff:.4g} MPa, u {displacement:.4g} mm, ".format(
+            **found
+        )
+    matters = f"> {100 * found['tolerance']:.3g} %"
+    columns: dict[str, str | Callable[[Mapping[str, Any]], str]] = {
+        "effect": "{name}",
+        "on": "{setting}",
+        **{head: _change(key) for key, head in _CHANGES.items()},
+        matters: lambda cost: {True: "yes", False: "no", None: "–"}[cost["matters"]],
+        "CPU time": "× {step:.2f}",
+        "memory": "× {memory:.2f}",
+        "Δt": "× {time_step:.2f}",
+        "switched off": _absent,
+    }
+    table = tabled(
+        f"{found['scene']}: one effect at a time added to the reference run\n"
+        f"without: {answer}{1e6 * found['seconds_per_step']:.1f} CPU µs per step, "
+        f"{found['bytes'] / 2**20:.2f} MiB",
+        found["costs"],
+        columns,
+        words=len(columns),
         caption=f"{matters}: changes one of p_max, p_eff, u by more. CPU time: factor per step. "
         "Switched off: the reference run is bitwise unchanged and compiles nothing new "
         "(in brackets: compiled forms of the effect).",
@@ -103,51 +106,30 @@ def effects_table(report: EffectReport, tolerance: float = TOLERANCE) -> Table:
     )
     for column in (0, 2, 3, 4):
         table.columns[column].no_wrap = True
-    for cost in report.costs:
-        table.add_row(
-            cost.effect.name,
-            cost.effect.setting,
-            *_percents(cost.change),
-            {True: "yes", False: "no", None: "–"}[cost.matters(tolerance)],
-            *(f"× {v:.2f}" for v in (cost.step, cost.memory, cost.time_step)),
-            _absent(cost),
-        )
     return table
 
 
-def effects_json(report: EffectReport, tolerance: float = TOLERANCE) -> dict[str, Any]:
-    """Return the report as plain data."""
-    data = asdict(report) | {"tolerance": tolerance}
-    data |= data.pop("answer") or {}
-    for cost, found in zip(data["costs"], report.costs, strict=True):
-        cost |= {key: 100.0 * value for key, value in (cost.pop("change") or {}).items()}
-        cost["matters"] = found.matters(tolerance)
-        effect = cost.pop("effect")
-        cost |= {key: effect[key] for key in ("name", "setting", "note")}
-    return data
-
-
-def draw_effects(report: EffectReport, path: Path) -> None:
+def draw_effects(found: Mapping[str, Any], path: Path) -> None:
     """Draw changes and costs, one group of bars for each effect."""
     from matplotlib.ticker import FuncFormatter
 
     from validation.output.pictures.gallery import save_figure, subplots, twos_and_fives
     from validation.output.pictures.scales import BLUE, ORANGE, SKY, VERMILION
 
-    costs = report.costs
+    costs = found["costs"]
     figure, (left, right) = subplots(1, 2, size=(10, 4.6), sharey=True)
     rows = range(len(costs))
     columns = (
         (
             left,
             0.0,
-            [100.0 * np.array(c.change.values if c.change else (0.0, 0.0, 0.0)) for c in costs],
+            [[cost.get(key, 0.0) for key in _CHANGES] for cost in costs],
             (("p_max", BLUE), ("p_eff", SKY), ("largest u", VERMILION)),
         ),
         (
             right,
             1.0,
-            [np.array((c.step, c.memory)) for c in costs],
+            [(cost["step"], cost["memory"]) for cost in costs],
             (("CPU time of a step", BLUE), ("memory", ORANGE)),
         ),
     )
@@ -163,7 +145,7 @@ def draw_effects(report: EffectReport, path: Path) -> None:
     left.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     left.set_xlabel("change of the static answer [%] (linear within ±0.01 %)")
     left.axvline(0.0, color="black", linewidth=0.8)
-    left.set_yticks(list(rows), [f"{cost.effect.name}\n{cost.effect.setting}" for cost in costs])
+    left.set_yticks(list(rows), ["{name}\n{setting}".format(**cost) for cost in costs])
     left.tick_params(axis="both", labelsize=8)
     left.invert_yaxis()
     right.set_xscale("log")
@@ -171,5 +153,5 @@ def draw_effects(report: EffectReport, path: Path) -> None:
     right.xaxis.set_minor_formatter(twos_and_fives(lambda value: f"× {value:g}"))
     right.set_xlabel("over the run without effects [–]")
     right.axvline(1.0, color="black", linewidth=0.8)
-    figure.suptitle(f"{report.scene}: one effect at a time added to the reference run")
+    figure.suptitle(f"{found['scene']}: one effect at a time added to the reference run")
     save_figure(figure, path)
