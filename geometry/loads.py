@@ -10,7 +10,7 @@ the paper's tables. They differ in one case, *shaft*.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -19,7 +19,15 @@ import numpy as np
 
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.errors import RefusedError
-from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
+from geometry.mesh import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    QuadSurface,
+    ReadOnlyArrays,
+)
+from geometry.regions import Where, check_region, listed, region_edges, region_quads
+from geometry.supports import HeldFace
 
 
 class LoadCaseError(RefusedError):
@@ -32,8 +40,8 @@ class PressureLoad(ReadOnlyArrays):
 
     blocks: IntArray
     """(n,)"""
-    face: str
-    """Name of the face."""
+    face: Where
+    """Name of the face, or where on the surface."""
     pressure: float
     """Positive pushes inward [MPa]."""
     follows_block: bool = False
@@ -50,8 +58,8 @@ class TractionLoad(ReadOnlyArrays):
 
     blocks: IntArray
     """(n,)"""
-    face: str
-    """Name of the face."""
+    face: Where
+    """Name of the face, or where on the surface."""
     traction: FloatArray
     """World axes, (3,) [MPa]."""
 
@@ -108,13 +116,40 @@ class LoadedFacets(ReadOnlyArrays):
 
 
 @dataclass(frozen=True)
-class HeldFace(ReadOnlyArrays):
-    """A face whose nodes do not move while a load acts."""
+class LineLoad(ReadOnlyArrays):
+    """Dead force per length along straight edges of some blocks."""
 
-    block: int
-    """Its block, which deforms."""
-    face: str
-    """Its name."""
+    blocks: IntArray
+    """(n,)"""
+    start: FloatArray
+    """End of the line that the edges lie on, world coordinates, (3,) [mm]."""
+    end: FloatArray
+    """The other end, (3,) [mm]."""
+    force: FloatArray
+    """World axes, (3,) [N/mm]."""
+
+
+@dataclass(frozen=True)
+class LoadedEdges(ReadOnlyArrays):
+    """Edges that one line load acts on, in the initial configuration."""
+
+    block: IntArray
+    """Loaded block of each edge, (n_edges,)."""
+    quads: IntArray
+    """Corner nodes of a facet that has the edge, (n_edges, 4)."""
+    side: IntArray
+    """Corner of that facet at which the edge begins; it ends at the next one, (n_edges,)."""
+    centroids: FloatArray
+    """World coordinates of the middle, (n_edges, 3) [mm]."""
+    forces: FloatArray
+    """Force on each edge, (n_edges, 3) [N]."""
+    per_length: FloatArray
+    """(3,) [N/mm]"""
+
+    @property
+    def area_vectors(self) -> FloatArray:
+        """An edge has none, (n_edges, 3)."""
+        return np.zeros_like(self.forces)
 
 
 @dataclass(frozen=True)
@@ -130,7 +165,9 @@ class LoadCase(ReadOnlyArrays):
     fixed: BoolArray
     """Blocks held while the load acts, (n_blocks,)."""
     held: tuple[HeldFace, ...] = ()
-    """Faces held of blocks that are not held as a whole."""
+    """Faces held, moved or on springs of blocks that are not held as a whole."""
+    lines: tuple[LineLoad, ...] = ()
+    """Loads along edges."""
     without_couple: bool = False
     """Whether each block takes only the resultant force, at the mean of its surface nodes."""
     body_wrenches: FloatArray | None = None
@@ -146,28 +183,33 @@ class LoadCase(ReadOnlyArrays):
                 f"of {n} blocks, ({n},)"
             )
         for load in self.faces:
-            for number in np.unique(self.assembly.shape_of[load.blocks]):
-                shape = self.assembly.shapes[number]
-                if load.face not in shape.faces:
-                    block = load.blocks[self.assembly.shape_of[load.blocks] == number][0]
-                    raise LoadCaseError(
-                        f"load: block {block} ({shape.name}) has no face {load.face!r}; "
-                        f"expected one of {', '.join(shape.faces)}"
-                    )
+            check_region(self.assembly, load.blocks, load.face, "load", LoadCaseError)
+        for held in self.held:
+            held.check(self.assembly)
+        for line in self.lines:
+            if not np.isfinite([line.start, line.end, line.force]).all():
+                raise LoadCaseError("load: got a line load that is not finite; expected mm, N/mm")
 
     @cached_property
     def facets(self) -> tuple[LoadedFacets, ...]:
         """Facets of each load of `faces`."""
         return tuple(_loaded_facets(self.assembly, load) for load in self.faces)  # type: ignore[arg-type]
 
+    @cached_property
+    def edges(self) -> tuple[LoadedEdges, ...]:
+        """Edges of each load of `lines`."""
+        return tuple(_loaded_edges(self.assembly, line) for line in self.lines)  # type: ignore[arg-type]
+
     def _all(self, name: str) -> FloatArray:
-        parts = [getattr(found, name) for found in self.facets]
+        parts = [getattr(found, name) for found in (*self.facets, *self.edges)]
         return np.concatenate(parts) if parts else np.zeros((0, 3))
 
     @cached_property
     def block(self) -> IntArray:
-        """Loaded block of each facet, (n_facets,)."""
-        return np.concatenate([f.block for f in self.facets] or [np.zeros(0, dtype=np.int64)])
+        """Loaded block of each facet, then of each edge, (n_facets,)."""
+        parts = [found.block for found in self.facets]
+        parts += [found.block for found in self.edges]
+        return np.concatenate(parts or [np.zeros(0, dtype=np.int64)])
 
     @cached_property
     def centroids(self) -> FloatArray:
@@ -196,12 +238,22 @@ class LoadCase(ReadOnlyArrays):
         return max((float(np.abs(value).max(initial=0.0)) for value in values), default=0.0)
 
 
+def _parts(assembly: Assembly, load: FaceLoad) -> Iterator[tuple[IntArray, QuadSurface]]:
+    """Blocks that are loaded on the same facets of their shape, and these."""
+    if isinstance(load.face, str):
+        for number in np.unique(assembly.shape_of[load.blocks]):
+            copies = load.blocks[assembly.shape_of[load.blocks] == number]
+            yield copies, assembly.shapes[number].surface(load.face)
+        return
+    for block in load.blocks.tolist():
+        nodes = assembly.shape(block).mesh.nodes
+        yield np.array([block]), QuadSurface(nodes, region_quads(assembly, block, load.face))
+
+
 def _loaded_facets(assembly: Assembly, load: FaceLoad) -> LoadedFacets:
     """Facets of one face of several blocks, placed."""
     block, quads, centroids, vectors = [], [], [], []
-    for number in np.unique(assembly.shape_of[load.blocks]):
-        copies = load.blocks[assembly.shape_of[load.blocks] == number]
-        surface = assembly.shapes[number].surface(load.face)
+    for copies, surface in _parts(assembly, load):
         turn = assembly.rotations[copies]
         block.append(np.repeat(copies, surface.n_facets))
         quads.append(np.tile(surface.quads, (len(copies), 1)))
@@ -217,6 +269,34 @@ def _loaded_facets(assembly: Assembly, load: FaceLoad) -> LoadedFacets:
         area_vectors=np.concatenate(vectors),
         tractions=load.tractions(assembly, middle),
         pressure=load.pressure if isinstance(load, PressureLoad) else 0.0,
+    )
+
+
+def _loaded_edges(assembly: Assembly, load: LineLoad) -> LoadedEdges:
+    """Edges of the surfaces of blocks that lie on a line.
+
+    Raises
+    ------
+    LoadCaseError
+        A line on which no edge lies.
+    """
+    block, quads, side = [], [], []
+    for number in load.blocks.tolist():
+        found, first = region_edges(assembly, number, load.start, load.end)
+        block.append(np.full(len(found), number))
+        quads.append(found)
+        side.append(first)
+    of, corners, begin = (np.concatenate(parts) for parts in (block, quads, side))
+    if not len(of):
+        raise LoadCaseError(
+            f"load: no edge of the blocks {listed(load.blocks)} lies on the line from "
+            f"{load.start.tolist()} to {load.end.tolist()}; expected an edge of the mesh"
+        )
+    local = np.stack([corners[np.arange(len(of)), (begin + k) % 4] for k in range(2)], axis=1)
+    ends = np.stack([assembly.nodes(b)[pair] for b, pair in zip(of.tolist(), local, strict=True)])
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return LoadedEdges(
+        of, corners, begin, ends.mean(axis=1), np.outer(lengths, load.force), load.force
     )
 
 

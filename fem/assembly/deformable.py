@@ -25,20 +25,31 @@ from fem.contact.surfaces import (
 from fem.element.hexahedron import ElementType
 from fem.element.lagrange_mesh import in_pieces, with_degree
 from fem.element.material import Material
-from fem.problem.loads import pressure_forces, traction_forces, wrench_forces
+from fem.problem.loads import (
+    TabularAmplitude,
+    edge_forces,
+    pressure_forces,
+    traction_forces,
+    wrench_forces,
+)
 from fem.problem.model import (
+    Amplitude,
     BlockGroup,
     Model,
+    ModelError,
     NodalLoad,
     Support,
     block_group,
     fixed_nodes,
     lumped_mass,
 )
+from fem.problem.springs import Springs, springs_on
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
-from geometry.loads import FaceLoad, HeldFace, LoadCase, PressureLoad
+from geometry.loads import FaceLoad, LoadCase, PressureLoad
 from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.regions import region_nodes, region_quads
+from geometry.supports import HeldFace
 
 
 class DeformableAssemblyError(RefusedError):
@@ -54,6 +65,8 @@ class Frames(StrEnum):
     """They deform and are held at their outer faces."""
 
 
+#: Directions that differ by less are one [-].
+_SAME = 1e-9
 #: Outer face of a fixed block in the first and in the last layer, the first that exists.
 _OUTER_FACES = {"first": ("bottom", "z-"), "last": ("top", "z+")}
 
@@ -168,11 +181,13 @@ def check_cell(assembly: Assembly, frames: Frames, *, finite_sliding: bool) -> N
 
 
 def check_held(assembly: Assembly, load: LoadCase) -> None:
-    """Reject blocks that no chain of contacts connects to a fixed block."""
+    """Reject blocks that no chain of contacts connects to a fixed block or a support."""
     found, n = assembly.interfaces, assembly.n_blocks
     touch = coo_array((np.ones(found.n_contacts), (found.block_m, found.block_s)), shape=(n, n))
     _, part = connected_components(touch, directed=False)
-    loose = np.flatnonzero(~np.isin(part, part[load.fixed]))
+    holds = load.fixed.copy()
+    holds[[face.block for face in load.held]] = True
+    loose = np.flatnonzero(~np.isin(part, part[holds]))
     if len(loose):
         names = ", ".join(str(b) for b in loose[:8]) + (", …" if len(loose) > 8 else "")
         raise DeformableAssemblyError(
@@ -187,8 +202,12 @@ def block_groups(
     offsets: FloatArray,
     material: Material,
     element: ElementType,
+    *,
+    held: tuple[HeldFace, ...] = (),
 ) -> tuple[tuple[BlockGroup, ...], IntArray, IntArray]:
     """One group for each shape that deforms, copies in the order of the blocks.
+
+    Blocks on springs share a group where their springs are the same.
 
     Returns
     -------
@@ -198,8 +217,9 @@ def block_groups(
     group_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
     copy_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
     groups: list[BlockGroup] = []
-    for number in np.unique(assembly.shape_of[deformable]):
-        blocks = np.flatnonzero(deformable & (assembly.shape_of == number))
+    kinds, springs = _springs(assembly, held)
+    for number, kind in np.unique(np.stack([assembly.shape_of, kinds])[:, deformable], axis=1).T:
+        blocks = np.flatnonzero(deformable & (assembly.shape_of == number) & (kinds == kind))
         shape = assembly.shapes[int(number)]
         group_of[blocks] = len(groups)
         copy_of[blocks] = np.arange(len(blocks))
@@ -210,10 +230,39 @@ def block_groups(
                 element=element,
                 rotations=assembly.rotations[blocks],
                 translations=assembly.translations[blocks] + offsets[blocks],
+                springs=springs[int(kind)],
                 name=shape.name,
             )
         )
     return tuple(groups), group_of, copy_of
+
+
+def _springs(
+    assembly: Assembly, held: tuple[HeldFace, ...]
+) -> tuple[IntArray, list[Springs | None]]:
+    """Which springs each block has, (n_blocks,), and each kind of them, the first of none."""
+    of_block: dict[int, list[HeldFace]] = {}
+    for face in held:
+        if face.spring is not None:
+            of_block.setdefault(face.block, []).append(face)
+    kinds, springs = np.zeros(assembly.n_blocks, dtype=np.int64), list[Springs | None]([None])
+    known: dict[bytes, int] = {}
+    for block, faces in of_block.items():
+        turn = assembly.rotations[block]
+        beds = [
+            (region_quads(assembly, block, face.face), float(face.spring or 0.0), face.axes @ turn)
+            for face in faces
+        ]
+        key = b"".join(
+            part.tobytes()
+            for quads, stiffness, axes in beds
+            for part in (quads, np.array(stiffness), np.round(axes.T @ axes, 9) + 0.0)
+        )
+        if key not in known:
+            known[key] = len(springs)
+            springs.append(springs_on(assembly.shape(block).mesh, beds))
+        kinds[block] = known[key]
+    return kinds, springs
 
 
 def block_load_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray | None:
@@ -242,7 +291,8 @@ def _pressed(load: LoadCase, block: int) -> bytes | None:
 
     None where other loads act.
     """
-    if load.body_wrenches is not None or any(f.tractions is not None for f in load.facets):
+    dead = load.body_wrenches is not None or load.lines
+    if dead or any(f.tractions is not None for f in load.facets):
         return None
     return b"|".join(found.quads[found.block == block].tobytes() for found in load.facets)
 
@@ -261,6 +311,12 @@ def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray |
         else:
             part = traction_forces(mesh.nodes, quads, found.tractions[mine] @ rotation)
         forces = part if forces is None else forces + part
+    for edges in load.edges:
+        mine = np.flatnonzero(edges.block == block)
+        if len(mine):
+            local = edges.per_length @ rotation
+            part = edge_forces(mesh.nodes, edges.quads[mine], edges.side[mine], mesh, local)
+            forces = part if forces is None else forces + part
     if load.without_couple and forces is not None:
         # Equal shares on all surface nodes: their resultant acts at the mean of these nodes.
         surface = assembly.shape(block).surface_nodes
@@ -285,7 +341,7 @@ def nodal_loads(
     if turning:
         dead = replace(load, faces=tuple(face for face in load.faces if not _turns(face)))
         found = _dead_loads(assembly, dead, groups, group_of, copy_of)
-        alone = replace(load, faces=turning, body_wrenches=None)
+        alone = replace(load, faces=turning, body_wrenches=None, lines=())
         follow = _dead_loads(assembly, alone, groups, group_of, copy_of)
         return (*found, *(replace(part, follows_block=True) for part in follow))
     return _dead_loads(assembly, load, groups, group_of, copy_of)
@@ -369,18 +425,90 @@ def supports_at(
     group_of: IntArray,
     copy_of: IntArray,
 ) -> tuple[Support, ...]:
-    """Hold faces of blocks that deform: one entry for those alike in a layer."""
-    of_block: dict[int, tuple[str, ...]] = {}
+    """Hold or move parts of blocks that deform: one entry for those alike in a layer.
+
+    Raises
+    ------
+    ModelError
+        Two supports that move one node by different lengths along one direction.
+    """
+    of_block: dict[int, list[HeldFace]] = {}
     for held in faces:
-        of_block[held.block] = (*of_block.get(held.block, ()), held.face)
+        if held.spring is None:
+            of_block.setdefault(held.block, []).append(held)
     alike: dict[tuple[int, int, tuple[str, ...]], list[int]] = {}
-    for block, names in of_block.items():
-        key = int(assembly.layer[block]), int(group_of[block]), names
-        alike.setdefault(key, []).append(block)
+    single: list[Support] = []
+    for block, mine in of_block.items():
+        names = tuple(held.face for held in mine if isinstance(held.face, str))
+        whole = all(held.directions is None and held.displacement is None for held in mine)
+        if whole and len(names) == len(mine):
+            key = int(assembly.layer[block]), int(group_of[block]), names
+            alike.setdefault(key, []).append(block)
+        else:
+            single += _supports_of(assembly, block, mine, int(group_of[block]), int(copy_of[block]))
     supports = []
     for (_, group, names), blocks in sorted(alike.items()):
         shape = assembly.shape(blocks[0])
         quads = np.concatenate([shape.faces[name] for name in names])
         nodes = np.unique(shape.mesh.facet_nodes(quads))
         supports.append(fixed_nodes(group, nodes, copies=copy_of[np.sort(blocks)]))
-    return tuple(supports)
+    return (*supports, *single)
+
+
+def _supports_of(
+    assembly: Assembly, block: int, faces: list[HeldFace], group: int, copy: int
+) -> list[Support]:
+    """Components of the nodes of one block that its supports prescribe, each once."""
+    none = np.zeros((0, 3))
+    taken, moving = dict[int, FloatArray](), dict[int, FloatArray]()
+    found = []
+    for held in sorted(faces, key=lambda face: not face.moves):  # what moves comes first
+        nodes, directions = [], []
+        for node in region_nodes(assembly, block, held.face).tolist():
+            if np.abs(held.axes @ moving.get(node, none).T).max(initial=0.0) > _SAME:
+                raise ModelError(
+                    f"support {held.title}: another support moves a node of block "
+                    f"{assembly.named(block)} along a direction of this one; expected one of the "
+                    "two"
+                )
+            before = taken.get(node, none)
+            new = _beyond(before, held.axes)
+            taken[node] = np.concatenate([before, new])
+            nodes += [node] * len(new)
+            directions.append(new)
+            if held.moves:
+                moving[node] = np.concatenate([moving.get(node, none), held.axes])
+        along = np.concatenate([none, *directions])
+        moved = np.zeros(3) if held.displacement is None else held.displacement
+        of = np.array(nodes, dtype=np.int64)
+        found.append(
+            Support(
+                group=group,
+                copies=np.full(len(of), copy),
+                nodes=of,
+                directions=along,
+                displacement=along @ moved,
+                amplitude=motion_of(held) if held.moves else None,
+            )
+        )
+    return found
+
+
+def _beyond(before: FloatArray, axes: FloatArray) -> FloatArray:
+    """Unit directions that some have beyond others that are held already, (n, 3)."""
+    if not len(before):
+        return axes
+    rest = axes - axes @ before.T @ before
+    if np.abs(rest - axes).max() <= _SAME:
+        return axes
+    _, size, right = np.linalg.svd(rest)
+    new: FloatArray = right[: int((size > _SAME).sum())]
+    return new
+
+
+def motion_of(held: HeldFace) -> Amplitude:
+    """Share of its displacement by which a support moves, as a function of time [s]."""
+    if not held.path:
+        return TabularAmplitude((0.0, 1.0), (0.0, 1.0))
+    times, shares = zip(*held.path, strict=True)
+    return TabularAmplitude(times, shares)

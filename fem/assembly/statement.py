@@ -393,7 +393,7 @@ class Problem:
         offsets = spacing_offsets(assembly, self.spacing)
         surfaces = self._surfaces(assembly, deforms)
         groups, group_of, copy_of = block_groups(
-            assembly, deforms, offsets, self.material, self.element
+            assembly, deforms, offsets, self.material, self.element, held=load.held
         )
         loads = nodal_loads(assembly, load, groups, group_of, copy_of)
         faces = load.held if self.frames is Frames.RIGID else held_faces(assembly, load)

@@ -44,6 +44,7 @@ from fem.decks.statement import (
     block_label,
     check_deck,
     element_name,
+    named_face,
 )
 from fem.element.hexahedron import ElementType
 from geometry.block import Block
@@ -430,7 +431,10 @@ def _load(deck: Deck, load: DeckLoad) -> Iterator[str]:
 
 def _surfaces(deck: Deck, load: PressureLoad | CircumferentialLoad | TractionLoad) -> list[str]:
     """Loaded surfaces by name."""
-    return [f"{block_label(deck, block)}.{label(load.face)}" for block in load.blocks.tolist()]
+    return [
+        f"{block_label(deck, block)}.{label(named_face(load.face))}"
+        for block in load.blocks.tolist()
+    ]
 
 
 def _components(start: str, vector: FloatArray) -> Iterator[str]:

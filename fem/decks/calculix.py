@@ -48,6 +48,7 @@ from fem.decks.statement import (
     block_label,
     check_deck,
     element_name,
+    named_face,
 )
 from fem.element.hexahedron import ELEMENTS, ElementType
 from fem.problem.loads import SmoothStepAmplitude
@@ -205,8 +206,9 @@ def _load(deck: Deck, load: DeckLoad, starts: Starts) -> Iterator[str]:
     amplitude = amplitude_parameter(deck)
     if isinstance(load, PressureLoad):
         yield keyword("Dsload", **amplitude)
+        face = label(named_face(load.face))
         for block in load.blocks.tolist():
-            yield f"{block_label(deck, block)}_{label(load.face)}, P, {real(load.pressure)}"
+            yield f"{block_label(deck, block)}_{face}, P, {real(load.pressure)}"
         return
     yield keyword("Cload", **amplitude)
     for block in np.unique(load.blocks).tolist():
@@ -331,7 +333,7 @@ def _needed_surfaces(deck: Deck, patches: Patches | None) -> list[set[str]]:
     for load in deck.loads:
         if isinstance(load, PressureLoad):
             for block in load.blocks.tolist():
-                needed[block].add(label(load.face))
+                needed[block].add(label(named_face(load.face)))
     for pair in () if patches is None else patches.pairs:
         needed[pair.block_m].add(pair.patch_m)
         needed[pair.block_s].add(pair.patch_s)

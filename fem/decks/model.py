@@ -15,7 +15,15 @@ from fem.assembly.deformable import (
 )
 from fem.contact.friction import CoulombFriction
 from fem.contact.surfaces import ContactNormals
-from fem.decks.statement import BodyForceLoad, Deck, DeckLoad, Joint, NodalForceLoad, Procedure
+from fem.decks.statement import (
+    BodyForceLoad,
+    Deck,
+    DeckLoad,
+    Joint,
+    NodalForceLoad,
+    Procedure,
+    named_face,
+)
 from fem.element.hexahedron import block_lumped_mass
 from fem.problem.loads import SmoothStepAmplitude, pressure_forces, traction_forces
 from fem.problem.model import Model, NodalLoad, Support, fixed_nodes, nodal_load
@@ -41,7 +49,7 @@ def nodal_forces(deck: Deck, load: DeckLoad, block: int) -> FloatArray:
     if isinstance(load, BodyForceLoad):
         density = load.force_density[load.blocks == block][0]
         return np.outer(block_lumped_mass(shape.mesh, 1.0), density)
-    nodes, corners = block_nodes(deck, block), shape.faces[load.face]
+    nodes, corners = block_nodes(deck, block), shape.faces[named_face(load.face)]
     quads = shape.mesh.facet_nodes(corners)
     if isinstance(load, PressureLoad):
         return pressure_forces(nodes, quads, load.pressure)

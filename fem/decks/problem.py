@@ -18,7 +18,16 @@ from fem.decks.keywords import DeckError
 from fem.decks.laws import law_notes
 from fem.decks.model import as_nodal_forces
 from fem.decks.placement import canonical
-from fem.decks.statement import Deck, DeckStep, Flavour, Hold, Joint, Procedure, loads_of_case
+from fem.decks.statement import (
+    Deck,
+    DeckStep,
+    Flavour,
+    Hold,
+    Joint,
+    Procedure,
+    loads_of_case,
+    named_face,
+)
 from fem.decks.write import write_deck as write_statement
 from fem.element.lagrange_mesh import serendipity_block
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
@@ -26,6 +35,7 @@ from fem.problem.time_step import characteristic_time_step
 from geometry.assembly import Assembly
 from geometry.files.whole import write_whole
 from geometry.loads import CircumferentialLoad
+from geometry.supports import HeldFace
 
 #: Explicit run to a static state where nobody names times [s]: with the paper's damping of 2 /s,
 #: amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.
@@ -141,9 +151,30 @@ def holds_of(problem: Problem) -> tuple[Hold, ...]:
     """Held blocks: all nodes, or the outer faces of frame blocks that deform; and held faces."""
     blocks, load = problem.blocks, problem.load_case
     if problem.frames is Frames.DEFORMABLE:
-        return tuple(Hold(held.block, held.face) for held in held_faces(blocks, load))
+        return tuple(map(_hold, held_faces(blocks, load)))
     whole = [Hold(block) for block in np.flatnonzero(load.fixed).tolist()]
-    return (*whole, *(Hold(held.block, held.face) for held in load.held))
+    return (*whole, *map(_hold, load.held))
+
+
+def _hold(held: HeldFace) -> Hold:
+    """Support of a deck.
+
+    Raises
+    ------
+    DeckError
+        What decks do not have.
+    """
+    for what, there in (
+        ("springs", held.spring is not None),
+        ("a motion", held.moves),
+        ("single directions", held.directions is not None),
+    ):
+        if there:
+            raise DeckError(
+                f"support {held.title}: got {what}, which decks do not have yet; expected a face "
+                "that is held in all directions"
+            )
+    return Hold(held.block, named_face(held.face))
 
 
 def joint_of(problem: Problem) -> Joint:

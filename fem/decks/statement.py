@@ -25,6 +25,7 @@ from fem.problem.effects import Effects
 from geometry.assembly import Assembly, spacing_offsets
 from geometry.loads import FaceLoad, LoadCase
 from geometry.mesh import FloatArray, IntArray
+from geometry.regions import Where
 
 
 class Flavour(StrEnum):
@@ -70,6 +71,19 @@ class NodalForceLoad:
 
 
 DeckLoad: TypeAlias = FaceLoad | BodyForceLoad | NodalForceLoad
+
+
+def named_face(where: Where) -> str:
+    """Name of a region, as a deck has it.
+
+    Raises
+    ------
+    DeckError
+        A region without a name.
+    """
+    if isinstance(where, str):
+        return where
+    raise DeckError(f"got a load or a support on {where}; a deck names faces: expected a face")
 
 
 @dataclass(frozen=True)
@@ -182,6 +196,13 @@ def loads_of_case(case: LoadCase) -> tuple[DeckLoad, ...]:
             f"load {case.name!r}: got forces and moments on whole blocks; expected loads on faces "
             "(a deck has gravity and body forces, no moment on a solid block)"
         )
+    if case.lines:
+        raise DeckError(
+            f"load {case.name!r}: got forces along edges, which decks do not have; expected loads "
+            "on faces"
+        )
+    for load in case.faces:
+        named_face(load.face)
     return (_surface_node_forces(case),) if case.without_couple else case.faces
 
 
@@ -260,7 +281,7 @@ def _check_references(deck: Deck) -> None:
                 if not 0 <= node < shape(block).mesh.n_nodes:
                     raise DeckError(f"load: block {block} has no node {node + 1}")
         elif not isinstance(load, BodyForceLoad):
-            named += [(block, load.face) for block in load.blocks.tolist()]
+            named += [(block, named_face(load.face)) for block in load.blocks.tolist()]
     for block, face in named:
         if face not in shape(block).faces:
             raise DeckError(

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from fem.element.facet import basis_of, facet_area_vectors
+from fem.element.facet import FACET_CORNERS, basis_of, facet_area_vectors, facet_functions
+from fem.element.lagrange import gauss_line
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, HexMesh, IntArray
 
 
 class LoadError(RefusedError):
@@ -92,6 +93,41 @@ def traction_forces(nodes: FloatArray, quads: IntArray, traction: FloatArray) ->
     area = np.linalg.norm(facet_area_vectors(nodes, quads), axis=-1)
     corner = np.einsum("fi,pa,...fp->...fai", value, basis_of(quads).values, area)
     return scatter_to_nodes(corner, quads, nodes.shape[-2])
+
+
+def edge_forces(
+    nodes: FloatArray, corners: IntArray, side: IntArray, mesh: HexMesh, force: FloatArray
+) -> FloatArray:
+    """Consistent nodal forces of a force per length along edges of facets, f_a = ∫ q N_a ds.
+
+    Parameters
+    ----------
+    nodes
+        (n_nodes, 3) [mm].
+    corners, side
+        Corners of a facet that has each edge, (n, 4), and the one at which it begins, (n,).
+    mesh
+        Of the block: which nodes lie between corners.
+    force
+        (3,) [N/mm].
+
+    Returns
+    -------
+    FloatArray
+        (n_nodes, 3) [N].
+    """
+    quads = mesh.facet_nodes(corners)
+    found = np.zeros_like(nodes)
+    line, weights = gauss_line(math.isqrt(quads.shape[1]))
+    for first in range(4):
+        begin, end = FACET_CORNERS[first], FACET_CORNERS[(first + 1) % 4]
+        way = 0.5 * (end - begin)
+        values, slopes = facet_functions(0.5 * (begin + end) + np.outer(line, way), quads.shape[1])
+        mine = quads[side == first]
+        tangent = np.einsum("pak,k,fai->fpi", slopes, way, nodes[mine])
+        length = np.linalg.norm(tangent, axis=2) * weights
+        np.add.at(found, mine, np.einsum("fp,pa,i->fai", length, values, force))
+    return found
 
 
 def _per_facet(

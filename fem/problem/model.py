@@ -25,6 +25,7 @@ from fem.element.hexahedron import (
 from fem.element.lagrange_mesh import LagrangeMesh
 from fem.element.material import Material
 from fem.problem.effects import Effects
+from fem.problem.springs import Springs
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, HexMesh, IntArray
 
@@ -44,21 +45,29 @@ class ReferenceBlock:
     """[mm]."""
     material: Material
     element: ElementType
+    springs: Springs | None = None
+    """Between its surface and the ground; None: none."""
 
     def of_elements(self, some: IntArray) -> FloatArray:
-        """Stiffness matrices of some elements, (m, 3 n, 3 n) [N/mm]."""
+        """Stiffness matrices of some elements, springs included, (m, 3 n, 3 n) [N/mm]."""
         if isinstance(self.mesh, LagrangeMesh):
-            return lagrange_mesh.lagrange_stiffness(self.mesh, self.material, some)
-        return element_stiffness(
-            self.mesh.nodes[self.mesh.elements[some]], self.material, self.element
-        )
+            found = lagrange_mesh.lagrange_stiffness(self.mesh, self.material, some)
+        else:
+            found = element_stiffness(
+                self.mesh.nodes[self.mesh.elements[some]], self.material, self.element
+            )
+        return found if self.springs is None else self.springs.added(some, found)
 
     @cached_property
     def stiffness(self) -> bsr_array:
-        """(3 n_nodes, 3 n_nodes) [N/mm]."""
+        """Springs included, (3 n_nodes, 3 n_nodes) [N/mm]."""
         if isinstance(self.mesh, LagrangeMesh):
-            return lagrange_mesh.block_stiffness(self.mesh, self.material)
-        return block_stiffness(self.mesh, self.material, self.element)
+            found = lagrange_mesh.block_stiffness(self.mesh, self.material)
+        else:
+            found = block_stiffness(self.mesh, self.material, self.element)
+        if self.springs is None:
+            return found
+        return bsr_array((found + self.springs.stiffness).tocsr(), blocksize=(3, 3))
 
     @cached_property
     def hourglass_stiffness(self) -> bsr_array | None:
@@ -100,6 +109,11 @@ class BlockGroup:
         return self.reference.stiffness
 
     @property
+    def springs(self) -> Springs | None:
+        """Between the surface of each copy and the ground; None: none."""
+        return self.reference.springs
+
+    @property
     def hourglass_stiffness(self) -> bsr_array | None:
         """The part of `stiffness` that controls hourglass modes, for their energy."""
         return self.reference.hourglass_stiffness
@@ -127,6 +141,7 @@ def block_group(
     element: ElementType = ElementType.INCOMPATIBLE,
     rotations: FloatArray | None = None,
     translations: FloatArray | None = None,
+    springs: Springs | None = None,
     name: str = "block",
 ) -> BlockGroup:
     """Assemble the reference block and place its copies.
@@ -151,7 +166,7 @@ def block_group(
         element=element,
         rotations=rotations,
         translations=translations,
-        reference=ReferenceBlock(mesh, material, element),
+        reference=ReferenceBlock(mesh, material, element, springs),
         lumped_mass=lumped_mass(mesh, material.density),
     )
 

@@ -1,0 +1,91 @@
+"""Springs between the surface of a block and the ground: a bed of stiffness per area."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import bsr_array, coo_array
+
+from fem.element.facet import basis_of, facet_area_vectors
+from geometry.charts import facet_elements
+from geometry.mesh import FloatArray, HexMesh, IntArray, ReadOnlyArrays
+
+
+@dataclass(frozen=True)
+class Springs(ReadOnlyArrays):
+    """Beds of springs on facets of a block, as stiffness of the elements that have these facets."""
+
+    element: IntArray
+    """Element of each facet, (n,)."""
+    nodes: IntArray
+    """Nodes of each facet, (n, m)."""
+    places: IntArray
+    """Which nodes of the element these are, (n, m)."""
+    matrices: FloatArray
+    """Block frame, (n, 3 m, 3 m) [N/mm]."""
+    n_nodes: int
+    """Nodes of the block."""
+
+    def added(self, some: IntArray, matrices: FloatArray) -> FloatArray:
+        """Stiffness matrices of some elements (k,) with their springs, (k, 3 n, 3 n) [N/mm]."""
+        total = matrices.copy()
+        for facet in np.flatnonzero(np.isin(self.element, some)).tolist():
+            dofs = (3 * self.places[facet][:, None] + np.arange(3)).ravel()
+            (number,) = np.flatnonzero(some == self.element[facet])
+            total[number][np.ix_(dofs, dofs)] += self.matrices[facet]
+        return total
+
+    @cached_property
+    def stiffness(self) -> bsr_array:
+        """Of all springs, (3 n_nodes, 3 n_nodes) [N/mm]."""
+        dofs = (3 * self.nodes[:, :, None] + np.arange(3)).reshape(len(self.nodes), -1)
+        rows = np.repeat(dofs, dofs.shape[1], axis=1)
+        columns = np.tile(dofs, (1, dofs.shape[1]))
+        size = 3 * self.n_nodes
+        entries = (self.matrices.ravel(), (rows.ravel(), columns.ravel()))
+        return bsr_array(coo_array(entries, (size, size)).tocsr(), blocksize=(3, 3))
+
+    @property
+    def nodal_stiffness(self) -> FloatArray:
+        """Bound of the stiffness that each node feels, (n_nodes,) [N/mm]."""
+        rows = np.asarray(abs(self.stiffness).sum(axis=1), dtype=np.float64)
+        bound: FloatArray = rows.reshape(-1, 3).max(axis=1)
+        return bound
+
+
+def springs_on(mesh: HexMesh, beds: Sequence[tuple[IntArray, float, FloatArray]]) -> Springs | None:
+    """Consistent stiffness of beds of springs, ∫ k N_a N_b d dᵀ dA; None without any.
+
+    Parameters
+    ----------
+    mesh
+        Of the block.
+    beds
+        Corners of facets (n, 4), stiffness per area [N/mm³] and unit directions in the block's
+        frame (k, 3) of each.
+    """
+    if not beds:
+        return None
+    element, nodes, places, matrices = [], [], [], []
+    for corners, stiffness, directions in beds:
+        quads = mesh.facet_nodes(corners)
+        area = np.linalg.norm(facet_area_vectors(mesh.nodes, quads), axis=-1)
+        values = basis_of(quads).values
+        product = stiffness * np.einsum("fp,pa,pb->fab", area, values, values)
+        blocks = np.einsum("fab,ij->faibj", product, directions.T @ directions)
+        size = 3 * quads.shape[1]
+        of, _ = facet_elements(mesh, corners)
+        element.append(of)
+        nodes.append(quads)
+        places.append((mesh.connectivity[of][:, None, :] == quads[:, :, None]).argmax(axis=2))
+        matrices.append(blocks.reshape(-1, size, size))
+    return Springs(
+        element=np.concatenate(element),
+        nodes=np.concatenate(nodes),
+        places=np.concatenate(places),
+        matrices=np.concatenate(matrices),
+        n_nodes=mesh.n_nodes,
+    )

@@ -1,0 +1,157 @@
+"""Where something acts: parts of the surfaces of blocks, by name, by a plane or by a box."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from geometry.assembly import AnyBlocks
+from geometry.errors import RefusedError
+from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays, boundary_quads
+
+#: Distance from a plane or a box that still counts as on it, in block sizes (∛V).
+_ON = 1e-6
+
+
+@dataclass(frozen=True)
+class Plane(ReadOnlyArrays):
+    """What of a surface lies on a plane."""
+
+    point: FloatArray
+    """A point of it, world coordinates, (3,) [mm]."""
+    normal: FloatArray
+    """(3,), of any length but zero."""
+
+    def has(self, points: FloatArray, tolerance: float) -> BoolArray:
+        """Whether each of some points (..., 3) [mm] lies on it within a distance [mm]."""
+        unit = self.normal / np.linalg.norm(self.normal)
+        away: FloatArray = np.abs((points - self.point) @ unit)
+        near: BoolArray = np.less_equal(away, tolerance)
+        return near
+
+    def __str__(self) -> str:
+        """In words."""
+        return f"the plane through {self.point.tolist()} normal to {self.normal.tolist()}"
+
+
+@dataclass(frozen=True)
+class Box(ReadOnlyArrays):
+    """What of a surface lies in a box; a thin one chooses an edge or a point."""
+
+    low: FloatArray
+    """Least coordinates, (3,) [mm]."""
+    high: FloatArray
+    """Largest coordinates, (3,) [mm]."""
+
+    def has(self, points: FloatArray, tolerance: float) -> BoolArray:
+        """Whether each of some points (..., 3) [mm] lies in it within a distance [mm]."""
+        inside = (points >= self.low - tolerance) & (points <= self.high + tolerance)
+        every: BoolArray = inside.all(axis=-1)
+        return every
+
+    def __str__(self) -> str:
+        """In words."""
+        return f"the box from {self.low.tolist()} to {self.high.tolist()}"
+
+
+#: Part of the surface of a block: a face by its name, what lies on a plane, what lies in a box.
+Where: TypeAlias = str | Plane | Box
+
+
+def region_quads(assembly: AnyBlocks, block: int, where: Where) -> IntArray:
+    """Facets of a block in a region, all corners of each inside; corner nodes, (n, 4)."""
+    shape = assembly.shape(block)
+    if isinstance(where, str):
+        named: IntArray = shape.faces[where]
+        return named
+    quads = boundary_quads(shape.mesh)
+    inside = where.has(_nodes(assembly, block), _tolerance(assembly))
+    return quads[inside[quads].all(axis=1)]
+
+
+def region_nodes(assembly: AnyBlocks, block: int, where: Where) -> IntArray:
+    """Surface nodes of a block in a region, those between corners too, ascending; (n,)."""
+    mesh = assembly.shape(block).mesh
+    if isinstance(where, str):
+        return np.unique(mesh.facet_nodes(region_quads(assembly, block, where)))
+    nodes = np.unique(mesh.facet_nodes(boundary_quads(mesh)))
+    return nodes[where.has(_nodes(assembly, block)[nodes], _tolerance(assembly))]
+
+
+def blocks_with(assembly: AnyBlocks, where: Where) -> IntArray:
+    """Blocks with surface nodes in a region, (n,)."""
+    return np.array(
+        [
+            block
+            for block in range(assembly.n_blocks)
+            if not isinstance(where, str) or where in assembly.shape(block).faces
+            if len(region_nodes(assembly, block, where))
+        ],
+        dtype=np.int64,
+    )
+
+
+def first_met(assembly: AnyBlocks, block: int, direction: FloatArray) -> Plane:
+    """The plane of what a flat punch that comes along a direction touches first of a block."""
+    unit = direction / np.linalg.norm(direction)
+    nodes = _nodes(assembly, block)
+    return Plane(nodes[int(np.argmin(nodes @ unit))], unit)
+
+
+def _tolerance(assembly: AnyBlocks) -> float:
+    return _ON * assembly.characteristic_length
+
+
+def _nodes(assembly: AnyBlocks, block: int) -> FloatArray:
+    return assembly.place(block, assembly.shape(block).mesh.nodes)
+
+
+def region_edges(
+    assembly: AnyBlocks, block: int, start: FloatArray, end: FloatArray
+) -> tuple[IntArray, IntArray]:
+    """Edges of the surface of a block that lie between two points (3,) [mm], each once.
+
+    Returns
+    -------
+    tuple[IntArray, IntArray]
+        Corners of a facet that has the edge, (n, 4), and the corner at which it begins, (n,).
+    """
+    points, near = _nodes(assembly, block), _tolerance(assembly)
+    length = float(np.linalg.norm(end - start))
+    way = (end - start) / max(length, 1e-300)
+    along = (points - start) @ way
+    away = np.linalg.norm(points - start - np.outer(along, way), axis=1)
+    on = (away <= near) & (along >= -near) & (along <= length + near)
+    outer = boundary_quads(assembly.shape(block).mesh)
+    pairs = np.stack([outer, np.roll(outer, -1, axis=1)], axis=2)
+    facet, first = np.nonzero(on[pairs].all(axis=2))
+    _, once = np.unique(np.sort(pairs[facet, first], axis=1), axis=0, return_index=True)
+    return outer[facet[once]], first[once]
+
+
+def check_region(
+    assembly: AnyBlocks, blocks: IntArray, where: Where, what: str, error: type[RefusedError]
+) -> None:
+    """Reject a name that one of some blocks has for no face, and a region without facets."""
+    if not isinstance(where, str):
+        if not any(len(region_quads(assembly, block, where)) for block in blocks.tolist()):
+            raise error(
+                f"{what}: no facet of the blocks {listed(blocks)} lies on {where}; expected a "
+                "region with facets (are coordinates in mm?)"
+            )
+        return
+    for number in np.unique(assembly.shape_of[blocks]):
+        shape = assembly.shapes[number]
+        if where not in shape.faces:
+            block = blocks[assembly.shape_of[blocks] == number][0]
+            raise error(
+                f"{what}: block {block} ({shape.name}) has no face {where!r}; "
+                f"expected one of {', '.join(shape.faces)}"
+            )
+
+
+def listed(blocks: IntArray) -> str:
+    """Numbers of blocks, the first six."""
+    return ", ".join(map(str, blocks[:6].tolist())) + (", …" if len(blocks) > 6 else "")
