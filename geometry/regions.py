@@ -28,8 +28,7 @@ class Plane(ReadOnlyArrays):
         """Whether each of some points (..., 3) [mm] lies on it within a distance [mm]."""
         unit = self.normal / np.linalg.norm(self.normal)
         away: FloatArray = np.abs((points - self.point) @ unit)
-        near: BoolArray = np.less_equal(away, tolerance)
-        return near
+        return np.asarray(away <= tolerance, dtype=np.bool_)
 
     def __str__(self) -> str:
         """In words."""
@@ -48,8 +47,7 @@ class Box(ReadOnlyArrays):
     def has(self, points: FloatArray, tolerance: float) -> BoolArray:
         """Whether each of some points (..., 3) [mm] lies in it within a distance [mm]."""
         inside = (points >= self.low - tolerance) & (points <= self.high + tolerance)
-        every: BoolArray = inside.all(axis=-1)
-        return every
+        return np.asarray(inside.all(axis=-1), dtype=np.bool_)
 
     def __str__(self) -> str:
         """In words."""

@@ -7,7 +7,7 @@ of all representatives are numbered one block after the other; displacements are
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +17,7 @@ from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import Orbits, local_forces
 from fem.contact.search import SearchedSurfaces
 from fem.contact.surfaces import ContactNormals, ContactSurfaces, PointKinematics
-from fem.problem.model import BlockGroup, ModelError
+from fem.problem.model import Amplitude, BlockGroup, ModelError
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Prescribed displacements are met to this share of the largest displacement.
@@ -38,7 +38,23 @@ class HeldNodes:
     held: FloatArray
     """One where component k of v is prescribed, else zero; (n, 3)."""
     values: FloatArray
-    """Prescribed components of v, (n, 3) [mm]."""
+    """Prescribed components of v where every support has moved all its way, (n, 3) [mm]."""
+    moving: tuple[tuple[Amplitude, FloatArray], ...] = ()
+    """Share of their way as a function of time [s] of supports that move, and its values."""
+
+    def at(self, time: float | None) -> FloatArray:
+        """Prescribed components of v at a time [s], (n, 3) [mm]; None: all the way."""
+        values = self.values
+        if time is None:
+            return values
+        left = [(1.0 - share(time)) * way for share, way in self.moving]
+        return values - sum(left) if left else values
+
+
+#: No support at all.
+NOTHING_HELD = HeldNodes(
+    np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3))
+)
 
 
 @dataclass(frozen=True)
@@ -161,12 +177,17 @@ class LocalSystem:
             free[held.nodes] = np.einsum("nij,nj->ni", held.axes, along)
         return free
 
-    def has_prescribed(self, displacement: FloatArray) -> bool:
-        """Whether supports are where they are prescribed, to rounding."""
+    def held_part(self, force: FloatArray) -> FloatArray:
+        """Components of a force along prescribed directions, (n_nodes, 3) [N]."""
+        return force - self.free_part(force)
+
+    def has_prescribed(self, displacement: FloatArray, time: float | None = None) -> bool:
+        """Whether supports are where they are prescribed at a time [s], to rounding."""
         held = self.held
+        values = held.at(time)
         along = np.einsum("nij,ni->nj", held.axes, displacement[held.nodes])
-        away = np.abs((along - held.values) * held.held).max(initial=0.0)
-        size = max(np.abs(a).max(initial=0.0) for a in (held.values, displacement))
+        away = np.abs((along - values) * held.held).max(initial=0.0)
+        size = max(np.abs(a).max(initial=0.0) for a in (values, displacement))
         return bool(away <= _ROUNDING * size)
 
     def localised(self, displacements: tuple[FloatArray, ...]) -> FloatArray:
@@ -248,7 +269,9 @@ def _held_nodes(
 ) -> HeldNodes:
     """Collect the supports of the representatives, node by node."""
     nodes, directions, values = [], [], []
-    for support in deformable.model.supports:
+    supports = deformable.model.supports
+    shares = list(dict.fromkeys(s.amplitude for s in supports if s.displacement.any()))
+    for support in supports:
         rotations = deformable.model.groups[support.group].rotations[support.copies]
         local = np.einsum("nij,ni->nj", rotations, support.directions)
         for slot, block in enumerate(blocks):
@@ -257,19 +280,33 @@ def _held_nodes(
             mine = support.copies == deformable.copy_of[block]
             nodes.append(support.nodes[mine] + node_start[slot])
             directions.append(local[mine])
-            values.append(support.displacement[mine])
+            part = np.zeros((int(mine.sum()), max(len(shares), 1)))
+            if support.displacement.any():
+                part[:, shares.index(support.amplitude)] = support.displacement[mine]
+            values.append(part)
     if not nodes:
-        empty = np.zeros((0, 3))
-        return HeldNodes(np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3)), empty, empty)
-    return _by_node(np.concatenate(nodes), np.concatenate(directions), np.concatenate(values))
+        return NOTHING_HELD
+    found = by_node(np.concatenate(nodes), np.concatenate(directions), np.concatenate(values))
+    return replace(found[0], moving=_moving(shares, found[1]))
 
 
-def _by_node(nodes: IntArray, directions: FloatArray, values: FloatArray) -> HeldNodes:
+def _moving(
+    shares: list[Amplitude | None], ways: FloatArray
+) -> tuple[tuple[Amplitude, FloatArray], ...]:
+    """Parts of the prescribed components (n, 3, n_shares) that move."""
+    parts = np.moveaxis(ways, 2, 0)
+    return tuple((a, way) for a, way in zip(shares, parts, strict=False) if a is not None)
+
+
+def by_node(
+    nodes: IntArray, directions: FloatArray, values: FloatArray
+) -> tuple[HeldNodes, FloatArray]:
+    """Supports node by node, and the parts of their values, (n, 3, n_parts)."""
     order = np.argsort(nodes, kind="stable")
     unique, first, count = np.unique(nodes[order], return_index=True, return_counts=True)
     axes = np.zeros((len(unique), 3, 3))
     held = np.zeros((len(unique), 3))
-    prescribed = np.zeros((len(unique), 3))
+    prescribed = np.zeros((len(unique), 3, values.shape[1]))
     for i, (start, n) in enumerate(zip(first, count, strict=True)):
         rows = order[start : start + n]
         given = directions[rows]
@@ -288,10 +325,10 @@ def _by_node(nodes: IntArray, directions: FloatArray, values: FloatArray) -> Hel
         basis[:, :n] *= sign
         axes[i], held[i, :n] = basis, 1.0
         prescribed[i, :n] = values[rows]
-    return HeldNodes(unique, axes, held, prescribed)
+    return HeldNodes(unique, axes, held, prescribed.sum(axis=2)), prescribed
 
 
-def constraint_transform(system: LocalSystem) -> tuple[csr_array, IntArray, FloatArray]:
+def constraint_transform(held: HeldNodes, n_nodes: int) -> tuple[csr_array, IntArray, FloatArray]:
     """Change of variables u = T v that makes every prescribed component one variable.
 
     Returns
@@ -300,9 +337,8 @@ def constraint_transform(system: LocalSystem) -> tuple[csr_array, IntArray, Floa
         T (3 n_nodes, 3 n_nodes), the free variables (n_free,) and v with the prescribed values
         and zeros (3 n_nodes,) [mm].
     """
-    size = 3 * system.n_nodes
-    held = system.held
-    value = np.zeros(size)
+    size = 3 * n_nodes
+    value = prescribed_values(held, n_nodes)
     if not len(held.nodes):
         return csr_array(eye_array(size, format="csr")), np.arange(size), value
     transform = eye_array(size, format="lil")
@@ -311,8 +347,17 @@ def constraint_transform(system: LocalSystem) -> tuple[csr_array, IntArray, Floa
         where = slice(3 * int(node), 3 * int(node) + 3)
         transform[where, where] = held.axes[i]
         is_held[where] = held.held[i] > 0.0
-        value[where] = held.values[i]
     return csr_array(transform.tocsr()), np.flatnonzero(~is_held), value
+
+
+def prescribed_values(held: HeldNodes, n_nodes: int, time: float | None = None) -> FloatArray:
+    """Prescribed variables v at a time [s], zero at the others, (3 n_nodes,) [mm].
+
+    Without a time where every support has moved all its way.
+    """
+    value = np.zeros((n_nodes, 3))
+    value[held.nodes] = held.at(time)
+    return value.ravel()
 
 
 #: Displacements that nodal forces cause: (n_nodes, 3) [N] to (n_nodes, 3) [mm].

@@ -110,7 +110,7 @@ def friction_rows(system: LocalSystem, friction: CoulombFriction) -> FrictionRow
 
 def _joined(normal: Linearisation, tangential: Linearisation) -> Linearisation:
     """Both kinds of rows in one linear problem."""
-    names = (f.name for f in fields(normal) if f.name not in {"load_factor", "push"})
+    names = (f.name for f in fields(normal) if f.name not in {"load_factor", "push", "time"})
     both: dict[str, Any] = {
         name: np.concatenate([getattr(normal, name), getattr(tangential, name)], axis=1)
         for name in names

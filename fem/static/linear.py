@@ -10,9 +10,11 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.local_system import NOTHING_HELD, HeldNodes, by_node, constraint_transform
 from fem.problem.model import BlockGroup, Model, ModelError, rigid_motions
+from fem.problem.springs import Springs
 from fem.static.result import StaticResult
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray
 
 _MOTIONS = ("along x", "along y", "along z", "about x", "about y", "about z")
 
@@ -23,6 +25,8 @@ class LinearStaticResult:
 
     displacements: tuple[FloatArray, ...]
     """Of each group, (n_copies, n_nodes, 3) [mm], world axes."""
+    support_forces: tuple[FloatArray, ...]
+    """Of the supports on the nodes of each group, alike [N]."""
     strain_energy: float
     """½ uᵀKu [N mm]."""
     external_work: float
@@ -40,25 +44,23 @@ def rigid_modes(positions: FloatArray) -> FloatArray:
     return rigid_motions(arm).reshape(-1, 6)
 
 
-def _constraints(model: Model, group: int, copy: int) -> tuple[FloatArray, FloatArray]:
-    """Rows C and values d of C u = d for one copy, at amplitude one: (n, 3 n_nodes) and (n,)."""
-    n_nodes = model.groups[group].n_nodes
-    rows, values = [], []
+def _held(model: Model, group: int, copy: int) -> HeldNodes:
+    """Nodes of one copy that are held or moved, in world axes, at amplitude one."""
+    nodes, directions, values = [], [], []
     for support in model.supports:
-        if support.group != group:
-            continue
-        mine = np.flatnonzero(support.copies == copy)
-        block = np.zeros((len(mine), n_nodes, 3))
-        block[np.arange(len(mine)), support.nodes[mine]] = support.directions[mine]
-        rows.append(block.reshape(len(mine), -1))
-        values.append(support.displacement[mine])
-    if not rows:
-        return np.zeros((0, 3 * n_nodes)), np.zeros(0)
-    return np.concatenate(rows), np.concatenate(values)
+        mine = support.copies == copy
+        if support.group == group and mine.any():
+            nodes.append(support.nodes[mine])
+            directions.append(support.directions[mine])
+            values.append(support.displacement[mine][:, None])
+    if not nodes:
+        return NOTHING_HELD
+    found, _ = by_node(np.concatenate(nodes), np.concatenate(directions), np.concatenate(values))
+    return found
 
 
-def check_held(name: str, positions: FloatArray, constraints: FloatArray) -> None:
-    """Refuse supports that leave a rigid motion.
+def check_held(name: str, positions: FloatArray, held: HeldNodes, springs: Springs | None) -> None:
+    """Refuse supports and springs that leave a rigid motion.
 
     Raises
     ------
@@ -66,8 +68,13 @@ def check_held(name: str, positions: FloatArray, constraints: FloatArray) -> Non
         Naming the motion that is free.
     """
     modes = rigid_modes(positions)
-    held = constraints @ modes
-    _, values, right = np.linalg.svd(np.vstack([held, np.zeros((6, 6))]), full_matrices=False)
+    at_nodes = modes.reshape(-1, 3, 6)[held.nodes]
+    felt = np.einsum("nik,nim->nkm", held.axes, at_nodes) * held.held[:, :, None]
+    rows = [felt.reshape(-1, 6), np.zeros((6, 6))]
+    if springs is not None:
+        resisted = springs.stiffness @ modes
+        rows.append(resisted / np.abs(springs.matrices).max())
+    _, values, right = np.linalg.svd(np.vstack(rows), full_matrices=False)
     if values[-1] > 1e-9 * max(values[0], 1.0):
         return
     motion = _MOTIONS[int(np.argmax(np.abs(right[-1])))]
@@ -75,18 +82,6 @@ def check_held(name: str, positions: FloatArray, constraints: FloatArray) -> Non
         f"{name}: the supports leave a rigid motion free (mainly {motion}); expected a static run "
         "to hold all six: fix a face, or solve by explicit dynamics"
     )
-
-
-def _free_components(constraints: FloatArray) -> IntArray:
-    """Components that no support holds; supports must be parallel to an axis."""
-    component = np.abs(constraints).argmax(axis=1)
-    if len(constraints) and not np.allclose(
-        np.abs(constraints[np.arange(len(constraints)), component]), 1.0
-    ):
-        raise ModelError(
-            "static: got supports that are not parallel to an axis; expected x, y or z"
-        )
-    return np.setdiff1d(np.arange(constraints.shape[1]), component)
 
 
 def _loads(model: Model, group: int, copy: int) -> FloatArray:
@@ -123,33 +118,36 @@ def solve_linear_static(model: Model) -> LinearStaticResult:
     if model.interactions:
         raise ModelError("static: got blocks in contact; expected the contact solver for them")
     started = time.process_time()
-    displacements = []
+    displacements, supported = [], []
     energy = work = defect = scale = 0.0
     for number, group in enumerate(model.groups):
         positions = group.reference_positions()
-        found = np.zeros((group.n_copies, group.n_nodes, 3))
+        found, reactions = np.zeros((2, group.n_copies, group.n_nodes, 3))
         for copy in range(group.n_copies):
-            rows, values = _constraints(model, number, copy)
-            check_held(f"{group.name}[{copy}]", positions[copy], rows)
-            free = _free_components(rows)
+            held = _held(model, number, copy)
+            check_held(f"{group.name}[{copy}]", positions[copy], held, group.springs)
+            transform, free, given = constraint_transform(held, group.n_nodes)
             stiffness = _world_stiffness(group, copy)
-            free_rows = stiffness[free]
+            turned = sp.csr_array(transform.T @ stiffness @ transform)
+            free_rows = turned[free]
             force = _loads(model, number, copy)
-            u = np.zeros(3 * group.n_nodes)
-            for row, value in zip(rows, values, strict=True):
-                component = int(np.abs(row).argmax())
-                u[component] = value * row[component]
-            right = force[free] - free_rows @ u
-            u[free] = splu(sp.csc_matrix(free_rows.tocsc()[:, free])).solve(right)
+            right = (transform.T @ force)[free] - free_rows @ given
+            given[free] = splu(sp.csc_matrix(free_rows.tocsc()[:, free])).solve(right)
+            u = transform @ given
             internal = stiffness @ u
             energy += 0.5 * float(u @ internal)
             work += 0.5 * float(force @ u)
-            defect += float(np.sum((force - internal)[free] ** 2))
-            scale += float(np.sum(force[free] ** 2) + np.sum(right**2))
+            left = transform.T @ (force - internal)
+            defect += float(np.sum(left[free] ** 2))
+            scale += float(np.sum((transform.T @ force)[free] ** 2) + np.sum(right**2))
+            left[free] = 0.0
+            reactions[copy] = -(transform @ left).reshape(-1, 3)
             found[copy] = u.reshape(-1, 3)
         displacements.append(found)
+        supported.append(reactions)
     return LinearStaticResult(
         displacements=tuple(displacements),
+        support_forces=tuple(supported),
         strain_energy=energy,
         external_work=work,
         residual=float(np.sqrt(defect / scale)) if scale > 0 else 0.0,
@@ -181,6 +179,7 @@ def solve_apart(
     return StaticResult(
         deformable=deformable,
         displacements=moved,
+        support_forces=found.support_forces,
         overclosures=none,
         pressures=none,
         residual=found.residual,

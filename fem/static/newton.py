@@ -94,6 +94,8 @@ class StaticState:
     first_holding: float
     holding: float
     load_factor: float = 1.0
+    time: float | None = None
+    """At which moving supports are where they are prescribed [s]; None: all their way."""
     rescues: int = 0
     coarse_iterations: int = 0
     anchor: FloatArray | None = None
@@ -103,6 +105,8 @@ class StaticState:
     saddles: int = 0
     path: tuple[tuple[float, FloatArray], ...] = ()
     """Load factor and displacement after each load step, where they are kept."""
+    pushed: tuple[tuple[float, FloatArray], ...] = ()
+    """Time [s] and nodal forces of the supports, (n_nodes, 3) [N], after each step of a motion."""
 
 
 def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
@@ -243,6 +247,7 @@ def _linearise(system: LocalSystem, state: StaticState) -> Linearisation:
         pressure=law.pressure(state.at),
         stiffness=law.stiffness(state.at),
         load_factor=state.load_factor,
+        time=state.time,
     )
 
 
@@ -294,7 +299,7 @@ def _step_share(
     prescribed.
     """
     system, step = problem.system, problem.step
-    if not system.has_prescribed(state.displacement):
+    if not system.has_prescribed(state.displacement, state.time):
         return 1.0
     law, weights = system.deformable.contact.law, system.surfaces.weights
     way = trial - state.displacement
@@ -342,7 +347,23 @@ def _sliding_slope(
 
 
 def _residual(problem: StaticProblem, state: StaticState) -> float:
-    """Norm of the unbalanced nodal forces over that of the loads, or 1 % of the contacts'."""
+    """Norm of the unbalanced nodal forces over that of the loads, or 1 % of the contacts'.
+
+    Where supports move over that of their forces, too: often nothing else loads the blocks.
+    """
+    system = problem.system
+    unbalanced, forces = unbalanced_forces(problem, state)
+    given = None
+    if system.held.moving:
+        given = float(np.linalg.norm(system.held_part(unbalanced)))
+    return _relative(problem, system.free_part(unbalanced), forces, given)
+
+
+def unbalanced_forces(problem: StaticProblem, state: StaticState) -> tuple[FloatArray, FloatArray]:
+    """Nodal forces that are not in balance, and forces of the contact points [N].
+
+    On prescribed components the first are minus the forces of the supports.
+    """
     system, step = problem.system, problem.step
     pressure = system.deformable.contact.law.pressure(state.kinematics.overclosure)
     forces = system.surfaces.weights * pressure
@@ -351,22 +372,34 @@ def _residual(problem: StaticProblem, state: StaticState) -> float:
     unbalanced += system.scatter(state.kinematics.gradient, forces)
     if problem.friction is not None:
         unbalanced += problem.friction.forces(state.displacement, anchor_of(state), pressure)
-    return _relative(problem, system.free_part(unbalanced), forces)
+    return unbalanced, forces
 
 
-def _relative(problem: StaticProblem, unbalanced: FloatArray, contact_forces: FloatArray) -> float:
+def _relative(
+    problem: StaticProblem,
+    unbalanced: FloatArray,
+    contact_forces: FloatArray,
+    supports: float | None = None,
+) -> float:
     if problem.free is not None:
         unbalanced = problem.free.without(unbalanced)
-    return relative_residual(problem.system, unbalanced, contact_forces)
+    return relative_residual(problem.system, unbalanced, contact_forces, supports)
 
 
 def relative_residual(
-    system: LocalSystem, unbalanced: FloatArray, contact_forces: FloatArray
+    system: LocalSystem,
+    unbalanced: FloatArray,
+    contact_forces: FloatArray,
+    supports: float | None = None,
 ) -> float:
-    """Norm of unbalanced nodal forces over that of the loads, or 1 % of the contacts' [-]."""
+    """Norm of unbalanced nodal forces over that of the loads, or 1 % of the contacts' [-].
+
+    ``supports`` is that of the forces of supports that move [N]; None: none does.
+    """
     size = max(
         float(np.linalg.norm(system.external_force)),
         _CONTACT_SHARE * float(np.linalg.norm(contact_forces)),
+        supports or 0.0,
     )
     left = float(np.linalg.norm(unbalanced))
     return left / size if size > 0.0 else left

@@ -83,6 +83,11 @@ class StaticResult(ReadOnlyArrays):
     were compared."""
     steps: tuple[tuple[float, tuple[FloatArray, ...]], ...] = ()
     """Load factor and displacements after each load step, where they were to be kept."""
+    support_forces: tuple[FloatArray, ...] = ()
+    """Of the supports on the nodes of each group, (n_copies, n_nodes, 3) [N]; () where nothing is
+    held."""
+    pushed: tuple[tuple[float, tuple[FloatArray, ...]], ...] = ()
+    """Time [s] and the same after each step in which supports moved."""
     points: FacingPoints | None = None
     """What faces what at the end, where a search found it; None: matched facets."""
     searched: SearchedSurfaces | None = None

@@ -32,6 +32,7 @@ from fem.assembly.symmetry import (
 from fem.contact.friction import friction_tractions
 from fem.contact.search import FacingPoints, SearchedSurfaces, searched_surfaces
 from fem.contact.surfaces import ContactSurfaces
+from fem.problem.loads import TabularAmplitude
 from fem.static.contact_forces import grid_blocks, solve_in_contact_forces
 from fem.static.friction import friction_rows
 from fem.static.linear import solve_apart
@@ -47,6 +48,7 @@ from fem.static.newton import (
     has_potential,
     localised,
     start_state,
+    unbalanced_forces,
 )
 from fem.static.result import StaticError, StaticResult, load_factors, loose_blocks, refined
 from geometry.mesh import FloatArray, IntArray
@@ -98,6 +100,10 @@ class StaticOptions:
     keep_steps: bool = False
     """Whether the result holds the state after each of them."""
 
+    motion_steps: int = 20
+    """Parts of the way of supports that move, after the load; the times of their tables come on
+    top."""
+
     def __post_init__(self) -> None:
         if not (math.isfinite(self.tolerance) and self.tolerance > 0.0):
             raise StaticError(f"fem.tolerance: got {self.tolerance}, expected a positive number")
@@ -109,7 +115,7 @@ class StaticOptions:
             raise StaticError(
                 f"load_path: got {path}, expected positive load factors that end with 1"
             )
-        for name in ("max_iterations", "load_steps"):
+        for name in ("max_iterations", "load_steps", "motion_steps"):
             if getattr(self, name) < 1:
                 raise StaticError(f"fem.{name}: got {getattr(self, name)}, expected at least 1")
 
@@ -197,6 +203,9 @@ def _load(
     solved = time.process_time()
     system = problem.system
     displacement = problem.step.complete(state.displacement)
+    forces = None
+    if len(system.held.nodes):
+        forces = -system.held_part(unbalanced_forces(problem, state)[0])
     whole = free_motions(system, np.ones(system.n_nodes, dtype=np.bool_))
     if whole is not None:
         displacement = whole.without(displacement)
@@ -204,7 +213,7 @@ def _load(
     seconds["recovery"] = time.process_time() - solved
     seconds["total"] = time.process_time() - clock
     internal = system.internal_force(displacement)
-    outcome = _Outcome(displacement, internal, state, seconds)
+    outcome = _Outcome(displacement, internal, state, seconds, forces)
     return _result(system, options, outcome, searched=points is not None)
 
 
@@ -282,25 +291,50 @@ def _load_up(
     problem: StaticProblem, state: StaticState, parts: int, *, options: StaticOptions
 ) -> tuple[StaticProblem, StaticState]:
     """Apply the load in parts."""
-    for factor in _load_path(problem, options, parts):
+    for factor, moment in _load_path(problem, options, parts):
         begin = state.displacement
-        state = replace(state, load_factor=factor, converged=False)
+        state = replace(state, load_factor=factor, time=moment, converged=False)
         reached = converge(problem, state)
         if problem.friction is not None and reached.residuals[-1] > _HISTORY:
             # What follows would start from a history that no equilibrium has.
             return problem, reached
         if not reached.converged and has_potential(problem):
             reached = descend(problem, replace(state, residuals=reached.residuals))
-        state = _advance_friction(problem, reached, begin)
-        if options.keep_steps:
-            state = replace(state, path=(*state.path, _kept_step(problem, state)))
+        state = _recorded(problem, _advance_friction(problem, reached, begin), options)
+        if moment is not None and not state.converged:
+            break  # what was recorded until here is an answer
     return problem, state
 
 
-def _load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> tuple[float, ...]:
-    """Load factors at the ends of the load steps."""
-    asked = options.load_path
-    return load_factors(parts, friction=problem.friction is not None) if asked is None else asked
+def _load_path(
+    problem: StaticProblem, options: StaticOptions, parts: int
+) -> list[tuple[float, float | None]]:
+    """Load factor and time at the end of each step: the load first, then motions of supports.
+
+    Without supports that move there is no time.
+    """
+    asked, moving = options.load_path, problem.system.held.moving
+    if asked is None:
+        asked = load_factors(parts, friction=problem.friction is not None)
+    if not moving:
+        return [(factor, None) for factor in asked]
+    tables = [np.array(share.times) for share, _ in moving if isinstance(share, TabularAmplitude)]
+    end = max((float(times[-1]) for times in tables), default=1.0)
+    equal = end * np.arange(1, options.motion_steps + 1) / options.motion_steps
+    times = np.unique(np.concatenate([equal, *tables]))
+    loaded = bool(problem.system.external_force.any())
+    before = [(factor, 0.0) for factor in asked] if loaded else []
+    return [*before, *((1.0, time) for time in times[times > 0.0].tolist())]
+
+
+def _recorded(problem: StaticProblem, state: StaticState, options: StaticOptions) -> StaticState:
+    """Keep what was asked for of a step, and the forces of supports that move."""
+    if options.keep_steps:
+        state = replace(state, path=(*state.path, _kept_step(problem, state)))
+    if state.time is None or not state.converged:
+        return state
+    forces = -problem.system.held_part(unbalanced_forces(problem, state)[0])
+    return replace(state, pushed=(*state.pushed, (state.time, forces)))
 
 
 def _follow_up(
@@ -314,7 +348,7 @@ def _follow_up(
 ) -> tuple[StaticProblem, StaticState]:
     """Apply the load in parts; points follow the motion until they stay."""
     elastic = _Elastic.none(points)
-    for part, factor in enumerate(_load_path(problem, options, parts)):
+    for part, (factor, moment) in enumerate(_load_path(problem, options, parts)):
         begin = state.displacement
         for search in range(_MAX_SEARCHES):
             if search or part:
@@ -322,6 +356,7 @@ def _follow_up(
             state = replace(
                 state,
                 load_factor=factor,
+                time=moment,
                 anchor=elastic.anchor(problem, points, begin),
                 converged=False,
             )
@@ -334,8 +369,7 @@ def _follow_up(
             return problem, replace(state, converged=False)
         state = _advance_friction(problem, state, begin)
         elastic = _Elastic.of(problem, points, state)
-        if options.keep_steps:
-            state = replace(state, path=(*state.path, _kept_step(problem, state)))
+        state = _recorded(problem, state, options)
     return problem, state
 
 
@@ -453,6 +487,8 @@ class _Outcome:
     """Residuals, dissipation and load steps."""
     seconds: dict[str, float]
     """CPU time by stage [s]."""
+    support_forces: FloatArray | None = None
+    """Of the supports on the nodes, (n_nodes, 3) [N]; None: nothing is held."""
 
 
 def _result(
@@ -477,6 +513,7 @@ def _result(
     loose = np.zeros(0, dtype=np.int64)
     if deformable.contact.friction is None:
         loose = loose_blocks(deformable, displacements, pressures, surfaces, orbits.representative)
+    held = outcome.support_forces
     strain = 0.5 * displacement * outcome.internal_force
     work = displacement * system.external_force
     stored = surfaces.weights * law.stored_energy(overclosure)
@@ -489,6 +526,8 @@ def _result(
         converged=state.converged,
         status=_status(state, options, loose),
         steps=tuple((factor, tuple(system.expand(u))) for factor, u in state.path),
+        support_forces=() if held is None else tuple(system.expand(held)),
+        pushed=tuple((time, tuple(system.expand(force))) for time, force in state.pushed),
         loose_blocks=loose,
         residuals=state.residuals,
         strain_energy=float(share @ strain.sum(axis=1)),

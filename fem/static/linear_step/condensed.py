@@ -32,7 +32,12 @@ import scipy.linalg
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from fem.assembly.local_system import LocalSystem, NodalInverse, constraint_transform
+from fem.assembly.local_system import (
+    LocalSystem,
+    NodalInverse,
+    constraint_transform,
+    prescribed_values,
+)
 from fem.problem.model import BlockGroup, rigid_motions
 from fem.static.linear_step.block_tridiagonal import (
     ChainFactor,
@@ -52,6 +57,9 @@ from geometry.mesh import FloatArray, IntArray
 #: Points count as open when their stiffness is below this share of that at first touch: their
 #: pressure is far below rounding of any other, while their flexibility would drown the rest.
 _LEAST_STIFFNESS = 1e-12
+#: Energy of a rigid motion of order one over that of a block strained as much, below which no
+#: spring resists it: what rounding leaves.
+_RESISTED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -97,6 +105,14 @@ def symmetric_pseudo_inverse(stiffness: FloatArray, rigid: FloatArray) -> FloatA
     return full
 
 
+def _unresisted(stiffness: FloatArray, rigid: FloatArray) -> FloatArray:
+    """Rigid motions (n, k) that no spring resists, (n, 0 … k)."""
+    energy = rigid.T @ stiffness @ rigid
+    values, vectors = np.linalg.eigh(energy)
+    scale = float(np.abs(stiffness).max()) * len(rigid)
+    return rigid @ vectors[:, values <= _RESISTED * scale]
+
+
 class FlexibilityStore:
     """Keeps the flexibilities of one problem for the next one on the same blocks.
 
@@ -123,7 +139,10 @@ def _content(group: BlockGroup) -> bytes:
     digest = hashlib.sha256()
     for array in (group.mesh.nodes, group.mesh.connectivity):
         digest.update(np.ascontiguousarray(array).tobytes())
-    material = group.material
+    material, springs = group.material, group.springs
+    if springs is not None:
+        digest.update(springs.element.tobytes() + springs.places.tobytes())
+        digest.update(springs.matrices.tobytes())
     digest.update(repr((group.element, material.young_modulus, material.poisson_ratio)).encode())
     return digest.digest()
 
@@ -134,7 +153,7 @@ class CondensedStep:
     def __init__(self, system: LocalSystem, store: FlexibilityStore | None = None) -> None:
         self._system = system
         self._store = FlexibilityStore() if store is None else store
-        self._transform, free, self._value = constraint_transform(system)
+        self._transform, free, self._value = constraint_transform(system.held, system.n_nodes)
         self._is_free = np.zeros(3 * system.n_nodes, dtype=np.bool_)
         self._is_free[free] = True
         self._kind_of, self._kinds = self._make_kinds()
@@ -196,6 +215,8 @@ class CondensedStep:
             # Motions that no prescribed component feels.
             rigid = rigid @ scipy.linalg.null_space(rigid[~is_free], rcond=1e-9)
         rigid = rigid[free]
+        if group.springs is not None:
+            rigid = _unresisted(stiffness[np.ix_(free, free)], rigid)
         inverse = symmetric_pseudo_inverse(stiffness[np.ix_(free, free)], rigid)
         return Flexibility(condensed, stiffness, free, inverse, rigid)
 
@@ -233,12 +254,18 @@ class CondensedStep:
         ]
         self._columns = np.concatenate(columns)
 
-    def _free_forces(self, load_factor: float) -> list[FloatArray]:
+    def _prescribed(self, linear: Linearisation) -> FloatArray:
+        """Prescribed variables, zero at the others, (3 n_nodes,) [mm]."""
+        if linear.time is None:
+            return self._value
+        return prescribed_values(self._system.held, self._system.n_nodes, linear.time)
+
+    def _free_forces(self, load_factor: float, value: FloatArray) -> list[FloatArray]:
         """Loads and forces of prescribed displacements on the free variables of every slot."""
         forces = []
         for slot in range(self._system.n_slots):
             kind = self._kind(slot)
-            given = self._value[self._retained(slot)]
+            given = value[self._retained(slot)]
             force = load_factor * self._loads[slot]
             if given.any():
                 force = force - kind.stiffness @ given
@@ -259,14 +286,15 @@ class CondensedStep:
             Blocks on which too few points press, when nothing else holds them.
         """
         factored = self._factor(linear, holding)
-        loads = self._free_forces(linear.load_factor)
+        value = self._prescribed(linear)
+        loads = self._free_forces(linear.load_factor, value)
         responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
-        forces = self._force_side(linear, factored, responses)
+        forces = self._force_side(linear, factored, responses, value)
         motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
         if holding:
             motions = [m - holding * self._motion(s, before) for s, m in enumerate(motions)]
         solved = factored.solve(forces, motions)
-        return self._displacements(factored.rows, responses, *solved, self._value)
+        return self._displacements(factored.rows, responses, *solved, value)
 
     def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
         """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ on the contact nodes, for many nodal forces.
@@ -402,6 +430,7 @@ class CondensedStep:
         linear: Linearisation,
         factored: _Factored,
         responses: list[FloatArray],
+        value: FloatArray,
     ) -> FloatArray:
         """C - x̂ + p/k + N G f of the active points, (n,) [mm]."""
         where = factored.points.number
@@ -412,7 +441,7 @@ class CondensedStep:
             right[row.points] += row.gradient @ response
         if len(self._system.held.nodes):
             full = gradient_matrix(self._system, linear.gradient, where)
-            right += full @ (self._transform @ self._value)
+            right += full @ (self._transform @ value)
         return right
 
     def _add_slot(

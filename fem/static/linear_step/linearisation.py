@@ -18,7 +18,12 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array, csr_matrix, diags_array, triu
 from scipy.sparse.linalg import splu
 
-from fem.assembly.local_system import LocalSystem, NodalInverse, constraint_transform
+from fem.assembly.local_system import (
+    LocalSystem,
+    NodalInverse,
+    constraint_transform,
+    prescribed_values,
+)
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 
@@ -137,6 +142,8 @@ class Linearisation:
     """p'(x̂), (n_facets, n_points) [MPa/mm]."""
     load_factor: float = 1.0
     """Share of the loads that acts [-]."""
+    time: float | None = None
+    """At which supports that move are where they are prescribed [s]; None: all their way."""
     push: FloatArray | None = None
     """Minus the nodal forces of one unit of each row's force, like ``gradient``: of the overclosure
     of a sliding point with the friction that follows its pressure. The matrix is not symmetric
@@ -216,7 +223,7 @@ class SparseStep:
     def __init__(self, system: LocalSystem, solver: SparseSolver | None = None) -> None:
         self._system = system
         self._solver = solver
-        self._transform, self._free, self._value = constraint_transform(system)
+        self._transform, self._free, self._value = constraint_transform(system.held, system.n_nodes)
         self._stiffness = csr_array(self._transform.T @ system.stiffness @ self._transform)
 
     def __call__(
@@ -237,8 +244,11 @@ class SparseStep:
         right -= push.T @ (linear.weights * constant).ravel()
         if holding:
             right += holding * self._shares() * (self._transform.T @ before.ravel())
-        right -= matrix @ self._value
-        solution = self._value.copy()
+        value = self._value
+        if linear.time is not None:
+            value = prescribed_values(system.held, system.n_nodes, linear.time)
+        right -= matrix @ value
+        solution = value.copy()
         symmetric = linear.push is None
         solution[self._free] = self._factor(matrix, symmetric=symmetric)(right[self._free])
         return (self._transform @ solution).reshape(-1, 3)
