@@ -103,6 +103,8 @@ class StaticState:
     residuals: tuple[float, ...] = ()
     converged: bool = False
     saddles: int = 0
+    stopped: float | None = None
+    """Time of the first step of a motion without an equilibrium [s]; None: all have one."""
     path: tuple[tuple[float, FloatArray], ...] = ()
     """Load factor and displacement after each load step, where they are kept."""
     pushed: tuple[tuple[float, FloatArray], ...] = ()

@@ -11,10 +11,8 @@ repeated where they are then, until points follow the motion to a small share of
 from __future__ import annotations
 
 import contextlib
-import math
 import time
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from functools import partial
 
 import numpy as np
@@ -29,23 +27,18 @@ from fem.assembly.symmetry import (
     no_symmetry,
     with_half_turn,
 )
-from fem.contact.friction import friction_tractions
 from fem.contact.search import FacingPoints, SearchedSurfaces, searched_surfaces
 from fem.contact.surfaces import ContactSurfaces
-from fem.problem.loads import TabularAmplitude
 from fem.static.contact_forces import grid_blocks, solve_in_contact_forces
 from fem.static.friction import friction_rows
 from fem.static.linear import solve_apart
 from fem.static.linear_step.condensed import CondensedStep, FlexibilityStore
 from fem.static.linear_step.grid_block import GridBlock
-from fem.static.linear_step.linearisation import LinearStep, SparseSolver, SparseStep
+from fem.static.linear_step.linearisation import LinearStep, SparseStep
+from fem.static.load_steps import StaticMethod, StaticOptions, follow_up, load_up
 from fem.static.newton import (
     StaticProblem,
     StaticState,
-    anchor_of,
-    converge,
-    descend,
-    has_potential,
     localised,
     start_state,
     unbalanced_forces,
@@ -53,71 +46,10 @@ from fem.static.newton import (
 from fem.static.result import StaticError, StaticResult, load_factors, loose_blocks, refined
 from geometry.mesh import FloatArray, IntArray
 
+__all__ = ["StaticMethod", "StaticOptions", "solve_static"]
+
 #: Parts in which the load is applied when all at once does not converge.
 _FALLBACK_LOAD_STEPS = 4
-#: Residual of a load step on the way above which its slips are no history to go on with: what load
-#: steps are doubled for. Blocks that hardly touch yet under a hundredth of the load may not come to
-#: the tolerance, which is of all of it.
-_HISTORY = 1e-2
-#: Searches for one load step at most, and the motion after the last one that no cut needs to
-#: follow: what it changes is its square [skins].
-_MAX_SEARCHES = 12
-_FOLLOWED = 1e-4
-
-
-class StaticMethod(StrEnum):
-    """How the linear problems are solved."""
-
-    CONDENSED = "condensed"
-    """In contact forces, with one dense flexibility per shape
-    (`fem.static.linear_step.condensed`)."""
-    SPARSE = "sparse"
-    """One sparse matrix of everything, factored by a library: slower, the oracle."""
-
-
-@dataclass(frozen=True)
-class StaticOptions:
-    """How a static problem is solved."""
-
-    method: StaticMethod = StaticMethod.CONDENSED
-    """How the linear problems are solved."""
-    sparse_solver: SparseSolver | None = None
-    """Library of the sparse method; None: the best that is installed."""
-    symmetry: int | None = None
-    """Order of the cyclic sector model; None: the largest exact one; 1: none."""
-    tolerance: float = 1e-8
-    """Norm of the residual over norm of the loads at which the iteration stops [-]."""
-    max_iterations: int = 120
-    """Linear problems solved at most for one load step."""
-    load_steps: int = 1
-    """Parts in which the load is applied: equal ones, with friction as `load_factors` says."""
-    load_tolerance: float | None = None
-    """With friction the parts are doubled until that changes displacements and pressures by less
-    [-]; None: they stay as they are, and so they do from a given start."""
-    load_path: tuple[float, ...] | None = None
-    """Load factors at the ends of the load steps, the last one 1; None: straight up, in
-    `load_steps` of `load_factors`."""
-    keep_steps: bool = False
-    """Whether the result holds the state after each of them."""
-
-    motion_steps: int = 20
-    """Parts of the way of supports that move, after the load; the times of their tables come on
-    top."""
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.tolerance) and self.tolerance > 0.0):
-            raise StaticError(f"fem.tolerance: got {self.tolerance}, expected a positive number")
-        change = self.load_tolerance
-        if change is not None and not (math.isfinite(change) and change > 0.0):
-            raise StaticError(f"fem.load_tolerance: got {change}, expected a positive number")
-        path = self.load_path
-        if path is not None and not (path and path[-1] == 1.0 and min(path) > 0.0):
-            raise StaticError(
-                f"load_path: got {path}, expected positive load factors that end with 1"
-            )
-        for name in ("max_iterations", "load_steps", "motion_steps"):
-            if getattr(self, name) < 1:
-                raise StaticError(f"fem.{name}: got {getattr(self, name)}, expected at least 1")
 
 
 def solve_static(
@@ -190,15 +122,18 @@ def _load(
     problem = _problem(deformable, orbits, options, store, points)
     ready = time.process_time()
     first = start_state(problem.system, start)
-    way = partial(_load_up, options=options)
+    way = partial(load_up, options=options)
     if points is not None:
-        way = partial(_follow_up, options=options, points=points, store=store)
+        anew = partial(_searched_anew, options=options, points=points, store=store)
+        way = partial(follow_up, options=options, points=points, search_anew=anew)
     problem, state = way(problem, first, options.load_steps)
     more = options.load_steps < _FALLBACK_LOAD_STEPS and options.load_path is None
     if more and not state.converged:
         again = replace(first, residuals=state.residuals)
         if points is not None:
-            problem, again = _searched_anew(problem, again, options, points, store)
+            problem, again = _searched_anew(
+                problem, again, options=options, points=points, store=store
+            )
         problem, state = way(problem, again, _FALLBACK_LOAD_STEPS)
     solved = time.process_time()
     system = problem.system
@@ -283,99 +218,10 @@ def _orbits(deformable: DeformableAssembly, symmetry: int | None) -> Orbits:
     return no_symmetry(deformable) if symmetry == 1 else cyclic_orbits(deformable, symmetry)
 
 
-# ---------------------------------------------------------------------------------------------
-# Load steps
-
-
-def _load_up(
-    problem: StaticProblem, state: StaticState, parts: int, *, options: StaticOptions
-) -> tuple[StaticProblem, StaticState]:
-    """Apply the load in parts."""
-    for factor, moment in _load_path(problem, options, parts):
-        begin = state.displacement
-        state = replace(state, load_factor=factor, time=moment, converged=False)
-        reached = converge(problem, state)
-        if problem.friction is not None and reached.residuals[-1] > _HISTORY:
-            # What follows would start from a history that no equilibrium has.
-            return problem, reached
-        if not reached.converged and has_potential(problem):
-            reached = descend(problem, replace(state, residuals=reached.residuals))
-        state = _recorded(problem, _advance_friction(problem, reached, begin), options)
-        if moment is not None and not state.converged:
-            break  # what was recorded until here is an answer
-    return problem, state
-
-
-def _load_path(
-    problem: StaticProblem, options: StaticOptions, parts: int
-) -> list[tuple[float, float | None]]:
-    """Load factor and time at the end of each step: the load first, then motions of supports.
-
-    Without supports that move there is no time.
-    """
-    asked, moving = options.load_path, problem.system.held.moving
-    if asked is None:
-        asked = load_factors(parts, friction=problem.friction is not None)
-    if not moving:
-        return [(factor, None) for factor in asked]
-    tables = [np.array(share.times) for share, _ in moving if isinstance(share, TabularAmplitude)]
-    end = max((float(times[-1]) for times in tables), default=1.0)
-    equal = end * np.arange(1, options.motion_steps + 1) / options.motion_steps
-    times = np.unique(np.concatenate([equal, *tables]))
-    loaded = bool(problem.system.external_force.any())
-    before = [(factor, 0.0) for factor in asked] if loaded else []
-    return [*before, *((1.0, time) for time in times[times > 0.0].tolist())]
-
-
-def _recorded(problem: StaticProblem, state: StaticState, options: StaticOptions) -> StaticState:
-    """Keep what was asked for of a step, and the forces of supports that move."""
-    if options.keep_steps:
-        state = replace(state, path=(*state.path, _kept_step(problem, state)))
-    if state.time is None or not state.converged:
-        return state
-    forces = -problem.system.held_part(unbalanced_forces(problem, state)[0])
-    return replace(state, pushed=(*state.pushed, (state.time, forces)))
-
-
-def _follow_up(
-    problem: StaticProblem,
-    state: StaticState,
-    parts: int,
-    *,
-    options: StaticOptions,
-    points: FacingPoints,
-    store: FlexibilityStore,
-) -> tuple[StaticProblem, StaticState]:
-    """Apply the load in parts; points follow the motion until they stay."""
-    elastic = _Elastic.none(points)
-    for part, (factor, moment) in enumerate(_load_path(problem, options, parts)):
-        begin = state.displacement
-        for search in range(_MAX_SEARCHES):
-            if search or part:
-                problem, state = _searched_anew(problem, state, options, points, store)
-            state = replace(
-                state,
-                load_factor=factor,
-                time=moment,
-                anchor=elastic.anchor(problem, points, begin),
-                converged=False,
-            )
-            before = state.displacement
-            state = converge(problem, state)
-            moved = float(np.abs(state.displacement - before).max())
-            if not state.converged or 2.0 * moved <= _FOLLOWED * points.skin:
-                break
-        if not state.converged or 2.0 * moved > points.skin:
-            return problem, replace(state, converged=False)
-        state = _advance_friction(problem, state, begin)
-        elastic = _Elastic.of(problem, points, state)
-        state = _recorded(problem, state, options)
-    return problem, state
-
-
 def _searched_anew(
     problem: StaticProblem,
     state: StaticState,
+    *,
     options: StaticOptions,
     points: FacingPoints,
     store: FlexibilityStore,
@@ -388,87 +234,6 @@ def _searched_anew(
     kinematics = there.kinematics(state.displacement)
     at = kinematics.overclosure
     return there, replace(state, kinematics=kinematics, at=at)
-
-
-@dataclass(frozen=True)
-class _Elastic:
-    """Elastic slips at the end of a load step, on the points that then were."""
-
-    slave: IntArray
-    shapes: FloatArray
-    slip: FloatArray
-    """World axes, in the order of the search, (n, 3) [mm]."""
-
-    @classmethod
-    def none(cls, points: FacingPoints) -> _Elastic:
-        """Before any load."""
-        found = points.now
-        return cls(found.slave.copy(), found.shapes.copy(), np.zeros((points.count, 3)))
-
-    @classmethod
-    def of(cls, problem: StaticProblem, points: FacingPoints, state: StaticState) -> _Elastic:
-        """After the anchors have moved."""
-        found, rows = cls.none(points), problem.friction
-        if rows is not None:
-            slip = (rows.slip(state.displacement) - anchor_of(state))[:, 0]
-            order = _searched(problem).order
-            found.slip[order] = np.einsum("nk,nki->ni", slip, rows.tangents[:, 0])
-        return found
-
-    def anchor(
-        self, problem: StaticProblem, points: FacingPoints, begin: FloatArray
-    ) -> FloatArray | None:
-        """Anchors on the present points: their slip at the start of the step less the elastic."""
-        rows = problem.friction
-        if rows is None:
-            return None
-        carried = points.carried(self.slave, self.shapes, self.slip)[_searched(problem).order]
-        elastic = np.einsum("nki,ni->nk", rows.tangents[:, 0], carried)
-        return rows.slip(begin) - elastic[:, None]
-
-
-def _searched(problem: StaticProblem) -> SearchedSurfaces:
-    surfaces = problem.system.surfaces
-    assert isinstance(surfaces, SearchedSurfaces)
-    return surfaces
-
-
-def _kept_step(problem: StaticProblem, state: StaticState) -> tuple[float, FloatArray]:
-    """Load factor and displacements of a load step.
-
-    Inner nodes follow contact nodes and load linearly, and the step knows the whole load.
-    """
-    share = state.load_factor
-    return share, share * problem.step.complete(state.displacement / share)
-
-
-def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatArray) -> StaticState:
-    """Move the anchors at the end of a load step, and count the work lost on their way.
-
-    An anchor moves only while a point slides, at the limit of its traction: that goes along with
-    the pressure from the beginning to the end, in the mean. A point that lifts off loses half of
-    what it had.
-    """
-    rows = problem.friction
-    if rows is None:
-        return state
-    law = problem.system.deformable.contact.law
-    pressure = law.pressure(state.kinematics.overclosure)
-    before = law.pressure(problem.kinematics(begin).overclosure)
-    anchor = anchor_of(state)
-    slip = rows.slip(state.displacement)
-    first, _ = friction_tractions(rows.friction, rows.slip(begin), anchor, before)
-    traction, moved = friction_tractions(rows.friction, slip, anchor, pressure)
-    touching = pressure > 0.0
-    mean = 0.5 + 0.5 * np.divide(before, pressure, out=np.zeros_like(pressure), where=touching)
-    resisting = np.where(touching[:, :, None], mean[:, :, None] * traction, 0.5 * first)
-    lost = problem.system.surfaces.weights * ((moved - anchor) * resisting).sum(axis=2)
-    orbits = problem.system.orbits
-    times: IntArray | int = orbits.order
-    if not isinstance(problem.system.surfaces, SearchedSurfaces):
-        times = np.bincount(orbits.point_of[:, 0] // lost.shape[1], minlength=len(lost))
-    lost = times * lost.sum(axis=1)
-    return replace(state, anchor=moved, dissipation=state.dissipation + float(lost.sum()))
 
 
 # ---------------------------------------------------------------------------------------------
@@ -559,6 +324,11 @@ def _status(state: StaticState, options: StaticOptions, loose: IntArray) -> str:
         unheld = (
             f"; left {state.saddles} stationary state{'s' if state.saddles > 1 else ''} from which "
             f"the energy falls: other equilibria exist{unheld}"
+        )
+    if state.stopped is not None:
+        return (
+            f"equilibrium while supports moved until {state.time:.4g} s of their tables; none was "
+            f"found at {state.stopped:.4g} s{unheld}"
         )
     if state.converged:
         undetermined = ": their place is not determined" if len(loose) else ""

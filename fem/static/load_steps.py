@@ -1,0 +1,305 @@
+"""The way to a load: its parts one after the other, then the motions of supports.
+
+The history of friction, where the model has it, advances from step to step. Points of a search
+follow the motion until they stay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from fem.contact.friction import friction_tractions
+from fem.contact.search import FacingPoints, SearchedSurfaces
+from fem.problem.loads import TabularAmplitude
+from fem.static.linear_step.linearisation import SparseSolver
+from fem.static.newton import (
+    StaticProblem,
+    StaticState,
+    anchor_of,
+    converge,
+    descend,
+    has_potential,
+    unbalanced_forces,
+)
+from fem.static.result import StaticError, load_factors
+from geometry.mesh import FloatArray, IntArray
+
+#: Residual of a load step on the way above which its slips are no history to go on with: what load
+#: steps are doubled for. Blocks that hardly touch yet under a hundredth of the load may not come to
+#: the tolerance, which is of all of it.
+_HISTORY = 1e-2
+#: Share of the time of all motions below which a step is cut no more.
+_SHORTEST = 1e-3
+#: Searches for one load step at most, and the motion after the last one that no cut needs to
+#: follow: what it changes is its square [skins].
+_MAX_SEARCHES = 12
+_FOLLOWED = 1e-4
+
+
+#: Load factor and time of a step; None: no support moves.
+_Target = tuple[float, float | None]
+#: Takes a state to its own load factor and time; whether the next step may follow.
+_Step = Callable[[StaticProblem, StaticState], tuple[StaticProblem, StaticState, bool]]
+
+
+class StaticMethod(StrEnum):
+    """How the linear problems are solved."""
+
+    CONDENSED = "condensed"
+    """In contact forces, with one dense flexibility per shape
+    (`fem.static.linear_step.condensed`)."""
+    SPARSE = "sparse"
+    """One sparse matrix of everything, factored by a library: slower, the oracle."""
+
+
+@dataclass(frozen=True)
+class StaticOptions:
+    """How a static problem is solved."""
+
+    method: StaticMethod = StaticMethod.CONDENSED
+    """How the linear problems are solved."""
+    sparse_solver: SparseSolver | None = None
+    """Library of the sparse method; None: the best that is installed."""
+    symmetry: int | None = None
+    """Order of the cyclic sector model; None: the largest exact one; 1: none."""
+    tolerance: float = 1e-8
+    """Norm of the residual over norm of the loads at which the iteration stops [-]."""
+    max_iterations: int = 120
+    """Linear problems solved at most for one load step."""
+    load_steps: int = 1
+    """Parts in which the load is applied: equal ones, with friction as `load_factors` says."""
+    load_tolerance: float | None = None
+    """With friction the parts are doubled until that changes displacements and pressures by less
+    [-]; None: they stay as they are, and so they do from a given start."""
+    load_path: tuple[float, ...] | None = None
+    """Load factors at the ends of the load steps, the last one 1; None: straight up, in
+    `load_steps` of `load_factors`."""
+    keep_steps: bool = False
+    """Whether the result holds the state after each of them."""
+
+    motion_steps: int = 20
+    """Parts of the way of supports that move, after the load; the times of their tables come on
+    top."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.tolerance) and self.tolerance > 0.0):
+            raise StaticError(f"fem.tolerance: got {self.tolerance}, expected a positive number")
+        change = self.load_tolerance
+        if change is not None and not (math.isfinite(change) and change > 0.0):
+            raise StaticError(f"fem.load_tolerance: got {change}, expected a positive number")
+        path = self.load_path
+        if path is not None and not (path and path[-1] == 1.0 and min(path) > 0.0):
+            raise StaticError(
+                f"load_path: got {path}, expected positive load factors that end with 1"
+            )
+        for name in ("max_iterations", "load_steps", "motion_steps"):
+            if getattr(self, name) < 1:
+                raise StaticError(f"fem.{name}: got {getattr(self, name)}, expected at least 1")
+
+
+def _along(
+    problem: StaticProblem,
+    state: StaticState,
+    path: list[_Target],
+    step: _Step,
+    options: StaticOptions,
+) -> tuple[StaticProblem, StaticState]:
+    """Take steps one after the other; those of a motion that fail are cut.
+
+    Where the shortest has no equilibrium either, what was reached before is an answer.
+    """
+    ahead, shortest = path[::-1], _SHORTEST * (path[-1][1] or 0.0)
+    while ahead:
+        factor, moment = ahead.pop()
+        there, reached, goes_on = step(
+            problem, replace(state, load_factor=factor, time=moment, converged=False)
+        )
+        if moment and not reached.converged:
+            before, tried = state.time or 0.0, reached.residuals[len(state.residuals) :]
+            last = state.residuals[-1:]
+            state = replace(state, residuals=(*state.residuals[:-1], *tried, *last))
+            if 0.5 * (moment - before) >= shortest:
+                ahead += [(factor, moment), (factor, 0.5 * (before + moment))]
+                continue
+            if state.pushed:
+                return problem, replace(state, stopped=moment)
+            return there, reached
+        problem, state = there, _recorded(there, reached, options)
+        if not goes_on:
+            break
+    return problem, state
+
+
+def load_up(
+    problem: StaticProblem, state: StaticState, parts: int, *, options: StaticOptions
+) -> tuple[StaticProblem, StaticState]:
+    """Apply the load in parts."""
+
+    def step(problem: StaticProblem, state: StaticState) -> tuple[StaticProblem, StaticState, bool]:
+        reached = converge(problem, state)
+        if problem.friction is not None and reached.residuals[-1] > _HISTORY:
+            # What follows would start from a history that no equilibrium has.
+            return problem, reached, False
+        if not reached.converged and has_potential(problem):
+            reached = descend(problem, replace(state, residuals=reached.residuals))
+        return problem, _advance_friction(problem, reached, state.displacement), True
+
+    return _along(problem, state, _load_path(problem, options, parts), step, options)
+
+
+def _load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> list[_Target]:
+    """Load factor and time at the end of each step: the load first, then motions of supports.
+
+    Without supports that move there is no time.
+    """
+    asked, moving = options.load_path, problem.system.held.moving
+    if asked is None:
+        asked = load_factors(parts, friction=problem.friction is not None)
+    if not moving:
+        return [(factor, None) for factor in asked]
+    tables = [np.array(share.times) for share, _ in moving if isinstance(share, TabularAmplitude)]
+    end = max((float(times[-1]) for times in tables), default=1.0)
+    equal = end * np.arange(1, options.motion_steps + 1) / options.motion_steps
+    times = np.unique(np.concatenate([equal, *tables]))
+    loaded = bool(problem.system.external_force.any())
+    before = [(factor, 0.0) for factor in asked] if loaded else []
+    return [*before, *((1.0, time) for time in times[times > 0.0].tolist())]
+
+
+def _recorded(problem: StaticProblem, state: StaticState, options: StaticOptions) -> StaticState:
+    """Keep what was asked for of a step, and the forces of supports that move."""
+    if options.keep_steps:
+        state = replace(state, path=(*state.path, _kept_step(problem, state)))
+    if state.time is None or not state.converged:
+        return state
+    forces = -problem.system.held_part(unbalanced_forces(problem, state)[0])
+    return replace(state, pushed=(*state.pushed, (state.time, forces)))
+
+
+def follow_up(
+    problem: StaticProblem,
+    state: StaticState,
+    parts: int,
+    *,
+    options: StaticOptions,
+    points: FacingPoints,
+    search_anew: Callable[[StaticProblem, StaticState], tuple[StaticProblem, StaticState]],
+) -> tuple[StaticProblem, StaticState]:
+    """Apply the load in parts; points follow the motion until they stay.
+
+    ``search_anew`` gives the problem on the points of the place that a state has.
+    """
+    elastic, first = _Elastic.none(points), True
+
+    def step(problem: StaticProblem, state: StaticState) -> tuple[StaticProblem, StaticState, bool]:
+        nonlocal elastic, first
+        begin, aim = state.displacement, (state.load_factor, state.time)
+        for search in range(_MAX_SEARCHES):
+            if search or not first:
+                problem, state = search_anew(problem, state)
+            state = replace(
+                state,
+                load_factor=aim[0],
+                time=aim[1],
+                anchor=elastic.anchor(problem, points, begin),
+                converged=False,
+            )
+            before = state.displacement
+            state = converge(problem, state)
+            moved = float(np.abs(state.displacement - before).max())
+            if not state.converged or 2.0 * moved <= _FOLLOWED * points.skin:
+                break
+        first = False
+        if not state.converged or 2.0 * moved > points.skin:
+            return problem, replace(state, converged=False), False
+        state = _advance_friction(problem, state, begin)
+        elastic = _Elastic.of(problem, points, state)
+        return problem, state, True
+
+    return _along(problem, state, _load_path(problem, options, parts), step, options)
+
+
+@dataclass(frozen=True)
+class _Elastic:
+    """Elastic slips at the end of a load step, on the points that then were."""
+
+    slave: IntArray
+    shapes: FloatArray
+    slip: FloatArray
+    """World axes, in the order of the search, (n, 3) [mm]."""
+
+    @classmethod
+    def none(cls, points: FacingPoints) -> _Elastic:
+        """Before any load."""
+        found = points.now
+        return cls(found.slave.copy(), found.shapes.copy(), np.zeros((points.count, 3)))
+
+    @classmethod
+    def of(cls, problem: StaticProblem, points: FacingPoints, state: StaticState) -> _Elastic:
+        """After the anchors have moved."""
+        found, rows = cls.none(points), problem.friction
+        if rows is not None:
+            slip = (rows.slip(state.displacement) - anchor_of(state))[:, 0]
+            order = _searched(problem).order
+            found.slip[order] = np.einsum("nk,nki->ni", slip, rows.tangents[:, 0])
+        return found
+
+    def anchor(
+        self, problem: StaticProblem, points: FacingPoints, begin: FloatArray
+    ) -> FloatArray | None:
+        """Anchors on the present points: their slip at the start of the step less the elastic."""
+        rows = problem.friction
+        if rows is None:
+            return None
+        carried = points.carried(self.slave, self.shapes, self.slip)[_searched(problem).order]
+        elastic = np.einsum("nki,ni->nk", rows.tangents[:, 0], carried)
+        return rows.slip(begin) - elastic[:, None]
+
+
+def _searched(problem: StaticProblem) -> SearchedSurfaces:
+    surfaces = problem.system.surfaces
+    assert isinstance(surfaces, SearchedSurfaces)
+    return surfaces
+
+
+def _kept_step(problem: StaticProblem, state: StaticState) -> tuple[float, FloatArray]:
+    """Load factor and displacements of a load step.
+
+    Inner nodes follow contact nodes and load linearly, and the step knows the whole load.
+    """
+    share = state.load_factor
+    return share, share * problem.step.complete(state.displacement / share)
+
+
+def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatArray) -> StaticState:
+    """Move the anchors at the end of a load step, and count the work lost on their way.
+
+    An anchor moves only while a point slides, at the limit of its traction: that goes along with
+    the pressure from the beginning to the end, in the mean. A point that lifts off loses half of
+    what it had.
+    """
+    rows = problem.friction
+    if rows is None:
+        return state
+    law = problem.system.deformable.contact.law
+    pressure = law.pressure(state.kinematics.overclosure)
+    before = law.pressure(problem.kinematics(begin).overclosure)
+    anchor = anchor_of(state)
+    slip = rows.slip(state.displacement)
+    first, _ = friction_tractions(rows.friction, rows.slip(begin), anchor, before)
+    traction, moved = friction_tractions(rows.friction, slip, anchor, pressure)
+    touching = pressure > 0.0
+    mean = 0.5 + 0.5 * np.divide(before, pressure, out=np.zeros_like(pressure), where=touching)
+    resisting = np.where(touching[:, :, None], mean[:, :, None] * traction, 0.5 * first)
+    lost = problem.system.surfaces.weights * ((moved - anchor) * resisting).sum(axis=2)
+    orbits = problem.system.orbits
+    times: IntArray | int = orbits.order
+    if not isinstance(problem.system.surfaces, SearchedSurfaces):
+        times = np.bincount(orbits.point_of[:, 0] // lost.shape[1], minlength=len(lost))
+    lost = times * lost.sum(axis=1)
+    return replace(state, anchor=moved, dissipation=state.dissipation + float(lost.sum()))
