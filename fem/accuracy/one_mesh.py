@@ -41,6 +41,8 @@ from geometry.errors import RefusedError
 SHARES = (2.0 / 3.0, 0.5)
 #: Error of elements of one degree less over that of a run, at least.
 _DEGREE = 2.0
+#: Parts of the way of supports that move.
+MOTION_STEPS = 20
 #: Elements at most of a finer mesh that is solved for error bars alone: some CPU s.
 _MOST_ELEMENTS = 20_000
 #: What coarser meshes judge beside them in elements of degree two or more.
@@ -65,6 +67,9 @@ def static_solution(
     StaticError, SymmetryError
         As `fem.solve_static`.
     """
+    options = StaticOptions() if options is None else options
+    if options.motion_steps is None and deformable.moves:
+        options = replace(options, motion_steps=MOTION_STEPS)
     if finite_rotation:
         # Its internal forces are those of explicit runs, which load a compiler.
         from fem.static.rotation import solve_static_with_rotation

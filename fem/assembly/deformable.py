@@ -112,6 +112,11 @@ class DeformableAssembly:
         return self.contact.finite_sliding or self.surfaces.n_facets > 0
 
     @property
+    def moves(self) -> bool:
+        """Whether a support moves."""
+        return any(support.displacement.any() for support in self.model.supports)
+
+    @property
     def gravity(self) -> FloatArray | None:
         """Uniform acceleration of all that deforms, world axes, (3,) [mm/s²]; None: absent.
 

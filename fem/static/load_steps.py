@@ -82,9 +82,9 @@ class StaticOptions:
     keep_steps: bool = False
     """Whether the result holds the state after each of them."""
 
-    motion_steps: int = 20
+    motion_steps: int | None = None
     """Parts of the way of supports that move, after the load; the times of their tables come on
-    top."""
+    top. None: all their way at once, with the load."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.tolerance) and self.tolerance > 0.0):
@@ -98,7 +98,7 @@ class StaticOptions:
                 f"load_path: got {path}, expected positive load factors that end with 1"
             )
         for name in ("max_iterations", "load_steps", "motion_steps"):
-            if getattr(self, name) < 1:
+            if getattr(self, name) is not None and getattr(self, name) < 1:
                 raise StaticError(f"fem.{name}: got {getattr(self, name)}, expected at least 1")
 
 
@@ -160,7 +160,7 @@ def _load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> li
     asked, moving = options.load_path, problem.system.held.moving
     if asked is None:
         asked = load_factors(parts, friction=problem.friction is not None)
-    if not moving:
+    if not moving or options.motion_steps is None:
         return [(factor, None) for factor in asked]
     tables = [np.array(share.times) for share, _ in moving if isinstance(share, TabularAmplitude)]
     end = max((float(times[-1]) for times in tables), default=1.0)
