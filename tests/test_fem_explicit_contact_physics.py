@@ -1,4 +1,4 @@
-"""Blocks on a rigid floor: bouncing, sliding at the friction angle, sleep, time step safety."""
+"""Blocks on a rigid floor: bouncing, sliding at the friction angle, time step safety."""
 
 import math
 
@@ -205,46 +205,6 @@ def test_friction_is_refused_where_it_cannot_act():
         explicit_assembly(
             in_contact(block_on_floor(), friction=CoulombFriction(0.1, stick_stiffness=1e5))
         )
-
-
-def steps(deformable, count, *, sleep, speed=10.0):
-    """Displacements and number of sleeping units after some steps."""
-    statement = explicit_assembly(deformable)
-    system = prepare(
-        statement.model, time_step=0.9 * critical_time_step(statement.model).critical_time_step
-    )
-    velocity = np.zeros(
-        (deformable.model.groups[0].n_copies, *falling(deformable, 0.0)[0].shape[1:])
-    )
-    velocity[0, :, 2] = -speed
-    state = initial_state(system, velocities=(velocity,))
-    contact = system.interactions[0]
-    if not sleep:
-        contact._sleepers.put_to_sleep = lambda *_: None
-    asleep = []
-    for _ in range(count):
-        step(system, state)
-        asleep.append(contact.units_asleep[0])
-    return displacements_of(system, state)[0], np.array(asleep)
-
-
-def test_an_interface_sleeps_until_its_blocks_could_meet():
-    """A block that falls by 0.05 mm bounces as if contact had been looked at in every step."""
-    deformable = block_on_floor(lift=0.05)
-    always, none = steps(deformable, 3000, sleep=False)
-    found, asleep = steps(deformable, 3000, sleep=True)
-    assert none.max() == 0
-    assert asleep[100] == 1
-    assert asleep[asleep.argmax() :].min() == 0
-    assert np.array_equal(found, always)
-    assert found[0, :, 2].mean() > -0.05
-
-
-def test_a_standing_block_far_away_costs_nothing():
-    """Never wakes: its unit is not touched again while it sleeps."""
-    deformable = block_on_floor(lift=0.05)
-    _, asleep = steps(deformable, 500, sleep=True, speed=0.0)
-    assert asleep[40:].min() == 1
 
 
 def test_a_law_without_cap_is_watched():

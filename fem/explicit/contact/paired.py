@@ -25,7 +25,6 @@ from fem.explicit.contact.paired_kernel import (
     collect_forces,
     contact_forces,
 )
-from fem.explicit.contact.sleep import Sleepers
 from fem.explicit.kernels import PARALLEL
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros, equal_work
 from fem.explicit.state import State
@@ -159,7 +158,6 @@ class _BoundContact:
             if statement.normals is ContactNormals.REFERENCE
             else None
         )
-        self._sleepers = Sleepers(self._data, self._work, -self._constants.start, bodies)
         self._friction = statement.friction
         self._slip: FloatArray | None = None
         self._sliding: tuple[FloatArray, FloatArray] | None = None
@@ -174,7 +172,6 @@ class _BoundContact:
     def add_force(self, system: System, state: State) -> None:
         """Add contact forces at the current positions to the applied forces."""
         parallel = system.kernels is PARALLEL
-        self._sleepers.wake(state, system.time_step)
         displacements = tuple(now.displacement.ravel() for now in state.bodies)
         contact_forces.form(parallel=parallel)(
             self._data,
@@ -197,20 +194,14 @@ class _BoundContact:
                 body.lanes,
                 now.applied_force.ravel(),
             )
-        self._sleepers.put_to_sleep(state, system.time_step)
-
-    @property
-    def units_asleep(self) -> tuple[int, int]:
-        """Units that are not computed at present, and all units."""
-        return self._sleepers.asleep, len(self._data.units)
 
     def energy(self) -> float:
         """Energy stored at the last force evaluation [N mm]."""
         total = 0.0
-        for unit in np.flatnonzero(self._work.awake):
-            gap, weights = self.unit_gaps(int(unit))
+        for unit in range(len(self._data.units)):
+            gap, weights = self.unit_gaps(unit)
             total += float((weights * self._law.stored_energy(-gap)).sum())
-            total += self._stick_energy(int(unit))
+            total += self._stick_energy(unit)
         return total
 
     def unit_gaps(self, unit: int) -> tuple[FloatArray, FloatArray]:
@@ -241,10 +232,10 @@ class _BoundContact:
     def _deepest(self) -> tuple[int, int, float]:
         """Unit, lane and gap of the point that presses most."""
         least, where = np.inf, (0, 0)
-        for unit in np.flatnonzero(self._work.awake):
-            gap = self.unit_gaps(int(unit))[0].min(axis=(0, 1))
+        for unit in range(len(self._data.units)):
+            gap = self.unit_gaps(unit)[0].min(axis=(0, 1))
             if gap.min() < least:
-                least, where = float(gap.min()), (int(unit), int(gap.argmin()))
+                least, where = float(gap.min()), (unit, int(gap.argmin()))
         return *where, least
 
     def _largest_stiffness(self, system: System) -> float:
@@ -394,7 +385,6 @@ def _unit_work(data: UnitArrays) -> UnitWork:
     return UnitWork(
         force=aligned_zeros((2 * int(nodes.sum()),), np.float64),
         gap=aligned_zeros((int(points.sum()),), np.float64),
-        awake=np.ones(len(data.units), dtype=np.int8),
         scratch=aligned_zeros(
             (numba.config.NUMBA_NUM_THREADS, 4, int(nodes.max(initial=0))), np.float64
         ),

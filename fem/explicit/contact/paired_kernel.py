@@ -25,9 +25,8 @@ from numba import prange
 
 from fem.contact.law import pressure_formula
 from fem.explicit.contact.alike_pairs import WIDEST
-from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
+from fem.explicit.kernels.forms import serial_and_parallel
 from fem.explicit.kernels.lanes import (
-    REGISTER_DOUBLES,
     ROUNDING_SHIFT,
     add_to,
     any_below,
@@ -106,8 +105,6 @@ class UnitWork(NamedTuple):
     [side][node pair][component][lane] [N]."""
     gap: FloatArray
     """Gap at the points, [facet][point][lane] [mm]."""
-    awake: npt.NDArray[np.int8]
-    """Whether a unit is worked on, (n_units,)."""
     scratch: FloatArray
     """For each thread: x_s - x_m and (x_m + x_s)/2 of one unit and the forces on them,
     (n_threads, 4, largest unit)."""
@@ -458,8 +455,6 @@ _gather_1, _facets_1, _part_1 = _unit_loops(1)
 
 @njit(**OPTIONS)
 def _unit(unit, thread, data, displacements, work, law, normals, slip, sliding):
-    if work.awake[unit] == 0:
-        return
     kind, width = data.units[unit, 0], data.units[unit, 1]
     u_m = displacements[data.alike[kind, 2]]
     u_s = displacements[data.alike[kind, 3]]
@@ -490,7 +485,7 @@ def _units_of(thread, threads, data, displacements, work, law, normals, slip, sl
 
 @serial_and_parallel
 def contact_forces(data, displacements, work, law, normals, slip, sliding):
-    """Gaps, pressures and forces of all units that are awake.
+    """Gaps, pressures and forces of all units.
 
     Parameters
     ----------
@@ -522,8 +517,6 @@ def _collect_chunk(c, chunks, pointer, entries, data, work, lanes, applied):
         base = 3 * row * lanes
         for e in range(pointer[row], pointer[row + 1]):
             unit, at, first = entries[e, 0], entries[e, 1], entries[e, 2]
-            if work.awake[unit] == 0:
-                continue
             width = data.units[unit, 1]
             if first >= 0 and width == WIDEST:
                 to = base + first
@@ -564,42 +557,3 @@ def collect_forces(chunks, pointer, entries, data, work, lanes, applied):
     """
     for c in prange(len(chunks) - 1):
         _collect_chunk(c, chunks, pointer, entries, data, work, lanes, applied)
-
-
-def _speed_lanes(width: int) -> Callable[..., Any]:
-    """Make the largest squared speed so far, with one more row, of ``width`` copies."""
-    load, _ = lane_operations(width)
-    load_triple = triple_operations(width).load
-
-    @njit(**OPTIONS)
-    def run(first, _, at, lanes, velocity, fastest):
-        v = load_triple(velocity, at + first, lanes)
-        store(fastest, first, larger(load(fastest, first), dot(v, v)))
-
-    return run
-
-
-_faster = over_lanes(_speed_lanes, 4 * REGISTER_DOUBLES)
-
-
-@njit(cache=True, **OPTIONS)
-def add_travel(rows, velocity, time_step, travel):
-    """Add to the travel of every copy the way its fastest surface node goes in a step.
-
-    Parameters
-    ----------
-    rows
-        Rows on the surface, (n,).
-    velocity
-        (n_rows, 3, lanes) [mm/s].
-    time_step
-        [s]
-    travel
-        (n_copies,) [mm], updated.
-    """
-    lanes = velocity.shape[2]
-    flat, fastest = velocity.ravel(), np.zeros(len(travel), velocity.dtype)
-    for row in rows:
-        _faster(0, len(travel), 3 * row * lanes, lanes, flat, fastest)
-    for k in range(len(travel)):
-        travel[k] += time_step * math.sqrt(fastest[k])

@@ -20,8 +20,12 @@ from fem.contact.law import ContactLaw
 from fem.contact.search import BlockSurface, FacingPoints, facet_area_vectors
 from fem.explicit.body import Body
 from fem.explicit.contact.paired import check_stick, largest_stiffness, shifted
-from fem.explicit.contact.paired_kernel import add_travel
-from fem.explicit.contact.sliding_kernel import apply_surface, place_surface, sliding_forces
+from fem.explicit.contact.sliding_kernel import (
+    add_travel,
+    apply_surface,
+    place_surface,
+    sliding_forces,
+)
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import State
 from fem.explicit.step import Interaction, System

@@ -12,10 +12,16 @@ facet and its tangents cost a third of sums over corners.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
 
 from fem.contact.law import law_pressure
+from fem.explicit.kernels.forms import over_lanes
+from fem.explicit.kernels.lanes import REGISTER_DOUBLES, lane_operations, larger, store
 from fem.explicit.kernels.options import OPTIONS
-from fem.explicit.kernels.triples import triple_of
+from fem.explicit.kernels.triples import dot, triple_of, triple_operations
 from geometry.compilation import njit
 
 #: Newton iterations on the closest point; a step moves it by far less than a facet.
@@ -211,3 +217,42 @@ def apply_surface(force, rows, lanes, copies, turns, turn_of, applied):
         for j in range(3):
             local = turn[0, j] * force[k, 0] + turn[1, j] * force[k, 1] + turn[2, j] * force[k, 2]
             applied[base + j * lanes] += local
+
+
+def _speed_lanes(width: int) -> Callable[..., Any]:
+    """Make the largest squared speed so far, with one more row, of ``width`` copies."""
+    load, _ = lane_operations(width)
+    load_triple = triple_operations(width).load
+
+    @njit(**OPTIONS)
+    def run(first, _, at, lanes, velocity, fastest):
+        v = load_triple(velocity, at + first, lanes)
+        store(fastest, first, larger(load(fastest, first), dot(v, v)))
+
+    return run
+
+
+_faster = over_lanes(_speed_lanes, 4 * REGISTER_DOUBLES)
+
+
+@njit(cache=True, **OPTIONS)
+def add_travel(rows, velocity, time_step, travel):
+    """Add to the travel of every copy the way its fastest surface node goes in a step.
+
+    Parameters
+    ----------
+    rows
+        Rows on the surface, (n,).
+    velocity
+        (n_rows, 3, lanes) [mm/s].
+    time_step
+        [s]
+    travel
+        (n_copies,) [mm], updated.
+    """
+    lanes = velocity.shape[2]
+    flat, fastest = velocity.ravel(), np.zeros(len(travel), velocity.dtype)
+    for row in rows:
+        _faster(0, len(travel), 3 * row * lanes, lanes, flat, fastest)
+    for k in range(len(travel)):
+        travel[k] += time_step * math.sqrt(fastest[k])
