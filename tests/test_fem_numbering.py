@@ -21,9 +21,9 @@ FREE = (
     ((40.0, 10.0, 60.0), (160.0, 90.0, 110.0)),
 )
 LOAD = """[load]
-gravity = [0, 0, -9810]
 acceleration = [1500, 400, 0]
 [effects]
+gravity = [0, 0, -9810]
 finite_sliding = true
 [effects.friction]
 coefficient = 0.5

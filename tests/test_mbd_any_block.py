@@ -474,17 +474,19 @@ def test_what_weighs_on_a_floor_in_a_corner_is_held_against_what_it_leans_on() -
 
 def test_loads_of_body_scenes_are_weights_and_pushes(tmp_path: Path) -> None:
     from validation.build.polyhedra import build_body_loads
-    from validation.scene.polyhedra import BodyLoadSection
+    from validation.scene.read import POLYHEDRAL_TYPES
 
     assembly = _incline()
-    section = BodyLoadSection.model_validate(
+    scene = POLYHEDRAL_TYPES["mesh"].model_validate(
         {
-            "density": 2e-9,
-            "gravity": [0, 0, -9810],
-            "forces": [{"block": 1, "force": [3, 0, 0], "point": [50, 50, 14]}],
+            "block": {"type": "mesh"},
+            "parts": [{"file": "incline.stl"}],
+            "material": {"name": "concrete", "density": 2e-9},
+            "effects": {"gravity": [0, 0, -9810]},
+            "load": {"forces": [{"block": 1, "force": [3, 0, 0], "point": [50, 50, 14]}]},
         }
     )
-    loads = build_body_loads(section, assembly)
+    loads = build_body_loads(scene, assembly)
     weight = 2e-9 * 9810 * assembly.volumes
     np.testing.assert_allclose(loads.dead[:, 2], -weight)
     # The push acts 2 mm above the centroid of a block 4 mm high: M_y = 2 · 3.

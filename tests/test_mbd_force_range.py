@@ -191,7 +191,7 @@ def test_scene_answers_with_ranges_and_sliding(tmp_path: Path) -> None:
     scene = tmp_path / "wall.toml"
     scene.write_text(
         '[block]\ntype = "wall"\nsize = [200, 100, 80]\n[assembly]\ncolumns = 2\nrows = 2\n'
-        "[load]\ngravity = [0, 0, -9810]\nacceleration = [981, 0, 0]\n"
+        "[effects]\ngravity = [0, 0, -9810]\n[load]\nacceleration = [981, 0, 0]\n"
         "[rigid]\nfriction = 0.6\ncollapse = true\nsliding = true\nranges = true\n"
     )
     answer = tmp_path / "answer.json"

@@ -27,7 +27,6 @@ from validation.build.deformable import build_deformable
 from validation.errors import InputError
 from validation.output.decks import export_deck, import_deck
 from validation.run.rigid.answer import run_rigid
-from validation.run.rigid.polyhedra import run_polyhedra
 from validation.scene.read import SceneFile, check_scene, load_scene, scene_data
 
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2")
@@ -157,21 +156,17 @@ def test_rigid_blocks_carry_the_weight_that_the_scene_states() -> None:
     np.testing.assert_allclose(unstated.result.contact_forces, heavy.result.contact_forces)
 
 
-def test_a_weight_stated_twice_is_refused(tmp_path: Path) -> None:
-    faces = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
-    faces += "f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"
-    (tmp_path / "cube.obj").write_text(faces)
-    (tmp_path / "cubes.toml").write_text(
-        '[block]\ntype = "mesh"\nunits = "cm"\n'
-        '[[parts]]\nfile = "cube.obj"\nplaces = [{fixed = true}, {at = [0.0, 0.0, 10.0]}]\n'
-    )
-    scene = str(tmp_path / "cubes.toml")
-    both = ("load.gravity=[0.0, 0.0, -9810.0]", "effects.gravity=[0.0, 0.0, -9810.0]")
-    for setting in both:
-        file = load_scene(scene, [setting])
-        forces = run_polyhedra(file, file.scene).result.contact_forces  # type: ignore[arg-type]
-        # 1 cm³ of the default density; the equilibrium's residual is below 1e-6.
-        assert forces.sum() == pytest.approx(1e3 * 2.4e-9 * 9810.0, rel=1e-5)
-    twice = load_scene(scene, both)
-    with pytest.raises(InputError, match="weigh twice"):
-        run_polyhedra(twice, twice.scene)  # type: ignore[arg-type]
+@pytest.mark.parametrize("scene", ["wall", "tsb1-pipe"])
+@pytest.mark.parametrize(
+    ("key", "remedy"),
+    [
+        ("load.gravity=[0, 0, -9810]", "effects.gravity; move it there"),
+        ("load.density=2.4e-9", "material.density; move it there"),
+        ("load.temperature=20.0", "no thermal expansion"),
+        ("effects.temperature=20.0", "no thermal expansion"),
+        ("material.expansion=1e-5", "no thermal expansion"),
+    ],
+)
+def test_weight_has_one_key_and_temperature_none(scene: str, key: str, remedy: str) -> None:
+    with pytest.raises(InputError, match=f"unknown key {key.partition('=')[0]}: .*{remedy}"):
+        load_scene(scene, [key])

@@ -175,7 +175,8 @@ def test_twenty_nodes_bend_as_those_of_calculix(tmp_path: Path) -> None:
 def test_rigid_answers_say_that_edges_are_straight(tubelock, tmp_path: Path) -> None:  # noqa: F811
     ring(tmp_path)
     (tmp_path / "own.toml").write_text(
-        '[block]\ntype = "mesh"\n[load]\ngravity = [0, 0, -9810]\n[[parts]]\nfile = "ring20.vtu"\n'
+        '[block]\ntype = "mesh"\n[effects]\ngravity = [0, 0, -9810]\n'
+        '[[parts]]\nfile = "ring20.vtu"\n'
         f"places = [{{at = [0, 0, 0]}}, {{at = [0, 0, -{HEIGHT}], fixed = true}}]\n"
     )
     status, out, _ = tubelock("mbd", "own.toml", "--json", "own.json")

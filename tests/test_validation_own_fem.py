@@ -217,7 +217,7 @@ def write_stl(path: Path, solid: Polyhedron) -> None:
 
 
 def own_scene(
-    folder: Path, parts: str, *, load: str = "[load]\ngravity = [0, 0, -9810]\n"
+    folder: Path, parts: str, *, load: str = "[effects]\ngravity = [0, 0, -9810]\n"
 ) -> DeformableScene:
     path = folder / "own.toml"
     path.write_text(f'[block]\ntype = "mesh"\n{parts}\n{load}{SECTIONS}', "utf-8")
@@ -256,7 +256,7 @@ def test_friction_loads_as_slowly_whatever_made_the_gap(
     scene = own_scene(
         tmp_path,
         f'[[parts]]\nfile = "brick.inp"\nplaces = {places}\n',
-        load="[load]\ngravity = [0, 0, -9810]\n[effects.friction]\ncoefficient = 0.5\n",
+        load="[effects]\ngravity = [0, 0, -9810]\n[effects.friction]\ncoefficient = 0.5\n",
     ).changed(
         {
             "fem.method": "explicit",
@@ -275,7 +275,7 @@ def test_joint_forces_that_leave_friction_out_are_named_so(tmp_path: Path, frict
     """2 N sideways are carried by friction: a shear force of 0.0 N would be no balance."""
     write_hex_mesh(tmp_path / "brick.inp", box_block((100.0, 80.0, 50.0), (2, 2, 1)).mesh)
     places = "[{at = [0, 0, 0], fixed = true}, {at = [0, 0, 50]}]"
-    load = "[load]\ngravity = [0, 0, -9810]\n"
+    load = "[effects]\ngravity = [0, 0, -9810]\n"
     if friction:
         load += "[[load.forces]]\nblock = 1\nforce = [2.0, 0.0, 0.0]\n"
         load += "[effects.friction]\ncoefficient = 0.5\n"
@@ -384,7 +384,7 @@ def write_panel(path: Path, n: int) -> list[int]:
 
 def panel_scene(folder: Path, n: int, friction: float) -> DeformableScene:
     ring = write_panel(folder / "panel.obj", n)
-    load = f"[assembly]\nfixed = {ring}\n[load]\ngravity = [0, 0, -9810]\n"
+    load = f"[assembly]\nfixed = {ring}\n[effects]\ngravity = [0, 0, -9810]\n"
     load += f"[effects.friction]\ncoefficient = {friction}\n"
     scene = own_scene(folder, '[[parts]]\nfile = "panel.obj"\n', load=load)
     return scene.changed({"mesh.divisions": 2, "fem.load_steps": 1})

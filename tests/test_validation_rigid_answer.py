@@ -48,7 +48,7 @@ def flat_arch(folder: Path) -> Path:
     inner, outer = 100.0 * np.tan(np.radians([10.0, 20.0]))
     feet = np.array([-250.0, -150.0, -50.0, 50.0, 150.0, 250.0])
     tops = feet + np.array([0.0, -outer, -inner, inner, outer, 0.0])
-    lines = ["[block]", 'type = "mesh"', "[load]", "density = 2.4e-9", "gravity = [0, 0, -9810]"]
+    lines = ["[block]", 'type = "mesh"', "[effects]", "gravity = [0, 0, -9810]"]
     lines += ["[[load.forces]]", "block = 1", "force = [0, 0, 1000]"]
     lines += ["[rigid]", f"friction = {FRICTION}", "collapse = true", "sliding = true"]
     for k in range(5):

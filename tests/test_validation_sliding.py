@@ -332,7 +332,7 @@ def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
     parts += "places = [{at = [0, 0, 50]}]\n"
     path = tmp_path / "own.toml"
     path.write_text(
-        f'[block]\ntype = "mesh"\n{parts}\n[load]\ngravity = [0, 0, -9810]\n{SECTIONS}', "utf-8"
+        f'[block]\ntype = "mesh"\n{parts}\n[effects]\ngravity = [0, 0, -9810]\n{SECTIONS}', "utf-8"
     )
     static = load_scene(str(path)).scene
     assert isinstance(static, DeformableScene)
@@ -366,8 +366,9 @@ places = [{at = [0, 0, 0]}, {at = [100, 0, 0]}]
 [[parts]]
 file = "fine.vtu"
 places = [{at = [50, 0, 50]}, {at = [50, 10, 100]}]
-[load]
+[effects]
 gravity = [0, 0, -9810]
+[load]
 forces = [{block = 3, force = [0, 0, -4000]}]
 """
         + SECTIONS,

@@ -95,8 +95,8 @@ def test_units_multiply_and_divide() -> None:
         ("tsb1-pipe", "rigid.friction=30", r"an angle in degrees\? write 0.577"),
         ("tsb1-pipe", "load.pressure=1e4", r"Pa\? write 0.01"),
         ("brick-stack", "block.size=[0.25, 0.12, 0.06]", r"m\? write 250"),
-        ("arch", "load.gravity=[0, 0, -9.81]", r"m/s²\? write 9810"),
-        ("wall", "load.density=2400", r"kg/m³\? write 2.4e-09"),
+        ("arch", "effects.gravity=[0, 0, -9.81]", r"m/s²\? write 9810"),
+        ("wall", "material.density=2400", r"kg/m³\? write 2.4e-09"),
         ("cantilever", "block.size=[0.4, 0.04, 0.06]", r"m\? write 400"),
     ],
 )

@@ -99,8 +99,17 @@ _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 _MOST_NAMED = 3
 
 
-#: Keys of earlier versions, and why they are gone.
+_NO_HEAT = (
+    "temperature imposes no strain here: blocks have no thermal expansion; remove it, or state the "
+    "gaps that it makes, contact.clearance"
+)
+#: Keys of earlier versions and of other programs, and why they are rejected.
 _REMOVED = {
+    "load.gravity": "the weight of blocks is effects.gravity; move it there",
+    "load.density": "the density of blocks is material.density; move it there",
+    "load.temperature": _NO_HEAT,
+    "effects.temperature": _NO_HEAT,
+    "material.expansion": _NO_HEAT,
     "fem.formulation": "the rate form of C3D8R was removed, every explicit run has the shared "
     "stiffness of a block; remove the key",
 }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.assembly import Assembly
+from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
 from geometry.measures import UnmatchedJoint
 from geometry.mesh import FloatArray
@@ -16,6 +16,7 @@ from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene, SceneFile
+from validation.scene.sections import Vector
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,17 @@ def build_assembly(scene: AssemblyScene) -> Assembly:
     return assembly
 
 
-def build_weight(scene: DeformableScene, assembly: Assembly) -> FloatArray | None:
+def body_forces(
+    scene: DeformableScene, assembly: AnyBlocks, acceleration: Vector | None
+) -> FloatArray:
+    """Mass times an acceleration [mm/s²] of every block, (n_blocks, 6) [N, N mm]; None: zero."""
+    wrenches = np.zeros((assembly.n_blocks, 6))
+    if acceleration is not None:
+        wrenches[:, :3] = np.outer(scene.material.density * assembly.volumes, acceleration)
+    return wrenches
+
+
+def build_weight(scene: DeformableScene, assembly: AnyBlocks) -> FloatArray | None:
     """Weight of rigid blocks under ``effects.gravity``, about their mass centroids.
 
     Deformable blocks carry theirs node by node (`fem.assembly.deformable`).
@@ -72,11 +83,8 @@ def build_weight(scene: DeformableScene, assembly: Assembly) -> FloatArray | Non
     FloatArray | None
         (n_blocks, 6) [N, N mm]; None where the scene names no gravity.
     """
-    if scene.effects.gravity is None:
-        return None
-    wrenches = np.zeros((assembly.n_blocks, 6))
-    wrenches[:, :3] = np.outer(scene.material.density * assembly.volumes, scene.effects.gravity)
-    return wrenches
+    gravity = scene.effects.gravity
+    return None if gravity is None else body_forces(scene, assembly, gravity)
 
 
 def build_blocks(scene: AssemblyScene) -> HexahedralBlocks:

@@ -69,7 +69,7 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
     degree = element_degree(scene, assembly)
     if degree > 1:
         assembly = quadratic(assembly, degree, flavour, meets=scene.meets)
-    case = scene_load(scene, name, assembly)
+    case = scene_load(scene, assembly)
     with uncounted((EffectsSection, "finite_sliding")):
         problem = build_problem(scene, name, HexahedralBlocks(assembly, case, blocks.unmatched))
     # CalculiX has no contact in explicit steps; single bodies do what the scene says.

@@ -142,7 +142,7 @@ def build_hexahedra(scene: DeformableScene, name: str) -> HexahedralBlocks:
     """
     if scene.is_cell:
         cell = build_cell(scene, name)
-        return HexahedralBlocks(cell, scene_load(scene, name, cell), ())
+        return HexahedralBlocks(cell, scene_load(scene, cell), ())
     if isinstance(scene, PolyhedralScene):
         from validation.build.own_blocks import build_own_blocks
 
@@ -158,7 +158,7 @@ def held_at_faces(scene: DeformableScene) -> bool:
     return (isinstance(scene, AssemblyScene) and scene.stands) or scene.effects.elastic_frame
 
 
-def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCase:
+def scene_load(scene: DeformableScene, assembly: Assembly) -> LoadCase:
     """Build the load of a scene on blocks already built.
 
     Raises
@@ -169,7 +169,7 @@ def scene_load(scene: DeformableScene, name: str, assembly: Assembly) -> LoadCas
     if isinstance(scene, PolyhedralScene):
         from validation.build.own_blocks import own_load
 
-        return own_load(scene, name, assembly)
+        return own_load(scene, assembly)
     return scene.build_load(assembly)
 
 

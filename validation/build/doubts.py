@@ -39,9 +39,10 @@ def _repairs(scene: MeshScene, folder: Path) -> str:
 
 def _supports_aside(scene: MeshScene, assembly: AnyBlocks) -> str:
     """Words where all supports lie beside the free blocks and not below, above or around them."""
-    if scene.load.gravity is None or not np.any(scene.load.gravity):
+    gravity = scene.effects.gravity
+    if gravity is None or not np.any(gravity):
         return ""
-    down = np.array(scene.load.gravity) / np.linalg.norm(scene.load.gravity)
+    down = np.array(gravity) / np.linalg.norm(gravity)
     free, held = assembly.centroids[~assembly.fixed], assembly.centroids[assembly.fixed]
     away = held.mean(axis=0) - free.mean(axis=0)
     across = away - (away @ down) * down

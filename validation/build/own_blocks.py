@@ -23,7 +23,7 @@ from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.build.blocks import HexahedralBlocks
 from validation.build.polyhedra import (
-    build_body_loads,
+    build_live_load,
     build_polyhedra,
     detection_options,
     file_solids,
@@ -61,7 +61,7 @@ def build_own_blocks(scene: PolyhedralScene, name: str) -> HexahedralBlocks:
         raise InputError(f"{name}: {str(error).removeprefix(f'{name}: ')}") from None
     assembly = replace(assembly, layer=contact_distance(surfaces))
     unmatched = unmatched_joints(assembly, surfaces)
-    return HexahedralBlocks(assembly, own_load(scene, name, assembly), unmatched)
+    return HexahedralBlocks(assembly, own_load(scene, assembly), unmatched)
 
 
 def _assembly(scene: PolyhedralScene, name: str) -> Assembly:
@@ -155,51 +155,19 @@ def contact_distance(assembly: PolyhedralAssembly) -> IntArray:
     return np.where(reached, distance, last).astype(np.int64)
 
 
-def refuse_two_weights(scene: PolyhedralScene, name: str) -> None:
-    """Reject a weight that is stated twice.
+def own_load(scene: PolyhedralScene, assembly: Assembly) -> LoadCase:
+    """Variable loads on whole blocks; deformable blocks carry their weight node by node.
 
     Raises
     ------
     InputError
-        Gravity in the load and among the effects.
+        A force on a block that does not exist.
     """
-    if scene.load.gravity is not None and scene.effects.gravity is not None:
-        raise InputError(
-            f"{name}: load.gravity and effects.gravity: got both, and blocks would weigh twice; "
-            "expected one of them"
-        )
-
-
-def refuse_two_densities(scene: PolyhedralScene, name: str) -> None:
-    """Reject loads and a material that state different densities.
-
-    Raises
-    ------
-    InputError
-        With both.
-    """
-    density = scene.material.density
-    if "density" in scene.load.model_fields_set and scene.load.density != density:
-        raise InputError(
-            f"{name}: load.density is {scene.load.density:g} and material.density {density:g} "
-            "t/mm³; expected one density: remove load.density"
-        )
-
-
-def own_load(scene: PolyhedralScene, name: str, assembly: Assembly) -> LoadCase:
-    """Loads on whole blocks, with the density of the material.
-
-    Raises
-    ------
-    InputError
-        Two densities, or a force on a block that does not exist.
-    """
-    density = scene.material.density
-    refuse_two_weights(scene, name)
-    refuse_two_densities(scene, name)
     bodies = assembly
     if scene.fem.degree > 1:
         # Blocks of curved elements weigh what is within their curved faces.
         shapes = tuple(with_degree(shape, scene.fem.degree) for shape in assembly.shapes)
         bodies = replace(assembly, shapes=shapes)
-    return build_body_loads(scene.load.changed({"density": density}), bodies).load_case(assembly)
+    live = build_live_load(scene, bodies)
+    wrenches = live if live.any() else None
+    return LoadCase(assembly, "variable load", (), assembly.fixed, body_wrenches=wrenches)

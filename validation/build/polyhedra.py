@@ -24,11 +24,11 @@ from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron
+from validation.build.blocks import body_forces, build_weight
 from validation.errors import InputError
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import (
     ArchScene,
-    BodyLoadSection,
     CubesScene,
     DetectionSection,
     MeshScene,
@@ -216,7 +216,7 @@ class BodyLoads:
         )
 
 
-def build_body_loads(section: BodyLoadSection, assembly: AnyBlocks) -> BodyLoads:
+def build_body_loads(scene: PolyhedralScene, assembly: AnyBlocks) -> BodyLoads:
     """Build weight, accelerations and point forces.
 
     Raises
@@ -224,11 +224,21 @@ def build_body_loads(section: BodyLoadSection, assembly: AnyBlocks) -> BodyLoads
     InputError
         For a force on a block that does not exist.
     """
-    dead, live = np.zeros((assembly.n_blocks, 6)), np.zeros((assembly.n_blocks, 6))
-    for wrenches, given in ((dead, section.gravity), (live, section.acceleration)):
-        if given is not None:
-            wrenches[:, :3] += np.outer(section.density * assembly.volumes, given)
-    for push in section.forces:
+    weight = build_weight(scene, assembly)
+    dead = np.zeros((assembly.n_blocks, 6)) if weight is None else weight
+    return BodyLoads(dead, build_live_load(scene, assembly))
+
+
+def build_live_load(scene: PolyhedralScene, assembly: AnyBlocks) -> FloatArray:
+    """Accelerations and point forces about each block's centroid, (n_blocks, 6) [N, N mm].
+
+    Raises
+    ------
+    InputError
+        For a force on a block that does not exist.
+    """
+    live = body_forces(scene, assembly, scene.load.acceleration)
+    for push in scene.load.forces:
         if push.block >= assembly.n_blocks:
             raise InputError(
                 f"load.forces.block: got {push.block}, but blocks are numbered 0 to "
@@ -239,4 +249,4 @@ def build_body_loads(section: BodyLoadSection, assembly: AnyBlocks) -> BodyLoads
         if push.point is not None:
             arm = np.array(push.point) - assembly.centroids[push.block]
             live[push.block, 3:] += np.cross(arm, force)
-    return BodyLoads(dead, live)
+    return live

@@ -77,10 +77,10 @@ def _draw_scene(file: SceneFile, path: Path) -> None:
     title = f"{file.name}: {file.scene.load_words}"
     if isinstance(file.scene, PolyhedralScene):
         from validation.build.polyhedra import build_polyhedra
-        from validation.output.pictures.polyhedra import draw_blocks, weight_of
+        from validation.output.pictures.polyhedra import draw_blocks
 
         blocks = build_polyhedra(file.scene, file.folder)
-        draw_blocks(blocks, path, title=title, weight=weight_of(file.scene))
+        draw_blocks(blocks, path, title=title, weight=file.scene.weight)
         return
     from validation.build.blocks import build_scene
     from validation.output.pictures.assemblies import draw_assembly

@@ -75,7 +75,7 @@ def _rigid_runs(name: str, scene: DeformableScene, problem: Problem) -> Iterator
     assembly: Assembly = problem.blocks
     if problem.finite_sliding:
         assembly = facing_blocks(problem.deformable.assembly)
-    load = scene_load(scene, name, assembly)
+    load = scene_load(scene, assembly)
     idle = [(RigidSection, key) for key in RigidSection.model_fields if key != "solver"]
     for norm in Norm:
         # Both norms are compared, and no answer further to them.

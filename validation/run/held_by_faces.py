@@ -44,7 +44,7 @@ class _Faces:
         return self.assembly.interfaces.n_contacts > 0
 
 
-def _faces(name: str, scene: DeformableScene, assembly: Assembly) -> _Faces | None:
+def _faces(scene: DeformableScene, assembly: Assembly) -> _Faces | None:
     """None for other blocks, for curved faces, and for many contacts."""
     curved = any(shape.curve is not None for shape in assembly.shapes)
     if curved or not isinstance(scene, PolyhedralScene):
@@ -58,19 +58,19 @@ def _faces(name: str, scene: DeformableScene, assembly: Assembly) -> _Faces | No
     if n > MOST_POINTS or not surfaces.interfaces.n_contacts:
         return None
     contacts = contact_jacobian(bare)
-    load, weight = own_load(scene, name, assembly), build_weight(scene, assembly)
+    load, weight = own_load(scene, assembly), build_weight(scene, assembly)
     load = load if weight is None else with_body_wrenches(load, weight)
     return _Faces(
         bare, contacts, generalized_force(bare, load, contacts.free_blocks, contacts.length)
     )
 
 
-def faces_words(name: str, scene: DeformableScene, assembly: Assembly) -> str | None:
+def faces_words(scene: DeformableScene, assembly: Assembly) -> str | None:
     """Name the motion of own blocks that the load drives and their faces alone do not stop.
 
     None where faces carry the load, for other blocks, for curved faces, and for many contacts.
     """
-    faces = _faces(name, scene, assembly)
+    faces = _faces(scene, assembly)
     if faces is None:
         return None
     if not faces.touches:
@@ -90,9 +90,9 @@ def faces_words(name: str, scene: DeformableScene, assembly: Assembly) -> str | 
     return f"the load activates a mechanism of the faces ({words}; edges and corners carry no load)"
 
 
-def squeeze_words(name: str, scene: DeformableScene, assembly: Assembly) -> str | None:
+def squeeze_words(scene: DeformableScene, assembly: Assembly) -> str | None:
     """Words where only a squeeze beforehand lets friction carry the load of own blocks."""
-    faces, friction = _faces(name, scene, assembly), scene.effects.friction
+    faces, friction = _faces(scene, assembly), scene.effects.friction
     if faces is None or friction is None or not faces.touches:
         return None
     frictional = frictional_contacts(faces.assembly, faces.contacts, friction.coefficient)
@@ -114,7 +114,7 @@ def require_held_by_faces(name: str, scene: DeformableScene, assembly: Assembly)
     moves = scene.effects.finite_sliding or scene.effects.finite_rotation
     if moves or not scene.meets or scene.contact.opened:
         return
-    words = faces_words(name, scene, assembly)
+    words = faces_words(scene, assembly)
     if words is not None:
         raise InputError(
             f"{name}: no equilibrium: {words}; expected faces that carry the load: `tubelock mbd` "

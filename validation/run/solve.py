@@ -255,7 +255,7 @@ def _floating_named(
         yield
     except RefusedError as error:
         why = floating_words(scene, problem.deformable, options) or str(error)
-        stated = name, scene, problem.deformable.assembly
+        stated = scene, problem.deformable.assembly
         faces = faces_words(*stated) or squeeze_words(*stated)
         if faces:  # then the solver's own remedies do not help
             why = f"{why.partition('; ')[0]}: {faces}"

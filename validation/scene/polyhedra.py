@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field
 
@@ -11,7 +11,7 @@ from geometry.assembly import Assembly
 from geometry.families.versatile_panel import PanelArrangement
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement
 from validation.scene.deformable import DeformableSections
-from validation.scene.ranges import ACCELERATION, DENSITY, SIZE
+from validation.scene.ranges import ACCELERATION, SIZE
 from validation.scene.sections import (
     BlockSize,
     Finite,
@@ -39,27 +39,19 @@ class PointForceSection(Section):
 
 
 class BodyLoadSection(Section):
-    """``[load]`` of free-form assemblies; unlisted loads are absent."""
+    """``[load]`` of free-form assemblies: the variable load; the weight is `effects.gravity`."""
 
-    weighty: ClassVar[tuple[str, ...]] = ("density",)
-
-    density: Annotated[Positive, DENSITY] = 2.4e-9
-    """[t/mm³]; only accelerations use it."""
-    gravity: Annotated[Vector | None, ACCELERATION] = None
-    """Dead load: acceleration of every block [mm/s²], e.g. [0, 0, -9810]."""
     acceleration: Annotated[Vector | None, ACCELERATION] = None
-    """Live load: acceleration of every block, which `rigid.collapse` lets grow [mm/s²]."""
+    """Acceleration of every block, which `rigid.collapse` lets grow [mm/s²]."""
     forces: tuple[PointForceSection, ...] = ()
-    """Variable load: forces on single blocks."""
+    """Forces on single blocks, which `rigid.collapse` lets grow."""
 
     @property
     def words(self) -> str:
         """The load with its size; empty without a load."""
-        parts = [
-            f"{name} {vector_words(given)} mm/s²"
-            for name, given in (("weight", self.gravity), ("acceleration", self.acceleration))
-            if given is not None
-        ]
+        parts = []
+        if self.acceleration is not None:
+            parts.append(f"acceleration {vector_words(self.acceleration)} mm/s²")
         if self.forces:
             count = len(self.forces)
             parts.append(f"{count} force{'s' if count > 1 else ''} on single blocks")

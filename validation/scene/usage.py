@@ -6,16 +6,13 @@ the answer. It is named, in words and in the data.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args, get_origin
 
 from pydantic import BaseModel
-
-from validation.scene.docstrings import field_docstrings
-from validation.scene.quantities import unit_of
 
 #: A key by the class of its section and its name there.
 _Key = tuple[type, str]
@@ -27,8 +24,6 @@ class Recorded(BaseModel):
 
     read_at_the_door: ClassVar[bool] = False
     """Whether reading the scene itself uses all its keys, before any method runs."""
-    weighty: ClassVar[tuple[str, ...]] = ()
-    """Keys whose default is named wherever an answer depends on it."""
 
     if not TYPE_CHECKING:  # a type checker would take every name for a value
 
@@ -78,30 +73,20 @@ class KeyUse:
 
     @property
     def defaults(self) -> dict[str, str]:
-        """Defaults that the result depends on, in words, by section or key."""
+        """Defaults that the result depends on, in words, by section."""
         found = {}
         for name in type(self.scene).model_fields:
             section = self.scene.__dict__[name]
             if not isinstance(section, Recorded) or section.read_at_the_door:
                 continue
             words = getattr(section, "words", "")
-            given = name in self.scene.model_fields_set
-            if not given and words and self._reads(section, *type(section).model_fields):
+            if (
+                name not in self.scene.model_fields_set
+                and words
+                and self._reads(section, *type(section).model_fields)
+            ):
                 found[name] = words
-            # A material that is stated gives the density of loads, too.
-            stated = section.model_fields_set | set(self._of_material())
-            for key in section.weighty:
-                if given and key not in stated and self._reads(section, key):
-                    unit = unit_of(field_docstrings(type(section))[key])
-                    value = f"{section.__dict__[key]:g}"
-                    found[f"{name}.{key}"] = value if unit is None else f"{value} {unit.name}"
         return found
-
-    def _of_material(self) -> Iterable[str]:
-        """Keys of the material, where the scene states one."""
-        if "material" not in self.scene.model_fields_set:
-            return ()
-        return type(self.scene.__dict__["material"]).model_fields
 
     def _reads(self, section: BaseModel, *keys: str) -> bool:
         return any((type(section), key) in self._read for key in keys)

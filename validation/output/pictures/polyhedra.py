@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 
     from validation.run.rigid.explosion import Explosion
     from validation.run.rigid.polyhedra import PolyhedralRun
-    from validation.scene.polyhedra import PolyhedralScene
 
 _EYE: Direction = (1.0, -1.9, 1.5)
 _PALE = "#9ECAE1"
@@ -89,11 +88,6 @@ def draw_blocks(
     gallery([[panel]], title, path, height=6.5, legend=block_legend())
 
 
-def weight_of(scene: PolyhedralScene) -> Sequence[float] | None:
-    """Acceleration of all blocks [mm/s²], whether it is their load or acts beside it."""
-    return scene.weight or scene.load.gravity
-
-
 def _count(n: int, what: str) -> str:
     return f"{n} {what}{'' if n == 1 else 's'}"
 
@@ -140,7 +134,7 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
     verdict = "interlocked" if result.classification.locked else "not interlocked"
     asked = run.scene.rigid.friction is not None
     answer = run.carried.words if asked else f"{verdict} ({result.mechanism})"
-    weight = weight_of(run.scene)
+    weight = run.scene.weight
     blocks = Panel("blocks", View(polyhedra_parts(assembly), _EYE, weight=weight))
     counts = (result.n_blocks, "free block"), (interfaces.n_contacts, "contact point")
     gallery(
@@ -166,7 +160,7 @@ def draw_polyhedral_mechanism(run: PolyhedralRun, motion: FloatArray, path: Path
         arm = assembly.points(block) - assembly.centroids[block]
         moved = motion[block, :3] + np.cross(motion[block, 3:], arm)
         places.append(assembly.points(block) + scale * moved)
-    view = View(polyhedra_parts(assembly, places), _EYE, weight=weight_of(run.scene))
+    view = View(polyhedra_parts(assembly, places), _EYE, weight=run.scene.weight)
     draw_motion(run, view, scale, path, height=6.5, legend=block_legend())
 
 

@@ -15,11 +15,10 @@ from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from mbd import Classification, classify, contact_jacobian, generalized_force
 from mbd.answer import certificate_report
 from validation.build.doubts import doubts
-from validation.build.own_blocks import refuse_two_densities, refuse_two_weights
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
 from validation.run.rigid.answer import RigidAnswer
 from validation.run.stages import stages
-from validation.scene.polyhedra import STRAIGHT_EDGES, BodyLoadSection, PolyhedralScene
+from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 from validation.scene.read import SceneFile
 
 
@@ -88,7 +87,7 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
     """
     with stages() as watch:
         assembly = build_polyhedra(scene, file.folder)
-        loads = build_body_loads(_body_load(file.name, scene), assembly)
+        loads = build_body_loads(scene, assembly)
         watch.lap("build")
     run = PolyhedralRun.to(
         (loads.dead, loads.live),
@@ -121,18 +120,6 @@ def class_by_faces(run: PolyhedralRun) -> Classification:
     contacts = contact_jacobian(bare)
     force = generalized_force(bare, run.load, contacts.free_blocks, contacts.length)
     return classify(contacts.jacobian, force)
-
-
-def _body_load(name: str, scene: PolyhedralScene) -> BodyLoadSection:
-    """Loads on whole blocks, with the density of the material where the scene states one."""
-    stated: dict[str, Any] = {}
-    if scene.effects.gravity is not None:  # scenes may state the weight among the effects
-        refuse_two_weights(scene, name)
-        stated["gravity"] = scene.effects.gravity
-    if "material" in scene.model_fields_set:
-        refuse_two_densities(scene, name)
-        stated["density"] = scene.material.density
-    return scene.load.changed(stated)
 
 
 def mechanism_motion(run: PolyhedralRun) -> FloatArray | None:
