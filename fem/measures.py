@@ -62,13 +62,14 @@ def _displacement(solution: Solution) -> Measure:
 
 
 def _stresses(solution: Solution) -> dict[str, Callable[[], Measure]]:
-    radius = solution.averaging_radius
     return {
         "sigma_1_max": lambda: _measure(solution, solution.stress_peaks.sigma_1),
         "sigma_3_min": lambda: _measure(solution, solution.stress_peaks.sigma_3),
         "mises_max": lambda: _measure(solution, solution.stress_peaks.mises),
         "sigma_1_averaged": lambda: _measure(
-            solution, solution.stress_peaks.sigma_1_averaged, averaging_radius=radius
+            solution,
+            solution.stress_peaks.sigma_1_averaged,
+            averaging_radius=solution.stress_peaks.averaging_radius,
         ),
     }
 

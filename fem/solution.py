@@ -163,15 +163,9 @@ class Solution(ReadOnlyArrays):
         return stress_peaks(
             self.deformable,
             self.group_displacements,
-            averaging_radius=self.averaging_radius,
             finite_rotation=self.finite_rotation,
             representative=None if self.static is None else self.static.representative,
         )
-
-    @property
-    def averaging_radius(self) -> float:
-        """Radius of the ball of the averaged tension [mm]."""
-        return self.deformable.model.groups[0].material.averaging_radius
 
     @property
     def largest_displacement(self) -> float:

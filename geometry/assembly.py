@@ -90,6 +90,8 @@ class PlacedBlocks(ReadOnlyArrays, ABC, Generic[AnyShape]):
     """Whether the block belongs to the frame or is the image of another one, (n_blocks,)."""
     names: tuple[str, ...] = ()
     """Name that its file gives each block, empty without one; () where no file does."""
+    parts: tuple[int, ...] = ()
+    """Which file each block comes from, in the order of the statement; () where none does."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

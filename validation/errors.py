@@ -156,8 +156,9 @@ def places_of(key: str, model: type[BaseModel], above: str = "") -> Iterator[str
 def _unknown_key(path: tuple[int | str, ...], model: type[BaseModel]) -> str:
     """Name a key that is not known, and the one that was meant."""
     place, key = ".".join(str(k) for k in path), str(path[-1])
-    if place in _REMOVED:
-        return f"unknown key {place}: {_REMOVED[place]}"
+    removed = _REMOVED.get(re.sub(r"^materials\.[^.]+", "material", place))
+    if removed is not None:
+        return f"unknown key {place}: {removed}"
     if len(path) > 1 and key in model.model_fields:
         return f"unknown key {place}: {key} stands above the first [section] of a scene"
     known = _known_keys(model, path[:-1])

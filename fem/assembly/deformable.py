@@ -205,12 +205,14 @@ def block_groups(
     assembly: Assembly,
     deformable: BoolArray,
     offsets: FloatArray,
-    material: Material,
+    materials: tuple[Material, ...],
     element: ElementType,
     *,
     held: tuple[HeldFace, ...] = (),
 ) -> tuple[tuple[BlockGroup, ...], IntArray, IntArray]:
-    """One group for each shape that deforms, copies in the order of the blocks.
+    """One group for each shape and material that deforms, copies in the order of the blocks.
+
+    ``materials`` are those of all blocks, (n_blocks,).
 
     Blocks on springs share a group where their springs are the same.
 
@@ -223,9 +225,12 @@ def block_groups(
     copy_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
     groups: list[BlockGroup] = []
     kinds, springs = _springs(assembly, held)
-    for number, kind in np.unique(np.stack([assembly.shape_of, kinds])[:, deformable], axis=1).T:
-        blocks = np.flatnonzero(deformable & (assembly.shape_of == number) & (kinds == kind))
-        shape = assembly.shapes[int(number)]
+    alike: dict[tuple[int, int, Material], list[int]] = {}
+    for block in np.flatnonzero(deformable).tolist():
+        key = int(assembly.shape_of[block]), int(kinds[block]), materials[block]
+        alike.setdefault(key, []).append(block)
+    for (number, kind, material), blocks in sorted(alike.items(), key=lambda found: found[0][:2]):
+        shape = assembly.shapes[number]
         group_of[blocks] = len(groups)
         copy_of[blocks] = np.arange(len(blocks))
         groups.append(

@@ -171,7 +171,7 @@ def stress_peaks(
     deformable: DeformableAssembly,
     displacements: tuple[FloatArray, ...],
     *,
-    averaging_radius: float,
+    averaging_radius: float | None = None,
     finite_rotation: bool = False,
     representative: IntArray | None = None,
 ) -> StressPeaks:
@@ -184,7 +184,7 @@ def stress_peaks(
     displacements
         Of each group, world axes, (n_copies, n_nodes, 3) [mm].
     averaging_radius
-        Radius of the ball over which stresses are averaged [mm].
+        Radius of the ball over which stresses are averaged [mm]; None: that of each material.
     finite_rotation
         Whether the rigid rotation of each block is removed first.
     representative
@@ -198,13 +198,15 @@ def stress_peaks(
         blocks = chosen[deformable.group_of[chosen] == number]
         of_group = _lagrange_peaks if isinstance(group.mesh, LagrangeMesh) else _group_peaks
         moved = local[deformable.copy_of[blocks]]
-        found.append(of_group(deformable, blocks, moved, averaging_radius))
+        radius = group.material.averaging_radius if averaging_radius is None else averaging_radius
+        found.append(of_group(deformable, blocks, moved, radius))
+    averaged = found[first_largest(np.array([f.sigma_1_averaged.value for f in found]))]
     return StressPeaks(
         sigma_1=_largest([f.sigma_1 for f in found]),
         sigma_3=_largest([f.sigma_3 for f in found], -1.0),
         mises=_largest([f.mises for f in found]),
-        sigma_1_averaged=_largest([f.sigma_1_averaged for f in found]),
-        averaging_radius=averaging_radius,
+        sigma_1_averaged=averaged.sigma_1_averaged,
+        averaging_radius=averaged.averaging_radius,
         sigma_1_at_corners=max(f.sigma_1_at_corners for f in found),
         sigma_3_at_corners=min(f.sigma_3_at_corners for f in found),
         mises_at_corners=max(f.mises_at_corners for f in found),

@@ -34,7 +34,7 @@ from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.own_law import PressureLaw, as_law
 from fem.contact.surfaces import ContactNormals, ContactSurfaces
 from fem.element.hexahedron import ElementType
-from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND, Material
+from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND, Material, each_material
 from fem.problem.effects import Effects
 from fem.problem.model import Model
 from geometry.assembly import Assembly, spacing_offsets
@@ -75,7 +75,6 @@ class Motion:
 _KINDS: dict[str, Any] = {
     "blocks": Assembly,
     "load": Load | LoadCase,
-    "material": Material,
     "clearance": Real,
     "spacing": Real,
     "friction": CoulombFriction | Real | None,
@@ -100,8 +99,9 @@ class Problem:
         Loads and fixed blocks: a load case such as `geometry.pipe`, or a
         `geometry.loads.LoadCase` for facets of one's own.
     material
-        Of all blocks: density [t/mm³], modulus [MPa], Poisson's ratio [-], radius of the averaged
-        tension [mm]; `fem.concrete` is the paper's.
+        Density [t/mm³], modulus [MPa], Poisson's ratio [-], radius of the averaged tension [mm];
+        `fem.concrete` is the paper's. One for all blocks, or a sequence with one for each, such as
+        ``[steel if k in (0, 3) else concrete for k in range(blocks.n_blocks)]``.
     element
         Hexahedron of degree 1. Default: incompatible modes.
     degree
@@ -143,7 +143,7 @@ class Problem:
     Raises
     ------
     ProblemError
-        What is no load or material, constants or loads in other units, a gravity that is no finite
+        What is no load, constants or loads in other units, a gravity that is no finite
         vector, clearances that are not finite, a degree or effects that cannot go together.
     AssemblyError, MeshError
         Blocks that overlap, both named with the depth, facets that do not match, inverted elements.
@@ -153,11 +153,13 @@ class Problem:
         Negative gaps deeper than the contact law.
     ContactLawError
         What is no contact law.
+    MaterialError
+        What is no material, or another number of them than of blocks.
     """
 
     blocks: Assembly
     load: Load | LoadCase
-    material: Material
+    material: Material | Sequence[Material]
     _: KW_ONLY
     element: ElementType = ElementType.INCOMPATIBLE
     degree: int = 1
@@ -179,7 +181,7 @@ class Problem:
             value = getattr(self, name)
             if not isinstance(value, kinds) or isinstance(value, bool):
                 raise ProblemError(
-                    f"{name}: got a {type(value).__name__}; expected blocks, load and material, "
+                    f"{name}: got a {type(value).__name__}; expected blocks and load, "
                     "numbers for clearance, spacing and friction"
                 )
         self._check_units()
@@ -267,7 +269,10 @@ class Problem:
 
     def _check_units(self) -> None:
         """Reject constants and loads that no solid in mm, N, MPa and t has."""
-        material = self.material
+        for material in dict.fromkeys(self.materials):
+            self._check_units_of(material)
+
+    def _check_units_of(self, material: Material) -> None:
         if self.check_units and not SLOWEST_SOUND <= material.bar_wave_speed <= FASTEST_SOUND:
             slips = (
                 ("young_modulus in GPa", 1e3, 1.0),
@@ -303,6 +308,16 @@ class Problem:
             raise ProblemError(
                 f"gravity: got {self.gravity!r}, expected three finite mm/s²"
             ) from None
+
+    @cached_property
+    def materials(self) -> tuple[Material, ...]:
+        """Of each block, (n_blocks,)."""
+        return each_material(self.material, self.blocks.n_blocks)
+
+    @property
+    def densities(self) -> FloatArray:
+        """Of each block, (n_blocks,) [t/mm³]."""
+        return np.array([material.density for material in self.materials])
 
     @cached_property
     def contact_law(self) -> ContactLaw:
@@ -351,7 +366,7 @@ class Problem:
         if self.acceleration is None:
             return self.load_case
         weight = np.zeros((self.blocks.n_blocks, 6))
-        weight[:, :3] = np.outer(self.material.density * self.blocks.volumes, self.acceleration)
+        weight[:, :3] = np.outer(self.densities * self.blocks.volumes, self.acceleration)
         return with_body_wrenches(self.load_case, weight)
 
     def refuse_motion(self) -> None:
@@ -393,7 +408,7 @@ class Problem:
         offsets = spacing_offsets(assembly, self.spacing)
         surfaces = self._surfaces(assembly, deforms)
         groups, group_of, copy_of = block_groups(
-            assembly, deforms, offsets, self.material, self.element, held=load.held
+            assembly, deforms, offsets, self.materials, self.element, held=load.held
         )
         loads = nodal_loads(assembly, load, groups, group_of, copy_of)
         faces = load.held if self.frames is Frames.RIGID else held_faces(assembly, load)

@@ -33,7 +33,6 @@ from fem.decks.statement import (
     HOURGLASS,
     JOINT,
     LOADING,
-    MATERIAL,
     BodyForceLoad,
     Deck,
     DeckLoad,
@@ -158,7 +157,7 @@ def _part(deck: Deck, number: int, shape: Block, patches: Patches | None) -> Ite
     for name in _held_faces(deck, number):
         yield keyword("Nset", nset=f"{label(name)}-NODES")
         yield from entry_lines(np.unique(mesh.facet_nodes(shape.faces[name])) + 1)
-    yield from _section(deck)
+    yield from _section(deck, number)
     yield keyword("End Part")
 
 
@@ -184,9 +183,10 @@ def _held_faces(deck: Deck, number: int) -> list[str]:
     return [name for name in deck.assembly.shapes[number].faces if name in held]
 
 
-def _section(deck: Deck) -> Iterator[str]:
+def _section(deck: Deck, number: int) -> Iterator[str]:
     controls = {"controls": HOURGLASS} if deck.element is ElementType.REDUCED else {}
-    yield keyword("Solid Section", elset=ALL, material=MATERIAL, **controls)
+    name = deck.material_names[deck.materials[number]]
+    yield keyword("Solid Section", elset=ALL, material=name, **controls)
     yield ","
 
 
@@ -264,21 +264,25 @@ def _sides(deck: Deck, pair: PatchPair) -> tuple[str, str]:
 
 
 def material_lines(deck: Deck) -> Iterator[str]:
-    """Material with density, elasticity and Rayleigh damping."""
-    material, rayleigh = deck.material, deck.effects.rayleigh
-    yield keyword("Material", name=MATERIAL)
-    yield keyword("Density")
-    yield f"{real(material.density)},"
-    yield keyword("Elastic")
-    yield reals([material.young_modulus, material.poisson_ratio])
-    if rayleigh is not None:
-        values = {
+    """Materials with density, elasticity and Rayleigh damping."""
+    rayleigh = deck.effects.rayleigh
+    values = (
+        {}
+        if rayleigh is None
+        else {
             "alpha": rayleigh.mass_proportional,
             "beta": rayleigh.stiffness_proportional,
         }
-        given = {name: real(value) for name, value in values.items() if value is not None}
-        if given:
-            yield keyword("Damping", **given)
+    )
+    damping = {name: real(value) for name, value in values.items() if value is not None}
+    for material, name in deck.material_names.items():
+        yield keyword("Material", name=name)
+        yield keyword("Density")
+        yield f"{real(material.density)},"
+        yield keyword("Elastic")
+        yield reals([material.young_modulus, material.poisson_ratio])
+        if damping:
+            yield keyword("Damping", **damping)
 
 
 def _interaction(deck: Deck) -> Iterator[str]:

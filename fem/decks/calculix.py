@@ -124,7 +124,15 @@ def _material(deck: Deck) -> Iterator[str]:
     for line in material_lines(deck):
         if deck.step.procedure is Procedure.EXPLICIT or not line.startswith("*Damping"):
             yield line
-    yield keyword("Solid Section", elset=EVERY_ELEMENT, material=MATERIAL)
+    names, assembly = deck.material_names, deck.assembly
+    if len(names) == 1:
+        yield keyword("Solid Section", elset=EVERY_ELEMENT, material=MATERIAL)
+        return
+    for material, name in names.items():
+        mine = [deck.materials[k] == material for k in assembly.shape_of.tolist()]
+        yield keyword("Elset", elset=f"{name}-ELEMENTS")
+        yield from entry_lines(block_label(deck, block) for block in np.flatnonzero(mine).tolist())
+        yield keyword("Solid Section", elset=f"{name}-ELEMENTS", material=name)
 
 
 def _contact(deck: Deck, patches: Patches) -> Iterator[str]:

@@ -83,8 +83,9 @@ def deck_model(deck: Deck) -> tuple[Model, IntArray, IntArray]:
     assembly = deck.assembly
     moving = np.ones(assembly.n_blocks, dtype=np.bool_)
     moving[deck.held_blocks] = False
+    materials = tuple(deck.materials[k] for k in assembly.shape_of.tolist())
     groups, group_of, copy_of = block_groups(
-        assembly, moving, deck.offsets, deck.material, deck.element
+        assembly, moving, deck.offsets, materials, deck.element
     )
     model = Model(
         groups=groups,

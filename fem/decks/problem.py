@@ -30,6 +30,7 @@ from fem.decks.statement import (
 )
 from fem.decks.write import write_deck as write_statement
 from fem.element.lagrange_mesh import serendipity_block
+from fem.element.material import Material
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from fem.problem.time_step import characteristic_time_step
 from geometry.assembly import Assembly
@@ -129,11 +130,12 @@ def deck_of(
     searched: bool = False,
 ) -> Deck:
     """Deck of a problem on canonical blocks (`fem.decks.placement.canonical`)."""
+    assembly, material = _of_one_material_each(problem)
     return Deck(
-        name=problem.blocks.name,
+        name=assembly.name,
         flavour=flavour,
-        assembly=problem.blocks,
-        material=problem.material,
+        assembly=assembly,
+        material=material,
         element=problem.element,
         step=step,
         holds=holds_of(problem),
@@ -145,6 +147,32 @@ def deck_of(
         spacing=problem.spacing,
         searched=searched,
     )
+
+
+def _of_one_material_each(
+    problem: Problem,
+) -> tuple[Assembly, Material | tuple[Material, ...]]:
+    """Blocks whose shapes have one material each, as parts of a deck have, and the materials.
+
+    A shape of several materials is there once for each.
+    """
+    blocks, materials = problem.blocks, problem.materials
+    if len(set(materials)) == 1:
+        return blocks, materials[0]
+    pairs = list(zip(blocks.shape_of.tolist(), materials, strict=True))
+    kinds = sorted(dict.fromkeys(pairs), key=lambda kind: kind[0])
+    used = [shape for shape, _ in kinds]
+    shapes = []
+    for k, shape in enumerate(used):
+        own = blocks.shapes[shape]
+        again = used[:k].count(shape)
+        shapes.append(replace(own, name=f"{own.name}-{again + 1}") if again else own)
+    split = replace(
+        blocks,
+        shapes=tuple(shapes),
+        shape_of=np.array([kinds.index(pair) for pair in pairs], dtype=np.int64),
+    )
+    return split, tuple(material for _, material in kinds)
 
 
 def holds_of(problem: Problem) -> tuple[Hold, ...]:
@@ -258,8 +286,8 @@ def element_time_step(deck: Deck) -> float:
     viscosity = deck.effects.bulk_viscosity
     linear = 0.0 if viscosity is None else viscosity.linear_bulk_viscosity
     return min(
-        characteristic_time_step(shape.mesh, deck.material, linear_bulk_viscosity=linear)
-        for shape in deck.assembly.shapes
+        characteristic_time_step(shape.mesh, material, linear_bulk_viscosity=linear)
+        for shape, material in zip(deck.assembly.shapes, deck.materials, strict=True)
     )
 
 

@@ -20,7 +20,7 @@ from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
 from fem.element.hexahedron import ELEMENTS, ElementType
 from fem.element.lagrange_mesh import SerendipityMesh
-from fem.element.material import Material
+from fem.element.material import Material, each_material
 from fem.problem.effects import Effects
 from geometry.assembly import Assembly, spacing_offsets
 from geometry.loads import FaceLoad, LoadCase
@@ -146,8 +146,8 @@ class Deck:
     """For which program."""
     assembly: Assembly
     """Blocks in their conforming places."""
-    material: Material
-    """Of all blocks."""
+    material: Material | tuple[Material, ...]
+    """Of all blocks, or of each shape."""
     element: ElementType
     """Of all blocks."""
     step: DeckStep
@@ -175,6 +175,19 @@ class Deck:
     def offsets(self) -> FloatArray:
         """Translation of each block from its conforming place, (n_blocks, 3) [mm]."""
         return spacing_offsets(self.assembly, self.spacing)
+
+    @property
+    def materials(self) -> tuple[Material, ...]:
+        """Of each shape, (n_shapes,)."""
+        return each_material(self.material, len(self.assembly.shapes))
+
+    @property
+    def material_names(self) -> dict[Material, str]:
+        """Distinct materials and what the deck calls them."""
+        distinct = tuple(dict.fromkeys(self.materials))
+        if len(distinct) == 1:
+            return {distinct[0]: MATERIAL}
+        return {material: f"{MATERIAL}-{k}" for k, material in enumerate(distinct, start=1)}
 
     @property
     def held_blocks(self) -> IntArray:

@@ -7,6 +7,7 @@ order for symmetric tensors. Shear strains are engineering strains, gamma = 2 ep
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,6 +96,28 @@ class Material:
         matrix[[0, 1, 2], [0, 1, 2]] = self.constrained_modulus
         matrix[[3, 4, 5], [3, 4, 5]] = self.shear_modulus
         return matrix
+
+
+def each_material(material: object, n: int) -> tuple[Material, ...]:
+    """Material of each of n bodies: one for all, or one for each.
+
+    Raises
+    ------
+    MaterialError
+        Another number of materials, or what is none.
+    """
+    if isinstance(material, Material):
+        return (material,) * n
+    given = tuple(material) if isinstance(material, Sequence) else (material,)
+    others = [type(m).__name__ for m in given if not isinstance(m, Material)]
+    if others:
+        raise MaterialError(
+            f"material: got a {others[0]}; expected a Material such as fem.concrete, or "
+            "one for each block"
+        )
+    if len(given) != n:
+        raise MaterialError(f"material: got {len(given)} materials for {n} blocks; expected {n}")
+    return given
 
 
 #: The concrete of the paper.

@@ -159,5 +159,6 @@ def as_polyhedral(
         translations=assembly.translations,
         fixed=assembly.fixed,
         names=assembly.names,
+        parts=assembly.parts,
         detection=detection or DetectionOptions(),
     )

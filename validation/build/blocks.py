@@ -11,6 +11,7 @@ from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
 from geometry.measures import UnmatchedJoint
 from geometry.mesh import FloatArray
+from validation.build.materials import densities
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import check_block_size
@@ -69,7 +70,7 @@ def body_forces(
     """Mass times an acceleration [mm/s²] of every block, (n_blocks, 6) [N, N mm]; None: zero."""
     wrenches = np.zeros((assembly.n_blocks, 6))
     if acceleration is not None:
-        wrenches[:, :3] = np.outer(scene.material.density * assembly.volumes, acceleration)
+        wrenches[:, :3] = np.outer(densities(scene, assembly) * assembly.volumes, acceleration)
     return wrenches
 
 

@@ -36,6 +36,7 @@ from validation.build.deformable import (
     fem_section,
     scene_load,
 )
+from validation.build.materials import count_materials
 from validation.errors import InputError, named
 from validation.scene.deformable import Damping, EffectsSection, FemSection, Method
 from validation.scene.polyhedra import STRAIGHT_EDGES
@@ -146,7 +147,7 @@ def _idle_keys(fem: FemSection, *, static: bool) -> tuple[tuple[type, str], ...]
 
 def _count_keys(scene: DeformableScene, flavour: Flavour, *, static: bool) -> None:
     """Count the keys that a deck states, though not every answer to its problem depends on them."""
-    count(scene.material, "density")
+    count_materials(scene, "density")
     if static and flavour is not Flavour.GENERAL:
         # Elsewhere blocks slide as far as they do: general contact, and pairs in explicit steps.
         count(scene.effects, "finite_sliding")

@@ -12,40 +12,23 @@ from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
 from fem.contact.surfaces import ContactNormals
 from fem.decks.problem import PAPER_RAYLEIGH
-from fem.element.material import Material
 from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from geometry.assembly import Assembly
 from geometry.loads import LoadCase
 from validation.build.blocks import HexahedralBlocks, build_blocks
 from validation.build.cell import build_cell
+from validation.build.materials import build_materials, count_materials
 from validation.errors import InputError, named
 from validation.scene.deformable import (
     Damping,
     EffectsSection,
     FemSection,
-    MaterialSection,
     Method,
 )
 from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import too_large_to_deform
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
-from validation.scene.usage import count, uncounted
-
-
-def build_material(section: MaterialSection) -> Material:
-    """Material of a scene.
-
-    Its density counts as read where something weighs or is accelerated, its averaging radius where
-    measures are asked for.
-
-    Raises
-    ------
-    MaterialError
-        For constants no elastic material has.
-    """
-    with uncounted((MaterialSection, "density"), (MaterialSection, "averaging_radius")):
-        return Material(**section.model_dump(exclude={"name"}))
 
 
 def fem_section(scene: DeformableScene, name: str) -> FemSection:
@@ -210,11 +193,11 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
             "spacing": contact.spacing,
         }
     if scene.effects.gravity is not None:
-        count(scene.material, "density")
+        count_materials(scene, "density")
     return Problem(
         blocks.assembly,
         blocks.load,
-        build_material(scene.material),
+        build_materials(scene, blocks.assembly),
         **element,
         **joints,
         normals=ContactNormals.CURRENT,

@@ -96,6 +96,7 @@ def _assembly(scene: PolyhedralScene, name: str) -> Assembly:
         layer=np.where(fixed, 0, 1),
         fixed=fixed,
         names=placed.names,
+        parts=placed.parts,
         unmatched_allowed=True,
     )
 

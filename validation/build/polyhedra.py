@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -25,6 +24,7 @@ from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.build.blocks import body_forces, build_weight
+from validation.build.chosen import numbers_of
 from validation.errors import InputError
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import (
@@ -125,7 +125,10 @@ def _from_files(scene: MeshScene, folder: Path, detection: DetectionOptions) -> 
         return [(solid, solid) for solid in file_solids(scene, folder / file)]
 
     placed = placed_blocks(scene, read)
-    return polyhedral_assembly("own blocks", placed.blocks, placed.fixed, detection, placed.names)
+    assembly = polyhedral_assembly(
+        "own blocks", placed.blocks, placed.fixed, detection, placed.names
+    )
+    return replace(assembly, parts=placed.parts)
 
 
 def file_solids(scene: MeshScene, path: Path) -> list[Polyhedron]:
@@ -146,6 +149,8 @@ class Placed(Generic[Shape]):
     """Which are held: by their file, their place, number or name; (n_blocks,)."""
     names: tuple[str, ...]
     """As in `geometry.assembly.PlacedBlocks`."""
+    parts: tuple[int, ...]
+    """Of ``[[parts]]``, (n_blocks,)."""
 
 
 def placed_blocks(
@@ -169,31 +174,19 @@ def placed_blocks(
     held: list[bool] = []
     names: list[str] = []
     upright = Y_UP if scene.block.up == "y" else np.eye(3)
-    for part in scene.parts:
+    parts: list[int] = []
+    for number, part in enumerate(scene.parts):
         found = read(part.file)
         for place in part.places:
             turn, shift = motion(place)
             blocks += [(shape, turn @ upright, shift) for shape, _ in found]
             held += [part.fixed or place.fixed or solid.held for _, solid in found]
             names += [solid.given_name for _, solid in found]
+            parts += [number] * len(found)
     fixed = np.array(held)
     for one in scene.assembly.fixed:
-        fixed[_numbers_of(one, names)] = True
-    return Placed(blocks, fixed, tuple(names) if any(names) else ())
-
-
-def _numbers_of(one: int | str, names: list[str]) -> list[int]:
-    """Blocks of a number or a name, both as `assembly.fixed` has them."""
-    found = [one] if isinstance(one, int) else [k for k, name in enumerate(names) if name == one]
-    if found and found[0] < len(names):
-        return found
-    if isinstance(one, int):
-        there = f"there are {len(names)} blocks, numbered 0 to {len(names) - 1}"
-    else:
-        known = list(dict.fromkeys(name for name in names if name))
-        close = difflib.get_close_matches(one, known, n=3, cutoff=0.0)
-        there = f"names are {', '.join(close)}, …" if close else "the files name no blocks"
-    raise AssemblyError(f"assembly.fixed: got block {one!r}, but {there}")
+        fixed[numbers_of("assembly.fixed", one, names)] = True
+    return Placed(blocks, fixed, tuple(names) if any(names) else (), tuple(parts))
 
 
 @dataclass(frozen=True)

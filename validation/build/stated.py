@@ -59,10 +59,22 @@ def _sections(problem: Problem) -> dict[str, Any]:
         "assembly": {"layers": made.layers, **turn},
         "mesh": asdict(made.divisions),
         "load": _load(problem),
-        "material": asdict(problem.material),
+        "material": asdict(problem.materials[0]),
+        "materials": _materials(problem),
         "contact": _contact(problem),
         "effects": dict(_effects(problem)),
         "fem": _elements(problem),
+    }
+
+
+def _materials(problem: Problem) -> dict[str, Any]:
+    """Sections of materials other than that of the first block, with their blocks."""
+    of = problem.materials
+    return {
+        f"material-{number}": asdict(material)
+        | {"blocks": [k for k, own in enumerate(of) if own == material]}
+        for number, material in enumerate(dict.fromkeys(of), start=1)
+        if material != of[0]
     }
 
 
@@ -116,9 +128,11 @@ def _differences(ours: Problem, theirs: Problem) -> Iterator[str]:
     if not np.array_equal(ours.load_case.facet_forces, theirs.load_case.facet_forces):
         yield "load"
     for part in fields(Problem):
-        if part.name in ("blocks", "load", "friction", "gravity", "check_units"):
+        if part.name in ("blocks", "load", "material", "friction", "gravity", "check_units"):
             continue
         if getattr(ours, part.name) != getattr(theirs, part.name):
             yield part.name
+    if ours.materials != theirs.materials:
+        yield "material"
     if ours.coulomb != theirs.coulomb:
         yield "friction"

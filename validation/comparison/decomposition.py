@@ -62,7 +62,7 @@ def decompose(static: Answer) -> list[Step]:
     problem: Problem = static.problem
     opened = problem.clearance > 0.0 or problem.spacing > 0.0
     closed = replace(problem, clearance=0.0, spacing=0.0)
-    material = replace(problem.material, young_modulus=STIFFENING * problem.material.young_modulus)
+    material = [replace(m, young_modulus=STIFFENING * m.young_modulus) for m in problem.materials]
     stiff = replace(closed, material=material, friction=None, check_units=False)
     found = static.report["contact"]
     mean = np.array([found["mean_overclosure"]])

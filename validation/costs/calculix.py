@@ -22,6 +22,7 @@ from geometry.assembly import Assembly
 from geometry.measures import block_measures
 from geometry.mesh import FloatArray, IntArray
 from validation.build.deck import build_deck
+from validation.build.materials import count_materials
 from validation.comparison.calculix import CalculixError, CalculixResult, run_calculix
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
@@ -62,10 +63,11 @@ def solve_by_calculix(where: str, scene: AssemblyScene) -> MethodAnswer:
             found = run_calculix(path, timeout=_TIMEOUT)
         except CalculixError as error:
             raise InputError(f"{where}: {error}") from None
-    return measured_answer(scene, deck, found)
+    count_materials(scene, "averaging_radius")
+    return measured_answer(deck, found)
 
 
-def measured_answer(scene: AssemblyScene, deck: Deck, found: CalculixResult) -> MethodAnswer:
+def measured_answer(deck: Deck, found: CalculixResult) -> MethodAnswer:
     """Measure what CalculiX printed of the deck of a scene."""
     contacts, pressures = _facet_pressures(deck, found)
     assembly, interfaces = deck.assembly, deck.assembly.interfaces
@@ -79,7 +81,7 @@ def measured_answer(scene: AssemblyScene, deck: Deck, found: CalculixResult) -> 
     scalars = {
         "p_max_point": float(found.pressures.max(initial=0.0)),
         "p_eff": float(per_block.p_eff.mean()),
-        "sigma_1_averaged": _averaged_tension(deck, found, scene.material.averaging_radius),
+        "sigma_1_averaged": _averaged_tension(deck, found),
         "max_displacement": float(np.linalg.norm(found.displacements, axis=1).max()),
     }
     return MethodAnswer(assembly, scalars, contacts, pressures, found.cpu_seconds)
@@ -109,7 +111,7 @@ def _facet_pressures(deck: Deck, found: CalculixResult) -> tuple[IntArray, Float
     return contacts, nodal[nodes].mean(axis=1)
 
 
-def _averaged_tension(deck: Deck, found: CalculixResult, radius: float) -> float:
+def _averaged_tension(deck: Deck, found: CalculixResult) -> float:
     deformable, first = deck_assembly(deck), _first_nodes(deck)
     groups = [
         np.zeros((group.n_copies, group.mesh.n_nodes, 3)) for group in deformable.model.groups
@@ -117,5 +119,5 @@ def _averaged_tension(deck: Deck, found: CalculixResult, radius: float) -> float
     for block in deformable.deformable_blocks.tolist():
         own = found.displacements[first[block] : first[block + 1]]
         groups[deformable.group_of[block]][deformable.copy_of[block]] = own
-    peaks = stress_peaks(deformable, tuple(groups), averaging_radius=radius)
+    peaks = stress_peaks(deformable, tuple(groups))
     return peaks.sigma_1_averaged.value

@@ -18,6 +18,7 @@ from fem.decks.read.cards import read_cards
 from fem.decks.read.deck import read_deck
 from fem.decks.statement import Deck, Flavour, element_name
 from fem.decks.write import write_deck
+from fem.element.material import Material
 from geometry.errors import RefusedError, unreadable
 from geometry.files.mesh_io import assembly_mesh, read_hex_mesh, write_hex_mesh
 from geometry.files.whole import write_whole
@@ -191,7 +192,7 @@ def _write_mesh(path: Path, mesh: HexMesh, owner: np.ndarray[Any, Any]) -> None:
 
 def deck_json(deck: Deck) -> dict[str, Any]:
     """Return what a deck says as plain data."""
-    assembly = deck.assembly
+    assembly, names = deck.assembly, deck.material_names
     shapes = Counter(assembly.shape(b).name for b in range(assembly.n_blocks))
     return {
         "scene": deck.name,
@@ -202,11 +203,9 @@ def deck_json(deck: Deck) -> dict[str, Any]:
         "n_elements": sum(assembly.shape(b).mesh.n_elements for b in range(assembly.n_blocks)),
         "volume": float(assembly.volumes.sum()),
         "element": element_name(deck, {deck.element: str(deck.element.value)}),
-        "material": {
-            "density": deck.material.density,
-            "young_modulus": deck.material.young_modulus,
-            "poisson_ratio": deck.material.poisson_ratio,
-        },
+        "material": _constants(next(iter(names)))
+        if len(names) == 1
+        else {name: _constants(material) for material, name in names.items()},
         "contact": None if deck.joint is None else type(deck.joint.law).__name__,
         "held_blocks": len({hold.block for hold in deck.holds}),
         "loads": [{"kind": type(load).__name__, "blocks": len(load.blocks)} for load in deck.loads],
@@ -215,6 +214,15 @@ def deck_json(deck: Deck) -> dict[str, Any]:
         "clearance": deck.clearance,
         "spacing": deck.spacing,
         "notes": list(deck.notes),
+    }
+
+
+def _constants(material: Material) -> dict[str, float]:
+    """Constants that a deck has of a material."""
+    return {
+        "density": material.density,
+        "young_modulus": material.young_modulus,
+        "poisson_ratio": material.poisson_ratio,
     }
 
 
@@ -237,10 +245,10 @@ def _description(deck: Deck, title: str) -> Table:
         f"{data['n_nodes']} nodes, {data['n_elements']} elements ({data['element']}), "
         f"{data['volume']:.6g} mm³",
     )
-    m = deck.material
-    table.add_row(
-        "material", f"{m.density:g} t/mm³, {m.young_modulus:g} MPa, ν = {m.poisson_ratio:g}"
-    )
+    for material, name in (names := deck.material_names).items():
+        constants = f"{material.density:g} t/mm³, {material.young_modulus:g} MPa, ν = "
+        row = "material" if len(names) == 1 else name.lower()
+        table.add_row(row, f"{constants}{material.poisson_ratio:g}")
     table.add_row("contact", data["contact"] or "none")
     loads = [f"{load['kind']} on {load['blocks']} blocks" for load in data["loads"]]
     table.add_row("loads", ", ".join(loads) or "none")

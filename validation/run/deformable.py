@@ -17,6 +17,7 @@ from geometry.answer import Answer
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
 from validation.build.doubts import doubts
+from validation.build.materials import count_materials
 from validation.build.own_blocks import bare_joints
 from validation.build.polyhedra import build_polyhedra
 from validation.run.measures import FrictionSet, StaticReference
@@ -24,7 +25,6 @@ from validation.run.stages import peak_memory_mb
 from validation.scene.family import RoundScene
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 from validation.scene.read import DeformableScene
-from validation.scene.usage import count
 
 #: Poisson's ratio from which mean stresses oscillate [-]: on TSB1, 24 × 2 × 8 elements, σ₁ of
 #: incompatible modes is then twice that of b-bar (1.2 times at 0.2), 12 times at 0.4999.
@@ -72,7 +72,7 @@ class DeformableRun:
     @cached_property
     def answer(self) -> Answer:
         """The answer that does not depend on the solver; its report says more of the scene."""
-        count(self.scene.material, "averaging_radius")
+        count_materials(self.scene, "averaging_radius")
         return answer_of(
             self.solution,
             self.errors,
@@ -138,11 +138,12 @@ class DeformableRun:
         notes: dict[str, str] = {}
         if isinstance(self.scene, PolyhedralScene):
             notes |= doubts(self.scene, assembly, Path())
-        group = self.solution.deformable.model.groups[0]
-        bounded = not isinstance(group.mesh, LagrangeMesh) and group.element in _MEAN_STRESS
-        if group.material.poisson_ratio >= NEARLY_INCOMPRESSIBLE and not bounded:
+        groups = self.solution.deformable.model.groups
+        bounded = not isinstance(groups[0].mesh, LagrangeMesh) and groups[0].element in _MEAN_STRESS
+        ratio = max(group.material.poisson_ratio for group in groups)
+        if ratio >= NEARLY_INCOMPRESSIBLE and not bounded:
             notes["nearly incompressible"] = (
-                f"ν = {group.material.poisson_ratio:g}: the mean stress oscillates in these "
+                f"ν = {ratio:g}: the mean stress oscillates in these "
                 'elements, and σ₁ and σ₃ with it; set fem.element = "b-bar"'
             )
         if self.scene.straightened(assembly):

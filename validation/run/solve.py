@@ -25,6 +25,7 @@ from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from validation.build.deformable import build_effects, fem_section, scene_problem
+from validation.build.materials import count_materials
 from validation.errors import InputError, named
 from validation.run.deformable import DeformableRun
 from validation.run.friction_path import friction_width, seeks_static_state
@@ -38,7 +39,6 @@ from validation.run.measures import FrictionSet
 from validation.run.stages import stages
 from validation.scene.deformable import Damping, FemSection, Method
 from validation.scene.read import DeformableScene
-from validation.scene.usage import count
 
 if TYPE_CHECKING:
     from fem.explicit.setup.statement import ExplicitStatement
@@ -335,7 +335,7 @@ def scene_statement(
     from fem.explicit.setup.statement import explicit_statement
 
     fem = fem_section(scene, name)
-    count(scene.material, "density")
+    count_materials(scene, "density")
     counted = {} if counted_pressure is None else {"counted_pressure": counted_pressure}
     with named(name):
         try:

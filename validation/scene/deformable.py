@@ -115,6 +115,26 @@ class MaterialSection(Section):
         return f"{self.name or 'material'} ({constants})"
 
 
+class NamedMaterialSection(MaterialSection):
+    """``[materials.NAME]``: a material of some blocks; the others are of ``[material]``.
+
+    A known name, such as ``[materials.steel]``, has its constants.
+    """
+
+    blocks: tuple[Annotated[int, Field(ge=0)] | str, ...] = ()
+    """Its blocks: numbers, counted from 0, or names of the files' objects; parts of files name
+    their material themselves (``[[parts]] material``)."""
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: Any, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Constants of known names need not be given; which those are is checked by the scene."""
+        section = handler(core)
+        handler.resolve_ref_schema(section).pop("required")
+        return section
+
+
 def _law_keys() -> dict[str, Any]:
     """Keys of all contact laws: None where a law has no finite constant of its own."""
     keys: dict[str, Any] = {"law": (Literal[tuple(LAWS)], "exponential")}
@@ -419,9 +439,24 @@ class DeformableSections(WholeScene):
     """Sections of scenes whose blocks may also be deformable; not needed for the rigid answer."""
 
     material: MaterialSection = MaterialSection.model_validate("concrete")
+    materials: dict[str, NamedMaterialSection] = Field(default={})
+    """Materials of some blocks by name."""
     contact: ContactSection = ContactSection()
     effects: EffectsSection = EffectsSection()
     fem: FemSection = FemSection()
+
+    @field_validator("materials", mode="before")
+    @classmethod
+    def _known_by_their_name(cls, value: Any) -> Any:
+        """Give a section of a known name its constants."""
+        if not isinstance(value, Mapping):
+            return value
+        return {
+            name: {"name": name, **data}
+            if isinstance(data, Mapping) and name in MATERIALS
+            else data
+            for name, data in value.items()
+        }
 
     #: Whether blocks meet; else they are single bodies, and contact says nothing.
     meets: ClassVar[bool] = True

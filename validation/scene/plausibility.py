@@ -64,7 +64,7 @@ def implausible(scene: BaseModel, accept: tuple[str, ...]) -> str | None:
                 f"{place}: got {size:g}; expected 0 or a size from {SMALLEST:g} to {LARGEST:g}: "
                 "other numbers overflow or underflow"
             )
-        key = re.sub(r"\.\d+(?=\.|$)", "", place)
+        key = re.sub(r"\.\d+(?=\.|$)", "", re.sub(r"^materials\.[^.]+", "materials", place))
         pulls = key == "load.pressure" and size < 0.0 and _case(scene) == "tunnel"
         if pulls and key not in accept:
             return (
@@ -76,7 +76,10 @@ def implausible(scene: BaseModel, accept: tuple[str, ...]) -> str | None:
             words = _out_of_range(abs(size), expected)
             if words:
                 return f"{place}: got {words}{_if_meant(key)}"
-    return None if _SOUND in accept else _sound_speed(values)
+    if _SOUND in accept:
+        return None
+    places = ("material", *(f"materials.{name}" for name in data.get("materials", {})))
+    return next((words for place in places if (words := _sound_speed(values, place))), None)
 
 
 def _case(scene: Any) -> str | None:
@@ -138,8 +141,9 @@ def _like(value: float, expected: Range) -> bool:
     return near and expected.low <= value <= expected.high
 
 
-def _sound_speed(values: dict[str, float]) -> str | None:
-    density, modulus = values.get("material.density"), values.get("material.young_modulus")
+def _sound_speed(values: dict[str, float], place: str) -> str | None:
+    """One line on a speed of sound that no solid has; ``place`` is a section."""
+    density, modulus = values.get(f"{place}.density"), values.get(f"{place}.young_modulus")
     if not density or not modulus:
         return None
     speed = math.sqrt(modulus / density)
@@ -147,7 +151,7 @@ def _sound_speed(values: dict[str, float]) -> str | None:
         return None
     slip = next(
         (
-            f": material.young_modulus in {name}? write {modulus * scale:.6g}"
+            f": {place}.young_modulus in {name}? write {modulus * scale:.6g}"
             for name, scale in YOUNG_MODULUS.slips
             if _like(modulus * scale, YOUNG_MODULUS)
             and SLOWEST_SOUND <= math.sqrt(modulus * scale / density) <= FASTEST_SOUND
@@ -155,7 +159,7 @@ def _sound_speed(values: dict[str, float]) -> str | None:
         "",
     )
     return (
-        f"material: implausible wave speed √(E/ρ) = {speed / 1e3:.3g} m/s; expected "
+        f"{place}: implausible wave speed √(E/ρ) = {speed / 1e3:.3g} m/s; expected "
         f"{SLOWEST_SOUND / 1e3:g} to {FASTEST_SOUND / 1e3:g} m/s{slip}{_if_meant(_SOUND)}"
     )
 

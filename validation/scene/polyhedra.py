@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from geometry.assembly import Assembly
 from geometry.families.versatile_panel import PanelArrangement
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement
-from validation.scene.deformable import DeformableSections
+from validation.scene.deformable import MATERIALS, DeformableSections
 from validation.scene.ranges import ACCELERATION, SIZE
 from validation.scene.sections import (
     BlockSize,
@@ -267,6 +267,8 @@ class PartSection(Section):
     folder. Each closed object, group or surface in it is a block."""
     fixed: bool = False
     """Whether all its copies are fixed."""
+    material: str | None = None
+    """Of its blocks: a section [materials.NAME], "concrete" or "steel"; by default [material]."""
     places: Annotated[tuple[PlaceSection, ...], Field(min_length=1)] = (PlaceSection(),)
 
 
@@ -284,6 +286,17 @@ class MeshScene(_PolyhedralScene):
     block: MeshBlockSection
     parts: Annotated[tuple[PartSection, ...], Field(min_length=1)]
     assembly: FixedBlocksSection = FixedBlocksSection()
+
+    @model_validator(mode="after")
+    def _materials_of_parts(self) -> MeshScene:
+        for part in self.parts:
+            if part.material is not None and part.material not in {*self.materials, *MATERIALS}:
+                known = ", ".join(map(repr, {**self.materials, **MATERIALS}))
+                raise ValueError(
+                    f"parts.material: got {part.material!r}; expected one of {known}, or a section "
+                    f"[materials.{part.material}]"
+                )
+        return self
 
     def straightened(self, assembly: Assembly) -> bool:
         """Whether files have nodes between corners that elements of degree 1 leave out."""

@@ -81,7 +81,7 @@ RANKING = 0.1
 #: Of this version is the canonical text that identifies a study.
 _FORMAT = 1
 #: Sections that no rigid-block answer depends on, but for what blocks weigh.
-_DEFORMABLE = ("material", "contact", "effects", "fem")
+_DEFORMABLE = ("material", "materials", "contact", "effects", "fem")
 #: More values of one parameter than this are a slip of the pen.
 _MOST_VALUES = 100_000
 #: Values of one parameter that are tried before a study begins.
@@ -375,7 +375,12 @@ def _weight(scene: Mapping[str, Any]) -> dict[str, Any]:
     gravity = (scene.get("effects") or {}).get("gravity")
     if gravity is None:
         return {}
-    return {"weight": {"gravity": gravity, "density": (scene.get("material") or {}).get("density")}}
+    weight = {"gravity": gravity, "density": (scene.get("material") or {}).get("density")}
+    named = {
+        name: {"density": section["density"], "blocks": section["blocks"]}
+        for name, section in (scene.get("materials") or {}).items()
+    }
+    return {"weight": weight | ({"materials": named} if named else {})}
 
 
 def _refuse_twice(

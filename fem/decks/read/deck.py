@@ -15,6 +15,7 @@ from fem.decks.keywords import DeckError
 from fem.decks.read.cards import (
     Card,
     Heading,
+    Sections,
     heading_value,
     read_cards,
     read_heading,
@@ -25,13 +26,13 @@ from fem.decks.read.model import (
     read_holds,
     read_joint,
     read_loads,
-    read_material,
+    read_materials,
     read_motion,
     read_step,
 )
 from fem.decks.read.parts import read_assembly, read_part
 from fem.decks.statement import Deck, Flavour
-from fem.element.material import MaterialError
+from fem.element.material import Material, MaterialError
 from fem.problem.effects import EffectError
 from geometry.assembly import AssemblyError
 from geometry.mesh import MeshError
@@ -121,7 +122,7 @@ def _build(cards: list[Card], heading: Heading) -> Deck:
         name=heading.name,
         flavour=Flavour(heading.values["flavour"]),
         assembly=assembly,
-        material=read_material(sections),
+        material=_of_parts(sections),
         element=elements.pop(),
         step=read_step(sections),
         holds=tuple(read_holds(sections, blocks)),
@@ -134,6 +135,19 @@ def _build(cards: list[Card], heading: Heading) -> Deck:
         searched="joints" in heading.values,
         notes=tuple(heading.notes),
     )
+
+
+def _of_parts(sections: Sections) -> Material | tuple[Material, ...]:
+    """Material of all parts, or of each one."""
+    known = read_materials(sections)
+    found = []
+    for part in sections.parts:
+        card = next((card for card in part if card.keyword == "SOLID SECTION"), part[0])
+        name = card.parameter("MATERIAL").upper()
+        if name not in known:
+            raise DeckError(f"line {card.line}: got material {name}; expected {', '.join(known)}")
+        found.append(known[name])
+    return found[0] if len(known) == 1 else tuple(found)
 
 
 def _check_nothing_lost(cards: list[Card], deck: Deck) -> None:

@@ -27,17 +27,26 @@ from geometry.loads import CircumferentialLoad, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray
 
 
-def read_material(sections: Sections) -> Material:
-    """Read density and elasticity."""
-    density = sections.one("DENSITY").numbers()
-    elastic = sections.one("ELASTIC").numbers()
-    if len(density) != 1 or len(elastic) != 2:
-        raise DeckError(
-            f"line {sections.one('MATERIAL').line}: expected one density, a modulus and a ratio"
-        )
-    return Material(
-        density=float(density[0]), young_modulus=float(elastic[0]), poisson_ratio=float(elastic[1])
+def read_materials(sections: Sections) -> dict[str, Material]:
+    """Read density and elasticity of every material, by name."""
+    materials, densities, moduli = (
+        sections.all(keyword) for keyword in ("MATERIAL", "DENSITY", "ELASTIC")
     )
+    if not len(materials) == len(densities) == len(moduli) >= 1:
+        line = materials[-1].line if materials else sections.step[0].line
+        raise DeckError(
+            f"line {line}: got {len(materials)} cards *Material, {len(densities)} *Density and "
+            f"{len(moduli)} *Elastic; expected as many of each"
+        )
+    found = {}
+    for card, density, elastic in zip(materials, densities, moduli, strict=True):
+        values = *density.numbers().tolist(), *elastic.numbers().tolist()
+        if len(values) != 3:
+            raise DeckError(f"line {card.line}: expected one density, a modulus and a ratio")
+        found[card.parameter("NAME").upper()] = Material(
+            density=values[0], young_modulus=values[1], poisson_ratio=values[2]
+        )
+    return found
 
 
 def read_joint(sections: Sections, behavior: Card, heading: Heading) -> Joint:
@@ -70,7 +79,8 @@ def _maximum_stiffness(heading: Heading) -> float:
 
 def read_effects(sections: Sections) -> Effects:
     """Read Rayleigh damping, bulk viscosity and gravity."""
-    damping, viscosity = sections.maybe("DAMPING"), sections.maybe("BULK VISCOSITY")
+    damping = next(iter(sections.all("DAMPING")), None)  # of all materials the same
+    viscosity = sections.maybe("BULK VISCOSITY")
     rayleigh = None
     if damping is not None:
         given = {

@@ -1,0 +1,214 @@
+"""Blocks of several materials: bars in series, beams, weights, sectors, decks, wrong input."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fem import Frames, Material, Problem, concrete, solve_explicit, solve_static
+from fem.contact.friction import CoulombFriction
+from fem.contact.law import LinearPenalty
+from fem.decks.model import deck_assembly
+from fem.decks.problem import problem_deck
+from fem.decks.statement import Flavour
+from fem.decks.write import write_deck
+from fem.element.material import MaterialError
+from fem.static.solve import StaticOptions
+from fem.static.solve import solve_static as solve_blocks
+from geometry import SineBlock, pipe, tube
+from geometry.block import box_block
+from geometry.errors import RefusedError
+from geometry.families.boxes import ColumnBox, box_column
+from geometry.files.mesh_io import write_hex_mesh
+from geometry.loads import LoadCase, PressureLoad, TractionLoad
+from tests.test_fem_notebook import SHAPE
+from validation.build.deformable import scene_problem
+from validation.comparison.calculix import calculix_available, run_calculix
+from validation.output.decks import import_deck
+from validation.run.rigid.polyhedra import run_polyhedra
+from validation.scene.read import load_scene
+
+SOFT = Material(density=1e-9, young_modulus=3_000.0, poisson_ratio=0.0)
+STIFF = Material(density=5e-9, young_modulus=60_000.0, poisson_ratio=0.0)
+#: Of each box of the column [mm], the pressure on it [MPa], the stiffness of the joint [MPa/mm].
+WIDTH, HEIGHTS, PRESSURE, JOINT = 20.0, (100.0, 60.0), 2.0, 1e4
+
+
+def column(*faces: TractionLoad, divisions: int = 2, **stated: object) -> Problem:
+    """Two boxes of one shape but for their height, the lower soft, under a pressure."""
+    sizes = [(WIDTH, WIDTH, height) for height in HEIGHTS]
+    counts = [(divisions, divisions, max(2, round(0.25 * divisions * h / 5.0))) for h in HEIGHTS]
+    blocks = box_column([ColumnBox(*both) for both in zip(sizes, counts, strict=True)])
+    top = PressureLoad(np.array([1]), "z+", PRESSURE)
+    load = LoadCase(blocks, "pressed", (top, *faces), np.array([True, False]))
+    keywords = {"law": LinearPenalty(JOINT), "frames": Frames.DEFORMABLE} | stated
+    return Problem(blocks, load, [SOFT, STIFF], **keywords, check_units=False)  # type: ignore[arg-type]
+
+
+def series() -> float:
+    """Shortening of two bars and their joint in series [mm]."""
+    bars = zip(HEIGHTS, (SOFT, STIFF), strict=True)
+    return PRESSURE * (sum(h / m.young_modulus for h, m in bars) + 1.0 / JOINT)
+
+
+def top_of(answer) -> float:  # type: ignore[no-untyped-def]
+    return -float(answer.fields["displacement"][:, 2].min())
+
+
+def test_two_bars_in_series() -> None:
+    """Uniform stress without lateral strain: exact to the residual of 1e-8; an explicit run
+    damped to a residual of 1e-4 of the load is as near, and so are finer meshes."""
+    problem = column()
+    assert len(problem.deformable.model.groups) == 2
+    assert top_of(solve_static(problem, mesh="scene")) == pytest.approx(series(), rel=1e-7)
+    assert top_of(solve_static(problem)) == pytest.approx(series(), rel=1e-6)
+    assert top_of(solve_explicit(problem)) == pytest.approx(series(), rel=1e-3)
+
+
+@pytest.mark.parametrize("flavour", [Flavour.PAIRS, Flavour.GENERAL])
+def test_decks_have_a_material_for_each_part(flavour: Flavour, tmp_path: Path) -> None:
+    """Two boxes of one shape and two materials are two parts; read back, the same problem."""
+    even = replace(column(), blocks=box_column([ColumnBox((20.0, 20.0, 50.0), (2, 2, 2))] * 2))
+    load = LoadCase(even.blocks, "pressed", even.load_case.faces, np.array([True, False]))
+    deck = problem_deck(replace(even, load=load), flavour)
+    write_deck(tmp_path / "two.inp", deck)
+    read = import_deck(tmp_path / "two.inp")
+    assert read.materials == (SOFT, STIFF)
+    assert (read.assembly.shape_of == [0, 1]).all()
+    if flavour is Flavour.PAIRS:
+        moved = solve_blocks(deck_assembly(read)).displacements
+        shortening = PRESSURE * (50.0 / 3_000.0 + 50.0 / 60_000.0 + 1.0 / JOINT)
+        assert -moved[1][:, :, 2].min() == pytest.approx(shortening, rel=1e-7)
+
+
+@pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")
+def test_calculix_on_the_deck_of_two_materials(tmp_path: Path) -> None:
+    """Its increments end at a residual of 1e-6; friction holds the upper box in place."""
+    deck = problem_deck(column(friction=CoulombFriction(0.3, 1e3)), Flavour.CALCULIX)
+    write_deck(tmp_path / "two.inp", deck)
+    found = run_calculix(tmp_path / "two.inp").displacements
+    assert -found[:, 2].min() == pytest.approx(series(), rel=1e-4)
+
+
+def test_a_beam_of_two_materials_bends_as_beam_theory_says() -> None:
+    """A pressed column under a shear at its top: Timoshenko's beam of two moduli (shear coefficient
+    5/6 without lateral strain) and a joint with springs along its normal and its slip.
+
+    16 elements of 5 mm per 100 mm, quadratic in bending: the error is of (5/100)² = 0.25 %.
+    """
+    shear, stick = 0.01, 1e3
+    side = TractionLoad(np.array([1]), "z+", np.array([shear, 0.0, 0.0]))
+    problem = column(side, divisions=4, friction=CoulombFriction(0.5, stick))
+    answer = solve_static(problem, mesh="scene")
+    area, bending = WIDTH**2, WIDTH**4 / 12.0
+    force, (lower, upper) = shear * area, HEIGHTS
+    length = lower + upper
+    tip = (length**3 - upper**3) / (3.0 * SOFT.young_modulus * bending)
+    tip += upper**3 / (3.0 * STIFF.young_modulus * bending) + upper**2 / (JOINT * bending)
+    for height, material in zip(HEIGHTS, (SOFT, STIFF), strict=True):
+        tip += height / (5.0 / 6.0 * 0.5 * material.young_modulus * area)
+    tip = force * (tip + 1.0 / (stick * area))
+    assert answer.fields["displacement"][:, 0].max() == pytest.approx(tip, rel=5e-3)
+
+
+def test_rigid_and_deformable_blocks_weigh_by_their_own_density() -> None:
+    """The joint carries the upper box alone, whichever solver is asked."""
+    weight = 9810.0 * STIFF.density * WIDTH**2 * HEIGHTS[1]
+    still = column(gravity=(0.0, 0.0, -9810.0))
+    still = replace(still, load=LoadCase(still.blocks, "none", (), np.array([True, False])))
+    assert still.rigid_load.body_wrenches[1, 2] == pytest.approx(-weight, rel=1e-12)  # type: ignore[index]
+    answer = solve_static(still, mesh="scene")
+    force = answer.contacts["pressure"] @ answer.contacts["area"]
+    assert force == pytest.approx(weight, rel=1e-7)
+
+
+def test_a_sector_needs_the_same_materials_round_the_axis() -> None:
+    """A layer of another material keeps the symmetry, a single block breaks it: answers agree."""
+    blocks = tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 2))
+    steel = Material(density=7.85e-9, young_modulus=210_000.0, poisson_ratio=0.3)
+    for inside, order in ((blocks.layer == 1, 4), (np.arange(blocks.n_blocks) == 5, 1)):
+        problem = Problem(blocks, pipe(0.01), [steel if b else concrete for b in inside])
+        found = solve_static(problem, mesh="scene")
+        assert found.report["symmetry"] == order
+        whole = solve_static(problem, StaticOptions(symmetry=1), mesh="scene")
+        moved, expected = (a.fields["displacement"] for a in (found, whole))
+        assert np.abs(moved - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    ("material", "words"),
+    [
+        ([concrete], "got 1 materials for 2 blocks; expected 2"),
+        ([concrete, "steel"], "got a str; expected a Material"),
+        (None, "got a NoneType; expected a Material"),
+    ],
+)
+def test_materials_are_one_or_one_for_each_block(material: object, words: str) -> None:
+    with pytest.raises(MaterialError, match=words):
+        replace(column(), material=material)
+
+
+# ---------------------------------------------------------------------------------------------
+# Scenes
+
+
+def stated(scene: str, *settings: str) -> Problem:
+    file = load_scene(scene, settings)
+    return scene_problem(file.scene, file.name)
+
+
+def test_a_scene_names_the_materials_of_blocks() -> None:
+    problem = stated(
+        "column",
+        "materials.steel.blocks=[1]",
+        "materials.light={name='concrete',density=1e-9}",
+        "materials.light.blocks=[2]",
+    )
+    given = [(m.density, m.young_modulus) for m in problem.materials]
+    assert given == [(2.4e-9, 33e3), (7.85e-9, 210e3), (1e-9, 33e3)]
+
+
+def test_parts_of_files_name_their_material(tmp_path: Path) -> None:
+    write_hex_mesh(tmp_path / "brick.inp", box_block((100.0, 80.0, 50.0), (2, 2, 1)).mesh)
+    (tmp_path / "own.toml").write_text(
+        '[block]\ntype = "mesh"\n[[parts]]\nfile = "brick.inp"\nfixed = true\n'
+        '[[parts]]\nfile = "brick.inp"\nmaterial = "steel"\nplaces = [{at = [0, 0, 50]}]\n'
+        '[[parts]]\nfile = "brick.inp"\nmaterial = "oak"\nplaces = [{at = [0, 0, 100]}]\n'
+        "[materials.oak]\ndensity = 0.7e-9\nyoung_modulus = 11000.0\npoisson_ratio = 0.3\n"
+        "[effects]\ngravity = [0, 0, -9810]\n"
+    )
+    file = load_scene(str(tmp_path / "own.toml"))
+    problem = scene_problem(file.scene, file.name)
+    assert [m.density for m in problem.materials] == [2.4e-9, 7.85e-9, 0.7e-9]
+    rigid = run_polyhedra(file, file.scene)  # type: ignore[arg-type]
+    joints = np.sort(np.unique(rigid.carried.normal_forces.round(9)))
+    each = 4e5 * 9810.0 * np.array([0.7e-9, 7.85e-9 + 0.7e-9])
+    # Four points carry each joint alike.
+    assert joints == pytest.approx(each / 4.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["materials.steel.blocks=[9]"], "materials.steel.blocks: got block 9, but there are 3"),
+        (["materials.steel.blocks=['top']"], "got block 'top', but the blocks have no names"),
+        (["materials.steel={}"], "materials.steel: no block is of it"),
+        (["materials.oak.blocks=[1]"], "materials.oak.density is missing"),
+        (
+            ["materials.steel.blocks=[1]", "materials.concrete.blocks=[1, 2]"],
+            "block 1 is of 'steel' and of 'concrete'",
+        ),
+        (
+            ["materials.steel.blocks=[1]", "materials.steel.young_modulus=210"],
+            "materials.steel: implausible .*write 210000",
+        ),
+        (["materials.steel.expansion=1e-5"], "materials.steel.expansion: .*no thermal expansion"),
+    ],
+)
+def test_wrong_materials_are_told_in_one_line(settings: list[str], words: str) -> None:
+    with pytest.raises(RefusedError, match=words) as refused:
+        stated("column", *settings)
+    assert "\n" not in str(refused.value)

@@ -1,0 +1,114 @@
+"""Materials of the blocks of a scene: one for all, or by part and block."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fem.element.material import Material
+from geometry.assembly import AnyBlocks
+from geometry.mesh import FloatArray
+from validation.build.chosen import numbers_of
+from validation.errors import InputError
+from validation.scene.deformable import MaterialSection
+from validation.scene.polyhedra import MeshScene
+from validation.scene.read import DeformableScene
+from validation.scene.usage import count, uncounted
+
+
+def build_material(section: MaterialSection) -> Material:
+    """Material of a section.
+
+    Its density counts as read where something weighs or is accelerated, its averaging radius where
+    measures are asked for.
+
+    Raises
+    ------
+    MaterialError
+        For constants no elastic material has.
+    """
+    kind = type(section)
+    count(section, "name")  # constants may be those of a known name
+    with uncounted((kind, "density"), (kind, "averaging_radius")):
+        return Material(**section.model_dump(exclude={"name", "blocks"}))
+
+
+def build_materials(scene: DeformableScene, assembly: AnyBlocks) -> Material | tuple[Material, ...]:
+    """Material of all blocks, or of each one, (n_blocks,).
+
+    Raises
+    ------
+    InputError
+        Blocks that do not exist, blocks of two materials, materials without blocks.
+    MaterialError
+        For constants no elastic material has.
+    """
+    sections = _sections(scene, assembly)
+    if sections is None:
+        return build_material(scene.material)
+    built: dict[int, Material] = {}
+    for section in sections:
+        if id(section) not in built:
+            built[id(section)] = build_material(section)
+    return tuple(built[id(section)] for section in sections)
+
+
+def densities(scene: DeformableScene, assembly: AnyBlocks) -> float | FloatArray:
+    """Density of all blocks, or of each one, (n_blocks,) [t/mm³].
+
+    Raises
+    ------
+    InputError
+        As `build_materials`.
+    """
+    sections = _sections(scene, assembly)
+    count_materials(scene, "name")  # the density may be that of a known name
+    if sections is None:
+        return scene.material.density
+    return np.array([section.density for section in sections])
+
+
+def count_materials(scene: DeformableScene, key: str) -> None:
+    """Count a key of all materials of a scene as read."""
+    for section in (scene.material, *scene.materials.values()):
+        count(section, key)
+
+
+def _sections(scene: DeformableScene, assembly: AnyBlocks) -> list[MaterialSection] | None:
+    """Section of the material of each block; None: one for all."""
+    chosen: dict[int, str] = {}
+    for block, name in _choices(scene, assembly):
+        other = chosen.setdefault(block, name)
+        if other != name:
+            raise InputError(
+                f"materials: block {assembly.named(block)} is of {other!r} and of {name!r}; "
+                "expected one of the two"
+            )
+    idle = next((name for name in scene.materials if name not in chosen.values()), None)
+    if idle is not None:
+        raise InputError(
+            f"materials.{idle}: no block is of it; expected blocks = [0, 3] there (numbers or "
+            f'names), or [[parts]] material = "{idle}"'
+        )
+    if not chosen:
+        return None
+    known: dict[str, MaterialSection] = dict(scene.materials)
+    for name in set(chosen.values()) - set(known):
+        known[name] = type(scene.material).model_validate(name)
+    blocks = range(assembly.n_blocks)
+    return [known[chosen[k]] if k in chosen else scene.material for k in blocks]
+
+
+def _choices(scene: DeformableScene, assembly: AnyBlocks) -> Iterator[tuple[int, str]]:
+    """Blocks whose material is stated, and its name."""
+    if isinstance(scene, MeshScene):
+        for block, part in enumerate(assembly.parts):
+            name = scene.parts[part].material
+            if name is not None:
+                yield block, name
+    names = assembly.names or ("",) * assembly.n_blocks
+    for name, section in scene.materials.items():
+        for one in section.blocks:
+            for block in numbers_of(f"materials.{name}.blocks", one, names):
+                yield block, name
