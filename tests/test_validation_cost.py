@@ -32,7 +32,7 @@ from validation.costs.analysis import (
     richardson,
 )
 from validation.costs.calculix import measured_answer
-from validation.costs.measure import Measurement, measure
+from validation.costs.measure import measure
 from validation.costs.partition import grid_of, overlap, partition_pressures
 from validation.costs.plan import (
     QUANTITIES,
@@ -185,7 +185,7 @@ def test_a_lone_mesh_is_as_reliable_as_the_family_it_varies() -> None:
     plain = [static_setting(ElementType.INCOMPATIBLE, k) for k in (2, 4)]
     lone = replace(plain[0], family=f"{plain[0].family}, varied")
     two = [graded(setting) for setting in plain]
-    nothing = Measurement({}, [], [], [1.0], {}, "", "")
+    nothing: dict[str, object] = {}
     rows = [cost.Row(setting, nothing, {}) for setting in (*plain, lone, *two)]
     assert cost.finer_meshes(rows) == [[1], [], [1], [4], []]
 
@@ -360,7 +360,7 @@ def test_other_families_are_measured_and_say_what_is_left_out(name, tmp_path) ->
     assert set(fine.errors) == set(QUANTITIES)
     assert fine.errors["pressure_l2"] < coarse.errors["pressure_l2"]
     assert set(found.families()["rigid, pressure norm"][0].errors) == {"p_eff", "pressure_l2"}
-    assert all(row.found.processor and row.found.date for row in found.rows)
+    assert all(row.found["processor"] and row.found["date"] for row in found.rows)
 
 
 def test_degrees_judge_points_and_fields_where_there_is_no_ladder(tmp_path) -> None:
@@ -439,10 +439,10 @@ def test_calculix_converges_to_what_we_find() -> None:
         shape = build_assembly(with_setting(scene, base, setting)).shape(4)
         ours = measure("a", scene, base, setting, repeats=1)
         theirs = measure("a", scene, base, calculix_setting(level, "x"), repeats=1)
-        differs = {q: abs(theirs.scalars[q] / ours.scalars[q] - 1.0) for q in ours.scalars}
+        differs = {q: abs(theirs["scalars"][q] / ours["scalars"][q] - 1.0) for q in ours["scalars"]}
         assert differs["p_max_point"] < half_facet_angle(shape, "top")
-        weights, own = np.array(ours.areas), np.array(ours.pressures)
-        change = np.array(theirs.pressures) - own
+        weights, own = np.array(ours["areas"]), np.array(ours["pressures"])
+        change = np.array(theirs["pressures"]) - own
         differs["field"] = np.sqrt(weights @ change**2 / (weights @ own**2))
         for quantity, found in apart.items():
             found.append(differs[quantity])

@@ -7,7 +7,7 @@ import gc
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,39 +36,22 @@ SCALARS = ("p_max_point", "p_eff", "sigma_1_averaged", "max_displacement")
 CHEAP = 3.0
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """What a setting answers and what it costs."""
-
-    scalars: dict[str, float]
-    """By the names of `SCALARS`; rigid blocks have means of pressures only."""
-    pressures: list[float]
-    """Mean contact pressure of each cell of the partition [MPa]."""
-    areas: list[float]
-    """Area of each cell [mm²]."""
-    cpu_seconds: list[float]
-    """From the scene to the pressures, of each repeat [s]."""
-    details: dict[str, Any]
-    """Numbers of the solver: elements, steps or iterations, residual, status."""
-    date: str
-    """Day of the run, ISO."""
-    processor: str
-    """Where it ran."""
-
-    @property
-    def cost(self) -> float:
-        """Least CPU time of the repeats: what others do to the machine only adds [s]."""
-        return min(self.cpu_seconds)
-
-
 # ---------------------------------------------------------------------------------------------
 # Runs
 
 
 def measure(
     name: str, scene: AssemblyScene, base: BaseMesh, setting: CostSetting, *, repeats: int = 2
-) -> Measurement:
+) -> dict[str, Any]:
     """Run a setting; twice where that is cheap.
+
+    Returns
+    -------
+    dict[str, Any]
+        As it is stored: ``scalars`` by the names of `SCALARS`, of rigid blocks means of pressures
+        only; ``pressures`` [MPa] and ``areas`` [mm²] of each cell of the partition;
+        ``cpu_seconds`` from the scene to the pressures, of each repeat; ``details`` of the solver;
+        ``date`` and ``processor``.
 
     Raises
     ------
@@ -83,7 +66,7 @@ def measure(
     while len(times) < repeats and min(times) < CHEAP:
         times.append(_run(name, solved, base, setting)[1])
     today = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
-    return Measurement(**found, cpu_seconds=times, date=today, processor=processor())
+    return found | {"cpu_seconds": times, "date": today, "processor": processor()}
 
 
 def warm_up(name: str, scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,10 +74,10 @@ def study_json(study: CostStudy) -> dict[str, Any]:
                 "family": row.setting.family,
                 "method": row.setting.method,
                 "level": row.setting.level,
-                "values": row.found.scalars,
+                "values": row.found["scalars"],
                 "relative_errors": row.errors,
-                "cpu_seconds": row.found.cpu_seconds,
-                **row.found.details,
+                "cpu_seconds": row.found["cpu_seconds"],
+                **row.found["details"],
             }
             for row in study.rows
         ],
@@ -86,7 +85,7 @@ def study_json(study: CostStudy) -> dict[str, Any]:
         "pareto": {q: [row.setting.name for row in study.front(q)] for q in QUANTITIES},
         "orders": {
             family: {
-                q: asdict(study.order(family, q))
+                q: study.order(family, q)
                 for q in QUANTITIES
                 if any(q in row.errors for row in rows)
             }
@@ -133,7 +132,7 @@ def _print_fronts(study: CostStudy, console: Console) -> None:
     table = listing(title, "setting", numbers=("CPU s", *QUANTITIES))
     fronts = {q: {row.setting for row in study.front(q)} for q in QUANTITIES}
     anywhere = set().union(*fronts.values())
-    for row in sorted(study.rows, key=lambda r: r.found.cost):
+    for row in sorted(study.rows, key=lambda r: r.cost):
         if row.setting in anywhere:
             cells = [
                 f"{percent(row.errors[q])}{' F' if row.setting in fronts[q] else '  '}"
@@ -141,7 +140,7 @@ def _print_fronts(study: CostStudy, console: Console) -> None:
                 else "–  "
                 for q in QUANTITIES
             ]
-            table.add_row(row.setting.name, f"{row.found.cost:.3g}", *cells)
+            table.add_row(row.setting.name, f"{row.cost:.3g}", *cells)
     console.print(table)
 
 
@@ -160,8 +159,7 @@ def _print_orders(study: CostStudy, console: Console) -> None:
 def _order_cell(study: CostStudy, family: str, quantity: str) -> str:
     if not any(quantity in row.errors for row in study.families()[family]):
         return "–"
-    order = study.order(family, quantity)
-    parts = (order.against_reference, order.by_itself)
+    parts = study.order(family, quantity).values()
     return " / ".join("–" if value is None else f"{value:.1f}" for value in parts)
 
 
@@ -220,7 +218,7 @@ def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
     )
     front = study.front(quantity)
     axes.step(
-        [row.found.cost for row in front],
+        [row.cost for row in front],
         [max(row.errors[quantity], bottom) for row in front],
         where="post",
         color=SKY,
@@ -254,9 +252,9 @@ def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom
     usual = ("p" if graded else _MARKERS.get(element, "v")), _COLOURS[method]
     marker, colour = _STYLES.get(family.rpartition(", ")[2], usual)
     filled = element in ("C3D8I", "force", "curved", "degree") and not variant
-    x = [row.found.cost for row in rows]
+    x = [row.cost for row in rows]
     y = [max(row.errors[quantity], bottom) for row in rows]
-    more = [max(row.found.cpu_seconds) - row.found.cost for row in rows]
+    more = [max(row.found["cpu_seconds"]) - row.cost for row in rows]
     axes.errorbar(
         x,
         y,

@@ -7,11 +7,9 @@ setting, and the program that answered.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from validation.costs.measure import Measurement
 from validation.costs.settings import BaseMesh, CostSetting
 from validation.output.store import Layout, Store, content_key
 from validation.scene.family import AssemblyScene
@@ -62,19 +60,12 @@ class CostStore(Store):
         """Open or create the file, or refuse it (`Store`)."""
         super().__init__(path, LAYOUT)
 
-    def load(self, key: str) -> Measurement | None:
+    def load(self, key: str) -> dict[str, Any] | None:
         """Return a measurement of this program to the last bit; None if there is none."""
         row = self.get(key)
-        return None if row is None else Measurement(**json.loads(row["measurement"]))
+        return None if row is None else json.loads(row["measurement"])
 
-    def keep(self, key: str, name: str, setting: CostSetting, found: Measurement) -> None:
+    def keep(self, key: str, name: str, setting: CostSetting, found: dict[str, Any]) -> None:
         """Write a measurement, whole or not at all."""
-        self.put(
-            key,
-            {
-                "scene": name,
-                "setting": setting.name,
-                "cpu_seconds": found.cost,
-                "measurement": json.dumps(asdict(found), allow_nan=False),
-            },
-        )
+        about = {"scene": name, "setting": setting.name, "cpu_seconds": min(found["cpu_seconds"])}
+        self.put(key, about | {"measurement": json.dumps(found, allow_nan=False)})

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from validation.costs.analysis import (
     pareto_front,
     richardson,
 )
-from validation.costs.measure import Measurement, measure, warm_up
+from validation.costs.measure import measure, warm_up
 from validation.costs.plan import QUANTITIES, CostPlan, Judge
 from validation.costs.settings import CostSetting
 from validation.costs.store import CostStore, measurement_key
@@ -45,19 +46,15 @@ class Row:
     """A setting, what it answered, its relative errors."""
 
     setting: CostSetting
-    found: Measurement
+    found: dict[str, Any]
+    """What `measure` gave."""
     errors: dict[str, float]
     """By quantity; rigid blocks have no displacement and no stress."""
 
-
-@dataclass(frozen=True)
-class FamilyOrder:
-    """How a family converges in one quantity."""
-
-    against_reference: float | None
-    """Slope of its errors over mesh size; near 0 where the method, not the mesh, errs."""
-    by_itself: float | None
-    """Order of its finest three meshes among themselves."""
+    @property
+    def cost(self) -> float:
+        """Least CPU time of the repeats: what others do to the machine only adds [s]."""
+        return float(min(self.found["cpu_seconds"]))
 
 
 @dataclass(frozen=True)
@@ -79,14 +76,14 @@ class CostStudy:
     @property
     def measured(self) -> tuple[str, str]:
         """Processors and days of the runs, each once."""
-        processors = sorted({row.found.processor for row in self.rows})
-        days = sorted({row.found.date for row in self.rows})
+        processors = sorted({row.found["processor"] for row in self.rows})
+        days = sorted({row.found["date"] for row in self.rows})
         return " and ".join(processors), " to ".join(dict.fromkeys((days[0], days[-1])))
 
     def points(self, quantity: str) -> tuple[list[Row], list[Point]]:
         """Rows that answer a quantity, and where they lie."""
         rows = [row for row in self.rows if quantity in row.errors]
-        return rows, [Point(row.found.cost, row.errors[quantity]) for row in rows]
+        return rows, [Point(row.cost, row.errors[quantity]) for row in rows]
 
     def front(self, quantity: str) -> list[Row]:
         """Rows that no other row beats, by ascending cost."""
@@ -100,8 +97,12 @@ class CostStudy:
             found.setdefault(row.setting.family, []).append(row)
         return {k: sorted(v, key=lambda row: row.setting.level) for k, v in found.items()}
 
-    def order(self, family: str, quantity: str) -> FamilyOrder:
-        """Observed order of a family; nothing where it has too few meshes."""
+    def order(self, family: str, quantity: str) -> dict[str, float | None]:
+        """Observed order of a family in one quantity; None where it has too few meshes.
+
+        ``against_reference`` is the slope of its errors over mesh size, near 0 where the method,
+        not the mesh, errs; ``by_itself`` that of its finest three meshes among themselves.
+        """
         rows = [row for row in self.families()[family] if quantity in row.errors]
         levels = [row.setting.level for row in rows]
         floor = self.reference_errors[quantity]
@@ -113,7 +114,7 @@ class CostStudy:
                 [_value(row.found, quantity) for row in rows[-3:]],
                 _weights(rows[-1].found, quantity),
             )
-        return FamilyOrder(fitted, own)
+        return {"against_reference": fitted, "by_itself": own}
 
     def choose(self, quantity: str, target: float) -> Row | None:
         """Cheapest setting that reliably keeps an accuracy; None if none is known to."""
@@ -194,7 +195,7 @@ def stored_study(
 ) -> CostStudy | None:
     """Compare what the store holds; None without the reference or without any setting."""
 
-    def found(settings: Iterable[CostSetting]) -> dict[CostSetting, Measurement]:
+    def found(settings: Iterable[CostSetting]) -> dict[CostSetting, dict[str, Any]]:
         rows = {s: store.load(measurement_key(scene, plan.base, s)) for s in settings}
         return {setting: row for setting, row in rows.items() if row is not None}
 
@@ -207,8 +208,8 @@ def stored_study(
 def compare_settings(
     name: str,
     plan: CostPlan,
-    known: dict[CostSetting, Measurement],
-    references: dict[CostSetting, Measurement],
+    known: dict[CostSetting, dict[str, Any]],
+    references: dict[CostSetting, dict[str, Any]],
 ) -> CostStudy:
     """Let the judges say what is right, and measure every error against it."""
     finest = references[plan.references[-1]]
@@ -224,7 +225,7 @@ def compare_settings(
         errors = {
             q: norm(_value(found, q) - reference[q].value, weights[q]) / sizes[q]
             for q in QUANTITIES
-            if q == "pressure_l2" or q in found.scalars
+            if q == "pressure_l2" or q in found["scalars"]
         }
         rows.append(Row(setting, found, errors))
     return CostStudy(
@@ -233,7 +234,7 @@ def compare_settings(
         rows=tuple(rows),
         reference=reference,
         reference_errors={q: reference[q].error / sizes[q] for q in QUANTITIES},
-        reference_seconds=sum(found.cost for found in references.values()),
+        reference_seconds=sum(min(found["cpu_seconds"]) for found in references.values()),
     )
 
 
@@ -244,14 +245,14 @@ def _judged(judge: Judge, values: list[FloatArray], weights: FloatArray) -> Extr
     return Extrapolated(values[-1], error_bar(values, falls, partial(norm, weights=weights)), None)
 
 
-def _value(found: Measurement, quantity: str) -> FloatArray:
+def _value(found: dict[str, Any], quantity: str) -> FloatArray:
     if quantity == "pressure_l2":
-        return np.array(found.pressures)
-    return np.array([found.scalars[quantity]])
+        return np.array(found["pressures"])
+    return np.array([found["scalars"][quantity]])
 
 
-def _weights(finest: Measurement, quantity: str) -> FloatArray:
-    return np.array(finest.areas) if quantity == "pressure_l2" else np.ones(1)
+def _weights(finest: dict[str, Any], quantity: str) -> FloatArray:
+    return np.array(finest["areas"]) if quantity == "pressure_l2" else np.ones(1)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -268,13 +269,10 @@ def answer(study: CostStudy, quantity: str, target: float) -> str:
     head = f"{percent(target)} in {quantity}"
     row = study.choose(quantity, target)
     if row is not None:
-        return f"{head}: {row.setting.name}, {row.found.cost:.2g} CPU s"
+        return f"{head}: {row.setting.name}, {row.cost:.2g} CPU s"
     known = study.reference_errors[quantity]
     best = study.best(quantity)
-    text = (
-        f"best is {best.setting.name}: {percent(best.errors[quantity])} in "
-        f"{best.found.cost:.2g} CPU s"
-    )
+    text = f"best is {best.setting.name}: {percent(best.errors[quantity])} in {best.cost:.2g} CPU s"
     if known >= target:
         return f"{head}: not known, the reference itself is uncertain by {percent(known)}; {text}"
     return f"{head}: not reached; {text}"
