@@ -41,7 +41,7 @@ from tests.verification.calculix import (
     tube_deck,
     tube_rows,
 )
-from validation.comparison.calculix import CalculixError, calculix_available, run_calculix
+from validation.study.comparison.calculix import CalculixError, calculix_available, run_calculix
 
 pytestmark = pytest.mark.quick
 

@@ -44,10 +44,10 @@ from tests.fem_problems import CONCRETE, degrees_of_freedom, distorted_box, stat
 from tests.test_validation_own_fem import deformable
 from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable, scene_problem
-from validation.comparison.calculix import calculix_available, run_calculix
 from validation.errors import InputError
 from validation.run.solve import estimated_errors, run_static
 from validation.scene.read import load_scene
+from validation.study.comparison.calculix import calculix_available, run_calculix
 
 HEXAGON = HexagonBlockParameters(blocks_per_layer=4, inner_radius=120.0, thickness=40.0)
 WALL = osteomorphic_wall(WallBlock(100.0, 40.0, 60.0, 8.0), (4, 2, 2), columns=1, layers=1)

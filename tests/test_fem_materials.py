@@ -26,10 +26,10 @@ from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import LoadCase, PressureLoad, TractionLoad
 from tests.test_fem_notebook import SHAPE
 from validation.build.deformable import scene_problem
-from validation.comparison.calculix import calculix_available, run_calculix
 from validation.output.decks import import_deck
 from validation.run.rigid.polyhedra import run_polyhedra
 from validation.scene.read import load_scene
+from validation.study.comparison.calculix import calculix_available, run_calculix
 
 SOFT = Material(density=1e-9, young_modulus=3_000.0, poisson_ratio=0.0)
 STIFF = Material(density=5e-9, young_modulus=60_000.0, poisson_ratio=0.0)

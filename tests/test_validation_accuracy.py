@@ -17,11 +17,11 @@ from geometry.answer import Measure
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import column, deformable
 from validation.build.deformable import scene_problem
-from validation.costs.references import references
 from validation.errors import InputError
 from validation.run import solve
 from validation.run.accuracy import parse_targets
 from validation.run.measures import FrictionSet
+from validation.study.costs.references import references
 
 
 def stated(name: str, *settings: str) -> Problem:

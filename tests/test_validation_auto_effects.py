@@ -13,13 +13,13 @@ from fem.static.solve import StaticOptions, solve_static
 from tests.fem_problems import pair_resultants
 from validation import compare
 from validation.cli.app import app
-from validation.comparison.scene import compared_runs
-from validation.effects.auto import EffectsDecision, decide_effects
-from validation.effects.probe import Answer, Change, answer_of, change
 from validation.errors import InputError
 from validation.run.solve import run_explicit, run_static
 from validation.scene.deformable import EffectName, EffectsSection
 from validation.scene.read import DeformableScene, load_scene, with_auto
+from validation.study.comparison.scene import compared_runs
+from validation.study.effects.auto import EffectsDecision, decide_effects
+from validation.study.effects.probe import Answer, Change, answer_of, change
 
 #: Finer than the probe's 12 × 2 × 4 elements, and still quick.
 MESH = ["assembly.layers=2", "mesh.around=24", "mesh.radial=2", "mesh.axial=6"]

@@ -21,9 +21,14 @@ from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.verification.calculix import half_facet_angle
 from validation.build.blocks import build_assembly
 from validation.build.deck import build_deck
-from validation.comparison.calculix import CalculixResult, calculix_available
-from validation.costs import study as cost
-from validation.costs.analysis import (
+from validation.errors import InputError
+from validation.run.deformable import DeformableRun
+from validation.run.solve import run_static
+from validation.scene.family import AssemblyScene
+from validation.scene.read import SceneFile, TubeScene, load_scene
+from validation.study.comparison.calculix import CalculixResult, calculix_available
+from validation.study.costs import study as cost
+from validation.study.costs.analysis import (
     Point,
     cheapest,
     fitted_order,
@@ -31,10 +36,10 @@ from validation.costs.analysis import (
     pareto_front,
     richardson,
 )
-from validation.costs.calculix import measured_answer
-from validation.costs.measure import measure
-from validation.costs.partition import grid_of, overlap, partition_pressures
-from validation.costs.plan import (
+from validation.study.costs.calculix import measured_answer
+from validation.study.costs.measure import measure
+from validation.study.costs.partition import grid_of, overlap, partition_pressures
+from validation.study.costs.plan import (
     QUANTITIES,
     CostPlan,
     by_degree,
@@ -43,7 +48,7 @@ from validation.costs.plan import (
     full_plan,
     quick_plan,
 )
-from validation.costs.settings import (
+from validation.study.costs.settings import (
     base_mesh,
     calculix_setting,
     curved_setting,
@@ -53,12 +58,7 @@ from validation.costs.settings import (
     static_setting,
     with_setting,
 )
-from validation.costs.store import CostStore, measurement_key
-from validation.errors import InputError
-from validation.run.deformable import DeformableRun
-from validation.run.solve import run_static
-from validation.scene.family import AssemblyScene
-from validation.scene.read import SceneFile, TubeScene, load_scene
+from validation.study.costs.store import CostStore, measurement_key
 
 SETTINGS = ("--set", "assembly.layers=1")
 
@@ -325,7 +325,7 @@ def test_hit_gives_the_same_bits_and_no_new_run(tmp_path, monkeypatch) -> None:
 def test_rungs_of_curved_elements_are_judged_by_the_finest(tmp_path, monkeypatch) -> None:
     """Two tiny rungs: the reference is the last, its error 1.5 times the change from the first."""
     rungs = tuple(Rung(2, 12, 1, axial, 1.0, 8.0) for axial in (2, 4))
-    monkeypatch.setattr("validation.costs.measure.LADDER", replace(LADDER, rungs=rungs))
+    monkeypatch.setattr("validation.study.costs.measure.LADDER", replace(LADDER, rungs=rungs))
     scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
     settings = (rigid_setting(Norm.PRESSURE, 1), curved_setting(1), curved_setting(2))
     plan = CostPlan(base_mesh(scene, "a"), settings, curved_rungs(1, 2))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from validation.cli.app import app
-from validation.effects.costs import bare, effect_costs
 from validation.errors import InputError
 from validation.scene.read import load_scene
+from validation.study.effects.costs import bare, effect_costs
 
 TINY = ["assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
 

@@ -8,10 +8,10 @@ from rich.console import Console
 from geometry.answer import WIDEST
 from tests.test_validation_own_fem import column, deformable
 from validation.build.deformable import build_deformable
-from validation.costs.references import references
 from validation.output.deformable.answers import print_run
 from validation.run.deformable import DeformableRun
 from validation.run.solve import estimated_errors, run_static
+from validation.study.costs.references import references
 
 #: Scenes of the coverage: three shapes under three loads, contact on slopes, waves and flanks.
 CASES = {
@@ -53,7 +53,7 @@ def test_estimates_of_higher_degree_cover_nine_of_ten_errors() -> None:
     """Seven measures of three scenes in two degrees, judged by degree 4 on finer meshes.
 
     Values that are printed as not resolved promise nothing and are left out. Families, loads and
-    values are those of `validation/costs/references.toml`; what these are known
+    values are those of `validation/study/costs/references.toml`; what these are known
     to is not added: peaks at corners are known to little.
     """
     missed, judged = [], 0

@@ -26,8 +26,8 @@ from tests.fem_problems import CONCRETE, degrees_of_freedom, static_displacement
 from tests.test_fem_lagrange_mesh import CURVED, WALL, from_twenty, relative
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from tests.test_validation_own_fem import own_scene
-from validation.comparison.calculix import calculix_available, run_calculix
 from validation.run.solve import run_static
+from validation.study.comparison.calculix import calculix_available, run_calculix
 
 GRAVITY = "[effects]\ngravity = [0.0, 1e6, -1e6]\n"
 

@@ -39,13 +39,13 @@ from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.build.deck import build_deck
 from validation.build.deformable import build_deformable
-from validation.comparison.scene import compared_runs
 from validation.errors import InputError
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures.tubes import run_facets
 from validation.run.solve import run_explicit, run_static, scene_statement
 from validation.scene.read import DeformableScene, SceneFile, check_scene, load_scene
+from validation.study.comparison.scene import compared_runs
 
 SECTIONS = """
 [material]

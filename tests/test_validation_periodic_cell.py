@@ -19,12 +19,12 @@ from geometry.mesh import FloatArray
 from tests.fem_problems import pair_resultants
 from validation.build.deformable import build_deformable
 from validation.cli.app import app
-from validation.effects.cell import middle_answer
 from validation.errors import InputError
 from validation.run import solve
 from validation.run.deformable import DeformableRun
 from validation.run.solve import floating_words, run_explicit, run_static, static_options
 from validation.scene.read import DeformableScene, load_scene, require_deformable
+from validation.study.effects.cell import middle_answer
 
 COARSE = ["mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
 CELL = [*COARSE, "fem.symmetry='periodic cell'"]

@@ -24,7 +24,6 @@ from tests.test_validation_own_fem import column
 from tests.test_validation_tubes import tube
 from validation import compare
 from validation.build.blocks import build_scene
-from validation.comparison.scene import compared_runs
 from validation.errors import InputError
 from validation.output.files import PICTURES, require_picture
 from validation.output.pictures import assemblies, tubes
@@ -40,6 +39,7 @@ from validation.run.rigid.answer import run_rigid
 from validation.run.rigid.polyhedra import mechanism_motion, run_polyhedra
 from validation.run.solve import run_static
 from validation.scene.read import load_scene
+from validation.study.comparison.scene import compared_runs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

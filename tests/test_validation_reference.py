@@ -12,12 +12,12 @@ import pytest
 from fem.accuracy.converge import MOST_WORK
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation import compare
-from validation.comparison.report import Comparison
-from validation.comparison.scene import compared_runs
 from validation.run.accuracy import DEFAULT_TARGETS
 from validation.run.deformable import DeformableRun
 from validation.run.solve import run_converged
 from validation.scene.read import DeformableScene, load_scene
+from validation.study.comparison.report import Comparison
+from validation.study.comparison.scene import compared_runs
 
 TO_REST = ["fem", "column", "--set", "fem.method=explicit", "--set", "fem.damping=static"]
 

@@ -14,12 +14,12 @@ import pytest
 
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation import compare, read_answer
-from validation.comparison.agreement import agreement, effective_region
-from validation.comparison.scene import compared_runs
 from validation.errors import InputError
 from validation.output.answer_files import FILES
 from validation.run.solve import run_explicit, run_static
 from validation.scene.read import DeformableScene, load_scene
+from validation.study.comparison.agreement import agreement, effective_region
+from validation.study.comparison.scene import compared_runs
 
 pytestmark = pytest.mark.quick
 

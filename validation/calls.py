@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     from fem.assembly.statement import Problem
     from geometry.answer import Answer
-    from validation.comparison.report import Comparison
-    from validation.costs.study import CostStudy
     from validation.scene.read import SceneFile
+    from validation.study.comparison.report import Comparison
+    from validation.study.costs.study import CostStudy
     from validation.study.study import Study
 
 
@@ -124,7 +124,7 @@ def compare(*answers: Answer) -> Comparison:
     InputError
         Fewer than two answers, or answers on other facets.
     """
-    from validation.comparison.report import compare_answers
+    from validation.study.comparison.report import compare_answers
 
     return compare_answers(answers)
 
@@ -154,9 +154,9 @@ def cost(
     """
     from tempfile import TemporaryDirectory
 
-    from validation.costs.plan import full_plan, quick_plan, require_cost_scene
-    from validation.costs.store import CostStore
-    from validation.costs.study import run_cost
+    from validation.study.costs.plan import full_plan, quick_plan, require_cost_scene
+    from validation.study.costs.store import CostStore
+    from validation.study.costs.study import run_cost
 
     file = _scene(scene, settings).file
     checked = require_cost_scene(file.scene, file.name)

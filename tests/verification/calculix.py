@@ -32,7 +32,7 @@ from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import PressureLoad, load_case
 from geometry.mesh import FloatArray
-from validation.comparison.calculix import CalculixResult, calculix_available, run_calculix
+from validation.study.comparison.calculix import CalculixResult, calculix_available, run_calculix
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 Each row is a command as people type it, ``tubelock fem tsb1-pipe --accuracy … --json``, in a
 process of its own: CPU time from the start of the program to the answer beside its aim, the error
-bar it gives, and its true error against `validation.costs.references`.
+bar it gives, and its true error against `validation.study.costs.references`.
 """
 
 import json
@@ -12,9 +12,9 @@ import sys
 
 import pytest
 
-from validation.costs.references import references
 from validation.run.accuracy import parse_targets
 from validation.run.stages import children_cpu_seconds
+from validation.study.costs.references import references
 
 TWO, TWELVE = "assembly.layers = 2", "assembly.layers = 12"
 #: Layers, what is asked, and CPU seconds that it should take on one core.

@@ -33,19 +33,19 @@ def compare(
     """Compare rigid, static and explicit results on the same facets."""
     from validation.build.cell import refuse_cell
     from validation.calls import compare as compared
-    from validation.comparison import report
-    from validation.comparison.scene import comparable_problem, compared_runs
     from validation.output.console import explicit_progress, status, told_of_compilation
     from validation.run.accuracy import progress_words
     from validation.run.stages import peak_memory_mb
     from validation.scene.read import load_scene, require_deformable, with_auto
     from validation.scene.usage import recording
+    from validation.study.comparison import report
+    from validation.study.comparison.scene import comparable_problem, compared_runs
 
     file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
     with scene_outputs(file, json, output, (report.PICTURE,), ending="-compare") as outputs:
         checked, added = require_deformable(file, "compare"), {}
         if checked.effects.auto is not None:
-            from validation.effects.report import decided
+            from validation.study.effects.report import decided
 
             checked, decision = decided(checked, file.name, outputs.console)
             added["effects_decision"] = decision.as_json()
@@ -95,10 +95,10 @@ def clearance(
 
     Prints displacements and contact pressures (static analysis) for each gap.
     """
-    from validation.comparison.clearance import GAPS, clearance_rows, draw_clearance, print_rows
     from validation.output.console import status
     from validation.scene.read import load_scene, require_deformable
     from validation.scene.usage import recording
+    from validation.study.clearance import GAPS, clearance_rows, draw_clearance, print_rows
 
     file = load_scene(scene, settings or ())
     checked = require_deformable(file, "clearance")
@@ -121,15 +121,15 @@ def convergence(
     json: JsonOption = None,
 ) -> None:
     """Measure convergence orders in mesh size and time step."""
-    from validation.comparison.convergence import (
+    from validation.output.console import status
+    from validation.output.files import require_picture
+    from validation.output.outputs import Outputs
+    from validation.study.convergence import (
         draw_convergence,
         mesh_curves,
         print_convergence,
         time_step_curve,
     )
-    from validation.output.console import status
-    from validation.output.files import require_picture
-    from validation.output.outputs import Outputs
 
     require_picture(output)
     with Outputs(json, files={"-o": output}) as outputs:

@@ -36,12 +36,12 @@ def cost(
 
     Runs every method on a sequence of meshes; prints and plots error against CPU time.
     """
-    from validation.costs.plan import full_plan, quick_plan, require_cost_scene
-    from validation.costs.report import draw_study, print_study, study_json
-    from validation.costs.store import CostStore
-    from validation.costs.study import run_cost
     from validation.output.console import status
     from validation.scene.read import load_scene
+    from validation.study.costs.plan import full_plan, quick_plan, require_cost_scene
+    from validation.study.costs.report import draw_study, print_study, study_json
+    from validation.study.costs.store import CostStore
+    from validation.study.costs.study import run_cost
 
     file = load_scene(scene, settings or ())
     checked = require_cost_scene(file.scene, file.name)
@@ -67,9 +67,9 @@ def peaks(json: JsonOption = None) -> None:
 
     Uses high-order (isoparametric) elements; also prints the effect of a contact stiffness cap.
     """
-    from validation.costs.peaks import peaks, print_peaks
     from validation.output.console import status
     from validation.output.outputs import Outputs
+    from validation.study.costs.peaks import peaks, print_peaks
 
     with Outputs(json) as outputs:
         with status(outputs.console, "two layers of tsb1-pipe, degrees 1 to 3"):

@@ -219,7 +219,7 @@ def _decided(
     """The scene with its effects decided where it leaves that to the program."""
     if scene.effects.auto is None:
         return scene, {}
-    from validation.effects.report import decided
+    from validation.study.effects.report import decided
 
     found, decision = decided(scene, name, outputs.console)
     return found, {"effects_decision": decision.as_json()}
@@ -285,7 +285,7 @@ def _solved(
         watch.lap("build")
     built = watch.seconds()
     if scene.is_cell:
-        from validation.effects.cell import cell_table, probed_cell_error
+        from validation.study.effects.cell import cell_table, probed_cell_error
 
         error = probed_cell_error(scene, name)
         outputs.console.print(cell_table(name, error))

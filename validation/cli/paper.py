@@ -196,10 +196,10 @@ def _rigid(outputs: Outputs) -> None:
 def _deformable(outputs: Outputs) -> None:
     """Solve the reduced-layer case by statics and compare it with rigid blocks."""
     from validation.calls import compare
-    from validation.comparison.report import print_comparison
-    from validation.comparison.scene import compared_runs
     from validation.output.pictures.tubes import draw_sections, draw_stresses
     from validation.scene.read import load_scene, require_deformable
+    from validation.study.comparison.report import print_comparison
+    from validation.study.comparison.scene import compared_runs
 
     outputs.console.print(
         "The same tube with two layers, rigid blocks and deformable ones (static, refined until "

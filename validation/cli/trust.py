@@ -65,9 +65,9 @@ def effects(
 
     Adds one effect at a time to the reference run of a tube.
     """
-    from validation.effects import report
-    from validation.effects.costs import effect_costs
     from validation.scene.read import load_scene, require_deformable
+    from validation.study.effects import report
+    from validation.study.effects.costs import effect_costs
 
     file = load_scene(scene, settings or ())
     checked = require_deformable(file, "effects")
@@ -91,10 +91,10 @@ def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption =
     The reference is the full tube.
     """
     from validation.build.deformable import fem_section
-    from validation.effects.cell import cell_error, cell_table
     from validation.output.console import status
     from validation.output.outputs import Outputs
     from validation.scene.read import load_scene, require_deformable
+    from validation.study.effects.cell import cell_error, cell_table
 
     file = load_scene(scene, settings or ())
     checked = require_deformable(file, "cell")

@@ -13,12 +13,12 @@ import numpy as np
 from fem.problem.recovery import recover
 from geometry.measures import between_layers
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from validation.comparison.agreement import effective_region
 from validation.paper.claims.claim import Claims, Truth, Verdict, judged
 from validation.paper.evidence import Evidence
 from validation.run.deformable import DeformableRun
 from validation.run.rigid.answer import RigidRun
 from validation.scene.read import TubeScene
+from validation.study.comparison.agreement import effective_region
 
 FEM_CLAIMS = Claims()
 

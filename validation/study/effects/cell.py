@@ -11,11 +11,11 @@ from rich.table import Table
 from fem.solution import Solution
 from geometry.mesh import FloatArray
 from validation.build.cell import check_cell
-from validation.effects.probe import Answer, answer_of, change, mesh_words, probe_scene
 from validation.output.console import listing
 from validation.run.solve import run_static
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
+from validation.study.effects.probe import Answer, answer_of, change, mesh_words, probe_scene
 
 #: Fineness of the mesh on which a run measures the error of its cell: with the coarsest mesh it
 #: would find a fraction of it.

@@ -18,7 +18,9 @@ import numpy as np
 from fem.accuracy.errors import error_bar
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
-from validation.costs.analysis import (
+from validation.errors import InputError
+from validation.scene.family import AssemblyScene
+from validation.study.costs.analysis import (
     Extrapolated,
     Point,
     cheapest,
@@ -28,12 +30,10 @@ from validation.costs.analysis import (
     pareto_front,
     richardson,
 )
-from validation.costs.measure import measure, warm_up
-from validation.costs.plan import QUANTITIES, CostPlan, Judge
-from validation.costs.settings import CostSetting
-from validation.costs.store import CostStore, measurement_key
-from validation.errors import InputError
-from validation.scene.family import AssemblyScene
+from validation.study.costs.measure import measure, warm_up
+from validation.study.costs.plan import QUANTITIES, CostPlan, Judge
+from validation.study.costs.settings import CostSetting
+from validation.study.costs.store import CostStore, measurement_key
 
 #: Factor by which an error falls at least from one rung, or one degree, to the next.
 _HALVED = 2.0

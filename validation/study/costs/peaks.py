@@ -1,10 +1,9 @@
 """`tubelock peaks`: observed orders of curved elements, and what a cap on the contact law changes.
 
 Two layers of TSB1 pipe. Orders: each degree on meshes with one, two and more times as many
-elements along every edge, graded alike; errors against values of much finer meshes
-(`validation.costs.references`). Where an error is no larger than the reference's own, no order is
-told. Cap: one mesh, the law of the text and the same law with a maximum stiffness, which is another
-law above a pressure.
+elements along every edge, graded alike; errors against values of much finer meshes (`references`).
+Where an error is no larger than the reference's own, no order is told. Cap: one mesh, the law of
+the text and the same law with a maximum stiffness, which is another law above a pressure.
 """
 
 from __future__ import annotations
@@ -19,9 +18,9 @@ from fem.accuracy.converge import Solved, climbed
 from fem.accuracy.ladder import LADDER, Rung
 from fem.assembly.statement import Problem
 from validation.build.deformable import scene_problem
-from validation.costs.references import Reference, references
 from validation.output.console import listing, tabled
 from validation.scene.read import DeformableScene, load_scene
+from validation.study.costs.references import Reference, references
 from validation.study.study import UNITS
 
 NAME = "tsb1-pipe"

@@ -17,9 +17,11 @@ from fem.static.contact_forces import grid_blocks
 from mbd.options import Norm
 from validation.build.cell import refuse_cell
 from validation.build.deformable import fem_section, scene_problem
-from validation.comparison.calculix import calculix_version
-from validation.costs.measure import SCALARS
-from validation.costs.settings import (
+from validation.errors import InputError
+from validation.scene.family import AssemblyScene
+from validation.study.comparison.calculix import calculix_version
+from validation.study.costs.measure import SCALARS
+from validation.study.costs.settings import (
     ELEMENT_NAMES,
     BaseMesh,
     CostSetting,
@@ -33,8 +35,6 @@ from validation.costs.settings import (
     static_setting,
     variants,
 )
-from validation.errors import InputError
-from validation.scene.family import AssemblyScene
 
 #: What errors are measured in: the scalars, and the pressure field in L2.
 QUANTITIES = (*SCALARS, "pressure_l2")

@@ -16,7 +16,11 @@ from typing import Any
 from fem.static.linear_step.condensed import FlexibilityStore
 from geometry.errors import RefusedError
 from validation.build.deformable import fem_section
-from validation.effects.probe import (
+from validation.errors import InputError
+from validation.scene.deformable import AutoSection, Damping, EffectName, Method
+from validation.scene.family import AssemblyScene
+from validation.scene.read import DeformableScene
+from validation.study.effects.probe import (
     Change,
     Solved,
     change,
@@ -25,10 +29,6 @@ from validation.effects.probe import (
     probe_scene,
     solve_probe,
 )
-from validation.errors import InputError
-from validation.scene.deformable import AutoSection, Damping, EffectName, Method
-from validation.scene.family import AssemblyScene
-from validation.scene.read import DeformableScene
 
 #: Effects that are on or off, without a value.
 _SWITCHES = (EffectName.ELASTIC_FRAME, EffectName.FINITE_ROTATION, EffectName.FINITE_SLIDING)

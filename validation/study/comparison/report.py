@@ -12,7 +12,6 @@ from rich.console import Console, RenderableType
 
 from geometry.answer import Answer, Measure
 from geometry.mesh import FloatArray, IntArray
-from validation.comparison.answers import ComparedAnswers, shared_facets
 from validation.errors import InputError
 from validation.output.console import listing, plain_console, tabled
 from validation.output.pictures.assemblies import ring_panel, unrolled_panel
@@ -20,6 +19,7 @@ from validation.output.pictures.bodies import PressedFacets, above_and_below, ey
 from validation.output.pictures.canvas import Part
 from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import PRESSURE_MAP, STRESS_MAP, Scale, scale_from_zero
+from validation.study.comparison.answers import ComparedAnswers, shared_facets
 
 #: Columns of the two tables, a line each.
 _COLUMNS = """p_eff: mean pressure on the effective facets of a block, mean over blocks

@@ -30,7 +30,7 @@ class Reference:
 
 def references() -> dict[str, dict[str, Reference]]:
     """All references: quantities by scene, ``"tsb1-pipe, assembly.layers = 2"``."""
-    text = files("validation.costs").joinpath("references.toml").read_text("utf-8")
+    text = files("validation.study.costs").joinpath("references.toml").read_text("utf-8")
     return {
         scene: {quantity: Reference(**entry) for quantity, entry in entries.items()}
         for scene, entries in tomllib.loads(text).items()

@@ -17,9 +17,9 @@ import numpy as np
 from geometry.answer import TITLES, Answer, Array
 from geometry.measures import facets_between
 from geometry.mesh import FloatArray, IntArray
-from validation.comparison.agreement import PressureAgreement, agreement
-from validation.comparison.decomposition import Step, decompose, is_refined
 from validation.errors import InputError
+from validation.study.comparison.agreement import PressureAgreement, agreement
+from validation.study.comparison.decomposition import Step, decompose, is_refined
 
 #: What each answer is.
 _WORDS = {

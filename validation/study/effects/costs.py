@@ -23,7 +23,6 @@ from fem.explicit.step import System, step
 from fem.problem.time_step import critical_time_step
 from validation.build.cell import refuse_cell
 from validation.build.deformable import build_deformable, fem_section
-from validation.effects.probe import Answer, answer_of, change
 from validation.errors import InputError
 from validation.run.solve import run_explicit, scene_statement
 from validation.scene.deformable import (
@@ -35,6 +34,7 @@ from validation.scene.deformable import (
     RayleighSection,
 )
 from validation.scene.read import DeformableScene
+from validation.study.effects.probe import Answer, answer_of, change
 
 #: Steps of one timing, after as many for warming up; and rounds of which the least counts.
 TIMED_STEPS = 60

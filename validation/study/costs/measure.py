@@ -19,9 +19,6 @@ from geometry.families.sine_block import SineBlockDivisions
 from geometry.mesh import FloatArray
 from validation.build.blocks import build_assembly, build_scene
 from validation.build.deformable import build_deformable, scene_problem
-from validation.costs.calculix import MethodAnswer, solve_by_calculix
-from validation.costs.partition import PARTITION_LEVEL, partition_pressures
-from validation.costs.settings import BaseMesh, CostSetting, with_setting
 from validation.errors import InputError
 from validation.output.provenance import processor
 from validation.run.deformable import DeformableRun
@@ -29,6 +26,9 @@ from validation.run.rigid.answer import analyse_rigid
 from validation.run.solve import run_explicit, run_static, scene_statement
 from validation.scene.family import AssemblyScene
 from validation.scene.read import SceneFile
+from validation.study.costs.calculix import MethodAnswer, solve_by_calculix
+from validation.study.costs.partition import PARTITION_LEVEL, partition_pressures
+from validation.study.costs.settings import BaseMesh, CostSetting, with_setting
 
 #: Scalars that are measured.
 SCALARS = ("p_max_point", "p_eff", "sigma_1_averaged", "max_displacement")

@@ -10,9 +10,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from validation.costs.settings import BaseMesh, CostSetting
 from validation.output.store import Layout, Store, content_key
 from validation.scene.family import AssemblyScene
+from validation.study.costs.settings import BaseMesh, CostSetting
 
 #: What a measurement holds; another number where it holds other things than before.
 _CONTENT = 3

@@ -23,10 +23,10 @@ from geometry.measures import block_measures
 from geometry.mesh import FloatArray, IntArray
 from validation.build.deck import build_deck
 from validation.build.materials import count_materials
-from validation.comparison.calculix import CalculixError, CalculixResult, run_calculix
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
 from validation.scene.read import SceneFile
+from validation.study.comparison.calculix import CalculixError, CalculixResult, run_calculix
 
 #: Wall time after which a run is given up [s].
 _TIMEOUT = 1800.0

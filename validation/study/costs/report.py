@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from validation.costs.measure import SCALARS
-from validation.costs.plan import QUANTITIES
-from validation.costs.study import TARGETS, CostStudy, Row, answer, percent
 from validation.output.console import listing
 from validation.output.pictures.gallery import save_figure, subplots, twos_and_fives
 from validation.output.pictures.scales import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
 from validation.output.provenance import Provenance
+from validation.study.costs.measure import SCALARS
+from validation.study.costs.plan import QUANTITIES
+from validation.study.costs.study import TARGETS, CostStudy, Row, answer, percent
 from validation.study.study import UNITS
 
 if TYPE_CHECKING:

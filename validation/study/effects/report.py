@@ -9,12 +9,12 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from validation.effects.auto import EffectsDecision, decide_effects
-from validation.effects.costs import TOLERANCE
 from validation.errors import InputError
 from validation.output.console import status, tabled
 from validation.scene.deformable import parse_share
 from validation.scene.read import DeformableScene
+from validation.study.effects.auto import EffectsDecision, decide_effects
+from validation.study.effects.costs import TOLERANCE
 
 #: Name of the figure.
 PICTURE = "effects.png"
