@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 
 from fem.accuracy.facets import pressures_on_facets
-from fem.accuracy.ladder import AT_EDGES, NEGLIGIBLE, Ladder, Rung, ladder_for, on_rung
+from fem.accuracy.ladder import (
+    AT_A_POINT,
+    AT_EDGES,
+    NEGLIGIBLE,
+    Ladder,
+    Rung,
+    ladder_for,
+    on_rung,
+)
 from fem.accuracy.one_mesh import static_solution
 from fem.accuracy.transfer import transferred
 from fem.assembly.statement import Problem
@@ -47,7 +55,7 @@ _SHAPE_WORK = 200.0
 LEAST_MESHES = 3
 #: Meshes without which there is no error bar.
 _FOR_BARS = 2
-#: A stress at an edge that changes by more than the first share of its value, and by more than the
+#: A value at an edge that changes by more than the first share of its value, and by more than the
 #: second one of the change before, grows.
 _GROWTH, _SLOWING = 0.05, 0.7
 #: Share of the machine's memory that flexibilities may take.
@@ -262,13 +270,14 @@ def default_options() -> StaticOptions:
 
 
 def growing(found: list[Mapping[str, Measure]]) -> dict[str, str]:
-    """Stresses at a point that have grown with the last refinements without slowing down."""
+    """Values at a point that have grown with the last refinements without slowing down."""
     remarks: dict[str, str] = {}
-    for name in AT_EDGES if len(found) > 3 else ():
+    for name in [n for n in AT_A_POINT if n in found[-1]] if len(found) > 3 else ():
         sizes = [abs(m[name].value) for m in found[-3:]]
         before, last = sizes[1] - sizes[0], sizes[2] - sizes[1]
         if last > _GROWTH * sizes[2] and last > _SLOWING * before > 0.0:
-            remarks[name] = "grows at this edge with every refinement: use the averaged value"
+            instead = "averaged value" if name in AT_EDGES else "largest mean pressure of a facet"
+            remarks[name] = f"grows at this edge with every refinement: use the {instead}"
     return remarks
 
 

@@ -1,11 +1,14 @@
 """Mean contact pressures over the facets of another mesh of the same blocks.
 
 Means over facets have the size of the facets in their definition: those of the paper are over the
-facets of a stated mesh, whatever elements were solved. Between the nine nodes of such a facet
-displacements are interpolated from the solution.
+facets of a stated mesh, whatever elements were solved. A facet is cut into equal parts that are no
+longer than the elements that were solved. On each part displacements are polynomials of the degree
+of these elements. Means over elements' own facets are therefore exactly those of the solver.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -22,8 +25,9 @@ from fem.element.facet import (
 )
 from fem.element.lagrange import lobatto_points
 from geometry.assembly import Assembly
-from geometry.charts import facet_elements, places_in
-from geometry.mesh import FloatArray, IntArray, grid_points
+from geometry.block import Block
+from geometry.charts import Charts, facet_elements, places_in
+from geometry.mesh import BoolArray, FloatArray, IntArray, grid_points
 from geometry.refinement import charts_as, charts_of
 
 
@@ -57,29 +61,72 @@ def pressures_on_facets(
     _, chosen, which = np.unique(
         np.stack(kinds, axis=1), axis=0, return_index=True, return_inverse=True
     )
-    degree = min(2, max(degree_of(shape.mesh) for shape in solved.assembly.shapes))
+    degree = max(degree_of(shape.mesh) for shape in solved.assembly.shapes)
     basis = BILINEAR if degree == 1 else lagrange_basis(degree)
+    at = _nodes_of_parts(_parts(facets, solved.assembly), degree)
+    n_parts = len(at) // len(basis.values[0])
     blocks = found.block_m[chosen], found.block_s[chosen]
     sides = zip(blocks, (found.quads_m[chosen], found.quads_s[chosen]), strict=True)
     state = solved, displacements, alike
-    (nodes_m, u_m), (nodes_s, u_s) = (_at_facets(facets, state, side, degree) for side in sides)
-    surfaces = _surfaces(solved, basis, blocks, (nodes_m, nodes_s))
+    shape = (len(chosen) * n_parts, -1, 3)
+    (nodes_m, u_m), (nodes_s, u_s) = (
+        tuple(values.reshape(shape) for values in _at_facets(facets, state, side, at))
+        for side in sides
+    )
+    of_parts = np.repeat(blocks[0], n_parts), np.repeat(blocks[1], n_parts)
+    surfaces = _surfaces(solved, basis, of_parts, (nodes_m, nodes_s))
     moved = np.concatenate([u_m, u_s], axis=1)
     overclosures = point_overclosures(surfaces, moved, solved.contact.normals)
-    pressures = facet_pressures(surfaces, solved.contact.law.pressure(overclosures))
+    parts = facet_pressures(surfaces, solved.contact.law.pressure(overclosures))
+    pressures = np.average(
+        parts.reshape(-1, n_parts), axis=1, weights=surfaces.areas.reshape(-1, n_parts)
+    )
     return pressures[np.asarray(which).ravel()]
+
+
+def _parts(facets: Assembly, solved: Assembly) -> int:
+    """Parts of each edge of a facet that are no longer than the elements that were solved.
+
+    By the number of elements in the directions in which contact facets extend.
+    """
+    ratios = [1.0]
+    for shape, meshed in zip(facets.shapes, solved.shapes, strict=True):
+        charts = charts_of(meshed)
+        stated = charts_as(shape, charts)
+        extends = _extent_of_facets(shape, stated)
+        ratios += (np.array(charts.counts) / np.array(stated.counts))[extends].tolist()
+    return math.ceil(max(ratios))
+
+
+def _extent_of_facets(shape: Block, charts: Charts) -> BoolArray:
+    """Whether any contact facet of a block extends in each direction of its charts, (3,)."""
+    quads = shape.contact_quads
+    if not len(quads):
+        return np.zeros(3, dtype=bool)
+    _, corners = facet_elements(shape.mesh, quads)
+    extends: BoolArray = (np.ptp(corners, axis=1) > 0.0).any(axis=0)
+    return extends[list(charts.natural)]
+
+
+def _nodes_of_parts(n: int, degree: int) -> FloatArray:
+    """Natural coordinates of the nodes of n by n equal parts of a facet, part by part, (m, 2)."""
+    line = lobatto_points(degree)
+    of_part = FACET_CORNERS if degree == 1 else grid_points(line, line)
+    centres = (2.0 * np.arange(n) + 1.0) / n - 1.0
+    return np.reshape(grid_points(centres, centres)[:, None] + of_part / n, (-1, 2))
 
 
 def _at_facets(
     facets: Assembly,
     state: tuple[DeformableAssembly, tuple[FloatArray, ...], IntArray],
     side: tuple[IntArray, IntArray],
-    degree: int,
+    at: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """World positions and displacements of the nodes of facets, (n_facets, n_nodes, 3) [mm]."""
+    """World positions and displacements at points of facets, (n_facets, n_points, 3) [mm].
+
+    The points have natural coordinates (n_points, 2).
+    """
     (solved, displacements, alike), (blocks, quads) = state, side
-    line = lobatto_points(degree)
-    at = FACET_CORNERS if degree == 1 else grid_points(line, line)
     positions = np.empty((len(quads), len(at), 3))
     moved = np.empty_like(positions)
     assembly = solved.assembly

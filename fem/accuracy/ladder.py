@@ -35,10 +35,12 @@ from geometry.refinement import charts_of, with_lines
 INTEGRALS = frozenset({"max_displacement", "p_eff", "sigma_1_averaged"})
 #: Stresses inside elements, which have their peaks at edges and no bound there in the limit.
 AT_EDGES = ("sigma_1_max", "sigma_3_min", "mises_max")
+#: All values at a point.
+AT_A_POINT = (*AT_EDGES, "p_max_point")
 #: Other values that a few elements decide.
 LOCAL = frozenset({"p_max_point", "sigma_1_averaged"})
-#: Least error bar of stresses at edges, over their value, before the mesh was refined there [-]:
-#: beyond `geometry.answer.WIDEST`, so that they are printed as not resolved.
+#: Least error bar over the value of stresses at edges before the mesh was refined there, and of
+#: what earlier meshes did not resolve [-]: beyond `geometry.answer.WIDEST`, so that they are printed as not resolved.
 _BEFORE_EDGES = 0.34
 #: Means over facets, whose errors fall fastest.
 OF_FACETS = frozenset({"p_eff", "p_max", "p_max_facet"})
@@ -101,7 +103,8 @@ class Ladder:
         over facets of `SHARED_OF_FACETS`: one that hardly changed while others did agrees by
         chance. Where the last rungs have equally many elements between the upper and lower faces,
         stresses at an edge have a bar of `_BEFORE_EDGES` of their value at least: nothing else
-        shows what the mesh hides there.
+        shows what the mesh hides there. So has a value that one of the last three rungs did not
+        resolve: its change from there is none of this value.
         """
         last, before = found[-1], found[-2]
         bars = {
@@ -113,6 +116,8 @@ class Ladder:
         least |= dict.fromkeys(OF_FACETS, SHARED_OF_FACETS * change)
         if len({rung.upward for rung in self.rungs[max(0, len(found) - 3) : len(found)]}) == 1:
             least |= dict.fromkeys(AT_EDGES, _BEFORE_EDGES)
+        hidden = {name for of in found[-3:] for name, m in of.items() if not m.resolved}
+        least |= dict.fromkeys(hidden, _BEFORE_EDGES)
         for name in least.keys() & last.keys():
             bars[name] = max(bars[name], least[name] * abs(last[name].value))
         return bars
