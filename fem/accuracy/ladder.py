@@ -40,7 +40,8 @@ AT_A_POINT = (*AT_EDGES, "p_max_point")
 #: Other values that a few elements decide.
 LOCAL = frozenset({"p_max_point", "sigma_1_averaged"})
 #: Least error bar over the value of stresses at edges before the mesh was refined there, and of
-#: what earlier meshes did not resolve [-]: beyond `geometry.answer.WIDEST`, so that they are printed as not resolved.
+#: what earlier meshes did not resolve [-]: beyond `geometry.answer.WIDEST`, so that they are
+#: printed as not resolved.
 _BEFORE_EDGES = 0.34
 #: Means over facets, whose errors fall fastest.
 OF_FACETS = frozenset({"p_eff", "p_max", "p_max_facet"})

@@ -56,7 +56,7 @@ def solved(case: Case) -> dict[str, Any]:
 
 def reference_mesh(case: Case, n: int) -> Rung:
     """Mesh of the reference, beyond the n meshes that were solved: none judges itself."""
-    if case.finer == FINER or (case.finer == FOURTH and n < 4):
+    if case.finer not in (FOURTH, FIFTH) or (case.finer == FOURTH and n < 4):
         return case.finer
     return FIFTH if FIFTH not in DEFAULT.rungs[:n] else FINER
 

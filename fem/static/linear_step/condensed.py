@@ -206,8 +206,8 @@ class CondensedStep:
         stiffness = condensed.stiffness
         rigid = block_motions(group, retained)
         if len(held):
-            axes = self._transform[dofs][:, dofs].toarray()
-            stiffness = axes.T @ stiffness @ axes
+            axes = csr_array(self._transform[dofs][:, dofs])
+            stiffness = axes.T @ (axes.T @ stiffness.T).T
             rigid = axes.T @ rigid
         is_free = self._is_free[dofs]
         free = np.flatnonzero(is_free)
