@@ -196,7 +196,9 @@ def _quasi_static_report(solution: Solution) -> dict[str, Any]:
     stated, report = solution.statement, solution.quasi_static
     if stated is None or stated.recommended is None or report is None:
         return {}
+    meets = solution.deformable.meets
     return {
+        "loose_blocks": solution.loose_blocks.tolist() if meets else [],
         "counted_pressure": stated.counted_pressure,
         "released_at_start": solution.released_at_start,
         "quasi_static": asdict(report),

@@ -17,6 +17,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from geometry.answer import is_round
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.errors import RefusedError
 from geometry.mesh import (
@@ -390,13 +391,20 @@ class NamedLoad:
         Raises
         ------
         LoadCaseError
-            For a non-finite pressure, a layer that does not exist, blocks without the face.
+            For a non-finite pressure, a layer that does not exist, blocks without the face, a
+            traction round an axis of blocks that stand in no ring.
         """
         check_finite(pressure)
         chosen = loaded_layer(assembly) if layer is None else layer
         if not 1 <= chosen <= assembly.n_layers:
             raise LoadCaseError(
                 f"load.layer: got {chosen}, expected a free layer from 1 to {assembly.n_layers}"
+            )
+        if self.acts is CircumferentialLoad and not is_round(assembly):
+            others = ", ".join(case.name for case in CASES.values() if case.acts is not self.acts)
+            raise LoadCaseError(
+                f"load.case: got {self.name}, a traction round the axis of a tube, and "
+                f"{assembly.name} has none: its blocks stand in no ring; expected one of {others}"
             )
         load = self.acts(self.blocks(assembly, chosen), self.face, pressure)
         fixed = assembly.fixed.copy()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fem import Problem, concrete
-from fem.accuracy.converge import LEAST_MESHES, MOST_WORK, TARGETS, converge, is_reached
+from fem.accuracy.converge import LEAST_MESHES, MOST_WORK, TARGETS, converge, growing, is_reached
 from fem.accuracy.errors import ALTERNATING, SAFETY, Falls, falling_bar
 from fem.accuracy.ladder import LADDER, PRESSURES, coarser, on_mesh, split
 from fem.accuracy.statics import solve_static
@@ -144,3 +144,21 @@ def test_coarser_meshes_keep_the_waves_of_the_faces_that_meet() -> None:
     assert found is not None
     heights = [np.ptp(p.blocks.shapes[0].mesh.nodes[:, 2]) for p in (problem, found)]
     assert heights[1] > 0.9 * heights[0]
+
+
+def test_a_value_that_an_earlier_mesh_did_not_resolve_is_no_number_yet() -> None:
+    """A pressure at an integration point, then two values at the edge: one agreement alone."""
+    values = (36.3, 52.3, 49.5, 49.6, 49.7)
+    found = [
+        {"p_max_point": Measure(value, "MPa", resolved=k > 0)} for k, value in enumerate(values)
+    ]
+    assert PRESSURES.error_bars(found[:3])["p_max_point"] > WIDEST * 49.5
+    assert PRESSURES.error_bars(found[:4])["p_max_point"] < WIDEST * 49.6
+
+
+def test_a_pressure_that_grows_at_an_edge_is_no_number() -> None:
+    growing_ones = [{"p_max_point": Measure(v, "MPa")} for v in (1.0, 1.3, 1.65, 2.05)]
+    (remark,) = growing(growing_ones).values()
+    assert "use the largest mean pressure of a facet" in remark
+    slowing = [{"p_max_point": Measure(v, "MPa")} for v in (1.0, 1.3, 1.45, 1.5)]
+    assert not growing(slowing)

@@ -255,6 +255,14 @@ def test_no_layers_and_missing_layers_are_refused(small_tube: Assembly) -> None:
         load_case(small_tube, "pipes", 0.01)
 
 
+def test_a_wall_has_no_axis_for_a_traction_to_go_round() -> None:
+    block = WallBlock(160.0, 50.0, 150.0, 12.0)
+    wall = planar_sine_wall(block, 1.0, 0.5, (8, 2, 4), columns=2, layers=2)
+    with pytest.raises(LoadCaseError, match=r"got shaft, .* blocks stand in no ring; expected one"):
+        load_case(wall, "shaft", 0.01)
+    assert len(load_case(wall, "tunnel", 0.01).facet_forces)
+
+
 @pytest.mark.parametrize("grading", [0.5, 1.0, 8.0])
 def test_graded_walls_conform_nest_and_keep_the_volume(grading: float) -> None:
     coarse = SineBlockDivisions(12, 3, 4, radial_grading=grading)

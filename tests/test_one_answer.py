@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 
 from fem import Problem, StaticOptions, concrete, solve_static
 from fem.accuracy.facets import pressures_on_facets
-from fem.accuracy.ladder import coarser, on_mesh
+from fem.accuracy.ladder import coarser, on_mesh, split
 from fem.accuracy.transfer import interpolation, node_places, transferred
 from fem.assembly.symmetry import largest_cyclic_orbits, with_half_turn
 from fem.element.lagrange_mesh import with_degree
@@ -279,14 +280,34 @@ def test_a_block_meshed_anew_keeps_its_volume(name: str, sizes: tuple[list[float
         assert len(anew.faces[face]) > 0 or not len(quads)
 
 
-@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("degree", [1, 2, 4])
 def test_means_over_the_facets_of_its_own_mesh_are_those_of_the_run(degree: int) -> None:
-    """Nine nodes of a facet of degree two are those of its elements, and four of degree one."""
+    """On a facet the polynomials are those of its elements, whatever their degree."""
     problem = replace(PROBLEMS["tunnel"], degree=degree)
     found = solve_static(problem, mesh="scene", error_bars=False).details
     state = found.contact_state
     means = pressures_on_facets(problem.blocks, found.deformable, found.group_displacements)
     np.testing.assert_allclose(means[state.interface], state.pressures, rtol=1e-9)
+
+
+def test_facets_larger_than_elements_carry_what_the_elements_carry() -> None:
+    """Each hexahedron is cut into 27: a facet's mean is that of the nine facets on it.
+
+    Facets and parts have the same bilinear shape and the same points of integration.
+    """
+    fine = split(PROBLEMS["wall"], 3, 2)
+    found = solve_static(fine, mesh="scene", error_bars=False).details
+    state, blocks = found.contact_state, PROBLEMS["wall"].blocks
+    hexahedra = replace(
+        blocks, shapes=tuple(replace(shape, charts=None) for shape in blocks.shapes)
+    )
+    means = pressures_on_facets(hexahedra, found.deformable, found.group_displacements)
+    joints, forces = blocks.interfaces, state.pressures * state.areas
+    for start, end in pairwise(joints.pair_start.tolist()):
+        m, s = joints.block_m[start], joints.block_s[start]
+        carried = forces[(state.block_m == m) & (state.block_s == s)].sum()
+        # Areas by one point and by nine differ by the square of the slope across a facet.
+        assert (means * joints.areas)[start:end].sum() == pytest.approx(carried, rel=2e-3, abs=1e-9)
 
 
 def test_a_state_on_its_own_mesh_is_itself() -> None:

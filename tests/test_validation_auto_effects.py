@@ -164,6 +164,26 @@ def test_what_is_kept_stays_and_what_is_left_out_leaves_no_bit() -> None:
         np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.parametrize("case", ["tsb1-shaft", "thb0-tunnel", "planar-sine"])
+def test_probes_take_a_third_of_the_answer_at_most(case: str) -> None:
+    """By unknowns times linear problems of the probe, over those of the answer's first meshes."""
+    layers = () if case == "planar-sine" else ("assembly.layers=1",)
+    _, found = decide_effects(scene_of(*layers, "effects.auto=0.01", case=case), "scene")
+    assert 0.0 < found.share_of_answer <= 1.0 / 3.0
+    assert of(found, EffectName.FINITE_ROTATION)[1] is not None
+
+
+def test_what_is_too_dear_to_probe_stays_as_written() -> None:
+    """An answer on one mesh that is as coarse as the probe takes no more than a probe."""
+    weight = "effects.gravity=[0,0,-9806.65]"
+    scene = scene_of(*COARSE, weight, "fem.mesh=scene", "effects.auto=0.01")
+    decided, found = decide_effects(scene, "tube")
+    assert found.share_of_answer <= 1.0 / 3.0
+    assert decided.effects.gravity == scene.effects.gravity
+    assert not decided.effects.finite_rotation
+    assert "more than a third of the work of the answer" in found.words
+
+
 def test_effects_can_be_written_as_auto() -> None:
     # Only what is written so is decided; its value stays where it is.
     friction = "effects.friction={coefficient=0.2,when='auto'}"
@@ -230,7 +250,7 @@ def test_command_line_prints_and_writes_the_decision(
 ) -> None:
     path = tmp_path / "run.json"
     once = ("fem.mesh=scene", "fem.error_estimate=false", "effects.friction.coefficient=0.5")
-    settings = [f"--set={s}" for s in [*COARSE, *once]]
+    settings = [f"--set={s}" for s in [*MESH, *once]]
     command = ["fem", "tsb1-pipe", *settings, "--auto", "2%", "--json", str(path)]
     app(command, standalone_mode=False)
     data = json.loads(path.read_text())["effects_decision"]

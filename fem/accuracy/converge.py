@@ -29,6 +29,7 @@ from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
 from geometry.answer import ALIASES, TITLES, Measure
 from geometry.assembly import Assembly
+from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from geometry.refinement import charts_of
@@ -49,8 +50,8 @@ MOST_WORK = 6e11
 _GENERAL_WORK, _FRICTION_WORK = 12 * 6**3, 1000
 #: Where the second mesh takes this many times the work, none is solved: an error bar needs two.
 FAR_BEYOND = 20.0
-#: Of a shape without a grid, for the square of its unknowns.
-_SHAPE_WORK = 200.0
+#: Of a shape without a grid, or whose copies are held at a face, for the square of its unknowns.
+_SHAPE_WORK = 600.0
 #: Meshes before an error bar is believed: one agreement of two is no convergence.
 LEAST_MESHES = 3
 #: Meshes without which there is no error bar.
@@ -426,18 +427,29 @@ def _points(stated: Problem, symmetry: int) -> FloatArray:
 def work(stated: Problem, symmetry: int) -> float:
     """Sum of the cubes of the contact points of each layer of a sector: what a mesh costs.
 
-    Shapes without a grid are condensed by a factorisation that costs about the square of their
-    unknowns.
+    Shapes without a grid, and all shapes where faces are held, are condensed by a factorisation
+    that costs about the square of their unknowns: once for each way of being held.
     """
     points, friction = _points(stated, symmetry), stated.friction is not None
-    of_shapes = 0.0
-    free = {int(k) for k in stated.blocks.shape_of[~stated.blocks.fixed]}
-    for shape in (stated.blocks.shapes[k] for k in free):
-        if shape.charts is None:
-            of_shapes += _SHAPE_WORK * (3.0 * shape.mesh.n_elements * stated.degree**3) ** 2
+    of_shapes = sum(
+        _SHAPE_WORK * (3.0 * shape.mesh.n_elements * stated.degree**3) ** 2
+        for shape in _condensed_shapes(stated)
+    )
     if stated.deformable.contact.finite_sliding:
         return searched_work(points, friction=friction) + of_shapes
     return float((points**3).sum()) * (_FRICTION_WORK if friction else 1) + of_shapes
+
+
+def _condensed_shapes(stated: Problem) -> list[Block]:
+    """Shapes that are condensed as a whole, each for every way in which its copies are held."""
+    deformable, supports = stated.deformable, stated.deformable.model.supports
+    ways = set()
+    for block in deformable.deformable_blocks.tolist():
+        group, copy = int(deformable.group_of[block]), int(deformable.copy_of[block])
+        held = tuple(k for k, s in enumerate(supports) if s.group == group and copy in s.copies)
+        ways.add((int(stated.blocks.shape_of[block]), held))
+    shapes = [stated.blocks.shapes[number] for number, _ in sorted(ways)]
+    return [shape for shape in shapes if supports or shape.charts is None]
 
 
 def _beyond(

@@ -34,11 +34,13 @@ def solve_static_with_rotation(
     deformable: DeformableAssembly,
     options: StaticOptions | None = None,
     *,
+    start: StaticResult | None = None,
     store: FlexibilityStore | None = None,
 ) -> StaticResult:
     """Find the static state of an assembly whose blocks may turn.
 
-    Arguments are those of `fem.static.solve.solve_static`.
+    Arguments are those of `fem.static.solve.solve_static`; ``start`` may be the state without
+    rotation.
 
     Returns
     -------
@@ -63,7 +65,7 @@ def solve_static_with_rotation(
     model = deformable.model
     size = float(np.sqrt(sum((forces**2).sum() for forces in local_forces(deformable))))
     exact = replace(options, tolerance=_ROUND * options.tolerance)
-    result = solve_static(deformable, exact, store=store)
+    result = solve_static(deformable, exact, start=start, store=store)
     residuals = list(result.residuals)
     before: FloatArray | None = None
     added: tuple[NodalLoad, ...] = ()

@@ -3,7 +3,8 @@
 The rule is that of `tubelock effects`: an effect is added to the scene without any, and matters if
 p_max, p_eff or the largest displacement change by more than the tolerance. The scene is solved as a
 static problem on a coarse mesh. Effects that are left out change no more than the tolerance
-together, as the sum of their changes. The decision is part of the result.
+together, as the sum of their changes. Probes take a third of the work of the answer at most
+(`validation.study.effects.limit`); beyond it effects stay as written. The decision is part of the result.
 """
 
 from __future__ import annotations
@@ -14,20 +15,24 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
-from validation.build.deformable import fem_section
+from validation.build.deformable import fem_section, scene_problem
 from validation.errors import InputError
 from validation.scene.deformable import AutoSection, Damping, EffectName, Method
 from validation.scene.family import AssemblyScene
 from validation.scene.read import DeformableScene
+from validation.study.effects.limit import SHARE, most_probing, unknowns
 from validation.study.effects.probe import (
     Change,
     Solved,
+    UnsolvedError,
     change,
     largest_slip_share,
     mesh_words,
     probe_scene,
     solve_probe,
+    without_motion,
 )
 
 #: Effects that are on or off, without a value.
@@ -74,6 +79,9 @@ class EffectsDecision:
     """What was solved."""
     cpu_seconds: float
     """Of all probes [s]."""
+    share_of_answer: float
+    """Work of all probes over the least work of the answer (`validation.study.effects.limit`) [-]; 0 of
+    an explicit run."""
 
     @property
     def left_out(self) -> tuple[EffectName, ...]:
@@ -205,6 +213,7 @@ def decide_effects(
         as_written=tuple(e for e in EffectName if e not in names and has_effect(plain, e)),
         probe=f"static, {mesh_words(probe.scene)}",
         cpu_seconds=time.process_time() - start,
+        share_of_answer=probe.share,
     )
 
 
@@ -222,6 +231,14 @@ def _together(found: list[Decision], tolerance: float) -> tuple[Decision, ...]:
     return tuple(decided.get(d.effect, d) for d in found)
 
 
+#: Why an effect is not decided.
+_TOO_DEAR = "as written: to probe it takes more than a third of the work of the answer"
+
+
+class _TooDearError(InputError):
+    """A probe that takes too much work beside the answer."""
+
+
 class _Probe:
     """A scene without the effects to decide, solved once, and once more with each of them."""
 
@@ -237,21 +254,49 @@ class _Probe:
         self.scene = probe_scene(scene, name)
         self._needed: tuple[EffectName, ...] = ()
         solved = [e for e in names if e not in _DAMPING]
+        self.work, self._limit = 0.0, most_probing(scene, name) if solved else 0.0
+        self._each = unknowns(scene_problem(without_motion(self.scene), name)) if solved else 1.0
         self._base = self._solved(solved) if solved else None
 
-    def _solved(self, names: list[EffectName]) -> Solved:
-        """Solve without effects; those that have a value stay where there is no solution."""
+    @property
+    def share(self) -> float:
+        """Work of the probes over that of the answer, at least."""
+        return SHARE * self.work / self._limit if self._limit else 0.0
+
+    def _run(self, scene: DeformableScene, start: Solved | None = None) -> Solved:
+        """Solve a probe within the work that is left."""
+        usual = StaticOptions.max_iterations
+        allowed = int(min((self._limit - self.work) / self._each, usual))
+        if allowed < 1:
+            raise _TooDearError(_TOO_DEAR)
+        try:
+            found = solve_probe(scene, self._name, self._store, start=start, max_iterations=allowed)
+        except UnsolvedError:
+            self.work += allowed * self._each
+            if allowed < usual:
+                raise _TooDearError(_TOO_DEAR) from None
+            raise
+        self.work += found.result.newton_iterations * self._each
+        return found
+
+    def _solved(self, names: list[EffectName]) -> Solved | None:
+        """Solve without effects; those that have a value stay where there is no solution.
+
+        None where this takes too much work.
+        """
         self._told("none of the effects")
         written = [e for e in names if has_effect(self.scene, e)]
         bare = self.scene
         for effect in written:
             bare = without_effect(bare, effect)
         try:
-            found = solve_probe(bare, self._name, self._store)
+            found = self._run(bare)
+        except _TooDearError:
+            return None
         except RefusedError:
             if not written:
                 raise
-            found = solve_probe(self.scene, self._name, self._store)
+            found = self._run(self.scene)
             self._needed = tuple(written)
             return found
         self.scene = bare
@@ -265,19 +310,30 @@ class _Probe:
             return Decision(effect, setting, True, None, reason)
         if effect in _DAMPING:
             return self._damping(effect, setting)
-        assert self._base is not None
+        if self._base is None:
+            return self._as_written(effect, setting)
+        return self._probed(effect, setting, self._base)
+
+    def _probed(self, effect: EffectName, setting: str, base: Solved) -> Decision:
+        """What adding an effect to a probe without it changes."""
         if effect is EffectName.FINITE_SLIDING:
-            slip, share = largest_slip_share(self._base, self._full, self.scene)
+            slip, share = largest_slip_share(base, self._full, self.scene)
             words = f"surfaces slip by {slip:.2g} mm at most, {100 * share:.2g} % of a facet"
             return Decision(effect, setting, True, Change(share, share, share), words)
         self._told(str(effect))
         try:
-            found = solve_probe(self._with(effect), self._name, self._store)
+            found = self._run(self._with(effect), base)
+        except _TooDearError:
+            return self._as_written(effect, setting)
         except RefusedError as error:
             possible = effect is not EffectName.ELASTIC_FRAME
             reason = f"{'no probe' if possible else 'not possible here'}: {error}"
             return Decision(effect, setting, possible, None, reason)
-        return Decision(effect, setting, True, change(self._base.answer, found.answer), "probe")
+        return Decision(effect, setting, True, change(base.answer, found.answer), "probe")
+
+    def _as_written(self, effect: EffectName, setting: str) -> Decision:
+        """No decision: the effect stays as the scene has it."""
+        return Decision(effect, setting, has_effect(self._full, effect), None, _TOO_DEAR)
 
     def _with(self, effect: EffectName) -> DeformableScene:
         """The probe with an effect of the scene."""

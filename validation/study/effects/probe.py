@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -95,25 +95,46 @@ class Solved:
         return Answer(found.p_max, found.p_eff, self.result.max_displacement)
 
 
-def solve_probe(scene: DeformableScene, name: str, store: FlexibilityStore | None = None) -> Solved:
+class UnsolvedError(InputError):
+    """A probe without a static state."""
+
+
+def solve_probe(
+    scene: DeformableScene,
+    name: str,
+    store: FlexibilityStore | None = None,
+    *,
+    start: Solved | None = None,
+    max_iterations: int = StaticOptions.max_iterations,
+) -> Solved:
     """Static state of a probe; probes that share a store condense the same blocks once.
+
+    Finite rotation begins at ``start``, the same blocks without it. A load step takes no more than
+    ``max_iterations``.
 
     Raises
     ------
-    InputError
+    UnsolvedError
         When it has none.
+    InputError
+        A probe that cannot be built.
     """
     deformable = build_deformable(without_motion(scene), name)
     options = StaticOptions(
-        symmetry=1 if scene.fem.symmetry == "none" else None, tolerance=_TOLERANCE
+        symmetry=1 if scene.fem.symmetry == "none" else None,
+        tolerance=_TOLERANCE,
+        max_iterations=max_iterations,
     )
-    solve = solve_static_with_rotation if scene.effects.finite_rotation else solve_static
     try:
-        result = solve(deformable, options, store=store)
+        if scene.effects.finite_rotation:
+            near = None if start is None else replace(start.result, deformable=deformable)
+            result = solve_static_with_rotation(deformable, options, start=near, store=store)
+        else:
+            result = solve_static(deformable, options, store=store)
     except RefusedError as error:
-        raise InputError(_unsolved(name, str(error))) from None
+        raise UnsolvedError(_unsolved(name, str(error))) from None
     if not result.converged:
-        raise InputError(_unsolved(name, result.status))
+        raise UnsolvedError(_unsolved(name, result.status))
     return Solved(deformable, result)
 
 
