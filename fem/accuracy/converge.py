@@ -447,8 +447,8 @@ def _condensed_shapes(stated: Problem) -> list[Block]:
     for block in deformable.deformable_blocks.tolist():
         group, copy = int(deformable.group_of[block]), int(deformable.copy_of[block])
         held = tuple(k for k, s in enumerate(supports) if s.group == group and copy in s.copies)
-        ways.add((int(stated.blocks.shape_of[block]), held))
-    shapes = [stated.blocks.shapes[number] for number, _ in sorted(ways)]
+        ways.add((int(stated.blocks.shape_of[block]), group, held))
+    shapes = [stated.blocks.shapes[number] for number, *_ in sorted(ways)]
     return [shape for shape in shapes if supports or shape.charts is None]
 
 
