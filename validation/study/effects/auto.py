@@ -4,7 +4,7 @@ The rule is that of `tubelock effects`: an effect is added to the scene without 
 p_max, p_eff or the largest displacement change by more than the tolerance. The scene is solved as a
 static problem on a coarse mesh. Effects that are left out change no more than the tolerance
 together, as the sum of their changes. Probes take a third of the work of the answer at most
-(`validation.study.effects.limit`); beyond it effects stay as written. The decision is part of the result.
+(`effects.limit`); beyond it effects stay as written. The decision is part of the result.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class EffectsDecision:
     cpu_seconds: float
     """Of all probes [s]."""
     share_of_answer: float
-    """Work of all probes over the least work of the answer (`validation.study.effects.limit`) [-]; 0 of
+    """Work of all probes over the least work of the answer (`effects.limit`) [-]; 0 of
     an explicit run."""
 
     @property
