@@ -27,7 +27,7 @@ from geometry.mesh import (
     QuadSurface,
     ReadOnlyArrays,
 )
-from geometry.regions import Where, check_region, listed, region_edges, region_quads
+from geometry.regions import Where, check_region, listed, local_nodes, region_edges, region_quads
 from geometry.supports import HeldFace
 
 
@@ -247,7 +247,7 @@ def _parts(assembly: Assembly, load: FaceLoad) -> Iterator[tuple[IntArray, QuadS
             yield copies, assembly.shapes[number].surface(load.face)
         return
     for block in load.blocks.tolist():
-        nodes = assembly.shape(block).mesh.nodes
+        nodes = local_nodes(assembly, block)
         yield np.array([block]), QuadSurface(nodes, region_quads(assembly, block, load.face))
 
 
@@ -293,8 +293,14 @@ def _loaded_edges(assembly: Assembly, load: LineLoad) -> LoadedEdges:
             f"load: no edge of the blocks {listed(load.blocks)} lies on the line from "
             f"{load.start.tolist()} to {load.end.tolist()}; expected an edge of the mesh"
         )
-    local = np.stack([corners[np.arange(len(of)), (begin + k) % 4] for k in range(2)], axis=1)
-    ends = np.stack([assembly.nodes(b)[pair] for b, pair in zip(of.tolist(), local, strict=True)])
+    sides = corners.shape[1]
+    local = np.stack([corners[np.arange(len(of)), (begin + k) % sides] for k in range(2)], axis=1)
+    ends = np.stack(
+        [
+            assembly.place(b, local_nodes(assembly, b)[pair])
+            for b, pair in zip(of.tolist(), local, strict=True)
+        ]
+    )
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     return LoadedEdges(
         of, corners, begin, ends.mean(axis=1), np.outer(lengths, load.force), load.force

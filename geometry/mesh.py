@@ -154,7 +154,10 @@ class HexMesh(ReadOnlyArrays):
 
 @dataclass(frozen=True)
 class QuadSurface(ReadOnlyArrays):
-    """Quadrilateral facets over a set of nodes; the facets may be warped (bilinear patches)."""
+    """Quadrilateral facets over a set of nodes; the facets may be warped (bilinear patches).
+
+    Triangles, three corners each, work as well.
+    """
 
     nodes: FloatArray
     """Coordinates, (n_nodes, 3) [mm]."""
@@ -180,7 +183,7 @@ class QuadSurface(ReadOnlyArrays):
         warp, so a uniform pressure on a closed surface has no resultant.
         """
         p = self.nodes[self.quads]
-        return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+        return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, -1] - p[:, 1])
 
     @cached_property
     def areas(self) -> FloatArray:

@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 
 from geometry.assembly import AnyBlocks
+from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays, boundary_quads
 
@@ -59,22 +60,26 @@ Where: TypeAlias = str | Plane | Box
 
 
 def region_quads(assembly: AnyBlocks, block: int, where: Where) -> IntArray:
-    """Facets of a block in a region, all corners of each inside; corner nodes, (n, 4)."""
-    shape = assembly.shape(block)
+    """Facets of a block in a region, all corners of each inside; corner nodes, (n, 4).
+
+    Of a triangulated block (n, 3).
+    """
     if isinstance(where, str):
-        named: IntArray = shape.faces[where]
+        named: IntArray = assembly.shape(block).faces[where]
         return named
-    quads = boundary_quads(shape.mesh)
+    quads = _facets(assembly, block)
     inside = where.has(_nodes(assembly, block), _tolerance(assembly))
     return quads[inside[quads].all(axis=1)]
 
 
 def region_nodes(assembly: AnyBlocks, block: int, where: Where) -> IntArray:
     """Surface nodes of a block in a region, those between corners too, ascending; (n,)."""
-    mesh = assembly.shape(block).mesh
+    shape = assembly.shape(block)
+    named = isinstance(where, str)
+    quads = region_quads(assembly, block, where) if named else _facets(assembly, block)
+    nodes = np.unique(shape.mesh.facet_nodes(quads) if isinstance(shape, Block) else quads)
     if isinstance(where, str):
-        return np.unique(mesh.facet_nodes(region_quads(assembly, block, where)))
-    nodes = np.unique(mesh.facet_nodes(boundary_quads(mesh)))
+        return nodes
     return nodes[where.has(_nodes(assembly, block)[nodes], _tolerance(assembly))]
 
 
@@ -84,7 +89,7 @@ def blocks_with(assembly: AnyBlocks, where: Where) -> IntArray:
         [
             block
             for block in range(assembly.n_blocks)
-            if not isinstance(where, str) or where in assembly.shape(block).faces
+            if not isinstance(where, str) or where in _names(assembly.shape(block))
             if len(region_nodes(assembly, block, where))
         ],
         dtype=np.int64,
@@ -103,7 +108,31 @@ def _tolerance(assembly: AnyBlocks) -> float:
 
 
 def _nodes(assembly: AnyBlocks, block: int) -> FloatArray:
-    return assembly.place(block, assembly.shape(block).mesh.nodes)
+    return assembly.place(block, local_nodes(assembly, block))
+
+
+def local_nodes(assembly: AnyBlocks, block: int) -> FloatArray:
+    """Nodes of a block, or its vertices, in its own frame, (n, 3) [mm]."""
+    shape = assembly.shape(block)
+    nodes: FloatArray = shape.mesh.nodes if isinstance(shape, Block) else shape.points
+    return nodes
+
+
+def region_points(assembly: AnyBlocks, block: int, where: Where) -> FloatArray:
+    """Surface nodes of a block in a region, world coordinates, (n, 3) [mm]."""
+    return _nodes(assembly, block)[region_nodes(assembly, block, where)]
+
+
+def _facets(assembly: AnyBlocks, block: int) -> IntArray:
+    """Corners of all facets of the surface of a block, (n, 4), or of its triangles, (n, 3)."""
+    shape = assembly.shape(block)
+    facets: IntArray = boundary_quads(shape.mesh) if isinstance(shape, Block) else shape.triangles
+    return facets
+
+
+def _names(shape: object) -> tuple[str, ...]:
+    """Names of the faces of a shape; triangulated ones have none."""
+    return tuple(shape.faces) if isinstance(shape, Block) else ()
 
 
 def region_edges(
@@ -122,7 +151,7 @@ def region_edges(
     along = (points - start) @ way
     away = np.linalg.norm(points - start - np.outer(along, way), axis=1)
     on = (away <= near) & (along >= -near) & (along <= length + near)
-    outer = boundary_quads(assembly.shape(block).mesh)
+    outer = _facets(assembly, block)
     pairs = np.stack([outer, np.roll(outer, -1, axis=1)], axis=2)
     facet, first = np.nonzero(on[pairs].all(axis=2))
     _, once = np.unique(np.sort(pairs[facet, first], axis=1), axis=0, return_index=True)
@@ -142,11 +171,12 @@ def check_region(
         return
     for number in np.unique(assembly.shape_of[blocks]):
         shape = assembly.shapes[number]
-        if where not in shape.faces:
+        if where not in _names(shape):
             block = blocks[assembly.shape_of[blocks] == number][0]
+            known = ", ".join(_names(shape))
             raise error(
                 f"{what}: block {block} ({shape.name}) has no face {where!r}; "
-                f"expected one of {', '.join(shape.faces)}"
+                + (f"expected one of {known}" if known else "expected a plane or a box")
             )
 
 

@@ -132,12 +132,12 @@ def rigid_result(
 
     _ = assembly.interfaces  # found once and kept: timed as a stage of its own
     lap("interfaces")
-    contacts = contact_jacobian(assembly, load.fixed)
+    contacts = contact_jacobian(assembly, load.fixed, load.held)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     lap("jacobian")
     supported = framed = classify(contacts.jacobian, force)
     if (load.fixed != assembly.fixed).any():
-        held = contact_jacobian(assembly)
+        held = contact_jacobian(assembly, supports=load.held)
         pushed = generalized_force(assembly, load, held.free_blocks, held.length)
         framed = classify(held.jacobian, pushed)
     lap("mechanism")

@@ -25,8 +25,10 @@ from geometry.loads import LoadCase
 from geometry.measures import JointResultants, Measures, first_largest, joint_resultants
 from geometry.mesh import FloatArray, IntArray
 from mbd.analysis import RigidResult, RigidStatement, check_types, rigid_result
+from mbd.contact_jacobian import block_wrenches, contact_wrenches
 from mbd.mechanism import Classification, Mechanism, SelfStress
 from mbd.options import Norm, Solver
+from mbd.supports import support_wrenches
 
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
@@ -212,11 +214,30 @@ class _Found:
         return joints_of(self.assembly, self.result.contact_index, self.carried.forces)
 
     @cached_property
+    def supports(self) -> dict[str, FloatArray]:
+        """Force and moment about the origin of each support on its block, (6,) [N, N mm]."""
+        if not self.load.held:
+            return {}
+        index, forces = self.result.contact_index, self.carried.forces
+        on_blocks = contact_wrenches(self.assembly, index, forces)
+        return support_wrenches(
+            self.assembly, self.load, on_blocks + block_wrenches(self.assembly, self.load)
+        )
+
+    @cached_property
     def reaction(self) -> FloatArray:
-        """Force of all held blocks on the free ones, which balances load and weight, (3,) [N]."""
+        """Force of held blocks and supports on the rest, against load and weight, (3,) [N]."""
         found, index, held = self.assembly.interfaces, self.result.contact_index, self.load.fixed
         sign = held[found.block_m[index]].astype(float) - held[found.block_s[index]].astype(float)
-        return np.asarray((sign[:, None] * self.carried.forces).sum(axis=0))
+        total = (sign[:, None] * self.carried.forces).sum(axis=0)
+        return np.asarray(total + sum(wrench[:3] for wrench in self.supports.values()))
+
+    @property
+    def _reactions(self) -> dict[str, dict[str, list[float]]]:
+        return {
+            name: {"force": wrench[:3].tolist(), "moment": wrench[3:].tolist()}
+            for name, wrench in self.supports.items()
+        }
 
     @property
     def paper(self) -> Measures | None:
@@ -255,6 +276,7 @@ class _Found:
             **({} if self.paper is None else {"contact": asdict(self.paper)}),
             "reaction": self.reaction.tolist() if holds else None,
             "joints": self.joints.as_json() if holds else [],
+            **({"reactions": self._reactions} if holds and self.supports else {}),
             "units": REPORT_UNITS,
             "rotation_length": self.assembly.characteristic_length,
             "free_blocks": np.flatnonzero(~self.load.fixed).tolist(),

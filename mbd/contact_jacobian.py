@@ -24,7 +24,9 @@ from geometry.assembly import AnyBlocks
 from geometry.interface import Interfaces
 from geometry.loads import LoadCase
 from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix, run_starts
+from geometry.supports import HeldFace
 from mbd.pair_wrenches import CongruentWrenches, PairKind, PairWrenches, SeparateWrenches
+from mbd.supports import admissible, free_motions
 
 #: A normal matrix, or the inverse of one, which also takes several vectors as columns.
 NormalMap = Callable[[FloatArray], FloatArray]
@@ -42,6 +44,15 @@ class MatrixJacobian:
         """(n_rows, n_contacts)."""
         n_rows, n_contacts = self.matrix.shape
         return int(n_rows), int(n_contacts)
+
+    def admissible(self, rows: FloatArray) -> FloatArray:
+        """All of some rows: no support takes any."""
+        return rows
+
+    @property
+    def n_motions(self) -> int:
+        """Independent motions."""
+        return self.shape[0]
 
     def gap_rates(self, virtual_displacement: FloatArray) -> FloatArray:
         """Gᵀ δq, (n_contacts,)."""
@@ -97,11 +108,24 @@ class PairJacobian:
     """Free-block number of s, (n_pairs,)."""
     n_free: int
     """Number of free blocks."""
+    motions: FloatArray | None = None
+    """Projectors on the motions that supports leave, (n_free, 6, 6); None: all of them."""
 
     @property
     def shape(self) -> tuple[int, int]:
         """(6 n_free, n_contacts)."""
         return 6 * self.n_free, self.contacts.n_contacts
+
+    def admissible(self, rows: FloatArray) -> FloatArray:
+        """Part of some rows (6 n_free, …) that supports leave."""
+        return admissible(self.motions, rows)
+
+    @property
+    def n_motions(self) -> int:
+        """Independent motions that supports leave."""
+        if self.motions is None:
+            return self.shape[0]
+        return round(float(np.trace(self.motions, axis1=1, axis2=2).sum()))
 
     @cached_property
     def _transfer(self) -> scipy.sparse.csr_array:
@@ -306,11 +330,18 @@ def _congruent(pairs: _Pairs, interfaces: Interfaces) -> tuple[CongruentWrenches
     return CongruentWrenches(tuple(kinds), pairs.start), axes
 
 
-def contact_jacobian(assembly: AnyBlocks, fixed: BoolArray | None = None) -> Contacts:
+def contact_jacobian(
+    assembly: AnyBlocks, fixed: BoolArray | None = None, supports: tuple[HeldFace, ...] = ()
+) -> Contacts:
     """Assemble G for the contacts of an assembly (eq. gap-variation).
 
     Blocks that are held, by default the frame, have no rows; contacts between two of them are left
-    out: they constrain nothing.
+    out: they constrain nothing. Rows of blocks with supports are of the motions that these leave.
+
+    Raises
+    ------
+    RigidSupportError
+        Springs, and supports that move.
     """
     held = assembly.fixed if fixed is None else fixed
     interfaces = assembly.interfaces
@@ -331,13 +362,21 @@ def contact_jacobian(assembly: AnyBlocks, fixed: BoolArray | None = None) -> Con
     transfer_s = _transfer(middle, assembly.centroids[pair_s], length, axes)
     transfer_m[held[pair_m]] = 0.0
     transfer_s[held[pair_s]] = 0.0
+    free = np.flatnonzero(~held)
+    motions = free_motions(assembly, supports, free, length) if supports else None
+    if motions is not None:
+        transfer_m, transfer_s = (
+            admissible(motions[np.where(held[pair], 0, number[pair])], transfer)
+            for pair, transfer in ((pair_m, transfer_m), (pair_s, transfer_s))
+        )
     jacobian = PairJacobian(
         contacts=contacts,
         transfer_m=transfer_m,
         transfer_s=transfer_s,
         row_m=np.where(held[pair_m], number[pair_s], number[pair_m]),
         row_s=np.where(held[pair_s], number[pair_m], number[pair_s]),
-        n_free=int((~held).sum()),
+        n_free=len(free),
+        motions=motions,
     )
     return Contacts(
         jacobian=jacobian,
@@ -345,7 +384,7 @@ def contact_jacobian(assembly: AnyBlocks, fixed: BoolArray | None = None) -> Con
         block_m=block_m,
         block_s=block_s,
         areas=interfaces.areas[index],
-        free_blocks=np.flatnonzero(~held),
+        free_blocks=free,
         length=length,
     )
 
@@ -372,10 +411,24 @@ def block_wrenches(assembly: AnyBlocks, load: LoadCase) -> FloatArray:
     return wrench
 
 
+def contact_wrenches(assembly: AnyBlocks, index: IntArray, forces: FloatArray) -> FloatArray:
+    """Force and moment of contact forces about each block's mass centroid, (n_blocks, 6) [N, N mm].
+
+    From forces (n, 3) on block s of some contacts, at their places in the interfaces (n,).
+    """
+    found, wrench = assembly.interfaces, np.zeros((assembly.n_blocks, 6))
+    for blocks, sign in ((found.block_m[index], -1.0), (found.block_s[index], 1.0)):
+        arm = found.centroids[index] - assembly.centroids[blocks]
+        np.add.at(wrench, blocks, sign * np.hstack([forces, np.cross(arm, forces)]))
+    return wrench
+
+
 def generalized_force(
     assembly: AnyBlocks, load: LoadCase, free_blocks: IntArray, length: float
 ) -> FloatArray:
     """Stack (F, M/ℓ) of the free blocks, the order and scale of the contact Jacobian's rows.
+
+    What supports of the load case take is left out.
 
     Returns
     -------
@@ -384,4 +437,5 @@ def generalized_force(
     """
     wrench = block_wrenches(assembly, load)[free_blocks]
     wrench[:, 3:] /= length
-    return wrench.ravel()
+    motions = free_motions(assembly, load.held, free_blocks, length) if load.held else None
+    return admissible(motions, wrench.ravel())

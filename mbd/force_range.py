@@ -82,7 +82,8 @@ def plane_problem(
     Raises
     ------
     FrictionError
-        When normals lean out of the plane or contacts do not lie on two faces, one for one.
+        When normals lean out of the plane, contacts do not lie on two faces, one for one, or a
+        support couples motions in the plane with others.
     """
     points = assembly.interfaces.centroids[contacts.index]
     normals = assembly.interfaces.normals[contacts.index]
@@ -102,7 +103,14 @@ def plane_problem(
     kept = np.flatnonzero(front)
     columns = (3 * kept[:, None] + np.arange(3)).ravel()
     matrix = sp.csc_array(sp.csr_array(frictional.matrix)[rows].tocsc()[:, columns])
-    reduced = replace(frictional, matrix=matrix, tangents=frictional.tangents[kept])
+    motions = frictional.motions
+    if motions is not None:
+        out = np.delete(np.arange(6), keep)
+        if np.abs(motions[:, keep][:, :, out]).max() > _FLAT:
+            raise FrictionError("plane problem: a support couples motions in the plane with others")
+        motions = motions[:, keep][:, :, keep]
+    tangents = frictional.tangents[kept]
+    reduced = replace(frictional, matrix=matrix, tangents=tangents, motions=motions)
     behind = np.eye(3)[axis] * (height[~front].mean() - height[front].mean())
     return PlaneProblem(reduced, rows, kept, behind)
 

@@ -28,6 +28,7 @@ from geometry.mesh import FloatArray, IntArray
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.options import FrictionLaw
+from mbd.supports import admissible
 
 #: A mechanism certifies only if no admissible unit force does more negative work than this
 #: fraction of the load's work.
@@ -53,6 +54,12 @@ class FrictionalContacts:
     friction: float
     """μ"""
     law: FrictionLaw
+    motions: FloatArray | None = None
+    """Projectors on the motions that supports leave, (n_free, m, m) for m rows each; None: all."""
+
+    def admissible(self, motion: FloatArray) -> FloatArray:
+        """Part of a motion (n_rows,) that supports leave."""
+        return admissible(self.motions, motion)
 
     @property
     def n_contacts(self) -> int:
@@ -162,7 +169,12 @@ def frictional_contacts(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
         shape=(6 * len(contacts.free_blocks), 3 * len(normals)),
     ).tocsc()
-    return FrictionalContacts(matrix, np.stack([first, second], axis=1), friction, law)
+    motions = contacts.jacobian.motions
+    if motions is not None:
+        matrix = sp.csc_array(sp.block_diag(motions, format="csc") @ matrix)
+        matrix.eliminate_zeros()
+    tangents = np.stack([first, second], axis=1)
+    return FrictionalContacts(matrix, tangents, friction, law, motions)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -254,7 +266,7 @@ def _checked_mechanism(
     contacts: FrictionalContacts, direction: FloatArray, load: FloatArray
 ) -> tuple[FloatArray, float, float] | None:
     """Direction, work and least contact work, if they certify that the load is not carried."""
-    direction = _unit_largest(direction)
+    direction = contacts.admissible(_unit_largest(direction))
     size = float(np.linalg.norm(direction))
     if size == 0.0:
         return None
@@ -382,6 +394,7 @@ def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArr
     residual = float(np.linalg.norm(contacts.matrix @ forces.ravel() + total))
     residual /= max(float(np.linalg.norm(total)), 1e-300)
     answer = partial(CollapseLoad, factor=factor, forces=forces, residual=residual)
+    dual = contacts.admissible(dual)
     for direction in (dual, -dual):
         if float(live @ direction) <= 0.0:
             continue

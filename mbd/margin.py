@@ -64,8 +64,11 @@ def interlocking_margin(jacobian: ContactJacobian, areas: FloatArray) -> Margin:
         for way, sign in enumerate((1.0, -1.0)):
             load = np.zeros(n_rows)
             load[row] = sign
+            load = jacobian.admissible(load)
             equilibrium = newton_equilibrium(jacobian, load, weights=weights)
-            if equilibrium.holds and n_contacts:
+            if np.linalg.norm(load) <= _TAKEN:
+                bearing[row, way] = np.inf
+            elif equilibrium.holds and n_contacts:
                 bearing[row, way] = 1.0 / float(np.sum(equilibrium.forces**2 / areas))
             elif mechanism is None:
                 mechanism = equilibrium.mechanism
@@ -80,6 +83,8 @@ def interlocking_margin(jacobian: ContactJacobian, areas: FloatArray) -> Margin:
     )
 
 
+#: What supports leave of a unit force that they take [-].
+_TAKEN = 1e-9
 #: Push over load: far above the tolerance of an equilibrium, too small to lift what weighs.
 _PUSH = 1e-3
 
@@ -94,7 +99,7 @@ def held_against(assembly: AnyBlocks, load: LoadCase) -> dict[str, bool]:
     load is carried. Keys are +x, -x and so on; a direction that is neither proved held nor free is
     left out.
     """
-    contacts = contact_jacobian(assembly, load.fixed)
+    contacts = contact_jacobian(assembly, load.fixed, load.held)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     size = float(np.linalg.norm(force)) or 1.0
     held = {}
@@ -102,7 +107,8 @@ def held_against(assembly: AnyBlocks, load: LoadCase) -> dict[str, bool]:
         push = np.zeros((len(contacts.free_blocks), 6))
         push[:, k // 2] = (-1.0) ** k * assembly.volumes[contacts.free_blocks]
         push *= _PUSH * size / np.linalg.norm(push)
-        equilibrium = newton_equilibrium(contacts.jacobian, force + push.ravel())
+        pushed = force + contacts.jacobian.admissible(push.ravel())
+        equilibrium = newton_equilibrium(contacts.jacobian, pushed)
         if equilibrium.holds or equilibrium.mechanism is not None:
             held[name] = equilibrium.holds
     return held

@@ -111,7 +111,7 @@ def smallest_singular_pair(jacobian: ContactJacobian) -> tuple[float, FloatArray
     ones = np.ones(n_contacts)
     largest = _largest_singular_value(jacobian)
     if largest == 0.0:
-        return 0.0, np.eye(1, n_rows)[0]
+        return 0.0, _some_motion(jacobian)
     shift = 1e-15 * largest**2
     solve = None
     while solve is None:
@@ -119,14 +119,25 @@ def smallest_singular_pair(jacobian: ContactJacobian) -> tuple[float, FloatArray
             solve = jacobian.normal_solver(ones, shift)
         except scipy.linalg.LinAlgError:
             shift *= 10.0
-    subspace = np.linalg.qr(rng.standard_normal((n_rows, min(n_rows, 8))))[0]
+    subspace = rng.standard_normal((n_rows, min(jacobian.n_motions, 8)))
+    subspace = np.linalg.qr(jacobian.admissible(subspace))[0]
     for _ in range(8):
-        subspace = np.linalg.qr(solve(subspace))[0]
+        subspace = np.linalg.qr(jacobian.admissible(solve(subspace)))[0]
     rates = np.column_stack([jacobian.gap_rates(v) for v in subspace.T])
     # The triangle of the tall matrix has its singular values and right vectors.
     _, values, right = np.linalg.svd(np.linalg.qr(rates, mode="r"))
     vector: FloatArray = subspace @ right[-1]
     return float(values[-1]) / largest, vector
+
+
+def _some_motion(jacobian: ContactJacobian) -> FloatArray:
+    """The first motion that supports leave, (n_rows,)."""
+    n_rows, _ = jacobian.shape
+    for row in range(n_rows):
+        motion: FloatArray = jacobian.admissible(np.eye(1, n_rows, row)[0])
+        if np.linalg.norm(motion) > RANK_TOLERANCE:
+            break
+    return motion
 
 
 def _largest_singular_value(jacobian: ContactJacobian) -> float:
@@ -137,7 +148,10 @@ def _largest_singular_value(jacobian: ContactJacobian) -> float:
     v = np.random.default_rng(1).standard_normal(n_rows)
     value = 0.0
     for _ in range(30):
-        v = v / np.linalg.norm(v)
+        size = float(np.linalg.norm(v))
+        if size <= RANK_TOLERANCE**2:  # supports take all wrenches of the contacts
+            return 0.0
+        v = v / size
         image = product(v)
         value, v = float(v @ image), image
     return float(np.sqrt(max(value, 0.0)))
@@ -145,11 +159,13 @@ def _largest_singular_value(jacobian: ContactJacobian) -> float:
 
 def classify(jacobian: ContactJacobian, load: FloatArray) -> Classification:
     """Mechanism class of an assembly under a load (n_rows,) [N], with a certificate."""
-    n_rows, n_contacts = jacobian.shape
+    _, n_contacts = jacobian.shape
     ones = np.ones(n_contacts)
     admissible: FloatArray
+    if jacobian.n_motions == 0:  # supports hold all blocks
+        return Classification(MechanismClass.LOCKED, SelfStress(ones, 0.0, 1.0))
     if n_contacts == 0:
-        admissible = np.eye(1, n_rows)[0]
+        admissible = _some_motion(jacobian)
     else:
         self_load = jacobian.resultant(ones)
         stress = newton_equilibrium(jacobian, self_load)

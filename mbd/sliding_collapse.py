@@ -379,6 +379,7 @@ def _judged(
 ) -> SlidingCollapse:
     """Multiply a state out under dead + α live."""
     dead, live, factor = loading
+    motion = contacts.admissible(motion)
     unit = motion / np.linalg.norm(motion)
     check = check_sliding(contacts, dead + factor * live, forces, unit)
     return SlidingCollapse(factor, np.inf, forces, unit, check, 0, "")

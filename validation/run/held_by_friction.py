@@ -92,7 +92,7 @@ def sliding_words(assembly: Assembly, load: LoadCase, friction: float) -> str | 
     if not 0 < 4 * assembly.interfaces.n_contacts <= MOST_POINTS:
         return None
     points = _at_corners(assembly)
-    contacts = contact_jacobian(points, load.fixed)
+    contacts = contact_jacobian(points, load.fixed, load.held)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     if newton_equilibrium(contacts.jacobian, force).holds:
         return None

@@ -57,7 +57,7 @@ class RigidAnswer:
         """
         scene, assembly, load = (stated[name] for name in ("scene", "assembly", "load"))
         result = rigid_result(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
-        further = further_answers(assembly, load.fixed, wrenches, scene.rigid)
+        further = further_answers(assembly, load, wrenches, scene.rigid)
         seconds = {"build": 0.0} | result.cpu_seconds | built
         seconds["total"] += result.cpu_seconds["total"]
         if further is not None:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from geometry.assembly import AnyBlocks
-from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.loads import LoadCase
+from geometry.mesh import FloatArray, IntArray
 from mbd import contact_jacobian
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import column_weights, equilibrium
@@ -53,14 +54,14 @@ class Further:
 
 def further_answers(
     assembly: AnyBlocks,
-    fixed: BoolArray,
+    load: LoadCase,
     wrenches: tuple[FloatArray, FloatArray],
     section: RigidSection,
 ) -> Further | None:
     """Compute what ``[rigid]`` asks for; None where it asks for nothing more.
 
-    Blocks are held while the load acts, (n_blocks,); wrenches are dead and live load of each block,
-    (n_blocks, 6) each [N, N mm].
+    The load case says what is held; wrenches are dead and live load of each block, (n_blocks, 6)
+    each [N, N mm].
 
     Raises
     ------
@@ -71,8 +72,8 @@ def further_answers(
     if section.friction is None and not any(asked):
         return None
     start = time.process_time()
-    contacts = contact_jacobian(assembly, fixed)
-    dead, live = (_generalized(w, contacts.free_blocks, contacts.length) for w in wrenches)
+    contacts = contact_jacobian(assembly, load.fixed, load.held)
+    dead, live = (_generalized(contacts, wrench) for wrench in wrenches)
     friction = collapse = sliding = margin = forces = state = pressed = None
     weights = column_weights(section.norm, contacts.areas)
     with named("rigid"):
@@ -172,10 +173,10 @@ def _ranges(
     return force_ranges(contacts, load, smallest.forces) if smallest.holds else None
 
 
-def _generalized(wrench: FloatArray, free: IntArray, length: float) -> FloatArray:
-    scaled = wrench[free].copy()
-    scaled[:, 3:] /= length
-    return scaled.ravel()
+def _generalized(contacts: Contacts, wrench: FloatArray) -> FloatArray:
+    scaled = wrench[contacts.free_blocks]
+    scaled[:, 3:] /= contacts.length
+    return contacts.jacobian.admissible(scaled.ravel())
 
 
 def _finite(value: float) -> float | None:

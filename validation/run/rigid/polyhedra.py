@@ -117,7 +117,7 @@ def class_by_faces(run: PolyhedralRun) -> Classification:
     pressure acts there.
     """
     bare = run.assembly.with_faces_alone()
-    contacts = contact_jacobian(bare)
+    contacts = contact_jacobian(bare, supports=run.load.held)
     force = generalized_force(bare, run.load, contacts.free_blocks, contacts.length)
     return classify(contacts.jacobian, force)
 

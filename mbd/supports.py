@@ -1,0 +1,131 @@
+"""Supports of rigid blocks along single directions: what they hold, and with which forces.
+
+A support without friction holds the points of a region along its directions from both sides. It
+adds no contact: it takes motions (δt, ℓ δθ) from its block. The equations of all analyses are
+those of the motions that are left; the wrench that they leave unbalanced is that of the supports.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from geometry.assembly import AnyBlocks
+from geometry.errors import RefusedError
+from geometry.loads import LoadCase
+from geometry.mesh import FloatArray, IntArray
+from geometry.regions import region_points
+from geometry.supports import HeldFace
+
+#: Singular values of the held motions below this fraction of the largest are round-off: points
+#: may lie off their plane by a millionth of a block.
+_RANK = 1e-5
+#: Parts of what is projected below this fraction of it are round-off.
+_ROUND_OFF = 1e-12
+
+
+class RigidSupportError(RefusedError):
+    """A support that rigid blocks do not have."""
+
+
+def check_supports(held: tuple[HeldFace, ...]) -> None:
+    """Reject springs and supports that move.
+
+    Raises
+    ------
+    RigidSupportError
+        Saying which.
+    """
+    for support in held:
+        if support.spring is not None:
+            raise RigidSupportError(
+                f"support {support.title}: got springs; the rigid-block analysis has no "
+                "stiffness: hold the directions fast, or use the static solver"
+            )
+        if support.moves:
+            raise RigidSupportError(
+                f"support {support.title}: got a support that moves; the rigid-block analysis is "
+                "of blocks in their place: remove the motion, or use the static solver"
+            )
+
+
+def free_motions(
+    assembly: AnyBlocks, held: tuple[HeldFace, ...], blocks: IntArray, length: float
+) -> FloatArray | None:
+    """Projectors on the motions (δt, ℓ δθ) that supports leave to some blocks.
+
+    Returns
+    -------
+    FloatArray | None
+        (n, 6, 6); None where no support holds any of the blocks.
+
+    Raises
+    ------
+    RigidSupportError
+        As `check_supports`.
+    """
+    check_supports(held)
+    found = None
+    for block in sorted({support.block for support in held} & set(blocks.tolist())):
+        if found is None:
+            found = np.tile(np.eye(6), (len(blocks), 1, 1))
+        rows = [_unit_wrenches(assembly, s, length) for s in held if s.block == block]
+        _, size, right = np.linalg.svd(np.concatenate(rows), full_matrices=False)
+        taken = right[size > _RANK * size[0]]
+        found[blocks == block] -= taken.T @ taken
+    return found
+
+
+def _unit_wrenches(assembly: AnyBlocks, support: HeldFace, length: float) -> FloatArray:
+    """Wrenches (F, M/ℓ) of unit forces along its directions at all points, (n_axes · n, 6)."""
+    arm = region_points(assembly, support.block, support.face) - assembly.centroids[support.block]
+    parts = [
+        np.hstack([np.broadcast_to(axis, arm.shape), np.cross(arm, axis) / length])
+        for axis in support.axes
+    ]
+    return np.concatenate(parts)
+
+
+def admissible(motions: FloatArray | None, rows: FloatArray) -> FloatArray:
+    """Part of some rows (n_rows, …) that supports leave, m for each of the (n_free, m, m)."""
+    if motions is None:
+        return rows
+    blocks = rows.reshape(*motions.shape[:2], -1)
+    left = np.asarray(motions @ blocks).reshape(rows.shape)
+    # A load that supports take leaves round-off, which would be a load of its own.
+    return np.where(np.abs(left) > _ROUND_OFF * np.linalg.norm(rows), left, 0.0)
+
+
+def support_wrenches(
+    assembly: AnyBlocks, load: LoadCase, on_blocks: FloatArray
+) -> dict[str, FloatArray]:
+    """Force and moment about the origin of each support on its block, by its name.
+
+    Where several supports hold the same motion of a block the forces of least squares are given.
+
+    Parameters
+    ----------
+    assembly, load
+        What is held.
+    on_blocks
+        Force and moment of loads and contacts about each block's mass centroid, (n_blocks, 6) [N,
+        N mm].
+
+    Returns
+    -------
+    dict[str, FloatArray]
+        (6,) [N, N mm] each; supports of one name are one.
+    """
+    length, found = assembly.characteristic_length, dict[str, FloatArray]()
+    scale = np.repeat([1.0, 1.0 / length], 3)
+    for block in dict.fromkeys(support.block for support in load.held):
+        mine = [support for support in load.held if support.block == block]
+        rows = [_unit_wrenches(assembly, support, length) for support in mine]
+        needed = -on_blocks[block] * scale
+        forces = np.linalg.lstsq(np.concatenate(rows).T, needed, rcond=_RANK)[0]
+        start = 0
+        for support, unit in zip(mine, rows, strict=True):
+            wrench = unit.T @ forces[start : start + len(unit)] / scale
+            wrench[3:] += np.cross(assembly.centroids[block], wrench[:3])
+            found[support.title] = found.get(support.title, np.zeros(6)) + wrench
+            start += len(unit)
+    return found

@@ -1,0 +1,227 @@
+"""Rigid blocks with supports along single directions, pressed regions and line loads."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from geometry.assembly import AnyBlocks, Assembly
+from geometry.families.boxes import ColumnBox, box_column
+from geometry.loads import LineLoad, LoadCase, PressureLoad, TractionLoad
+from geometry.polyhedra.assembly import as_polyhedral
+from geometry.regions import Plane
+from geometry.supports import HeldFace
+from mbd import MechanismClass, analyse, contact_jacobian, generalized_force, rigid_result
+from mbd.force_range import force_ranges
+from mbd.friction import collapse_load, frictional_contacts, frictional_equilibrium
+from mbd.margin import held_against, interlocking_margin
+from mbd.sliding_collapse import sliding_collapse
+from mbd.supports import RigidSupportError
+
+pytestmark = pytest.mark.quick
+
+X, Y, Z = np.eye(3)
+#: Sides of the brick [mm] and force per area [MPa].
+A, B, C = 80.0, 60.0, 40.0
+Q = 0.05
+
+
+def bricks(layers: int = 1) -> Assembly:
+    """A fixed brick with free ones on it."""
+    return box_column([ColumnBox((A, B, C), (4, 2, 2))] * (1 + layers))
+
+
+def side(assembly: AnyBlocks, block: int, axis: np.ndarray) -> Plane:
+    """The plane of the face of a brick towards an axis."""
+    size = np.abs(axis) @ [A, B, C]
+    return Plane(assembly.centroids[block] + 0.5 * size * axis, axis)
+
+
+def roller(assembly: AnyBlocks, block: int, axis: np.ndarray, **stated) -> HeldFace:
+    unit = np.abs(axis)[None, :]
+    return HeldFace(block, side(assembly, block, axis), unit, **stated)
+
+
+def push(assembly: AnyBlocks, block: int, axis: np.ndarray, traction: np.ndarray) -> TractionLoad:
+    return TractionLoad(np.array([block]), side(assembly, block, axis), traction)
+
+
+def case(assembly, *faces, held=(), lines=(), weight=0.0) -> LoadCase:
+    wrench = np.zeros((assembly.n_blocks, 6))
+    wrench[:, 2] = -weight
+    return LoadCase(assembly, "case", faces, assembly.fixed, held, lines, body_wrenches=wrench)
+
+
+@pytest.fixture(params=[False, True], ids=["hexahedra", "triangles"])
+def stack(request) -> AnyBlocks:
+    return as_polyhedral(bricks()) if request.param else bricks()
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_roller_holds_from_both_sides_and_takes_the_whole_traction(stack, sense):
+    """Q on a face of B × C: the roller at the other end of the brick carries Q B C either way."""
+    load = case(stack, push(stack, 1, X, sense * Q * X), weight=10.0)
+    assert not rigid_result(stack, load).equilibrium.holds
+    answer = analyse(stack, replace(load, held=(roller(stack, 1, -X, name="wall"),)))
+    assert answer.report["carried"]
+    (found,) = answer.report["reactions"].items()
+    assert found[0] == "wall"
+    force = np.array(found[1]["force"])
+    np.testing.assert_allclose(force, [-sense * Q * B * C, 0, 0], atol=1e-6 * Q * B * C)
+    # The roller takes no vertical force: the base carries the weight, and both sum up.
+    total = np.hypot(Q * B * C, 10.0)
+    assert answer["total_reaction"].value == pytest.approx(total, rel=1e-6)
+
+
+def test_three_rollers_lock_a_brick_and_two_leave_the_third_direction(stack):
+    load = case(stack, weight=1.0)
+    rollers = tuple(roller(stack, 1, -axis) for axis in (X, Y, Z))
+    assert rigid_result(stack, replace(load, held=rollers)).mechanism is MechanismClass.LOCKED
+    left = rigid_result(stack, replace(load, held=rollers[1:]))
+    motion = left.classification.certificate.virtual_displacement[0]
+    assert left.mechanism is MechanismClass.NEUTRAL
+    np.testing.assert_allclose(np.abs(motion), np.eye(6)[0], atol=1e-8)
+
+
+def test_a_face_held_in_all_directions_is_a_fixed_block():
+    """What lies on it is carried alike; the support takes weight and joint force of its brick."""
+    pair = bricks(2)
+    load = case(pair, weight=10.0)
+    answer = analyse(pair, replace(load, held=(HeldFace(1, side(pair, 1, Y), name="clamp"),)))
+    fixed = np.array([True, True, False])
+    other = analyse(pair, replace(load, fixed=fixed))
+    (joint,) = (j for j in answer.report["joints"] if j["blocks"] == [1, 2])
+    (same,) = other.report["joints"]
+    assert joint["normal_force"] == pytest.approx(same["normal_force"], rel=1e-9)
+    force = answer.report["reactions"]["clamp"]["force"]
+    np.testing.assert_allclose(force, [0, 0, 20.0], atol=1e-6)
+
+
+def test_a_line_load_and_a_pressed_region_by_hand(stack):
+    """Line load p along the upper edge at x = A/2 and a pressure on the top.
+
+    A support along z under the brick takes it all: force and moment about the origin by statics.
+    """
+    top = stack.centroids[1] + 0.5 * np.array([A, B, C])
+    p = np.array([0.0, 0.0, -2.0])
+    line = LineLoad(np.array([1]), top - [0, B, 0], top, p)
+    pressed = PressureLoad(np.array([1]), side(stack, 1, Z), Q)
+    load = case(stack, pressed, lines=(line,), held=(roller(stack, 1, -Z),))
+    answer = analyse(stack, load)
+    (found,) = answer.report["reactions"].values()
+    forces = np.array([p * B, [0, 0, -Q * A * B]])
+    points = np.array([top - [0, B / 2, 0], top - [A / 2, B / 2, 0]])
+    np.testing.assert_allclose(found["force"], -forces.sum(axis=0), atol=1e-9 * Q * A * B)
+    moment = np.cross(points, forces).sum(axis=0)
+    np.testing.assert_allclose(found["moment"], -moment, atol=1e-9 * Q * A * B * A)
+    assert answer.report["carried"]
+
+
+def _triangles(blocks: AnyBlocks) -> bool:
+    return not isinstance(blocks, Assembly)
+
+
+def test_supports_turn_with_everything():
+    """The problem in another frame has the same answer in that frame."""
+    turn = Rotation.from_rotvec([0.3, -0.7, 0.5]).as_matrix()
+    stack = bricks()
+    held = (roller(stack, 1, -X), roller(stack, 1, Y))
+    traction = Q * (X + 0.3 * Y)
+    load = case(stack, push(stack, 1, X, traction), held=held, weight=10.0)
+    turned = replace(
+        stack,
+        rotations=turn @ stack.rotations,
+        translations=stack.translations @ turn.T,
+        axis=turn @ stack.axis,
+    )
+    wrench = np.zeros((turned.n_blocks, 6))
+    wrench[:, :3] = -10.0 * turn[:, 2]
+    other = LoadCase(
+        turned,
+        "case",
+        (TractionLoad(np.array([1]), _turned(side(stack, 1, X), turn), turn @ traction),),
+        turned.fixed,
+        tuple(
+            HeldFace(1, _turned(h.face, turn), h.directions @ turn.T, name=f"{k}")
+            for k, h in enumerate(held)
+        ),
+        body_wrenches=wrench,
+    )
+    first = list(analyse(stack, load).report["reactions"].values())
+    second = list(analyse(turned, other).report["reactions"].values())
+    for one, two in zip(first, second, strict=True):
+        np.testing.assert_allclose(turn @ one["force"], two["force"], atol=1e-6)
+
+
+def _turned(plane: Plane, turn: np.ndarray) -> Plane:
+    return Plane(turn @ plane.point, turn @ plane.normal)
+
+
+def test_friction_limits_and_ranges_count_rollers():
+    """A brick of weight W on a base with μ: a roller takes a push along x; along y μ W remains.
+
+    The push along y acts at the base, so that the brick slides and does not tip.
+    """
+    stack, mu, weight = bricks(), 0.3, 100.0
+    held = (roller(stack, 1, -X),)
+    dead = case(stack, push(stack, 1, X, Q * X), held=held, weight=weight)
+    live = np.zeros((stack.n_blocks, 6))
+    arm = -0.5 * C
+    live[1] = [0, 1, 0, *np.cross([0, 0, arm], Y)]
+    contacts = contact_jacobian(stack, dead.fixed, dead.held)
+    frictional = frictional_contacts(stack, contacts, mu)
+    force = generalized_force(stack, dead, contacts.free_blocks, contacts.length)
+    along = generalized_force(
+        stack, replace(dead, faces=(), body_wrenches=live), contacts.free_blocks, contacts.length
+    )
+    assert frictional_equilibrium(frictional, force).holds
+    without = frictional_contacts(stack, contact_jacobian(stack, dead.fixed), mu)
+    unheld = generalized_force(stack, replace(dead, held=()), contacts.free_blocks, contacts.length)
+    assert frictional_equilibrium(without, unheld).mechanism is not None
+    collapse = collapse_load(frictional, force, along)
+    assert collapse.certified
+    assert collapse.factor == pytest.approx(mu * weight, rel=1e-5)
+    np.testing.assert_allclose(collapse.mechanism[0], 0.0, atol=1e-9)
+    sliding = sliding_collapse(frictional, force, along)
+    assert sliding.certified
+    assert sliding.factor == pytest.approx(mu * weight, rel=1e-5)
+    shown = frictional_equilibrium(frictional, force).forces[:, 0]
+    ranges = force_ranges(contacts, force, shown, frictional=frictional)
+    np.testing.assert_allclose([ranges.least[0], ranges.largest[0]], weight, rtol=1e-5)
+
+
+def test_resistance_to_pushes_counts_rollers(stack):
+    load = case(stack, weight=10.0)
+    free = held_against(stack, load)
+    assert not free["+x"]
+    held = replace(load, held=(roller(stack, 1, -X),))
+    assert held_against(stack, held)["+x"]
+    assert held_against(stack, held)["-x"]
+    assert not held_against(stack, held)["+y"]
+    contacts = contact_jacobian(stack, held.fixed, held.held)
+    margin = interlocking_margin(contacts.jacobian, contacts.areas)
+    assert np.isinf(margin.areas[0, 0]).all()
+    assert margin.areas[0, 1].max() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        ({"spring": 1.0}, "bed: got springs; the rigid-block analysis has no stiffness"),
+        ({"displacement": 0.1 * X}, "bed: got a support that moves"),
+    ],
+)
+def test_springs_and_motions_are_rejected_by_name(stack, stated, words):
+    load = case(stack, held=(roller(stack, 1, -X, name="bed", **stated),))
+    with pytest.raises(RigidSupportError, match=words):
+        analyse(stack, load)
+
+
+def test_names_of_faces_are_those_of_the_file(stack):
+    if not _triangles(stack):
+        pytest.skip("hexahedra have names")
+    with pytest.raises(ValueError, match="has no face 'outer'; expected a plane or a box"):
+        case(stack, held=(HeldFace(1, "outer"),))
