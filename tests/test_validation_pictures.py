@@ -416,11 +416,11 @@ def test_numbers_stand_on_the_blocks_that_are_seen_and_gravity_has_an_arrow(
     hidden = square(0.2, (0.6, 0.6, 0.5))
     view = View([lower, upper, hidden], (0.0, 0.0, 1.0), weight=(0.0, -9810.0, 0.0))
     bodies = [(s.points, s.polygons) for s in (lower, upper, hidden)]
-    panel = labelled(Panel("squares", view), dict(enumerate("012")), bodies.__getitem__)
+    panel = labelled(Panel("squares", view), "012", bodies)
     assert set(dict(panel.labels)) == {"0", "1"}
     np.testing.assert_allclose(dict(panel.labels)["1"], (0.75, 0.75), atol=0.01)
     # Blocks of one shape have one name: it stands on each of them.
-    alike = labelled(panel, dict.fromkeys(range(3), "a"), bodies.__getitem__)
+    alike = labelled(panel, "aaa", bodies)
     assert [name for name, _ in alike.labels] == ["a", "a"]
     gallery([[panel]], "title", tmp_path / "a.png")
     assert {"0", "1", "x", "y", "g"} <= set(words_of(figures[0]))

@@ -25,12 +25,11 @@ from validation.output.pictures.bodies import (
     far_side,
     interface_facets,
     is_tube,
-    labelled,
-    labels,
     load_arrows,
     middle_layer,
     outlines,
     turns,
+    with_labels,
 )
 from validation.output.pictures.canvas import Part, Pixels, View
 from validation.output.pictures.gallery import Panel, gallery
@@ -77,11 +76,7 @@ def draw_assembly(
             load_arrows(assembly, load, shown),
         ]
         drawn = Panel(title, View(parts, direction, weight=weight))
-        return labelled(drawn, labels(assembly, shown), body)
-
-    def body(block: int) -> tuple[FloatArray, IntArray]:
-        surface = block_surfaces(assembly, [block], colours)
-        return surface.points, surface.polygons
+        return with_labels(drawn, assembly, shown)
 
     far = np.flatnonzero(far_side(assembly, assembly.centroids))
     behind = EYE if tube else (-EYE[0], -EYE[1], EYE[2])

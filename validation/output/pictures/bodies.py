@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -142,11 +142,14 @@ def sharp_edges(
     return np.asarray(ends[first[pair[turned]]])
 
 
-def block_edges(shape: Block) -> IntArray:
-    """Edges between the faces of a block shape, both ends of each, (n, 2)."""
-    sizes = [len(quads) for quads in shape.faces.values()]
-    group = np.repeat(np.arange(len(sizes)), sizes)
-    return sharp_edges(shape.mesh.nodes, np.concatenate(list(shape.faces.values())), group=group)
+def block_edges(shape: Any) -> IntArray:
+    """Edges between the faces of a shape, both ends of each, (n, 2)."""
+    points, faces = reference(shape)
+    polygons = np.concatenate(list(faces.values()))
+    if not isinstance(shape, Block):
+        return sharp_edges(points, polygons, angle=25.0)
+    group = np.repeat(np.arange(len(faces)), [len(quads) for quads in faces.values()])
+    return sharp_edges(points, polygons, group=group)
 
 
 def colours_of_blocks(fixed: npt.NDArray[np.bool_], turn: IntArray) -> list[str]:
@@ -168,20 +171,19 @@ def block_legend(fixed: str = "fixed blocks", free: str = "free blocks") -> list
     return [Patch(color=colour, label=name) for name, colour in words.items() if name]
 
 
-def labels(assembly: AnyBlocks, blocks: Iterable[int]) -> dict[int, str]:
-    """Number or name of some blocks, where the scene asks for one on them; else nothing."""
-    named = look().labels
+def with_labels(panel: Panel, assembly: AnyBlocks, blocks: Sequence[int]) -> Panel:
+    """Panel with the number or name of some blocks, where the scene asks for one on them."""
+    named, grey = look().labels, [GREY] * assembly.n_blocks
     if named == "none":
-        return {}
-    if named == "numbers":
-        return {b: str(b) for b in blocks}
-    return {b: assembly.names[b] if assembly.names else assembly.shape(b).name for b in blocks}
+        return panel
+    names = assembly.names or [shape.name for shape in map(assembly.shape, range(len(grey)))]
+    surfaces = [block_surfaces(assembly, [b], grey) for b in blocks]
+    words = [str(b) if named == "numbers" else names[b] for b in blocks]
+    return labelled(panel, words, [(s.points, s.polygons) for s in surfaces])
 
 
 def labelled(
-    panel: Panel,
-    names: Mapping[int, str],
-    body: Callable[[int], tuple[FloatArray, IntArray]],
+    panel: Panel, names: Sequence[str], parts: Sequence[tuple[FloatArray, IntArray]]
 ) -> Panel:
     """Panel with the names of those bodies that its view shows, each in the middle of what is seen.
 
@@ -190,7 +192,6 @@ def labelled(
     view = panel.view
     if view is None or not names:
         return panel
-    parts = [body(number) for number in names]
     number = np.repeat(np.arange(1, len(parts) + 1), [len(polygons) for _, polygons in parts])
     shades = np.stack([number >> 16, number >> 8, number], axis=1).astype(np.uint8)
     points, polygons = merged(parts, parts[0][1].shape[1])
@@ -200,7 +201,7 @@ def labelled(
     seen = probe.render(wide, high).astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
     corner = np.array(view.place(probe.axes.T @ probe.corner))
     found = []
-    for k, name in enumerate(names.values(), start=1):
+    for k, name in enumerate(names, start=1):
         rows, columns = np.nonzero(seen == k)
         if len(rows) and min(np.ptp(rows), np.ptp(columns)) > _SEEN_OF_BODY * _PROBE:
             middle = np.argmin((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2)
@@ -216,36 +217,49 @@ def _used(parts: Iterable[IntArray]) -> tuple[IntArray, IntArray]:
     return used, places.reshape(cells.shape)
 
 
+def reference(shape: Any) -> tuple[FloatArray, dict[str, IntArray]]:
+    """Points of a shape, and the polygons of its faces by name; triangles of a polyhedron."""
+    if isinstance(shape, Block):
+        return shape.mesh.nodes, shape.faces
+    return shape.points, {"surface": shape.triangles}
+
+
 def block_surfaces(
-    assembly: Assembly,
+    assembly: AnyBlocks,
     blocks: Sequence[int],
     colours: Sequence[str],
     *,
     seen: Callable[[int], Sequence[str]] | None = None,
+    nodes: Places | None = None,
+    opacity: float = 1.0,
 ) -> Surface:
     """Surfaces of some blocks as one part, in the colours of all blocks.
 
-    ``seen`` names the faces of a block that anything is seen of; by default all.
+    ``seen`` names the faces of a block that anything is seen of; by default all. ``nodes`` are
+    where its points are drawn [mm]; by default where it stands.
     """
     bodies, shades = [], [np.zeros((0, 3), dtype=np.uint8)]
     known: dict[tuple[int, tuple[str, ...]], tuple[IntArray, IntArray]] = {}
     for block in blocks:
-        shape = assembly.shape(block)
-        names = tuple(shape.faces if seen is None else (n for n in seen(block) if n in shape.faces))
+        points, faces = reference(assembly.shape(block))
+        names = tuple(faces if seen is None else (n for n in seen(block) if n in faces))
         key = (int(assembly.shape_of[block]), names)
         if key not in known:
-            known[key] = _used(shape.faces[name] for name in names)
+            known[key] = _used(faces[name] for name in names)
         used, corners = known[key]
-        bodies.append((assembly.place(block, shape.mesh.nodes[used]), corners))
+        placed = assembly.place(block, points[used]) if nodes is None else nodes(block)[used]
+        bodies.append((placed, corners))
         shades.append(np.tile(rgb(colours[block]), (len(corners), 1)))
-    return Surface(*merged(bodies, 4), np.concatenate(shades))
+    n_corners = bodies[0][1].shape[1] if bodies else 4
+    return Surface(*merged(bodies, n_corners), np.concatenate(shades), opacity=opacity)
 
 
 def outlines(
-    assembly: Assembly,
+    assembly: AnyBlocks,
     blocks: Sequence[int],
     *,
     nodes: Places | None = None,
+    width: float = 2.0,
     opacity: float = 1.0,
 ) -> Lines:
     """Sharp edges of some blocks, as assembled or with the nodes given."""
@@ -257,9 +271,12 @@ def outlines(
     bodies = []
     for block in blocks:
         used, ends = _used([edges[int(assembly.shape_of[block])]])
-        placed = assembly.nodes(block) if nodes is None else nodes(block)
-        bodies.append((placed[used], ends))
-    return Lines(*merged(bodies, 2), opacity=opacity)
+        if nodes is None:
+            placed = assembly.place(block, reference(assembly.shape(block))[0][used])
+        else:
+            placed = nodes(block)[used]
+        bodies.append((placed, ends))
+    return Lines(*merged(bodies, 2), width=width, opacity=opacity)
 
 
 def coloured_blocks(

@@ -17,10 +17,10 @@ from validation.output.pictures.assemblies import draw_motion
 from validation.output.pictures.bodies import (
     EYE,
     block_legend,
+    block_surfaces,
     colours_of_blocks,
-    labelled,
-    labels,
-    sharp_edges,
+    outlines,
+    with_labels,
 )
 from validation.output.pictures.canvas import (
     Direction,
@@ -29,8 +29,6 @@ from validation.output.pictures.canvas import (
     Part,
     Surface,
     View,
-    merged,
-    rgb,
 )
 from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import PRESSURE_MAP, VERMILION, scale_from_zero
@@ -54,27 +52,10 @@ def polyhedra_parts(
 
     ``places`` are the vertices of each block [mm]; by default where they stand.
     """
-    points = [assembly.points(b) for b in range(assembly.n_blocks)] if places is None else places
+    every, nodes = range(assembly.n_blocks), None if places is None else places.__getitem__
     colours = colours_of_blocks(assembly.fixed, np.arange(assembly.n_blocks))
-    triangles = [assembly.shape(b).triangles for b in range(assembly.n_blocks)]
-    shades = [np.tile(rgb(c), (len(t), 1)) for c, t in zip(colours, triangles, strict=True)]
-    bodies = merged(zip(points, triangles, strict=True), 3)
-    return [Surface(*bodies, np.concatenate(shades), opacity=opacity), _edges(assembly, points)]
-
-
-def _edges(
-    assembly: PolyhedralAssembly,
-    points: list[FloatArray],
-    *,
-    width: float = 2.0,
-    opacity: float = 1.0,
-) -> Lines:
-    """Sharp edges of all blocks."""
-    own = [sharp_edges(shape.points, shape.triangles, angle=25.0) for shape in assembly.shapes]
-    of_blocks = (own[int(k)] for k in assembly.shape_of)
-    every, segments = merged(zip(points, of_blocks, strict=True), 2)
-    used, places = np.unique(segments, return_inverse=True)
-    return Lines(every[used], places.reshape(segments.shape), width=width, opacity=opacity)
+    surfaces = block_surfaces(assembly, every, colours, nodes=nodes, opacity=opacity)
+    return [surfaces, outlines(assembly, every, nodes=nodes)]
 
 
 def draw_blocks(
@@ -84,17 +65,12 @@ def draw_blocks(
     free, fixed = int((~assembly.fixed).sum()), int(assembly.fixed.sum())
     view = View(polyhedra_parts(assembly), _EYE, weight=weight)
     words = f"{_count(free, 'free block')}, {fixed} fixed"
-    panel = _labelled(Panel(words, view), assembly)
+    panel = with_labels(Panel(words, view), assembly, range(assembly.n_blocks))
     gallery([[panel]], title, path, height=6.5, legend=block_legend())
 
 
 def _count(n: int, what: str) -> str:
     return f"{n} {what}{'' if n == 1 else 's'}"
-
-
-def _labelled(panel: Panel, assembly: PolyhedralAssembly) -> Panel:
-    names = labels(assembly, range(assembly.n_blocks))
-    return labelled(panel, names, lambda b: (assembly.points(b), assembly.shape(b).triangles))
 
 
 def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
@@ -111,8 +87,8 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
     colour: Any = _PALE
     if pressed:
         colour = scale.of(pressures[interfaces.polygons.patch[owner]])
-    points = [assembly.points(b) for b in range(assembly.n_blocks)]
-    contacts: list[Part] = [_edges(assembly, points, width=1.4, opacity=0.35)]
+    every = range(assembly.n_blocks)
+    contacts: list[Part] = [outlines(assembly, every, width=1.4, opacity=0.35)]
     if len(triangles):
         contacts.append(Surface(interfaces.polygons.corners, triangles, colour, lit=False))
     legend = block_legend()
@@ -139,7 +115,7 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
     counts = (result.n_blocks, "free block"), (interfaces.n_contacts, "contact point")
     gallery(
         [
-            [_labelled(blocks, assembly)],
+            [with_labels(blocks, assembly, every)],
             [Panel("contact interfaces", View(contacts, _EYE, weight=weight))],
         ],
         f"{run.name}: {run.scene.load_words}; {answer}\n"
