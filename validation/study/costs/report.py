@@ -13,7 +13,7 @@ from validation.output.pictures.scales import BLUE, GREEN, GREY, ORANGE, SKY, VE
 from validation.output.provenance import Provenance
 from validation.study.costs.measure import SCALARS
 from validation.study.costs.plan import QUANTITIES
-from validation.study.costs.study import TARGETS, CostStudy, Row, answer, percent
+from validation.study.costs.study import TARGETS, CostStudy, answer, percent
 from validation.study.study import UNITS
 
 if TYPE_CHECKING:
@@ -26,27 +26,13 @@ _TITLES = {
     "max_displacement": "largest displacement",
     "pressure_l2": "contact pressure field, L2",
 }
-_COLOURS = {
-    "rigid": GREY,
-    "static": BLUE,
-    "curved": GREEN,
-    "explicit": VERMILION,
-    "calculix": "black",
-}
-_MARKERS = {"C3D8I": "o", "full": "^", "C3D8": "s", "C3D8R": "D", "curved": "h"}
-#: Of families that method and element do not tell from others, by their last words.
-_STYLES = {
-    "pressure norm": ("P", GREEN),
-    "static degree 2": ("<", GREEN),
-    "static degree 3": ("h", GREEN),
-    "float32": ("*", "black"),
-    "mass scaling 2": ("H", GREY),
-    "residual 1e-2": (">", ORANGE),
-    "residual 1e-6": ("<", ORANGE),
-    "ramp × 0.1": ("1", "black"),
-    "ramp × 10": ("2", "black"),
-    "constant damping": ("X", GREEN),
-    "α = 2 /s": ("h", GREEN),
+#: Curves of the figure by method: name and colour; each shows the best settings of its method.
+_CURVES = {
+    "rigid": ("rigid blocks", GREY),
+    "static": ("static, trilinear elements", BLUE),
+    "curved": ("static, elements of higher degree", GREEN),
+    "explicit": ("explicit", VERMILION),
+    "calculix": ("CalculiX", "black"),
 }
 
 
@@ -168,7 +154,7 @@ def _order_cell(study: CostStudy, family: str, quantity: str) -> str:
 
 
 def draw_study(study: CostStudy, path: Path, *, title: str = "") -> None:
-    """Draw error over CPU time for every quantity, Pareto front and reference error with it.
+    """Draw error over CPU time for every quantity: best settings of each method, reference error.
 
     ``title`` says which scene where its name does not say all.
     """
@@ -190,8 +176,8 @@ def draw_study(study: CostStudy, path: Path, *, title: str = "") -> None:
     left_out = "\n".join(f"left out: {method}: {why}" for method, why in study.plan.left_out)
     figure.text(0.02, 0.01, left_out, fontsize=8, va="bottom")
     figure.suptitle(
-        f"{title or study.name}: cost versus accuracy (mesh ×1: {study.plan.base.words} elements "
-        "per block; numbers at the points: mesh)",
+        f"{title or study.name}: cost versus accuracy, best settings of each method\n"
+        f"numbers at the points: mesh; ×1 has {study.plan.base.words} elements per block",
         x=0.02,
         ha="left",
     )
@@ -227,10 +213,15 @@ def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
         zorder=1,
         label="Pareto front",
     )
-    for family, rows in study.families().items():
-        shown = [row for row in rows if quantity in row.errors]
-        if shown:
-            _draw_family(axes, family, shown, quantity, bottom)
+    for method, (label, colour) in _CURVES.items():
+        best = [row for row in study.front(quantity, method) if quantity in row.errors]
+        x, y = [row.cost for row in best], [max(row.errors[quantity], bottom) for row in best]
+        if best:
+            axes.plot(x, y, "o-", color=colour, lw=1.2, markersize=5, label=label)
+    for row in front:
+        words = row.setting.mesh_words.removeprefix("mesh ").replace(" of degree ", ", ")
+        where = row.cost, max(row.errors[quantity], bottom)
+        axes.annotate(words, where, (4, 5), textcoords="offset points", fontsize=8)
     axes.set_ylim(bottom, 1.6 * max(errors))
     axes.margins(x=0.08)
     axes.set_title(_TITLES[quantity], fontsize=11, loc="left")
@@ -242,41 +233,3 @@ def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
     seconds = twos_and_fives(lambda value: f"{value:g}")
     axes.xaxis.set_minor_formatter(seconds if highest < 1e3 * lowest else NullFormatter())
     axes.yaxis.set_minor_formatter(twos_and_fives(lambda value: f"{100 * value:g}"))
-
-
-def _draw_family(axes: Axes, family: str, rows: list[Row], quantity: str, bottom: float) -> None:
-    method = rows[0].setting.method
-    graded = family.endswith(", graded")
-    variant = "," in family and method != "rigid" and not graded
-    element = "C3D8I" if method == "calculix" else family.split(" ")[1].rstrip(",")
-    usual = ("p" if graded else _MARKERS.get(element, "v")), _COLOURS[method]
-    marker, colour = _STYLES.get(family.rpartition(", ")[2], usual)
-    filled = element in ("C3D8I", "force", "curved", "degree") and not variant
-    x = [row.cost for row in rows]
-    y = [max(row.errors[quantity], bottom) for row in rows]
-    more = [max(row.found["cpu_seconds"]) - row.cost for row in rows]
-    axes.errorbar(
-        x,
-        y,
-        xerr=[[0.0] * len(x), more],
-        marker=marker,
-        color=colour,
-        markerfacecolor=colour if filled else "none",
-        linestyle="none" if variant else "--" if graded else "-",
-        lw=1.2,
-        markersize=7 if variant else 6,
-        capsize=2,
-        label=family,
-    )
-    if family == "static C3D8I" or element in ("curved", "degree") or method == "calculix":
-        for row, a, b in zip(rows, x, y, strict=True):
-            axes.annotate(
-                row.setting.mesh_words.removeprefix("mesh ").replace(" of degree ", ", "),
-                (a, b),
-                # Words of a rung would leave the panel on the right.
-                xytext=(-6, -9) if element == "curved" else (4, 5),
-                ha="right" if element == "curved" else "left",
-                textcoords="offset points",
-                fontsize=8,
-                color=colour,
-            )

@@ -109,6 +109,11 @@ class CostSetting:
         return CURVED_FACETS if self.method == "curved" else self.level
 
     @property
+    def curve(self) -> str:
+        """Method, elements of higher degree apart from trilinear ones."""
+        return "curved" if self.family.startswith("static degree") else self.method
+
+    @property
     def name(self) -> str:
         """Family and mesh."""
         return f"{self.family}, {self.mesh_words}"

@@ -85,10 +85,11 @@ class CostStudy:
         rows = [row for row in self.rows if quantity in row.errors]
         return rows, [Point(row.cost, row.errors[quantity]) for row in rows]
 
-    def front(self, quantity: str) -> list[Row]:
-        """Rows that no other row beats, by ascending cost."""
+    def front(self, quantity: str, method: str = "") -> list[Row]:
+        """Rows that no other row, of one method or of all, beats, by ascending cost."""
         rows, points = self.points(quantity)
-        return [rows[i] for i in pareto_front(points)]
+        chosen = [i for i, row in enumerate(rows) if method in ("", row.setting.curve)]
+        return [rows[chosen[k]] for k in pareto_front([points[i] for i in chosen])]
 
     def families(self) -> dict[str, list[Row]]:
         """Rows by family, coarse to fine."""
