@@ -62,6 +62,7 @@ def answer_of(
         reported=lambda: report_of(solution, facets) | ({} if beside is None else beside()),
         details=solution,
         problem=problem,
+        cut=solution.sections,
     )
 
 

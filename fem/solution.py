@@ -18,13 +18,17 @@ from fem.assembly.contact_state import (
     cap_action,
     contact_measures,
     corner_displacements,
+    facing_points,
 )
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.peaks import StressPeaks, joint_forces, stress_peaks
+from fem.assembly.section_forces import SolvedState, section_forces
+from fem.contact.search import SearchedSurfaces, searched_surfaces
+from fem.contact.surfaces import ContactSurfaces
 from fem.problem.recovery import Recovered, recover
 from fem.static.result import StaticResult, loose_blocks
 from geometry.errors import RefusedError
-from geometry.measures import JointResultants
+from geometry.measures import JointResultants, Planes, SectionForces
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 
 if TYPE_CHECKING:
@@ -249,6 +253,30 @@ class Solution(ReadOnlyArrays):
             model.surfaces,
             np.arange(model.assembly.n_blocks),
         )
+
+    # ---- sections
+
+    @cached_property
+    def _state(self) -> SolvedState:
+        whole, moved = self.deformable, self.group_displacements
+        surfaces: ContactSurfaces | SearchedSurfaces = whole.surfaces
+        if self.static is not None:
+            surfaces = self.static.surfaces
+        elif whole.contact.finite_sliding:
+            surfaces = searched_surfaces(facing_points(whole, moved), whole.surfaces.clearance)
+        return SolvedState(whole, moved, surfaces, self.finite_rotation)
+
+    def sections(self, cut: Planes) -> SectionForces:
+        """Sum what elements and contacts transmit through planes.
+
+        Of an explicit run those of its end; what viscosity and damping do is not counted.
+
+        Raises
+        ------
+        SectionError
+            As `fem.assembly.section_forces.section_forces`.
+        """
+        return section_forces(self._state, cut)
 
     # ---- the end of a run
 

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.errors import RefusedError
-from geometry.measures import first_largest
+from geometry.measures import Planes, SectionError, SectionForces, first_largest, planes
 from geometry.mesh import FloatArray, IntArray, read_only
 
 if TYPE_CHECKING:
@@ -270,6 +270,8 @@ class Answer:
     """The solver's own result; None in an answer that was pickled or read."""
     problem: Any = None
     """What was solved, with its ``blocks`` on the facets of `contacts`; None in such an answer."""
+    cut: Callable[[Planes], SectionForces] | None = None
+    """Makes section forces; None in such an answer."""
 
     def __post_init__(self) -> None:
         for name in ("points", "cells", "block_of_point", "layer_of_point"):
@@ -304,6 +306,37 @@ class Answer:
         found = measure_rows(self.measures)
         rows = (f"<tr><td>{escape(t)}</td><td>{escape(w)}</td></tr>" for t, w in found)
         return f"<table><caption>{escape(self.title)}</caption>{''.join(rows)}</table>"
+
+    def sections(
+        self,
+        point: npt.ArrayLike,
+        normal: npt.ArrayLike,
+        *,
+        blocks: Sequence[int] | None = None,
+    ) -> SectionForces:
+        """Compute normal force, shear forces and moments of the blocks through one or more planes.
+
+        Parameters
+        ----------
+        point
+            Of the plane, (3,), or of n planes, (n, 3) [mm].
+        normal
+            Of any length, (3,) or (n, 3). Forces are those of what lies ahead of the plane on what
+            lies behind it.
+        blocks
+            Numbers of the blocks that are cut; None: all.
+
+        Raises
+        ------
+        SectionError
+            A plane that cuts nothing, or forces that the answer does not have.
+        """
+        if self.cut is None:
+            raise SectionError(
+                "section: an answer that was read or pickled has no forces inside blocks; solve "
+                "the problem again, or name the section in the scene"
+            )
+        return self.cut(planes(point, normal, blocks=blocks))
 
     def mesh(self) -> pv.UnstructuredGrid:
         """Blocks before the load acts as a pyvista mesh, with every field, block and layer.

@@ -376,3 +376,41 @@ def _opening_of_layers(assembly: Assembly) -> FloatArray:
         least = np.linalg.lstsq(rates.reshape(len(pairs), -1), np.ones(len(pairs)))[0]
         opening[blocks] = least.reshape(-1, 3)
     return opening
+
+
+@dataclass(frozen=True)
+class UnmatchedJoint:
+    """Two blocks that touch where their facets do not all match."""
+
+    block_m: int
+    """One block."""
+    block_s: int
+    """The other one."""
+    touching: float
+    """Area on which they touch [mm²]."""
+    matched: float
+    """Area of it on which facets match corner on corner [mm²]."""
+    toward: FloatArray
+    """Direction in which the face of block m looks, (3,)."""
+
+    def __str__(self) -> str:
+        """Name the blocks, the face, and the area that matches."""
+        return (
+            f"the meshes of blocks {self.block_m} and {self.block_s} do not match: facets meet "
+            f"corner on corner on {self.matched:.4g} of the {self.touching:.4g} mm² on which the "
+            f"blocks touch (face of block {self.block_m} that looks along "
+            f"{np.round(self.toward, 3).tolist()})"
+        )
+
+
+def matched_area(assembly: Assembly, block_m: int, block_s: int) -> float:
+    """Area of the facets of two blocks that coincide corner on corner [mm²].
+
+    Of four triangles round the middle of each, as `polyhedron_from_block` cuts them.
+    """
+    interfaces = assembly.interfaces
+    meets = (interfaces.block_m == block_m) & (interfaces.block_s == block_s)
+    corners = assembly.shape(block_m).mesh.nodes[interfaces.quads_m[meets]]
+    arms = corners - corners.mean(axis=1, keepdims=True)
+    doubled = np.linalg.norm(np.cross(arms, np.roll(arms, -1, axis=1)), axis=2)
+    return 0.5 * float(doubled.sum())

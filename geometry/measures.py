@@ -15,12 +15,16 @@ Reference: Heyman, The Stone Skeleton, Int. J. Solids Structures 2 (1966), secti
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from geometry.assembly import AnyBlocks, Assembly, ContactSet
+from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 
 #: Pressures below this fraction of the largest are round-off of the solver.
@@ -154,24 +158,68 @@ def facet_measures(
 _NO_PLACE = 1e-9
 
 
-@dataclass(frozen=True)
-class JointResultants(ReadOnlyArrays):
-    """One row for each pair of blocks that touch; forces act on block s."""
+@dataclass(frozen=True, kw_only=True)
+class Resultants(ReadOnlyArrays):
+    """Forces across surfaces, one row each: joints of two blocks, or sections through blocks."""
+
+    areas: FloatArray
+    """(n,) [mm²]."""
+    centroids: FloatArray
+    """Of the areas, (n, 3) [mm]."""
+    normals: FloatArray
+    """Unit, (n, 3)."""
+    forces: FloatArray
+    """F, (n, 3) [N]."""
+    moments: FloatArray
+    """M about the centroid, (n, 3) [N mm]."""
+
+    @property
+    def normal_force(self) -> FloatArray:
+        """N = F · n; (n,) [N]."""
+        return np.einsum("ji,ji->j", self.forces, self.normals)
+
+    @property
+    def shear_force(self) -> FloatArray:
+        """T, size of the force in the plane; (n,) [N]."""
+        along = self.forces - self.normal_force[:, None] * self.normals
+        return np.linalg.norm(along, axis=1)
+
+    @property
+    def twisting_moment(self) -> FloatArray:
+        """Moment about the normal, (n,) [N mm]."""
+        return np.einsum("ji,ji->j", self.moments, self.normals)
+
+    @property
+    def bending_moment(self) -> FloatArray:
+        """Size of the moment in the plane, (n,) [N mm]."""
+        bending = self.moments - self.twisting_moment[:, None] * self.normals
+        return np.linalg.norm(bending, axis=1)
+
+    @property
+    def eccentricity(self) -> FloatArray:
+        """e, from the centroid to where N acts; zero where there is no N; (n, 3) [mm]."""
+        normal = self.normal_force
+        acts = np.abs(normal) > _NO_PLACE * np.abs(self.forces).max(initial=0.0)
+        arm = np.cross(self.normals, self.moments) / np.where(acts, normal, 1.0)[:, None]
+        return np.where(acts[:, None], arm, 0.0)
+
+    @property
+    def points(self) -> FloatArray:
+        """Where N acts: the points of the thrust line, (n, 3) [mm]."""
+        return self.centroids + self.eccentricity
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointResultants(Resultants):
+    """One row for each pair of blocks that touch; forces act on block s.
+
+    N is positive where the blocks press on each other.
+    """
 
     block_m: IntArray
     """Master block, (n_joints,)."""
     block_s: IntArray
     """Opposing block, (n_joints,)."""
-    areas: FloatArray
-    """Contact area, (n_joints,) [mm²]."""
-    centroids: FloatArray
-    """Centroid of the contact area, (n_joints, 3) [mm]."""
-    normals: FloatArray
-    """Mean unit normal from m to s, (n_joints, 3)."""
-    forces: FloatArray
-    """F, (n_joints, 3) [N]."""
-    moments: FloatArray
-    """M about the centroid, (n_joints, 3) [N mm]."""
     smallest_gap: FloatArray | None = None
     """Of deformable blocks, positive where open: negative is penetration; (n_joints,) [mm]."""
     largest_gap: FloatArray | None = None
@@ -191,41 +239,6 @@ class JointResultants(ReadOnlyArrays):
         """Gaps and slip by name, (n_joints,) each [mm]; nothing for rigid blocks."""
         names = ("smallest_gap", "largest_gap", "largest_slip")
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-
-    @property
-    def normal_force(self) -> FloatArray:
-        """N, positive where the blocks press on each other; (n_joints,) [N]."""
-        return np.einsum("ji,ji->j", self.forces, self.normals)
-
-    @property
-    def shear_force(self) -> FloatArray:
-        """T, size of the force in the plane of the joint; (n_joints,) [N]."""
-        along = self.forces - self.normal_force[:, None] * self.normals
-        return np.linalg.norm(along, axis=1)
-
-    @property
-    def twisting_moment(self) -> FloatArray:
-        """Moment about the normal, (n_joints,) [N mm]."""
-        return np.einsum("ji,ji->j", self.moments, self.normals)
-
-    @property
-    def bending_moment(self) -> FloatArray:
-        """Size of the moment in the plane of the joint, (n_joints,) [N mm]."""
-        bending = self.moments - self.twisting_moment[:, None] * self.normals
-        return np.linalg.norm(bending, axis=1)
-
-    @property
-    def eccentricity(self) -> FloatArray:
-        """e, from the centroid to where N acts; zero where there is no N; (n_joints, 3) [mm]."""
-        normal = self.normal_force
-        pressed = normal > _NO_PLACE * np.abs(self.forces).max(initial=0.0)
-        arm = np.cross(self.normals, self.moments) / np.where(pressed, normal, 1.0)[:, None]
-        return np.where(pressed[:, None], arm, 0.0)
-
-    @property
-    def points(self) -> FloatArray:
-        """Where N acts: the points of the thrust line, (n_joints, 3) [mm]."""
-        return self.centroids + self.eccentricity
 
     def as_json(self) -> list[dict[str, Any]]:
         """Return the resultants of each joint as plain data, the same keys for all blocks.
@@ -324,7 +337,223 @@ def summed_by_joint(
     normal = total(areas[:, None] * normals)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     moment = total(np.cross(points - middle[joint], forces))
-    return JointResultants(pairs[:, 0], pairs[:, 1], area, middle, normal, total(forces), moment)
+    return JointResultants(
+        block_m=pairs[:, 0],
+        block_s=pairs[:, 1],
+        areas=area,
+        centroids=middle,
+        normals=normal,
+        forces=total(forces),
+        moments=moment,
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Sections
+
+
+class SectionError(RefusedError):
+    """A plane that no section forces can be stated for; the message says what is expected."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Planes(ReadOnlyArrays):
+    """Planes that cut an assembly, or some of its blocks."""
+
+    points: FloatArray
+    """A point of each, (n, 3) [mm]."""
+    normals: FloatArray
+    """Unit, (n, 3)."""
+    blocks: tuple[IntArray | None, ...]
+    """Numbers of the blocks that each cuts; None: all."""
+    names: tuple[str, ...]
+    """In tables and files."""
+
+
+def planes(
+    points: npt.ArrayLike,
+    normals: npt.ArrayLike,
+    *,
+    blocks: Sequence[int] | None = None,
+    names: Sequence[str] | None = None,
+) -> Planes:
+    """Check planes: one point (3,) or several (n, 3) [mm], with a normal of any length each.
+
+    Raises
+    ------
+    SectionError
+        What is no finite point or direction.
+    """
+    try:
+        at, along = (np.atleast_2d(np.asarray(v, dtype=np.float64)) for v in (points, normals))
+        at, along = np.broadcast_arrays(at, along)
+    except (TypeError, ValueError):
+        raise SectionError(
+            f"section: got point {points!r} and normal {normals!r}; expected three numbers each, "
+            "or (n, 3)"
+        ) from None
+    size = np.linalg.norm(along, axis=-1, keepdims=True)
+    fit = at.ndim == 2 and at.shape[1] == 3 and len(at) > 0
+    if not (fit and np.isfinite(at).all() and np.isfinite(size).all() and (size > 0.0).all()):
+        raise SectionError(
+            f"section: got point {points!r} and normal {normals!r}; expected three finite numbers "
+            "each, the normal not zero"
+        )
+    chosen = None if blocks is None else np.unique(np.asarray(blocks, dtype=np.int64))
+    named = [str(k) for k in range(len(at))] if names is None else names
+    return Planes(points=at, normals=along / size, blocks=(chosen,) * len(at), names=tuple(named))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SectionForces(Resultants):
+    """What blocks transmit through planes, one row each.
+
+    Forces and moments are those of the part ahead of the plane, where the normal points, on the
+    part behind it, the moments about the centroid of the section: N is positive in tension.
+    """
+
+    planes: Planes
+    """The planes."""
+
+    @cached_property
+    def axes(self) -> FloatArray:
+        """Two unit vectors in each plane, (n, 2, 3).
+
+        Right-handed with the normal; the second one points upwards (along z) as far as it can, in
+        horizontal planes along y.
+        """
+        normal = self.normals
+        flat = np.abs(normal[:, 2:]) > 1.0 - 1e-6
+        up = np.where(flat, [[0.0, 1.0, 0.0]], [[0.0, 0.0, 1.0]])
+        second = up - np.einsum("ji,ji->j", up, normal)[:, None] * normal
+        second /= np.linalg.norm(second, axis=1, keepdims=True)
+        return np.stack([np.cross(second, normal), second], axis=1)
+
+    @property
+    def shear_forces(self) -> FloatArray:
+        """V along both `axes`, (n, 2) [N]."""
+        return np.einsum("jai,ji->ja", self.axes, self.forces)
+
+    @property
+    def bending_moments(self) -> FloatArray:
+        """M about both `axes`, (n, 2) [N mm]."""
+        return np.einsum("jai,ji->ja", self.axes, self.moments)
+
+    def columns(self) -> dict[str, FloatArray]:
+        """Values by name, a row for each section; lengths in mm, forces in N, moments in N mm."""
+        return {
+            "plane_point": self.planes.points,
+            "normal": self.normals,
+            "area": self.areas,
+            "centroid": self.centroids,
+            "force": self.forces,
+            "moment": self.moments,
+            "normal_force": self.normal_force,
+            "shear_forces": self.shear_forces,
+            "bending_moments": self.bending_moments,
+            "twisting_moment": self.twisting_moment,
+            "point": self.points,
+            "axis_1": self.axes[:, 0],
+            "axis_2": self.axes[:, 1],
+        }
+
+    def as_json(self) -> list[dict[str, Any]]:
+        """Return the values of each section as plain data; the ``point`` is where N acts."""
+        columns = self.columns()
+        return [
+            {"name": name, **{key: values[k].tolist() for key, values in columns.items()}}
+            for k, name in enumerate(self.planes.names)
+        ]
+
+    def words(self, row: int) -> str:
+        """One section in a line."""
+        force, moment = self.forces[row], self.moments[row]
+        least = _NO_PLACE * float(np.linalg.norm(force))
+        # Moments are compared with forces at the edge of the section.
+        least_moment = least * np.sqrt(self.areas[row]) + _NO_PLACE * float(np.linalg.norm(moment))
+
+        def shown(least: float, *values: float) -> str:
+            return ", ".join(f"{0.0 if abs(v) <= least else v:.5g}" for v in values)
+
+        return (
+            f"N {shown(least, self.normal_force[row])} N, "
+            f"V {shown(least, *self.shear_forces[row])} N, "
+            f"M {shown(least_moment, *self.bending_moments[row])} N mm, "
+            f"T {shown(least_moment, self.twisting_moment[row])} N mm, "
+            f"area {self.areas[row]:.5g} mm²"
+        )
+
+    def __repr__(self) -> str:
+        """Return a line for each section."""
+        names = self.planes.names
+        return "\n".join(f"section {name}: {self.words(k)}" for k, name in enumerate(names))
+
+
+def sections_through_joints(
+    joints: JointResultants, centroids: FloatArray, cut: Planes
+) -> SectionForces:
+    """Sum what joints transmit between blocks whose centroids lie on both sides of a plane.
+
+    Rigid blocks have no forces inside: the section follows their joints.
+
+    Parameters
+    ----------
+    joints
+        Forces on block s.
+    centroids
+        Of the blocks, (n_blocks, 3) [mm].
+    cut
+        The planes.
+
+    Raises
+    ------
+    SectionError
+        A plane that no joint crosses.
+    """
+    rows = []
+    for k, (point, normal) in enumerate(zip(cut.points, cut.normals, strict=True)):
+        behind = (centroids - point) @ normal < 0.0
+        m, s = behind[joints.block_m], behind[joints.block_s]
+        chosen = cut.blocks[k]
+        crossing = m != s
+        if chosen is not None:
+            crossing &= np.isin(joints.block_m, chosen) & np.isin(joints.block_s, chosen)
+        at = np.flatnonzero(crossing)
+        if not len(at):
+            raise nothing_cut(cut, k, "two blocks that touch lie on both sides of it")
+        force = np.where(s, 1.0, -1.0)[at, None] * joints.forces[at]
+        moment = np.where(s, 1.0, -1.0)[at, None] * joints.moments[at]
+        area = float(joints.areas[at].sum())
+        share = joints.areas[at] / area if area else np.full(len(at), 1.0 / len(at))
+        middle = share @ joints.centroids[at]
+        moment += np.cross(joints.centroids[at] - middle, force)
+        rows.append((area, middle, force.sum(axis=0), moment.sum(axis=0)))
+    return section_rows(cut, rows)
+
+
+def section_rows(
+    cut: Planes, rows: Sequence[tuple[float, FloatArray, FloatArray, FloatArray]]
+) -> SectionForces:
+    """Sections from area, centroid, force and moment of each."""
+    area, middle, force, moment = (np.array(values) for values in zip(*rows, strict=True))
+    return SectionForces(
+        areas=area,
+        centroids=middle,
+        normals=cut.normals,
+        forces=force,
+        moments=moment,
+        planes=cut,
+    )
+
+
+def nothing_cut(cut: Planes, row: int, expected: str) -> SectionError:
+    """Say that a plane cuts nothing."""
+    point, normal = cut.points[row].tolist(), cut.normals[row].tolist()
+    among = "" if cut.blocks[row] is None else " of those blocks"
+    return SectionError(
+        f"section {cut.names[row]}: the plane through {point} mm with normal {normal} cuts "
+        f"nothing{among}; expected a plane so that {expected}"
+    )
 
 
 def chain(joints: JointResultants) -> IntArray | None:
@@ -351,44 +580,6 @@ def chain(joints: JointResultants) -> IntArray | None:
         if not following:
             return np.array(order, dtype=np.int64) if len(order) == n else None
         order.append(following[0])
-
-
-@dataclass(frozen=True)
-class UnmatchedJoint:
-    """Two blocks that touch where their facets do not all match."""
-
-    block_m: int
-    """One block."""
-    block_s: int
-    """The other one."""
-    touching: float
-    """Area on which they touch [mm²]."""
-    matched: float
-    """Area of it on which facets match corner on corner [mm²]."""
-    toward: FloatArray
-    """Direction in which the face of block m looks, (3,)."""
-
-    def __str__(self) -> str:
-        """Name the blocks, the face, and the area that matches."""
-        return (
-            f"the meshes of blocks {self.block_m} and {self.block_s} do not match: facets meet "
-            f"corner on corner on {self.matched:.4g} of the {self.touching:.4g} mm² on which the "
-            f"blocks touch (face of block {self.block_m} that looks along "
-            f"{np.round(self.toward, 3).tolist()})"
-        )
-
-
-def matched_area(assembly: Assembly, block_m: int, block_s: int) -> float:
-    """Area of the facets of two blocks that coincide corner on corner [mm²].
-
-    Of four triangles round the middle of each, as `polyhedron_from_block` cuts them.
-    """
-    interfaces = assembly.interfaces
-    meets = (interfaces.block_m == block_m) & (interfaces.block_s == block_s)
-    corners = assembly.shape(block_m).mesh.nodes[interfaces.quads_m[meets]]
-    arms = corners - corners.mean(axis=1, keepdims=True)
-    doubled = np.linalg.norm(np.cross(arms, np.roll(arms, -1, axis=1)), axis=2)
-    return 0.5 * float(doubled.sum())
 
 
 def between_layers(assembly: Assembly, contacts: IntArray, lower: int) -> IntArray:

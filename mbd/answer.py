@@ -22,7 +22,16 @@ from geometry.answer import (
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
-from geometry.measures import JointResultants, Measures, first_largest, joint_resultants
+from geometry.measures import (
+    JointResultants,
+    Measures,
+    Planes,
+    SectionError,
+    SectionForces,
+    first_largest,
+    joint_resultants,
+    sections_through_joints,
+)
 from geometry.mesh import FloatArray, IntArray
 from mbd.analysis import RigidResult, RigidStatement, check_types, rigid_result
 from mbd.contact_jacobian import block_wrenches, contact_wrenches
@@ -191,6 +200,7 @@ def answer_of(
         reported=lambda: found.report() | ({} if beside is None else beside()),
         details=result,
         problem=Stated(assembly, load),
+        cut=found.sections,
     )
 
 
@@ -238,6 +248,14 @@ class _Found:
             name: {"force": wrench[:3].tolist(), "moment": wrench[3:].tolist()}
             for name, wrench in self.supports.items()
         }
+
+    def sections(self, cut: Planes) -> SectionForces:
+        """Sum the forces of the joints between blocks on both sides of planes."""
+        if not self.carried.holds:
+            raise SectionError("section: nothing carries the load, so there are no forces")
+        if getattr(self.assembly, "image_of", None) is not None:
+            raise SectionError("section: a periodic cell is a part of a section; cut the tube")
+        return sections_through_joints(self.joints, self.assembly.centroids, cut)
 
     @property
     def paper(self) -> Measures | None:

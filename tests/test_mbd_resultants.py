@@ -106,7 +106,15 @@ def joints_between(*pairs: tuple[int, int]) -> JointResultants:
     n, zero = len(pairs), np.zeros((len(pairs), 3))
     m, s = np.array(pairs).T
     upward = np.tile([0.0, 0.0, 1.0], (n, 1))
-    return JointResultants(m, s, np.ones(n), zero, upward, zero, zero)
+    return JointResultants(
+        block_m=m,
+        block_s=s,
+        areas=np.ones(n),
+        centroids=zero,
+        normals=upward,
+        forces=zero,
+        moments=zero,
+    )
 
 
 def test_only_a_row_of_blocks_has_a_line() -> None:

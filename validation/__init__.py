@@ -13,6 +13,7 @@ What most need::
 | `load_scene`, `Scene` | a scene by its name or from TOML; its ``problem()`` |
 | `write`, `read_answer` | an answer as files, and back |
 | `plot` | a field of an answer as a matplotlib figure |
+| `section` | normal force, shear forces and moments through planes |
 | `compare` | answers of several solvers beside each other |
 | `sweep` | a scene with every combination of some values |
 | `cost` | error against CPU time of every method and mesh |
@@ -31,11 +32,22 @@ if TYPE_CHECKING:
         load_scene,
         plot,
         read_answer,
+        section,
         sweep,
         write,
     )
 
-__all__ = ["Scene", "compare", "cost", "load_scene", "plot", "read_answer", "sweep", "write"]
+__all__ = [
+    "Scene",
+    "compare",
+    "cost",
+    "load_scene",
+    "plot",
+    "read_answer",
+    "section",
+    "sweep",
+    "write",
+]
 
 
 def __getattr__(name: str) -> Any:

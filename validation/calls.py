@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from fem.assembly.statement import Problem
     from geometry.answer import Answer
+    from geometry.measures import SectionForces
     from validation.scene.read import SceneFile
     from validation.study.comparison.report import Comparison
     from validation.study.costs.study import CostStudy
@@ -112,6 +115,23 @@ def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool
     from validation.output.plot import plot as draw
 
     return draw(answer, field, layer=layer, unrolled=unrolled)
+
+
+def section(
+    answer: Answer,
+    point: npt.ArrayLike,
+    normal: npt.ArrayLike,
+    *,
+    blocks: Sequence[int] | None = None,
+) -> SectionForces:
+    """Compute normal force, shear forces and moments through planes: see `Answer.sections`.
+
+    Raises
+    ------
+    SectionError
+        A plane that cuts nothing, or forces that the answer does not have.
+    """
+    return answer.sections(point, normal, blocks=blocks)
 
 
 def compare(*answers: Answer) -> Comparison:

@@ -16,12 +16,13 @@ import numpy as np
 from geometry.assembly import (
     Assembly,
     AssemblyError,
+    UnmatchedJoint,
+    matched_area,
     require_counts,
     require_divisions,
     require_size,
 )
 from geometry.block import Block, box_block
-from geometry.measures import UnmatchedJoint, matched_area
 
 _FACES = {"y-": "inner", "y+": "outer", "x-": "left", "x+": "right", "z-": "bottom", "z+": "top"}
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks, Assembly
+from geometry.assembly import AnyBlocks, Assembly, UnmatchedJoint
 from geometry.loads import LoadCase
-from geometry.measures import UnmatchedJoint
 from geometry.mesh import FloatArray
 from validation.build.materials import densities
 from validation.errors import InputError

@@ -8,6 +8,7 @@ import numpy as np
 
 from fem.accuracy.converge import FAR_BEYOND, MOST_WORK, searched_points, searched_work
 from fem.assembly.deformable import DeformableAssembly, Frames
+from fem.assembly.section_forces import check_planes
 from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
 from fem.contact.surfaces import ContactNormals
@@ -18,6 +19,7 @@ from geometry.loads import LoadCase
 from validation.build.blocks import HexahedralBlocks, build_blocks
 from validation.build.cell import build_cell
 from validation.build.materials import build_materials, count_materials
+from validation.build.sections import scene_planes
 from validation.errors import InputError, named
 from validation.scene.deformable import (
     Damping,
@@ -29,6 +31,7 @@ from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import too_large_to_deform
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
+from validation.scene.usage import unrecorded
 
 
 def fem_section(scene: DeformableScene, name: str) -> FemSection:
@@ -223,7 +226,12 @@ def scene_problem(scene: DeformableScene, name: str) -> Problem:
     """
     blocks = build_hexahedra(scene, name)
     with named(name):
-        return build_problem(scene, name, blocks)
+        problem = build_problem(scene, name, blocks)
+        with unrecorded():
+            cut = scene_planes(scene, problem.blocks)
+        if cut is not None:
+            check_planes(problem.blocks, cut)
+        return problem
 
 
 def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:

@@ -11,12 +11,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from fem.element.lagrange_mesh import with_degree
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import Assembly, AssemblyError, UnmatchedJoint, matched_area
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.files.hexahedral_solids import file_blocks, solid_block
 from geometry.loads import LoadCase
-from geometry.measures import UnmatchedJoint, matched_area
 from geometry.mesh import IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from geometry.polyhedra.overlap import check_assembly

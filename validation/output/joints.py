@@ -36,24 +36,27 @@ def _write_table(joints: JointResultants, names: tuple[str, ...], path: Path) ->
         "block_s": joints.block_s,
         **({"name_m": named[joints.block_m], "name_s": named[joints.block_s]} if names else {}),
         "area_mm2": joints.areas,
-        **_components("centroid", joints.centroids, "mm"),
-        **_components("normal", joints.normals, ""),
-        **_components(name("force"), joints.forces, "N"),
-        **_components(name("moment"), joints.moments, "Nmm"),
+        **components("centroid", joints.centroids, "mm"),
+        **components("normal", joints.normals, ""),
+        **components(name("force"), joints.forces, "N"),
+        **components(name("moment"), joints.moments, "Nmm"),
         f"{name('normal_force')}_N": joints.normal_force,
         f"{name('shear_force')}_N": joints.shear_force,
         f"{name('bending_moment')}_Nmm": joints.bending_moment,
         f"{name('twisting_moment')}_Nmm": joints.twisting_moment,
-        **_components(name("thrust_point"), joints.points, "mm"),
+        **components(name("thrust_point"), joints.points, "mm"),
         **{f"{key}_mm": values for key, values in joints.motion.items()},
     }
 
     write_csv(path, columns, zip(*(values.tolist() for values in columns.values()), strict=True))
 
 
-def _components(name: str, values: FloatArray, unit: str) -> dict[str, FloatArray]:
+def components(
+    name: str, values: FloatArray, unit: str, axes: tuple[str, ...] = _AXES
+) -> dict[str, FloatArray]:
+    """Columns of the components of vectors (n, n_axes), named by axis and unit."""
     end = f"_{unit}" if unit else ""
-    return {f"{name}_{axis}{end}": values[:, k] for k, axis in enumerate(_AXES)}
+    return {f"{name}_{axis}{end}": values[:, k] for k, axis in enumerate(axes)}
 
 
 def _write_points(joints: JointResultants, path: Path) -> None:

@@ -15,11 +15,14 @@ from fem.element.lagrange_mesh import LagrangeMesh
 from fem.solution import Solution
 from geometry.answer import Answer
 from geometry.assembly import Assembly
+from geometry.measures import SectionForces
 from geometry.mesh import FloatArray
 from validation.build.doubts import doubts
 from validation.build.materials import count_materials
 from validation.build.own_blocks import bare_joints
 from validation.build.polyhedra import build_polyhedra
+from validation.build.sections import scene_planes
+from validation.errors import named
 from validation.run.measures import FrictionSet, StaticReference
 from validation.run.stages import peak_memory_mb
 from validation.scene.family import RoundScene
@@ -83,6 +86,13 @@ class DeformableRun:
             beside=self._beside,
         )
 
+    @cached_property
+    def sections(self) -> SectionForces | None:
+        """Forces through the planes of the scene; None where it has none."""
+        with named(self.name):
+            cut = scene_planes(self.scene, self.solution.deformable.assembly)
+            return None if cut is None else self.solution.sections(cut)
+
     def _beside(self) -> dict[str, Any]:
         """What the report says of the scene, and of the process that solved it."""
         friction = {} if self.friction is None else {"friction": self.friction.as_json()}
@@ -95,6 +105,7 @@ class DeformableRun:
             **friction,
             **static,
             **self.refinement,
+            **({} if self.sections is None else {"sections": self.sections.as_json()}),
             **(
                 {"contact_search": str(self.contact_search)}
                 if self.solution.deformable.meets

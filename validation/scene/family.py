@@ -12,9 +12,8 @@ from validation.scene.deformable import DeformableSections
 from validation.scene.sections import RigidSection, Section, TubeAssemblySection, TubeLoadSection
 
 if TYPE_CHECKING:
-    from geometry.assembly import Assembly
+    from geometry.assembly import Assembly, UnmatchedJoint
     from geometry.loads import LoadCase
-    from geometry.measures import UnmatchedJoint
 
 
 class BlockSection(Section):

@@ -238,6 +238,19 @@ class PicturesSection(Section):
         )
 
 
+class CutSection(Section):
+    """``[[sections]]``: plane through which normal force, shear forces and moments are computed."""
+
+    point: Vector
+    """A point of the plane [mm]."""
+    normal: Vector
+    """Normal of any length: forces are those of the part it points to on the part behind."""
+    name: str = ""
+    """Name in tables and files; by default its number, from 1."""
+    blocks: tuple[int | str, ...] | None = None
+    """Numbers or names of the blocks that are cut; by default all."""
+
+
 class WholeScene(Section):
     """Sections that every scene may have."""
 
@@ -246,6 +259,8 @@ class WholeScene(Section):
 
     plausibility: PlausibilitySection = PlausibilitySection()
     pictures: PicturesSection = PicturesSection()
+    sections: tuple[CutSection, ...] = ()
+    """Planes whose section forces are printed and written."""
 
     @property
     def weight(self) -> Vector | None:

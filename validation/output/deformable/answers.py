@@ -24,6 +24,7 @@ from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
 from validation.output.pictures.energies import draw_energies
+from validation.output.section_forces import SECTION_FILES, add_sections, write_sections
 from validation.run.accuracy import reached_rows
 from validation.run.stages import cpu_words, peak_memory_mb
 from validation.scene.deformable import FemSection
@@ -43,6 +44,7 @@ FILES = (
     "sections.png",
     "displacement.png",
     *JOINT_FILES,
+    *SECTION_FILES,
     "history.csv",
     "energies.png",
     "frame_*.vtu",
@@ -54,6 +56,7 @@ def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
     """Write joints, pictures and history beside the answer; nothing without a folder."""
     if run.solution.deformable.meets:
         write_joints(run.solution.joints, outputs, run.solution.deformable.assembly.names)
+    write_sections(run.sections, outputs)
     for file, draw in _pictures(run).items():
         outputs.write("picture", file, partial(draw, run))
     if run.solution.explicit is not None:
@@ -130,6 +133,7 @@ def print_run(run: DeformableRun, console: Console) -> None:
     """Print the result of a run, its evidence, and how it was computed."""
     table = two_columns(run.title)
     add_measures(table, run.answer.measures)
+    add_sections(table, run.sections)
     _add_accuracy(table, run)
     _add_motion(table, run)
     if run.solution.deformable.meets:

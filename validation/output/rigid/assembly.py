@@ -22,6 +22,7 @@ from validation.output.rigid.words import (
     held_words,
     ring_words,
 )
+from validation.output.section_forces import SECTION_FILES, write_sections
 from validation.run.rigid.answer import RigidRun
 from validation.run.stages import cpu_words
 
@@ -30,7 +31,13 @@ if TYPE_CHECKING:
     from validation.run.rigid.explosion import Explosion
 
 #: Files of a rigid result.
-FILES = (*answer_files.FILES, "contact_pressures.png", "mechanism.png", *JOINT_FILES)
+FILES = (
+    *answer_files.FILES,
+    "contact_pressures.png",
+    "mechanism.png",
+    *JOINT_FILES,
+    *SECTION_FILES,
+)
 
 
 def write_rigid(run: RigidRun, outputs: Outputs) -> None:
@@ -38,6 +45,7 @@ def write_rigid(run: RigidRun, outputs: Outputs) -> None:
     if run.carried.holds:
         outputs.write("picture", "contact_pressures.png", lambda path: draw_pressures(run, path))
         write_joints(run.joints, outputs, run.assembly.names)
+        write_sections(run.sections, outputs)
     if "mechanism" in run.answer.fields:
         outputs.write("picture", "mechanism.png", lambda path: draw_mechanism(run, path))
 

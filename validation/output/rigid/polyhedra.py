@@ -24,6 +24,7 @@ from validation.output.rigid.words import (
     certificate_words,
     held_words,
 )
+from validation.output.section_forces import SECTION_FILES, write_sections
 from validation.run.rigid.polyhedra import PolyhedralRun, mechanism_motion
 from validation.run.stages import cpu_words
 from validation.scene.polyhedra import STRAIGHT_EDGES, MeshScene
@@ -33,7 +34,14 @@ _NOTHING = 1e-9
 #: Files that hold surfaces alone.
 _SURFACES = {".stl", ".ply", ".off", *SURFACES_ALONE}
 #: Files of a rigid result.
-FILES = (*answer_files.FILES, "contacts.vtu", "contacts.png", "mechanism.png", *JOINT_FILES)
+FILES = (
+    *answer_files.FILES,
+    "contacts.vtu",
+    "contacts.png",
+    "mechanism.png",
+    *JOINT_FILES,
+    *SECTION_FILES,
+)
 
 
 def write_polyhedra(run: PolyhedralRun, outputs: Outputs) -> None:
@@ -42,6 +50,7 @@ def write_polyhedra(run: PolyhedralRun, outputs: Outputs) -> None:
     outputs.write("picture", "contacts.png", lambda path: draw_polyhedra(run, path))
     if run.carried.holds:
         write_joints(run.joints, outputs, run.assembly.names)
+        write_sections(run.sections, outputs)
     motion = mechanism_motion(run)
     if motion is not None:
         outputs.write(

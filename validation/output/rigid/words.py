@@ -11,6 +11,7 @@ from rich.table import Table
 from geometry.answer import Measure
 from mbd import Classification, Mechanism, MechanismClass, SelfStress
 from mbd.force_range import ForceRanges
+from validation.output.section_forces import add_sections
 from validation.run.rigid.answer import RigidAnswer
 from validation.run.rigid.further import Further
 
@@ -63,6 +64,9 @@ def add_first_rows(table: Table, run: RigidAnswer) -> None:
         table.add_row("normal forces of joints", joint_force_words(found))
     if "total_reaction" in found:
         table.add_row("total reaction", reaction_words(found, run.answer.report["reaction"]))
+    add_sections(table, run.sections)
+    if run.scene.sections and run.sections is None:
+        table.add_row("sections", "none: the load is not carried")
 
 
 def reaction_words(found: Mapping[str, Measure], force: list[float]) -> str:

@@ -13,12 +13,14 @@ import scipy.spatial  # noqa: F401 - what matches facets, loaded before the cloc
 from geometry.answer import Answer
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase, with_body_wrenches
-from geometry.measures import JointResultants, facet_measures
+from geometry.measures import JointResultants, SectionForces, facet_measures
 from geometry.mesh import FloatArray
 from mbd import RigidResult, block_wrenches, rigid_result
 from mbd.answer import Carried, answer_of, block_motion, joints_of, without_friction
 from mbd.margin import held_against
 from validation.build.blocks import BuiltScene, build_scene, build_weight
+from validation.build.sections import scene_planes
+from validation.errors import named
 from validation.run.rigid.further import Further, further_answers, further_json
 from validation.scene.family import AssemblyScene, RoundScene
 from validation.scene.polyhedra import PolyhedralScene
@@ -63,7 +65,9 @@ class RigidAnswer:
         if further is not None:
             seconds["friction and limits"] = further.cpu_seconds
             seconds["total"] += further.cpu_seconds
-        return cls(result=result, further=further, cpu_seconds=seconds, **stated)
+        run = cls(result=result, further=further, cpu_seconds=seconds, **stated)
+        _ = run.sections  # what it reads of the scene
+        return run
 
     @cached_property
     def carried(self) -> Carried:
@@ -108,9 +112,19 @@ class RigidAnswer:
         return {
             "scene": self.name,
             "held_against": self.held,
+            **({} if self.sections is None else {"sections": self.sections.as_json()}),
             **further_json(self.further),
             "cpu_seconds": self.cpu_seconds,
         }
+
+    @cached_property
+    def sections(self) -> SectionForces | None:
+        """Forces through the planes of the scene; None where it has none, or nothing is carried."""
+        with named(self.name):
+            cut = scene_planes(self.scene, self.assembly)
+            if cut is None or not self.carried.holds or self.answer.cut is None:
+                return None
+            return self.answer.cut(cut)
 
     @cached_property
     def held(self) -> dict[str, bool] | None:

@@ -11,9 +11,8 @@ from validation.scene.ranges import PRESSURE
 from validation.scene.sections import BlockSize, Finite, Section, fewer
 
 if TYPE_CHECKING:
-    from geometry.assembly import Assembly
+    from geometry.assembly import Assembly, UnmatchedJoint
     from geometry.loads import LoadCase
-    from geometry.measures import UnmatchedJoint
 
 
 class StackedBoxSection(Section):

@@ -1,0 +1,350 @@
+"""Forces through a plane: what elements and contacts across it transmit.
+
+A node i lies behind the plane with a weight w_i: 1 behind it, 0 ahead of it, and on it the share of
+the volume of its elements that lies behind. With the nodal forces K u of the elements and f of the
+contacts, the part ahead acts on the part behind with
+
+    F = Σ w_i (f_i - (K u)_i),      M = Σ w_i (x_i - c) × (f_i - (K u)_i).
+
+Only elements and contacts with nodes on both sides contribute, and in equilibrium the sums are
+minus those of loads and reactions behind the plane, to the residual. Loads count where their nodal
+shares act, so a distributed load is cut between nodes.
+
+Contact forces are those of the law. Friction depends on the history, and a solution does not keep
+it: what it does to each node is what equilibrium with the elements, the loads and the pressures
+leaves. It balances in every set of nodes that facets connect; a force across the plane is known
+where the nodes of such a set that are held or rigid, on which reactions act too, lie on one side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from fem.assembly.contact_state import corner_displacements
+from fem.assembly.deformable import DeformableAssembly
+from fem.contact.search import SearchedSurfaces
+from fem.contact.surfaces import ContactSurfaces, corner_forces
+from fem.problem.recovery import block_displacements
+from geometry.assembly import Assembly
+from geometry.measures import Planes, SectionError, SectionForces, nothing_cut, section_rows
+from geometry.mesh import BoolArray, FloatArray, IntArray
+
+#: Nodes at this share of the size of a block from a plane lie on it.
+_ON_PLANE = 1e-7
+#: Six tetrahedra of a hexahedron, round the diagonal from corner 0 to corner 6.
+_TETRAHEDRA = np.array([[0, a, b, 6] for a, b in pairwise((1, 2, 3, 7, 4, 5, 1))], dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class SolvedState:
+    """Displacements of an assembly and what touches there."""
+
+    deformable: DeformableAssembly
+    displacements: tuple[FloatArray, ...]
+    """Of each group, world axes, (n_copies, n_nodes, 3) [mm]."""
+    surfaces: ContactSurfaces | SearchedSurfaces
+    """Facets on which blocks touch."""
+    finite_rotation: bool
+    """Whether the rigid rotation of each block is no strain."""
+
+    @cached_property
+    def starts(self) -> IntArray:
+        """First node of each block where those of all blocks are numbered, (n_blocks + 1,)."""
+        assembly = self.deformable.assembly
+        sizes = [assembly.shape(b).mesh.n_nodes for b in range(assembly.n_blocks)]
+        return np.cumsum([0, *sizes])
+
+    @cached_property
+    def positions(self) -> FloatArray:
+        """Of all nodes before the load acts, (n_nodes, 3) [mm]."""
+        blocks = range(self.deformable.assembly.n_blocks)
+        return np.concatenate([self.deformable.positions(b) for b in blocks])
+
+    @cached_property
+    def places(self) -> FloatArray:
+        """Where nodal forces act, (n_nodes, 3) [mm]: moved by finite rotations only."""
+        if not self.finite_rotation:
+            return self.positions
+        moved = self.positions.copy()
+        for block in self.deformable.deformable_blocks.tolist():
+            group, copy = self._of(block)
+            moved[self.nodes(block)] += self.displacements[group][copy]
+        return moved
+
+    @cached_property
+    def local(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
+        """Displacements in block frames, and the frames, of each group."""
+        pairs = zip(self.deformable.model.groups, self.displacements, strict=True)
+        return tuple(
+            block_displacements(g, u, finite_rotation=self.finite_rotation) for g, u in pairs
+        )
+
+    def nodes(self, block: int) -> slice:
+        """Nodes of a block."""
+        return slice(int(self.starts[block]), int(self.starts[block + 1]))
+
+    def _of(self, block: int) -> tuple[int, int]:
+        return int(self.deformable.group_of[block]), int(self.deformable.copy_of[block])
+
+    def element_forces(self, block: int, some: IntArray) -> FloatArray:
+        """K u of some elements of a block, world axes, (m, nodes of an element, 3) [N]."""
+        group, copy = self._of(block)
+        (local, frames), model = self.local[group], self.deformable.model.groups[group]
+        moved = local[copy][model.mesh.connectivity[some]]
+        stiffness = model.reference.of_elements(some)
+        found = np.einsum("eij,ej->ei", stiffness, moved.reshape(len(some), -1))
+        return found.reshape(moved.shape) @ frames[copy].T
+
+    def ends(self, rows: IntArray) -> IntArray:
+        """Nodes of both facets of some pairs, m's first, (n, nodes of both)."""
+        found = self.surfaces
+        m = self.starts[found.block_m[rows], None] + found.quads_m[rows]
+        s = self.starts[found.block_s[rows], None] + found.quads_s[rows]
+        return np.concatenate([m, s], axis=1)
+
+    def contact_forces(self, rows: IntArray) -> FloatArray:
+        """Normal contact forces on `ends`, world axes, (n, nodes of both, 3) [N]."""
+        contact, some = self.deformable.contact, self.surfaces.subset(rows)
+        moved = corner_displacements(self.deformable, self.displacements, some)
+        there = some.kinematics(moved, contact.normals)
+        return corner_forces(there, some.weights * contact.law.pressure(there.overclosure))
+
+    @cached_property
+    def unbalanced(self) -> FloatArray:
+        """K u less loads and normal contact forces, (n_nodes, 3) [N]; zero of rigid blocks."""
+        found = np.zeros_like(self.positions)
+        for block in self.deformable.deformable_blocks.tolist():
+            group, copy = self._of(block)
+            local, frames = self.local[group]
+            model = self.deformable.model.groups[group]
+            force = (model.stiffness @ local[copy].ravel()).reshape(-1, 3) @ frames[copy].T
+            if self.deformable.gravity is not None:
+                force -= model.lumped_mass[:, None] * self.deformable.gravity
+            for load in self.deformable.model.loads:
+                mine = load.copies == copy if load.group == group else []
+                acting = load.forces[mine]
+                if load.follows_block:
+                    acting = acting @ model.rotations[copy] @ frames[copy].T
+                np.subtract.at(force, load.nodes[mine], acting)
+            found[self.nodes(block)] = force
+        every = np.arange(self.surfaces.n_facets)
+        np.subtract.at(found, self.ends(every), self.contact_forces(every))
+        return found
+
+    @cached_property
+    def held(self) -> BoolArray:
+        """Nodes on which reactions act, those of rigid blocks among them, (n_nodes,)."""
+        whole, held = self.deformable, np.zeros(len(self.positions), dtype=np.bool_)
+        for block in range(whole.assembly.n_blocks):
+            group, copy = self._of(block)
+            nodes = held[self.nodes(block)]
+            nodes[:] = group < 0
+            for support in whole.model.supports:
+                if support.group == group:
+                    nodes[support.nodes[support.copies == copy]] = True
+        return held
+
+    @cached_property
+    def connected(self) -> tuple[IntArray, IntArray]:
+        """Nodes of facets that press, each once (n,), and the set of each that they connect."""
+        every = np.arange(self.surfaces.n_facets)
+        pressing = np.abs(self.contact_forces(every)).max(axis=(1, 2)) > 0.0
+        ends = self.ends(every[pressing])
+        half = ends.shape[1] // 2
+        if isinstance(self.surfaces, SearchedSurfaces):
+            first, second = np.repeat(ends[:, :1], 2 * half, axis=1), ends
+        else:
+            first, second = ends[:, :half], ends[:, half:]
+        used, which = np.unique([first.ravel(), second.ravel()], return_inverse=True)
+        pairs = which.reshape(2, -1)
+        graph = coo_array((np.ones(pairs.shape[1]), (pairs[0], pairs[1])), (len(used), len(used)))
+        _, number = connected_components(graph, directed=False)
+        return used, np.asarray(number, dtype=np.int64)
+
+
+def section_forces(state: SolvedState, cut: Planes) -> SectionForces:
+    """Sum what elements and contacts transmit through planes.
+
+    Raises
+    ------
+    SectionError
+        A plane that cuts nothing, a periodic cell, or friction that equilibrium does not determine.
+    """
+    check_planes(state.deformable.assembly, cut)
+    return section_rows(cut, [_Section(state, cut, k).row() for k in range(len(cut.points))])
+
+
+def check_planes(assembly: Assembly, cut: Planes) -> None:
+    """Reject planes that have no block behind them, or none ahead of them, before any solution.
+
+    Raises
+    ------
+    SectionError
+        Saying so.
+    """
+    if assembly.image_of is not None:
+        raise SectionError("section: a periodic cell is a part of a section; cut the tube")
+    n_blocks = assembly.n_blocks
+    for k, (point, normal) in enumerate(zip(cut.points, cut.normals, strict=True)):
+        chosen = cut.blocks[k]
+        among = np.arange(n_blocks) if chosen is None else chosen
+        if not ((among >= 0) & (among < n_blocks)).all():
+            raise SectionError(
+                f"section {cut.names[k]}: got blocks {among.tolist()}; expected 0 to {n_blocks - 1}"
+            )
+        away = np.concatenate([(assembly.nodes(b) - point) @ normal for b in among.tolist()])
+        tolerance = _ON_PLANE * assembly.characteristic_length
+        if not (away.min() < -tolerance and away.max() > -tolerance):
+            raise nothing_cut(cut, k, "blocks lie behind it, against its normal, and ahead of it")
+
+
+class _Section:
+    """One plane through a state."""
+
+    def __init__(self, state: SolvedState, cut: Planes, row: int) -> None:
+        self.state, self.name = state, cut.names[row]
+        assembly = state.deformable.assembly
+        every, chosen = np.arange(assembly.n_blocks), cut.blocks[row]
+        self.blocks = every if chosen is None else chosen
+        self.tolerance = _ON_PLANE * assembly.characteristic_length
+        self.away = (state.positions - cut.points[row]) @ cut.normals[row]
+        self.behind = (self.away < -self.tolerance).astype(np.float64)
+        polygons = [self._cut_block(block) for block in self.blocks.tolist()]
+        self.area = sum(area for area, _ in polygons)
+        if not self.area > 0.0:
+            raise nothing_cut(cut, row, "it passes through blocks")
+        self.centroid: FloatArray = np.sum([moment for _, moment in polygons], axis=0) / self.area
+        self.force, self.moment = np.zeros(3), np.zeros(3)
+
+    def row(self) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+        """Area, centroid, force and moment about it."""
+        for block in self.blocks.tolist():
+            self._add_elements(block)
+        surfaces = self.state.surfaces
+        ours = np.isin(surfaces.block_m, self.blocks) & np.isin(surfaces.block_s, self.blocks)
+        if ours.any():
+            ends = self.state.ends(np.flatnonzero(ours))
+            crossing = np.ptp(self.behind[ends], axis=1) > 0.0
+            rows = np.flatnonzero(ours)[crossing]
+            self._add(ends[crossing], self.state.contact_forces(rows))
+            if len(rows) and self.state.deformable.contact.friction is not None:
+                self._add_friction()
+        return self.area, self.centroid, self.force, self.moment
+
+    def _add(self, nodes: IntArray, forces: FloatArray, less: FloatArray | float = 0.0) -> None:
+        """Count forces on nodes, (..., 3) [N], by how far these lie behind the plane."""
+        counted = (self.behind[nodes] - less)[..., None] * forces
+        arms = self.state.places[nodes] - self.centroid
+        self.force += counted.reshape(-1, 3).sum(axis=0)
+        self.moment += np.cross(arms, counted).reshape(-1, 3).sum(axis=0)
+
+    def _add_elements(self, block: int) -> None:
+        """Count what elements across the plane do to their nodes."""
+        whole, nodes = self.state.deformable, self.state.nodes(block)
+        if whole.group_of[block] < 0:
+            if np.ptp(self.behind[nodes]) > 0.0:
+                raise SectionError(
+                    f"section {self.name}: the plane passes through block {block}, which is rigid "
+                    "and has no forces inside; expected a plane through blocks that deform or "
+                    "through joints"
+                )
+            return
+        members = whole.group(block).mesh.connectivity
+        some = np.flatnonzero(np.ptp(self.behind[nodes][members], axis=1) > 0.0)
+        if len(some):
+            self._add(members[some] + nodes.start, -self.state.element_forces(block, some))
+
+    def _add_friction(self) -> None:
+        """Count friction, set by set of nodes that facets connect."""
+        nodes, number = self.state.connected
+        behind, held = self.behind[nodes], self.state.held[nodes]
+        size = int(number.max()) + 1
+        low, high, base = np.full(size, np.inf), np.full(size, -np.inf), np.zeros(size)
+        np.minimum.at(low, number[held], behind[held])
+        np.maximum.at(high, number[held], behind[held])
+        least, most = np.full(size, np.inf), np.full(size, -np.inf)
+        np.minimum.at(least, number, behind)
+        np.maximum.at(most, number, behind)
+        crossing, ours = least < most, np.isin(self._block_of(nodes), self.blocks)
+        foreign = np.bincount(number, ~ours, minlength=size) > 0
+        if (crossing & ((low < high) | foreign)).any():
+            raise SectionError(
+                f"section {self.name}: friction acts between blocks that are held on both sides of "
+                "the plane, or that are not all among the blocks; expected a plane where all nodes "
+                "of one side are free, through all blocks"
+            )
+        base[np.isfinite(low)] = low[np.isfinite(low)]
+        known = ~held & crossing[number]
+        forces = self.state.unbalanced[nodes[known]]
+        self._add(nodes[known], forces, base[number[known]])
+
+    def _block_of(self, nodes: IntArray) -> IntArray:
+        return np.searchsorted(self.state.starts, nodes, side="right") - 1
+
+    def _cut_block(self, block: int) -> tuple[float, FloatArray]:
+        """Area of a block in the plane [mm²] and its first moment (3,) [mm³]; weights on it."""
+        nodes = self.state.nodes(block)
+        away = self.away[nodes]
+        if away.min() > self.tolerance or away.max() < -self.tolerance:
+            return 0.0, np.zeros(3)
+        elements = self.state.deformable.drawn.shape(block).mesh.elements
+        corners, there = self.state.positions[nodes][elements], away[elements]
+        on = np.flatnonzero(np.abs(away) <= self.tolerance)
+        if len(on):
+            self._share(block, elements, corners, there)
+        across = np.flatnonzero(
+            (there.min(axis=1) < -self.tolerance) & (there.max(axis=1) >= -self.tolerance)
+        )
+        tetrahedra = corners[across][:, _TETRAHEDRA].reshape(-1, 4, 3)
+        distance = there[across][:, _TETRAHEDRA].reshape(-1, 4)
+        distance[np.abs(distance) <= self.tolerance] = 0.0
+        return _cut_tetrahedra(tetrahedra, distance)
+
+    def _share(
+        self, block: int, elements: IntArray, corners: FloatArray, there: FloatArray
+    ) -> None:
+        """Weights of nodes on the plane: the share of their elements' volume behind it."""
+        arms = corners[:, _TETRAHEDRA]
+        edges = arms[:, :, 1:] - arms[:, :, :1]
+        volume = np.abs(np.linalg.det(edges)).sum(axis=1)
+        behind = volume * (there.mean(axis=1) < 0.0)
+        nodes = self.state.nodes(block)
+        count = nodes.stop - nodes.start
+        total, own = (
+            np.bincount(elements.ravel(), np.repeat(v, 8), minlength=count)
+            for v in (volume, behind)
+        )
+        on = np.abs(self.away[nodes]) <= self.tolerance
+        self.behind[nodes][on] = (own / np.maximum(total, 1e-300))[on]
+
+
+def _cut_tetrahedra(corners: FloatArray, away: FloatArray) -> tuple[float, FloatArray]:
+    """Area in the plane [mm²] and its first moment (3,) [mm³] of tetrahedra (n, 4, 3) [mm].
+
+    ``away`` are the distances of the corners from the plane, (n, 4); those on it are ahead of it.
+    """
+    order = np.argsort(away, axis=1)
+    corners = np.take_along_axis(corners, order[..., None], axis=1)
+    away = np.take_along_axis(away, order, axis=1)
+    below = (away < 0.0).sum(axis=1)
+    area, moment = 0.0, np.zeros(3)
+    rings = {1: ((0, 1), (0, 2), (0, 3)), 2: ((0, 2), (0, 3), (1, 3), (1, 2))}
+    rings[3] = ((0, 3), (1, 3), (2, 3))
+    for count, ring in rings.items():
+        x, d = corners[below == count], away[below == count]
+        points = [
+            x[:, a] + (d[:, a] / (d[:, a] - d[:, b]))[:, None] * (x[:, b] - x[:, a])
+            for a, b in ring
+        ]
+        for second, third in pairwise(points[1:]):
+            vectors = np.cross(second - points[0], third - points[0])
+            parts = 0.5 * np.linalg.norm(vectors, axis=1)
+            area += float(parts.sum())
+            moment += parts @ (points[0] + second + third) / 3.0
+    return area, moment
