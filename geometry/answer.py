@@ -74,6 +74,12 @@ class Measure:
         return found if self.place is None else found | {"place": self.place}
 
     @property
+    def is_number(self) -> bool:
+        """Whether the value is one to use: resolved, without remark, its bar `WIDEST` at most."""
+        wide = self.error is not None and self.error > WIDEST * abs(self.value)
+        return self.resolved and not self.remark and not wide
+
+    @property
     def value_words(self) -> str:
         """Value with its error and unit: digits that the error leaves out are not printed.
 

@@ -156,6 +156,13 @@ def test_a_value_that_an_earlier_mesh_did_not_resolve_is_no_number_yet() -> None
     assert PRESSURES.error_bars(found[:4])["p_max_point"] < WIDEST * 49.6
 
 
+def test_a_number_has_a_bar_that_leaves_it_one() -> None:
+    assert Measure(2.0, "MPa", error=WIDEST * 2.0).is_number
+    assert not Measure(2.0, "MPa", error=WIDEST * 2.1).is_number
+    assert not Measure(2.0, "MPa", error=0.0, resolved=False).is_number
+    assert not Measure(2.0, "MPa", error=0.0, remark="grows").is_number
+
+
 def test_a_pressure_that_grows_at_an_edge_is_no_number() -> None:
     growing_ones = [{"p_max_point": Measure(v, "MPa")} for v in (1.0, 1.3, 1.65, 2.05)]
     (remark,) = growing(growing_ones).values()

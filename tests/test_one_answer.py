@@ -287,7 +287,9 @@ def test_means_over_the_facets_of_its_own_mesh_are_those_of_the_run(degree: int)
     found = solve_static(problem, mesh="scene", error_bars=False).details
     state = found.contact_state
     means = pressures_on_facets(problem.blocks, found.deformable, found.group_displacements)
-    np.testing.assert_allclose(means[state.interface], state.pressures, rtol=1e-9)
+    # Rounding of gaps is a share of the length in which the law grows by e, whatever the pressure.
+    tiny = 1e-12 * state.pressures.max()
+    np.testing.assert_allclose(means[state.interface], state.pressures, rtol=1e-9, atol=tiny)
 
 
 def test_facets_larger_than_elements_carry_what_the_elements_carry() -> None:

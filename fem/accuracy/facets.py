@@ -174,7 +174,7 @@ def _surfaces(
         quads_m=numbers,
         quads_s=numbers,
         facet=np.arange(len(block_m)),
-        tangents=np.einsum("pak,fai->fpki", basis.slopes, 0.5 * (nodes_m + nodes_s)),
+        tangents=basis.tangents(0.5 * (nodes_m + nodes_s)),
         offsets=offsets,
         clearance=solved.surfaces.clearance,
         basis=basis,

@@ -153,7 +153,7 @@ def contact_surfaces(
     nodes_m = facet_corners(assembly, interfaces.block_m, quads_m)
     nodes_s = facet_corners(assembly, interfaces.block_s, quads_s)
     basis = basis_of(quads_m)
-    offsets = np.einsum("pa,fai->fpi", basis.values, nodes_s - nodes_m)
+    offsets: FloatArray = basis.values @ (nodes_s - nodes_m)
     if moved is not None:
         offsets += (moved[interfaces.block_s] - moved[interfaces.block_m])[:, None]
     return ContactSurfaces(
@@ -162,7 +162,7 @@ def contact_surfaces(
         quads_m=quads_m,
         quads_s=quads_s,
         facet=np.arange(interfaces.n_contacts),
-        tangents=np.einsum("pak,fai->fpki", basis.slopes, 0.5 * (nodes_m + nodes_s)),
+        tangents=basis.tangents(0.5 * (nodes_m + nodes_s)),
         offsets=offsets,
         clearance=clearance,
         basis=basis,
@@ -313,7 +313,7 @@ def point_normals(
     """Normals from m to s that measure the gaps at displaced corners, (n, n_points, 3)."""
     if normals is ContactNormals.REFERENCE:
         return surfaces.normals
-    d = surfaces.offsets + np.einsum("pa,fai->fpi", surfaces.basis.difference, corner_displacements)
+    d = surfaces.offsets + surfaces.basis.difference @ corner_displacements
     return _current_frame(surfaces, corner_displacements, d).normal
 
 
@@ -329,15 +329,15 @@ def corner_overclosures(
     Gauss points say those everywhere.
     """
     basis = surfaces.basis
-    d = surfaces.offsets + np.einsum("pa,fai->fpi", surfaces.basis.difference, corner_displacements)
+    d = surfaces.offsets + surfaces.basis.difference @ corner_displacements
     tangents: FloatArray = surfaces.tangents
     if normals is ContactNormals.CURRENT:
         turned: FloatArray = np.einsum("pak,fai->fpki", basis.mean_slopes, corner_displacements)
         tangents = tangents + turned
-    first, second = np.einsum("cp,fpki->kfci", basis.to_looks, tangents)
-    vector: FloatArray = np.cross(first, second)
+    there = basis.to_looks @ tangents.reshape(*tangents.shape[:2], 6)
+    vector: FloatArray = np.cross(there[..., :3], there[..., 3:])
     normal: FloatArray = vector / np.linalg.norm(vector, axis=2, keepdims=True)
-    distance = np.einsum("cp,fpi->fci", basis.to_looks, d)
+    distance = basis.to_looks @ d
     return -np.einsum("fci,fci->fc", normal, distance) - surfaces.clearance
 
 
@@ -352,7 +352,7 @@ def curvature(surfaces: ContactSurfaces, corner_displacements: FloatArray) -> Fl
     FloatArray
         (n, n_points, m, m) [1/mm], degrees of freedom 3 · node + component.
     """
-    d = surfaces.offsets + np.einsum("pa,fai->fpi", surfaces.basis.difference, corner_displacements)
+    d = surfaces.offsets + surfaces.basis.difference @ corner_displacements
     frame = _current_frame(surfaces, corner_displacements, d)
     n, e, area = frame.normal, frame.slip, frame.area[:, :, None, None]
     tangential = np.eye(3) - n[..., :, None] * n[..., None, :]

@@ -85,6 +85,11 @@ class FacetBasis:
         """Slopes of the mean of two facets, (n_points, 2 n_nodes, 2)."""
         return 0.5 * np.concatenate([self.slopes, self.slopes], axis=1)
 
+    def tangents(self, nodes: FloatArray) -> FloatArray:
+        """Tangents dx/dr, dx/ds at the points, (n, n_points, 2, 3), of nodes (n, n_nodes, 3)."""
+        by_each = self.slopes.transpose(0, 2, 1).reshape(-1, self.slopes.shape[1]) @ nodes
+        return by_each.reshape(len(nodes), -1, 2, 3)
+
     def points_after(self, corners: IntArray) -> IntArray:
         """Point of a facet that lies at each point of another one, (n, n_points).
 
@@ -93,9 +98,10 @@ class FacetBasis:
         corners
             Which corner of the first lies at each corner of the second, (n, 4).
         """
-        there = bilinear(self.points)[0] @ FACET_CORNERS[corners]
+        ways, way = np.unique(corners, axis=0, return_inverse=True)
+        there = bilinear(self.points)[0] @ FACET_CORNERS[ways]
         away = np.abs(there[:, :, None] - self.points).max(axis=3)
-        return np.asarray(away.argmin(axis=2), dtype=np.int64)
+        return np.asarray(away.argmin(axis=2), dtype=np.int64)[way.ravel()]
 
 
 #: Facets of eight-node hexahedra: 2 × 2 Gauss points, peaks at corners.

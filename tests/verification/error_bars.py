@@ -28,7 +28,7 @@ from fem.accuracy.converge import (
 from fem.accuracy.ladder import Ladder, Rung, ladder_for
 from fem.accuracy.statics import solve_static
 from fem.assembly.statement import Problem
-from geometry.answer import WIDEST, Measure
+from geometry.answer import Measure
 from tests.verification.error_problems import FIFTH, FINER, FOURTH, Case, cases
 
 #: Meshes of the default.
@@ -134,8 +134,7 @@ def judged(case: Case, kept: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 def _not_a_number(measure: Measure) -> str:
     """Why a value is printed as none to use; empty where it is a number."""
-    wide = (measure.error or 0.0) > WIDEST * abs(measure.value) or not measure.resolved
-    return "a remark" if measure.remark else "not resolved" if wide else ""
+    return "a remark" if measure.remark else "" if measure.is_number else "not resolved"
 
 
 def stored() -> dict[str, Any]:

@@ -192,7 +192,7 @@ def _print_reference(run: DeformableRun, found: StaticReference, console: Consol
 
 def _error_words(error: float | None, converged: Measure) -> str:
     """A discretisation error in its unit and as a share of the converged value."""
-    if error is None:
+    if error is None or not converged.is_number:
         return "–"
     share = f" ({100 * error / abs(converged.value):+.3g} %)" if converged.value else ""
     return f"{error:+.2g} {converged.unit}{share}"
