@@ -16,7 +16,7 @@ from validation.paper.claims.judge import claims, judge_claims
 from validation.paper.errata import errata, show_errata
 from validation.paper.evidence import Evidence, StudyTable
 from validation.paper.reading import ingredients, sensitivity, to_the_digit
-from validation.paper.tables import compute_tables, tables_json
+from validation.paper.tables import compute_tables
 from validation.run.rigid.answer import RigidRun, SharedTubes, run_rigid
 from validation.scene.read import load_scene
 
@@ -89,17 +89,17 @@ def test_steps_of_one_parameter_are_counted_once() -> None:
 )
 def test_claims_of_the_study_follow_the_numbers(tmp_path, name, spoiled, number) -> None:
     """True of p = n/(f a t); one changed value (in both s) makes each claim false."""
-    right = judge_claims(coarse_evidence(tmp_path), [name])[0].verdict
-    wrong = judge_claims(coarse_evidence(tmp_path, synthetic_study(**spoiled)), [name])[0].verdict
-    assert (right.truth, wrong.truth) == (Truth.TRUE, Truth.FALSE)
-    assert number in wrong.number
+    right = judge_claims(coarse_evidence(tmp_path), [name])[0]
+    wrong = judge_claims(coarse_evidence(tmp_path, synthetic_study(**spoiled)), [name])[0]
+    assert (right["verdict"], wrong["verdict"]) == (Truth.TRUE, Truth.FALSE)
+    assert number in wrong["number"]
 
 
 def test_s_a_half_lower_is_judged_by_count(tmp_path) -> None:
-    verdict = judge_claims(coarse_evidence(tmp_path), ["cosine-lower"])[0].verdict
-    assert verdict.truth is Truth.TRUE
-    assert verdict.values["lower"] == 240
-    assert verdict.values["mean_ratio"] == pytest.approx(0.995, rel=1e-12)
+    verdict = judge_claims(coarse_evidence(tmp_path), ["cosine-lower"])[0]
+    assert verdict["verdict"] == Truth.TRUE
+    assert verdict["values"]["lower"] == 240
+    assert verdict["values"]["mean_ratio"] == pytest.approx(0.995, rel=1e-12)
 
 
 def test_claims_that_the_turn_decides_say_so(tmp_path) -> None:
@@ -110,12 +110,12 @@ def test_claims_that_the_turn_decides_say_so(tmp_path) -> None:
         if key[0] == 0.5:
             row["p_max"] *= 1.5
     evidence.__dict__["half_block"] = StudyTable(rows, evidence.study.axes, evidence.study.mesh)
-    lower, falls = (i.verdict for i in judge_claims(evidence, ["cosine-lower", "flattens"]))
-    assert lower.truth is Truth.TRUE
-    assert lower.values["half_block"]["verdict"] == "false"
-    assert "one wave; with half a block false: lower in 0 of 240" in lower.number
-    assert falls.values["half_block"]["verdict"] == str(falls.truth)
-    assert "one wave" not in falls.number
+    lower, falls = judge_claims(evidence, ["cosine-lower", "flattens"])
+    assert lower["verdict"] == Truth.TRUE
+    assert lower["values"]["half_block"]["verdict"] == "false"
+    assert "one wave; with half a block false: lower in 0 of 240" in lower["number"]
+    assert falls["values"]["half_block"]["verdict"] == falls["verdict"]
+    assert "one wave" not in falls["number"]
 
 
 # ---------------------------------------------------------------------------------------------
@@ -138,17 +138,17 @@ def test_to_the_digit_is_to_the_printed_digit(quantity, printed, value, met) -> 
 
 
 def test_every_printed_number_has_its_row_and_both_readings(tmp_path) -> None:
-    tables = compute_tables(Console(quiet=True), coarse_evidence(tmp_path).rigid)
-    data = tables_json(tables)
+    data = compute_tables(Console(quiet=True), coarse_evidence(tmp_path).rigid)
     assert (data["of"], len(data["rows"]), len(data["classes"])) == (33, 33, 15)
     assert data["to_the_digit"] == sum(row["to_the_digit"] for row in data["rows"])
-    for row in tables.rows:
-        assert row.relative_difference == pytest.approx(row.ours / row.paper - 1)
+    for row in data["rows"]:
+        assert row["relative_difference"] == pytest.approx(row["ours"] / row["paper"] - 1)
         # The readings differ where they say: p_eff everywhere, all of shaft.
-        if row.case != "shaft" and row.quantity != "p_eff":
-            assert row.physical == row.ours
-    shaft = [r for r in tables.rows if (r.block, r.case, r.quantity) == ("TSB1", "shaft", "p_max")]
-    assert shaft[0].physical > 1.2 * shaft[0].ours
+        if row["case"] != "shaft" and row["quantity"] != "p_eff":
+            assert row["physical"] == row["ours"]
+    found = {(row["block"], row["case"], row["quantity"]): row for row in data["rows"]}
+    shaft = found["TSB1", "shaft", "p_max"]
+    assert shaft["physical"] > 1.2 * shaft["ours"]
 
 
 def test_tubes_that_are_built_once_give_the_results_of_each_scene() -> None:
@@ -198,7 +198,7 @@ def test_there_are_enough_claims_and_every_one_says_where_it_stands() -> None:
 def test_claims_of_rigid_blocks_are_decided(tmp_path) -> None:
     """What does not depend on the mesh must come out as it does on the fine one."""
     evidence = coarse_evidence(tmp_path)
-    found = {item.claim.name: item.verdict for item in judge_claims(evidence)}
+    found = {row["name"]: row for row in judge_claims(evidence)}
     for name in (
         "length",
         "tsb2-preferable",
@@ -208,14 +208,14 @@ def test_claims_of_rigid_blocks_are_decided(tmp_path) -> None:
         "hexagon-classes",
         "speed-up-printed",
     ):
-        assert found[name].truth is Truth.TRUE, (name, found[name].number)
+        assert found[name]["verdict"] == Truth.TRUE, (name, found[name]["number"])
     for name in ("saturates", "thickness-minor", "area-pipe-true"):
-        assert found[name].truth is Truth.FALSE, (name, found[name].number)
+        assert found[name]["verdict"] == Truth.FALSE, (name, found[name]["number"])
     needing = {claim.name for claim in claims() if claim.deformable}
-    assert all(found[name].truth is Truth.NOT_COMPUTED for name in needing)
+    assert all(found[name]["verdict"] == Truth.NOT_COMPUTED for name in needing)
     # What was not run is no fault of the paper: only what it leaves open is not decidable.
-    assert found["favourable"].truth is Truth.UNDECIDABLE
-    assert all("--fem" in found[name].number for name in needing)
+    assert found["favourable"]["verdict"] == Truth.UNDECIDABLE
+    assert all("--fem" in found[name]["number"] for name in needing)
 
 
 @pytest.fixture(scope="module")
@@ -227,25 +227,25 @@ def deformable_evidence(tmp_path_factory) -> CoarseEvidence:
 @pytest.mark.slow
 def test_symmetries_of_deformable_tubes_hold_on_any_mesh(deformable_evidence) -> None:
     names = ["half-turn", "mirror", "four-alike", "layers-repeat", "peaks-found", "speed-up"]
-    found = {i.claim.name: i.verdict for i in judge_claims(deformable_evidence, names)}
+    found = {row["name"]: row for row in judge_claims(deformable_evidence, names)}
     # The mesh of a TSB1 block is mapped onto itself by the half turn, that of a TSB2 block by the
     # mirror: the solution has the symmetry up to the ends of the tube, five layers away.
-    assert found["half-turn"].truth is Truth.TRUE, found["half-turn"].number
-    assert found["mirror"].truth is Truth.TRUE, found["mirror"].number
-    assert found["half-turn"].values["mirrored"] > 0.5
-    assert found["mirror"].values["turned"] > 0.5
-    assert found["four-alike"].values["difference"] < 1e-6
-    assert len(found["peaks-found"].values["share"]) == 12
-    assert found["speed-up"].truth is Truth.FALSE
+    assert found["half-turn"]["verdict"] == Truth.TRUE, found["half-turn"]["number"]
+    assert found["mirror"]["verdict"] == Truth.TRUE, found["mirror"]["number"]
+    assert found["half-turn"]["values"]["mirrored"] > 0.5
+    assert found["mirror"]["values"]["turned"] > 0.5
+    assert found["four-alike"]["values"]["difference"] < 1e-6
+    assert len(found["peaks-found"]["values"]["share"]) == 12
+    assert found["speed-up"]["verdict"] == Truth.FALSE
 
 
 @pytest.mark.slow
 def test_notches_are_found_where_the_wave_is_deepest(deformable_evidence) -> None:
     names = ["valleys-tsb1", "valleys-tsb2", "one-of-three", "displacement-pipe"]
-    found = {i.claim.name: i.verdict for i in judge_claims(deformable_evidence, names)}
-    assert len(found["valleys-tsb1"].values["top"]) == 3
-    assert len(found["valleys-tsb1"].values["bottom"]) == 3
-    assert found["displacement-pipe"].truth is Truth.TRUE
+    found = {row["name"]: row for row in judge_claims(deformable_evidence, names)}
+    assert len(found["valleys-tsb1"]["values"]["top"]) == 3
+    assert len(found["valleys-tsb1"]["values"]["bottom"]) == 3
+    assert found["displacement-pipe"]["verdict"] == Truth.TRUE
 
 
 # ---------------------------------------------------------------------------------------------
@@ -253,26 +253,26 @@ def test_notches_are_found_where_the_wave_is_deepest(deformable_evidence) -> Non
 
 
 def test_every_erratum_is_shown_by_its_own_command(tmp_path) -> None:
-    shown = {item.erratum.name: item for item in show_errata(coarse_evidence(tmp_path))}
+    shown = {row["name"]: row for row in show_errata(coarse_evidence(tmp_path))}
     assert set(shown) == {erratum.name for erratum in errata()}
-    assert all(i.erratum.command.endswith(i.erratum.name) for i in shown.values())
-    program = shown["degenerate-program"].shown.values
+    assert all(row["command"].endswith(name) for name, row in shown.items())
+    program = shown["degenerate-program"]["values"]
     assert program["z"] == program["6 N_b"] == 48
     assert program["largest_motion"] < 1e-9
     assert abs(program["corrected"]) < 1e-9
     # A half turn of a block is 1.5 waves: crest meets valley, 2 a apart; whole waves meet exactly.
-    assert shown["layer-shift"].shown.values["half_block"] == pytest.approx(40.0, rel=1e-9)
-    assert shown["layer-shift"].shown.values["whole_waves"] < 1e-9
-    assert shown["half-block"].shown.values["valleys"] == 3
+    assert shown["layer-shift"]["values"]["half_block"] == pytest.approx(40.0, rel=1e-9)
+    assert shown["layer-shift"]["values"]["whole_waves"] < 1e-9
+    assert shown["half-block"]["values"]["valleys"] == 3
     # t/mm³ against kg/mm³ is a factor of 1000 in mass, √1000 in wave speed.
-    density = shown["density-unit"].shown.values
+    density = shown["density-unit"]["values"]
     mass = density["block_mass_kg"]
     assert mass["t/mm³"] / mass["kg/mm³"] == pytest.approx(1000, rel=1e-12)
     ratio = density["wave_speed_km_s"]["kg/mm³"] / density["wave_speed_km_s"]["t/mm³"]
     assert ratio == pytest.approx(math.sqrt(1000), rel=1e-12)
-    assert shown["rotation-variation"].shown.values["spatial"] < 1e-12
-    assert shown["rotation-variation"].shown.values["printed"] > 0.1
-    assert shown["pillar-frames"].shown.values["TSB1"]["released"] == "suppressed"
+    assert shown["rotation-variation"]["values"]["spatial"] < 1e-12
+    assert shown["rotation-variation"]["values"]["printed"] > 0.1
+    assert shown["pillar-frames"]["values"]["TSB1"]["released"] == "suppressed"
     with pytest.raises(InputError, match="expected one of degenerate-program"):
         show_errata(coarse_evidence(tmp_path), ["typo"])
 

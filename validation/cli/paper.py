@@ -45,12 +45,12 @@ def tables(json: JsonOption = None) -> None:
     Marks the values that match to the printed precision.
     """
     from validation.output.outputs import Outputs
-    from validation.paper.tables import compute_tables, print_tables, tables_json
+    from validation.paper.tables import compute_tables, print_tables
 
     with Outputs(json) as outputs:
         found = compute_tables(outputs.console)
         print_tables(found, outputs.console)
-        outputs.write_json(tables_json(found))
+        outputs.write_json(found)
 
 
 def figures(
@@ -104,7 +104,7 @@ def claims(
         evidence = Evidence(_DATA, outputs.console, deformable=fem, full=full, workers=workers)
         found = judge.judge_claims(evidence, names)
         judge.print_claims(found, outputs.console)
-        outputs.write_json(judge.claims_json(found))
+        outputs.write_json(found)
 
 
 def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
@@ -118,7 +118,7 @@ def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
     with Outputs(json, _DATA, ("*.sqlite",)) as outputs:
         found = errata.show_errata(Evidence(_DATA, outputs.console), names)
         errata.print_errata(found, outputs.console)
-        outputs.write_json(errata.errata_json(found))
+        outputs.write_json(found)
 
 
 def report(
@@ -168,12 +168,12 @@ def _tables(outputs: Outputs) -> None:
     """Reproduce the paper's tables."""
     from validation.output.files import write_json
     from validation.output.provenance import stamped
-    from validation.paper.tables import compute_tables, print_tables, tables_json
+    from validation.paper.tables import compute_tables, print_tables
 
     outputs.console.print("The paper's tables and tubelock (rigid blocks, frictionless contact):")
     found = compute_tables(outputs.console)
     print_tables(found, outputs.console)
-    data = stamped(tables_json(found), outputs.origin)
+    data = stamped(found, outputs.origin)
     outputs.write("tables", "tables.json", lambda path: write_json(str(path), data))
 
 

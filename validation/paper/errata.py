@@ -49,19 +49,6 @@ class Erratum:
     show: Callable[[Evidence], Shown]
     """Computes the demonstration."""
 
-    @property
-    def command(self) -> str:
-        """Shell command that shows it."""
-        return f"tubelock reproduce errata {self.name}"
-
-
-@dataclass(frozen=True)
-class ShownErratum:
-    """An erratum with its demonstration."""
-
-    erratum: Erratum
-    shown: Shown
-
 
 # ---------------------------------------------------------------------------------------------
 # Demonstrations
@@ -291,52 +278,40 @@ def errata() -> list[Erratum]:
     return [_ERRATA[0], *(_ingredient(ingredient) for ingredient in ingredients()), *_ERRATA[1:]]
 
 
-def show_errata(evidence: Evidence, names: list[str] | None = None) -> list[ShownErratum]:
-    """Demonstrate all errata, or some by name (`chosen_by_name`)."""
-    chosen = chosen_by_name(errata(), names, "erratum")
-    return [ShownErratum(erratum, erratum.show(evidence)) for erratum in chosen]
+def show_errata(evidence: Evidence, names: list[str] | None = None) -> list[dict[str, Any]]:
+    """Demonstrate all errata, or some by name (`chosen_by_name`), with the command that does it."""
+    found = []
+    for erratum in chosen_by_name(errata(), names, "erratum"):
+        shown = erratum.show(evidence)
+        stated = {key: getattr(erratum, key) for key in ("name", "printed", "meant")}
+        command = f"tubelock reproduce errata {erratum.name}"
+        found.append(stated | {"shown": shown.words, "values": shown.values, "command": command})
+    return found
 
 
-def errata_json(found: list[ShownErratum]) -> list[dict[str, Any]]:
-    """Errata as plain data."""
-    return [
-        {
-            "name": item.erratum.name,
-            "printed": item.erratum.printed,
-            "meant": item.erratum.meant,
-            "shown": item.shown.words,
-            "values": item.shown.values,
-            "command": item.erratum.command,
-        }
-        for item in found
-    ]
-
-
-def print_errata(found: list[ShownErratum], console: Console) -> None:
+def print_errata(found: list[dict[str, Any]], console: Console) -> None:
     """Print each erratum with what shows it."""
-    for item in found:
-        table = two_columns(item.erratum.name)
-        table.add_row("printed", item.erratum.printed)
-        table.add_row("meant", item.erratum.meant)
-        table.add_row("shown", item.shown.words)
-        table.add_row("command", item.erratum.command)
+    for row in found:
+        table = two_columns(row["name"])
+        for key in ("printed", "meant", "shown", "command"):
+            table.add_row(key, row[key])
         console.print(table)
-    without = [item for item in found if "without" in item.shown.values]
+    without = [row for row in found if "without" in row["values"]]
     if without:
         console.print(_sensitivity_table(without))
 
 
-def _sensitivity_table(found: list[ShownErratum]) -> Table:
+def _sensitivity_table(found: list[dict[str, Any]]) -> Table:
     """One line a number: its error, and the error without each ingredient that moves it."""
     title = "Errors of the tables' numbers [%], and without an ingredient where that moves them"
-    heads = ("printed", "error", *(item.erratum.name.replace("-", " ") for item in found))
+    heads = ("printed", "error", *(row["name"].replace("-", " ") for row in found))
     table = listing(title, "number", numbers=heads, padding=0)
     table.columns[0].no_wrap = True
-    whole = found[0].shown.values["with"]
+    whole = found[0]["values"]["with"]
     table.add_row("printed digits matched", "", *_counts(found))
     for place, error in whole["differences"].items():
         block, case, quantity = place.split()
-        moved = [item.shown.values["moved"].get(place) for item in found]
+        moved = [row["values"]["moved"].get(place) for row in found]
         table.add_row(
             place,
             number(quantity, reference()["table"][block][case][quantity]),
@@ -346,6 +321,6 @@ def _sensitivity_table(found: list[ShownErratum]) -> Table:
     return table
 
 
-def _counts(found: list[ShownErratum]) -> list[str]:
-    values = [found[0].shown.values["with"], *(item.shown.values["without"] for item in found)]
+def _counts(found: list[dict[str, Any]]) -> list[str]:
+    values = [found[0]["values"]["with"], *(row["values"]["without"] for row in found)]
     return [f"{v['to_the_digit']}/{v['of']}" for v in values]

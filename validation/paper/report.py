@@ -14,6 +14,7 @@ import time
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -27,12 +28,12 @@ from validation.output.pictures.tubes import all_faces, stress_scale
 from validation.output.pictures.view_3d import View3d, make_view, viewer_page, webp
 from validation.output.provenance import Provenance, program, stamped
 from validation.paper.claims.claim import Truth
-from validation.paper.claims.judge import JudgedClaim, claims_json, judge_claims
-from validation.paper.errata import ShownErratum, errata_json, show_errata
+from validation.paper.claims.judge import claims, judge_claims
+from validation.paper.errata import show_errata
 from validation.paper.evidence import Evidence
 from validation.paper.figures import CostRow, FigureFile, cost_rows, draw_figures
 from validation.paper.reading import Sensitivity, sensitivity
-from validation.paper.tables import Tables, compute_tables, count_words, lines_by_block, tables_json
+from validation.paper.tables import compute_tables, count_words, lines_by_block
 from validation.run.deformable import DeformableRun
 from validation.run.measures import drawing_scale
 from validation.run.rigid.answer import RigidRun
@@ -54,13 +55,13 @@ class Report:
     """Everything a report shows."""
 
     extent: Extent
-    tables: Tables
+    tables: dict[str, Any]
     sensitivity: list[Sensitivity]
     """The tables without one ingredient of the reading after the other."""
     half_block: str
     """By how much the half-block turn is better than the paper's."""
-    claims: list[JudgedClaim]
-    errata: list[ShownErratum]
+    claims: list[dict[str, Any]]
+    errata: list[dict[str, Any]]
     figures: list[FigureFile]
     costs: list[CostRow]
     views: list[View3d]
@@ -103,7 +104,7 @@ def report_evidence(evidence: Evidence, folder: Path, *, extent: Extent) -> Path
     _say(console, "what the tables depend on")
     sensitive = sensitivity(evidence.rigid)
     _say(console, "claims")
-    claims = judge_claims(evidence)
+    judged = judge_claims(evidence)
     _say(console, "errata")
     errata = show_errata(evidence)
     _say(console, "figures")
@@ -115,7 +116,7 @@ def report_evidence(evidence: Evidence, folder: Path, *, extent: Extent) -> Path
         tables=tables,
         sensitivity=sensitive,
         half_block=half_block_words(evidence),
-        claims=claims,
+        claims=judged,
         errata=errata,
         figures=drawn,
         costs=cost_rows(evidence),
@@ -134,10 +135,10 @@ def _say(console: Console, stage: str) -> None:
 
 def _write_data(report: Report, folder: Path) -> None:
     for name, content in (
-        ("tables", tables_json(report.tables)),
+        ("tables", report.tables),
         ("sensitivity", [asdict(item) for item in report.sensitivity]),
-        ("claims", claims_json(report.claims)),
-        ("errata", errata_json(report.errata)),
+        ("claims", report.claims),
+        ("errata", report.errata),
         ("cost", [asdict(row) for row in report.costs]),
     ):
         write_json(str(folder / f"{name}.json"), stamped(content, Provenance()))
@@ -232,6 +233,7 @@ def page_text(report: Report) -> str:
         blocks=lines_by_block(report.tables),
         met=count_words(report.tables),
         truths=Truth,
+        deformable={claim.name for claim in claims() if claim.deformable},
         program=program(),
         today=datetime.datetime.now(tz=datetime.UTC).date().isoformat(),
         machine=f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",

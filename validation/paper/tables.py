@@ -5,13 +5,13 @@ Two results for each: with the paper's assumptions (`validation.paper.reading`),
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from rich.console import Console
 from rich.progress import track
 
-from validation.output.console import listing
+from validation.output.console import tabled
 from validation.paper.reading import DECIMALS, Solve, as_read, solve_row, to_the_digit
 from validation.paper.reference import reference
 from validation.run.rigid.answer import RigidRun, SharedTubes
@@ -26,62 +26,18 @@ HEADS = {
 }
 
 
-@dataclass(frozen=True)
-class TableRow:
-    """One number of the paper and of tubelock."""
-
-    block: str
-    """TSB1, TSB2 or THB0."""
-    case: str
-    """Load case."""
-    quantity: str
-    """``effective`` [%, a count of elements], ``p_eff`` or ``p_max`` [MPa]."""
-    paper: float
-    """The printed value."""
-    ours: float | None
-    """Result with the paper's assumptions; None where no equilibrium exists."""
-    relative_difference: float | None
-    """(ours - paper) / paper."""
-    to_the_digit: bool
-    """Whether the result rounds to the printed value."""
-    physical: float | None
-    """Result without them: the full traction, p_eff by its formula."""
-
-
-@dataclass(frozen=True)
-class ClassRow:
-    """One kinematic class of the paper and of tubelock."""
-
-    block: str
-    case: str
-    paper: str
-    ours: str
-
-
-@dataclass(frozen=True)
-class Tables:
-    """The paper's three tables beside tubelock's."""
-
-    rows: list[TableRow]
-    """One a number."""
-    classes: list[ClassRow]
-    """One a load case."""
-
-    @property
-    def to_the_digit(self) -> int:
-        """Numbers that round to what is printed."""
-        return sum(row.to_the_digit for row in self.rows)
-
-    @property
-    def classes_met(self) -> int:
-        """Mechanism classes that agree."""
-        return sum(row.paper == row.ours for row in self.classes)
-
-
-def compute_tables(console: Console, solve: Solve | None = None) -> Tables:
+def compute_tables(console: Console, solve: Solve | None = None) -> dict[str, Any]:
     """Compute every printed row, with a progress bar.
 
     By default every scene is solved anew, with the blocks of each table once.
+
+    Returns
+    -------
+    dict[str, Any]
+        ``rows``: of each number the printed value, the result with the paper's assumptions (None
+        where no equilibrium exists), their relative difference, whether the result rounds to what
+        is printed, and the result without the assumptions; ``classes``: kinematic class of each
+        load case; how many numbers round to what is printed, of how many.
     """
     if solve is None:
         tubes = SharedTubes()
@@ -89,43 +45,37 @@ def compute_tables(console: Console, solve: Solve | None = None) -> Tables:
         def solve(scene: str, *settings: str) -> RigidRun:
             return tubes.run(load_scene(scene, settings))
 
-    tables = Tables([], [])
+    rows, classes = [], []
     tasks = [(block, case) for block, cases in reference()["table"].items() for case in cases]
     for block, case in track(tasks, description="tables", console=console, transient=True):
         printed = reference()["table"][block][case]
         run = solve_row(solve, block, case)
         mechanism = str(run.result.mechanism)
-        tables.classes.append(ClassRow(block, case, printed["mechanism"], mechanism))
+        place = {"block": block, "case": case}
+        classes.append(place | {"paper": printed["mechanism"], "ours": mechanism})
         if "p_max" in printed:
             # As physics says, only the shaft's load differs.
             physical = run
             if case == "shaft":
                 physical = solve_row(solve, block, case, "load.as_printed=false")
-            tables.rows.extend(_rows(block, case, run, physical))
-    return tables
+            rows += [place | row for row in _rows(printed, run, physical)]
+    met = sum(row["to_the_digit"] for row in rows)
+    return {"to_the_digit": met, "of": len(rows), "rows": rows, "classes": classes}
 
 
-def _rows(block: str, case: str, run: RigidRun, physical: RigidRun) -> list[TableRow]:
-    printed = reference()["table"][block][case]
+def _rows(printed: dict[str, Any], run: RigidRun, physical: RigidRun) -> Iterator[dict[str, Any]]:
     read, measures = as_read(run.result.measures), physical.result.measures
     true = as_read(measures) | {"p_eff": None if measures is None else measures.p_eff}
-    found = []
     for quantity in DECIMALS:
         paper, ours = printed[quantity], read[quantity]
-        off = None if ours is None else (ours - paper) / paper
-        met = to_the_digit(quantity, paper, ours)
-        found.append(TableRow(block, case, quantity, paper, ours, off, met, true[quantity]))
-    return found
-
-
-def tables_json(tables: Tables) -> dict[str, Any]:
-    """Tables as plain data."""
-    return {
-        "to_the_digit": tables.to_the_digit,
-        "of": len(tables.rows),
-        "rows": [asdict(row) for row in tables.rows],
-        "classes": [asdict(row) for row in tables.classes],
-    }
+        yield {
+            "quantity": quantity,
+            "paper": paper,
+            "ours": ours,
+            "relative_difference": None if ours is None else (ours - paper) / paper,
+            "to_the_digit": to_the_digit(quantity, paper, ours),
+            "physical": true[quantity],
+        }
 
 
 def number(quantity: str, value: float | None, more: int = 0) -> str:
@@ -133,61 +83,50 @@ def number(quantity: str, value: float | None, more: int = 0) -> str:
     return "no equilibrium" if value is None else f"{value:.{DECIMALS[quantity] + more}f}"
 
 
-def count_words(tables: Tables) -> str:
+def count_words(tables: dict[str, Any]) -> str:
     """Say how many numbers and classes are met."""
+    classes = tables["classes"]
+    met = sum(row["paper"] == row["ours"] for row in classes)
     return (
-        f"{tables.to_the_digit} of {len(tables.rows)} numbers to the last printed digit, "
-        f"{tables.classes_met} of {len(tables.classes)} mechanism classes"
+        f"{tables['to_the_digit']} of {tables['of']} numbers to the last printed digit, "
+        f"{met} of {len(classes)} mechanism classes"
     )
 
 
-@dataclass(frozen=True)
-class TableLine:
-    """One number or class in words."""
-
-    case: str
-    quantity: str
-    paper: str
-    ours: str
-    difference: str
-    same: bool
-    physics: str
-
-
-def lines_by_block(tables: Tables) -> dict[str, list[TableLine]]:
-    """All numbers and classes of each block, load case by load case."""
-    found: dict[str, list[TableLine]] = {}
-    for c in tables.classes:
-        lines = found.setdefault(c.block, [])
-        same = c.paper == c.ours
-        lines.append(TableLine(c.case, HEADS["mechanism"], c.paper, c.ours, "", same, ""))
-        for row in tables.rows:
-            if (row.block, row.case) == (c.block, c.case):
-                off, q = row.relative_difference, row.quantity
-                lines.append(
-                    TableLine(
-                        row.case,
-                        HEADS[q],
-                        number(q, row.paper),
-                        number(q, row.ours, 2),
-                        "" if off is None else f"{100 * off:+.1f} %",
-                        row.to_the_digit,
-                        number(q, row.physical, 2),
-                    )
-                )
+def lines_by_block(tables: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
+    """All numbers and classes of each block in words, load case by load case."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for c in tables["classes"]:
+        lines = found.setdefault(c["block"], [])
+        same = c["paper"] == c["ours"]
+        head = {"quantity": HEADS["mechanism"], "same": same, "difference": "", "physics": ""}
+        lines.append(c | head)
+        for row in tables["rows"]:
+            if (row["block"], row["case"]) == (c["block"], c["case"]):
+                off, q = row["relative_difference"], row["quantity"]
+                words = {
+                    "quantity": HEADS[q],
+                    "paper": number(q, row["paper"]),
+                    "ours": number(q, row["ours"], 2),
+                    "difference": "" if off is None else f"{100 * off:+.1f} %",
+                    "same": row["to_the_digit"],
+                    "physics": number(q, row["physical"], 2),
+                }
+                lines.append({"case": c["case"]} | words)
     return found
 
 
-def print_tables(tables: Tables, console: Console) -> None:
+def print_tables(tables: dict[str, Any], console: Console) -> None:
     """Print one table per block: every number on a line of its own, the count at the end."""
-    numbers = ("paper", "tubelock", "difference", "printed digits", "consistent load")
+    columns: dict[str, str | Callable[[dict[str, Any]], str]] = {
+        "load case": lambda row: row["case"] if row["quantity"] == HEADS["mechanism"] else "",
+        "quantity": "{quantity}",
+        "paper": "{paper}",
+        "tubelock": "{ours}",
+        "difference": "{difference}",
+        "printed digits": lambda row: "yes" if row["same"] else "no",
+        "consistent load": "{physics}",
+    }
     for block, lines in lines_by_block(tables).items():
-        title = f"{block}, with the paper's assumptions"
-        table = listing(title, "load case", "quantity", numbers=numbers)
-        for line in lines:
-            case = line.case if line.quantity == HEADS["mechanism"] else ""
-            same = "yes" if line.same else "no"
-            cells = (line.quantity, line.paper, line.ours, line.difference, same, line.physics)
-            table.add_row(case, *cells)
-        console.print(table)
+        console.print(tabled(f"{block}, with the paper's assumptions", lines, columns, words=2))
     console.print(count_words(tables))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from rich.console import Console
 
-from validation.output.console import listing
+from validation.output.console import tabled
 from validation.paper.claims.claim import NOT_COMPUTED, Claim, Truth, Verdict
 from validation.paper.claims.deformable import FEM_CLAIMS
 from validation.paper.claims.rigid import RIGID_CLAIMS
@@ -15,23 +15,20 @@ from validation.paper.evidence import Evidence
 from validation.paper.naming import chosen_by_name
 
 
-@dataclass(frozen=True)
-class JudgedClaim:
-    """A claim with its verdict."""
-
-    claim: Claim
-    verdict: Verdict
-
-
 def claims() -> list[Claim]:
     """Return all claims, in the order of the paper."""
     return [*RIGID_CLAIMS, *FEM_CLAIMS]
 
 
-def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[JudgedClaim]:
-    """Judge all claims, or some by name (`chosen_by_name`)."""
-    chosen = chosen_by_name(claims(), names, "claim")
-    return [JudgedClaim(claim, _verdict(claim, evidence)) for claim in chosen]
+def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[dict[str, Any]]:
+    """Judge all claims, or some by name (`chosen_by_name`): claim, verdict, number and values."""
+    found = []
+    for claim in chosen_by_name(claims(), names, "claim"):
+        verdict = _verdict(claim, evidence)
+        row = {"name": claim.name, "statement": claim.statement, "place": claim.place}
+        judged = {"verdict": str(verdict.truth), "number": verdict.number}
+        found.append({**row, **judged, "values": verdict.values})
+    return found
 
 
 def _verdict(claim: Claim, evidence: Evidence) -> Verdict:
@@ -52,29 +49,14 @@ def _verdict(claim: Claim, evidence: Evidence) -> Verdict:
     return replace(verdict, number=number, values=values)
 
 
-def claims_json(found: list[JudgedClaim]) -> list[dict[str, Any]]:
-    """Judged claims as plain data."""
-    return [
-        {
-            "name": item.claim.name,
-            "statement": item.claim.statement,
-            "place": item.claim.place,
-            "verdict": str(item.verdict.truth),
-            "number": item.verdict.number,
-            "values": item.verdict.values,
-        }
-        for item in found
-    ]
-
-
-def print_claims(found: list[JudgedClaim], console: Console) -> None:
+def print_claims(found: list[dict[str, Any]], console: Console) -> None:
     """Print one row per claim and a count."""
-    heads = ("claim", "the paper says", "verdict", "number")
-    table = listing("The paper's claims", *heads, show_lines=True)
-    for item in found:
-        table.add_row(
-            item.claim.name, item.claim.statement, str(item.verdict.truth), item.verdict.number
-        )
-    console.print(table)
-    counts = [f"{sum(i.verdict.truth is t for i in found)} {t}" for t in Truth]
+    columns = {
+        "claim": "{name}",
+        "the paper says": "{statement}",
+        "verdict": "{verdict}",
+        "number": "{number}",
+    }
+    console.print(tabled("The paper's claims", found, columns, words=4, show_lines=True))
+    counts = [f"{sum(row['verdict'] == t for row in found)} {t}" for t in Truth]
     console.print(f"{len(found)} claims: {', '.join(counts)}")
