@@ -149,7 +149,7 @@ def explicit_answer(
                 threads=threads,
                 sample_interval=sample_interval,
                 velocities=stated.velocities,
-                stop=StopCriterion(residual, stated.ramp_time) if watched else None,
+                stop=StopCriterion(residual, stated.settled_after) if watched else None,
                 output=None if output is None else _of_all_blocks(output, whole, restarts),
                 resume=resume,
             )

@@ -290,7 +290,7 @@ class Solution(ReadOnlyArrays):
             return None
         return quasi_static_report(
             result,
-            ramp_time=stated.ramp_time,
+            ramp_time=stated.settled_after,
             frequency=stated.recommended.frequency,
             largest_residual=self.static_below,
         )

@@ -14,7 +14,9 @@ from fem.explicit import block_frame, damping, solve, step
 from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.model import Model, block_group, fixed_nodes, nodal_load
+from fem.problem.springs import springs_on
 from fem.problem.time_step import critical_time_step
+from geometry.mesh import boundary_quads
 from tests.fem_problems import CONCRETE, distorted_box
 
 #: Functions of each effect: module, name. All are called from the loop over steps alone.
@@ -93,3 +95,14 @@ def test_no_step_calls_an_effect_that_is_off(calls: Counter[str], name: str, loa
         sample_interval=7,
     )
     assert set(calls) == expected
+
+
+def test_springs_to_the_ground_are_stiffness_of_their_block(calls: Counter[str]) -> None:
+    """A step with springs calls what one without them calls: nothing more."""
+    mesh = distorted_box((2, 2, 2))
+    quads = boundary_quads(mesh)[:2]
+    springs = springs_on(mesh, [(quads, 5.0, np.eye(3))])
+    model = Model((block_group(mesh, CONCRETE, springs=springs),))
+    time_step = 0.5 * critical_time_step(model).critical_time_step
+    solve.solve(model, time_step=time_step, end_time=20.5 * time_step, sample_interval=7)
+    assert not calls

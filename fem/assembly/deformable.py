@@ -65,6 +65,9 @@ class Frames(StrEnum):
     """They deform and are held at their outer faces."""
 
 
+#: Share of the displacement of a support without a table: static steps take equal parts of it, and
+#: explicit runs the smooth step of their loads.
+ALL_THE_WAY = TabularAmplitude((0.0, 1.0), (0.0, 1.0))
 #: Directions that differ by less are one [-].
 _SAME = 1e-9
 #: Outer face of a fixed block in the first and in the last layer, the first that exists.
@@ -519,6 +522,6 @@ def _beyond(before: FloatArray, axes: FloatArray) -> FloatArray:
 def motion_of(held: HeldFace) -> Amplitude:
     """Share of its displacement by which a support moves, as a function of time [s]."""
     if not held.path:
-        return TabularAmplitude((0.0, 1.0), (0.0, 1.0))
+        return ALL_THE_WAY
     times, shares = zip(*held.path, strict=True)
     return TabularAmplitude(times, shares)

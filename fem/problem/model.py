@@ -324,6 +324,8 @@ class Model:
         for k, load in enumerate(self.loads):
             _check_entries(self, f"load {k}", load.group, load.copies, load.nodes)
             _check_load(k, load, self.effects)
+        if self.effects.finite_rotation:
+            refuse_turning_springs(self.groups)
 
     @property
     def n_elements(self) -> int:
@@ -334,6 +336,22 @@ class Model:
     def n_nodes(self) -> int:
         """Nodes of all copies."""
         return sum(g.n_nodes * g.n_copies for g in self.groups)
+
+
+def refuse_turning_springs(groups: Sequence[BlockGroup]) -> None:
+    """Reject springs of blocks that may turn by any angle.
+
+    Raises
+    ------
+    ModelError
+        Saying so.
+    """
+    if any(group.springs is not None for group in groups):
+        raise ModelError(
+            "springs: got blocks that may turn by any angle, which springs to the ground do not "
+            "follow; expected small rotations (finite_rotation off, pressures that do not turn "
+            "with their block)"
+        )
 
 
 def _check_group(group: BlockGroup) -> None:

@@ -211,10 +211,11 @@ def critical_time_step(model: Model) -> CriticalTimeStep:
 
 
 def _interaction(model: Model, group: int) -> FloatArray | None:
-    """Sum of the stiffnesses of springs and all interactions on the nodes of a group."""
+    """Sum of the stiffnesses of all interactions on the nodes of a group.
+
+    Springs to the ground are part of the stiffness of their block.
+    """
     parts = [interaction.nodal_stiffness(group) for interaction in model.interactions]
-    springs = model.groups[group].springs
-    parts.append(None if springs is None else springs.nodal_stiffness)
     present = [part for part in parts if part is not None]
     return np.sum(present, axis=0) if present else None
 

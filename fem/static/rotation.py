@@ -14,7 +14,13 @@ import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import local_forces
-from fem.problem.model import BlockGroup, Model, NodalLoad, nodal_load
+from fem.problem.model import (
+    BlockGroup,
+    Model,
+    NodalLoad,
+    nodal_load,
+    refuse_turning_springs,
+)
 from fem.problem.recovery import block_displacements
 from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.result import StaticError, StaticResult
@@ -55,6 +61,7 @@ def solve_static_with_rotation(
     SymmetryError, SparseSolverError
         As there.
     """
+    refuse_turning_springs(deformable.model.groups)
     if not deformable.meets:
         raise StaticError(
             'effects.finite_rotation: got fem.method = "static", which is linear for single '

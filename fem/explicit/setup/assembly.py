@@ -16,7 +16,7 @@ from fem.assembly.contact_state import (
     matched_state,
     searched_state,
 )
-from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.deformable import ALL_THE_WAY, DeformableAssembly
 from fem.assembly.local_system import FreeMotions, LocalSystem, free_motions, local_system
 from fem.assembly.symmetry import Orbits, no_symmetry
 from fem.contact.law import ContactLaw
@@ -279,7 +279,7 @@ def explicit_assembly(
         copy_of=copy_of,
         model=Model(
             groups=tuple(_some_copies(g, k) for g, k in zip(model.groups, copies, strict=True)),
-            supports=tuple(_some(s, copies[s.group]) for s in model.supports),
+            supports=tuple(_in_time(_some(s, copies[s.group]), amplitude) for s in model.supports),
             loads=tuple(
                 replace(_some(f, copies[f.group]), amplitude=amplitude) for f in model.loads
             ),
@@ -288,6 +288,13 @@ def explicit_assembly(
         ),
         sliding=contact if isinstance(contact, SlidingContact) else None,
     )
+
+
+def _in_time(support: Support, amplitude: Amplitude | None) -> Support:
+    """Support that moves as the loads grow, where no table says when."""
+    if amplitude is None or support.amplitude is not ALL_THE_WAY:
+        return support
+    return replace(support, amplitude=amplitude)
 
 
 def _with_gravity(

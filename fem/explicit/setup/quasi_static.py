@@ -34,6 +34,9 @@ from geometry.mesh import FloatArray, IntArray
 #: Modes below this share of the highest frequency are taken for motions nothing resists.
 _FREE_MOTION = 1e-6
 
+#: Squares of held motions below this share of the largest are round-off.
+_HELD = 1e-9
+
 #: A mode counts as excited when it holds this share of the work of the loads.
 _EXCITED = 1e-9
 
@@ -71,7 +74,7 @@ def block_frequencies(model: Model, pressure: float) -> BlockFrequencies:
     ----------
     model
         Blocks with `FaceContact`, or `SlidingContact` as it stands before any displacement;
-        blocks with supports count as held.
+        blocks move as far as their supports let them.
     pressure
         Contact pressure that decides the stiffness of the law [MPa].
 
@@ -89,6 +92,9 @@ def block_frequencies(model: Model, pressure: float) -> BlockFrequencies:
         for copy in range(group.n_copies):
             rows = slice(6 * (first[number] + copy), 6 * (first[number] + copy + 1))
             mass[rows, rows] = one
+            if group.springs is not None:
+                flat = motions.reshape(-1, 6)
+                stiffness[rows, rows] += flat.T @ (group.springs.stiffness @ flat)
         load += _generalised_load(model, number, motions, int(first[number]), size)
     for interaction in model.interactions:
         if isinstance(interaction, FaceContact):
@@ -97,13 +103,16 @@ def block_frequencies(model: Model, pressure: float) -> BlockFrequencies:
                 _add_contact(stiffness, model, pairs, tangent, first)
         if isinstance(interaction, SlidingContact):
             _add_sliding(stiffness, model, interaction, pressure, first)
-    free = _free_rows(model, first, size)
-    squares, modes = scipy.linalg.eigh(stiffness[np.ix_(free, free)], mass[np.ix_(free, free)])
+    free = _free_motions(model, first, size)
+    if not free.shape[1]:  # blocks only deform between their supports
+        lowest = min(map(_bar_frequency, model.groups))
+        return BlockFrequencies(lowest, lowest)
+    squares, modes = scipy.linalg.eigh(free.T @ stiffness @ free, free.T @ mass @ free)
     resisted = squares > _FREE_MOTION**2 * squares[-1]
-    if not len(squares) or not resisted.any():
+    if not resisted.any():
         raise ContactError(f"no contact resists any motion of the {int(first[-1])} blocks")
     squares, modes = squares[resisted], modes[:, resisted]
-    work = (modes.T @ load[free]) ** 2 / squares
+    work = (modes.T @ (free.T @ load)) ** 2 / squares
     excited = work > _EXCITED * work.sum() if work.sum() > 0.0 else np.ones_like(work, np.bool_)
     hertz = np.sqrt(squares) / (2.0 * np.pi)
     return BlockFrequencies(lowest=float(hertz[0]), excited=float(hertz[excited][0]))
@@ -187,12 +196,28 @@ def _add_sliding(
         np.add.at(stiffness, np.ix_(where, where), gap.T @ (weights[:, None] * gap))
 
 
-def _free_rows(model: Model, first: IntArray, size: int) -> IntArray:
-    """Rows of the blocks without supports."""
-    held = np.zeros(size // 6, dtype=np.bool_)
+def _free_motions(model: Model, first: IntArray, size: int) -> FloatArray:
+    """Rigid motions of all blocks that supports leave, orthonormal columns, (size, n)."""
+    squares = np.zeros((size // 6, 6, 6))
     for support in model.supports:
-        held[first[support.group] + support.copies] = True
-    return np.flatnonzero(~np.repeat(held, 6))
+        group = model.groups[support.group]
+        motions = motions_about_centroid(group, group.mesh.nodes[support.nodes])
+        local = np.einsum("nij,ni->nj", group.rotations[support.copies], support.directions)
+        held = np.einsum("nij,ni->nj", motions, local)
+        blocks = first[support.group] + support.copies
+        np.add.at(squares, blocks, held[:, :, None] * held[:, None, :])
+    parts = []
+    for square in squares:
+        sizes, axes = np.linalg.eigh(square)
+        left = sizes <= _HELD * sizes[-1]
+        parts.append(axes[:, left] if sizes[-1] > 0.0 else np.eye(6))
+    return np.asarray(scipy.linalg.block_diag(*parts))
+
+
+def _bar_frequency(group: BlockGroup) -> float:
+    """Lowest frequency of a bar as long as a block that is held at one end [Hz]."""
+    longest = float(np.ptp(group.mesh.nodes, axis=0).max())
+    return group.material.bar_wave_speed / (4.0 * longest)
 
 
 #: Contact pressure about which frequencies are estimated [MPa].

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.deformable import ALL_THE_WAY, DeformableAssembly
 from fem.assembly.statement import Motion
 from fem.assembly.symmetry import Orbits, SymmetryError, largest_cyclic_orbits
 from fem.contact.surfaces import refuse_overlap
@@ -27,7 +27,7 @@ from fem.explicit.setup.quasi_static import (
     recommended_times,
 )
 from fem.problem.effects import Effects
-from fem.problem.loads import SmoothStepAmplitude
+from fem.problem.loads import SmoothStepAmplitude, TabularAmplitude
 from fem.problem.time_step import TimeStepError, scale_masses
 from geometry.mesh import FloatArray
 
@@ -56,6 +56,8 @@ class ExplicitStatement:
 
     velocities: tuple[FloatArray, ...] | None = None
     """Of the model's groups at time 0, (n_copies, n_nodes, 3) [mm/s]; None: at rest."""
+    settled_after: float = 0.0
+    """When loads and supports have arrived: a static state may be found from then on [s]."""
 
     def more_counted(self) -> float | None:
         """Next contact pressure to count in [MPa]; None where more of it counts no more stiffness.
@@ -118,6 +120,9 @@ def explicit_statement(
             "of a layer; expected none"
         )
     times, ramp, end = _times(deformable, orbits, effects, ramp_time, end_time)
+    moved = _end_of_motion(deformable, ramp)
+    if end_time is None:
+        end += max(moved - ramp, 0.0)
     effects = _loading_slowly(effects, deformable, ramp)
     # What presses before any load acts is counted too.
     at_start = float(deformable.contact.law.pressure(-deformable.surfaces.clearance))
@@ -130,7 +135,27 @@ def explicit_statement(
         counted_pressure=counted_pressure,
     )
     velocities = None if motion is None else motion.velocities(stated.model)
-    return ExplicitStatement(stated, times, ramp, end, counted_pressure, velocities)
+    return ExplicitStatement(
+        stated, times, ramp, end, counted_pressure, velocities, settled_after=max(ramp, moved)
+    )
+
+
+def _end_of_motion(deformable: DeformableAssembly, ramp: float) -> float:
+    """When supports that move have arrived [s]; 0 without any.
+
+    Raises
+    ------
+    TimeStepError
+        A motion without a table in no time.
+    """
+    moving = [s.amplitude for s in deformable.model.supports if s.displacement.any()]
+    if ramp <= 0.0 and any(share is ALL_THE_WAY for share in moving):
+        raise TimeStepError(
+            "fem.ramp_time: got 0 with a support that moves; expected the time of its smooth "
+            "step in seconds, or a table of its motion"
+        )
+    ends = [s.times[-1] for s in moving if isinstance(s, TabularAmplitude) and s is not ALL_THE_WAY]
+    return max(ends, default=0.0)
 
 
 def _loading_slowly(effects: Effects, deformable: DeformableAssembly, ramp: float) -> Effects:

@@ -1,0 +1,122 @@
+"""Explicit runs with rollers, moving supports, springs and line loads, against static answers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from fem import Problem, concrete, solve_explicit, solve_static
+from fem.assembly.statement import Motion
+from fem.problem.model import ModelError
+from fem.problem.time_step import TimeStepError, critical_time_step
+from geometry.assembly import Assembly
+from geometry.families.boxes import ColumnBox, box_column
+from geometry.loads import LineLoad, LoadCase, TractionLoad
+from geometry.regions import Plane
+from geometry.supports import HeldFace
+
+X, Y, Z = np.eye(3)
+A = 40.0
+
+
+def column(cubes: int) -> Assembly:
+    """Cubes on each other; the first one is fixed, but a single cube is free."""
+    whole = box_column([ColumnBox((A, A, A), (2, 2, 2))] * max(cubes, 2))
+    if cubes > 1:
+        return whole
+    one = {name: getattr(whole, name)[1:] for name in ("shape_of", "rotations", "translations")}
+    return replace(whole, layer=np.array([1]), fixed=np.array([False]), **one)
+
+
+def side(blocks: Assembly, block: int, axis: np.ndarray) -> Plane:
+    return Plane(blocks.centroids[block] + 0.5 * A * axis, axis)
+
+
+def roller(blocks: Assembly, block: int, axis: np.ndarray, **stated: Any) -> HeldFace:
+    return HeldFace(block, side(blocks, block, axis), np.abs(axis)[None], **stated)
+
+
+def case(blocks: Assembly, faces=(), held=(), lines=()) -> LoadCase:
+    return LoadCase(blocks, "case", tuple(faces), blocks.fixed, tuple(held), tuple(lines))
+
+
+def pulled(blocks: Assembly, block: int, axis: np.ndarray, force: np.ndarray) -> TractionLoad:
+    return TractionLoad(np.array([block]), side(blocks, block, axis), force)
+
+
+ONE, TWO = column(1), column(2)
+SIDES = tuple(roller(ONE, 0, -axis) for axis in (X, Y))
+TOP = ONE.centroids[0] + 0.5 * A * np.ones(3)
+EDGE = LineLoad(np.array([0]), TOP - A * Y, TOP, np.array([1.0, 0.0, -3.0]))
+GUIDES = tuple(roller(TWO, 1, -axis) for axis in (X, Y))
+CASES = {
+    "traction on rollers": case(ONE, [pulled(ONE, 0, X, 0.5 * X)], (*SIDES, roller(ONE, 0, -Z))),
+    "line load on rollers": case(ONE, held=(*SIDES, roller(ONE, 0, -Z)), lines=[EDGE]),
+    "line load on springs": case(ONE, held=(*SIDES, roller(ONE, 0, -Z, spring=2.0)), lines=[EDGE]),
+    "support that moves": case(TWO, held=(*GUIDES, roller(TWO, 1, Z, displacement=-0.01 * Z))),
+    "support that moves by a table": case(
+        TWO,
+        held=(
+            *GUIDES,
+            roller(TWO, 1, Z, displacement=-0.01 * Z, path=((0, 0), (0.002, 0.5), (0.004, 1))),
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_damped_runs_come_to_the_static_state(name: str) -> None:
+    problem = Problem(CASES[name].assembly, CASES[name], concrete)
+    static = solve_static(problem, mesh="scene").fields["displacement"]
+    end = 0.02 if CASES[name].assembly is ONE else None
+    explicit = solve_explicit(problem, end_time=end).fields["displacement"]
+    assert np.abs(explicit - static).max() <= 1e-3 * np.abs(static).max()
+    assert np.abs(static).max() > 0.0
+
+
+@pytest.mark.parametrize("quarters", [1, 2])
+def test_a_block_swings_on_springs_with_the_period_of_the_closed_form(quarters: int) -> None:
+    """T = 2π √(m / k A): after T/4 the block has gone v T / 2π, after T/2 it is back.
+
+    Its own compliance lengthens the period by k L / 6 E = 4e-5, the step is far below T.
+    """
+    stiffness, speed = 0.2, 10.0
+    load = case(ONE, held=(*SIDES, roller(ONE, 0, -Z, spring=stiffness)))
+    mass = concrete.density * A**3
+    period = 2.0 * np.pi * np.sqrt(mass / (stiffness * A * A))
+    problem = Problem(ONE, load, concrete, motion=Motion(speed * Z, np.zeros(3)))
+    answer = solve_explicit(problem, damping=None, end_time=quarters * period / 4.0)
+    moved = answer.fields["displacement"][:, 2].mean() * 2.0 * np.pi / (speed * period)
+    assert moved == pytest.approx(1.0 if quarters == 1 else 0.0, abs=2e-3)
+
+
+def test_the_time_step_is_that_of_block_and_springs() -> None:
+    """2/ω of K + springs, by a dense solver: springs count once."""
+    load = case(ONE, held=(*SIDES, roller(ONE, 0, -Z, spring=5e3)))
+    model = Problem(ONE, load, concrete).deformable.model
+    group = model.groups[0]
+    squares = eigh(
+        group.stiffness.toarray(), np.diag(np.repeat(group.lumped_mass, 3)), eigvals_only=True
+    )
+    step = critical_time_step(model).critical_time_step
+    assert step == pytest.approx(2.0 / np.sqrt(squares[-1]), rel=1e-5)
+    soft = Problem(ONE, case(ONE, held=(*SIDES, roller(ONE, 0, -Z))), concrete).deformable.model
+    assert step < 0.9 * critical_time_step(soft).critical_time_step
+
+
+def test_springs_of_blocks_that_turn_are_rejected() -> None:
+    held = (*GUIDES, roller(TWO, 1, Z, spring=1.0))
+    problem = Problem(TWO, case(TWO, held=held), concrete, finite_rotation=True)
+    for solve in (solve_static, lambda stated: solve_explicit(stated, end_time=0.01)):
+        with pytest.raises(ModelError, match="springs: got blocks that may turn by any angle"):
+            solve(problem)
+
+
+def test_a_motion_in_no_time_is_rejected() -> None:
+    problem = Problem(TWO, CASES["support that moves"], concrete)
+    with pytest.raises(TimeStepError, match="got 0 with a support that moves"):
+        solve_explicit(problem, ramp_time=0.0, end_time=0.01)
