@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fem.assembly.reactions import reactions, spring_reaction
 from fem.assembly.statement import Problem
 from fem.element.stress import von_mises
 from fem.measures import contact_on, contacts_of, measures_of
@@ -113,6 +114,7 @@ def report_of(
         },
         **({"large_motion": solution.large_motion} if solution.large_motion else {}),
         **beside,
+        **_support_report(solution),
         **_static_report(solution),
         **_explicit_report(solution),
     }
@@ -143,6 +145,30 @@ def face_displacements(solution: Solution) -> dict[str, dict[str, list[float]]]:
         mean = surface.areas @ moved[surface.quads].mean(axis=1) / surface.areas.sum()
         found[name] = {"mean_displacement": mean.tolist()}
     return found
+
+
+def _support_report(solution: Solution) -> dict[str, Any]:
+    """Forces of supports, of those that move along their way; only where blocks have any."""
+    static, model = solution.static, solution.deformable.model
+    if static is None:
+        return {}
+    data: dict[str, Any] = {}
+    if static.support_forces:
+        data["reactions"] = reactions(model, static.support_forces)
+    springs = spring_reaction(model, solution.group_displacements)
+    if springs is not None:
+        data["reactions"] = data.get("reactions", {}) | {"springs": {"force": springs.tolist()}}
+    if solution.push_curves:
+        data["motions"] = [
+            {
+                "support": curve.name,
+                "time": curve.times.tolist(),
+                "displacement": curve.displacements.tolist(),
+                "force": curve.forces.tolist(),
+            }
+            for curve in solution.push_curves
+        ]
+    return data
 
 
 def _static_report(solution: Solution) -> dict[str, Any]:

@@ -48,6 +48,7 @@ def measures_of(
     makers = {"max_displacement": lambda: _displacement(solution)} | _stresses(solution)
     if solution.deformable.meets:
         makers |= _pressures(solution, facets)
+    makers |= _of_motion(solution)
     bars, notes = errors or {}, remarks or {}
 
     def told(name: str) -> Callable[[], Measure]:
@@ -59,6 +60,19 @@ def measures_of(
 def _displacement(solution: Solution) -> Measure:
     peak = largest_displacement(solution.deformable, solution.group_displacements)
     return _measure(solution, peak, "mm")
+
+
+def _of_motion(solution: Solution) -> dict[str, Callable[[], Measure]]:
+    """Of the support that moves against the largest force; nothing where none does."""
+    if not solution.push_curves:
+        return {}
+    curve = max(solution.push_curves, key=lambda c: c.peak[0])
+    force, way = curve.peak
+    return {
+        "push_peak": lambda: Measure(force, "N", place={"support": curve.name, "way": way}),
+        "push_stiffness": lambda: Measure(curve.stiffness, "N/mm"),
+        "push_work": lambda: Measure(curve.work, "N mm"),
+    }
 
 
 def _stresses(solution: Solution) -> dict[str, Callable[[], Measure]]:

@@ -25,6 +25,7 @@ from fem.assembly.peaks import StressPeaks, joint_forces, stress_peaks
 from fem.assembly.section_forces import SolvedState, section_forces
 from fem.contact.search import SearchedSurfaces, searched_surfaces
 from fem.contact.surfaces import ContactSurfaces
+from fem.assembly.reactions import PushCurve, push_curves
 from fem.problem.recovery import Recovered, recover
 from fem.static.result import StaticResult, loose_blocks
 from geometry.errors import RefusedError
@@ -217,6 +218,13 @@ class Solution(ReadOnlyArrays):
         state = self.contact_state
         law = self.deformable.contact.law
         return cap_action(law, state.point_pressures, state.point_areas)
+
+    @cached_property
+    def push_curves(self) -> tuple[PushCurve, ...]:
+        """Force over way of each support that moves step by step."""
+        if self.static is None or not self.static.pushed:
+            return ()
+        return push_curves(self.deformable.model, self.static.pushed)
 
     @property
     def slip(self) -> dict[str, float] | None:

@@ -146,6 +146,13 @@ FORCES = {
     "total_reaction": Title("total reaction"),
 }
 
+#: Measures that answers have whose supports move.
+MOTIONS = {
+    "push_peak": Title("largest force of the moving support"),
+    "push_stiffness": Title("its stiffness in the first step"),
+    "push_work": Title("its work"),
+}
+
 #: Other names of measures.
 ALIASES = {"u": "max_displacement"}
 
@@ -168,7 +175,7 @@ UNITS = {
 
 def measure_rows(measures: Mapping[str, Measure]) -> list[tuple[str, str]]:
     """Measures in words, a row each: title; value, error, unit, remark and place."""
-    found, titles = [], TITLES | FORCES
+    found, titles = [], TITLES | FORCES | MOTIONS
     for name in (*titles, *(name for name in measures if name not in titles)):
         if name in measures:
             measure, title = measures[name], titles.get(name, Title(name))

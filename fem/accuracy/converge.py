@@ -327,6 +327,8 @@ def why_not_refined(problem: Problem) -> str | None:
             return "general contact of so many facets that a second mesh takes minutes"
     if problem.blocks.image_of is not None:
         return "a periodic cell"
+    if problem.deformable.moves:
+        return "supports that move step by step"
     if problem.load_case.without_couple:
         return "a load as printed, which acts at the mean of the nodes of a mesh"
     return None

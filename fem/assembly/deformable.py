@@ -449,12 +449,12 @@ def supports_at(
     for held in faces:
         if held.spring is None:
             of_block.setdefault(held.block, []).append(held)
-    alike: dict[tuple[int, int, tuple[str, ...]], list[int]] = {}
+    alike: dict[tuple[int, int, tuple[tuple[str, str], ...]], list[int]] = {}
     single: list[Support] = []
     for block, mine in of_block.items():
-        names = tuple(held.face for held in mine if isinstance(held.face, str))
+        names = tuple((held.face, held.title) for held in mine if isinstance(held.face, str))
         whole = all(held.directions is None and held.displacement is None for held in mine)
-        if whole and len(names) == len(mine):
+        if whole and len(names) == len(mine) and len({title for _, title in names}) == 1:
             key = int(assembly.layer[block]), int(group_of[block]), names
             alike.setdefault(key, []).append(block)
         else:
@@ -462,9 +462,10 @@ def supports_at(
     supports = []
     for (_, group, names), blocks in sorted(alike.items()):
         shape = assembly.shape(blocks[0])
-        quads = np.concatenate([shape.faces[name] for name in names])
+        quads = np.concatenate([shape.faces[face] for face, _ in names])
         nodes = np.unique(shape.mesh.facet_nodes(quads))
-        supports.append(fixed_nodes(group, nodes, copies=copy_of[np.sort(blocks)]))
+        title, copies = names[0][1], copy_of[np.sort(blocks)]
+        supports.append(fixed_nodes(group, nodes, copies=copies, name=title))
     return (*supports, *single)
 
 
@@ -502,6 +503,7 @@ def _supports_of(
                 directions=along,
                 displacement=along @ moved,
                 amplitude=motion_of(held) if held.moves else None,
+                name=held.title,
             )
         )
     return found

@@ -205,6 +205,8 @@ class Support:
     """(n,) [mm] at amplitude one."""
     amplitude: Amplitude | None = None
     """None: constant in time."""
+    name: str = "support"
+    """In tables of reactions; entries of one name are one support."""
 
 
 def fixed_nodes(
@@ -215,6 +217,7 @@ def fixed_nodes(
     components: tuple[int, ...] = (0, 1, 2),
     displacement: FloatArray | None = None,
     amplitude: Amplitude | None = None,
+    name: str = "support",
 ) -> Support:
     """Hold, or move along a world vector, the same nodes in every one of ``copies``.
 
@@ -232,6 +235,8 @@ def fixed_nodes(
         (3,) [mm]; None holds the nodes where they are.
     amplitude
         Factor of the displacement in time.
+    name
+        In tables of reactions.
     """
     where = [
         a.ravel()
@@ -245,6 +250,7 @@ def fixed_nodes(
         directions=np.eye(3)[where[2]],
         displacement=value[where[2]],
         amplitude=amplitude,
+        name=name,
     )
 
 

@@ -126,7 +126,7 @@ def _along(
             if 0.5 * (moment - before) >= shortest:
                 ahead += [(factor, moment), (factor, 0.5 * (before + moment))]
                 continue
-            if state.pushed:
+            if any(time for time, _ in state.pushed):
                 return problem, replace(state, stopped=moment)
             return there, reached
         problem, state = there, _recorded(there, reached, options)
@@ -178,7 +178,8 @@ def _recorded(problem: StaticProblem, state: StaticState, options: StaticOptions
     if state.time is None or not state.converged:
         return state
     forces = -problem.system.held_part(unbalanced_forces(problem, state)[0])
-    return replace(state, pushed=(*state.pushed, (state.time, forces)))
+    before = tuple(step for step in state.pushed if step[0] != state.time)
+    return replace(state, pushed=(*before, (state.time, forces)))
 
 
 def follow_up(
