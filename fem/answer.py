@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from fem.assembly.reactions import reactions, spring_reaction
 from fem.assembly.statement import Problem
 from fem.element.stress import von_mises
 from fem.measures import contact_on, contacts_of, measures_of
@@ -149,15 +148,7 @@ def face_displacements(solution: Solution) -> dict[str, dict[str, list[float]]]:
 
 def _support_report(solution: Solution) -> dict[str, Any]:
     """Forces of supports, of those that move along their way; only where blocks have any."""
-    static, model = solution.static, solution.deformable.model
-    if static is None:
-        return {}
-    data: dict[str, Any] = {}
-    if static.support_forces:
-        data["reactions"] = reactions(model, static.support_forces)
-    springs = spring_reaction(model, solution.group_displacements)
-    if springs is not None:
-        data["reactions"] = data.get("reactions", {}) | {"springs": {"force": springs.tolist()}}
+    data: dict[str, Any] = {"reactions": solution.reactions} if solution.reactions else {}
     if solution.push_curves:
         data["motions"] = [
             {

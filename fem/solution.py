@@ -22,10 +22,10 @@ from fem.assembly.contact_state import (
 )
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.peaks import StressPeaks, joint_forces, stress_peaks
+from fem.assembly.reactions import PushCurve, push_curves, reactions, spring_reaction
 from fem.assembly.section_forces import SolvedState, section_forces
 from fem.contact.search import SearchedSurfaces, searched_surfaces
 from fem.contact.surfaces import ContactSurfaces
-from fem.assembly.reactions import PushCurve, push_curves
 from fem.problem.recovery import Recovered, recover
 from fem.static.result import StaticResult, loose_blocks
 from geometry.errors import RefusedError
@@ -218,6 +218,19 @@ class Solution(ReadOnlyArrays):
         state = self.contact_state
         law = self.deformable.contact.law
         return cap_action(law, state.point_pressures, state.point_areas)
+
+    @cached_property
+    def reactions(self) -> dict[str, dict[str, list[float]]]:
+        """Resultant of each support on the blocks by its name: `fem.assembly.reactions`.
+
+        Empty where nothing but whole blocks is held, and in explicit answers.
+        """
+        static, model = self.static, self.deformable.model
+        if static is None:
+            return {}
+        found = reactions(model, static.support_forces) if static.support_forces else {}
+        springs = spring_reaction(model, self.group_displacements)
+        return found if springs is None else found | {"springs": {"force": springs.tolist()}}
 
     @cached_property
     def push_curves(self) -> tuple[PushCurve, ...]:

@@ -11,6 +11,7 @@ from geometry.assembly import AnyBlocks, Assembly, UnmatchedJoint
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
 from validation.build.materials import densities
+from validation.build.supports import stated_load
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import check_block_size
@@ -96,7 +97,8 @@ def build_blocks(scene: AssemblyScene) -> HexahedralBlocks:
         When the parameters describe no assembly, or it cannot take the load.
     """
     assembly = build_assembly(scene)
-    return HexahedralBlocks(assembly, scene.build_load(assembly), scene.unmatched(assembly))
+    load = stated_load(scene, assembly, scene.build_load(assembly))
+    return HexahedralBlocks(assembly, load, scene.unmatched(assembly))
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from validation.build.blocks import HexahedralBlocks, build_blocks
 from validation.build.cell import build_cell
 from validation.build.materials import build_materials, count_materials
 from validation.build.sections import scene_planes
+from validation.build.supports import stated_load
 from validation.errors import InputError, named
 from validation.scene.deformable import (
     Damping,
@@ -156,7 +157,7 @@ def scene_load(scene: DeformableScene, assembly: Assembly) -> LoadCase:
         from validation.build.own_blocks import own_load
 
         return own_load(scene, assembly)
-    return scene.build_load(assembly)
+    return stated_load(scene, assembly, scene.build_load(assembly))
 
 
 def element_degree(scene: DeformableScene, assembly: Assembly) -> int:

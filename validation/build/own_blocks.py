@@ -28,6 +28,7 @@ from validation.build.polyhedra import (
     file_solids,
     placed_blocks,
 )
+from validation.build.supports import stated_load
 from validation.errors import InputError
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import MeshScene, PolyhedralScene
@@ -79,9 +80,10 @@ def _assembly(scene: PolyhedralScene, name: str) -> Assembly:
         )
     placed = placed_blocks(scene, lambda file: _part_blocks(Path(file), scene))
     fixed = placed.fixed
-    if not fixed.any() or fixed.all():
+    if fixed.all() or not (fixed.any() or scene.supports):
         raise AssemblyError(
-            f"got {int(fixed.sum())} fixed blocks of {len(fixed)}; expected some fixed, some free"
+            f"got {int(fixed.sum())} fixed blocks of {len(fixed)}; expected some fixed, some free, "
+            "or [[supports]]"
         )
     blocks, turns, shifts = zip(*placed.blocks, strict=True)
     shapes = {id(block): block for block in blocks}
@@ -146,7 +148,7 @@ def contact_distance(assembly: PolyhedralAssembly) -> IntArray:
     distance = dijkstra(
         graph,
         directed=False,
-        indices=np.flatnonzero(assembly.fixed),
+        indices=np.flatnonzero(assembly.fixed) if assembly.fixed.any() else [0],
         unweighted=True,
         min_only=True,
     )
@@ -170,4 +172,5 @@ def own_load(scene: PolyhedralScene, assembly: Assembly) -> LoadCase:
         bodies = replace(assembly, shapes=shapes)
     live = build_live_load(scene, bodies)
     wrenches = live if live.any() else None
-    return LoadCase(assembly, "variable load", (), assembly.fixed, body_wrenches=wrenches)
+    load = LoadCase(assembly, "variable load", (), assembly.fixed, body_wrenches=wrenches)
+    return stated_load(scene, assembly, load)

@@ -98,10 +98,12 @@ def load_steps(scene: DeformableScene, fem: FemSection) -> int:
 
 def static_options(scene: DeformableScene, fem: FemSection) -> StaticOptions:
     """Options of the static solver: the largest exact sector unless the scene forbids it."""
+    once = fem.load_steps is not None or scene.moves
     return StaticOptions(
         symmetry=1 if not scene.meets or fem.symmetry == "none" else None,
         load_steps=load_steps(scene, fem),
-        load_tolerance=LOAD_TOLERANCE if fem.load_steps is None else None,
+        load_tolerance=None if once else LOAD_TOLERANCE,
+        motion_steps=fem.motion_steps if scene.moves else None,
     )
 
 

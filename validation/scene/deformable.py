@@ -40,6 +40,7 @@ from validation.scene.sections import (
     WholeScene,
     fewer,
 )
+from validation.scene.supports import PushSection, SupportSection, SurfaceLoadSection
 from validation.scene.usage import uncounted
 
 if TYPE_CHECKING:
@@ -409,6 +410,8 @@ class FemSection(Section):
     """Number of equal load steps of a static run; with friction their load factors are squares.
     By default one; with friction doubled until p_max, p_eff and the displacement change by less
     than 1 %."""
+    motion_steps: Annotated[int, Field(ge=1, le=10_000)] = 20
+    """Number of steps of supports that move in a static run, after the load."""
     time_step: Positive | None = None
     """Time step [s]; by default safety_factor times the critical time step."""
     safety_factor: Annotated[float, Field(gt=0, le=1)] = 0.9
@@ -444,6 +447,10 @@ class DeformableSections(WholeScene):
     contact: ContactSection = ContactSection()
     effects: EffectsSection = EffectsSection()
     fem: FemSection = FemSection()
+    supports: tuple[SupportSection, ...] = ()
+    """``[[supports]]``: parts of the surfaces that are held, moved or on springs."""
+    loads: tuple[SurfaceLoadSection, ...] = ()
+    """``[[loads]]``: on parts of the surfaces, along edges, on single blocks."""
 
     @field_validator("materials", mode="before")
     @classmethod
@@ -496,6 +503,16 @@ class DeformableSections(WholeScene):
         if mesh is None or all(getattr(mesh, key) == value for key, value in found.items()):
             return None
         return self.changed({"mesh": found})
+
+    @property
+    def push(self) -> PushSection | None:
+        """Block that is pushed; None: none."""
+        return getattr(self.load, "push", None)  # type: ignore[attr-defined]
+
+    @property
+    def moves(self) -> bool:
+        """Whether a support moves."""
+        return self.push is not None or any(s.move and any(s.move) for s in self.supports)
 
     @property
     def is_cell(self) -> bool:

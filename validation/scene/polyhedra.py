@@ -21,6 +21,7 @@ from validation.scene.sections import (
     Vector,
     vector_words,
 )
+from validation.scene.supports import PushSection
 
 #: Of blocks whose file has nodes between corners, in answers that have no use for them.
 STRAIGHT_EDGES = "straight between corners; the file's other nodes count with fem.degree = 2"
@@ -45,6 +46,8 @@ class BodyLoadSection(Section):
     """Acceleration of every block, which `rigid.collapse` lets grow [mm/s²]."""
     forces: tuple[PointForceSection, ...] = ()
     """Forces on single blocks, which `rigid.collapse` lets grow."""
+    push: PushSection | None = None
+    """A block that is pushed by displacement, after all other loads."""
 
     @property
     def words(self) -> str:
@@ -55,6 +58,8 @@ class BodyLoadSection(Section):
         if self.forces:
             count = len(self.forces)
             parts.append(f"{count} force{'s' if count > 1 else ''} on single blocks")
+        if self.push is not None:
+            parts.append(self.push.words)
         return " + ".join(parts)
 
 

@@ -282,6 +282,7 @@ class WholeScene(Section):
             parts = [load.words]
         if self.weight is not None:
             parts.append(f"weight {vector_words(self.weight)} mm/s²")
+        parts += [one.words for one in getattr(self, "loads", ())]
         return " + ".join(filter(None, parts)) or "no load"
 
 

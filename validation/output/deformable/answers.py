@@ -20,10 +20,12 @@ from geometry.answer import TITLES, Measure, measure_rows
 from geometry.files.whole import write_whole
 from validation.output import answer_files
 from validation.output.console import listing, two_columns
+from validation.output.files import write_csv
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
 from validation.output.pictures.energies import draw_energies
+from validation.output.pictures.motions import draw_motions
 from validation.output.section_forces import SECTION_FILES, add_sections, write_sections
 from validation.run.accuracy import reached_rows
 from validation.run.stages import cpu_words, peak_memory_mb
@@ -31,6 +33,7 @@ from validation.scene.deformable import FemSection
 from validation.scene.family import RoundScene
 
 if TYPE_CHECKING:
+    from fem.assembly.reactions import PushCurve
     from fem.explicit.output.energy import History
     from fem.explicit.solve import ExplicitResult
     from validation.run.deformable import DeformableRun
@@ -45,6 +48,8 @@ FILES = (
     "displacement.png",
     *JOINT_FILES,
     *SECTION_FILES,
+    "motions.csv",
+    "motions.png",
     "history.csv",
     "energies.png",
     "frame_*.vtu",
@@ -59,6 +64,8 @@ def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
     write_sections(run.sections, outputs)
     for file, draw in _pictures(run).items():
         outputs.write("picture", file, partial(draw, run))
+    if run.solution.push_curves:
+        _write_motions(run.solution.push_curves, run.name, outputs)
     if run.solution.explicit is not None:
         _write_history(run.solution.explicit.history, run.name, outputs)
     _name_frames(run.scene.fem, outputs)
@@ -74,6 +81,18 @@ def _pictures(state: DeformableRun) -> dict[str, Callable[[DeformableRun, Path],
         pictures["sections.png"] = tubes.draw_sections
         pictures["displacement.png"] = tubes.draw_displacement
     return pictures
+
+
+def _write_motions(curves: tuple[PushCurve, ...], name: str, outputs: Outputs) -> None:
+    """Write force over way of supports that move as table and picture."""
+    rows = [
+        (curve.name, *row)
+        for curve in curves
+        for row in zip(curve.times, curve.displacements, curve.forces, strict=True)
+    ]
+    heads = ("support", "time_s", "displacement_mm", "force_N")
+    outputs.write("motions", "motions.csv", lambda path: write_csv(path, heads, rows))
+    outputs.write("picture", "motions.png", lambda path: draw_motions(curves, path, title=name))
 
 
 def _write_history(history: History, name: str, outputs: Outputs) -> None:
@@ -129,12 +148,23 @@ def _add_motion(table: Table, run: DeformableRun) -> None:
         )
 
 
+def _add_supports(table: Table, run: DeformableRun) -> None:
+    """Add the force of each support on the blocks, and how far supports moved."""
+    static = run.solution.static
+    for k, (name, found) in enumerate(run.solution.reactions.items()):
+        force = ", ".join(f"{value:.5g}" for value in found["force"])
+        table.add_row("" if k else "forces of supports", f"{name}: ({force}) N")
+    if static is not None and "none was found" in static.status:
+        table.add_row("motion", static.status)
+
+
 def print_run(run: DeformableRun, console: Console) -> None:
     """Print the result of a run, its evidence, and how it was computed."""
     table = two_columns(run.title)
     add_measures(table, run.answer.measures)
     add_sections(table, run.sections)
     _add_accuracy(table, run)
+    _add_supports(table, run)
     _add_motion(table, run)
     if run.solution.deformable.meets:
         _add_contact(table, run)

@@ -20,6 +20,7 @@ from mbd.answer import Carried, answer_of, block_motion, joints_of, without_fric
 from mbd.margin import held_against
 from validation.build.blocks import BuiltScene, build_scene, build_weight
 from validation.build.sections import scene_planes
+from validation.build.supports import stated_load
 from validation.errors import named
 from validation.run.rigid.further import Further, further_answers, further_json
 from validation.scene.family import AssemblyScene, RoundScene
@@ -221,5 +222,5 @@ class SharedTubes:
             seconds = built.cpu_seconds + time.process_time() - start
             self._built[key] = replace(built, cpu_seconds=seconds)
         known = self._built[key]
-        load = scene.build_load(known.assembly)
+        load = stated_load(scene, known.assembly, scene.build_load(known.assembly))
         return analyse_rigid(replace(known, name=file.name, scene=scene, load=load))
