@@ -233,6 +233,13 @@ class LoadCase(ReadOnlyArrays):
         return self._all("forces")
 
     @property
+    def on_regions(self) -> bool:
+        """Whether loads or supports lie on planes, in boxes or on lines: other meshes need not have
+        facets that end there."""
+        regions = [part.face for part in (*self.faces, *self.held)]
+        return bool(self.lines) or any(not isinstance(where, str) for where in regions)
+
+    @property
     def largest_traction(self) -> float:
         """Largest component of what acts on a face [MPa]."""
         values = [f.pressure if f.tractions is None else f.tractions for f in self.facets]

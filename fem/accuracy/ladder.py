@@ -228,13 +228,15 @@ def on_rung(problem: Problem, rung: Rung) -> Problem:
     """State a problem on the mesh of a rung.
 
     Where blocks of families would not meet facet on facet on its lines, as boxes of different
-    sizes, every hexahedron of the stated mesh is split instead.
+    sizes, or loads lie on parts of faces, every hexahedron of the stated mesh is split instead.
 
     Raises
     ------
     AssemblyError, MeshError
         Blocks that such meshes do not suit.
     """
+    if problem.load_case.on_regions:
+        return split(problem, max(1, rung.across), rung.degree)
     shapes = problem.blocks.shapes
     anew = tuple(with_lines(shape, rung.lines(charts_of(shape))) for shape in shapes)
     found = on_mesh(problem, anew, rung.degree)

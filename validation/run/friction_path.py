@@ -26,7 +26,7 @@ PAST_AND_BACK = (0.09, 0.38, 0.84, 1.5, 1.25, 1.0)
 def seeks_static_state(scene: DeformableScene) -> bool:
     """Whether blocks with friction are asked for a static state, which then is a set."""
     fem = scene.fem
-    if scene.effects.friction is None or not scene.meets:
+    if scene.effects.friction is None or not scene.meets or scene.moves:
         return False
     return fem.method is Method.STATIC or fem.damping is Damping.STATIC
 

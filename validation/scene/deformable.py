@@ -32,6 +32,7 @@ from validation.scene.ranges import (
     YOUNG_MODULUS,
 )
 from validation.scene.sections import (
+    Finite,
     NoAngle,
     NonNegative,
     Positive,
@@ -156,9 +157,9 @@ _LawKeys: Any = create_model("_LawKeys", __base__=Section, **_law_keys())
 class ContactSection(_LawKeys):  # type: ignore[misc]
     """``[contact]``: soft contact between blocks."""
 
-    clearance: Annotated[NonNegative, CLEARANCE] = 0.0
+    clearance: Annotated[Finite, CLEARANCE] = 0.0
     """Gap along the normal of every facet before the load acts [mm]: blocks made too small by
-    half of it."""
+    half of it. Negative: an interference fit, blocks made too large."""
     spacing: Annotated[NonNegative, CLEARANCE] = 0.0
     """Distance by which neighbouring blocks are moved apart before the load acts, their size kept
     [mm], as the paper's group did: inclined joints open by less or more. Both add up."""

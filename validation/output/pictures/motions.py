@@ -11,22 +11,31 @@ from validation.output.pictures.scales import BLUE, GREEN, ORANGE, VERMILION
 if TYPE_CHECKING:
     from fem.assembly.reactions import PushCurve
 
+#: Forces from here on are drawn in kN [N].
+_KILO = 1e4
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
 
 
 def draw_motions(curves: tuple[PushCurve, ...], path: Path, *, title: str) -> None:
     """Plot the force of each support that moves over its way, with the largest one marked."""
-    figure, (axes,) = subplots(1, 1, size=(7.0, 4.5))
+    figure, axes = subplots(1, 1, size=(7.0, 4.5))
+    most = max(abs(curve.forces).max() for curve in curves)
+    unit, name = (1e-3, "kN") if most >= _KILO else (1.0, "N")
     for k, curve in enumerate(curves):
         colour = _COLOURS[k % len(_COLOURS)]
-        axes.plot(curve.displacements, curve.forces, "o-", ms=3, color=colour, label=curve.name)
+        axes.plot(curve.displacements, unit * curve.forces, "o-", ms=3, color=colour, label=curve.name)
         force, way = curve.peak
-        axes.plot([way], [force], "o", ms=9, mfc="none", color=colour)
+        axes.plot([way], [unit * force], "o", ms=9, mfc="none", color=colour)
         axes.annotate(
-            f"{force:.4g} N", (way, force), textcoords="offset points", xytext=(6, 6), color=colour
+            f"{unit * force:.4g} {name}",
+            (way, unit * force),
+            textcoords="offset points",
+            xytext=(-8, 4),
+            ha="right",
+            color=colour,
         )
     axes.set_xlabel("way of the support [mm]")
-    axes.set_ylabel("force on the blocks [N]")
+    axes.set_ylabel(f"force on the blocks [{name}]")
     axes.set_title(f"{title}: force over way", loc="left")
     axes.margins(0.1)
     axes.grid(alpha=0.3)
