@@ -234,8 +234,10 @@ class LoadCase(ReadOnlyArrays):
 
     @property
     def on_regions(self) -> bool:
-        """Whether loads or supports lie on planes, in boxes or on lines: other meshes need not have
-        facets that end there."""
+        """Whether loads or supports lie on planes, in boxes or on lines.
+
+        Other meshes need not have facets that end there.
+        """
         regions = [part.face for part in (*self.faces, *self.held)]
         return bool(self.lines) or any(not isinstance(where, str) for where in regions)
 

@@ -23,7 +23,9 @@ def draw_motions(curves: tuple[PushCurve, ...], path: Path, *, title: str) -> No
     unit, name = (1e-3, "kN") if most >= _KILO else (1.0, "N")
     for k, curve in enumerate(curves):
         colour = _COLOURS[k % len(_COLOURS)]
-        axes.plot(curve.displacements, unit * curve.forces, "o-", ms=3, color=colour, label=curve.name)
+        axes.plot(
+            curve.displacements, unit * curve.forces, "o-", ms=3, color=colour, label=curve.name
+        )
         force, way = curve.peak
         axes.plot([way], [unit * force], "o", ms=9, mfc="none", color=colour)
         axes.annotate(

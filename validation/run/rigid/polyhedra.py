@@ -16,7 +16,7 @@ from mbd import Classification, classify, contact_jacobian, generalized_force
 from mbd.answer import certificate_report
 from validation.build.doubts import doubts
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
-from validation.errors import InputError
+from validation.build.supports import stated_load
 from validation.run.rigid.answer import RigidAnswer
 from validation.run.stages import stages
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
@@ -86,10 +86,12 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
     InputError
         When it describes nothing that can be meant.
     """
-    refuse_regions(scene, file.name)
     with stages() as watch:
         assembly = build_polyhedra(scene, file.folder)
         loads = build_body_loads(scene, assembly)
+        load = stated_load(scene, assembly, loads.load_case(assembly))
+        if scene.loads:
+            loads = replace(loads, live=block_wrenches(assembly, load) - loads.dead)
         watch.lap("build")
     run = PolyhedralRun.to(
         (loads.dead, loads.live),
@@ -97,7 +99,7 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
         name=file.name,
         scene=scene,
         assembly=assembly,
-        load=loads.load_case(assembly),
+        load=load,
         loads=loads,
         doubts=doubts(scene, assembly, file.folder),
     )
@@ -110,23 +112,6 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
     total = before.pop("total") + spent.pop("total")
     seconds = before | spent | {"total": total}
     return replace(run, faces=faces, cpu_seconds=seconds)
-
-
-def refuse_regions(scene: PolyhedralScene, name: str) -> None:
-    """Reject supports and loads on parts of surfaces, which rigid answers of solids do not have.
-
-    Raises
-    ------
-    InputError
-        Naming the key.
-    """
-    given = {"supports": scene.supports, "loads": scene.loads, "load.push": scene.load.push}
-    for key, value in given.items():
-        if value:
-            raise InputError(
-                f"{name}: {key}: the rigid answer of blocks of type {scene.block.type!r} holds and "
-                "loads whole blocks; expected assembly.fixed and load.forces, or `tubelock fem`"
-            )
 
 
 def class_by_faces(run: PolyhedralRun) -> Classification:
