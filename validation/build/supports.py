@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from geometry.assembly import Assembly
+from geometry.assembly import AnyBlocks
 from geometry.loads import FaceLoad, LineLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray, QuadSurface
-from geometry.regions import Box, Plane, Where, blocks_with, first_met, region_quads
+from geometry.regions import Box, Plane, Where, blocks_with, first_met, local_nodes, region_quads
 from geometry.supports import HeldFace
 from validation.errors import InputError
 from validation.scene.read import DeformableScene
@@ -27,7 +27,7 @@ PUSH = "push"
 _FLAT = 1e-6
 
 
-def stated_load(scene: DeformableScene, assembly: Assembly, load: LoadCase) -> LoadCase:
+def stated_load(scene: DeformableScene, assembly: AnyBlocks, load: LoadCase) -> LoadCase:
     """Put what ``[[supports]]``, ``[[loads]]`` and ``load.push`` state on top of a load.
 
     Raises
@@ -67,7 +67,7 @@ def stated_load(scene: DeformableScene, assembly: Assembly, load: LoadCase) -> L
     )
 
 
-def block_number(assembly: Assembly, block: int | str, place: str) -> int:
+def block_number(assembly: AnyBlocks, block: int | str, place: str) -> int:
     """Number of a block from its number or its name.
 
     Raises
@@ -104,7 +104,7 @@ def _where(one: RegionSection) -> Where:
     return Plane(at, np.eye(3)[axis])
 
 
-def _blocks(assembly: Assembly, one: RegionSection, where: Where, place: str) -> IntArray:
+def _blocks(assembly: AnyBlocks, one: RegionSection, where: Where, place: str) -> IntArray:
     """Blocks that are meant: those that are named, else all that have the region.
 
     Raises
@@ -117,17 +117,20 @@ def _blocks(assembly: Assembly, one: RegionSection, where: Where, place: str) ->
     found = blocks_with(assembly, where)
     found = found[~assembly.fixed[found]]
     if not len(found):
-        faces = dict.fromkeys(name for shape in assembly.shapes for name in shape.faces)
-        known = f"faces are {', '.join(faces)}" if isinstance(where, str) else "in mm"
+        faces = dict.fromkeys(
+            name for shape in assembly.shapes for name in getattr(shape, "faces", ())
+        )
+        if isinstance(where, str):
+            names = f"faces are {', '.join(faces)}" if faces else "these blocks name none"
+            raise InputError(f"{place}.face: no block that is not fixed has {where!r}; {names}")
         raise InputError(
-            f"{place}: no block that is not fixed has {where!r}; {known}"
-            if isinstance(where, str)
-            else f"{place}: no block that is not fixed has a surface node on {where} ({known})"
+            f"{place}: no block that is not fixed has a surface node on {where}; expected "
+            "coordinates in mm"
         )
     return found
 
 
-def _held(assembly: Assembly, one: SupportSection, place: str) -> list[HeldFace]:
+def _held(assembly: AnyBlocks, one: SupportSection, place: str) -> list[HeldFace]:
     where = _where(one)
     found = []
     for block in _blocks(assembly, one, where, place).tolist():
@@ -150,9 +153,9 @@ def _held(assembly: Assembly, one: SupportSection, place: str) -> list[HeldFace]
     return found
 
 
-def _normal(assembly: Assembly, block: int, where: Where, place: str) -> FloatArray:
+def _normal(assembly: AnyBlocks, block: int, where: Where, place: str) -> FloatArray:
     """Outward normal of a flat region of a block, (3,)."""
-    surface = QuadSurface(assembly.shape(block).mesh.nodes, region_quads(assembly, block, where))
+    surface = QuadSurface(local_nodes(assembly, block), region_quads(assembly, block, where))
     total = surface.area_vectors.sum(axis=0)
     size, area = float(np.linalg.norm(total)), float(surface.areas.sum())
     if not size or size < (1.0 - _FLAT) * area:
@@ -163,7 +166,7 @@ def _normal(assembly: Assembly, block: int, where: Where, place: str) -> FloatAr
     return assembly.rotations[block] @ (total / size)
 
 
-def _pushed(assembly: Assembly, push: PushSection) -> HeldFace:
+def _pushed(assembly: AnyBlocks, push: PushSection) -> HeldFace:
     block = block_number(assembly, push.block, "load.push.block")
     if assembly.fixed[block]:
         raise InputError(
@@ -179,7 +182,7 @@ def _pushed(assembly: Assembly, push: PushSection) -> HeldFace:
     )
 
 
-def _face_load(assembly: Assembly, one: SurfaceLoadSection, place: str) -> FaceLoad:
+def _face_load(assembly: AnyBlocks, one: SurfaceLoadSection, place: str) -> FaceLoad:
     where = _where(one)
     blocks = _blocks(assembly, one, where, place)
     if one.pressure is not None:
@@ -192,7 +195,7 @@ def _face_load(assembly: Assembly, one: SurfaceLoadSection, place: str) -> FaceL
 
 
 def _add_force(
-    assembly: Assembly, one: SurfaceLoadSection, wrenches: FloatArray, place: str
+    assembly: AnyBlocks, one: SurfaceLoadSection, wrenches: FloatArray, place: str
 ) -> None:
     """Add a force on a block as a whole."""
     assert one.blocks is not None

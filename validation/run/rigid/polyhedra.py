@@ -12,7 +12,7 @@ import numpy as np
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
-from mbd import Classification, classify, contact_jacobian, generalized_force
+from mbd import Classification, block_wrenches, classify, contact_jacobian, generalized_force
 from mbd.answer import certificate_report
 from validation.build.doubts import doubts
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
