@@ -152,6 +152,12 @@ class Outputs:
         asked = self.scene.scene.pictures
         return Look(asked.width, asked.font, asked.font_size, asked.footer, asked.labels)
 
+    @property
+    def _not_drawn(self) -> tuple[str, ...]:
+        """Keys of pictures of stresses, where none is drawn."""
+        drawn = {Path(name).stem for name in self.names}
+        return () if self.folder is not None and "stresses" in drawn else ("mises", "arrows")
+
     def _as_drawn(self, name: str) -> str:
         """Name of a file in the folder, a picture's with the ending that the scene asks for."""
         if self.scene is None or not name.endswith(".png"):
@@ -194,7 +200,7 @@ class Outputs:
         if self.scene is not None and self.scene.scene.caution is not None:
             self.console.print(f"{'note':9} {self.scene.scene.caution}")
         if self.scene is not None and self._draws:
-            use.count(self.scene.scene.pictures)
+            use.count(self.scene.scene.pictures, besides=self._not_drawn)
         self._unused = use.unused
         if self._unused:
             self.console.print(f"{'ignored':9} {use.words} (not used by this method)")

@@ -91,10 +91,10 @@ class KeyUse:
     def _reads(self, section: BaseModel, *keys: str) -> bool:
         return any((type(section), key) in self._read for key in keys)
 
-    def count(self, section: BaseModel) -> None:
-        """Count all keys of a section as read."""
+    def count(self, section: BaseModel, besides: tuple[str, ...] = ()) -> None:
+        """Count all keys of a section as read, besides some."""
         kind = type(section)
-        self._read.update((kind, name) for name in kind.model_fields)
+        self._read.update((kind, name) for name in kind.model_fields if name not in besides)
 
     @property
     def words(self) -> str:

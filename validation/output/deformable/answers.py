@@ -24,6 +24,7 @@ from validation.output.files import write_csv
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
+from validation.output.pictures.directions import draw_directions
 from validation.output.pictures.energies import draw_energies
 from validation.output.pictures.motions import draw_motions
 from validation.output.section_forces import SECTION_FILES, add_sections, write_sections
@@ -44,6 +45,7 @@ FILES = (
     *answer_files.FILES,
     "contact_pressures.png",
     "stresses.png",
+    "principal_stresses.png",
     "sections.png",
     "displacement.png",
     *JOINT_FILES,
@@ -77,6 +79,8 @@ def _pictures(state: DeformableRun) -> dict[str, Callable[[DeformableRun, Path],
     if state.solution.deformable.meets:
         pictures["contact_pressures.png"] = tubes.draw_contact
     pictures["stresses.png"] = tubes.draw_stresses
+    if state.scene.pictures.arrows:
+        pictures["principal_stresses.png"] = draw_directions
     if isinstance(state.scene, RoundScene):
         pictures["sections.png"] = tubes.draw_sections
         pictures["displacement.png"] = tubes.draw_displacement

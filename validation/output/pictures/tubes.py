@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from fem.element.lagrange import lobatto_points
+from fem.element.stress import von_mises
 from geometry.families.hexagon_block import EDGE_NAMES
 from geometry.mesh import FloatArray, structured_quads
 from validation.output.pictures.assemblies import draw_pressed_facets
@@ -59,6 +60,8 @@ class Stress:
     """Which of its values is marked."""
     measure: str
     """Name of that value among the measures of a run: at points inside the elements."""
+    colours: str = STRESS_MAP
+    """Map of its colours, symmetric about zero but for stresses without a sign."""
 
     @property
     def sign(self) -> float:
@@ -70,6 +73,13 @@ STRESSES = (
     Stress("σ₁", lambda principal: principal[:, 0], "largest", "sigma_1_max"),
     Stress("σ₃", lambda principal: principal[:, 2], "smallest", "sigma_3_min"),
 )
+#: The stress that is drawn beside them on request.
+MISES = Stress("von Mises stress", von_mises, "largest", "mises_max", MOTION_MAP)
+
+
+def stresses_of(run: DeformableRun) -> tuple[Stress, ...]:
+    """Stresses that the pictures of a run show."""
+    return (*STRESSES, MISES) if run.scene.pictures.mises else STRESSES
 
 
 def blocks_view(
@@ -123,7 +133,13 @@ def stress_scale(solution: Solution, stress: Stress = STRESSES[0]) -> Scale:
     """Colours of a stress, with what it reaches anywhere in the blocks."""
     blocks = solution.deformable.deformable_blocks.tolist()
     values = [_stress(solution, stress, b) for b in blocks]
-    return symmetric_scale(f"{stress.symbol} [MPa]", STRESS_MAP, values)
+    return _scale(stress, values)
+
+
+def _scale(stress: Stress, values: Sequence[FloatArray]) -> Scale:
+    """Colours of a stress, from its values."""
+    scale = symmetric_scale(f"{stress.symbol} [MPa]", stress.colours, values)
+    return replace(scale, diverging=stress.colours == STRESS_MAP)
 
 
 def extreme(run: DeformableRun, stress: Stress) -> tuple[FloatArray, str]:
@@ -165,7 +181,7 @@ def draw_stresses(run: DeformableRun, path: Path) -> None:
     direction = eye(solution.deformable.drawn)
     faces = ("outer",) if tube else all_faces(solution)
     columns = []
-    for stress in STRESSES:
+    for stress in stresses_of(run):
         scale, values = stress_scale(solution, stress), partial(_stress, solution, stress)
         words = f"{stress.symbol}{', outer surface' if tube else ''}"
         panel = Panel(words, blocks_view(solution, values, scale, faces, direction), scale=scale)
@@ -174,7 +190,8 @@ def draw_stresses(run: DeformableRun, path: Path) -> None:
     columns.append([moved_panel(solution, moved, direction)])
     joints = _joint_panels(run) if solution.deformable.meets else []
     columns += [joints] if tube else [[panel] for panel in joints]
-    gallery(columns, run.title, path, height=7.5 if tube else 5.5)
+    widest = 16.0 + 4.0 * (len(columns) - (4 if tube else 5))
+    gallery(columns, run.title, path, height=7.5 if tube else 5.5, widest=max(16.0, widest))
 
 
 def moved_panel(solution: Solution, faces: Sequence[str], direction: Direction) -> Panel:
@@ -253,19 +270,15 @@ def _pitch(assembly: Any) -> float:
 def draw_sections(run: DeformableRun, path: Path) -> None:
     """Draw stresses in four sections through the middle layer, as the paper's figures."""
     cuts = {z: section(run.solution, z) for z in section_heights(run.solution)}
-    scales = [
-        symmetric_scale(
-            f"{stress.symbol} [MPa]", STRESS_MAP, [stress.of(cut.values) for cut in cuts.values()]
-        )
-        for stress in STRESSES
-    ]
+    stresses = stresses_of(run)
+    scales = [_scale(one, [one.of(cut.values) for cut in cuts.values()]) for one in stresses]
     columns = [
         [
             Panel(
                 f"{stress.symbol}, z = {z:.4g} mm",
                 plot=partial(_draw_section, cut=cut, values=stress.of(cut.values), scale=scale),
             )
-            for stress, scale in zip(STRESSES, scales, strict=True)
+            for stress, scale in zip(stresses, scales, strict=True)
         ]
         for z, cut in cuts.items()
     ]
