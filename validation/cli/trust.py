@@ -39,12 +39,12 @@ def stability(
     with Outputs(json) as outputs:
         if listed:
             report.list_cases(cases, outputs.console)
-            outputs.write_json({"cases": [report.case_json(case) for case in cases]})
+            outputs.write_json({"cases": [case.stated for case in cases]})
             return
         found = report.run_cases(cases)
         report.print_cases(found, outputs.console)
-        outputs.write_json(report.stability_json(found))
-    if report.any_red(found):
+        outputs.write_json(found)
+    if found["counts"]["red"]:
         raise typer.Exit(1)
 
 

@@ -96,28 +96,22 @@ class Case:
     slow: bool = False
     """Whether it takes more than three CPU seconds once everything is compiled."""
 
-
-@dataclass(frozen=True)
-class Outcome:
-    """A case that was run."""
-
-    case: Case
-    verdict: Verdict
-    proof: str
-    cpu_seconds: float
-    """CPU time [s]."""
+    @property
+    def stated(self) -> dict[str, Any]:
+        """What it claims, as data."""
+        return {"name": self.name, "subject": self.subject, "law": self.law}
 
 
-def run_case(case: Case) -> Outcome:
-    """Run one case; whatever it raises makes it red, never the suite."""
+def run_case(case: Case) -> dict[str, Any]:
+    """Run one case; whatever it raises makes it red, never the suite: verdict, proof, CPU time."""
     start = time.process_time()
     try:
         finding = case.run()
+        verdict, proof = finding.verdict, finding.proof
     except Exception as error:
-        words = f"{type(error).__name__}: {error}"
-        return Outcome(case, Verdict.RED, words, time.process_time() - start)
+        verdict, proof = Verdict.RED, f"{type(error).__name__}: {error}"
     seconds = time.process_time() - start
-    return Outcome(case, finding.verdict, finding.proof, seconds)
+    return case.stated | {"verdict": str(verdict), "proof": proof, "cpu_seconds": seconds}
 
 
 def refusal(
