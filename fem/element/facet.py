@@ -88,7 +88,7 @@ class FacetBasis:
     def tangents(self, nodes: FloatArray) -> FloatArray:
         """Tangents dx/dr, dx/ds at the points, (n, n_points, 2, 3), of nodes (n, n_nodes, 3)."""
         by_each = self.slopes.transpose(0, 2, 1).reshape(-1, self.slopes.shape[1]) @ nodes
-        return by_each.reshape(len(nodes), -1, 2, 3)
+        return by_each.reshape(len(nodes), self.n_points, 2, 3)
 
     def points_after(self, corners: IntArray) -> IntArray:
         """Point of a facet that lies at each point of another one, (n, n_points).
