@@ -1,8 +1,9 @@
 """Every number of docs/trust/others.md: ``python -m tests.verification [NAME ...] [--json FILE]``.
 
 Without names all tables but the long ones, four CPU minutes; CalculiX and compas_cra where they
-are installed. ``error-bars`` takes half an hour, goes on where it was stopped, and keeps what
-``error-bars-summary`` sums up. ``first-answers`` runs commands with their defaults, five minutes.
+are installed. ``error-bars`` takes an hour, goes on where it was stopped, gives up a problem after
+ten CPU minutes, and keeps what ``error-bars-summary`` sums up. ``first-answers`` runs commands with
+their defaults, five minutes.
 """
 
 from __future__ import annotations

@@ -10,9 +10,13 @@ those that are there by the rule of `fem.accuracy` as it then is.
 from __future__ import annotations
 
 import json
+import resource
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -34,6 +38,10 @@ from tests.verification.error_problems import FIFTH, FINER, FOURTH, Case, cases
 #: Meshes of the default.
 DEFAULT = ladder_for(TARGETS)
 STORED = Path("out/error-bars.json")
+#: CPU time of one problem with its reference at most [s], and how one that takes more is kept.
+MOST_SECONDS, TOO_DEAR = 600, "too dear"
+#: Errors that matter to a reader [%]: bars of smaller ones may well be many times as wide.
+VISIBLE = 0.1
 #: Closed forms hold to the tolerance of the solver, relative to the largest pressure.
 ROUNDING = 1e-6
 
@@ -148,16 +156,34 @@ def rows() -> Iterable[dict[str, Any]]:
     for case in cases():
         found = stored()
         if case.name not in found:
-            found[case.name] = solved(case)
+            found[case.name] = limited(case)
             STORED.parent.mkdir(exist_ok=True)
             STORED.write_text(json.dumps(found, indent=1, default=float), "utf-8")
-        yield from judged(case, found[case.name])
+        if TOO_DEAR not in found[case.name]:
+            yield from judged(case, found[case.name])
+
+
+def limited(case: Case) -> dict[str, Any]:
+    """What `solved` keeps, or that it takes more than `MOST_SECONDS`."""
+    with ProcessPoolExecutor(1, get_context("spawn"), _limit) as pool:
+        try:
+            return pool.submit(_solved, case.name).result()
+        except BrokenProcessPool:
+            return {TOO_DEAR: MOST_SECONDS}
+
+
+def _limit() -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (MOST_SECONDS, MOST_SECONDS))
+
+
+def _solved(name: str) -> dict[str, Any]:
+    return solved(next(case for case in cases() if case.name == name))
 
 
 def summary() -> Iterable[dict[str, Any]]:
     """Share of bars that hold and median of bar over error, of the problems that were kept."""
     found = stored()
-    solved_ones = [c for c in cases() if c.name in found]
+    solved_ones = [c for c in cases() if c.name in found and TOO_DEAR not in found[c.name]]
     every = [row for c in solved_ones for row in judged(c, found[c.name])]
     numbers = [row for row in every if not row["printed"]]
     of_half = [
@@ -166,6 +192,9 @@ def summary() -> Iterable[dict[str, Any]]:
     ]
     names = dict.fromkeys(row["measure"] for row in every)
     yield _share("all numbers", numbers)
+    yield _share(
+        f"errors above {VISIBLE} %", [row for row in numbers if row["error [%]"] > VISIBLE]
+    )
     yield _share("problems with odd numbers (rule chosen)", of_half[0])
     yield _share("problems with even numbers (rule judged)", of_half[1])
     for kind in dict.fromkeys(row["kind"] for row in every):
@@ -175,6 +204,10 @@ def summary() -> Iterable[dict[str, Any]]:
     yield _share("bars over 30 %: printed as not resolved", [r for r in every if r["printed"]])
     seconds = sum(found[c.name].get("cpu_seconds", 0.0) for c in solved_ones)
     yield {"of": f"{len(solved_ones)} of {len(cases())} problems: {seconds:.0f} CPU s"}
+    for case in cases():
+        if case.name not in {known.name for known in solved_ones}:
+            dear = found.get(case.name, {}).get(TOO_DEAR)
+            yield {"of": f"{case.name}: " + (f"more than {dear} CPU s" if dear else "not run")}
 
 
 def _share(words: str, chosen: list[dict[str, Any]]) -> dict[str, Any]:
