@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from fem.contact.cuts import carry_over, closest_on_facets
 from fem.contact.pieces import clip, fine_points, moment_points
@@ -127,6 +128,20 @@ def test_facets_that_match_to_rounding_keep_their_gauss_points():
         assert np.bincount(points.now.slave)[16:].min() == 4
         corner = points.now.shapes.max(axis=1)
         assert corner == pytest.approx((1.0 + 1.0 / np.sqrt(3.0)) ** 2 / 4.0, abs=2e-3)
+
+
+@pytest.mark.parametrize("cells", [2, 3, 7])
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_points_reach_every_corner_of_what_two_plates_share(cells, turn):
+    """Whichever is finer, and where lines nearly coincide: pressure can act at the very edge."""
+    for shift in (0.3, 1e-4):
+        plates = (plate(0, 4, up=True), plate(1, cells, (shift, 0.2), turn, up=False))
+        points = FacingPoints(plates, reach=0.1)
+        found = points.now
+        position = np.einsum("pa,pai->pi", found.shapes, points.position[points.quads[found.slave]])
+        # Pieces below 1e-8 of a facet are left out: triangles of a side of at most 2e-4 of it.
+        assert ConvexHull(position[:, :2]).volume == pytest.approx(found.weights.sum(), rel=1e-7)
+        assert (found.weights > 0.0).all()
 
 
 def test_values_go_to_the_nearest_point_of_the_same_facet():

@@ -57,7 +57,8 @@ def test_patch_test_of_4_on_3_cubed(method):
 def test_higher_degrees_pass_uniform_stress_as_well(degree):
     """Exactly where edges are parallel. Nodes moved aside by an eighth of an edge make facets whose
     functions are no polynomials in the plane: what points of degree 4 leave falls with the size of
-    pieces, and is below a tenth of the 1e-5 of such facets of degree 1 cut by three points."""
+    pieces, and is below a tenth of the 1e-5 of such facets of degree 1 cut by three points. The two
+    rows of points on the outer edges see at most three times as much as those inside."""
     options = {"degree": degree, "normals": ContactNormals.REFERENCE}
     found = solve_static(stack((4, 4, 1), (3, 3, 1), **options))
     assert found.pressures == pytest.approx(0.5, rel=1e-7)
@@ -75,7 +76,11 @@ def test_higher_degrees_pass_uniform_stress_as_well(degree):
     load = face_pressure(boxes, np.array([1]), "z+", 0.5)
     options |= {"law": LinearPenalty(1e3), "frames": Frames.DEFORMABLE}
     model = deformable_assembly(boxes, load, STIFF, finite_sliding=True, **options)
-    assert solve_static(model).pressures == pytest.approx(0.5, rel=1e-6)
+    state = solve_static(model).contact_state
+    inside = (np.abs(state.positions[:, :2]) < np.array(SIZE[:2]) / 2.0 - 1e-3).all(axis=1)
+    assert 0.5 < inside.mean() < 1.0
+    assert state.point_pressures[inside] == pytest.approx(0.5, rel=1e-6)
+    assert state.point_pressures == pytest.approx(0.5, rel=3e-6)
 
 
 def test_a_box_that_was_built_aside_and_reference_normals():
@@ -117,6 +122,34 @@ def test_curved_facets_that_are_searched_and_that_match():
     assert areas[0] == pytest.approx(areas[1], rel=1e-3)
     force = [np.abs(found.contact_state.forces).sum() for found in (matched, searched)]
     assert force[0] == pytest.approx(force[1], rel=1e-3)
+
+
+@pytest.mark.parametrize("divisions", [2, 4])
+@pytest.mark.parametrize("base", [3, 16])
+def test_a_tall_block_stands_up_to_the_edge_of_its_face(divisions, base):
+    """Weight W in the middle of 120 mm and a push of W t / 3 there tip a block of 40 mm about its
+    edge at t = 1. It stands at 0.98, carried at 20 t from the middle, but for the springs that keep
+    loose motions (1e-5), and falls at 1.02, whichever mesh is finer and wherever its lines are."""
+    boxes = [ColumnBox((80, 100, 20), (base, base, 1)), ColumnBox((40, 60, 120), 3 * (divisions,))]
+    boxes = box_column(boxes)
+    for share in (0.98, 1.02):
+        model = deformable_assembly(
+            boxes,
+            face_pressure(boxes, np.array([1]), "z+", 1e-12),
+            STIFF,
+            law=LinearPenalty(1e3),
+            frames=Frames.DEFORMABLE,
+            finite_sliding=True,
+            friction=CoulombFriction(0.6),
+            gravity=9810.0 * np.array([share / 3.0, 0.0, -1.0]),
+        )
+        found = solve_static(model)
+        assert found.converged == (share < 1.0)
+        if found.converged:
+            state = found.contact_state
+            force = np.abs(state.point_forces[:, 2])
+            middle = float(force @ state.positions[:, 0] / force.sum())
+            assert middle == pytest.approx(20.0 * share, rel=1e-3)
 
 
 def shear(coefficient, push):

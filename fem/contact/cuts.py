@@ -5,7 +5,8 @@ Gauss points: the shape functions of both are smooth there, so a uniform pressur
 forces. A facet that crosses edges of the other surface, or hangs over its rim, is cut along those
 edges into convex pieces (`fem.contact.pieces`). Quadrilaterals have Gauss points of their own, so
 points move little when a slide begins; other pieces have three points of equal weight that
-integrate quadratic functions. So the patch test holds for meshes that do not match.
+integrate quadratic functions. So the patch test holds for meshes that do not match. Where a surface
+ends, points lie on its edge as well (`fem.contact.edge_points`).
 """
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator"
@@ -16,6 +17,7 @@ import math
 
 import numpy as np
 
+from fem.contact.edge_points import edge_points, end_points, mark_edges
 from fem.contact.pieces import (
     CLOSE_ENOUGH,
     CORNERS,
@@ -289,6 +291,7 @@ def _copy(plane, to):
 def cut_facets(
     position,
     quads,
+    ending,
     area,
     start,
     near,
@@ -311,6 +314,8 @@ def cut_facets(
         Surface nodes of all blocks, (n_nodes, 3) [mm].
     quads
         Facets as surface nodes, (n_facets, 4).
+    ending
+        Edges of the facets at which a surface ends, alike.
     area
         Of the facets before any displacement, (n_facets,) [mm²].
     start, near
@@ -342,6 +347,7 @@ def cut_facets(
     flat, at = np.empty((4, 2)), np.empty((_MOST, 2))
     part, pair = np.empty(_MOST), np.empty((_MOST, 2, 2))
     values, work, box = np.empty((4, 3)), np.empty((9, 3)), np.empty((2, 2))
+    turned, marked = np.empty((4, 2)), np.empty(CORNERS, np.bool_)
     count = 0
     for f in range(len(quads)):
         if start[f] == start[f + 1]:
@@ -378,9 +384,16 @@ def cut_facets(
         for c in range(found):
             n = corners[c]
             _corners_of(quads[near[which[c]]], position, other)
+            _project(other, plane, turned)
+            mine, its, size = ending[f], ending[near[which[c]]], math.sqrt(whole)
+            ends = mark_edges(pieces[c], n, flat, mine, turned, its, size, marked)
             many = sliver_points(pieces[c], n, slight * whole * whole, at)
             if many:
                 part[:] = sizes[c] / many
+            elif ends and n == 4:
+                many = edge_points(pieces[c], marked, size, fine, at, part)
+            elif ends and not fine:
+                many = end_points(pieces[c], n, marked, at, part)
             elif fine:
                 many = fine_points(pieces[c], n, at, part)
             elif n == 4:

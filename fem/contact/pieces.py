@@ -157,6 +157,13 @@ def sliver_points(polygon, n, least, points):
 def moment_points(polygon, n, points):
     """Three points that integrate quadratic functions on a convex polygon; its area."""
     area, x, y, xx, xy, yy = moments(polygon, n)
+    three_points(x, y, xx, xy, yy, points)
+    return area
+
+
+@njit(**_OPTIONS)
+def three_points(x, y, xx, xy, yy, points):
+    """Three points of equal weight with a centroid and second moments about it."""
     low_xx = math.sqrt(max(xx, 0.0))
     low_xy = xy / low_xx if low_xx > 0.0 else 0.0
     low_yy = math.sqrt(max(yy - low_xy * low_xy, 0.0))
@@ -165,7 +172,6 @@ def moment_points(polygon, n, points):
         u, v = math.sqrt(2.0) * math.cos(angle), math.sqrt(2.0) * math.sin(angle)
         points[k, 0] = x + low_xx * u
         points[k, 1] = y + low_xy * u + low_yy * v
-    return area
 
 
 @njit(**_OPTIONS)
@@ -175,11 +181,11 @@ def gauss_points(quad, points, weights):
     for k in range(4):
         xi[0] = (-1.0 if k in (0, 3) else 1.0) / math.sqrt(3.0)
         xi[1] = (-1.0 if k in (0, 1) else 1.0) / math.sqrt(3.0)
-        weights[k] = _in_quadrilateral(quad, xi, values, points[k])
+        weights[k] = in_quadrilateral(quad, xi, values, points[k])
 
 
 @njit(**_OPTIONS)
-def _in_quadrilateral(quad, xi, values, point):
+def in_quadrilateral(quad, xi, values, point):
     """Point of a plane quadrilateral at natural coordinates; its area over that in them."""
     shape_values(xi, values)
     rx, ry, sx, sy = 0.0, 0.0, 0.0, 0.0
@@ -207,7 +213,7 @@ def fine_points(piece, n, points, weights):
             for j in range(3):
                 xi[0], xi[1] = (i - 1) * math.sqrt(0.6), (j - 1) * math.sqrt(0.6)
                 weight = (5.0 if i != 1 else 8.0) * (5.0 if j != 1 else 8.0) / 81.0
-                weights[count] = weight * _in_quadrilateral(piece, xi, values, points[count])
+                weights[count] = weight * in_quadrilateral(piece, xi, values, points[count])
                 count += 1
         return count
     for k in range(1, n - 1):

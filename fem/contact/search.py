@@ -16,10 +16,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fem.contact.cuts import OPPOSITE, carry_over, closest_on_facets, cut_facets
+from fem.contact.edge_points import ending_edges, matching_facets
 from fem.contact.surfaces import ContactNormals, PointKinematics
 from fem.element.facet import FACET_CORNERS, bilinear, facet_areas, facet_functions
 from fem.element.lagrange import lobatto_points
-from geometry.mesh import FloatArray, IntArray, run_starts
+from geometry.mesh import BoolArray, FloatArray, IntArray, run_starts
 
 #: Skin of the search over the shortest mean edge of a facet.
 _SKIN = 0.1
@@ -149,8 +150,17 @@ class FacingPoints:
         self._bounds = np.array([-_DEEPEST * self.skin, max(reach, 0.0) + self.skin])
         #: Of the undeformed facets, (n_facets,) [mm²].
         self.facet_area = facet_areas(self.position, self.quads)
+        self._ending = self._ending_edges()
         self._take(_ROOM * len(self.quads))
         self.search()
+
+    def _ending_edges(self) -> BoolArray:
+        """Edges at which surfaces end, of facets that match none, (n_facets, 4)."""
+        corners = self.position[self.quads]
+        vectors = facet_area_vectors(corners)
+        normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+        matching = matching_facets(corners, normals, self.facet_block, self.farthest)
+        return ending_edges(self.quads, normals) & ~matching[:, None]
 
     def _take(self, room: int) -> None:
         """Make room for points."""
@@ -244,6 +254,7 @@ class FacingPoints:
                 cut_facets(
                     self.position,
                     self.quads,
+                    self._ending,
                     self.facet_area,
                     self._start,
                     self._near,
