@@ -75,8 +75,8 @@ def _weighted(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Points with the weights that integrate polynomials through them."""
     order = np.arange(len(points))
     integrals = np.where(order % 2 == 0, 2.0 / (order + 1.0), 0.0)
-    weights: FloatArray = np.linalg.solve(points[None, :] ** order[:, None], integrals)
-    return points, weights
+    weights = np.linalg.solve(points[None, :] ** order[:, None], integrals)
+    return points, weights.astype(np.float64)
 
 
 _COARSE, _FINE = _rules(2), _rules(3)
