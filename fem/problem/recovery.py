@@ -82,6 +82,24 @@ def _turn(vectors: FloatArray) -> FloatArray:
     return found
 
 
+def turned_rigidly(group: BlockGroup, displacement: FloatArray) -> FloatArray:
+    """Displacements whose linear rotation of each block becomes a finite one with its tangent.
+
+    A linear rotation ω × x stretches a block by ω²/2: far more than its strains. World axes, of
+    every copy, (n_copies, n_nodes, 3) [mm].
+    """
+    mass, arms = group.lumped_mass, _arms(group) @ group.rotations.transpose(0, 2, 1)
+    moved = displacement - (mass @ displacement / mass.sum())[:, None]
+    products = np.einsum("n,cni,cnj->cij", mass, arms, arms)
+    inertia = np.trace(products, axis1=1, axis2=2)[:, None, None] * np.eye(3) - products
+    about = np.einsum("n,cni->ci", mass, np.cross(arms, moved))
+    spin = np.linalg.solve(inertia, about[:, :, None])[:, :, 0]
+    size = np.linalg.norm(spin, axis=1, keepdims=True)
+    turn = _turn(np.arctan(size) / np.maximum(size, 1e-300) * spin) - cross_matrix(spin)
+    found: FloatArray = displacement + arms @ turn.transpose(0, 2, 1)
+    return found
+
+
 def block_displacements(
     group: BlockGroup, displacement: FloatArray, *, finite_rotation: bool
 ) -> tuple[FloatArray, FloatArray]:

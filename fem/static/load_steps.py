@@ -39,6 +39,8 @@ _SHORTEST = 1e-3
 #: follow: what it changes is its square [skins].
 _MAX_SEARCHES = 12
 _FOLLOWED = 1e-4
+#: Searches on the way of blocks that nothing holds, for each joint that they find.
+_MAX_TRIES = 2
 
 
 #: Load factor and time of a step; None: no support moves.
@@ -190,19 +192,24 @@ def follow_up(
     options: StaticOptions,
     points: FacingPoints,
     search_anew: Callable[[StaticProblem, StaticState], tuple[StaticProblem, StaticState]],
+    begin: FloatArray,
 ) -> tuple[StaticProblem, StaticState]:
     """Apply the load in parts; points follow the motion until they stay.
 
-    ``search_anew`` gives the problem on the points of the place that a state has.
+    ``search_anew`` gives the problem on the points of the place that a state has; slips count from
+    the displacements ``begin``.
     """
-    elastic, first = _Elastic.none(points), True
+    elastic, first, rest = _Elastic.none(points), True, begin
 
     def step(problem: StaticProblem, state: StaticState) -> tuple[StaticProblem, StaticState, bool]:
         nonlocal elastic, first
-        begin, aim = state.displacement, (state.load_factor, state.time)
+        begin = rest if first else state.displacement
+        aim, joints, tries = (state.load_factor, state.time), 0, _MAX_TRIES
         for search in range(_MAX_SEARCHES):
             if search or not first:
                 problem, state = search_anew(problem, state)
+            if _n_joints(problem) > joints:
+                joints, tries = _n_joints(problem), _MAX_TRIES
             state = replace(
                 state,
                 load_factor=aim[0],
@@ -213,6 +220,12 @@ def follow_up(
             before = state.displacement
             state = converge(problem, state)
             moved = float(np.abs(state.displacement - before).max())
+            if not state.converged and aim[1] is None and moved > points.skin and tries:
+                # Where blocks move to, others may stop them.
+                reached = points.farthest / max(moved, points.farthest)
+                on_the_way = before + reached * (state.displacement - before)
+                state, tries = replace(state, displacement=on_the_way), tries - 1
+                continue
             if not state.converged or 2.0 * moved <= _FOLLOWED * points.skin:
                 break
         first = False
@@ -260,6 +273,11 @@ class _Elastic:
         carried = points.carried(self.slave, self.shapes, self.slip)[_searched(problem).order]
         elastic = np.einsum("nki,ni->nk", rows.tangents[:, 0], carried)
         return rows.slip(begin) - elastic[:, None]
+
+
+def _n_joints(problem: StaticProblem) -> int:
+    """Pairs of blocks that face each other at some point."""
+    return len(problem.system.surfaces.pair_start) - 1
 
 
 def _searched(problem: StaticProblem) -> SearchedSurfaces:

@@ -2,8 +2,9 @@
 
 Equilibrium with finite rotation is K u = f + Δf(u), with Δf what a turned block takes for strain
 (`fem.static.rotation`). Each round solves with the Δf of the last solution; what Δf still
-changes is the residual that is left. It contracts while blocks turn by some thousandths of a
-radian.
+changes is the residual that is left. It contracts while blocks turn by some hundredths of a
+radian, if the first round starts from blocks whose linear rotation has become a finite one: the
+stretch of the linear one alone makes Δf thousands of times the load.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from fem.problem.model import (
     nodal_load,
     refuse_turning_springs,
 )
-from fem.problem.recovery import block_displacements
+from fem.problem.recovery import block_displacements, turned_rigidly
 from fem.static.linear_step.condensed import FlexibilityStore
 from fem.static.result import StaticError, StaticResult
 from fem.static.solve import StaticOptions, solve_static
@@ -77,8 +78,9 @@ def solve_static_with_rotation(
     before: FloatArray | None = None
     added: tuple[NodalLoad, ...] = ()
     history: list[float] = []
+    moved = tuple(map(turned_rigidly, model.groups, result.displacements))
     while result.residual <= options.tolerance:
-        found = finite_rotation_loads(model, result.displacements)
+        found = finite_rotation_loads(model, moved)
         forces = np.concatenate([load.forces.ravel() for load in found])
         change = float(np.linalg.norm(forces if before is None else forces - before))
         history.append(change / size if size > 0.0 else change)
@@ -89,7 +91,12 @@ def solve_static_with_rotation(
             raise _too_far(history)
         before, added = forces, found
         turned = replace(deformable, model=replace(model, loads=(*model.loads, *added)))
-        result = solve_static(turned, exact, start=result, store=store)
+        result = replace(result, displacements=moved)
+        try:
+            result = solve_static(turned, exact, start=result, slips_from_rest=True, store=store)
+        except StaticError:
+            raise _too_far(history) from None
+        moved = result.displacements
         residuals += result.residuals
         if result.residual > options.tolerance:
             raise _too_far(history)

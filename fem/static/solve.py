@@ -57,6 +57,7 @@ def solve_static(
     options: StaticOptions | None = None,
     *,
     start: StaticResult | None = None,
+    slips_from_rest: bool = False,
     store: FlexibilityStore | None = None,
 ) -> StaticResult:
     """Find the static state of an assembly under its loads; single bodies are solved at once.
@@ -69,6 +70,9 @@ def solve_static(
         Method, symmetry and tolerance.
     start
         A state of the same model to start from, for instance under another load.
+    slips_from_rest
+        With a start, finite sliding and friction: whether slips count from the blocks at rest, and
+        the start is only where to look from; else they count from the start.
     store
         Of one call for the next: blocks that are the same are condensed once.
 
@@ -93,7 +97,7 @@ def solve_static(
     change = options.load_tolerance
     without = deformable.contact.friction is None or start is not None
     if without or change is None or options.load_path is not None:
-        return _load(deformable, options, start, store)
+        return _load(deformable, options, start, store, slips_from_rest=slips_from_rest)
 
     def in_parts(parts: int) -> StaticResult:
         return _load(deformable, replace(options, load_steps=parts), None, store)
@@ -107,6 +111,8 @@ def _load(
     options: StaticOptions,
     start: StaticResult | None,
     store: FlexibilityStore,
+    *,
+    slips_from_rest: bool = False,
 ) -> StaticResult:
     """Apply the load in the requested parts."""
     clock = time.process_time()
@@ -125,7 +131,8 @@ def _load(
     way = partial(load_up, options=options)
     if points is not None:
         anew = partial(_searched_anew, options=options, points=points, store=store)
-        way = partial(follow_up, options=options, points=points, search_anew=anew)
+        slips = np.zeros_like(first.displacement) if slips_from_rest else first.displacement
+        way = partial(follow_up, options=options, points=points, search_anew=anew, begin=slips)
     problem, state = way(problem, first, options.load_steps)
     more = options.load_steps < _FALLBACK_LOAD_STEPS and options.load_path is None
     if more and not state.converged:
@@ -134,7 +141,7 @@ def _load(
             problem, again = _searched_anew(
                 problem, again, options=options, points=points, store=store
             )
-        problem, state = way(problem, again, _FALLBACK_LOAD_STEPS)
+        problem, state = _closer((problem, state), way(problem, again, _FALLBACK_LOAD_STEPS))
     solved = time.process_time()
     system = problem.system
     displacement = problem.step.complete(state.displacement)
@@ -150,6 +157,17 @@ def _load(
     internal = system.internal_force(displacement)
     outcome = _Outcome(displacement, internal, state, seconds, forces)
     return _result(system, options, outcome, searched=points is not None)
+
+
+def _closer(
+    once: tuple[StaticProblem, StaticState], in_parts: tuple[StaticProblem, StaticState]
+) -> tuple[StaticProblem, StaticState]:
+    """What is closer to equilibrium under the whole load: its last state, or that of load steps."""
+    (_, first), (_, last) = once, in_parts
+    whole = (last.load_factor, last.time) == (first.load_factor, first.time)
+    if last.converged or (whole and last.residuals[-1] <= first.residuals[-1]):
+        return in_parts
+    return once[0], replace(first, residuals=(*last.residuals, first.residuals[-1]))
 
 
 def _in_contact_forces(
