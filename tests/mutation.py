@@ -29,7 +29,7 @@ from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator
 
 ROOT = Path(__file__).resolve().parent.parent
-FOLDERS = ("geometry", "mbd", "fem", "validation", "tests")
+FOLDERS = ("geometry", "mbd", "fem", "validation", "tests", "docs")
 
 #: Modules of each subject, and the tests that must notice.
 SUBJECTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {

@@ -4,22 +4,27 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from fem.assembly.deformable import Frames
+from fem.contact.friction import CoulombFriction
+from fem.contact.law import LinearPenalty
 from fem.element.material import Material
 from fem.explicit.setup.assembly import explicit_assembly
 from fem.explicit.setup.quasi_static import recommended_times
 from fem.explicit.solve import StopCriterion, solve
 from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.problem.loads import SmoothStepAmplitude
-from fem.problem.recovery import block_displacements
+from fem.problem.recovery import block_displacements, turned_rigidly
 from fem.static import rotation
 from fem.static.result import StaticError
 from fem.static.rotation import solve_static_with_rotation
 from fem.static.solve import StaticOptions, solve_static
+from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import hexagon_tube, sine_tube
-from geometry.loads import load_case
+from geometry.loads import face_pressure, load_case
 from tests.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
@@ -106,6 +111,62 @@ def test_soft_motions_do_not_stop_the_rounds():
 def test_blocks_that_turn_too_far_are_refused():
     with pytest.raises(StaticError, match="explicit"):
         solve_static_with_rotation(pipe(0.5))
+
+
+def leaning_block(share, gap=1.0):
+    """A block of 40 × 60 × 120 mm on a plate, and a fixed stop beside its upper quarter."""
+    boxes = box_column(
+        [
+            ColumnBox((80.0, 100.0, 20.0), (4, 4, 1)),
+            ColumnBox((20.0, 60.0, 30.0), (2, 3, 2)),
+            ColumnBox((40.0, 60.0, 120.0), (3, 3, 3)),
+        ]
+    )
+    places = np.array([[-40.0, -50.0, 0.0], [20.0 + gap, -30.0, 110.0], [-20.0, -30.0, 20.0]])
+    shapes = tuple(replace(s, contact_faces=tuple(s.faces)) for s in boxes.shapes)
+    boxes = replace(boxes, translations=places, shapes=shapes)
+    load = face_pressure(boxes, np.array([2]), "z+", 1e-12)
+    return deformable_assembly(
+        boxes,
+        replace(load, fixed=np.array([True, True, False])),
+        CONCRETE,
+        law=LinearPenalty(1e3),
+        frames=Frames.RIGID,
+        finite_sliding=True,
+        friction=CoulombFriction(0.6),
+        gravity=9810.0 * np.array([share / 3.0, 0.0, -1.0]),
+    )
+
+
+@pytest.mark.parametrize("share", [1.1, 2.0])
+def test_a_block_that_tips_against_a_stop_presses_by_its_moment(share):
+    """Weight W and a push of W t / 3 tip it about its edge until its top has moved by 1 mm. In the
+    turned place, with the sine s = 1 / 120 and the cosine c, the middle is 20 c - 60 s beside the
+    edge and 60 c + 20 s above it, and the stop touches 120 c above it, with friction of 0.6 R at
+    most 1 mm from it, c - 1 and depths of 1e-3 mm aside: 0.6 % of R."""
+    found = solve_static_with_rotation(leaning_block(share))
+    assert found.converged
+    assert found.residual <= 2e-8
+    weight = 2.4e-9 * 9810.0 * 40.0 * 60.0 * 120.0
+    s = 1.0 / 120.0
+    c = np.sqrt(1.0 - s * s)
+    moment = weight * (share / 3.0 * (60.0 * c + 20.0 * s) - (20.0 * c - 60.0 * s))
+    state = found.contact_state
+    stop = (state.block_m == 1) | (state.block_s == 1)
+    reaction = abs(state.forces[stop, 0].sum())
+    assert reaction == pytest.approx(moment / (120.0 * c), rel=6e-3)
+
+
+def test_a_linear_rotation_becomes_a_finite_one_about_the_same_axis():
+    """It moves nodes as R - 1 does, whichever way a block was placed, and leaves its middle."""
+    group = pipe(0.0).model.groups[0]
+    nodes = group.reference_positions()
+    middle = group.lumped_mass @ nodes / group.lumped_mass.sum()
+    axis, angle = np.array([2.0, -1.0, 2.0]) / 3.0, 0.3
+    arms = nodes - middle[:, None]
+    linear = np.tan(angle) * np.cross(axis, arms)
+    finite = arms @ Rotation.from_rotvec(angle * axis).as_matrix().T - arms
+    assert turned_rigidly(group, linear + 5.0) == pytest.approx(finite + 5.0, abs=1e-9)
 
 
 def test_a_small_turn_of_a_block_gives_no_strain():

@@ -73,7 +73,7 @@ def solve_static_with_rotation(
     model = deformable.model
     size = float(np.sqrt(sum((forces**2).sum() for forces in local_forces(deformable))))
     exact = replace(options, tolerance=_ROUND * options.tolerance)
-    result = solve_static(deformable, exact, start=start, store=store)
+    result = solve_static(deformable, options, start=start, store=store)
     residuals = list(result.residuals)
     before: FloatArray | None = None
     added: tuple[NodalLoad, ...] = ()
