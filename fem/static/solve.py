@@ -136,12 +136,12 @@ def _load(
     problem, state = way(problem, first, options.load_steps)
     more = options.load_steps < _FALLBACK_LOAD_STEPS and options.load_path is None
     if more and not state.converged:
-        again = replace(first, residuals=state.residuals)
+        once, again = (problem, state), replace(first, residuals=state.residuals)
         if points is not None:
             problem, again = _searched_anew(
                 problem, again, options=options, points=points, store=store
             )
-        problem, state = _closer((problem, state), way(problem, again, _FALLBACK_LOAD_STEPS))
+        problem, state = _closer(once, way(problem, again, _FALLBACK_LOAD_STEPS))
     solved = time.process_time()
     system = problem.system
     displacement = problem.step.complete(state.displacement)
