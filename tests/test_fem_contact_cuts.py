@@ -7,6 +7,7 @@ from scipy.spatial import ConvexHull
 from fem.contact.cuts import carry_over, closest_on_facets
 from fem.contact.pieces import clip, fine_points, moment_points
 from fem.contact.search import BlockSurface, FacingPoints
+from fem.element.facet import lagrange_basis
 from geometry.block import box_block
 from geometry.mesh import boundary_quads
 
@@ -142,6 +143,12 @@ def test_points_reach_every_corner_of_what_two_plates_share(cells, turn):
         # Pieces below 1e-8 of a facet are left out: triangles of a side of at most 2e-4 of it.
         assert ConvexHull(position[:, :2]).volume == pytest.approx(found.weights.sum(), rel=1e-7)
         assert (found.weights > 0.0).all()
+
+
+def test_no_facet_that_matches_has_no_tangents():
+    """Blocks whose meshes do not match anywhere are a case of their own for arrays of no length."""
+    basis = lagrange_basis(1)
+    assert basis.tangents(np.empty((0, 4, 3))).shape == (0, basis.n_points, 2, 3)
 
 
 def test_values_go_to_the_nearest_point_of_the_same_facet():
